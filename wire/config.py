@@ -1,0 +1,136 @@
+"""What the runner tells each program at its start: one JSON file a program.
+
+The runner writes them, readable by root alone, because they hold the node tokens.
+"""
+
+import json
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Self
+
+DISPATCHER_PORT = 50051
+
+
+class BadConfig(ValueError):
+    """A configuration file that cannot be used; the message names file and remedy."""
+
+
+@dataclass(frozen=True)
+class Config:
+    """Reading and writing, the same for all."""
+
+    def write(self, path: Path) -> None:
+        """Write the file so that only its owner can read it."""
+        path.touch(mode=0o600)
+        path.write_text(json.dumps(asdict(self), indent=1))
+
+    @classmethod
+    def read(cls, path: Path) -> Self:
+        """Read the file; raise BadConfig if it is not one of this kind."""
+        try:
+            return cls.from_dict(json.loads(path.read_text()))
+        except (OSError, ValueError, TypeError, KeyError) as error:
+            raise BadConfig(f"{path} is not a {cls.__name__}: {error}") from error
+
+    @classmethod
+    def from_dict(cls, fields: dict[str, Any]) -> Self:
+        """Build the configuration from decoded JSON."""
+        return cls(**fields)
+
+
+@dataclass(frozen=True)
+class FiberEnd:
+    """A port that a fibre ends in: a host's interface, or a port number of a switch."""
+
+    node: str
+    port: str  # of a host: its interface name; of a quantum switch: its OpenFlow port number
+
+
+@dataclass(frozen=True)
+class Fiber:
+    """A fibre between two ports, alike in both directions."""
+
+    a: FiberEnd
+    b: FiberEnd
+    length_km: float = 0.01
+    loss_db_per_km: float = 0.0
+    depolarizing: float = 0.0  # probability p: X, Y and Z each happen with p/4
+
+    @classmethod
+    def from_dict(cls, fields: dict[str, Any]) -> "Fiber":
+        """Build the fibre from decoded JSON."""
+        ends = {end: FiberEnd(**fields[end]) for end in ("a", "b")}
+        return cls(**{**fields, **ends})
+
+
+@dataclass(frozen=True)
+class QuantumSwitch:
+    """The optics of a quantum switch, as the dispatcher models them."""
+
+    name: str
+    switching_time_s: float = 100e-9
+    insertion_loss_db: float = 0.0
+    rotation: int = 0  # wire.metadata.Pauli that every path applies
+
+
+@dataclass(frozen=True)
+class DispatcherConfig(Config):
+    """The physical network and who may act for which node."""
+
+    listen: str  # "10.0.0.4:50051"
+    socket: str  # path of the unix socket
+    seed: int
+    tokens: dict[str, str]  # token of each node; the runner's own node is "runner"
+    fibers: list[Fiber]
+    switches: list[QuantumSwitch]
+    event_log: str = ""  # path; empty: none
+    history_depth: int = 10_000
+    max_live_qubits: int = 8_000_000
+
+    @classmethod
+    def from_dict(cls, fields: dict[str, Any]) -> "DispatcherConfig":
+        """Build the configuration from decoded JSON."""
+        fibers = [Fiber.from_dict(fiber) for fiber in fields["fibers"]]
+        switches = [QuantumSwitch(**switch) for switch in fields["switches"]]
+        return cls(**{**fields, "fibers": fibers, "switches": switches})
+
+
+@dataclass(frozen=True)
+class HostConfig(Config):
+    """One host's stack: where it is, what it owns, how it reaches the dispatcher."""
+
+    name: str
+    address: str  # of its CNIC
+    qnics: list[str]  # interface names of its fibres, in order
+    dispatcher: str  # "10.0.0.4:50051"
+    token: str
+    socket: str  # unix socket on which applications reach the stack
+    hosts: dict[str, str]  # name to address, as /etc/hosts would have it
+    source: str  # name of the host that makes pairs
+    seed: int
+
+
+@dataclass(frozen=True)
+class AgentConfig(Config):
+    """One quantum switch: its bridge on one side, controller and dispatcher on the other."""
+
+    switch: str
+    listen: str  # where the bridge connects to: "127.0.0.1:16653"
+    controllers: list[str]  # "127.0.0.1:6653"
+    management: str  # path of the bridge's management socket (…/q1.mgmt)
+    dispatcher: str  # path of the dispatcher's unix socket
+    token: str
+    fiber_ports: list[int]  # OpenFlow numbers of the ports that are fibres
+
+
+@dataclass(frozen=True)
+class ControllerConfig(Config):
+    """What the controller apps are told; all else they discover."""
+
+    listen: str  # "127.0.0.1:6653"
+    framework: str  # "ryu" or "os-ken"
+    quantum_switches: list[int] = field(default_factory=list)  # their datapath ids
+    rotations: dict[str, int] = field(default_factory=dict)  # datapath id to known rotation
+    hold_timeout_s: float = 5.0
+    idle_timeout_s: int = 30
+    record: str = ""  # path of a JSON-lines file for measurements; empty: none

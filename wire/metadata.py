@@ -1,0 +1,334 @@
+"""Quantum metadata: the classical messages that say how light will be used.
+
+    0       2    3    4        8                16
+    +-------+----+----+--------+----------------+----------------
+    | magic |ver |kind| length | session        | fields of the kind
+    +-------+----+----+--------+----------------+----------------
+
+Network byte order. `length` counts the whole message. The set-up message has a fixed
+size, so that the controller can write its verdict into it without moving a byte.
+Field vocabulary: paper, sections "Switches" and "Links".
+"""
+
+import struct
+from dataclasses import astuple, dataclass, replace
+from enum import IntEnum
+from ipaddress import IPv4Address
+from typing import ClassVar, TypeVar
+
+METADATA_PORT = 9010
+MAGIC = 0x514D  # "QM"
+VERSION = 1
+MAX_LENGTH = 1 << 17
+HEADER = struct.Struct("!HBBIQ")
+
+E = TypeVar("E", bound=IntEnum)
+
+
+class MalformedPacket(ValueError):
+    """The other side sent bytes that are not what they claim to be."""
+
+
+class Service(IntEnum):
+    """What the light is wanted for."""
+
+    SDC = 1
+    PAIR_SOURCE = 2
+
+
+class Handshake(IntEnum):
+    """How often light paths are arranged."""
+
+    FRAMED = 1  # once for a session
+    PER_PAIR = 2  # a session whose every Bell state has a handshake of its own
+    ONE_PAIR = 3  # that handshake (paper, figure "handshaking")
+
+
+class Verdict(IntEnum):
+    """What the controller has written into a set-up message."""
+
+    PENDING = 0
+    GRANTED = 1
+    REFUSED = 2
+
+
+class Reason(IntEnum):
+    """Why a request was refused; OK if it was not."""
+
+    OK = 0
+    NOT_ARBITRATED = 1
+    NO_LISTENER = 2
+    UNKNOWN_HOST = 3
+    NO_PATH = 4
+    BUSY = 5
+    UNKNOWN_SESSION = 6
+    UNSUPPORTED = 7
+    SWITCH_FAILED = 8
+    SWITCH_TIMEOUT = 9
+    NO_LIGHT = 10
+    TOO_NOISY = 11
+    WRONG_DIGEST = 12
+    HARDWARE = 13
+    PROTOCOL = 14
+
+
+class Pauli(IntEnum):
+    """Pauli operators as two bits: bit 0 flips (X), bit 1 changes the phase (Z)."""
+
+    I = 0  # noqa: E741
+    X = 1
+    Z = 2
+    XZ = 3
+
+
+PAPER_ENCODING = 0b11_10_01_00  # symbol s is sent as Pauli (encoding >> 2s) & 3: table 1
+
+
+@dataclass(frozen=True)
+class Message:
+    """Header and fixed fields; a kind with a variable part overrides encode and parse."""
+
+    KIND: ClassVar[int]
+    FIELDS: ClassVar[struct.Struct]
+
+    session: int
+
+    def encode(self) -> bytes:
+        """Return the message as it goes onto the wire."""
+        return self._frame(self.FIELDS.pack(*astuple(self)[1:]))
+
+    def _frame(self, body: bytes) -> bytes:
+        length = HEADER.size + len(body)
+        return HEADER.pack(MAGIC, VERSION, self.KIND, length, self.session) + body
+
+    @classmethod
+    def parse(cls, session: int, body: bytes) -> "Message":
+        """Build the message from its body; raise MalformedPacket if it does not fit."""
+        if len(body) != cls.FIELDS.size:
+            raise MalformedPacket(f"{cls.__name__}: {len(body)} bytes, not {cls.FIELDS.size}")
+        return cls(session, *cls.FIELDS.unpack(body))
+
+
+@dataclass(frozen=True)
+class Setup(Message):
+    """Ask for light paths. First on its connection, one write, nothing after until answered."""
+
+    KIND = 1
+    FIELDS = struct.Struct("!BB4sIIIHIBBBBIiIIBBH")
+
+    service: int
+    handshake: int
+    source: str  # IPv4 address of the pair source
+    pairs: int  # pairs in a block at most
+    frame_bytes: int
+    rate_hz: int
+    port: int = 0  # the application's port, as in TCP
+    block: int = 0  # ONE_PAIR: number of the pair
+    encoding: int = PAPER_ENCODING
+    fec: int = 0  # error-correction code; 0 is none
+    polarization: int = 0  # 0 is the horizontal/vertical basis
+    memory: int = 0  # memory state wanted; 0 is none
+    wavelength_pm: int = 1_550_120
+    phase_mrad: int = 0
+    sync_window_ps: int = 1_000_000
+    fidelity_ppm: int = 0  # pair fidelity wanted at least; 0 is any
+    verdict: int = Verdict.PENDING
+    rotation: int = Pauli.I  # known rotation of the paths, for the receiver to undo
+    reason: int = Reason.OK
+
+    def encode(self) -> bytes:
+        """Return the message as it goes onto the wire."""
+        packed = replace(self, source=IPv4Address(self.source).packed)  # type: ignore[arg-type]
+        return self._frame(self.FIELDS.pack(*astuple(packed)[1:]))
+
+    @classmethod
+    def parse(cls, session: int, body: bytes) -> "Setup":
+        """Build the message from its body; raise MalformedPacket if it does not fit."""
+        raw = super().parse(session, body)
+        assert isinstance(raw, Setup)
+        for name in ("pairs", "frame_bytes", "rate_hz"):
+            if getattr(raw, name) == 0:
+                raise MalformedPacket(f"{name} is 0")
+        if {raw.encoding >> shift & 3 for shift in (0, 2, 4, 6)} != {0, 1, 2, 3}:
+            raise MalformedPacket(f"encoding {raw.encoding:#x} does not use each operator once")
+        return replace(
+            raw,
+            service=_member(Service, raw.service),
+            handshake=_member(Handshake, raw.handshake),
+            source=str(IPv4Address(raw.source)),
+            verdict=_member(Verdict, raw.verdict),
+            rotation=_member(Pauli, raw.rotation),
+            reason=_member(Reason, raw.reason),
+        )
+
+
+SETUP_LENGTH = HEADER.size + Setup.FIELDS.size
+
+
+@dataclass(frozen=True)
+class Answer(Message):
+    """Accept (reason OK) or refuse what was asked last, with a text a person can act on."""
+
+    KIND = 2
+    FIELDS = struct.Struct("!H")
+
+    reason: int
+    text: str = ""
+
+    def encode(self) -> bytes:
+        """Return the message as it goes onto the wire; a text over 1,000 bytes is cut."""
+        text = self.text.encode()[:1000].decode(errors="ignore").encode()
+        return self._frame(self.FIELDS.pack(self.reason) + text)
+
+    @classmethod
+    def parse(cls, session: int, body: bytes) -> "Answer":
+        """Build the message from its body; raise MalformedPacket if it does not fit."""
+        fields, text = _split(cls, body)
+        try:
+            return cls(session, _member(Reason, fields[0]), text.decode())
+        except UnicodeDecodeError as error:
+            raise MalformedPacket(f"Answer: text is not UTF-8: {error}") from error
+
+
+@dataclass(frozen=True)
+class Emit(Message):
+    """Ask a pair source for one block of pairs; answered when the light has left."""
+
+    KIND = 3
+    FIELDS = struct.Struct("!III")
+
+    block: int
+    pairs: int
+    rate_hz: int
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One frame of a block: its number, its size and the check of its content."""
+
+    number: int
+    size: int  # bytes
+    crc32: int
+
+    FIELDS: ClassVar[struct.Struct] = struct.Struct("!III")
+
+
+@dataclass(frozen=True)
+class Block(Message):
+    """Tell the receiver what a block of pairs carries: first refills, then new frames.
+
+    Refills are the symbols that earlier reports asked for again, in ascending order;
+    new frames follow, four pairs a byte, high bits first.
+    """
+
+    KIND = 4
+    FIELDS = struct.Struct("!IIIQH")
+
+    block: int
+    pairs: int
+    refills: int
+    emitted_ns: int
+    frames: tuple[Frame, ...] = ()
+
+    def encode(self) -> bytes:
+        """Return the message as it goes onto the wire."""
+        fixed = self.FIELDS.pack(
+            self.block, self.pairs, self.refills, self.emitted_ns, len(self.frames)
+        )
+        return self._frame(fixed + b"".join(Frame.FIELDS.pack(*astuple(f)) for f in self.frames))
+
+    @classmethod
+    def parse(cls, session: int, body: bytes) -> "Block":
+        """Build the message from its body; raise MalformedPacket if it does not fit."""
+        (block, pairs, refills, emitted_ns, count), rest = _split(cls, body)
+        if len(rest) != count * Frame.FIELDS.size:
+            raise MalformedPacket(f"Block: {count} frames announced in {len(rest)} bytes")
+        frames = tuple(Frame(*fields) for fields in Frame.FIELDS.iter_unpack(rest))
+        if pairs != refills + 4 * sum(frame.size for frame in frames):
+            raise MalformedPacket(f"Block {block}: {pairs} pairs do not carry what it lists")
+        return cls(session, block, pairs, refills, emitted_ns, frames)
+
+
+@dataclass(frozen=True)
+class Report(Message):
+    """Tell the sender how a block arrived: which pairs were lost, which frames failed."""
+
+    KIND = 5
+    FIELDS = struct.Struct("!IIIH")
+
+    block: int
+    pairs: int
+    errors: int  # wrong symbols found so far in the session, from repeated frames
+    failed: tuple[int, ...] = ()  # numbers of the frames whose check failed
+    lost: bytes = b""  # a bit for each pair, high bit first; empty if none was lost
+
+    def encode(self) -> bytes:
+        """Return the message as it goes onto the wire."""
+        fixed = self.FIELDS.pack(self.block, self.pairs, self.errors, len(self.failed))
+        return self._frame(fixed + struct.pack(f"!{len(self.failed)}I", *self.failed) + self.lost)
+
+    @classmethod
+    def parse(cls, session: int, body: bytes) -> "Report":
+        """Build the message from its body; raise MalformedPacket if it does not fit."""
+        (block, pairs, errors, count), rest = _split(cls, body)
+        failed, lost = rest[: 4 * count], rest[4 * count :]
+        if len(failed) != 4 * count or len(lost) not in (0, (pairs + 7) // 8):
+            raise MalformedPacket(f"Report of block {block}: {len(rest)} bytes do not fit")
+        return cls(session, block, pairs, errors, struct.unpack(f"!{count}I", failed), lost)
+
+
+@dataclass(frozen=True)
+class Finish(Message):
+    """End the session: how many bytes there were and their SHA-256."""
+
+    KIND = 6
+    FIELDS = struct.Struct("!Q32s")
+
+    size: int
+    sha256: bytes
+
+
+KINDS: dict[int, type[Message]] = {
+    kind.KIND: kind for kind in (Setup, Answer, Emit, Block, Report, Finish)
+}
+
+
+def message_length(data: bytes) -> int | None:
+    """Return the length of the message that data begins with, None if more bytes are needed.
+
+    Raise MalformedPacket as soon as the header cannot be that of a message.
+    """
+    if not MAGIC.to_bytes(2, "big").startswith(data[:2]):
+        raise MalformedPacket(f"not quantum metadata: begins with {data[:2].hex()}")
+    if len(data) < HEADER.size:
+        return None
+    _magic, version, kind, length, _session = HEADER.unpack_from(data)
+    if version != VERSION:
+        raise MalformedPacket(f"version {version}, this is version {VERSION}")
+    if kind not in KINDS:
+        raise MalformedPacket(f"unknown kind {kind}")
+    if not HEADER.size <= length <= MAX_LENGTH:
+        raise MalformedPacket(f"length {length} is outside {HEADER.size}..{MAX_LENGTH}")
+    return int(length)
+
+
+def decode(data: bytes) -> Message:
+    """Decode exactly one message; raise MalformedPacket for anything else."""
+    length = message_length(data)
+    if length is None or len(data) != length:
+        raise MalformedPacket(f"{len(data)} bytes where the header says {length}")
+    _magic, _version, kind, _length, session = HEADER.unpack_from(data)
+    return KINDS[kind].parse(session, data[HEADER.size :])
+
+
+def _split(kind: type[Message], body: bytes) -> tuple[tuple[int, ...], bytes]:
+    if len(body) < kind.FIELDS.size:
+        raise MalformedPacket(f"{kind.__name__}: {len(body)} bytes are too few")
+    return kind.FIELDS.unpack_from(body), body[kind.FIELDS.size :]
+
+
+def _member(kind: type[E], value: int) -> E:
+    try:
+        return kind(value)
+    except ValueError as error:
+        raise MalformedPacket(f"unknown {kind.__name__.lower()} {value}") from error
