@@ -1,0 +1,1 @@
+"""The stack of a quantum host: software, middleware and hardware layers."""

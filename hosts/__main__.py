@@ -1,0 +1,54 @@
+"""Run one host's stack: python -m hosts --config FILE."""
+
+import argparse
+import asyncio
+import logging
+import signal
+import sys
+from pathlib import Path
+
+from hosts.hardware.announce import announce
+from hosts.hardware.simulated import SimulatedQnic
+from hosts.stack import Stack
+from wire.config import BadConfig, HostConfig
+from wire.metadata import METADATA_PORT
+
+
+async def run(config: HostConfig) -> None:
+    """Serve until told to stop; if one part fails, all end."""
+    qnic = SimulatedQnic(config.dispatcher, config.token, config.qnics)
+    stack = Stack(config, qnic)
+    stopped = asyncio.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        asyncio.get_running_loop().add_signal_handler(number, stopped.set)
+    metadata = await asyncio.start_server(stack.serve, config.address, METADATA_PORT)
+    local = await asyncio.start_unix_server(stack.applications.serve, config.socket)
+    announcing = asyncio.create_task(announce(config.name, config.address, config.qnics))
+    print("ready", flush=True)
+    stopping = asyncio.create_task(stopped.wait())
+    await asyncio.wait([stopping, announcing], return_when=asyncio.FIRST_COMPLETED)
+    if announcing.done():
+        announcing.result()
+    announcing.cancel()
+    metadata.close()
+    local.close()
+    await qnic.close()
+    Path(config.socket).unlink(missing_ok=True)
+
+
+def main() -> int:
+    """Read the arguments, run, and turn faults into one line and an exit status."""
+    parser = argparse.ArgumentParser(prog="python -m hosts", description=__doc__)
+    parser.add_argument("--config", type=Path, required=True, help="JSON file (wire.config)")
+    arguments = parser.parse_args()
+    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s")
+    try:
+        asyncio.run(run(HostConfig.read(arguments.config)))
+    except (BadConfig, OSError) as error:
+        print(f"host stack: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,189 @@
+"""The stack's side of the software layer: serves the applications on this host."""
+
+import asyncio
+import logging
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import Any
+
+from hosts.hardware.qnic import HardwareError
+from hosts.middleware.channel import SessionError
+from hosts.middleware.options import SessionOptions
+from hosts.middleware.sender import SendingSession
+from wire.metadata import MalformedPacket, Reason
+from wire.socket_calls import (
+    HEADER,
+    MAX_PAYLOAD,
+    Call,
+    decode_fields,
+    decode_header,
+    encode,
+    encode_fields,
+)
+
+log = logging.getLogger("applications")
+
+BACKLOG = 8
+ACCEPT_TIMEOUT_S = 5.0
+
+
+class Incoming:
+    """A connection from another host, waiting for an application and then feeding it."""
+
+    def __init__(self, peer: str) -> None:
+        self.peer = peer
+        self._accepted: asyncio.Future[asyncio.StreamWriter] = (
+            asyncio.get_running_loop().create_future()
+        )
+        self.ended = asyncio.Event()
+
+    def accept(self, writer: asyncio.StreamWriter) -> None:
+        """Hand the connection to an application."""
+        if not self._accepted.done():
+            self._accepted.set_result(writer)
+
+    async def deliver(self, data: bytes) -> None:
+        """Pass bytes to the application; waits while it does not read."""
+        writer = await self._writer()
+        for start in range(0, len(data), MAX_PAYLOAD):
+            writer.write(encode(Call.DATA, data[start : start + MAX_PAYLOAD]))
+            await self._drain(writer)
+
+    async def finish(self, statistics: dict[str, Any]) -> None:
+        """Tell the application that all bytes came and were right."""
+        writer = await self._writer()
+        writer.write(encode_fields(Call.CLOSE, **statistics))
+        await self._drain(writer)
+        self.ended.set()
+
+    async def fail(self, error: Exception) -> None:
+        """Tell the application, if one has accepted, that bytes are missing."""
+        if self._accepted.done():
+            self._accepted.result().write(_failed(error))
+        else:
+            self._accepted.cancel()
+        self.ended.set()
+
+    async def _writer(self) -> asyncio.StreamWriter:
+        try:
+            async with asyncio.timeout(ACCEPT_TIMEOUT_S):
+                return await asyncio.shield(self._accepted)
+        except TimeoutError as error:
+            raise SessionError(
+                Reason.NO_LISTENER, f"the application did not accept in {ACCEPT_TIMEOUT_S:g} s"
+            ) from error
+
+    async def _drain(self, writer: asyncio.StreamWriter) -> None:
+        try:
+            await writer.drain()
+        except ConnectionError as error:
+            raise SessionError(Reason.NO_LISTENER, "the receiving application has ended") from error
+
+
+class ApplicationsPort:
+    """Listening ports and connections of the applications on this host."""
+
+    def __init__(self, connect: Callable[[SessionOptions], SendingSession]) -> None:
+        self._connect = connect
+        self._listening: dict[int, asyncio.Queue[Incoming]] = {}
+
+    def incoming(self, port: int, peer: str) -> Incoming:
+        """Queue a connection from a host for the application on a port."""
+        queue = self._listening.get(port)
+        if queue is None:
+            raise SessionError(
+                Reason.NO_LISTENER, f"no application listens on port {port}; start it first"
+            )
+        if queue.full():
+            raise SessionError(Reason.BUSY, f"the application on port {port} does not accept")
+        connection = Incoming(peer)
+        queue.put_nowait(connection)
+        return connection
+
+    async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Serve one application's socket."""
+        try:
+            call, payload = await _read(reader)
+            handlers = {
+                Call.CONNECT: self._serve_sender,
+                Call.LISTEN: self._serve_listener,
+                Call.ACCEPT: self._serve_receiver,
+            }
+            if call not in handlers:
+                raise SessionError(Reason.PROTOCOL, f"{call.name} on a socket that is not open")
+            await handlers[call](decode_fields(payload), reader, writer)
+        except (SessionError, HardwareError, MalformedPacket) as error:
+            log.warning("%s", error)
+            writer.write(_failed(error))
+        except (asyncio.IncompleteReadError, ConnectionError):
+            log.info("an application closed its socket")
+        finally:
+            writer.close()
+
+    async def _serve_sender(
+        self, fields: dict[str, Any], reader: asyncio.StreamReader, writer: asyncio.StreamWriter
+    ) -> None:
+        session = self._connect(SessionOptions.from_fields(fields))
+        try:
+            await session.open()
+            while True:
+                writer.write(encode_fields(Call.DONE, **asdict(session.statistics)))
+                await writer.drain()
+                call, payload = await _read(reader)
+                if call == Call.CLOSE:
+                    await session.finish()
+                    writer.write(encode_fields(Call.DONE, **asdict(session.statistics)))
+                    return
+                if call != Call.DATA:
+                    raise SessionError(Reason.PROTOCOL, f"{call.name} while sending")
+                await session.send(payload)
+        finally:
+            await session.close()
+
+    async def _serve_listener(
+        self, fields: dict[str, Any], reader: asyncio.StreamReader, writer: asyncio.StreamWriter
+    ) -> None:
+        port = _port(fields)
+        if port in self._listening:
+            raise SessionError(Reason.BUSY, f"port {port} is taken by another application")
+        self._listening[port] = asyncio.Queue(BACKLOG)
+        try:
+            writer.write(encode_fields(Call.DONE))
+            await reader.read()  # until the application closes it
+        finally:
+            del self._listening[port]
+
+    async def _serve_receiver(
+        self, fields: dict[str, Any], reader: asyncio.StreamReader, writer: asyncio.StreamWriter
+    ) -> None:
+        port = _port(fields)
+        if port not in self._listening:
+            raise SessionError(Reason.NO_LISTENER, f"accept on port {port}, which does not listen")
+        gone = asyncio.create_task(reader.read())
+        arrival = asyncio.create_task(self._listening[port].get())
+        await asyncio.wait([gone, arrival], return_when=asyncio.FIRST_COMPLETED)
+        if not arrival.done():
+            arrival.cancel()
+            return
+        connection = arrival.result()
+        writer.write(encode_fields(Call.DONE, peer=connection.peer))
+        connection.accept(writer)
+        await connection.ended.wait()
+        gone.cancel()
+
+
+async def _read(reader: asyncio.StreamReader) -> tuple[Call, bytes]:
+    call, length = decode_header(await reader.readexactly(HEADER.size))
+    return call, await reader.readexactly(length)
+
+
+def _port(fields: dict[str, Any]) -> int:
+    port = fields.get("port")
+    if not isinstance(port, int) or not 0 < port < 65_536:
+        raise SessionError(Reason.UNSUPPORTED, f"port {port!r}: choose 1 to 65535")
+    return port
+
+
+def _failed(error: Exception) -> bytes:
+    reason = error.reason if isinstance(error, SessionError) else Reason.HARDWARE
+    return encode_fields(Call.FAILED, reason=reason, text=str(error))

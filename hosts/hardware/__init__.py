@@ -1,0 +1,1 @@
+"""Hardware layer: the quantum network interface card (QNIC) and what it reports back."""

@@ -1,0 +1,1 @@
+"""Middleware layer: from bytes to what the hardware does, and back."""

@@ -1,0 +1,113 @@
+"""A TCP connection that carries quantum metadata messages, and what can go wrong on it."""
+
+import asyncio
+from typing import TypeVar
+
+from wire.metadata import (
+    HEADER,
+    METADATA_PORT,
+    Answer,
+    MalformedPacket,
+    Message,
+    Reason,
+    decode,
+    message_length,
+)
+
+M = TypeVar("M", bound=Message)
+
+CONNECT_TIMEOUT_S = 5.0
+ANSWER_TIMEOUT_S = 10.0
+REPORT_TIMEOUT_S = 30.0  # a receiver whose application does not read holds its report back
+
+REMEDIES = {
+    Reason.NOT_ARBITRATED: "no controller has granted the light path; is c0 running and does "
+    "its switch send quantum metadata to it?",
+    Reason.NO_LISTENER: "no application listens on that port; start the receiver first",
+    Reason.UNKNOWN_HOST: "the controller has not seen the fibres of sender, receiver and source",
+    Reason.NO_PATH: "no light path joins sender, receiver and source; see `links` and `net`",
+    Reason.BUSY: "another session uses these fibres; try again when it has ended",
+    Reason.UNKNOWN_SESSION: "the controller knows no such session",
+    Reason.UNSUPPORTED: "the other end does not offer what was asked for",
+    Reason.SWITCH_FAILED: "the quantum switch refused the light path; see its agent's log",
+    Reason.SWITCH_TIMEOUT: "the quantum switch was not ready in time; is its agent running?",
+}
+
+
+class SessionError(Exception):
+    """A session cannot go on; the reason travels to the other end, the text to a person."""
+
+    def __init__(self, reason: Reason, text: str = "") -> None:
+        super().__init__(text or REMEDIES[reason])
+        self.reason = reason
+
+
+class MetadataChannel:
+    """Whole messages over a byte stream; every wait has a deadline."""
+
+    def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self._reader = reader
+        self._writer = writer
+        self.peer: str = writer.get_extra_info("peername")[0]
+
+    @classmethod
+    async def connect(cls, host: str, address: str) -> "MetadataChannel":
+        """Connect to the stack of a host."""
+        try:
+            async with asyncio.timeout(CONNECT_TIMEOUT_S):
+                return cls(*await asyncio.open_connection(address, METADATA_PORT))
+        except OSError as error:  # TimeoutError is one
+            raise SessionError(
+                Reason.UNKNOWN_HOST,
+                f"{host} ({address}) does not answer on port {METADATA_PORT} "
+                f"({error or 'timeout'}); is it up?",
+            ) from error
+
+    def send(self, message: Message) -> None:
+        """Write one message, in one piece."""
+        self._writer.write(message.encode())
+
+    async def request(self, message: Message) -> None:
+        """Send a message and wait until it is accepted; raise what the other end refuses."""
+        self.send(message)
+        answer = await self.receive(Answer, ANSWER_TIMEOUT_S)
+        if answer.reason != Reason.OK:
+            raise SessionError(Reason(answer.reason), answer.text)
+
+    async def receive(self, kind: type[M], timeout_s: float) -> M:
+        """Wait for the next message, which must be of this kind (or a refusal)."""
+        try:
+            async with asyncio.timeout(timeout_s):
+                message = await self.next()
+        except TimeoutError as error:
+            raise SessionError(
+                Reason.PROTOCOL, f"no {kind.__name__} from {self.peer} in {timeout_s:g} s"
+            ) from error
+        if message is None:
+            raise SessionError(Reason.PROTOCOL, f"{self.peer} closed instead of {kind.__name__}")
+        if isinstance(message, Answer) and message.reason != Reason.OK:
+            raise SessionError(Reason(message.reason), message.text)
+        if not isinstance(message, kind):
+            got = type(message).__name__
+            raise SessionError(Reason.PROTOCOL, f"{self.peer} sent {got}, not {kind.__name__}")
+        return message
+
+    async def next(self) -> Message | None:
+        """Return the next message, None at the end of the connection."""
+        try:
+            header = await self._reader.readexactly(HEADER.size)
+            length = message_length(header)
+            assert length is not None
+            return decode(header + await self._reader.readexactly(length - HEADER.size))
+        except asyncio.IncompleteReadError as error:
+            if not error.partial:
+                return None
+            raise SessionError(Reason.PROTOCOL, f"{self.peer} closed inside a message") from error
+        except MalformedPacket as error:
+            raise SessionError(Reason.PROTOCOL, f"{self.peer}: {error}") from error
+        except ConnectionError as error:
+            raise SessionError(Reason.PROTOCOL, f"{self.peer}: {error}") from error
+
+    def close(self) -> None:
+        """Close the connection once everything is written."""
+        self._writer.close()

@@ -1,0 +1,55 @@
+"""What an application may choose for a session, checked before anything is sent."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from hosts.middleware.channel import SessionError
+from hosts.middleware.encoding import SYMBOLS_PER_BYTE
+from hosts.middleware.receiver import MAX_BLOCK_PAIRS, MAX_FRAME_BYTES
+from wire.metadata import Handshake, Reason
+
+HANDSHAKES = {"framed": Handshake.FRAMED, "per-pair": Handshake.PER_PAIR}
+
+
+@dataclass(frozen=True)
+class SessionOptions:
+    """Address and packetisation of a session."""
+
+    host: str
+    port: int
+    handshake: str = "framed"
+    frame_bytes: int = 256
+    block_pairs: int = 65_536
+    rate_hz: int = 50_000_000  # pairs a second of the source
+
+    @classmethod
+    def from_fields(cls, fields: dict[str, Any]) -> "SessionOptions":
+        """Check what an application sent; raise SessionError naming value and remedy."""
+        try:
+            options = cls(**fields)
+        except TypeError as error:
+            raise SessionError(Reason.UNSUPPORTED, f"unknown or missing option: {error}") from error
+        options.check()
+        return options
+
+    def check(self) -> None:
+        """Raise SessionError for a value out of range."""
+        if self.handshake not in HANDSHAKES:
+            raise SessionError(
+                Reason.UNSUPPORTED,
+                f"handshake {self.handshake!r}: choose one of {', '.join(HANDSHAKES)}",
+            )
+        ranges = {
+            "port": (1, 65_535),
+            "frame_bytes": (1, MAX_FRAME_BYTES),
+            "block_pairs": (SYMBOLS_PER_BYTE, MAX_BLOCK_PAIRS),
+            "rate_hz": (1, 4_000_000_000),
+        }
+        for name, (least, most) in ranges.items():
+            value = getattr(self, name)
+            if not isinstance(value, int) or not least <= value <= most:
+                raise SessionError(
+                    Reason.UNSUPPORTED, f"{name} is {value!r}: choose {least} to {most}"
+                )
+        if not isinstance(self.host, str):
+            raise SessionError(Reason.UNSUPPORTED, f"host {self.host!r} is not a name")

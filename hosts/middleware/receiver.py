@@ -1,0 +1,163 @@
+"""The receiving end of a superdense-coding session: the mirror of sender.py."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from hashlib import sha256
+
+import numpy as np
+
+from hosts.hardware.qnic import NO_COINCIDENCE, BlockName, NoLight, Qnic, Symbols
+from hosts.middleware.channel import MetadataChannel, SessionError
+from hosts.middleware.encoding import from_bell_states
+from hosts.middleware.framing import FramingError, Inbox
+from wire.metadata import Answer, Block, Finish, Handshake, Reason, Report, Setup
+
+ARRIVAL_TIMEOUT_S = 0.5  # the sender speaks of a block only when its light has arrived
+SETTLE_TIMEOUT_S = 10.0
+MAX_FRAME_BYTES = 1 << 16
+MAX_BLOCK_PAIRS = 1 << 18
+
+Deliver = Callable[[bytes], Awaitable[None]]
+
+
+def check_offer(setup: Setup) -> None:
+    """Raise SessionError for a set-up that this receiver cannot serve."""
+    if setup.fec or setup.memory or setup.polarization:
+        raise SessionError(Reason.UNSUPPORTED, "error correction, memory or that basis")
+    if setup.frame_bytes > MAX_FRAME_BYTES or setup.pairs > MAX_BLOCK_PAIRS:
+        raise SessionError(
+            Reason.UNSUPPORTED,
+            f"frames of {setup.frame_bytes} bytes in blocks of {setup.pairs} pairs; at most "
+            f"{MAX_FRAME_BYTES} and {MAX_BLOCK_PAIRS}",
+        )
+
+
+class ReceivingSession:
+    """A session from another host to this one."""
+
+    def __init__(self, qnic: Qnic, channel: MetadataChannel, setup: Setup) -> None:
+        check_offer(setup)
+        self._qnic = qnic
+        self._channel = channel
+        self._setup = setup
+        self._inbox = Inbox(setup.frame_bytes)
+        self._singles: dict[int, asyncio.Task[Symbols]] = {}
+        self._singles_used = 0
+        self._digest = sha256()
+        self.size = 0
+
+    @property
+    def statistics(self) -> dict[str, int]:
+        """Counts for the application and for diagnosis."""
+        return {
+            "bytes": self.size,
+            "symbols": self._inbox.symbols_seen,
+            "lost_pairs": self._inbox.symbols_lost,
+            "symbol_errors": self._inbox.symbol_errors,
+            "repeated_frames": self._inbox.repeated_frames,
+        }
+
+    async def run(self, deliver: Deliver) -> None:
+        """Receive until the sender has finished; raise SessionError if it does not."""
+        self._channel.send(Answer(self._setup.session, Reason.OK))
+        while True:
+            message = await self._channel.next()
+            if isinstance(message, Block):
+                await self._receive_block(message, deliver)
+            elif isinstance(message, Finish):
+                self._verify(message)
+                return
+            else:
+                what = type(message).__name__ if message else "the end of the connection"
+                raise SessionError(
+                    Reason.PROTOCOL, f"{what} from {self._channel.peer} in mid-session"
+                )
+
+    def confirm(self) -> None:
+        """Tell the sender that all bytes were right and are delivered."""
+        self._channel.send(Answer(self._setup.session, Reason.OK))
+
+    async def close(self) -> None:
+        """Let go of photons and of handshakes under way."""
+        for task in self._singles.values():
+            task.cancel()
+        await self._qnic.discard(self._setup.session)
+
+    async def _receive_block(self, block: Block, deliver: Deliver) -> None:
+        if block.pairs > max(self._setup.pairs, 4 * self._setup.frame_bytes):
+            raise SessionError(Reason.PROTOCOL, f"block {block.block} has {block.pairs} pairs")
+        if self._setup.handshake == Handshake.PER_PAIR:
+            symbols = await self._collect_singles(block.pairs)
+        else:
+            symbols = self._decode(await self._measure(block.block, block.pairs), self._setup)
+        try:
+            report = self._inbox.block(block, symbols)
+        except FramingError as error:
+            raise SessionError(Reason.PROTOCOL, str(error)) from error
+        await self._pass_on(report, deliver)
+
+    async def _pass_on(self, report: Report, deliver: Deliver) -> None:
+        data = self._inbox.take()
+        if data:
+            self._digest.update(data)
+            self.size += len(data)
+            await deliver(data)
+        self._channel.send(report)
+
+    async def _measure(self, number: int, pairs: int) -> Symbols:
+        """Bell-measure the two halves of a block; a half that did not come is all lost."""
+        halves = [BlockName(self._setup.session, number, half) for half in (0, 1)]
+        arrivals = await asyncio.gather(
+            self._arrived(halves[0], self._qnic.ports[1]),
+            self._arrived(halves[1], self._qnic.ports[0]),
+        )
+        if all(arrivals):
+            outcomes = (await self._qnic.bell_measure(*halves)).outcomes
+            if outcomes.size == pairs:
+                return outcomes
+            raise SessionError(Reason.PROTOCOL, f"block {number}: {outcomes.size} pairs of light")
+        for half, arrived in zip(halves, arrivals, strict=True):
+            if arrived:
+                await self._qnic.discard_block(half)
+        return np.full(pairs, NO_COINCIDENCE, dtype=np.uint8)
+
+    async def _arrived(self, half: BlockName, port: str) -> bool:
+        try:
+            await self._qnic.receive(half, port, ARRIVAL_TIMEOUT_S)
+        except NoLight:
+            return False
+        return True
+
+    async def one_pair(self, channel: MetadataChannel, setup: Setup) -> None:
+        """Serve the handshake of a single pair: accept, wait for its end, measure."""
+        if self._setup.handshake != Handshake.PER_PAIR or setup.block in self._singles:
+            raise SessionError(Reason.PROTOCOL, f"pair {setup.block} was not expected")
+        if len(self._singles) >= MAX_BLOCK_PAIRS:
+            raise SessionError(Reason.PROTOCOL, "too many pairs without a block message")
+        self._singles[setup.block] = asyncio.create_task(self._single(channel, setup))
+        await asyncio.wait([self._singles[setup.block]])
+
+    async def _single(self, channel: MetadataChannel, setup: Setup) -> Symbols:
+        channel.send(Answer(setup.session, Reason.OK))
+        await channel.next()  # the sender closes when the light has arrived
+        return self._decode(await self._measure(setup.block, 1), setup)
+
+    async def _collect_singles(self, pairs: int) -> Symbols:
+        numbers = range(self._singles_used + 1, self._singles_used + pairs + 1)
+        self._singles_used += pairs
+        unknown = [number for number in numbers if number not in self._singles]
+        if unknown:
+            raise SessionError(Reason.PROTOCOL, f"pair {unknown[0]} had no handshake")
+        tasks = [self._singles.pop(number) for number in numbers]
+        async with asyncio.timeout(SETTLE_TIMEOUT_S):
+            return np.concatenate(await asyncio.gather(*tasks))
+
+    def _decode(self, outcomes: Symbols, granted: Setup) -> Symbols:
+        return from_bell_states(outcomes, self._setup.encoding, granted.rotation)
+
+    def _verify(self, finish: Finish) -> None:
+        if (finish.size, finish.sha256) != (self.size, self._digest.digest()):
+            raise SessionError(
+                Reason.WRONG_DIGEST,
+                f"{self.size} of {finish.size} bytes arrived, or their SHA-256 differs",
+            )

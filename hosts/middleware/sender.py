@@ -1,0 +1,217 @@
+"""The sending end of a superdense-coding session.
+
+    alice                      charlie (source)             bob
+      | Setup(SDC) -- held by the controller until the paths are up --> |
+      | <------------------------------------------------------- Answer |
+      | Setup(PAIR_SOURCE) ------> |                                    |
+      | Emit --------------------> | pairs: half 0 to alice, half 1 to bob
+      | <-- light, half 0 -------- | -- light, half 1 ----------------> |
+      | Pauli operators, then light, half 0 --------------------------> |
+      | Block (what it carried) --------------------------------------> |
+      | <------------------------------------------ Report (what came)  |
+
+With the handshake per-pair every pair has a Setup(ONE_PAIR) connection of its own, and the
+paths stay up only as long as that connection (paper, figure "handshaking").
+"""
+
+import asyncio
+from dataclasses import dataclass, replace
+from hashlib import sha256
+
+import numpy as np
+
+from hosts.hardware.qnic import BlockName, NoLight, Qnic, Symbols
+from hosts.middleware.channel import REPORT_TIMEOUT_S, MetadataChannel, SessionError
+from hosts.middleware.encoding import to_paulis
+from hosts.middleware.framing import FramingError, Outbox, OutgoingBlock
+from wire.metadata import (
+    Block,
+    Emit,
+    Finish,
+    Handshake,
+    Reason,
+    Report,
+    Service,
+    Setup,
+)
+
+LIGHT_TIMEOUT_S = 10.0  # until the source answers
+GRACE_S = 0.1  # light that has not come this long after the source has answered is lost
+DARK_BLOCKS_LIMIT = 3
+ATTEMPTS_LIMIT = 64
+DISCOVERY_TIMEOUT_S = 3.0
+DISCOVERY_PAUSE_S = 0.1
+
+
+@dataclass
+class Statistics:
+    """What a session has used so far."""
+
+    bell_pairs: int = 0
+    lost_pairs: int = 0
+    received_symbols: int = 0
+    symbol_errors: int = 0
+    repeated_frames: int = 0
+    delivered_bytes: int = 0
+
+
+class SendingSession:
+    """A session from this host to another, with the pairs of a source."""
+
+    def __init__(self, qnic: Qnic, setup: Setup, peer: tuple[str, str], source: str) -> None:
+        self._qnic = qnic
+        self._setup = setup
+        self._peer = peer  # name and address
+        self._source = source  # name
+        self._outbox = Outbox(setup.frame_bytes, setup.pairs)
+        self._digest = sha256()
+        self._dark_blocks = 0
+        self._pairs_numbered = 0
+        self._size = 0
+        self.statistics = Statistics()
+
+    async def open(self) -> None:
+        """Arrange light paths and pair source; raise SessionError if they cannot be had."""
+        self._channel = await self._arrange()
+        try:
+            self._pairs = await MetadataChannel.connect(self._source, self._setup.source)
+            await self._pairs.request(replace(self._setup, service=Service.PAIR_SOURCE))
+        except SessionError:
+            self._channel.close()
+            raise
+
+    async def _arrange(self) -> MetadataChannel:
+        """Set the session up; fibres that the controller is still discovering are waited for."""
+        deadline = asyncio.get_running_loop().time() + DISCOVERY_TIMEOUT_S
+        while True:
+            channel = await MetadataChannel.connect(*self._peer)
+            try:
+                await channel.request(self._setup)
+            except SessionError as error:
+                channel.close()
+                overdue = asyncio.get_running_loop().time() > deadline
+                if error.reason != Reason.UNKNOWN_HOST or overdue:
+                    raise
+                await asyncio.sleep(DISCOVERY_PAUSE_S)
+            else:
+                return channel
+
+    async def send(self, data: bytes) -> None:
+        """Send bytes; return when the other end holds every one of them."""
+        self._outbox.add(data)
+        while not self._outbox.empty:
+            await self._send_block(self._outbox.next_block())
+        self._digest.update(data)
+        self._size += len(data)
+        self.statistics.delivered_bytes = self._size
+
+    async def finish(self) -> None:
+        """End the session; return when the other end has verified all bytes."""
+        await self._channel.request(Finish(self._setup.session, self._size, self._digest.digest()))
+
+    async def close(self) -> None:
+        """Let go of connections and photons."""
+        for name in ("_channel", "_pairs"):
+            if hasattr(self, name):
+                getattr(self, name).close()
+        await self._qnic.discard(self._setup.session)
+
+    async def _send_block(self, block: OutgoingBlock) -> None:
+        paulis = to_paulis(block.symbols, self._setup.encoding)
+        self.statistics.bell_pairs += paulis.size
+        if self._setup.handshake == Handshake.PER_PAIR:
+            emitted_ns = await self._one_by_one(paulis)
+        else:
+            try:
+                emitted_ns = await self._light(block.number, paulis)
+            except NoLight as error:
+                self._note_dark(block, error)
+                return
+        self._channel.send(
+            Block(
+                self._setup.session,
+                block.number,
+                paulis.size,
+                block.refills,
+                emitted_ns,
+                block.frames,
+            )
+        )
+        self._note(block, await self._channel.receive(Report, REPORT_TIMEOUT_S))
+
+    async def _light(self, number: int, paulis: Symbols) -> int:
+        """Have pairs made, modulate this host's halves and send them on."""
+        half = BlockName(self._setup.session, number, 0)
+        emit = Emit(self._setup.session, number, paulis.size, self._setup.rate_hz)
+        port = self._qnic.ports[0]
+        arrival = asyncio.create_task(self._qnic.receive(half, port, LIGHT_TIMEOUT_S))
+        try:
+            await self._pairs.request(emit)
+            async with asyncio.timeout(GRACE_S):
+                await arrival
+        except TimeoutError as error:
+            raise NoLight(f"no light from {self._source} at {port}") from error
+        finally:
+            arrival.cancel()
+        await self._qnic.apply(half, paulis)
+        return await self._qnic.send([(half, port)], self._setup.rate_hz)
+
+    async def _one_by_one(self, paulis: Symbols) -> int:
+        """Send each pair under a handshake of its own; a pair without light is just lost."""
+        first_ns = 0
+        for pauli in np.split(paulis, paulis.size):
+            self._pairs_numbered += 1
+            setup = replace(
+                self._setup, handshake=Handshake.ONE_PAIR, block=self._pairs_numbered, pairs=1
+            )
+            channel = await MetadataChannel.connect(*self._peer)
+            try:
+                await channel.request(setup)
+                emitted_ns = await self._light(self._pairs_numbered, pauli)
+                first_ns = first_ns or emitted_ns
+            except NoLight:
+                continue
+            finally:
+                channel.close()
+        return first_ns
+
+    def _note_dark(self, block: OutgoingBlock, error: NoLight) -> None:
+        self._outbox.dark(block)
+        self._dark_blocks += 1
+        self.statistics.lost_pairs += block.symbols.size
+        if self._dark_blocks >= DARK_BLOCKS_LIMIT:
+            raise SessionError(
+                Reason.NO_LIGHT,
+                f"{error}, {self._dark_blocks} blocks in a row; "
+                "is the fibre cut, or its loss too high?",
+            )
+
+    def _note(self, block: OutgoingBlock, report: Report) -> None:
+        try:
+            self._outbox.report(block, report)
+        except FramingError as error:
+            raise SessionError(Reason.PROTOCOL, str(error)) from error
+        lost = np.unpackbits(np.frombuffer(report.lost, np.uint8), count=report.pairs or None)
+        lost_pairs = int(lost.sum()) if report.lost else 0
+        statistics = self.statistics
+        statistics.lost_pairs += lost_pairs
+        statistics.received_symbols += report.pairs - lost_pairs
+        statistics.symbol_errors = report.errors
+        statistics.repeated_frames = self._outbox.repeated_frames
+        self._dark_blocks = self._dark_blocks + 1 if lost_pairs == report.pairs else 0
+        self._give_up_if_hopeless()
+
+    def _give_up_if_hopeless(self) -> None:
+        if self._dark_blocks >= DARK_BLOCKS_LIMIT:
+            raise SessionError(
+                Reason.NO_LIGHT,
+                f"no pair reached {self._peer[0]} in {self._dark_blocks} blocks; "
+                "is the fibre cut, or its loss too high?",
+            )
+        for number, attempts in self._outbox.attempts.items():
+            if attempts >= ATTEMPTS_LIMIT:
+                raise SessionError(
+                    Reason.TOO_NOISY,
+                    f"frame {number} failed its check {attempts} times: the channel is too noisy "
+                    f"for frames of {self._setup.frame_bytes} bytes; make them smaller",
+                )

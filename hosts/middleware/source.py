@@ -1,0 +1,32 @@
+"""The service of a pair source: makes Bell pairs and sends both halves into its fibres."""
+
+from hosts.hardware.qnic import BlockName, HardwareError, Qnic
+from hosts.middleware.channel import MetadataChannel, SessionError
+from hosts.middleware.receiver import MAX_BLOCK_PAIRS
+from wire.metadata import Answer, Emit, Reason, Setup
+
+
+async def serve_pairs(qnic: Qnic, channel: MetadataChannel, setup: Setup) -> None:
+    """Answer Emit requests of one session until its connection ends."""
+    if len(qnic.ports) < 2:
+        raise SessionError(Reason.UNSUPPORTED, "a pair source needs two fibres")
+    channel.send(Answer(setup.session, Reason.OK))
+    try:
+        while (request := await channel.next()) is not None:
+            if not isinstance(request, Emit):
+                raise SessionError(Reason.PROTOCOL, f"{type(request).__name__}, not Emit")
+            await _emit(qnic, setup.session, request)
+            channel.send(Answer(setup.session, Reason.OK))
+    finally:
+        await qnic.discard(setup.session)
+
+
+async def _emit(qnic: Qnic, session: int, request: Emit) -> None:
+    if not 0 < request.pairs <= MAX_BLOCK_PAIRS or request.rate_hz == 0:
+        raise SessionError(Reason.UNSUPPORTED, f"{request.pairs} pairs at {request.rate_hz} Hz")
+    halves = [BlockName(session, request.block, half) for half in (0, 1)]
+    try:
+        await qnic.create_pairs(session, request.block, request.pairs)
+        await qnic.send(list(zip(halves, qnic.ports[:2], strict=True)), request.rate_hz)
+    except HardwareError as error:
+        raise SessionError(Reason.HARDWARE, str(error)) from error

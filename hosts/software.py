@@ -1,0 +1,149 @@
+"""Software layer: a socket whose bytes travel as quantum states.
+
+The application needs to know nothing of qubits (paper, section "Host Nodes"):
+
+    with QuantumSocket(stack) as quantum_socket:
+        quantum_socket.connect(("bob", 7))
+        quantum_socket.sendall(b"hello")
+"""
+
+import socket
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from wire.metadata import Reason
+from wire.socket_calls import (
+    HEADER,
+    MAX_PAYLOAD,
+    Call,
+    decode_fields,
+    decode_header,
+    encode,
+    encode_fields,
+)
+
+
+class QuantumSocketError(ConnectionError):
+    """The connection could not be made or was lost; nothing wrong was delivered."""
+
+    def __init__(self, text: str, reason: Reason = Reason.PROTOCOL) -> None:
+        super().__init__(text)
+        self.reason = reason
+
+
+class QuantumSocket:
+    """One end of a connection over light; the end that connects sends, the other receives."""
+
+    def __init__(self, stack: Path | str) -> None:
+        self._stack = str(stack)
+        self._socket = self._open()
+        self._listening_port = 0
+        self._buffer = b""
+        self._ended = False
+        self.statistics: dict[str, Any] = {}
+
+    def _open(self) -> socket.socket:
+        connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        try:
+            connection.connect(self._stack)
+        except OSError as error:
+            connection.close()
+            raise QuantumSocketError(
+                f"no host stack answers at {self._stack} ({error.strerror}); is the network up?"
+            ) from error
+        return connection
+
+    def settimeout(self, seconds: float | None) -> None:
+        """Let every later call raise TimeoutError after this time; None waits for ever."""
+        self._socket.settimeout(seconds)
+
+    def connect(self, address: tuple[str, int], **options: Any) -> None:
+        """Connect to a listening application on a host.
+
+        Options: handshake ("framed" or "per-pair"), frame_bytes, block_pairs, rate_hz.
+        Raise QuantumSocketError with the reason if light cannot be had.
+        """
+        host, port = address
+        self._socket.sendall(encode_fields(Call.CONNECT, host=host, port=port, **options))
+        self.statistics = self._done()
+
+    def listen(self, port: int) -> None:
+        """Let other hosts connect to this port, until close."""
+        self._socket.sendall(encode_fields(Call.LISTEN, port=port))
+        self._done()
+        self._listening_port = port
+
+    def accept(self) -> tuple["QuantumSocket", str]:
+        """Wait for the next connection; return its socket and the address of the peer."""
+        accepted = QuantumSocket(self._stack)
+        try:
+            accepted.settimeout(self._socket.gettimeout())
+            accepted._socket.sendall(encode_fields(Call.ACCEPT, port=self._listening_port))
+            accepted.statistics = accepted._done()
+        except BaseException:
+            accepted._socket.close()
+            raise
+        return accepted, accepted.statistics["peer"]
+
+    def sendall(self, data: bytes) -> None:
+        """Send all of data; return when the other end's stack holds every byte of it."""
+        for start in range(0, len(data), MAX_PAYLOAD):
+            self._socket.sendall(encode(Call.DATA, data[start : start + MAX_PAYLOAD]))
+            self.statistics = self._done()
+
+    def recv(self, size: int) -> bytes:
+        """Return up to size bytes; b"" when the sender has closed and all bytes were right."""
+        while not self._buffer and not self._ended:
+            call, payload = self._read()
+            if call == Call.CLOSE:
+                self._ended, self.statistics = True, decode_fields(payload)
+            elif call == Call.DATA:
+                self._buffer = payload
+            else:
+                raise QuantumSocketError(f"the stack answered {call.name} to recv")
+        data, self._buffer = self._buffer[:size], self._buffer[size:]
+        return data
+
+    def shutdown(self) -> None:
+        """Tell the other end that all was sent, and wait until it has verified every byte."""
+        self._socket.sendall(encode(Call.CLOSE))
+        self.statistics = self._done()
+
+    def close(self) -> None:
+        """Close; without shutdown before it the other end learns that bytes may be missing."""
+        self._socket.close()
+
+    def _done(self) -> dict[str, Any]:
+        call, payload = self._read()
+        if call != Call.DONE:
+            raise QuantumSocketError(f"the stack answered {call.name}")
+        return decode_fields(payload)
+
+    def _read(self) -> tuple[Call, bytes]:
+        call, length = decode_header(self._exactly(HEADER.size))
+        payload = self._exactly(length)
+        if call == Call.FAILED:
+            fields = decode_fields(payload)
+            raise QuantumSocketError(fields["text"], Reason(fields["reason"]))
+        return call, payload
+
+    def _exactly(self, size: int) -> bytes:
+        parts = bytearray()
+        while len(parts) < size:
+            part = self._socket.recv(size - len(parts))
+            if not part:
+                raise QuantumSocketError("the host's stack has ended")
+            parts += part
+        return bytes(parts)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()

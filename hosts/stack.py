@@ -1,0 +1,117 @@
+"""One host's stack: joins applications, middleware and hardware.
+
+applications -- Unix socket --> stack -- TCP, quantum metadata --> other stacks
+                                  '----- QNIC ------------------> light
+"""
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable
+from hashlib import blake2b
+
+from hosts.applications_port import ApplicationsPort, Incoming
+from hosts.hardware.qnic import HardwareError, Qnic
+from hosts.middleware.channel import ANSWER_TIMEOUT_S, MetadataChannel, SessionError
+from hosts.middleware.options import HANDSHAKES, SessionOptions
+from hosts.middleware.receiver import ReceivingSession
+from hosts.middleware.sender import SendingSession
+from hosts.middleware.source import serve_pairs
+from wire.config import HostConfig
+from wire.metadata import Answer, Handshake, Reason, Service, Setup, Verdict
+
+log = logging.getLogger("stack")
+
+MAX_SESSIONS = 64
+
+
+class Stack:
+    """What one host knows: its QNIC, its neighbours, its sessions."""
+
+    def __init__(self, config: HostConfig, qnic: Qnic) -> None:
+        self._config = config
+        self._qnic = qnic
+        self._sessions_made = 0
+        self._receiving: dict[int, ReceivingSession] = {}
+        self.applications = ApplicationsPort(self.connect)
+
+    def connect(self, options: SessionOptions) -> SendingSession:
+        """Prepare a session to a host; raise SessionError if the names are not known."""
+        address = self._address(options.host)
+        setup = Setup(
+            session=self._new_session(),
+            service=Service.SDC,
+            handshake=HANDSHAKES[options.handshake],
+            source=self._address(self._config.source),
+            pairs=options.block_pairs,
+            frame_bytes=options.frame_bytes,
+            rate_hz=options.rate_hz,
+            port=options.port,
+        )
+        return SendingSession(self._qnic, setup, (options.host, address), self._config.source)
+
+    async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Serve one connection on the quantum-metadata port."""
+        channel = MetadataChannel(reader, writer)
+        session = 0
+        try:
+            setup = await channel.receive(Setup, ANSWER_TIMEOUT_S)
+            session = setup.session
+            await self._handler(setup)(channel, setup)
+        except (SessionError, HardwareError) as error:
+            reason = error.reason if isinstance(error, SessionError) else Reason.HARDWARE
+            log.warning("session %016x with %s: %s", session, channel.peer, error)
+            channel.send(Answer(session, reason, str(error)))
+        finally:
+            channel.close()
+
+    def _handler(self, setup: Setup) -> Callable[[MetadataChannel, Setup], Awaitable[None]]:
+        if setup.verdict != Verdict.GRANTED:
+            refused = setup.verdict == Verdict.REFUSED
+            raise SessionError(Reason(setup.reason) if refused else Reason.NOT_ARBITRATED)
+        if setup.service == Service.PAIR_SOURCE:
+            return self._emit_pairs
+        if setup.handshake == Handshake.ONE_PAIR:
+            return self._receive_pair
+        return self._receive
+
+    async def _emit_pairs(self, channel: MetadataChannel, setup: Setup) -> None:
+        await serve_pairs(self._qnic, channel, setup)
+
+    async def _receive_pair(self, channel: MetadataChannel, setup: Setup) -> None:
+        session = self._receiving.get(setup.session)
+        if session is None:
+            raise SessionError(Reason.UNKNOWN_SESSION)
+        await session.one_pair(channel, setup)
+
+    async def _receive(self, channel: MetadataChannel, setup: Setup) -> None:
+        if setup.session in self._receiving or len(self._receiving) >= MAX_SESSIONS:
+            raise SessionError(Reason.BUSY)
+        session = ReceivingSession(self._qnic, channel, setup)
+        incoming = self.applications.incoming(setup.port, channel.peer)
+        self._receiving[setup.session] = session
+        try:
+            await self._deliver(session, incoming)
+        finally:
+            del self._receiving[setup.session]
+            await session.close()
+
+    async def _deliver(self, session: ReceivingSession, incoming: Incoming) -> None:
+        try:
+            await session.run(incoming.deliver)
+        except (SessionError, HardwareError) as error:
+            await incoming.fail(error)
+            raise
+        await incoming.finish(session.statistics)
+        session.confirm()
+
+    def _address(self, host: str) -> str:
+        if host not in self._config.hosts:
+            known = ", ".join(sorted(self._config.hosts))
+            raise SessionError(Reason.UNKNOWN_HOST, f"unknown host {host!r}: choose one of {known}")
+        return self._config.hosts[host]
+
+    def _new_session(self) -> int:
+        """Return a session id that no other host makes and that follows from the seed."""
+        self._sessions_made += 1
+        name = f"{self._config.seed}/{self._config.name}/{self._sessions_made}"
+        return int.from_bytes(blake2b(name.encode(), digest_size=8).digest(), "big")

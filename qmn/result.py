@@ -1,0 +1,79 @@
+"""The facts of a run: result.json for programs, a short table for people."""
+
+import json
+import statistics
+from hashlib import file_digest
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+
+def complete(facts: dict[str, Any], folder: Path) -> None:
+    """Add what the run has left in its folder, and write result.json."""
+    sender = facts.pop("sender", {})
+    sent, received = Path(facts["file"]), folder / "received"
+    facts["message_bytes"] = sent.stat().st_size
+    facts["sha256_sent"] = sha256(sent)
+    facts["sha256_received"] = sha256(received)
+    facts["delivered"] = facts["sha256_sent"] == facts["sha256_received"]
+    for name in ("bell_pairs", "lost_pairs", "repeated_frames", "symbol_errors"):
+        facts[name] = sender.get(name, 0)
+    symbols = sender.get("received_symbols", 0)
+    facts["symbol_error_rate"] = facts["symbol_errors"] / symbols if symbols else None
+    facts["elapsed_s"] = sender.get("elapsed_s", 0.0)
+    facts["pairs_per_s"] = facts["bell_pairs"] / facts["elapsed_s"] if sender else 0.0
+    facts.update(controller_facts(folder / "controller.jsonl"))
+    (folder / "result.json").write_text(json.dumps(facts, indent=2) + "\n")
+
+
+def sha256(file: Path) -> str | None:
+    """Return the digest of a file, None if there is none."""
+    if not file.exists():
+        return None
+    with file.open("rb") as opened:
+        return file_digest(opened, "sha256").hexdigest()
+
+
+def controller_facts(record: Path) -> dict[str, Any]:
+    """Return path set-up times (ms) and packet-ins from the controller's record."""
+    text = record.read_text() if record.exists() else ""
+    lines = [json.loads(line) for line in text.splitlines()]
+    times = [line["setup_ms"] for line in lines if line["event"] == "path_ready"]
+    counts = [line["packet_in_count"] for line in lines if "packet_in_count" in line]
+    return {"path_setup_ms": percentiles(times), "packet_in_count": max(counts, default=0)}
+
+
+def percentiles(times: list[float]) -> dict[str, Any]:
+    """Return p50, p99 and n; None where there is nothing to tell."""
+    if not times:
+        return {"p50": None, "p99": None, "n": 0}
+    if len(times) == 1:
+        return {"p50": times[0], "p99": times[0], "n": 1}
+    hundredths = statistics.quantiles(times, n=100, method="inclusive")
+    return {"p50": hundredths[49], "p99": hundredths[98], "n": len(times)}
+
+
+def show(console: Console, facts: dict[str, Any], folder: Path) -> None:
+    """Print the table."""
+    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
+    setup, rate = facts["path_setup_ms"], facts["symbol_error_rate"]
+    outcome = "delivered exactly" if facts["delivered"] else "NOT DELIVERED"
+    rows = {
+        "message": f"{facts['message_bytes']:,} bytes, {outcome}",
+        "Bell pairs used": f"{facts['bell_pairs']:,}",
+        "pairs lost": f"{facts['lost_pairs']:,}",
+        "symbol error rate": "no symbol received" if rate is None else f"{rate:.4g}",
+        "repeated frames": f"{facts['repeated_frames']:,}",
+        "pairs/s": f"{facts['pairs_per_s']:,.0f} ({facts['elapsed_s']:.2f} s)",
+        "metadata to light path": "no path was set up"
+        if setup["p50"] is None
+        else f"p50 {setup['p50']:.2f} ms, p99 {setup['p99']:.2f} ms, n {setup['n']}",
+        "captures": f"{folder}/*.pcap" if facts["captures"] else "none",
+        "quantum events": f"{folder}/quantum.log",
+        "all facts": f"{folder}/result.json",
+    }
+    for name, value in rows.items():
+        table.add_row(name, value)
+    console.print(table, soft_wrap=True)

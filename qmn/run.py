@@ -1,0 +1,232 @@
+"""qmn run TOPOLOGY: start a network, do its job, report, clean up."""
+
+import argparse
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from qmn import result
+from qmn.run_folder import give_to_invoker, make_folder, point_latest
+from qmn.transfer import Transfer, TransferError, dispatcher_backend, transfer
+from topologies.network import Interrupted, Network
+from topologies.programs import NetworkError
+from topologies.runtime import OPENFLOW_PORT, Runtime
+from topologies.sdc import SdcTopo
+
+MESSAGE = Path(__file__).with_name("message.txt")
+PAIRS_PER_BYTE = 4
+# Bell pairs a second to expect on two cores, for the estimate before the start.
+EXPECTED_RATE = {"framed": 500_000, "per-pair": 60}
+SIZE_LIMIT = {"framed": 1 << 30, "per-pair": 1 << 16}
+TELL_ESTIMATE_ABOVE_S = 10
+
+
+class BadInput(Exception):
+    """What the user asked for cannot be done; the text names value and remedy."""
+
+
+def add_parser(verbs: Any) -> None:
+    """Describe the verb."""
+    parser = verbs.add_parser("run", help="start a network and do its job", description=__doc__)
+    add = partial(parser.add_argument)
+    add("topology", choices=["sdc"], help="sdc: superdense coding from alice to bob")
+    what = parser.add_mutually_exclusive_group()
+    what.add_argument("--message", help="text to send (default: a short text of ours)")
+    what.add_argument("--file", type=Path, help="file to send")
+    add("--from", dest="sender", default="alice", metavar="HOST", help="sending host (alice)")
+    add("--to", dest="receiver", default="bob", metavar="HOST", help="receiving host (bob)")
+    add("--handshake", choices=sorted(EXPECTED_RATE), default="framed", help="default: framed")
+    add("--seed", type=int, default=1, help="of all quantum randomness (1)")
+    add("--controller", choices=["ryu", "os-ken"], default="ryu", help="default: ryu")
+    add("--openflow-port", type=int, default=OPENFLOW_PORT, metavar="PORT", help="of c0 (6653)")
+    add("--frame-bytes", type=int, default=256, metavar="N", help="bytes under one check (256)")
+    add("--block-pairs", type=int, default=65_536, metavar="N", help="pairs in a block (65536)")
+    add("--rate-hz", type=int, default=50_000_000, metavar="HZ", help="of the source (50000000)")
+    add("--length-km", type=float, default=0.01, metavar="KM", help="of every fibre (0.01)")
+    add("--loss-db-per-km", type=float, default=0.0, metavar="DB", help="of every fibre (0)")
+    add(
+        "--depolarizing",
+        type=float,
+        default=0.0,
+        metavar="P",
+        help="of every fibre: X, Y and Z each with probability P/4 (0)",
+    )
+    add("--runs", type=Path, default=Path("runs"), metavar="DIR", help="what runs leave (runs)")
+    add("--no-capture", action="store_true", help="do not capture packets")
+    parser.set_defaults(call=call)
+
+
+def call(arguments: argparse.Namespace) -> int:
+    """Run; turn every fault into one line and an exit status."""
+    try:
+        return run(arguments, Console(highlight=False))
+    except (BadInput, NetworkError, TransferError) as error:
+        print(f"qmn: {error}", file=sys.stderr)
+        return 1
+    except Interrupted as error:
+        print(f"qmn: {error}; everything is cleaned up", file=sys.stderr)
+        return error.status
+
+
+def run(arguments: argparse.Namespace, console: Console) -> int:
+    """Do the whole run and return its exit status."""
+    size = check_input(arguments)
+    tell_estimate(arguments, size, console)
+    folder = make_folder(arguments.runs, arguments.topology)
+    facts = beginning(arguments, folder)
+    try:
+        run_network(arguments, folder, facts, console)
+    except (NetworkError, TransferError, Interrupted) as error:
+        facts["error"] = str(error)
+        raise
+    finally:
+        result.complete(facts, folder)
+        point_latest(folder)
+        give_to_invoker(folder)
+    result.show(console, facts, folder)
+    return 0 if facts["delivered"] else 1
+
+
+def check_input(arguments: argparse.Namespace) -> int:
+    """Return the size of the message; raise BadInput before anything is started."""
+    size = message_size(arguments)
+    limit = SIZE_LIMIT[arguments.handshake]
+    if size > limit:
+        raise BadInput(
+            f"{size:,} bytes: with the handshake {arguments.handshake} at most {limit:,} can be "
+            "sent" + ("; use --handshake framed" if arguments.handshake == "per-pair" else "")
+        )
+    for name, least, most in (
+        ("frame_bytes", 1, 65_536),
+        ("block_pairs", PAIRS_PER_BYTE, 262_144),
+        ("rate_hz", 1, 4_000_000_000),
+        ("openflow_port", 1, 65_535),
+    ):
+        value = getattr(arguments, name)
+        if not least <= value <= most:
+            raise BadInput(f"--{name.replace('_', '-')} {value}: choose {least} to {most}")
+    return size
+
+
+def message_size(arguments: argparse.Namespace) -> int:
+    """Return how many bytes are to be sent."""
+    if arguments.message is not None:
+        return len(arguments.message.encode())
+    file = arguments.file or MESSAGE
+    try:
+        with file.open("rb") as opened:
+            return os.fstat(opened.fileno()).st_size
+    except OSError as error:
+        raise BadInput(f"cannot read {file}: {error.strerror}") from error
+
+
+def tell_estimate(arguments: argparse.Namespace, size: int, console: Console) -> None:
+    """Say before the start how long a long message will take."""
+    pairs = size * PAIRS_PER_BYTE
+    seconds = pairs / min(EXPECTED_RATE[arguments.handshake], arguments.rate_hz)
+    if seconds > TELL_ESTIMATE_ABOVE_S:
+        console.print(
+            f"{size:,} bytes are {pairs:,} Bell pairs: about {seconds / 60:.1f} minutes "
+            "without losses; Ctrl-C ends it cleanly"
+        )
+
+
+def beginning(arguments: argparse.Namespace, folder: Path) -> dict[str, Any]:
+    """Return the facts that are known before the start, and keep the message in the folder."""
+    if arguments.message is not None:
+        (folder / "message").write_bytes(arguments.message.encode())
+    file = folder / "message" if arguments.message is not None else arguments.file or MESSAGE
+    return {
+        "topology": arguments.topology,
+        "mode": os.environ.get("QMN_MODE", "native"),
+        "controller": arguments.controller,
+        "handshake": arguments.handshake,
+        "seed": arguments.seed,
+        "parameters": {
+            name: getattr(arguments, name)
+            for name in (
+                "sender",
+                "receiver",
+                "frame_bytes",
+                "block_pairs",
+                "rate_hz",
+                "length_km",
+                "loss_db_per_km",
+                "depolarizing",
+            )
+        },
+        "file": str(file.resolve()),
+        "captures": [],
+        "backend": None,
+    }
+
+
+def run_network(
+    arguments: argparse.Namespace, folder: Path, facts: dict[str, Any], console: Console
+) -> None:
+    """Start the network, send, and add to the facts."""
+    settings = Runtime(
+        seed=arguments.seed,
+        framework=arguments.controller,
+        openflow_port=arguments.openflow_port,
+        log_folder=folder,
+    )
+    topo = partial(
+        SdcTopo,
+        length_km=arguments.length_km,
+        loss_db_per_km=arguments.loss_db_per_km,
+        depolarizing=arguments.depolarizing,
+    )
+    order = Transfer(
+        Path(facts["file"]),
+        folder / "received",
+        arguments.sender,
+        arguments.receiver,
+        arguments.handshake,
+        arguments.frame_bytes,
+        arguments.block_pairs,
+        arguments.rate_hz,
+    )
+    console.print(f"starting the network ({arguments.controller}, seed {arguments.seed}) ...")
+    with Network(topo, settings) as network:
+        facts["backend"] = dispatcher_backend(network)
+        if not arguments.no_capture:
+            facts["captures"] = [str(file) for file in network.capture("s1")]
+        console.print(
+            f"sending {order.file.name} from {order.sender} to {order.receiver} "
+            f"by superdense coding ({order.handshake})"
+        )
+        with progress_bar(console, facts) as progress:
+            progress(transfer(network, order, progress)[0])
+
+
+@contextmanager
+def progress_bar(
+    console: Console, facts: dict[str, Any]
+) -> Iterator[Callable[[dict[str, Any]], None]]:
+    """Show pairs sent and pairs/s; every line also goes into the facts."""
+    total = Path(facts["file"]).stat().st_size * PAIRS_PER_BYTE
+    columns = (
+        TextColumn("pairs"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[rate]:,.0f} pairs/s"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=console) as bar:
+        task = bar.add_task("pairs", total=total, rate=0.0)
+
+        def note(line: dict[str, Any]) -> None:
+            facts["sender"] = line
+            delivered = line["delivered_bytes"] * PAIRS_PER_BYTE
+            rate = line["bell_pairs"] / max(line["elapsed_s"], 1e-9)
+            bar.update(task, completed=delivered, rate=rate)
+
+        yield note

@@ -1,0 +1,36 @@
+"""The folder a run leaves behind: runs/<time>-<topology>/, and runs/latest that points to it."""
+
+import os
+import time
+from pathlib import Path
+
+
+def make_folder(runs: Path, topology: str) -> Path:
+    """Make the folder of a new run."""
+    stamp = time.strftime("%Y%m%dT%H%M%S")
+    for attempt in range(100):
+        suffix = f"-{attempt}" if attempt else ""
+        folder = runs.resolve() / f"{stamp}-{topology}{suffix}"
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            continue
+        return folder
+    raise FileExistsError(f"a hundred runs in {runs} carry the stamp {stamp}")
+
+
+def point_latest(folder: Path) -> None:
+    """Let runs/latest point to this run."""
+    link = folder.with_name(f".latest-{os.getpid()}")
+    link.symlink_to(folder.name)
+    link.replace(folder.with_name("latest"))
+
+
+def give_to_invoker(folder: Path) -> None:
+    """Let the user who called sudo own what the run leaves behind."""
+    if os.geteuid() or "SUDO_UID" not in os.environ:
+        return
+    user, group = int(os.environ["SUDO_UID"]), int(os.environ.get("SUDO_GID", "-1"))
+    for path in (folder.parent, folder.with_name("latest"), folder, *folder.rglob("*")):
+        if path.exists():
+            os.chown(path, user, group, follow_symlinks=False)

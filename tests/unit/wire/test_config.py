@@ -1,0 +1,42 @@
+"""Configuration files: what the runner writes is what a program reads."""
+
+from pathlib import Path
+
+import pytest
+
+from wire.config import (
+    BadConfig,
+    DispatcherConfig,
+    Fiber,
+    FiberEnd,
+    HostConfig,
+    QuantumSwitch,
+)
+
+
+def test_a_written_file_reads_back_the_same_and_only_its_owner_may_read_it(tmp_path: Path) -> None:
+    config = DispatcherConfig(
+        listen="10.0.0.4:50051",
+        socket="/run/x.sock",
+        seed=5,
+        tokens={"alice": "secret"},
+        fibers=[Fiber(FiberEnd("alice", "alice-q0"), FiberEnd("q1", "2"), 0.5, 0.2, 0.01)],
+        switches=[QuantumSwitch("q1", rotation=2)],
+    )
+    path = tmp_path / "dispatcher.json"
+    config.write(path)
+    assert DispatcherConfig.read(path) == config
+    assert path.stat().st_mode & 0o777 == 0o600
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"name": "alice"}', '{"unknown": 1}'])
+def test_a_file_of_another_kind_is_named(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "host.json"
+    path.write_text(text)
+    with pytest.raises(BadConfig, match=r"host\.json is not a HostConfig"):
+        HostConfig.read(path)
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(BadConfig, match="nowhere"):
+        HostConfig.read(tmp_path / "nowhere")

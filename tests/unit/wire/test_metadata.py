@@ -1,0 +1,191 @@
+"""Quantum metadata: golden bytes both ways, every truncation, an independent decoder."""
+
+import random
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from scapy.fields import (
+    IntField,
+    IPField,
+    LongField,
+    ShortField,
+    SignedIntField,
+    XByteField,
+    XShortField,
+)
+from scapy.packet import Packet
+
+from wire.metadata import (
+    SETUP_LENGTH,
+    Answer,
+    Block,
+    Emit,
+    Finish,
+    Frame,
+    Handshake,
+    MalformedPacket,
+    Message,
+    Pauli,
+    Reason,
+    Report,
+    Service,
+    Setup,
+    Verdict,
+    decode,
+    message_length,
+)
+
+SETUP = Setup(
+    session=0x0102030405060708,
+    service=Service.SDC,
+    handshake=Handshake.FRAMED,
+    source="10.0.0.3",
+    pairs=65_536,
+    frame_bytes=256,
+    rate_hz=10_000_000,
+    port=7,
+)
+GOLDEN: list[tuple[Message, str]] = [
+    (
+        SETUP,
+        "514d0101000000400102030405060708"
+        "01010a0000030001000000000100009896800007"
+        "00000000e40000000017a728000000000"
+        "00f4240000000000000" + "0000",
+    ),
+    (Answer(1, Reason.BUSY, "später"), "514d010200000019000000000000000100057370c3a4746572"),
+    (Emit(2, 3, 4, 5), "514d01030000001c0000000000000002000000030000000400000005"),
+    (
+        Block(3, 1, 9, 1, 10, (Frame(6, 2, 0xDEADBEEF),)),
+        "514d010400000032000000000000000300000001000000090000000100000000"
+        "0000000a0001" + "0000000600000002deadbeef",
+    ),
+    (
+        Report(4, 1, 9, 2, (6,), b"\x80\x00"),
+        "514d01050000002400000000000000040000000100000009000000020001000000068000",
+    ),
+    (
+        Finish(5, 6, bytes(range(32))),
+        "514d010600000038" + f"{5:016x}{6:016x}" + bytes(range(32)).hex(),
+    ),
+]
+
+
+class ScapySetup(Packet):
+    """The set-up message, written down a second time from the layout alone."""
+
+    name = "quantum metadata set-up"
+    fields_desc = (
+        XShortField("magic", 0),
+        XByteField("version", 0),
+        XByteField("kind", 0),
+        IntField("length", 0),
+        LongField("session", 0),
+        XByteField("service", 0),
+        XByteField("handshake", 0),
+        IPField("source", "0.0.0.0"),  # noqa: S104
+        IntField("pairs", 0),
+        IntField("frame_bytes", 0),
+        IntField("rate_hz", 0),
+        ShortField("port", 0),
+        IntField("block", 0),
+        XByteField("encoding", 0),
+        XByteField("fec", 0),
+        XByteField("polarization", 0),
+        XByteField("memory", 0),
+        IntField("wavelength_pm", 0),
+        SignedIntField("phase_mrad", 0),
+        IntField("sync_window_ps", 0),
+        IntField("fidelity_ppm", 0),
+        XByteField("verdict", 0),
+        XByteField("rotation", 0),
+        ShortField("reason", 0),
+    )
+
+
+@pytest.mark.parametrize(("message", "golden"), GOLDEN, ids=lambda value: type(value).__name__)
+def test_golden_bytes_both_ways(message: Message, golden: str) -> None:
+    assert message.encode().hex() == golden
+    assert decode(bytes.fromhex(golden)) == message
+
+
+@pytest.mark.parametrize(
+    "message", [message for message, _ in GOLDEN], ids=lambda m: type(m).__name__
+)
+def test_every_truncation_and_every_tail_is_malformed(message: Message) -> None:
+    data = message.encode()
+    for length in range(len(data)):
+        with pytest.raises(MalformedPacket):
+            decode(data[:length])
+    with pytest.raises(MalformedPacket):
+        decode(data + b"\0")
+
+
+def test_scapy_reads_the_same_fields() -> None:
+    setup = replace(SETUP, phase_mrad=-5, verdict=Verdict.GRANTED, rotation=Pauli.Z, block=77)
+    seen = ScapySetup(setup.encode())
+    for name in ("session", "source", "pairs", "rate_hz", "port", "block", "phase_mrad"):
+        assert seen.getfieldval(name) == getattr(setup, name)
+    assert (seen.verdict, seen.rotation, seen.encoding) == (1, 2, 0xE4)
+    assert seen.length == len(setup.encode()) == SETUP_LENGTH
+    assert not seen.payload
+
+
+def test_a_verdict_moves_no_byte_of_the_set_up() -> None:
+    granted = replace(SETUP, verdict=Verdict.GRANTED, rotation=Pauli.X, reason=Reason.OK).encode()
+    assert len(granted) == SETUP_LENGTH <= 512
+    differing = [i for i, (a, b) in enumerate(zip(granted, SETUP.encode(), strict=True)) if a != b]
+    assert differing == [SETUP_LENGTH - 4, SETUP_LENGTH - 3]
+
+
+@pytest.mark.parametrize(
+    ("offset", "value", "words"),
+    [
+        (0, 0x52, "begins with"),
+        (2, 9, "version 9"),
+        (3, 99, "unknown kind 99"),
+        (16, 9, "unknown service 9"),
+        (17, 9, "unknown handshake 9"),
+        (40, 0xE5, "does not use each operator once"),
+        (SETUP_LENGTH - 4, 7, "unknown verdict 7"),
+        (SETUP_LENGTH - 1, 200, "unknown reason 200"),
+    ],
+)
+def test_a_wrong_field_is_named(offset: int, value: int, words: str) -> None:
+    data = bytearray(SETUP.encode())
+    data[offset] = value
+    with pytest.raises(MalformedPacket, match=words):
+        decode(bytes(data))
+
+
+@pytest.mark.parametrize("name", ["pairs", "frame_bytes", "rate_hz"])
+def test_zero_is_refused(name: str) -> None:
+    fields: dict[str, Any] = {name: 0}
+    with pytest.raises(MalformedPacket, match=f"{name} is 0"):
+        decode(replace(SETUP, **fields).encode())
+
+
+def test_an_absurd_length_is_refused_before_its_bytes_are_waited_for() -> None:
+    header = bytearray(SETUP.encode()[:16])
+    header[4:8] = b"\xff\xff\xff\xff"
+    with pytest.raises(MalformedPacket, match="4294967295"):
+        message_length(bytes(header))
+
+
+def test_a_block_must_carry_what_it_lists() -> None:
+    data = Block(3, 1, 10, 1, 10, (Frame(6, 2, 1),)).encode()
+    with pytest.raises(MalformedPacket, match="do not carry"):
+        decode(data)
+
+
+def test_random_bytes_are_malformed_or_a_message() -> None:
+    generator = random.Random(7)  # noqa: S311
+    for message, _ in GOLDEN:
+        for _ in range(300):
+            data = bytearray(message.encode())
+            data[generator.randrange(len(data))] = generator.randrange(256)
+            try:
+                decode(bytes(data))
+            except MalformedPacket:
+                continue

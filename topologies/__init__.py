@@ -1,0 +1,1 @@
+"""Mininet nodes, fibre links and topologies, and what starts and ends them."""

@@ -1,0 +1,57 @@
+"""A fibre as a Mininet link: topo.addLink(alice, q1, cls=FiberLink, length_km=0.5)."""
+
+from mininet.link import Link
+from mininet.node import Node, Switch
+
+from topologies import runtime
+from wire.config import Fiber, FiberEnd
+
+
+class FiberLink(Link):
+    """A veth pair whose light is modelled by the dispatcher.
+
+    The bridge gets a real port and Mininet's verbs (net, links, link … down) work on it.
+    The host's end is its QNIC and is called <host>-q0, <host>-q1, …
+    """
+
+    def __init__(
+        self,
+        node1: Node,
+        node2: Node,
+        length_km: float = 0.01,
+        loss_db_per_km: float = 0.0,
+        depolarizing: float = 0.0,
+        **params: object,
+    ) -> None:
+        _check("length_km", length_km, 0.0, 20_000.0)
+        _check("loss_db_per_km", loss_db_per_km, 0.0, 1_000.0)
+        _check("depolarizing", depolarizing, 0.0, 1.0)
+        network = runtime.current()
+        for key, node in (("intfName1", node1), ("intfName2", node2)):
+            if not isinstance(node, Switch):
+                params[key] = qnic_name(node)
+        super().__init__(node1, node2, **params)
+        ends = (_end(self.intf1), _end(self.intf2))
+        network.fibers.append(Fiber(*ends, length_km, loss_db_per_km, depolarizing))
+
+
+def qnic_name(host: Node) -> str:
+    """Return the name of a host's next fibre interface."""
+    return f"{host.name}-q{len(qnics(host))}"
+
+
+def qnics(host: Node) -> list[str]:
+    """Return the names of a host's fibre interfaces, in order."""
+    prefix = f"{host.name}-q"
+    return [name for name in host.intfNames() if name.startswith(prefix)]
+
+
+def _end(interface: object) -> FiberEnd:
+    node = interface.node  # type: ignore[attr-defined]
+    port = str(node.ports[interface]) if isinstance(node, Switch) else str(interface)
+    return FiberEnd(node.name, port)
+
+
+def _check(name: str, value: float, least: float, most: float) -> None:
+    if not least <= value <= most:
+        raise ValueError(f"{name}={value} of a fibre: choose {least:g} to {most:g}")

@@ -1,0 +1,220 @@
+"""One emulated network from start to end: check, start, watch, always clean up."""
+
+import fcntl
+import os
+import shutil
+import signal
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from types import FrameType, TracebackType
+from typing import IO, Self
+
+from mininet.net import Mininet
+from mininet.node import Host
+from mininet.topo import Topo
+
+from topologies import openvswitch, runtime
+from topologies.nodes import READY_TIMEOUT_S, QuantumController
+from topologies.programs import POLL_S, NetworkError, Program
+from topologies.runtime import RUNTIME_ROOT, Runtime
+
+CONNECT_TIMEOUT_S = 20.0
+
+
+class Interrupted(Exception):
+    """The user, or the system, has asked the run to end."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(f"interrupted by {signal.Signals(number).name}")
+        self.status = 128 + number
+
+
+class Signals:
+    """Turns signals into an exception at the next check, never in the middle of a step."""
+
+    NUMBERS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+    def __enter__(self) -> Self:
+        self._received: int | None = None
+        self._previous = {number: signal.signal(number, self._note) for number in self.NUMBERS}
+        return self
+
+    def _note(self, number: int, _frame: FrameType | None) -> None:
+        self._received = self._received or number
+
+    def check(self) -> None:
+        """Raise Interrupted if a signal has come."""
+        if self._received is not None:
+            raise Interrupted(self._received)
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        for number, handler in self._previous.items():
+            signal.signal(number, handler)
+
+
+class Network:
+    """A running network; a context manager that leaves nothing behind.
+
+    Raise NetworkError if it cannot start, Interrupted if a signal came meanwhile.
+    """
+
+    def __init__(self, topo: Topo | Callable[[], Topo], settings: Runtime) -> None:
+        self._topo = topo
+        self.runtime = settings
+        self._cleanup = ExitStack()
+
+    def __enter__(self) -> Self:
+        self._cleanup.callback(self.runtime.remove)
+        try:
+            self._signals = self._cleanup.enter_context(Signals())
+            self._start()
+        except BaseException:
+            self._cleanup.close()
+            raise
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._cleanup.close()
+
+    def _start(self) -> None:
+        require_root()
+        self._cleanup.enter_context(only_run())
+        if not openvswitch.running():
+            self._cleanup.callback(openvswitch.stop_if_ours, self.runtime.name)
+            openvswitch.start(self.runtime.name)
+        sweep()
+        self._signals.check()
+        runtime.begin(self.runtime)
+        topo = self._topo() if callable(self._topo) else self._topo
+        refuse_taken_names(topo)
+        # Mininet would raise kernel limits for the whole machine, which is not ours to change.
+        Mininet.inited = True
+        self.net = Mininet(topo=topo, controller=QuantumController, build=False)
+        self._cleanup.callback(self.net.stop)
+        self.net.build()
+        self._signals.check()
+        self.net.start()
+        self._wait_until_ready()
+
+    def _wait_until_ready(self) -> None:
+        for program in list(self.runtime.programs):
+            program.wait_for("ready", READY_TIMEOUT_S)
+            self._signals.check()
+        deadline = time.monotonic() + CONNECT_TIMEOUT_S
+        for switch in self.net.switches:
+            while not switch.connected():
+                self.check()
+                if time.monotonic() > deadline:
+                    raise NetworkError(
+                        f"{switch.name} did not reach its controller in {CONNECT_TIMEOUT_S:g} s"
+                    )
+                time.sleep(POLL_S)
+
+    def host(self, name: str) -> Host:
+        """Return a host; raise NetworkError if there is none of that name."""
+        hosts = {host.name: host for host in self.net.hosts}
+        if name not in hosts:
+            raise NetworkError(f"unknown host {name!r}: choose one of {', '.join(sorted(hosts))}")
+        return hosts[name]
+
+    def run_on(self, host: str, name: str, command: list[str]) -> Program:
+        """Start an application on a host; it ends with the network at the latest."""
+        program = Program(name, self.runtime.logs / f"{name}.log")
+        self._cleanup.callback(program.stop)
+        program.start(command, self.host(host).pid)
+        return program
+
+    def capture(self, switch: str) -> list[Path]:
+        """Capture every link of a switch from now on; return the files."""
+        files = []
+        for interface in self.net.get(switch).intfNames():
+            if interface == "lo":
+                continue
+            file = self.runtime.logs / f"{interface}.pcap"
+            program = Program(f"tcpdump-{interface}", self.runtime.folder / f"{interface}.log")
+            self._cleanup.callback(program.stop)
+            program.start(capture_command(interface, file))
+            program.wait_for("listening on", READY_TIMEOUT_S)
+            files.append(file)
+        return files
+
+    def check(self) -> None:
+        """Raise if a signal has come or a program of the network has ended."""
+        self._signals.check()
+        for program in self.runtime.programs:
+            if not program.running:
+                raise NetworkError(
+                    f"{program.name} died in mid-run (status {program.status}): "
+                    f"{program.last_words()}"
+                )
+
+
+def capture_command(interface: str, file: Path) -> list[str]:
+    """Return the tcpdump command for one interface, nanosecond clock, whole packets."""
+    options = ["-n", "-U", "-s", "0", "-B", "8192", "--time-stamp-precision=nano", "-Z", "root"]
+    return ["tcpdump", *options, "-i", interface, "-w", str(file)]
+
+
+def require_root() -> None:
+    """Raise NetworkError for an ordinary user."""
+    if os.geteuid():
+        raise NetworkError("network namespaces and Open vSwitch need root: run it with sudo")
+
+
+def only_run() -> IO[str]:
+    """Lock this machine for one network; the lock ends with the file or the process."""
+    RUNTIME_ROOT.mkdir(mode=0o755, parents=True, exist_ok=True)
+    lock = (RUNTIME_ROOT / "lock").open("a+")
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        lock.close()
+        raise NetworkError(
+            "another qmn network is running on this machine; end it first"
+        ) from error
+    return lock
+
+
+def sweep() -> None:
+    """Remove what a killed run of ours has left: its bridges and its private folder."""
+    for bridge in openvswitch.bridges():
+        owner = openvswitch.owner_of(bridge)
+        if owner and not _alive(owner):
+            openvswitch.delete(bridge)
+    for folder in RUNTIME_ROOT.iterdir():
+        if folder.is_dir() and not _alive(folder.name):
+            shutil.rmtree(folder)
+
+
+def refuse_taken_names(topo: Topo) -> None:
+    """Raise NetworkError before Mininet would delete somebody else's bridge."""
+    taken = sorted(set(openvswitch.bridges()) & set(topo.switches()))
+    if taken:
+        raise NetworkError(
+            f"bridge {taken[0]} exists already and is not ours; "
+            f"remove it with `ovs-vsctl del-br {taken[0]}` or rename it"
+        )
+    interfaces = {path.name for path in Path("/sys/class/net").iterdir()}
+    for switch in topo.switches():
+        ours = sorted(name for name in interfaces if name.startswith(f"{switch}-eth"))
+        if ours:
+            raise NetworkError(
+                f"interface {ours[0]} exists already and is not ours; "
+                f"remove it with `ip link del {ours[0]}` or rename it"
+            )
+
+
+def _alive(pid: str) -> bool:
+    return pid.isdigit() and Path(f"/proc/{pid}").exists()

@@ -1,0 +1,231 @@
+"""Mininet node types of a quantum network: each starts its program and ends it again."""
+
+from mininet.node import Controller, Host, Node, OVSSwitch
+
+from topologies import openvswitch, runtime
+from topologies.fiber import qnics
+from topologies.programs import NetworkError, Program, python
+from topologies.runtime import Runtime
+from wire.config import (
+    DISPATCHER_PORT,
+    AgentConfig,
+    Config,
+    ControllerConfig,
+    DispatcherConfig,
+    HostConfig,
+    QuantumSwitch,
+)
+
+READY_TIMEOUT_S = 20.0
+
+
+def launch(
+    network: Runtime, name: str, module: str, config: Config, host: Node | None = None
+) -> Program:
+    """Start one of our programs with its configuration, in a host's namespace if given."""
+    path = network.folder / f"{name}.json"
+    config.write(path)
+    program = network.program(name)
+    command = [python(), "-m", module, "--config", str(path)]
+    program.start(command, host.pid if host else None)
+    return program
+
+
+class ClassicalHost(Host):
+    """A host whose interfaces suit a switch in user space: no IPv6, finished checksums."""
+
+    def __init__(self, name: str, **params: object) -> None:
+        self.network = runtime.current()
+        self.program: Program | None = None
+        super().__init__(name, **params)
+        self.network.addresses[name] = str(params["ip"]).split("/")[0]
+
+    def config(self, **params: object) -> dict[str, object]:
+        """Configure the interfaces."""
+        result: dict[str, object] = super().config(**params)
+        self.cmd("sysctl -qw net.ipv6.conf.all.disable_ipv6=1")
+        if openvswitch.datapath() == "user":
+            self.cmd(f"ethtool -K {self.defaultIntf()} tx off rx off")
+        return result
+
+    def terminate(self) -> None:
+        """End the host's program, then the host."""
+        if self.program:
+            self.program.stop()
+        super().terminate()
+
+
+class DispatcherHost(ClassicalHost):
+    """`ed`: runs the dispatcher, which holds every qubit of the network."""
+
+    def __init__(self, name: str, **params: object) -> None:
+        super().__init__(name, **params)
+        self.network.dispatcher = f"{self.network.addresses[name]}:{DISPATCHER_PORT}"
+
+    def config(self, **params: object) -> dict[str, object]:
+        """Configure the interfaces and start the dispatcher."""
+        result = super().config(**params)
+        network = self.network
+        config = DispatcherConfig(
+            listen=network.dispatcher,
+            socket=network.socket("dispatcher"),
+            seed=network.seed,
+            tokens=network.tokens,
+            fibers=network.fibers,
+            switches=list(network.switches.values()),
+            event_log=str(network.logs / "quantum.log"),
+        )
+        self.program = launch(network, "dispatcher", "dispatcher", config, self)
+        return result
+
+
+class QuantumHost(ClassicalHost):
+    """A host with a QNIC: runs the three-layer stack. `source=True` makes pairs."""
+
+    def __init__(self, name: str, source: bool = False, **params: object) -> None:
+        super().__init__(name, **params)
+        self.network.token(name)
+        if source:
+            self.network.source = name
+
+    def config(self, **params: object) -> dict[str, object]:
+        """Configure the interfaces and start the stack."""
+        result = super().config(**params)
+        network = self.network
+        config = HostConfig(
+            name=self.name,
+            address=network.addresses[self.name],
+            qnics=qnics(self),
+            dispatcher=network.dispatcher,
+            token=network.token(self.name),
+            socket=network.socket(self.name),
+            hosts=network.addresses,
+            source=network.source,
+            seed=network.seed,
+        )
+        self.program = launch(network, self.name, "hosts", config, self)
+        return result
+
+
+class ClassicalSwitch(OVSSwitch):
+    """An Open vSwitch bridge that speaks OpenFlow 1.4 and forwards only what it is told."""
+
+    def __init__(self, name: str, **params: object) -> None:
+        self.network = runtime.current()
+        settings = {
+            "datapath": openvswitch.datapath(),
+            "protocols": "OpenFlow14",
+            "failMode": "secure",
+            "reconnectms": 1000,
+        }
+        super().__init__(name, **{**params, **settings})
+
+    def start(self, controllers: list[Controller]) -> None:
+        """Start the bridge, with its controller set before any flow, and mark it as ours."""
+        super().start(controllers)
+        openvswitch.vsctl("set", "Bridge", self.name, f"{openvswitch.OWNER}={self.network.name}")
+
+
+class AgentAddress:
+    """What a bridge connects to instead of the controller."""
+
+    protocol = "tcp"
+
+    def __init__(self, name: str, port: int) -> None:
+        self.name = name
+        self.port = port
+
+    def IP(self) -> str:  # noqa: N802 (Mininet's name)
+        """Return the address the agent listens on."""
+        return "127.0.0.1"
+
+
+class OpticalSwitch(ClassicalSwitch):
+    """A quantum switch: a bridge with its agent between it and the controller."""
+
+    def __init__(
+        self,
+        name: str,
+        switching_time_s: float = 100e-9,
+        insertion_loss_db: float = 0.0,
+        rotation: int = 0,
+        **params: object,
+    ) -> None:
+        super().__init__(name, **params)
+        optics = QuantumSwitch(name, switching_time_s, insertion_loss_db, rotation)
+        self.network.switches[name] = optics
+        self.network.datapath_ids[name] = int(self.dpid, 16)
+        self.network.token(name)
+        self.program: Program | None = None
+
+    def start(self, controllers: list[Controller]) -> None:
+        """Start the agent, then the bridge towards it."""
+        network = self.network
+        port = runtime.free_port()
+        config = AgentConfig(
+            switch=self.name,
+            listen=f"127.0.0.1:{port}",
+            controllers=[f"{controller.IP()}:{controller.port}" for controller in controllers],
+            management=str(openvswitch.RUN_FOLDER / f"{self.name}.mgmt"),
+            dispatcher=network.socket("dispatcher"),
+            token=network.token(self.name),
+            fiber_ports=sorted(
+                int(end.port)
+                for fiber in network.fibers
+                for end in (fiber.a, fiber.b)
+                if end.node == self.name
+            ),
+        )
+        super().start([AgentAddress("agent", port)])
+        self.program = launch(network, f"{self.name}-agent", "qswitch_agent", config)
+
+    def terminate(self) -> None:
+        """End the agent, then the switch."""
+        if self.program:
+            self.program.stop()
+        super().terminate()
+
+
+class QuantumController(Controller):
+    """`c0`: our controller apps on Ryu or os-ken."""
+
+    def __init__(self, name: str, **params: object) -> None:
+        self.network = runtime.current()
+        self.program: Program | None = None
+        super().__init__(name, **{**params, "port": self.network.openflow_port})
+
+    def checkListening(self) -> None:  # noqa: N802 (Mininet's name)
+        """Let the controller itself find out whether its port is free."""
+
+    def start(self) -> None:
+        """Start the controller and wait until switches can connect."""
+        network = self.network
+        config = ControllerConfig(
+            listen=f"127.0.0.1:{self.port}",
+            framework=network.framework,
+            quantum_switches=list(network.datapath_ids.values()),
+            rotations={
+                str(network.datapath_ids[name]): optics.rotation
+                for name, optics in network.switches.items()
+            },
+            record=str(network.logs / "controller.jsonl"),
+        )
+        self.program = launch(network, self.name, "controller_apps", config)
+        self.program.wait_for("ready", READY_TIMEOUT_S)
+
+    def stop(self, *_args: object, **_params: object) -> None:
+        """End the controller."""
+        if self.program:
+            self.program.stop()
+        self.terminate()
+
+
+__all__ = [
+    "ClassicalHost",
+    "ClassicalSwitch",
+    "DispatcherHost",
+    "NetworkError",
+    "OpticalSwitch",
+    "QuantumController",
+    "QuantumHost",
+]

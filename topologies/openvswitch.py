@@ -1,0 +1,98 @@
+"""Open vSwitch on this machine: is it running, which datapath has it, whose is a bridge."""
+
+import subprocess
+import time
+from pathlib import Path
+
+from topologies.programs import NetworkError
+
+CONTROL = "/usr/share/openvswitch/scripts/ovs-ctl"
+RUN_FOLDER = Path("/var/run/openvswitch")
+START_TIMEOUT_S = 30.0
+OWNER = "external_ids:qmn"  # which run a bridge, or a started Open vSwitch, belongs to
+
+
+def vsctl(*arguments: str) -> str:
+    """Run ovs-vsctl; raise NetworkError with its words if it fails."""
+    return _run("ovs-vsctl", "--timeout=10", *arguments)
+
+
+def running() -> bool:
+    """Whether both daemons answer."""
+    probe = ["ovs-vsctl", "--timeout=2", "--no-wait", "show"]
+    try:
+        database = subprocess.run(probe, capture_output=True, check=False)
+    except FileNotFoundError as error:
+        raise NetworkError("Open vSwitch is not installed; run `make setup`") from error
+    return database.returncode == 0 and _switch_daemon_runs()
+
+
+def start(owner: str) -> None:
+    """Start Open vSwitch and note that this run started it."""
+    if not Path(CONTROL).exists():
+        raise NetworkError("Open vSwitch is not installed; run `make setup`")
+    _run(CONTROL, "start", "--system-id=random", timeout_s=START_TIMEOUT_S)
+    deadline = time.monotonic() + START_TIMEOUT_S
+    while not running():
+        if time.monotonic() > deadline:
+            raise NetworkError(f"Open vSwitch did not start in {START_TIMEOUT_S:g} s")
+        time.sleep(0.05)
+    vsctl("set", "Open_vSwitch", ".", f"{OWNER}={owner}")
+
+
+def stop_if_ours(owner: str) -> None:
+    """Stop Open vSwitch if this run started it and no bridge is left in it."""
+    started_by = vsctl("--if-exists", "get", "Open_vSwitch", ".", OWNER).strip('"\n ')
+    if started_by == owner and not bridges():
+        vsctl("remove", "Open_vSwitch", ".", "external_ids", "qmn")
+        _run(CONTROL, "stop", timeout_s=START_TIMEOUT_S)
+
+
+def bridges() -> list[str]:
+    """Return the names of all bridges, ours or not."""
+    return vsctl("list-br").split()
+
+
+def owner_of(bridge: str) -> str:
+    """Return the run that made a bridge, "" if none of ours did."""
+    return vsctl("--if-exists", "get", "Bridge", bridge, OWNER).strip('"\n ')
+
+
+def delete(bridge: str) -> None:
+    """Delete a bridge of ours and the interfaces in it."""
+    interfaces = vsctl("list-ports", bridge).split()
+    vsctl("--if-exists", "del-br", bridge)
+    for interface in interfaces:
+        if Path("/sys/class/net", interface).exists():
+            _run("ip", "link", "delete", interface)
+
+
+def datapath() -> str:
+    """Return "kernel" where Open vSwitch's kernel module is loaded, else "user".
+
+    Starting Open vSwitch loads the module if the machine has one.
+    """
+    return "kernel" if Path("/sys/module/openvswitch").exists() else "user"
+
+
+def _switch_daemon_runs() -> bool:
+    pid_file = RUN_FOLDER / "ovs-vswitchd.pid"
+    try:
+        return Path(f"/proc/{int(pid_file.read_text())}").exists()
+    except (OSError, ValueError):
+        return False
+
+
+def _run(*command: str, timeout_s: float = 15.0) -> str:
+    try:
+        done = subprocess.run(
+            command, capture_output=True, text=True, check=False, timeout=timeout_s
+        )
+    except FileNotFoundError as error:
+        raise NetworkError(f"{command[0]} is not installed; run `make setup`") from error
+    except subprocess.TimeoutExpired as error:
+        raise NetworkError(f"{command[0]} did not end in {timeout_s:g} s") from error
+    if done.returncode:
+        words = (done.stderr or done.stdout).strip()
+        raise NetworkError(f"{' '.join(command[:3])} failed: {words}")
+    return done.stdout

@@ -1,0 +1,90 @@
+"""The programs of a run: each started, watched and ended by its own handle."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+STOP_TIMEOUT_S = 5.0
+POLL_S = 0.02
+
+
+class NetworkError(Exception):
+    """The network cannot start or go on; the text names cause and remedy."""
+
+
+def python() -> str:
+    """Return the interpreter that has our packages; Mininet's own `mn` runs on another."""
+    inside = sys.prefix != sys.base_prefix
+    return sys.executable if inside else str(ROOT / ".venv" / "bin" / "python")
+
+
+class Program:
+    """One child process; what it prints goes into a log file."""
+
+    def __init__(self, name: str, log: Path) -> None:
+        self.name = name
+        self.log = log
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def start(self, command: Sequence[str], namespace_pid: int | None = None) -> None:
+        """Start the command, in the network namespace of a process if one is given.
+
+        The child gets a session of its own, so that Ctrl-C reaches only the runner, and a
+        signal when the runner dies, so that nothing is left behind.
+        """
+        inside = ["mnexec", "-a", str(namespace_pid)] if namespace_pid else []
+        environment = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1"}
+        with self.log.open("ab") as log:
+            self._process = subprocess.Popen(
+                [*inside, "setpriv", "--pdeathsig", "TERM", *command],
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                cwd=ROOT,
+                env=environment,
+                start_new_session=True,
+            )
+
+    @property
+    def status(self) -> int | None:
+        """The exit status, None while it runs."""
+        return self._process.poll() if self._process else None
+
+    @property
+    def running(self) -> bool:
+        """Whether it was started and has not ended."""
+        return self._process is not None and self._process.poll() is None
+
+    def wait_for(self, text: str, timeout_s: float) -> None:
+        """Wait until a line of the log contains text; raise NetworkError if it will not."""
+        deadline = time.monotonic() + timeout_s
+        while text not in self.log.read_text(errors="replace"):
+            if not self.running:
+                raise NetworkError(f"{self.name} ended at its start: {self.last_words()}")
+            if time.monotonic() > deadline:
+                raise NetworkError(
+                    f"{self.name} was not ready in {timeout_s:g} s; its log: {self.log}"
+                )
+            time.sleep(POLL_S)
+
+    def last_words(self) -> str:
+        """Return the last line of the log, for an error message."""
+        lines = self.log.read_text(errors="replace").strip().splitlines()
+        return lines[-1] if lines else f"status {self.status}, it said nothing"
+
+    def stop(self) -> None:
+        """End it: politely, then by force after STOP_TIMEOUT_S."""
+        if self._process is None:
+            return
+        if self._process.poll() is None:
+            self._process.send_signal(signal.SIGTERM)
+        try:
+            self._process.wait(STOP_TIMEOUT_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait(STOP_TIMEOUT_S)

@@ -1,0 +1,89 @@
+"""What the nodes of one emulated network share: names, tokens, places and programs.
+
+Mininet makes nodes one by one and gives them no way to see the whole. So each node and
+each fibre registers here as it is made, and the programs learn the rest from here.
+"""
+
+import atexit
+import os
+import secrets
+import shutil
+import socket
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from topologies.programs import Program
+from wire.config import Fiber, QuantumSwitch
+
+RUNTIME_ROOT = Path("/run/qmn")
+OPENFLOW_PORT = 6653
+
+
+@dataclass
+class Runtime:
+    """One network: settings given by the caller, and what its nodes have registered."""
+
+    seed: int = 1
+    framework: str = "ryu"
+    openflow_port: int = OPENFLOW_PORT
+    log_folder: Path | None = None  # where logs and records go; default: the private folder
+    addresses: dict[str, str] = field(default_factory=dict)  # of the hosts
+    fibers: list[Fiber] = field(default_factory=list)
+    switches: dict[str, QuantumSwitch] = field(default_factory=dict)
+    datapath_ids: dict[str, int] = field(default_factory=dict)  # of the quantum switches
+    source: str = ""
+    dispatcher: str = ""  # "10.0.0.4:50051"
+    programs: list[Program] = field(default_factory=list)
+    tokens: dict[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.name = str(os.getpid())
+        self.folder = RUNTIME_ROOT / self.name
+        self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        self.logs = self.log_folder or self.folder
+        self.logs.mkdir(parents=True, exist_ok=True)
+        self.token("runner")
+
+    def token(self, node: str) -> str:
+        """Return the secret that names a node to the dispatcher."""
+        return self.tokens.setdefault(node, secrets.token_hex(16))
+
+    def socket(self, name: str) -> str:
+        """Return the path of a Unix socket (they cross network namespaces)."""
+        return str(self.folder / f"{name}.sock")
+
+    def program(self, name: str) -> Program:
+        """Return a new program, watched from now on."""
+        program = Program(name, self.logs / f"{name}.log")
+        self.programs.append(program)
+        return program
+
+    def remove(self) -> None:
+        """Remove the private folder with its tokens and sockets."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+
+def free_port() -> int:
+    """Return a loopback TCP port that nobody uses now."""
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        port: int = probe.getsockname()[1]
+        return port
+
+
+_current: Runtime | None = None
+
+
+def current() -> Runtime:
+    """Return the network that nodes are being made for; `mn` begins it by using it."""
+    if _current is not None:
+        return _current
+    runtime = begin(Runtime())
+    atexit.register(runtime.remove)
+    return runtime
+
+
+def begin(runtime: Runtime) -> Runtime:
+    """Let the nodes that are made from now on belong to this network."""
+    global _current
+    _current = runtime
+    return runtime

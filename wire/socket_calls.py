@@ -1,0 +1,67 @@
+"""How an application talks to its host's stack: messages on a Unix stream socket.
+
+application                 stack (the end that connects)
+CONNECT {host, port, …} ->
+                        <-  DONE {session, …} or FAILED {reason, text}
+DATA bytes              ->
+                        <-  DONE {statistics}: delivered, the peer holds every byte
+CLOSE                   ->
+                        <-  DONE {statistics}
+
+application                 stack (the end that accepts)
+LISTEN {port}           ->  listening lasts as long as this socket
+                        <-  DONE
+ACCEPT {port}           ->  on a socket of its own
+                        <-  DONE {session, peer}, then DATA …, then CLOSE {statistics}
+"""
+
+import json
+import struct
+from enum import IntEnum
+from typing import Any
+
+from wire.metadata import MalformedPacket
+
+HEADER = struct.Struct("!BI")
+MAX_PAYLOAD = 1 << 20
+
+
+class Call(IntEnum):
+    """What a message asks for or reports."""
+
+    CONNECT = 1
+    LISTEN = 2
+    ACCEPT = 3
+    DATA = 4
+    CLOSE = 5
+    DONE = 6
+    FAILED = 7
+
+
+def encode(call: Call, payload: bytes = b"") -> bytes:
+    """Return a message that carries raw bytes, at most MAX_PAYLOAD of them."""
+    return HEADER.pack(call, len(payload)) + payload
+
+
+def encode_fields(call: Call, **fields: Any) -> bytes:
+    """Return a message that carries named fields, as JSON."""
+    return encode(call, json.dumps(fields).encode())
+
+
+def decode_header(header: bytes) -> tuple[Call, int]:
+    """Return call and payload length; raise MalformedPacket if there is no such call."""
+    number, length = HEADER.unpack(header)
+    if number not in Call.__members__.values() or length > MAX_PAYLOAD:
+        raise MalformedPacket(f"no such socket call: kind {number}, {length} bytes")
+    return Call(number), length
+
+
+def decode_fields(payload: bytes) -> dict[str, Any]:
+    """Return the named fields of a message; raise MalformedPacket if they are none."""
+    try:
+        fields = json.loads(payload or b"{}")
+    except ValueError as error:
+        raise MalformedPacket(f"socket call is not JSON: {error}") from error
+    if not isinstance(fields, dict):
+        raise MalformedPacket("socket call is not a JSON object")
+    return fields
