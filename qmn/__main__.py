@@ -3,9 +3,9 @@
 import argparse
 import sys
 
-from qmn import run
+from qmn import bench, run
 
-VERBS = (run,)
+VERBS = (run, bench)
 
 
 def main() -> int:

@@ -15,6 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from qmn import result
 from qmn.run_folder import give_to_invoker, make_folder, point_latest
 from qmn.transfer import Transfer, TransferError, dispatcher_backend, transfer
+from topologies.fiber import RANGES
 from topologies.network import Interrupted, Network
 from topologies.programs import NetworkError
 from topologies.runtime import OPENFLOW_PORT, Runtime
@@ -104,6 +105,7 @@ def check_input(arguments: argparse.Namespace) -> int:
             "sent" + ("; use --handshake framed" if arguments.handshake == "per-pair" else "")
         )
     for name, least, most in (
+        *((name, *limits) for name, limits in RANGES.items()),
         ("frame_bytes", 1, 65_536),
         ("block_pairs", PAIRS_PER_BYTE, 262_144),
         ("rate_hz", 1, 4_000_000_000),
@@ -111,7 +113,7 @@ def check_input(arguments: argparse.Namespace) -> int:
     ):
         value = getattr(arguments, name)
         if not least <= value <= most:
-            raise BadInput(f"--{name.replace('_', '-')} {value}: choose {least} to {most}")
+            raise BadInput(f"--{name.replace('_', '-')} {value}: choose {least:g} to {most:g}")
     return size
 
 

@@ -6,6 +6,12 @@ from mininet.node import Node, Switch
 from topologies import runtime
 from wire.config import Fiber, FiberEnd
 
+RANGES = {
+    "length_km": (0.0, 20_000.0),
+    "loss_db_per_km": (0.0, 1_000.0),
+    "depolarizing": (0.0, 1.0),
+}
+
 
 class FiberLink(Link):
     """A veth pair whose light is modelled by the dispatcher.
@@ -23,9 +29,9 @@ class FiberLink(Link):
         depolarizing: float = 0.0,
         **params: object,
     ) -> None:
-        _check("length_km", length_km, 0.0, 20_000.0)
-        _check("loss_db_per_km", loss_db_per_km, 0.0, 1_000.0)
-        _check("depolarizing", depolarizing, 0.0, 1.0)
+        _check("length_km", length_km)
+        _check("loss_db_per_km", loss_db_per_km)
+        _check("depolarizing", depolarizing)
         network = runtime.current()
         for key, node in (("intfName1", node1), ("intfName2", node2)):
             if not isinstance(node, Switch):
@@ -52,6 +58,7 @@ def _end(interface: object) -> FiberEnd:
     return FiberEnd(node.name, port)
 
 
-def _check(name: str, value: float, least: float, most: float) -> None:
+def _check(name: str, value: float) -> None:
+    least, most = RANGES[name]
     if not least <= value <= most:
         raise ValueError(f"{name}={value} of a fibre: choose {least:g} to {most:g}")

@@ -21,6 +21,7 @@ from topologies.programs import POLL_S, NetworkError, Program
 from topologies.runtime import RUNTIME_ROOT, Runtime
 
 CONNECT_TIMEOUT_S = 20.0
+CAPTURE_SETTLE_S = 1.0
 
 
 class Interrupted(Exception):
@@ -144,7 +145,7 @@ class Network:
                 continue
             file = self.runtime.logs / f"{interface}.pcap"
             program = Program(f"tcpdump-{interface}", self.runtime.folder / f"{interface}.log")
-            self._cleanup.callback(program.stop)
+            self._cleanup.callback(stop_capture, program, file)
             program.start(capture_command(interface, file))
             program.wait_for("listening on", READY_TIMEOUT_S)
             files.append(file)
@@ -163,8 +164,18 @@ class Network:
 
 def capture_command(interface: str, file: Path) -> list[str]:
     """Return the tcpdump command for one interface, nanosecond clock, whole packets."""
-    options = ["-n", "-U", "-s", "0", "-B", "8192", "--time-stamp-precision=nano", "-Z", "root"]
+    options = ["-n", "-U", "-s", "0", "-B", "8192", "-Z", "root"]
+    options += ["--immediate-mode", "--time-stamp-precision=nano"]
     return ["tcpdump", *options, "-i", interface, "-w", str(file)]
+
+
+def stop_capture(program: Program, file: Path) -> None:
+    """End a capture when the packets that are still in the kernel have reached the file."""
+    deadline, size = time.monotonic() + CAPTURE_SETTLE_S, -1
+    while file.exists() and file.stat().st_size != size and time.monotonic() < deadline:
+        size = file.stat().st_size
+        time.sleep(POLL_S)
+    program.stop()
 
 
 def require_root() -> None:

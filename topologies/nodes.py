@@ -1,5 +1,7 @@
 """Mininet node types of a quantum network: each starts its program and ends it again."""
 
+import shlex
+
 from mininet.node import Controller, Host, Node, OVSSwitch
 
 from topologies import openvswitch, runtime
@@ -120,24 +122,14 @@ class ClassicalSwitch(OVSSwitch):
         }
         super().__init__(name, **{**params, **settings})
 
+    def vsctl(self, *arguments: str, **_options: object) -> str:
+        """Run ovs-vsctl; unlike Mininet's own, say so if it fails."""
+        return openvswitch.vsctl(*shlex.split(" ".join(map(str, arguments))))
+
     def start(self, controllers: list[Controller]) -> None:
         """Start the bridge, with its controller set before any flow, and mark it as ours."""
         super().start(controllers)
         openvswitch.vsctl("set", "Bridge", self.name, f"{openvswitch.OWNER}={self.network.name}")
-
-
-class AgentAddress:
-    """What a bridge connects to instead of the controller."""
-
-    protocol = "tcp"
-
-    def __init__(self, name: str, port: int) -> None:
-        self.name = name
-        self.port = port
-
-    def IP(self) -> str:  # noqa: N802 (Mininet's name)
-        """Return the address the agent listens on."""
-        return "127.0.0.1"
 
 
 class OpticalSwitch(ClassicalSwitch):
@@ -159,7 +151,11 @@ class OpticalSwitch(ClassicalSwitch):
         self.program: Program | None = None
 
     def start(self, controllers: list[Controller]) -> None:
-        """Start the agent, then the bridge towards it."""
+        """Start the bridge and its agent, then let the bridge connect to the agent.
+
+        The target is set when the agent answers, because Open vSwitch would wait a second
+        before it tried again; no flow can be there earlier.
+        """
         network = self.network
         port = runtime.free_port()
         config = AgentConfig(
@@ -176,8 +172,10 @@ class OpticalSwitch(ClassicalSwitch):
                 if end.node == self.name
             ),
         )
-        super().start([AgentAddress("agent", port)])
+        super().start([])
         self.program = launch(network, f"{self.name}-agent", "qswitch_agent", config)
+        self.program.wait_for("ready", READY_TIMEOUT_S)
+        openvswitch.vsctl("set-controller", self.name, f"tcp:{config.listen}")
 
     def terminate(self) -> None:
         """End the agent, then the switch."""

@@ -47,26 +47,30 @@ class Qnic(Protocol):
     def ports(self) -> list[str]:
         """Interface names of the fibres, in order."""
 
-    async def create_pairs(self, session: int, number: int, count: int) -> None:
-        """Make count Bell pairs Phi+: halves 0 and 1 of a block."""
+    async def emit_pairs(
+        self, session: int, number: int, count: int, ports: tuple[str, str], rate_hz: int
+    ) -> None:
+        """Make count Bell pairs Phi+ and send their halves 0 and 1 into two ports.
 
-    async def apply(self, block: BlockName, paulis: Symbols) -> None:
-        """Apply one Pauli operator (two bits: X, Z) to each photon; shape (k,)."""
-
-    async def send(self, launches: list[tuple[BlockName, str]], rate_hz: int) -> int:
-        """Launch blocks into ports; return when the last photon has reached the far end.
-
-        The result is the time (ns) at which the first photon left.
+        Return when the last photon has reached the far ends.
         """
 
-    async def receive(self, block: BlockName, port: str, timeout_s: float) -> None:
-        """Take a block that arrives at a port; raise NoLight if none comes in time."""
+    async def modulate(
+        self, block: BlockName, paulis: Symbols, port: str, rate_hz: int, timeout_s: float
+    ) -> int:
+        """Apply one Pauli operator (two bits: X, Z) to each photon that arrives; shape (k,).
 
-    async def bell_measure(self, first: BlockName, second: BlockName) -> Coincidences:
-        """Measure pairs of photons in the Bell basis; both blocks are gone afterwards."""
+        The photons leave by the port they came from. Return the time (ns) at which the first
+        one left, when the last has reached the far end. Raise NoLight if none arrives.
+        """
+
+    async def detect_pairs(
+        self, session: int, number: int, ports: tuple[str, str], timeout_s: float
+    ) -> Coincidences:
+        """Make Bell measurements on the halves 0 and 1 that arrive at two ports.
+
+        Raise NoLight if no photon of a half arrives; what came of the other is let go.
+        """
 
     async def discard(self, session: int) -> None:
         """Let go of all photons of a session."""
-
-    async def discard_block(self, block: BlockName) -> None:
-        """Let go of a block, if it is here."""

@@ -1,7 +1,5 @@
 """The simulated QNIC: every call is a request to the dispatcher, over the host's own CNIC."""
 
-from typing import Any
-
 import grpc
 import numpy as np
 
@@ -16,6 +14,8 @@ from wire.dispatcher_pb2 import (
     Launch,
     ReceiveRequest,
     SendRequest,
+    Sequence,
+    Step,
 )
 from wire.dispatcher_pb2_grpc import DispatcherStub
 
@@ -42,76 +42,87 @@ class SimulatedQnic:
         """Interface names of the fibres, in order."""
         return self._ports
 
-    async def create_pairs(self, session: int, number: int, count: int) -> None:
-        """Make count Bell pairs Phi+: halves 0 and 1 of a block."""
-        await self._call(
-            self._stub.Create, CreateRequest(session=session, number=number, count=count)
-        )
+    async def emit_pairs(
+        self, session: int, number: int, count: int, ports: tuple[str, str], rate_hz: int
+    ) -> None:
+        """Make Bell pairs and send their halves into two ports."""
+        create = CreateRequest(session=session, number=number, count=count)
+        halves = enumerate(ports)
+        launches = [Launch(block=_half(session, number, half), port=port) for half, port in halves]
+        send = SendRequest(launches=launches, rate_hz=rate_hz)
+        await self._perform(Step(create=create), Step(send=send))
 
-    async def apply(self, block: BlockName, paulis: Symbols) -> None:
-        """Apply one Pauli operator to each photon."""
-        await self._call(
-            self._stub.Apply, ApplyRequest(block=_block_id(block), paulis=paulis.tobytes())
+    async def modulate(
+        self, block: BlockName, paulis: Symbols, port: str, rate_hz: int, timeout_s: float
+    ) -> int:
+        """Apply Pauli operators to the photons that arrive and send them back."""
+        name = _half(block.session, block.number, block.half)
+        feedbacks = await self._perform(
+            Step(receive=ReceiveRequest(block=name, port=port, timeout_s=timeout_s)),
+            Step(apply=ApplyRequest(block=name, paulis=paulis.tobytes())),
+            Step(send=SendRequest(launches=[Launch(block=name, port=port)], rate_hz=rate_hz)),
         )
+        return int(feedbacks[-1].first_ns)
 
-    async def send(self, launches: list[tuple[BlockName, str]], rate_hz: int) -> int:
-        """Launch blocks into ports; return the time (ns) at which the first photon left."""
-        request = SendRequest(
-            launches=[Launch(block=_block_id(block), port=port) for block, port in launches],
-            rate_hz=rate_hz,
-        )
-        return int((await self._call(self._stub.Send, request)).first_ns)
-
-    async def receive(self, block: BlockName, port: str, timeout_s: float) -> None:
-        """Take a block that arrives at a port; raise NoLight if none comes in time."""
-        request = ReceiveRequest(block=_block_id(block), port=port, timeout_s=timeout_s)
-        await self._call(self._stub.Receive, request)
-
-    async def bell_measure(self, first: BlockName, second: BlockName) -> Coincidences:
-        """Measure pairs of photons in the Bell basis."""
-        feedback = await self._call(
-            self._stub.BellMeasure,
-            BellMeasureRequest(first=_block_id(first), second=_block_id(second)),
-        )
+    async def detect_pairs(
+        self, session: int, number: int, ports: tuple[str, str], timeout_s: float
+    ) -> Coincidences:
+        """Make Bell measurements on what arrives at two ports."""
+        names = [_half(session, number, half) for half in (0, 1)]
+        receive = [
+            Step(receive=ReceiveRequest(block=name, port=port, timeout_s=timeout_s))
+            for name, port in zip(names, ports, strict=True)
+        ]
+        bell = Step(bell_measure=BellMeasureRequest(first=names[0], second=names[1]))
+        try:
+            feedback = (await self._perform(*receive, bell))[-1]
+        except NoLight:
+            await self.discard_blocks(names)
+            raise
         outcomes = np.frombuffer(feedback.outcomes, dtype=np.uint8)
         return Coincidences(outcomes, feedback.clicks, feedback.time_ns)
 
     async def discard(self, session: int) -> None:
         """Let go of all photons of a session."""
-        await self._call(self._stub.Discard, DiscardRequest(session=session))
+        await self._perform(Step(discard=DiscardRequest(session=session)))
 
-    async def discard_block(self, block: BlockName) -> None:
-        """Let go of a block, if it is here."""
-        try:
-            await self._stub.Discard(
-                DiscardRequest(block=_block_id(block)),
-                metadata=self._metadata,
-                timeout=CALL_TIMEOUT_S,
-            )
-        except grpc.aio.AioRpcError as error:
-            if error.code() is not grpc.StatusCode.NOT_FOUND:
-                raise HardwareError(_text(error)) from error
+    async def discard_blocks(self, names: list[BlockId]) -> None:
+        """Let go of blocks; one that is not here is none the worse."""
+        for name in names:
+            try:
+                await self._perform(Step(discard=DiscardRequest(block=name)))
+            except NotHere:
+                continue
 
     async def close(self) -> None:
         """Close the connection to the dispatcher."""
         await self._channel.close(None)
 
-    async def _call(self, method: Any, request: Any) -> Feedback:
+    async def _perform(self, *steps: Step) -> list[Feedback]:
         try:
-            feedback: Feedback = await method(
-                request, metadata=self._metadata, timeout=CALL_TIMEOUT_S, wait_for_ready=True
+            reply = await self._stub.Perform(
+                Sequence(steps=steps),
+                metadata=self._metadata,
+                timeout=CALL_TIMEOUT_S,
+                wait_for_ready=True,
             )
         except grpc.aio.AioRpcError as error:
-            dark = isinstance(request, ReceiveRequest)
-            if dark and error.code() is grpc.StatusCode.DEADLINE_EXCEEDED:
-                raise NoLight(error.details()) from error
-            raise HardwareError(_text(error)) from error
-        return feedback
+            raise _fault(error, steps) from error
+        return list(reply.feedbacks)
 
 
-def _block_id(block: BlockName) -> BlockId:
-    return BlockId(session=block.session, number=block.number, half=block.half)
+class NotHere(HardwareError):
+    """A block is not at this host."""
 
 
-def _text(error: grpc.aio.AioRpcError) -> str:
-    return f"dispatcher: {error.code().name}: {error.details()}"
+def _half(session: int, number: int, half: int) -> BlockId:
+    return BlockId(session=session, number=number, half=half)
+
+
+def _fault(error: grpc.aio.AioRpcError, steps: tuple[Step, ...]) -> HardwareError:
+    code, details = error.code(), error.details() or ""
+    if code is grpc.StatusCode.DEADLINE_EXCEEDED and steps[0].HasField("receive"):
+        return NoLight(details)
+    if code in (grpc.StatusCode.NOT_FOUND, grpc.StatusCode.PERMISSION_DENIED):
+        return NotHere(f"dispatcher: {details}")
+    return HardwareError(f"dispatcher: {code.name}: {details}")

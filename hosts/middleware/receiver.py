@@ -6,13 +6,13 @@ from hashlib import sha256
 
 import numpy as np
 
-from hosts.hardware.qnic import NO_COINCIDENCE, BlockName, NoLight, Qnic, Symbols
+from hosts.hardware.qnic import NO_COINCIDENCE, NoLight, Qnic, Symbols
 from hosts.middleware.channel import MetadataChannel, SessionError
 from hosts.middleware.encoding import from_bell_states
 from hosts.middleware.framing import FramingError, Inbox
 from wire.metadata import Answer, Block, Finish, Handshake, Reason, Report, Setup
 
-ARRIVAL_TIMEOUT_S = 0.5  # the sender speaks of a block only when its light has arrived
+ARRIVAL_TIMEOUT_S = 0.1  # the sender speaks of a block only when its light has arrived
 SETTLE_TIMEOUT_S = 10.0
 MAX_FRAME_BYTES = 1 << 16
 MAX_BLOCK_PAIRS = 1 << 18
@@ -106,27 +106,20 @@ class ReceivingSession:
 
     async def _measure(self, number: int, pairs: int) -> Symbols:
         """Bell-measure the two halves of a block; a half that did not come is all lost."""
-        halves = [BlockName(self._setup.session, number, half) for half in (0, 1)]
-        arrivals = await asyncio.gather(
-            self._arrived(halves[0], self._qnic.ports[1]),
-            self._arrived(halves[1], self._qnic.ports[0]),
-        )
-        if all(arrivals):
-            outcomes = (await self._qnic.bell_measure(*halves)).outcomes
-            if outcomes.size == pairs:
-                return outcomes
-            raise SessionError(Reason.PROTOCOL, f"block {number}: {outcomes.size} pairs of light")
-        for half, arrived in zip(halves, arrivals, strict=True):
-            if arrived:
-                await self._qnic.discard_block(half)
-        return np.full(pairs, NO_COINCIDENCE, dtype=np.uint8)
-
-    async def _arrived(self, half: BlockName, port: str) -> bool:
         try:
-            await self._qnic.receive(half, port, ARRIVAL_TIMEOUT_S)
+            found = await self._qnic.detect_pairs(
+                self._setup.session,
+                number,
+                (self._qnic.ports[1], self._qnic.ports[0]),
+                ARRIVAL_TIMEOUT_S,
+            )
         except NoLight:
-            return False
-        return True
+            return np.full(pairs, NO_COINCIDENCE, dtype=np.uint8)
+        if found.outcomes.size != pairs:
+            raise SessionError(
+                Reason.PROTOCOL, f"block {number}: {found.outcomes.size} pairs of light"
+            )
+        return found.outcomes
 
     async def one_pair(self, channel: MetadataChannel, setup: Setup) -> None:
         """Serve the handshake of a single pair: accept, wait for its end, measure."""

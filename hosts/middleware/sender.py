@@ -15,6 +15,7 @@ paths stay up only as long as that connection (paper, figure "handshaking").
 """
 
 import asyncio
+import time
 from dataclasses import dataclass, replace
 from hashlib import sha256
 
@@ -35,9 +36,8 @@ from wire.metadata import (
     Setup,
 )
 
-LIGHT_TIMEOUT_S = 10.0  # until the source answers
-GRACE_S = 0.1  # light that has not come this long after the source has answered is lost
-DARK_BLOCKS_LIMIT = 3
+GRACE_S = 0.1  # light that has not come this long after the source's answer is lost
+DARK_LIMIT_S = 10.0  # without a single pair; the last few symbols are small blocks
 ATTEMPTS_LIMIT = 64
 DISCOVERY_TIMEOUT_S = 3.0
 DISCOVERY_PAUSE_S = 0.1
@@ -65,7 +65,7 @@ class SendingSession:
         self._source = source  # name
         self._outbox = Outbox(setup.frame_bytes, setup.pairs)
         self._digest = sha256()
-        self._dark_blocks = 0
+        self._lit_at_s = 0.0  # when a pair last arrived
         self._pairs_numbered = 0
         self._size = 0
         self.statistics = Statistics()
@@ -73,6 +73,7 @@ class SendingSession:
     async def open(self) -> None:
         """Arrange light paths and pair source; raise SessionError if they cannot be had."""
         self._channel = await self._arrange()
+        self._lit_at_s = time.monotonic()
         try:
             self._pairs = await MetadataChannel.connect(self._source, self._setup.source)
             await self._pairs.request(replace(self._setup, service=Service.PAIR_SOURCE))
@@ -142,19 +143,10 @@ class SendingSession:
     async def _light(self, number: int, paulis: Symbols) -> int:
         """Have pairs made, modulate this host's halves and send them on."""
         half = BlockName(self._setup.session, number, 0)
-        emit = Emit(self._setup.session, number, paulis.size, self._setup.rate_hz)
-        port = self._qnic.ports[0]
-        arrival = asyncio.create_task(self._qnic.receive(half, port, LIGHT_TIMEOUT_S))
-        try:
-            await self._pairs.request(emit)
-            async with asyncio.timeout(GRACE_S):
-                await arrival
-        except TimeoutError as error:
-            raise NoLight(f"no light from {self._source} at {port}") from error
-        finally:
-            arrival.cancel()
-        await self._qnic.apply(half, paulis)
-        return await self._qnic.send([(half, port)], self._setup.rate_hz)
+        rate_hz = self._setup.rate_hz
+        await self._pairs.request(Emit(self._setup.session, number, paulis.size, rate_hz))
+        # The source answers when its light has arrived, or never will.
+        return await self._qnic.modulate(half, paulis, self._qnic.ports[0], rate_hz, GRACE_S)
 
     async def _one_by_one(self, paulis: Symbols) -> int:
         """Send each pair under a handshake of its own; a pair without light is just lost."""
@@ -177,13 +169,14 @@ class SendingSession:
 
     def _note_dark(self, block: OutgoingBlock, error: NoLight) -> None:
         self._outbox.dark(block)
-        self._dark_blocks += 1
         self.statistics.lost_pairs += block.symbols.size
-        if self._dark_blocks >= DARK_BLOCKS_LIMIT:
+        self._give_up_if_dark(str(error))
+
+    def _give_up_if_dark(self, what: str) -> None:
+        if time.monotonic() - self._lit_at_s > DARK_LIMIT_S:
             raise SessionError(
                 Reason.NO_LIGHT,
-                f"{error}, {self._dark_blocks} blocks in a row; "
-                "is the fibre cut, or its loss too high?",
+                f"{what} for {DARK_LIMIT_S:g} s; is a fibre cut, or its loss too high?",
             )
 
     def _note(self, block: OutgoingBlock, report: Report) -> None:
@@ -198,16 +191,12 @@ class SendingSession:
         statistics.received_symbols += report.pairs - lost_pairs
         statistics.symbol_errors = report.errors
         statistics.repeated_frames = self._outbox.repeated_frames
-        self._dark_blocks = self._dark_blocks + 1 if lost_pairs == report.pairs else 0
-        self._give_up_if_hopeless()
+        if lost_pairs < report.pairs:
+            self._lit_at_s = time.monotonic()
+        self._give_up_if_dark(f"no pair reached {self._peer[0]}")
+        self._give_up_if_too_noisy()
 
-    def _give_up_if_hopeless(self) -> None:
-        if self._dark_blocks >= DARK_BLOCKS_LIMIT:
-            raise SessionError(
-                Reason.NO_LIGHT,
-                f"no pair reached {self._peer[0]} in {self._dark_blocks} blocks; "
-                "is the fibre cut, or its loss too high?",
-            )
+    def _give_up_if_too_noisy(self) -> None:
         for number, attempts in self._outbox.attempts.items():
             if attempts >= ATTEMPTS_LIMIT:
                 raise SessionError(

@@ -1,6 +1,6 @@
 """The service of a pair source: makes Bell pairs and sends both halves into its fibres."""
 
-from hosts.hardware.qnic import BlockName, HardwareError, Qnic
+from hosts.hardware.qnic import HardwareError, Qnic
 from hosts.middleware.channel import MetadataChannel, SessionError
 from hosts.middleware.receiver import MAX_BLOCK_PAIRS
 from wire.metadata import Answer, Emit, Reason, Setup
@@ -24,9 +24,10 @@ async def serve_pairs(qnic: Qnic, channel: MetadataChannel, setup: Setup) -> Non
 async def _emit(qnic: Qnic, session: int, request: Emit) -> None:
     if not 0 < request.pairs <= MAX_BLOCK_PAIRS or request.rate_hz == 0:
         raise SessionError(Reason.UNSUPPORTED, f"{request.pairs} pairs at {request.rate_hz} Hz")
-    halves = [BlockName(session, request.block, half) for half in (0, 1)]
+    first, second = qnic.ports[:2]
     try:
-        await qnic.create_pairs(session, request.block, request.pairs)
-        await qnic.send(list(zip(halves, qnic.ports[:2], strict=True)), request.rate_hz)
+        await qnic.emit_pairs(
+            session, request.block, request.pairs, (first, second), request.rate_hz
+        )
     except HardwareError as error:
         raise SessionError(Reason.HARDWARE, str(error)) from error

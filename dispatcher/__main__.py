@@ -1,0 +1,34 @@
+"""python -m dispatcher --config FILE"""
+
+import argparse
+import asyncio
+import logging
+import os
+import sys
+from pathlib import Path
+
+# gRPC's own lines about a taken port would hide ours; it reads this when imported.
+os.environ.setdefault("GRPC_VERBOSITY", "NONE")
+
+from dispatcher.server import serve
+from wire.config import BadConfig, DispatcherConfig
+
+
+def main() -> int:
+    """Run the dispatcher; return its exit status."""
+    parser = argparse.ArgumentParser(prog="dispatcher", description="Hold all qubits of a network.")
+    parser.add_argument("--config", type=Path, required=True, help="written by the runner")
+    arguments = parser.parse_args()
+    logging.basicConfig(
+        stream=sys.stderr, level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s"
+    )
+    try:
+        asyncio.run(serve(DispatcherConfig.read(arguments.config)))
+    except (BadConfig, OSError) as error:
+        print(f"dispatcher: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,56 @@
+"""Who calls: the token, and not the address, names the node, and the node says what it may do."""
+
+from collections.abc import Collection
+from hashlib import sha256
+
+import grpc
+
+from dispatcher.refusal import Refusal, denied, not_found
+from wire.config import BadConfig
+
+RUNNER = "runner"
+TOKEN_KEY = "qmn-token"  # noqa: S105 - the name of the metadata entry
+
+
+class Callers:
+    """The nodes that have a token, and their rights."""
+
+    def __init__(self, tokens: dict[str, str], switches: Collection[str]) -> None:
+        """Know each node's token; nodes that are switches have a switch's rights."""
+        empty = [node for node, token in tokens.items() if not token]
+        if empty:
+            raise BadConfig(f"the token of {empty[0]} is empty; give each node a random one")
+        # Looking up the digest takes a time that says nothing about the tokens.
+        self._nodes = {_digest(token): node for node, token in tokens.items()}
+        self._switches = switches
+
+    def identify(self, token: str | bytes | None) -> str:
+        """Return the node that this is the token of."""
+        node = self._nodes.get(_digest(token)) if isinstance(token, str) else None
+        if node is None:
+            problem = "unknown token" if token else "no token"
+            message = f"{problem} in the call's metadata; send the node's own as {TOKEN_KEY}"
+            raise Refusal(grpc.StatusCode.UNAUTHENTICATED, message)
+        return node
+
+    def require_host(self, node: str) -> None:
+        """Refuse all but hosts, which alone hold qubits."""
+        if node == RUNNER or node in self._switches:
+            raise denied(f"{node} is no host; only hosts act on qubits")
+
+    def require_runner(self, node: str) -> None:
+        """Refuse all but the runner."""
+        if node != RUNNER:
+            raise denied(f"{node} may not ask for the status; only {RUNNER} may")
+
+    def require_switch(self, node: str, switch: str) -> None:
+        """Refuse all but the switch's own agent."""
+        if switch not in self._switches:
+            known = ", ".join(sorted(self._switches)) or "none"
+            raise not_found(f"no quantum switch {switch}; there is {known}")
+        if node != switch:
+            raise denied(f"{node} may not cross-connect {switch}; only its own agent may")
+
+
+def _digest(token: str) -> bytes:
+    return sha256(token.encode()).digest()

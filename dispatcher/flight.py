@@ -1,0 +1,167 @@
+"""The way of a block's photons through fibres and switches, photon by photon.
+
+A beam is a part of the block that has taken one way so far. Each beam is resolved when the
+clock has passed its last photon, so what the switches did meanwhile is known.
+"""
+
+import heapq
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from itertools import count
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dispatcher.clock import Clock
+from dispatcher.network import Line, Network, Switch
+from dispatcher.noise import NoiseModel
+from dispatcher.ownership import Block
+from dispatcher.sabot.draws import Draws
+from dispatcher.sabot.manager import Sabot
+from dispatcher.sabot.registers import Mask
+from dispatcher.timeline import DARK
+from wire.config import FiberEnd
+
+MAX_FIBERS = 64  # light in a ring of cross-connects has faded by then
+
+
+@dataclass(frozen=True)
+class Departure:
+    """When photons leave: photon k at start_ns + k / rate_hz."""
+
+    start_ns: int
+    rate_hz: int
+    photons: int
+
+    @property
+    def last_ns(self) -> int:
+        """Return when the last photon leaves."""
+        return self.start_ns + int((self.photons - 1) * (1e9 / self.rate_hz))
+
+    def times_ns(self, delay_ns: int) -> NDArray[np.int64]:
+        """Return when each photon is where it comes to after a delay, shape (k,)."""
+        offsets = (np.arange(self.photons) * (1e9 / self.rate_hz)).astype(np.int64)
+        offsets += self.start_ns + delay_ns
+        return offsets
+
+
+@dataclass
+class Beam:
+    """Photons of one block on one way."""
+
+    line: Line  # the fibre they are in
+    delay_ns: int  # from their departure to the fibre's far end
+    members: Mask
+    fibers_passed: int
+    errors: NDArray[np.int64] = field(default_factory=lambda: np.zeros(4, dtype=np.int64))
+
+
+@dataclass(frozen=True)
+class Arrival:
+    """What of a block has come to one port."""
+
+    end: FiberEnd
+    members: Mask
+    times_ns: NDArray[np.int64]
+    fibers_passed: int
+    errors: NDArray[np.int64]  # how often each Pauli happened on the way
+
+
+class Flight:
+    """Takes one block from a port to all the ports where its light comes out."""
+
+    def __init__(
+        self, block: Block, departure: Departure, network: Network, sabot: Sabot, draws: Draws
+    ) -> None:
+        """Prepare the flight of a block that has left."""
+        self._block, self._departure = block, departure
+        self._network, self._sabot, self._draws = network, sabot, draws
+        self._queue: list[tuple[int, int, Beam]] = []
+        self._number = count()
+        self.lost = 0
+
+    def launch(self, end: FiberEnd) -> None:
+        """Let the light into the fibre that begins at a port."""
+        everything = np.ones(self._departure.photons, dtype=bool)
+        self._enter(end, everything, 0, self._block.fibers_passed)
+
+    async def next_arrival(self, clock: Clock) -> Arrival | None:
+        """Wait for the next beam to come out at a node, None if no light is left."""
+        while self._queue:
+            time_ns, _number, beam = heapq.heappop(self._queue)
+            await clock.wait_until(time_ns)
+            self._pass(beam, beam.line.noise, "fiber")
+            if not self._lit(beam.members):
+                continue
+            switch = self._network.switches.get(beam.line.far.node)
+            if switch is None:
+                times_ns = self._departure.times_ns(beam.delay_ns)
+                return Arrival(
+                    beam.line.far, beam.members, times_ns, beam.fibers_passed, beam.errors
+                )
+            self._cross(beam, switch)
+        return None
+
+    def _cross(self, beam: Beam, switch: Switch) -> None:
+        """Send a beam on through the switch that it has come to."""
+        times_ns = self._departure.times_ns(beam.delay_ns)
+        out_ports = switch.timeline.path(int(beam.line.far.port), times_ns)
+        for out_port in _values(out_ports):
+            members = beam.members & (out_ports == out_port)
+            end = FiberEnd(switch.name, str(out_port))
+            if out_port == DARK or beam.fibers_passed >= MAX_FIBERS:
+                self._lose(members)
+                continue
+            part = Beam(beam.line, beam.delay_ns, members, beam.fibers_passed, beam.errors)
+            self._pass(part, switch.noise, "switch")
+            if switch.rotation:
+                self._sabot.pauli(self._block.register, members * np.uint8(switch.rotation))
+            self._enter(end, members, beam.delay_ns, beam.fibers_passed, beam.errors)
+
+    def _enter(
+        self,
+        end: FiberEnd,
+        members: Mask,
+        delay_ns: int,
+        fibers_passed: int,
+        errors: NDArray[np.int64] | None = None,
+    ) -> None:
+        line = self._network.line(end)
+        if line is None:
+            self._lose(members)
+            return
+        beam = Beam(line, delay_ns + line.delay_ns, members, fibers_passed + 1)
+        if errors is not None:
+            beam.errors += errors
+        time_ns = self._departure.last_ns + beam.delay_ns
+        heapq.heappush(self._queue, (time_ns, next(self._number), beam))
+
+    def _pass(self, beam: Beam, noise: tuple[NoiseModel, ...], where: str) -> None:
+        """Apply what a device does to the photons of a beam."""
+        block = self._block
+
+        def uniform(purpose: str) -> NDArray[np.float64]:
+            key = f"{where} {beam.fibers_passed} {purpose}"
+            return self._draws.uniform(block.name, key, self._departure.photons)
+
+        for model in noise:
+            effect = model.effect(uniform)
+            if effect.lost is not None:
+                self._lose(effect.lost & beam.members)
+            if effect.paulis is not None:
+                paulis = effect.paulis * (beam.members & block.register.present)
+                beam.errors += np.bincount(paulis, minlength=4)
+                self._sabot.pauli(block.register, paulis)
+
+    def _lose(self, members: Mask) -> None:
+        self.lost += self._sabot.lose(self._block.register, members)
+
+    def _lit(self, members: Mask) -> bool:
+        return bool((members & self._block.register.present).any())
+
+
+def _values(ports: NDArray[np.int64]) -> Iterator[int]:
+    """Return the different ports; nearly always there is one, which takes no sorting."""
+    if (ports == ports[0]).all():
+        return iter((int(ports[0]),))
+    return iter(np.unique(ports).tolist())

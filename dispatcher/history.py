@@ -1,0 +1,89 @@
+"""What happened to the qubits: remembered, written to the event log, and told to watchers."""
+
+import asyncio
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TextIO
+
+from wire.dispatcher_pb2 import Event
+from wire.events import format_line
+
+WATCHER_DEPTH = 10_000
+
+
+class Watcher:
+    """One reader of events; it loses some when it is slow, and is told how many."""
+
+    def __init__(self, node: str, session: int) -> None:
+        """Watch a node (empty: all) and a session (0: all)."""
+        self._node, self._session = node, session
+        self._events: deque[Event] = deque()
+        self._dropped = 0
+        self._some = asyncio.Event()
+
+    def wants(self, event: Event) -> bool:
+        """Return whether the event is of the watched node and session."""
+        return (not self._node or event.node == self._node) and (
+            not self._session or event.block.session == self._session
+        )
+
+    def push(self, event: Event) -> None:
+        """Queue an event, or count it as dropped if the queue is full."""
+        if not self.wants(event):
+            return
+        if len(self._events) >= WATCHER_DEPTH:
+            self._dropped += 1
+        else:
+            self._report_dropped(event.time_ns)
+            self._events.append(event)
+        self._some.set()
+
+    async def next(self) -> Event:
+        """Wait for the next event."""
+        while not self._events:
+            self._some.clear()
+            await self._some.wait()
+        event = self._events.popleft()
+        if not self._events:
+            self._report_dropped(event.time_ns)
+        return event
+
+    def _report_dropped(self, time_ns: int) -> None:
+        if self._dropped:
+            detail = f"{self._dropped} events, because this watcher is slow"
+            kind, self._dropped = "dropped", 0
+            self._events.append(Event(time_ns=time_ns, node="dispatcher", kind=kind, detail=detail))
+
+
+class History:
+    """The last events, and everyone who wants to hear of new ones."""
+
+    def __init__(self, depth: int, log: TextIO | None = None) -> None:
+        """Remember `depth` events; write each to `log` as a line."""
+        self.count = 0
+        self._events: deque[Event] = deque(maxlen=depth)
+        self._watchers: set[Watcher] = set()
+        self._log = log
+
+    def record(self, event: Event) -> None:
+        """Add an event."""
+        self.count += 1
+        self._events.append(event)
+        if self._log is not None:
+            self._log.write(format_line(event) + "\n")
+            self._log.flush()
+        for watcher in self._watchers:
+            watcher.push(event)
+
+    @contextmanager
+    def watching(self, node: str, session: int, remembered: bool) -> Iterator[Watcher]:
+        """Give a watcher of new events, after those still remembered if these are wanted."""
+        watcher = Watcher(node, session)
+        for event in self._events if remembered else ():
+            watcher.push(event)
+        self._watchers.add(watcher)
+        try:
+            yield watcher
+        finally:
+            self._watchers.remove(watcher)

@@ -1,0 +1,76 @@
+"""The physical layer as the operations share it: state, place, time and record."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dispatcher.clock import Clock
+from dispatcher.history import History
+from dispatcher.network import Network
+from dispatcher.ownership import Block, BlockName, Ownership
+from dispatcher.sabot.draws import Draws
+from dispatcher.sabot.manager import Sabot
+from wire.dispatcher_pb2 import BlockId, Event, Feedback
+
+
+@dataclass
+class PhysicalLayer:
+    """Everything there is; touched on the event loop alone."""
+
+    clock: Clock
+    sabot: Sabot
+    draws: Draws
+    network: Network
+    ownership: Ownership
+    history: History
+    max_live_qubits: int
+    photons_lost: int = 0
+
+    def record(
+        self,
+        node: str,
+        kind: str,
+        block: Block | None = None,
+        port: str = "",
+        detail: str = "",
+        time_ns: int = 0,
+    ) -> None:
+        """Record an event; it happened now unless a time is given."""
+        event = Event(node=node, kind=kind, port=port, detail=detail)
+        event.time_ns = time_ns or self.clock.now_ns()
+        if block is not None:
+            event.block.CopyFrom(block_id(block.name))
+            event.photons = block.register.size
+            event.lost = block.register.size - block.register.remaining
+        self.history.record(event)
+
+    def feedback(self, block: Block) -> Feedback:
+        """Return the feedback that is common to all operations on a block."""
+        return Feedback(
+            time_ns=self.clock.now_ns(),
+            photons=block.register.size,
+            first_ns=block.first_ns,
+            last_ns=block.last_ns,
+        )
+
+    def drop(self, block: Block) -> None:
+        """Discard a block whatever its state."""
+        bits = self.draws.bits(block.name, "discard", block.register.size)
+        self.sabot.drop(block.register, bits)
+        self.ownership.remove(block)
+
+
+def block_id(name: BlockName) -> BlockId:
+    """Return the name as it goes over the wire."""
+    return BlockId(session=name.session, number=name.number, half=name.half)
+
+
+def block_name(block: BlockId) -> BlockName:
+    """Return the name that came over the wire."""
+    return BlockName(block.session, block.number, block.half)
+
+
+def tally(values: np.ndarray[tuple[int], np.dtype[np.uint8]], names: tuple[str, ...]) -> str:
+    """Count how often each value is in an array, for a person to read."""
+    counts = (int(np.count_nonzero(values == value)) for value in range(len(names)))
+    return " ".join(f"{name}={count}" for name, count in zip(names, counts, strict=True) if count)

@@ -1,0 +1,78 @@
+"""Checks of what a request asks for, before anything is changed."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from dispatcher.refusal import invalid
+from dispatcher.sabot.backend import Bytes
+from wire.dispatcher_pb2 import Connection
+
+MAX_COUNT = 4_000_000
+MAX_BLOCKS = 100_000
+MAX_GATES = 256
+MAX_STEPS = 64
+MAX_TIMEOUT_S = 60.0
+# Shorter than what a switch's timeline remembers.
+MAX_EMISSION_S = 30.0
+
+
+def packed(field: str, values: bytes, count: int, largest: int) -> Bytes:
+    """Return the bytes of a field that has one for each photon."""
+    if len(values) != count:
+        raise invalid(f"{field} has {len(values)} bytes for {count} photons; send one for each")
+    array = np.frombuffer(values, dtype=np.uint8)
+    if array.max() > largest:
+        position = int(array.argmax())
+        raise invalid(
+            f"{field}[{position}] is {array[position]}; each must be between 0 and {largest}"
+        )
+    return array
+
+
+def require_count(count: int) -> None:
+    """Refuse an empty or too large block."""
+    if not 1 <= count <= MAX_COUNT:
+        raise invalid(f"count {count} is not between 1 and {MAX_COUNT}; make several blocks")
+
+
+def require_steps(count: int) -> None:
+    """Refuse an empty or too long sequence."""
+    if not 1 <= count <= MAX_STEPS:
+        raise invalid(f"{count} steps; send 1 to {MAX_STEPS} in a sequence")
+
+
+def require_rate(rate_hz: int, longest: int) -> None:
+    """Refuse a rate at which the longest block of a launch would take too long."""
+    if rate_hz == 0:
+        raise invalid("rate_hz is 0; name the source's pulses per second")
+    if longest / rate_hz > MAX_EMISSION_S:
+        raise invalid(
+            f"{longest} photons at rate_hz {rate_hz} take {longest / rate_hz:.0f} s, more than "
+            f"{MAX_EMISSION_S:.0f} s; send smaller blocks or raise the rate"
+        )
+
+
+def timeout(timeout_s: float) -> float:
+    """Return the time-out, at most MAX_TIMEOUT_S."""
+    if not timeout_s > 0:
+        raise invalid(f"timeout_s {timeout_s} is not positive; say how long to wait")
+    return min(timeout_s, MAX_TIMEOUT_S)
+
+
+def cross_connects(connections: Iterable[Connection]) -> dict[int, int]:
+    """Return in_port to out_port; light of two inputs cannot leave by one output."""
+    outputs: dict[int, int] = {}
+    inputs: dict[int, int] = {}
+    for connection in connections:
+        in_port, out_port = connection.in_port, connection.out_port
+        if in_port in outputs:
+            raise invalid(f"input port {in_port} is named twice; connect it to one output")
+        if out_port in inputs:
+            raise invalid(
+                f"inputs {inputs[out_port]} and {in_port} share output port {out_port}; "
+                "close one of the paths first"
+            )
+        outputs[in_port] = out_port
+        inputs[out_port] = in_port
+    return outputs

@@ -1,0 +1,186 @@
+"""What a node does to blocks it holds: each operation checks, then acts, then records."""
+
+from collections.abc import Sequence
+
+import grpc
+import numpy as np
+
+from dispatcher import limits
+from dispatcher.layer import PhysicalLayer, block_name, tally
+from dispatcher.ownership import Block, BlockName
+from dispatcher.refusal import Refusal, exhausted, invalid
+from dispatcher.sabot.backend import Bytes, GateName
+from dispatcher.sabot.registers import Register
+from wire.dispatcher_pb2 import CreateRequest, Feedback, Gate, MeasureRequest
+
+PAULIS = ("I", "X", "Z", "XZ")
+BELL_STATES = ("Phi+", "Psi+", "Phi-", "Psi-")
+BASES = ("Z", "X", "Y")
+GATES: dict[int, GateName] = {
+    Gate.H: "H",
+    Gate.S: "S",
+    Gate.S_DAG: "S_DAG",
+    Gate.CX: "CX",
+    Gate.CZ: "CZ",
+}
+STATES = {CreateRequest.BELL_PAIRS: ("Bell pairs", 2), CreateRequest.ZEROS: ("zeros", 1)}
+
+PlannedGate = tuple[GateName, Block | None]
+
+
+class Operations:
+    """Create, apply, measure, store and discard."""
+
+    def __init__(self, layer: PhysicalLayer) -> None:
+        """Act on this layer."""
+        self._layer = layer
+        self.pairs_created = 0
+
+    def create(self, node: str, request: CreateRequest) -> Feedback:
+        """Make a block of Bell pairs or of zeros at the node."""
+        layer = self._layer
+        if request.state not in STATES:
+            raise invalid(f"state {request.state} is unknown; use BELL_PAIRS or ZEROS")
+        text, halves = STATES[request.state]
+        names = [BlockName(request.session, request.number, half) for half in range(halves)]
+        self._require_room(names, request.count)
+        registers: Sequence[Register] = (
+            [layer.sabot.zeros(request.count)]
+            if halves == 1
+            else (layer.sabot.bell_pairs(request.count))
+        )
+        self.pairs_created += request.count * (halves - 1)
+        now_ns = layer.clock.now_ns()
+        blocks = [
+            Block(name, register, node, first_ns=now_ns, last_ns=now_ns)
+            for name, register in zip(names, registers, strict=True)
+        ]
+        for block in blocks:
+            layer.ownership.add(block)
+        layer.record(node, "create", blocks[0], detail=text)
+        return layer.feedback(blocks[0])
+
+    def apply(self, node: str, name: BlockName, paulis: bytes, gates: Sequence[Gate]) -> Feedback:
+        """Apply a Pauli to each photon, then Clifford gates to all of them."""
+        layer = self._layer
+        block = layer.ownership.require(name, node)
+        planned = self._plan(node, block, gates)
+        details: list[str] = [gate for gate, _target in planned]
+        if paulis:
+            values = limits.packed("paulis", paulis, block.register.size, 3)
+            layer.sabot.pauli(block.register, values)
+            details.insert(0, tally(values, PAULIS))
+        for gate, target in planned:
+            layer.sabot.gate(gate, block.register, target.register if target else None)
+        layer.record(node, "apply", block, detail=" ".join(details))
+        return layer.feedback(block)
+
+    def measure(self, node: str, name: BlockName, basis: int, bases: bytes) -> Feedback:
+        """Measure and use up every photon, each in its basis."""
+        layer = self._layer
+        block = layer.ownership.require(name, node)
+        size, clicks = block.register.size, block.register.remaining
+        if basis not in MeasureRequest.Basis.values():
+            raise invalid(f"basis {basis} is unknown; use Z, X or Y")
+        values = np.full(size, basis, np.uint8)
+        if bases:
+            values = limits.packed("bases", bases, size, 2)
+        feedback = layer.feedback(block)
+        outcomes = layer.sabot.measure(block.register, values, self._bits(block))
+        layer.ownership.remove(block)
+        detail = f"{tally(values, BASES)}: {tally(outcomes, ('0', '1'))}"
+        layer.record(node, "measure", block, detail=detail)
+        feedback.clicks, feedback.outcomes = clicks, outcomes.tobytes()
+        return feedback
+
+    def bell_measure(self, node: str, names: tuple[BlockName, BlockName]) -> Feedback:
+        """Measure and use up pairs of photons, in the Bell basis."""
+        layer = self._layer
+        first, second = (layer.ownership.require(name, node) for name in names)
+        _require_pairs(first, second)
+        feedback = layer.feedback(first)
+        feedback.first_ns = min(first.first_ns, second.first_ns)
+        feedback.last_ns = max(first.last_ns, second.last_ns)
+        feedback.clicks = first.register.remaining + second.register.remaining
+        feedback.coincidences = int(
+            np.count_nonzero(first.register.present & second.register.present)
+        )
+        outcomes = layer.sabot.bell_measure(
+            first.register, second.register, (self._bits(first), self._bits(second))
+        )
+        for block in (first, second):
+            layer.ownership.remove(block)
+        detail = f"with {second.name.number}/{second.name.half}: {tally(outcomes, BELL_STATES)}"
+        layer.record(node, "bell-measure", first, detail=detail)
+        feedback.outcomes = outcomes.tobytes()
+        return feedback
+
+    def store(self, node: str, name: BlockName) -> Feedback:
+        """Keep a block in the node's memory."""
+        block = self._layer.ownership.require(name, node)
+        self._layer.record(node, "store", block)
+        return self._layer.feedback(block)
+
+    def discard(self, node: str, name: BlockName) -> Feedback:
+        """Discard a block, also one that waits at a port of the node."""
+        ownership = self._layer.ownership
+        waiting = [block for block in ownership.parts(name) if block.node == node]
+        return self._discard(waiting or [ownership.require(name, node)])
+
+    def discard_session(self, node: str, session: int) -> Feedback:
+        """Discard everything of a session at the node and at its ports."""
+        return self._discard(self._layer.ownership.of_session(node, session))
+
+    def _discard(self, blocks: list[Block]) -> Feedback:
+        for block in blocks:
+            self._layer.drop(block)
+            self._layer.record(block.node, "discard", block, port=block.port)
+        photons = sum(block.register.size for block in blocks)
+        return Feedback(time_ns=self._layer.clock.now_ns(), photons=photons)
+
+    def _bits(self, block: Block) -> Bytes:
+        return self._layer.draws.bits(block.name, "measure", block.register.size)
+
+    def _require_room(self, names: list[BlockName], count: int) -> None:
+        """Refuse a block that would be too large or has a name that is taken."""
+        layer = self._layer
+        limits.require_count(count)
+        for name in names:
+            if layer.ownership.exists(name):
+                message = f"{name} exists; discard it or take another number"
+                raise Refusal(grpc.StatusCode.ALREADY_EXISTS, message)
+        live, more = layer.sabot.live_qubits, count * len(names)
+        if live + more > layer.max_live_qubits:
+            raise exhausted(
+                f"{more} more qubits with {live} live exceed the limit of "
+                f"{layer.max_live_qubits}; measure or discard some first"
+            )
+        if layer.ownership.count + len(names) > limits.MAX_BLOCKS:
+            raise exhausted(
+                f"{limits.MAX_BLOCKS} blocks are live; use larger blocks or discard some"
+            )
+
+    def _plan(self, node: str, block: Block, gates: Sequence[Gate]) -> list[PlannedGate]:
+        """Look up everything that gates need, so that none fails halfway."""
+        if len(gates) > limits.MAX_GATES:
+            raise invalid(f"{len(gates)} gates; send at most {limits.MAX_GATES} in a request")
+        return [self._plan_gate(node, block, gate) for gate in gates]
+
+    def _plan_gate(self, node: str, block: Block, gate: Gate) -> PlannedGate:
+        if gate.name not in GATES:
+            raise invalid(f"gate {gate.name} is unknown; use {', '.join(GATES.values())}")
+        if gate.name not in (Gate.CX, Gate.CZ):
+            return GATES[gate.name], None
+        target = self._layer.ownership.require(block_name(gate.target), node)
+        _require_pairs(block, target)
+        return GATES[gate.name], target
+
+
+def _require_pairs(first: Block, second: Block) -> None:
+    if first is second:
+        raise invalid(f"{first.name} is named twice; name two different blocks")
+    if first.register.size != second.register.size:
+        raise invalid(
+            f"{first.name} has {first.register.size} photons and {second.name} "
+            f"{second.register.size}; their photons must pair up"
+        )

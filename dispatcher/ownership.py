@@ -1,0 +1,101 @@
+"""Which block is where: at a node, waiting at one of its ports, or on its way."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from dispatcher.refusal import denied, not_found
+from dispatcher.sabot.registers import Register
+
+
+class BlockName(NamedTuple):
+    """Names the photons of one half of a session's block."""
+
+    session: int
+    number: int
+    half: int
+
+    def __str__(self) -> str:
+        """Return the name as the event log writes it."""
+        return f"block {self.number}/{self.half} of session {self.session:016x}"
+
+
+@dataclass(eq=False, slots=True)
+class Block:
+    """Photons of a block that are together; one block may have parts at several nodes."""
+
+    name: BlockName
+    register: Register
+    node: str  # empty: on its way
+    port: str = ""  # where it waits to be received
+    first_ns: int = 0  # first and last photon at the port
+    last_ns: int = 0
+    fibers_passed: int = 0
+
+
+class Ownership:
+    """All live blocks, found by name or by node and session."""
+
+    def __init__(self) -> None:
+        """Begin with none."""
+        self._by_name: dict[BlockName, list[Block]] = {}
+        self._by_session: dict[tuple[str, int], dict[Block, None]] = {}
+        self.count = 0
+
+    def add(self, block: Block) -> None:
+        """Enter a new block where it says it is."""
+        self._by_name.setdefault(block.name, []).append(block)
+        self._by_session.setdefault((block.node, block.name.session), {})[block] = None
+        self.count += 1
+
+    def remove(self, block: Block) -> None:
+        """Forget a block."""
+        parts = self._by_name[block.name]
+        parts.remove(block)
+        if not parts:
+            del self._by_name[block.name]
+        self._leave(block)
+        self.count -= 1
+
+    def move(self, block: Block, node: str, port: str = "") -> None:
+        """Bring a block to a port of a node, or to the node itself."""
+        self._leave(block)
+        block.node, block.port = node, port
+        self._by_session.setdefault((node, block.name.session), {})[block] = None
+
+    def exists(self, name: BlockName) -> bool:
+        """Return whether photons of this name are anywhere."""
+        return name in self._by_name
+
+    def parts(self, name: BlockName) -> list[Block]:
+        """Return all live parts of a block, wherever they are."""
+        return list(self._by_name.get(name, ()))
+
+    def at(self, name: BlockName, node: str, port: str = "") -> Block | None:
+        """Return the block of this name at a port of the node, or at the node itself."""
+        for block in self._by_name.get(name, ()):
+            if (block.node, block.port) == (node, port):
+                return block
+        return None
+
+    def require(self, name: BlockName, node: str) -> Block:
+        """Return the block of this name at the node, or refuse with the reason."""
+        block = self.at(name, node)
+        if block is not None:
+            return block
+        parts = self._by_name.get(name)
+        if parts is None:
+            raise not_found(f"{name} does not exist; create or receive it first")
+        waiting = [part.port for part in parts if part.node == node]
+        if waiting:
+            raise denied(f"{name} waits at port {waiting[0]} of {node}; receive it first")
+        raise denied(f"{name} is not at {node}; only the node that holds it may touch it")
+
+    def of_session(self, node: str, session: int) -> list[Block]:
+        """Return all blocks of a session at a node, those at its ports included."""
+        return list(self._by_session.get((node, session), ()))
+
+    def _leave(self, block: Block) -> None:
+        place = (block.node, block.name.session)
+        del self._by_session[place][block]
+        if not self._by_session[place]:
+            del self._by_session[place]

@@ -1,0 +1,32 @@
+"""What a caller may be refused, as the status that goes back to it."""
+
+import grpc
+
+
+class Refusal(Exception):
+    """A request that changes nothing; the message names the value and the remedy."""
+
+    def __init__(self, code: grpc.StatusCode, message: str) -> None:
+        """Refuse with this gRPC status."""
+        super().__init__(message)
+        self.code = code
+
+
+def invalid(message: str) -> Refusal:
+    """Return the refusal of an argument."""
+    return Refusal(grpc.StatusCode.INVALID_ARGUMENT, message)
+
+
+def denied(message: str) -> Refusal:
+    """Return the refusal of what is not the caller's to do."""
+    return Refusal(grpc.StatusCode.PERMISSION_DENIED, message)
+
+
+def not_found(message: str) -> Refusal:
+    """Return the refusal of a name that stands for nothing."""
+    return Refusal(grpc.StatusCode.NOT_FOUND, message)
+
+
+def exhausted(message: str) -> Refusal:
+    """Return the refusal of what would go beyond a limit."""
+    return Refusal(grpc.StatusCode.RESOURCE_EXHAUSTED, message)

@@ -1,0 +1,167 @@
+"""The gRPC service: one call is look up, act, reply."""
+
+# gRPC names the methods.
+# ruff: noqa: N802
+
+import functools
+from collections.abc import Awaitable, Callable
+from typing import Any, TypeVar
+
+import grpc
+
+from dispatcher import limits
+from dispatcher.acts import acts
+from dispatcher.callers import TOKEN_KEY, Callers
+from dispatcher.layer import PhysicalLayer
+from dispatcher.operations import Operations
+from dispatcher.refusal import Refusal, invalid
+from dispatcher.transport import Transport
+from wire import dispatcher_pb2 as messages
+from wire.dispatcher_pb2_grpc import DispatcherServicer
+
+Request = TypeVar("Request")
+Reply = TypeVar("Reply")
+Context = grpc.aio.ServicerContext[Any, Any]
+Failed = Callable[[BaseException], None]
+
+
+def call(
+    method: Callable[["Service", Request, str, Context], Awaitable[Reply]],
+) -> Callable[["Service", Request, Context], Awaitable[Reply]]:
+    """Give the method the caller's node, and turn a refusal into the call's status."""
+
+    @functools.wraps(method)
+    async def answer(service: "Service", request: Request, context: Context) -> Reply:
+        try:
+            node = service.callers.identify(
+                dict(context.invocation_metadata() or ()).get(TOKEN_KEY)
+            )
+            return await method(service, request, node, context)
+        except Refusal as refusal:
+            await context.abort(refusal.code, str(refusal))
+        except Exception as error:
+            service.failed(error)
+            raise
+
+    return answer
+
+
+class Service(DispatcherServicer):
+    """Serves the nodes, the switches' agents and the runner."""
+
+    def __init__(self, layer: PhysicalLayer, callers: Callers, failed: Failed) -> None:
+        """Serve this layer; call `failed` with any error that is not a refusal."""
+        self.callers, self.failed = callers, failed
+        self.layer = layer
+        self.transport = Transport(layer, failed)
+        self._operations = Operations(layer)
+        self._acts = acts(self._operations, self.transport)
+
+    @call
+    async def Create(
+        self, request: messages.CreateRequest, node: str, _context: Context
+    ) -> messages.Feedback:
+        """Make a block."""
+        return await self._act(node, "create", request)
+
+    @call
+    async def Apply(
+        self, request: messages.ApplyRequest, node: str, _context: Context
+    ) -> messages.Feedback:
+        """Apply Paulis and gates."""
+        return await self._act(node, "apply", request)
+
+    @call
+    async def Send(
+        self, request: messages.SendRequest, node: str, _context: Context
+    ) -> messages.Feedback:
+        """Launch blocks into fibres."""
+        return await self._act(node, "send", request)
+
+    @call
+    async def Receive(
+        self, request: messages.ReceiveRequest, node: str, _context: Context
+    ) -> messages.Feedback:
+        """Take a block from a port."""
+        return await self._act(node, "receive", request)
+
+    @call
+    async def Measure(
+        self, request: messages.MeasureRequest, node: str, _context: Context
+    ) -> messages.Feedback:
+        """Measure a block."""
+        return await self._act(node, "measure", request)
+
+    @call
+    async def BellMeasure(
+        self, request: messages.BellMeasureRequest, node: str, _context: Context
+    ) -> messages.Feedback:
+        """Measure two blocks in the Bell basis."""
+        return await self._act(node, "bell_measure", request)
+
+    @call
+    async def Store(
+        self, request: messages.StoreRequest, node: str, _context: Context
+    ) -> messages.Feedback:
+        """Keep a block."""
+        return await self._act(node, "store", request)
+
+    @call
+    async def Discard(
+        self, request: messages.DiscardRequest, node: str, _context: Context
+    ) -> messages.Feedback:
+        """Discard a block or a session."""
+        return await self._act(node, "discard", request)
+
+    @call
+    async def Perform(
+        self, request: messages.Sequence, node: str, _context: Context
+    ) -> messages.Feedbacks:
+        """Do several steps in order."""
+        limits.require_steps(len(request.steps))
+        feedbacks = []
+        for step in request.steps:
+            kind = step.WhichOneof("operation")
+            if kind is None:
+                raise invalid("a step without an operation; name one")
+            feedbacks.append(await self._act(node, kind, getattr(step, kind)))
+        return messages.Feedbacks(feedbacks=feedbacks)
+
+    async def _act(self, node: str, kind: str, request: Any) -> messages.Feedback:
+        self.callers.require_host(node)
+        return await self._acts[kind](node, request)
+
+    @call
+    async def CrossConnect(
+        self, request: messages.CrossConnectRequest, node: str, _context: Context
+    ) -> messages.CrossConnectReply:
+        """Set a switch's cross-connects."""
+        self.callers.require_switch(node, request.switch)
+        ready_ns = await self.transport.cross_connect(request.switch, request.connections)
+        return messages.CrossConnectReply(ready_ns=ready_ns)
+
+    @call
+    async def Status(
+        self, _request: messages.StatusRequest, node: str, _context: Context
+    ) -> messages.StatusReply:
+        """Tell the runner how much there is."""
+        self.callers.require_runner(node)
+        return messages.StatusReply(
+            live_qubits=self.layer.sabot.live_qubits,
+            live_bytes=self.layer.sabot.live_bytes,
+            pairs_created=self._operations.pairs_created,
+            photons_lost=self.layer.photons_lost,
+            events=self.layer.history.count,
+            backend=self.layer.sabot.backend,
+        )
+
+    @call
+    async def Watch(self, request: messages.WatchRequest, _node: str, context: Context) -> None:
+        """Tell what happens, until the watcher goes away."""
+        with self.layer.history.watching(request.node, request.session, request.history) as watcher:
+            while True:
+                event = await watcher.next()
+                try:
+                    await context.write(event)
+                except grpc.aio.InternalError:
+                    return  # the watcher went away

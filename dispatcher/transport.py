@@ -1,0 +1,164 @@
+"""Light on its way: launching blocks, receiving them, and the switches in between."""
+
+import asyncio
+from collections.abc import Callable, Sequence
+
+import grpc
+import numpy as np
+
+from dispatcher import limits
+from dispatcher.flight import Arrival, Departure, Flight
+from dispatcher.layer import PhysicalLayer
+from dispatcher.ownership import Block, BlockName
+from dispatcher.refusal import Refusal, invalid, not_found
+from wire.config import FiberEnd
+from wire.dispatcher_pb2 import Connection, Feedback
+
+Place = tuple[BlockName, str, str]  # a block at a port of a node
+
+
+class Transport:
+    """Moves blocks between nodes."""
+
+    def __init__(self, layer: PhysicalLayer, failed: Callable[[BaseException], None]) -> None:
+        """Move blocks of this layer; call `failed` with what ends a flight unexpectedly."""
+        self._layer = layer
+        self._failed = failed
+        self._flights: set[asyncio.Task[None]] = set()
+        self._waiting: dict[Place, list[asyncio.Future[None]]] = {}
+
+    async def send(
+        self, node: str, launches: Sequence[tuple[BlockName, str]], rate_hz: int
+    ) -> Feedback:
+        """Launch blocks together; return when the last photon has come to the far end."""
+        layer = self._layer
+        if not launches:
+            raise invalid("no launches; name at least one block and its port")
+        if len({name for name, _port in launches}) < len(launches):
+            raise invalid("a block is launched twice; name each block once")
+        blocks = [layer.ownership.require(name, node) for name, _port in launches]
+        ends = [layer.network.require_port(node, port) for _name, port in launches]
+        limits.require_rate(rate_hz, max(block.register.size for block in blocks))
+        start_ns = layer.clock.now_ns()
+        departures = [Departure(start_ns, rate_hz, block.register.size) for block in blocks]
+        flights = [self._launch(*way) for way in zip(blocks, ends, departures, strict=True)]
+        # A caller that goes away cancels this wait; its photons fly on.
+        await asyncio.wait(flights)
+        return Feedback(
+            time_ns=layer.clock.now_ns(),
+            photons=sum(departure.photons for departure in departures),
+            first_ns=start_ns,
+            last_ns=max(departure.last_ns for departure in departures),
+        )
+
+    async def receive(self, node: str, name: BlockName, port: str, timeout_s: float) -> Feedback:
+        """Wait for a block at a port of the node and take it from there."""
+        layer = self._layer
+        layer.network.require_port(node, port)
+        limit_s = limits.timeout(timeout_s)
+        try:
+            async with asyncio.timeout(limit_s):
+                block = await self._arrived((name, node, port))
+        except TimeoutError:
+            message = f"{name} did not arrive at {port} of {node} within {limit_s:g} s"
+            raise Refusal(grpc.StatusCode.DEADLINE_EXCEEDED, message) from None
+        feedback = layer.feedback(block)
+        self._bring(block, node, "")
+        layer.record(node, "receive", block, port=port)
+        return feedback
+
+    async def cross_connect(self, switch: str, connections: Sequence[Connection]) -> int:
+        """Replace a switch's cross-connects; return when all were open, once they are."""
+        layer = self._layer
+        wanted = limits.cross_connects(connections)
+        for port in (port for connection in wanted.items() for port in connection):
+            if layer.network.line(FiberEnd(switch, str(port))) is None:
+                raise not_found(f"port {port} of {switch} has no fibre; connect fibre ports")
+        now_ns = layer.clock.now_ns()
+        timeline = layer.network.switches[switch].timeline
+        ready_ns, opened, closed = timeline.connect(wanted, now_ns)
+        for kind, ports, time_ns in (("close", closed, now_ns), ("open", opened, ready_ns)):
+            for in_port, out_port in sorted(ports.items()):
+                detail = f"{in_port} -> {out_port}"
+                layer.record(switch, kind, port=str(in_port), detail=detail, time_ns=time_ns)
+        await layer.clock.wait_until(ready_ns)
+        return ready_ns
+
+    def _launch(self, block: Block, end: FiberEnd, departure: Departure) -> asyncio.Task[None]:
+        layer = self._layer
+        layer.record(end.node, "send", block, port=end.port, time_ns=departure.start_ns)
+        layer.ownership.move(block, "")
+        flight = Flight(block, departure, layer.network, layer.sabot, layer.draws)
+        task = asyncio.create_task(self._fly(block, end, flight))
+        self._flights.add(task)
+        task.add_done_callback(self._landed)
+        return task
+
+    def _landed(self, task: asyncio.Task[None]) -> None:
+        self._flights.discard(task)
+        if not task.cancelled() and (error := task.exception()) is not None:
+            self._failed(error)
+
+    async def _fly(self, block: Block, end: FiberEnd, flight: Flight) -> None:
+        """Bring a block to all the ports that its light comes to."""
+        layer = self._layer
+        flight.launch(end)
+        left, landed = True, False
+        while left and (arrival := await flight.next_arrival(layer.clock)):
+            left = bool((block.register.present & ~arrival.members).any())
+            self._land(self._part(block, arrival) if left else block, arrival)
+            landed = True
+        layer.photons_lost += flight.lost
+        if not landed:
+            layer.record(end.node, "dark", block, end.port, "no light came out")
+        if left:
+            layer.drop(block)
+
+    def _part(self, block: Block, arrival: Arrival) -> Block:
+        layer = self._layer
+        part = Block(block.name, layer.sabot.part(block.register, arrival.members), "")
+        layer.ownership.add(part)
+        return part
+
+    def _land(self, block: Block, arrival: Arrival) -> None:
+        """Put what has arrived at the port, and tell those who wait for it."""
+        layer, present = self._layer, block.register.present
+        block.fibers_passed = arrival.fibers_passed
+        times_ns = arrival.times_ns[np.flatnonzero(present)[[0, -1]]]
+        block.first_ns, block.last_ns = (int(time_ns) for time_ns in times_ns)
+        end = arrival.end
+        counts = zip(("X", "Z", "XZ"), arrival.errors[1:], strict=True)
+        noise = " ".join(f"{pauli}={count}" for pauli, count in counts if count)
+        detail = f"noise: {noise}" if noise else ""
+        layer.record(end.node, "arrive", block, end.port, detail, block.last_ns)
+        self._bring(block, end.node, end.port)
+        for waiter in self._waiting.get((block.name, end.node, end.port), ()):
+            if not waiter.done():
+                waiter.set_result(None)
+
+    def _bring(self, block: Block, node: str, port: str) -> None:
+        """Bring a block to a place, where it joins a part of the same block."""
+        layer = self._layer
+        there = layer.ownership.at(block.name, node, port)
+        if there is None:
+            layer.ownership.move(block, node, port)
+            return
+        layer.sabot.unite(there.register, block.register)
+        there.first_ns = min(there.first_ns, block.first_ns)
+        there.last_ns = max(there.last_ns, block.last_ns)
+        there.fibers_passed = max(there.fibers_passed, block.fibers_passed)
+        layer.ownership.remove(block)
+
+    async def _arrived(self, place: Place) -> Block:
+        name, node, port = place
+        while (block := self._layer.ownership.at(name, node, port)) is None:
+            waiter = asyncio.get_running_loop().create_future()
+            waiters = self._waiting.setdefault(place, [])
+            waiters.append(waiter)
+            try:
+                await waiter
+            finally:
+                waiters.remove(waiter)
+                if not waiters:
+                    del self._waiting[place]
+        return block

@@ -1,0 +1,137 @@
+"""qmn bench: measure this machine and print figures, and ratios to a floor of the same run."""
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from hosts.software import QuantumSocket
+from topologies.network import Network
+from topologies.programs import POLL_S, NetworkError, Program, python
+from topologies.runtime import Runtime
+from topologies.sdc import SdcTopo
+
+MEBIBYTE = 1 << 20
+PAIRS_PER_BYTE = 4
+MEASURE_TIMEOUT_S = 60.0
+BROADCAST = "10.0.0.255"
+PACKET_INS_PER_PAIR = 2  # the set-up message, and the end of its connection
+
+
+def add_parser(verbs: Any) -> None:
+    """Describe the verb."""
+    parser = verbs.add_parser("bench", help="measure this machine", description=__doc__)
+    parser.add_argument("--pairs", type=int, default=256, help="of the per-pair handshake (256)")
+    parser.set_defaults(call=call)
+
+
+def call(arguments: argparse.Namespace) -> int:
+    """Measure everything; a network that does not start is one line and a status."""
+    try:
+        with tempfile.TemporaryDirectory(prefix="qmn-bench-") as folder:
+            run(Path(folder), arguments.pairs)
+    except NetworkError as error:
+        print(f"qmn: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def run(folder: Path, pairs: int) -> None:
+    """Print one line a figure."""
+    show("whole run, 1 KiB, native", f"{whole_run(folder):.1f} s")
+    with Network(SdcTopo, Runtime(log_folder=folder / "network")) as network:
+        network.capture("s1")
+        seconds = send(network, os.urandom(MEBIBYTE), "framed")
+        show("framed, 1 MiB", f"{MEBIBYTE * PAIRS_PER_BYTE / seconds:,.0f} Bell pairs/s")
+        connect_s, packet_in_s = floor(network, pairs)
+        show("floor: TCP connect and close", f"{connect_s * 1e3:.3f} ms")
+        show("floor: packet-in to packet-out", f"{packet_in_s * 1e3:.3f} ms")
+        seconds = send(network, os.urandom(pairs // PAIRS_PER_BYTE), "per-pair")
+    each_s, floor_s = seconds / pairs, connect_s + PACKET_INS_PER_PAIR * packet_in_s
+    show("per-pair", f"{1 / each_s:,.0f} Bell pairs/s, {each_s * 1e3:.3f} ms each")
+    show("per-pair to its floor", f"{each_s / floor_s:.2f} times {floor_s * 1e3:.3f} ms")
+
+
+def show(name: str, figure: str) -> None:
+    """Print a figure."""
+    print(f"{name:<34}{figure}", flush=True)
+
+
+def whole_run(folder: Path) -> float:
+    """Return the time of `qmn run sdc` with 1 KiB, from start to clean machine."""
+    file = folder / "kibibyte"
+    file.write_bytes(os.urandom(1024))
+    command = ["-m", "qmn", "run", "sdc", "--file", str(file), "--runs", str(folder / "runs")]
+    started = time.perf_counter()
+    done = subprocess.run([python(), *command], capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise NetworkError(f"qmn run sdc failed: {done.stderr.strip()}")
+    return time.perf_counter() - started
+
+
+def send(network: Network, data: bytes, handshake: str) -> float:
+    """Return the time from the first byte to the verified last, connecting not counted."""
+    with (
+        QuantumSocket(network.runtime.socket("bob")) as listener,
+        receiving(listener),
+        QuantumSocket(network.runtime.socket("alice")) as sender,
+    ):
+        sender.connect(("bob", 7), handshake=handshake)
+        started = time.perf_counter()
+        sender.sendall(data)
+        sender.shutdown()
+        return time.perf_counter() - started
+
+
+@contextmanager
+def receiving(listener: QuantumSocket) -> Iterator[None]:
+    """Take one connection and what it brings, beside the caller."""
+    listener.listen(7)
+    reader = threading.Thread(target=_read_all, args=(listener,))
+    reader.start()
+    yield
+    reader.join(MEASURE_TIMEOUT_S)
+
+
+def _read_all(listener: QuantumSocket) -> None:
+    connection, _peer = listener.accept()
+    with connection:
+        while connection.recv(MEBIBYTE):
+            pass
+
+
+def floor(network: Network, count: int) -> tuple[float, float]:
+    """Return the seconds of one TCP connect and of one packet-in, alice to bob."""
+    bob = network.runtime.addresses["bob"]
+    server = network.run_on("bob", "floor", [python(), "-m", "qmn.floor", "serve", bob])
+    server.wait_for("ready", MEASURE_TIMEOUT_S)
+    connect_s = measure(network, "connects", count, bob)
+    return connect_s, measure(network, "packet-ins", count, BROADCAST)
+
+
+def measure(network: Network, what: str, count: int, address: str) -> float:
+    """Run one measurement on alice to its end."""
+    command = [python(), "-m", "qmn.floor", what, str(count), address]
+    program = network.run_on("alice", what, command)
+    deadline = time.monotonic() + MEASURE_TIMEOUT_S
+    while program.running:
+        network.check()
+        if time.monotonic() > deadline:
+            raise NetworkError(f"{what} did not end in {MEASURE_TIMEOUT_S:g} s")
+        time.sleep(POLL_S)
+    return seconds_in(program)
+
+
+def seconds_in(program: Program) -> float:
+    """Return the figure that a measurement has printed."""
+    words = program.last_words().split()
+    if program.status or words[0] != "seconds":
+        raise NetworkError(f"{program.name} failed: {program.last_words()}")
+    return float(words[1])

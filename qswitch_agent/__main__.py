@@ -1,0 +1,47 @@
+"""`python -m qswitch_agent --config FILE`: the agent of one quantum switch."""
+
+import argparse
+import asyncio
+import logging
+import signal
+import sys
+from pathlib import Path
+
+from qswitch_agent.agent import Agent
+from qswitch_agent.hardware import HardwareFault, SimulatedSwitch
+from qswitch_agent.management import BridgeFault
+from wire.config import AgentConfig, BadConfig
+
+
+async def serve(config: AgentConfig) -> None:
+    """Run the agent over the simulated switch until SIGTERM or SIGINT."""
+    stop = asyncio.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        asyncio.get_running_loop().add_signal_handler(number, stop.set)
+    hardware = SimulatedSwitch(config.switch, config.dispatcher, config.token)
+    try:
+        await Agent(config, hardware).run(stop)
+    finally:
+        await hardware.close()
+
+
+def main() -> int:
+    """Return 0 after a signal, 1 after a fault, which one line on stderr names."""
+    parser = argparse.ArgumentParser(prog="qswitch_agent", description=__doc__)
+    parser.add_argument("--config", type=Path, required=True, help="file of the runner")
+    arguments = parser.parse_args()
+    logging.basicConfig(
+        format="%(asctime)s %(levelname)s %(message)s", level=logging.INFO, stream=sys.stderr
+    )
+    faults: list[str] = []
+    try:
+        asyncio.run(serve(AgentConfig.read(arguments.config)))
+    except* (BadConfig, BridgeFault, HardwareFault) as group:
+        faults = [str(fault) for fault in group.exceptions]
+    if faults:
+        print(f"qswitch_agent: {faults[0]}", file=sys.stderr)
+    return 1 if faults else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

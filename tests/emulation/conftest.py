@@ -1,0 +1,92 @@
+"""What the emulation tests share: a running network, and proof that nothing is left."""
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from topologies import openvswitch
+from topologies.network import Network
+from topologies.runtime import RUNTIME_ROOT, Runtime
+from topologies.sdc import SdcTopo
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def wait_until(condition: Callable[[], object], what: str, timeout_s: float = 10.0) -> None:
+    """Wait for a condition; fail naming it when the deadline passes."""
+    deadline = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < deadline, f"not in {timeout_s:g} s: {what}"
+        time.sleep(0.02)
+
+
+def qmn(*arguments: str, runs: Path) -> subprocess.CompletedProcess[str]:
+    """Run the command to its end."""
+    return subprocess.run(
+        [*qmn_command(runs), *arguments],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=100,
+    )
+
+
+def qmn_command(runs: Path) -> list[str]:
+    """Return how the command is called; its last argument names the folder for runs."""
+    return [sys.executable, "-m", "qmn", "run", "sdc", "--runs", str(runs)]
+
+
+def interfaces() -> set[str]:
+    return set(os.listdir("/sys/class/net"))
+
+
+def our_processes() -> set[str]:
+    """Return id and command line of all programs of Mininet and of the project that run now."""
+    found = set()
+    for folder in Path("/proc").iterdir():
+        if not folder.name.isdigit() or int(folder.name) == os.getpid():
+            continue
+        try:
+            command = (folder / "cmdline").read_bytes().replace(b"\0", b" ").decode()
+        except OSError:
+            continue
+        if str(RUNTIME_ROOT) in command or "mininet:" in command:
+            found.add(f"{folder.name} {command}")
+    return found
+
+
+@pytest.fixture(autouse=True)
+def _open_vswitch() -> Iterator[None]:
+    """Let Open vSwitch run, so that the bridges before and after can be compared."""
+    started = not openvswitch.running()
+    if started:
+        openvswitch.start("tests")
+    yield
+    if started:
+        openvswitch.stop_if_ours("tests")
+
+
+@pytest.fixture(autouse=True)
+def _nothing_is_left(_open_vswitch: None) -> Iterator[None]:
+    """Check that bridges, interfaces and processes are afterwards what they were before."""
+    before = (set(openvswitch.bridges()), interfaces() - {"ovs-netdev"})
+    others = our_processes()
+    yield
+    wait_until(lambda: not our_processes() - others, "our processes have ended")
+    after = (set(openvswitch.bridges()), interfaces() - {"ovs-netdev"})
+    assert after == before
+    left = [path for path in RUNTIME_ROOT.iterdir() if path.is_dir()]
+    assert left == []
+
+
+@pytest.fixture
+def network(tmp_path: Path) -> Iterator[Network]:
+    """Start the superdense-coding network in this process."""
+    with Network(SdcTopo, Runtime(log_folder=tmp_path / "run")) as running:
+        yield running

@@ -1,0 +1,215 @@
+"""Bad input and faults: a clear error, a status that is not 0, and nothing left behind."""
+
+import json
+import os
+import re
+import signal
+import socket
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from conftest import ROOT, qmn, qmn_command, wait_until
+
+from hosts.software import QuantumSocket, QuantumSocketError
+from topologies import openvswitch
+from topologies.network import Network
+from wire.metadata import Reason
+
+
+@contextmanager
+def long_run(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
+    """Start a run that lasts much longer than the test."""
+    file = tmp_path / "long"
+    file.write_bytes(bytes(40 << 20))
+    command = [*qmn_command(tmp_path), "--file", str(file)]
+    with subprocess.Popen(
+        command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    ) as process:
+        yield process
+
+
+def read_until(process: subprocess.Popen[str], text: str) -> None:
+    """Read what the run prints until a line has the text."""
+    assert process.stdout is not None
+    for line in process.stdout:
+        if text in line:
+            return
+    raise AssertionError(f"the run ended without printing {text!r}")
+
+
+def child(process: subprocess.Popen[str], module: str) -> int:
+    """Return the process id of a program that the run has started."""
+    for folder in Path("/proc").iterdir():
+        if not folder.name.isdigit():
+            continue
+        try:
+            command = (folder / "cmdline").read_bytes().split(b"\0")
+            parent = re.search(r"PPid:\t(\d+)", (folder / "status").read_text())
+        except OSError:
+            continue
+        if parent and int(parent[1]) == process.pid and module.encode() in command:
+            return int(folder.name)
+    raise AssertionError(f"no child runs {module}")
+
+
+@pytest.mark.parametrize(
+    ("module", "name"),
+    [("controller_apps", "c0"), ("qswitch_agent", "q1-agent"), ("dispatcher", "dispatcher")],
+)
+def test_a_program_that_dies_in_mid_run_is_named(tmp_path: Path, module: str, name: str) -> None:
+    with long_run(tmp_path) as process:
+        read_until(process, "sending")
+        os.kill(child(process, module), signal.SIGKILL)
+        output, _ = process.communicate(timeout=20)
+    assert process.returncode == 1
+    assert f"qmn: {name} died in mid-run" in output
+    result = json.loads((tmp_path / "latest" / "result.json").read_text())
+    assert result["delivered"] is False
+
+
+@pytest.mark.parametrize("moment", ["starting the network", "sending"])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_run_cleanly(tmp_path: Path, moment: str, number: signal.Signals) -> None:
+    with long_run(tmp_path) as process:
+        read_until(process, moment)
+        process.send_signal(number)
+        output, _ = process.communicate(timeout=20)
+    assert process.returncode == 128 + number
+    assert f"interrupted by {number.name}" in output
+
+
+def test_the_run_after_a_killed_one_works(tmp_path: Path) -> None:
+    with long_run(tmp_path) as process:
+        read_until(process, "sending")
+        process.kill()
+    assert qmn("--message", "after", runs=tmp_path).returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--file", "/nowhere/at all"], "cannot read /nowhere/at all"),
+        (["--file", "/"], "cannot read /"),
+        (["--to", "mallory"], "unknown host 'mallory'"),
+        (["--frame-bytes", "0"], "--frame-bytes 0: choose 1"),
+        (["--length-km", "-1"], "--length-km -1.0: choose 0 to 20000"),
+        (["--handshake", "psychic"], "invalid choice: 'psychic'"),
+        (["--teleport"], "unrecognized arguments: --teleport"),
+        (["--handshake", "per-pair", "--file", "/usr/bin/ovs-vsctl"], "use --handshake framed"),
+    ],
+)
+def test_bad_input_is_named_with_its_remedy(
+    tmp_path: Path, arguments: list[str], words: str
+) -> None:
+    done = qmn(*arguments, runs=tmp_path)
+    assert done.returncode != 0
+    assert words in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_an_ordinary_user_is_told_to_use_sudo(tmp_path: Path) -> None:
+    nobody = ["setpriv", "--reuid=65534", "--regid=65534", "--clear-groups"]
+    done = subprocess.run(
+        [*nobody, *qmn_command(tmp_path)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=30,
+    )
+    assert done.returncode == 1
+    assert "need root" in done.stderr
+
+
+def test_a_taken_port_is_named(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        number = str(taken.getsockname()[1])
+        done = qmn("--openflow-port", number, runs=tmp_path)
+    assert done.returncode == 1
+    assert number in done.stderr
+
+
+def test_somebody_else_s_bridge_of_the_same_name_stops_the_run_and_stays(tmp_path: Path) -> None:
+    openvswitch.vsctl("add-br", "s1", "--", "set", "Bridge", "s1", "datapath_type=netdev")
+    try:
+        done = qmn(runs=tmp_path)
+        assert done.returncode == 1
+        assert "bridge s1 exists already and is not ours" in done.stderr
+        assert "s1" in openvswitch.bridges()
+    finally:
+        openvswitch.delete("s1")
+
+
+def test_other_bridges_are_left_alone(tmp_path: Path) -> None:
+    openvswitch.vsctl("add-br", "other0", "--", "set", "Bridge", "other0", "datapath_type=netdev")
+    try:
+        assert qmn("--message", "x", runs=tmp_path).returncode == 0
+        assert "other0" in openvswitch.bridges()
+    finally:
+        openvswitch.delete("other0")
+
+
+def test_a_second_network_on_the_same_machine_is_refused(network: Network, tmp_path: Path) -> None:
+    done = qmn(runs=tmp_path)
+    assert done.returncode == 1
+    assert "another qmn network is running" in done.stderr
+    network.check()
+
+
+def test_no_listener_is_a_refusal_with_a_reason(network: Network) -> None:
+    with (
+        QuantumSocket(network.runtime.socket("alice")) as sender,
+        pytest.raises(QuantumSocketError, match="no application listens on port 9") as caught,
+    ):
+        sender.connect(("bob", 9))
+    assert caught.value.reason == Reason.NO_LISTENER
+
+
+def test_a_second_session_over_the_same_fibres_is_refused_as_busy(network: Network) -> None:
+    alice = network.runtime.socket("alice")
+    with QuantumSocket(network.runtime.socket("bob")) as listener:
+        listener.listen(7)
+        with QuantumSocket(alice) as first, QuantumSocket(alice) as second:
+            first.connect(("bob", 7))
+            with pytest.raises(QuantumSocketError, match="another session uses") as caught:
+                second.connect(("bob", 7))
+    assert caught.value.reason == Reason.BUSY
+
+
+def test_a_sender_that_vanishes_leaves_the_receiver_with_an_error(network: Network) -> None:
+    with QuantumSocket(network.runtime.socket("bob")) as listener:
+        listener.listen(7)
+        sender = QuantumSocket(network.runtime.socket("alice"))
+        sender.connect(("bob", 7))
+        receiver, _peer = listener.accept()
+        sender.sendall(b"half a mess")
+        sender.close()
+        with receiver:
+            assert receiver.recv(100) == b"half a mess"
+            with pytest.raises(QuantumSocketError, match="mid-session"):
+                receiver.recv(100)
+
+
+def test_the_network_still_works_after_a_session_that_broke(network: Network) -> None:
+    with QuantumSocket(network.runtime.socket("bob")) as listener:
+        listener.listen(7)
+        broken = QuantumSocket(network.runtime.socket("alice"))
+        broken.connect(("bob", 7))
+        broken.close()
+        listener.accept()[0].close()
+
+        def again() -> bool:
+            try:
+                with QuantumSocket(network.runtime.socket("alice")) as sender:
+                    sender.connect(("bob", 7))
+                    sender.sendall(b"again")
+            except QuantumSocketError as error:
+                if error.reason != Reason.BUSY:
+                    raise
+                return False
+            return True
+
+        wait_until(again, "the fibres are free again")

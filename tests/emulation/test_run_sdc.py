@@ -1,0 +1,141 @@
+"""`qmn run sdc` from outside, over the real components."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from conftest import qmn
+from scapy.layers.inet import IP, TCP
+from scapy.utils import PcapReader
+
+from wire.metadata import METADATA_PORT, SETUP_LENGTH, MalformedPacket, Setup, Verdict, decode
+
+RESULT_KEYS = {
+    "topology",
+    "mode",
+    "controller",
+    "handshake",
+    "seed",
+    "message_bytes",
+    "sha256_sent",
+    "sha256_received",
+    "delivered",
+    "bell_pairs",
+    "lost_pairs",
+    "symbol_error_rate",
+    "repeated_frames",
+    "elapsed_s",
+    "pairs_per_s",
+    "path_setup_ms",
+    "packet_in_count",
+    "captures",
+    "backend",
+}
+
+
+def run(runs: Path, *arguments: str) -> dict[str, Any]:
+    """Run to success and return the result."""
+    done = qmn(*arguments, runs=runs)
+    assert done.returncode == 0, done.stdout + done.stderr
+    result: dict[str, Any] = json.loads((runs / "latest" / "result.json").read_text())
+    return result
+
+
+@pytest.mark.parametrize("controller", ["ryu", "os-ken"])
+@pytest.mark.parametrize("handshake", ["framed", "per-pair"])
+def test_bob_holds_exactly_what_alice_sent(tmp_path: Path, controller: str, handshake: str) -> None:
+    message = "dense "
+    result = run(
+        tmp_path, "--message", message, "--controller", controller, "--handshake", handshake
+    )
+    assert result.keys() >= RESULT_KEYS
+    assert (tmp_path / "latest" / "received").read_text() == message
+    assert result["delivered"] is True
+    assert result["sha256_sent"] == result["sha256_received"]
+    assert (result["controller"], result["handshake"]) == (controller, handshake)
+    assert (result["bell_pairs"], result["lost_pairs"]) == (4 * len(message), 0)
+    assert result["symbol_error_rate"] == 0.0
+    assert result["backend"] == "chp"
+    set_ups = {"framed": 1, "per-pair": 4 * len(message)}[handshake]
+    assert result["path_setup_ms"]["n"] == set_ups
+
+
+def test_a_binary_file_of_many_blocks_arrives(tmp_path: Path) -> None:
+    file = tmp_path / "file with spaces"
+    file.write_bytes(bytes(range(256)) * 300)
+    result = run(tmp_path, "--file", str(file))
+    assert (tmp_path / "latest" / "received").read_bytes() == file.read_bytes()
+    assert result["bell_pairs"] == 4 * 76_800
+
+
+def test_an_empty_file_arrives(tmp_path: Path) -> None:
+    file = tmp_path / "empty"
+    file.touch()
+    result = run(tmp_path, "--file", str(file))
+    assert (result["message_bytes"], result["bell_pairs"]) == (0, 0)
+    assert (tmp_path / "latest" / "received").read_bytes() == b""
+
+
+def test_losses_and_errors_are_repaired_and_counted(tmp_path: Path) -> None:
+    file = tmp_path / "file"
+    file.write_bytes(bytes(range(256)) * 8)
+    options = ["--length-km", "1", "--loss-db-per-km", "0.5", "--depolarizing", "0.004"]
+    result = run(tmp_path, "--file", str(file), *options, "--frame-bytes", "32")
+    assert (tmp_path / "latest" / "received").read_bytes() == file.read_bytes()
+    pairs = result["bell_pairs"]
+    # Three light paths of two fibres each; a pair is lost unless all six let it through.
+    lost = 1 - 10 ** (-6 * 0.5 / 10)
+    assert abs(result["lost_pairs"] - pairs * lost) < 5 * (pairs * lost * (1 - lost)) ** 0.5
+    assert result["symbol_error_rate"] > 0
+    assert result["repeated_frames"] > 0
+
+
+def test_the_captures_hold_the_metadata_and_the_traffic_to_ed(tmp_path: Path) -> None:
+    result = run(tmp_path, "--message", "captured")
+    assert len(result["captures"]) == 5
+    verdicts: dict[str, set[int]] = {}
+    to_dispatcher = 0
+    for capture in result["captures"]:
+        with PcapReader(capture) as packets:
+            for packet in packets:
+                if TCP not in packet:
+                    continue
+                to_dispatcher += packet[IP].dst == "10.0.0.4" and packet[TCP].dport == 50051
+                setup = setup_in(packet)
+                if setup and packet[IP].dst == "10.0.0.2":
+                    verdicts.setdefault(Path(capture).stem, set()).add(setup.verdict)
+    # alice hangs on s1-eth1 and bob on s1-eth2: pending before the controller, granted behind it.
+    assert verdicts == {"s1-eth1": {Verdict.PENDING}, "s1-eth2": {Verdict.GRANTED}}
+    assert to_dispatcher > 10
+
+
+def setup_in(packet: Any) -> Setup | None:
+    """Return the set-up message that a packet carries, None if it carries none."""
+    payload = bytes(packet[TCP].payload)[:SETUP_LENGTH]
+    if packet[TCP].dport != METADATA_PORT or not payload:
+        return None
+    try:
+        message = decode(payload)
+    except MalformedPacket:
+        return None
+    return message if isinstance(message, Setup) else None
+
+
+def test_the_event_log_is_on_the_clock_of_the_captures(tmp_path: Path) -> None:
+    result = run(tmp_path, "--message", "clock")
+    log = (tmp_path / "latest" / "quantum.log").read_text().splitlines()
+    measured = [line.split()[0] for line in log if "bell-measure" in line]
+    assert len(measured) == 1
+    with PcapReader(result["captures"][0]) as packets:
+        times = [float(packet.time) for packet in packets]
+    from datetime import datetime
+
+    moment = datetime.fromisoformat(measured[0][:26] + "+00:00").timestamp()
+    assert times[0] < moment < times[-1]
+
+
+def test_the_same_seed_gives_the_same_losses(tmp_path: Path) -> None:
+    options = ["--message", "x" * 500, "--loss-db-per-km", "50", "--seed", "7"]
+    first, second = run(tmp_path, *options), run(tmp_path, *options)
+    assert first["lost_pairs"] == second["lost_pairs"] > 0

@@ -1,0 +1,515 @@
+"""The apps' handlers with a datapath that records what it is sent.
+
+test_controller_handlers.py runs this once for each framework: a process loads only one.
+Messages are encoded by the framework and read back with its own parser where it can.
+"""
+
+import json
+import time
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from metadata_scene import ALICE, BOB, FIBERS, FRAMED, HOLD_S, MACS, Q1, S1, frame, payload_of
+from scapy.contrib.lldp import (
+    LLDPDUChassisID,
+    LLDPDUEndOfLLDPDU,
+    LLDPDUManagementAddress,
+    LLDPDUPortID,
+    LLDPDUTimeToLive,
+)
+from scapy.layers.l2 import Ether
+
+from controller_apps import discovery, framework
+from controller_apps.framework import ProtocolDesc, ofp_event, ofproto, parser
+from controller_apps.learning_switch import LearningSwitch
+from controller_apps.mac_table import MacTable
+from controller_apps.paths import HostPort
+from controller_apps.quantum_metadata import QuantumMetadata
+from controller_apps.record import Record
+from wire.config import ControllerConfig
+from wire.metadata import (
+    METADATA_PORT,
+    SETUP_LENGTH,
+    MalformedPacket,
+    Reason,
+    Setup,
+    Verdict,
+    decode,
+)
+
+
+class Datapath(ProtocolDesc):  # type: ignore[misc]
+    """A switch that keeps the messages it gets, as decoded from their bytes."""
+
+    def __init__(self, dpid: int) -> None:
+        super().__init__(ofproto.OFP_VERSION)
+        self.id = dpid
+        self.sent: list[Any] = []
+        self.writes = 0
+        self._xid = 1 << 31
+
+    def set_xid(self, message: Any) -> int:
+        self._xid += 1
+        message.set_xid(self._xid)
+        return self._xid
+
+    def send_msg(self, message: Any) -> bool:
+        if message.xid is None:
+            self.set_xid(message)
+        message.serialize()
+        return self.send(message.buf)
+
+    def send(self, data: bytes, close_socket: bool = False) -> bool:
+        self.writes += 1
+        data = bytes(data)
+        while data:
+            length = int.from_bytes(data[2:4], "big")
+            self.sent.append(self._decode(data[:length]))
+            data = data[length:]
+        return True
+
+    def _decode(self, data: bytes) -> Any:
+        kind, xid = data[1], int.from_bytes(data[4:8], "big")
+        decoders: dict[int, Any] = {
+            ofproto.OFPT_FLOW_MOD: parser.OFPFlowMod,
+            ofproto.OFPT_BUNDLE_CONTROL: parser.OFPBundleCtrlMsg,
+            ofproto.OFPT_BARRIER_REQUEST: parser.OFPBarrierRequest,
+        }
+        if kind == ofproto.OFPT_BUNDLE_ADD_MESSAGE:
+            inner = self._decode(data[16:])
+            assert inner.xid == xid
+            return SimpleNamespace(kind=kind, xid=xid, inner=inner)
+        if kind == ofproto.OFPT_PACKET_OUT:
+            return packet_out(data, xid)
+        if kind not in decoders:
+            return SimpleNamespace(kind=kind, xid=xid)
+        message = decoders[kind].parser(self, data[0], kind, len(data), xid, bytearray(data))
+        message.kind = kind
+        return message
+
+    def take(self) -> list[Any]:
+        """Return what was sent since the last call."""
+        sent, self.sent = self.sent, []
+        return sent
+
+
+def packet_out(data: bytes, xid: int) -> SimpleNamespace:
+    """Read what the frameworks cannot: OFPT_PACKET_OUT, OpenFlow 1.4 section 7.3.6."""
+    actions_length = int.from_bytes(data[16:18], "big")
+    action = parser.OFPActionOutput.parser(bytearray(data), 24)
+    frame_begin = 24 + actions_length
+    return SimpleNamespace(
+        kind=ofproto.OFPT_PACKET_OUT,
+        xid=xid,
+        in_port=int.from_bytes(data[12:16], "big"),
+        port=action.port,
+        frame=data[frame_begin:],
+    )
+
+
+class Scene:
+    """Both apps, a classical and a quantum switch, all fibres announced."""
+
+    def __init__(self, folder: Path) -> None:
+        self.record_path = folder / "record.jsonl"
+        config = ControllerConfig(
+            "127.0.0.1:6653", framework.NAME, [Q1], {"2": 2}, HOLD_S, 30, str(self.record_path)
+        )
+        mac_table, record = MacTable(), Record(str(self.record_path))
+        self.learning = LearningSwitch(config, mac_table, record=record)
+        self.quantum = QuantumMetadata(config, mac_table, record)
+        self.s1, self.q1 = Datapath(S1), Datapath(Q1)
+        self.connect(self.s1)
+        self.connect(self.q1)
+
+    def connect(self, datapath: Datapath, state: str = framework.MAIN) -> None:
+        event = SimpleNamespace(datapath=datapath, state=state)
+        self.learning.switch_changed(event)
+        self.quantum.switch_changed(event)
+
+    def packet_in(self, datapath: Datapath, port: int, data: bytes, table: int = 0) -> None:
+        message = parser.OFPPacketIn(
+            datapath,
+            buffer_id=ofproto.OFP_NO_BUFFER,
+            table_id=table,
+            match=parser.OFPMatch(in_port=port),
+            data=data,
+        )
+        event = ofp_event.EventOFPPacketIn(message)
+        self.learning.packet_arrived(event)
+        self.quantum.packet_arrived(event)
+
+    def announce(self) -> None:
+        for port, host_port in FIBERS.items():
+            self.packet_in(self.q1, port, announcement(host_port))
+        self.s1.take()
+        self.q1.take()
+
+    def barrier(self, xid: int) -> None:
+        reply = SimpleNamespace(datapath=self.q1, xid=xid)
+        self.quantum.barrier_passed(SimpleNamespace(msg=reply))
+
+    def recorded(self) -> list[dict[str, Any]]:
+        return [json.loads(line) for line in self.record_path.read_text().splitlines()]
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Scene:
+    return Scene(tmp_path)
+
+
+@pytest.fixture
+def ready(scene: Scene) -> Scene:
+    scene.announce()
+    return scene
+
+
+def announcement(host_port: HostPort, ttl: int = 120, subtype: int = 7) -> bytes:
+    address = bytes(int(part) for part in host_port.address.split("."))
+    return bytes(
+        Ether(dst="01:80:c2:00:00:0e", src="02:00:00:00:01:00", type=0x88CC)
+        / LLDPDUChassisID(subtype=subtype, id=host_port.host)
+        / LLDPDUPortID(subtype=7, id=host_port.name)
+        / LLDPDUTimeToLive(ttl=ttl)
+        / LLDPDUManagementAddress(
+            management_address_subtype=1,
+            management_address=address,
+            interface_numbering_subtype=1,
+        )
+        / LLDPDUEndOfLLDPDU()
+    )
+
+
+def flow_mods(messages: list[Any]) -> list[Any]:
+    return [message for message in messages if message.kind == ofproto.OFPT_FLOW_MOD]
+
+
+def instructions(entry: Any) -> list[tuple[str, int]]:
+    found = []
+    for instruction in entry.instructions:
+        if instruction.type == ofproto.OFPIT_GOTO_TABLE:
+            found.append(("goto", instruction.table_id))
+        else:
+            (action,) = instruction.actions
+            found.append(("output", action.port))
+    return found
+
+
+def test_a_classical_switch_gets_its_two_tables(scene: Scene) -> None:
+    entries = flow_mods(scene.s1.take())
+    added = [entry for entry in entries if entry.command == ofproto.OFPFC_ADD]
+    wiped = [entry.table_id for entry in entries if entry.command == ofproto.OFPFC_DELETE]
+    up, on = ("output", ofproto.OFPP_CONTROLLER), ("goto", 1)
+    ends = {"eth_type": 0x0800, "ip_proto": 6}
+    to_port, from_port = {**ends, "tcp_dst": METADATA_PORT}, {**ends, "tcp_src": METADATA_PORT}
+    expected = [
+        (1, 0, {}, [up]),
+        (0, 0, {}, [on]),
+        (0, 200, {**to_port, "tcp_flags": (8, 8)}, [up]),
+        (0, 400, {**to_port, "tcp_flags": (1, 1)}, [up, on]),
+        (0, 400, {**to_port, "tcp_flags": (4, 4)}, [up, on]),
+        (0, 400, {**from_port, "tcp_flags": (4, 4)}, [up, on]),
+    ]
+    assert wiped == [1, 0]
+    assert [
+        (entry.table_id, entry.priority, dict(entry.match.items()), instructions(entry))
+        for entry in added
+    ] == expected
+    for entry in added:
+        for instruction in entry.instructions:
+            if instruction.type == ofproto.OFPIT_APPLY_ACTIONS:
+                assert instruction.actions[0].max_len == ofproto.OFPCML_NO_BUFFER
+
+
+def test_a_quantum_switch_is_dark_but_for_lldp(scene: Scene) -> None:
+    entry, ask = scene.q1.take()
+    assert dict(entry.match.items()) == {"eth_type": 0x88CC}
+    assert instructions(entry) == [("output", ofproto.OFPP_CONTROLLER)]
+    assert ask.kind == ofproto.OFPT_MULTIPART_REQUEST
+
+
+def test_lldp_tells_where_hosts_are(ready: Scene) -> None:
+    assert set(ready.quantum.network.hosts.values()) == set(FIBERS.values())
+    ready.packet_in(ready.q1, 1, announcement(FIBERS[1], ttl=0))
+    assert ready.quantum.network.ports_of(ALICE) == []
+
+
+def test_malformed_lldp_is_counted_and_changes_nothing(scene: Scene) -> None:
+    good = announcement(FIBERS[1])
+    no_address = bytes(
+        Ether(dst="01:80:c2:00:00:0e", type=0x88CC)
+        / LLDPDUChassisID(subtype=7, id="alice")
+        / LLDPDUPortID(subtype=7, id="alice-q0")
+        / LLDPDUTimeToLive(ttl=9)
+        / LLDPDUEndOfLLDPDU()
+    )
+    odd_name = announcement(replace(FIBERS[1], host="al\x07ice"))
+    mac_address = announcement(FIBERS[1], subtype=6)
+    end = good.index(b"\x0c\x05") + 15  # of the last TLV; the rest is padding
+    assert discovery.parse(good[:end]).host_port == FIBERS[1]
+    rubbish = [good[:length] for length in range(14, end)]
+    rubbish += [no_address, odd_name, mac_address, good[:14] + b"\xff" * 40]
+    for data in rubbish:
+        with pytest.raises(MalformedPacket):
+            discovery.parse(data)
+        scene.packet_in(scene.q1, 1, data)
+    assert scene.quantum.dropped["lldp"] == len(rubbish)
+    assert not scene.quantum.network.hosts
+
+
+def test_a_bundle_is_open_adds_commit_barrier_in_one_write(ready: Scene) -> None:
+    before = ready.q1.writes
+    ready.packet_in(ready.s1, 1, frame(FRAMED.encode()))
+    assert ready.q1.writes == before + 1
+    opening, *adds, commit, barrier = ready.q1.take()
+    flags = ofproto.OFPBF_ATOMIC | ofproto.OFPBF_ORDERED
+    assert (opening.type, commit.type) == (
+        ofproto.OFPBCT_OPEN_REQUEST,
+        ofproto.OFPBCT_COMMIT_REQUEST,
+    )
+    assert opening.flags == commit.flags == flags
+    assert opening.bundle_id == commit.bundle_id
+    assert barrier.kind == ofproto.OFPT_BARRIER_REQUEST
+    entries = [add.inner for add in adds]
+    paths = [(entry.match["in_port"], instructions(entry)) for entry in entries]
+    assert paths == [(4, [("output", 1)]), (1, [("output", 3)]), (5, [("output", 2)])]
+    for entry in entries:
+        assert (entry.command, entry.table_id, entry.priority) == (ofproto.OFPFC_ADD, 0, 100)
+        assert (entry.cookie, entry.flags) == (FRAMED.session, ofproto.OFPFF_SEND_FLOW_REM)
+        assert (entry.idle_timeout, entry.hard_timeout) == (0, 0)
+    assert len({message.xid for message in (opening, *adds, commit, barrier)}) == 6
+    assert ready.s1.take() == []  # still held
+
+
+def test_the_packet_leaves_by_the_learned_port_after_the_barrier(ready: Scene) -> None:
+    ready.quantum.mac_table.learn(S1, bytes.fromhex(MACS[BOB].replace(":", "")), 6)
+    ready.packet_in(ready.s1, 1, frame(FRAMED.encode()))
+    barrier = ready.q1.take()[-1]
+    ready.barrier(barrier.xid)
+    (sent,) = ready.s1.take()
+    assert (sent.kind, sent.in_port, sent.port) == (ofproto.OFPT_PACKET_OUT, 1, 6)
+    expected = replace(FRAMED, verdict=Verdict.GRANTED, rotation=2)
+    assert decode(payload_of(sent.frame)) == expected
+    assert not ready.quantum._transactions
+    events = [(line["event"], line.get("session")) for line in ready.recorded()]
+    assert events[-2:] == [("path_ready", f"{7:016x}"), ("granted", f"{7:016x}")]
+    ready_line = ready.recorded()[-2]
+    assert ready_line["setup_ms"] > 0
+    assert ready_line["packet_in_count"] == len(FIBERS) + 1
+
+
+def test_an_unknown_receiver_is_flooded(ready: Scene) -> None:
+    ready.packet_in(ready.s1, 1, frame(replace(FRAMED, source="10.0.0.77").encode()))
+    (sent,) = ready.s1.take()
+    assert sent.port == ofproto.OFPP_FLOOD
+    answer = decode(payload_of(sent.frame))
+    assert isinstance(answer, Setup)
+    assert answer.reason == Reason.UNKNOWN_HOST
+    assert ready.recorded()[-1]["event"] == "refused"
+
+
+@pytest.mark.parametrize("which", range(6))
+def test_an_error_for_any_message_of_the_bundle_refuses(ready: Scene, which: int) -> None:
+    ready.packet_in(ready.s1, 1, frame(FRAMED.encode()))
+    messages = ready.q1.take()
+    failed = parser.OFPErrorMsg(ready.q1, ofproto.OFPET_FLOW_MOD_FAILED, 0, b"")
+    failed.xid = messages[which].xid
+    ready.quantum.switch_refused(SimpleNamespace(msg=failed))
+    (deleted,) = ready.q1.take()
+    assert (deleted.command, deleted.cookie) == (ofproto.OFPFC_DELETE, FRAMED.session)
+    assert deleted.cookie_mask == (1 << 64) - 1
+    (sent,) = ready.s1.take()
+    answer = decode(payload_of(sent.frame))
+    assert isinstance(answer, Setup)
+    assert (answer.verdict, answer.reason) == (Verdict.REFUSED, Reason.SWITCH_FAILED)
+    ready.barrier(messages[-1].xid)  # comes all the same
+    assert ready.s1.take() == []
+    assert not ready.quantum._transactions
+
+
+def test_an_error_of_something_else_refuses_nothing(ready: Scene) -> None:
+    ready.packet_in(ready.s1, 1, frame(FRAMED.encode()))
+    ready.q1.take()
+    other = parser.OFPErrorMsg(ready.q1, ofproto.OFPET_BAD_REQUEST, 0, b"")
+    other.xid = 0x7FFFFFFF
+    ready.quantum.switch_refused(SimpleNamespace(msg=other))
+    assert ready.q1.take() == ready.s1.take() == []
+
+
+def grant(scene: Scene) -> None:
+    scene.packet_in(scene.s1, 1, frame(FRAMED.encode()))
+    scene.barrier(scene.q1.take()[-1].xid)
+    scene.s1.take()
+
+
+def test_later_data_installs_the_bypass_and_fin_removes_it(ready: Scene) -> None:
+    grant(ready)
+    ready.packet_in(ready.s1, 1, frame(b"later", seq=100 + SETUP_LENGTH))
+    bypass, sent = ready.s1.take()
+    connection = {
+        "eth_type": 0x0800,
+        "ip_proto": 6,
+        "ipv4_src": ALICE,
+        "ipv4_dst": BOB,
+        "tcp_src": 40000,
+        "tcp_dst": METADATA_PORT,
+    }
+    assert dict(bypass.match.items()) == connection
+    assert (bypass.table_id, bypass.priority, bypass.cookie) == (0, 300, FRAMED.session)
+    assert (bypass.idle_timeout, bypass.flags) == (30, ofproto.OFPFF_SEND_FLOW_REM)
+    assert instructions(bypass) == [("goto", 1)]
+    assert sent.frame == frame(b"later", seq=100 + SETUP_LENGTH)
+
+    ready.packet_in(ready.s1, 1, frame(flags="FA", seq=105 + SETUP_LENGTH))
+    (deleted,) = ready.s1.take()
+    assert (deleted.command, deleted.priority) == (ofproto.OFPFC_DELETE_STRICT, 300)
+    assert dict(deleted.match.items()) == connection
+    (dark,) = ready.q1.take()
+    assert (dark.command, dark.cookie) == (ofproto.OFPFC_DELETE, FRAMED.session)
+    assert ready.recorded()[-1]["event"] == "torn_down"
+
+
+def expire(scene: Scene, reason: int) -> None:
+    match = parser.OFPMatch(
+        eth_type=0x0800,
+        ip_proto=6,
+        ipv4_src=ALICE,
+        ipv4_dst=BOB,
+        tcp_src=40000,
+        tcp_dst=METADATA_PORT,
+    )
+    message = SimpleNamespace(datapath=scene.s1, reason=reason, priority=300, match=match)
+    scene.quantum.entry_removed(SimpleNamespace(msg=message))
+
+
+def test_an_expired_bypass_tears_down(ready: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    grant(ready)
+    ready.packet_in(ready.s1, 1, frame(b"later", seq=100 + SETUP_LENGTH))
+    shift_clock(monkeypatch, 31.0)
+    expire(ready, ofproto.OFPRR_DELETE)
+    assert ready.q1.take() == []
+    expire(ready, ofproto.OFPRR_IDLE_TIMEOUT)
+    (dark,) = ready.q1.take()
+    assert (dark.command, dark.cookie) == (ofproto.OFPFC_DELETE, FRAMED.session)
+
+
+def shift_clock(monkeypatch: pytest.MonkeyPatch, seconds: float) -> None:
+    later = time.monotonic() + seconds
+    monkeypatch.setattr("controller_apps.quantum_metadata.time.monotonic", lambda: later)
+
+
+def test_the_deadline_of_the_hold(ready: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    ready.packet_in(ready.s1, 1, frame(FRAMED.encode()))
+    ready.q1.take()
+    ready.quantum.time_passed(None)
+    assert ready.q1.take() == ready.s1.take() == []
+    shift_clock(monkeypatch, HOLD_S)
+    ready.quantum.time_passed(None)
+    (sent,) = ready.s1.take()
+    answer = decode(payload_of(sent.frame))
+    assert isinstance(answer, Setup)
+    assert answer.reason == Reason.SWITCH_TIMEOUT
+    assert [message.command for message in ready.q1.take()] == [ofproto.OFPFC_DELETE]
+
+
+def stats(scene: Scene, *cookies: int) -> None:
+    body = [SimpleNamespace(cookie=cookie, priority=100 if cookie else 65000) for cookie in cookies]
+    reply = SimpleNamespace(datapath=scene.q1, body=body)
+    scene.quantum.flows_listed(SimpleNamespace(msg=reply))
+
+
+def test_paths_of_dead_sessions_are_deleted(ready: Scene) -> None:
+    grant(ready)
+    stats(ready, 0, FRAMED.session, 99, 99, 98)
+    deleted = ready.q1.take()
+    assert [message.cookie for message in deleted] == [98, 99]
+    assert all(message.cookie_mask == (1 << 64) - 1 for message in deleted)
+
+
+def test_a_switch_that_is_gone_gets_nothing_and_ends_its_sessions(ready: Scene) -> None:
+    grant(ready)
+    ready.connect(ready.q1, framework.DEAD)
+    assert ready.q1.take() == []
+    assert ready.recorded()[-1]["detail"] == "switch gone"
+    ready.packet_in(ready.s1, 1, frame(FRAMED.encode(), sport=41000))
+    (sent,) = ready.s1.take()
+    answer = decode(payload_of(sent.frame))
+    assert isinstance(answer, Setup)
+    assert answer.reason == Reason.NO_PATH
+
+
+def test_a_second_connection_of_a_switch_replaces_the_first(ready: Scene) -> None:
+    grant(ready)
+    again = Datapath(Q1)
+    ready.connect(again)
+    assert ready.recorded()[-2]["detail"] == "switch gone"
+    ready.connect(ready.q1, framework.DEAD)  # noticed only now
+    assert ready.quantum.datapaths[Q1] is again
+    assert Q1 in ready.quantum.network.connected
+
+
+def test_a_connection_without_features_is_no_switch(ready: Scene) -> None:
+    nobody = Datapath(0)
+    nobody.id = None  # type: ignore[assignment]
+    ready.connect(nobody, framework.DEAD)
+    assert nobody.take() == []
+
+
+def ethernet(source: int, destination: int) -> bytes:
+    addresses = destination.to_bytes(6, "big") + source.to_bytes(6, "big")
+    return addresses + b"\x99\x99" + bytes(50)
+
+
+BROADCAST = (1 << 48) - 1
+ONE, TWO = 0x020000000001, 0x020000000002
+
+
+def test_unknown_stations_are_flooded_and_known_ones_learned(ready: Scene) -> None:
+    ready.packet_in(ready.s1, 1, ethernet(ONE, BROADCAST), table=1)
+    (flooded,) = ready.s1.take()
+    assert (flooded.in_port, flooded.port) == (1, ofproto.OFPP_FLOOD)
+    assert flooded.frame == ethernet(ONE, BROADCAST)
+    ready.packet_in(ready.s1, 2, ethernet(TWO, ONE), table=1)
+    entry, sent = ready.s1.take()
+    assert (sent.in_port, sent.port) == (2, 1)
+    assert dict(entry.match.items()) == {
+        "in_port": 2,
+        "eth_src": "02:00:00:00:00:02",
+        "eth_dst": "02:00:00:00:00:01",
+    }
+    assert (entry.table_id, instructions(entry)) == (1, [("output", 1)])
+    assert entry.idle_timeout > 0
+
+
+def test_a_station_that_moves_is_found_again(ready: Scene) -> None:
+    ready.packet_in(ready.s1, 1, ethernet(ONE, BROADCAST), table=1)
+    ready.packet_in(ready.s1, 3, ethernet(ONE, BROADCAST), table=1)
+    _, deleted, _ = ready.s1.take()
+    assert (deleted.command, deleted.table_id) == (ofproto.OFPFC_DELETE, 1)
+    assert dict(deleted.match.items()) == {"eth_dst": "02:00:00:00:00:01"}
+    assert ready.learning.mac_table.port_of(S1, ONE.to_bytes(6, "big")) == 3
+
+
+def test_link_local_frames_and_stumps_are_not_forwarded(ready: Scene) -> None:
+    ready.packet_in(ready.s1, 1, ethernet(ONE, 0x0180C200000E), table=1)
+    ready.packet_in(ready.s1, 1, b"\0" * 11, table=1)
+    assert ready.s1.take() == []
+
+
+def test_each_app_leaves_the_other_ones_packets_alone(ready: Scene) -> None:
+    ready.packet_in(ready.s1, 1, frame(b"no magic"), table=0)
+    assert ready.s1.take() == []
+    assert ready.quantum.dropped == {"malformed": 1}
+    ready.packet_in(ready.s1, 1, frame(FRAMED.encode()), table=1)
+    assert [sent.kind for sent in ready.s1.take()] == [ofproto.OFPT_PACKET_OUT]
+    assert ready.q1.take() == []
+
+
+def test_the_end_is_recorded_with_all_packets_counted(ready: Scene) -> None:
+    ready.packet_in(ready.s1, 1, ethernet(ONE, BROADCAST), table=1)
+    ready.quantum.close()
+    last = ready.recorded()[-1]
+    assert (last["event"], last["packet_in_count"]) == ("stopped", len(FIBERS) + 1)

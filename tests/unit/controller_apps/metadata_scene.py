@@ -1,0 +1,64 @@
+"""Three hosts on one quantum switch (datapath id 2) and the frames they send over s1."""
+
+from dataclasses import replace
+from typing import Any
+
+from scapy.layers.inet import IP, TCP
+from scapy.layers.l2 import Ether
+
+from controller_apps.arbiter import Arbiter
+from controller_apps.paths import HostPort, Network, SwitchPort
+from wire.metadata import METADATA_PORT, Handshake, Service, Setup
+
+S1, Q1 = 1, 2
+ALICE, BOB, CHARLIE = "10.0.0.1", "10.0.0.2", "10.0.0.3"
+HOLD_S, IDLE_S = 5.0, 30.0
+FIBERS = {
+    1: HostPort("alice", ALICE, "alice-q0"),
+    2: HostPort("bob", BOB, "bob-q0"),
+    3: HostPort("bob", BOB, "bob-q1"),
+    4: HostPort("charlie", CHARLIE, "charlie-q0"),
+    5: HostPort("charlie", CHARLIE, "charlie-q1"),
+}
+FRAMED = Setup(7, Service.SDC, Handshake.FRAMED, CHARLIE, 1000, 100, 1_000_000)
+PER_PAIR = replace(FRAMED, handshake=Handshake.PER_PAIR)
+ONE_PAIR = replace(FRAMED, handshake=Handshake.ONE_PAIR)
+PAIR_SOURCE = replace(FRAMED, service=Service.PAIR_SOURCE)
+MACS = {ALICE: "02:00:00:00:00:01", BOB: "02:00:00:00:00:02", CHARLIE: "02:00:00:00:00:03"}
+
+
+def network() -> Network:
+    """Return the network with every fibre discovered."""
+    discovered = Network({Q1})
+    for port, host_port in FIBERS.items():
+        discovered.attach(SwitchPort(Q1, port), host_port)
+    return discovered
+
+
+def arbiter(rotation: int = 0) -> Arbiter:
+    """Return an arbiter for it that has seen nothing yet."""
+    return Arbiter(network(), {Q1: rotation}, HOLD_S, IDLE_S)
+
+
+def frame(
+    payload: bytes = b"",
+    sport: int = 40000,
+    seq: int = 100,
+    flags: str = "PA",
+    source: str = ALICE,
+    destination: str = BOB,
+    **tcp: Any,
+) -> bytes:
+    """Return a frame to the metadata port with correct lengths and checksums."""
+    segment = TCP(sport=sport, dport=METADATA_PORT, seq=seq, ack=1, flags=flags, **tcp)
+    ethernet = Ether(src=MACS[source], dst=MACS[destination])
+    return bytes(ethernet / IP(src=source, dst=destination) / segment / payload)
+
+
+def payload_of(data: bytes) -> bytes:
+    """Return the TCP payload as scapy reads it, after checking lengths and checksums."""
+    packet = Ether(data)
+    again = Ether(data)
+    del again[IP].len, again[IP].chksum, again[TCP].chksum
+    assert bytes(again) == data
+    return bytes(packet[TCP].payload)

@@ -1,0 +1,97 @@
+"""The handlers on each framework, in a process of its own: see handler_cases.py."""
+
+import os
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from wire.config import ControllerConfig
+
+CASES = Path(__file__).with_name("handler_cases.py")
+ROOT = Path(__file__).parents[3]
+
+
+@pytest.mark.parametrize("framework", ["ryu", "os-ken"])
+def test_handlers(framework: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(CASES)],
+        env={**os.environ, "QMN_CONTROLLER_FRAMEWORK": framework},
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=100,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout
+    assert " passed" in done.stdout
+
+
+def test_an_unknown_framework_is_named_with_its_remedy(tmp_path: Path) -> None:
+    config = tmp_path / "config.json"
+    config.write_text('{"listen": "127.0.0.1:1", "framework": "pox"}')
+    line = refused(config)
+    assert "'pox'" in line
+    assert "ryu, os-ken" in line
+
+
+def test_an_unusable_address_is_named_with_its_remedy(tmp_path: Path) -> None:
+    config = tmp_path / "config.json"
+    config.write_text('{"listen": "localhost", "framework": "os-ken"}')
+    assert "listen 'localhost' is not an address and a port" in refused(config)
+
+
+def test_a_missing_configuration_is_named(tmp_path: Path) -> None:
+    assert str(tmp_path / "none.json") in refused(tmp_path / "none.json")
+
+
+def refused(config: Path) -> str:
+    done = subprocess.run(
+        [sys.executable, "-m", "controller_apps", "--config", str(config)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=30,
+        check=False,
+    )
+    assert done.returncode == 1
+    assert done.stdout == ""
+    (line,) = done.stderr.splitlines()
+    return line
+
+
+BROKEN = """
+import sys
+from pathlib import Path
+from controller_apps import __main__ as launcher, arbiter
+from wire.config import ControllerConfig
+
+def broken(self, now):
+    raise RuntimeError("the tick is broken")
+
+arbiter.Arbiter.tick = broken
+launcher.logging.basicConfig()
+launcher.run(ControllerConfig.read(Path(sys.argv[1])))
+"""
+
+
+@pytest.mark.parametrize("framework", ["ryu", "os-ken"])
+def test_a_fault_in_a_handler_ends_the_program(framework: str, tmp_path: Path) -> None:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    config = tmp_path / "config.json"
+    ControllerConfig(f"127.0.0.1:{port}", framework).write(config)
+    done = subprocess.run(
+        [sys.executable, "-c", BROKEN, str(config)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=30,
+        check=False,
+    )
+    assert done.returncode == 1
+    assert done.stdout == "ready\n"
+    assert "RuntimeError('the tick is broken')" in done.stderr

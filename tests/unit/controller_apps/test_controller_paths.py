@@ -1,0 +1,92 @@
+"""Paths through the optical network."""
+
+from metadata_scene import ALICE, BOB, CHARLIE, Q1, network
+
+from controller_apps.paths import (
+    Direction,
+    Hop,
+    HostPort,
+    Network,
+    SwitchPort,
+    directions,
+    natural_order,
+    switches,
+)
+
+
+def free(_: Direction) -> bool:
+    return False
+
+
+def ring() -> Network:
+    """Return four switches in a ring 1-2-3-4-1 with a shorter way 1-5-3."""
+    net = Network({1, 2, 3, 4, 5})
+    for one, other in (((1, 12), (2, 21)), ((2, 23), (3, 32)), ((3, 34), (4, 43)),
+                       ((4, 41), (1, 14)), ((1, 15), (5, 51)), ((5, 53), (3, 35))):  # fmt: skip
+        net.add_link(SwitchPort(*one), SwitchPort(*other))
+    return net
+
+
+def test_ports_come_in_order_of_their_names() -> None:
+    assert network().ports_of(BOB) == [SwitchPort(Q1, 2), SwitchPort(Q1, 3)]
+    assert sorted(["a-q10", "a-q2", "a-q1"], key=natural_order) == ["a-q1", "a-q2", "a-q10"]
+    assert network().ports_of("10.0.0.9") == []
+
+
+def test_one_switch_is_one_hop() -> None:
+    path = network().path(SwitchPort(Q1, 4), SwitchPort(Q1, 1), free)
+    assert path == (Hop(Q1, 4, 1),)
+
+
+def test_light_goes_both_ways_in_one_fibre() -> None:
+    there, back = Hop(Q1, 4, 1), Hop(Q1, 1, 4)
+    assert not set(directions([there])) & set(directions([back]))
+
+
+def test_a_path_avoids_what_is_taken() -> None:
+    taken = set(directions([Hop(Q1, 4, 1)]))
+    net = network()
+    assert net.path(SwitchPort(Q1, 4), SwitchPort(Q1, 2), taken.__contains__) is None
+    assert net.path(SwitchPort(Q1, 5), SwitchPort(Q1, 1), taken.__contains__) is None
+    assert net.path(SwitchPort(Q1, 1), SwitchPort(Q1, 4), taken.__contains__) is not None
+
+
+def test_the_shortest_way_over_several_switches() -> None:
+    path = ring().path(SwitchPort(1, 1), SwitchPort(4, 1), free)
+    assert path == (Hop(1, 1, 14), Hop(4, 41, 1))
+
+
+def test_a_taken_or_missing_link_means_a_detour() -> None:
+    net = ring()
+    detour = (Hop(1, 1, 12), Hop(2, 21, 23), Hop(3, 32, 1))
+    start, end = SwitchPort(1, 1), SwitchPort(3, 1)
+    direct = (Hop(1, 1, 15), Hop(5, 51, 53), Hop(3, 35, 1))
+    ways = {Direction(1, 12, False), Direction(1, 14, False)}
+    assert net.path(start, end, ways.__contains__) == direct
+    assert (
+        net.path(start, end, {Direction(1, 15, False), Direction(1, 14, False)}.__contains__)
+        == detour
+    )
+    net.connected.discard(5)
+    net.connected.discard(4)
+    assert net.path(start, end, free) == detour
+    assert switches(detour) == [1, 2, 3]
+
+
+def test_there_is_no_path_to_itself_or_over_a_switch_that_is_gone() -> None:
+    net = network()
+    assert net.path(SwitchPort(Q1, 1), SwitchPort(Q1, 1), free) is None
+    net.connected.clear()
+    assert net.path(SwitchPort(Q1, 4), SwitchPort(Q1, 1), free) is None
+
+
+def test_a_host_port_is_at_one_place_only() -> None:
+    net = network()
+    moved = HostPort("alice", ALICE, "alice-q0")
+    assert net.attach(SwitchPort(Q1, 9), moved)
+    assert net.ports_of(ALICE) == [SwitchPort(Q1, 9)]
+    assert not net.attach(SwitchPort(Q1, 9), moved)
+    assert net.detach(SwitchPort(Q1, 9))
+    assert not net.detach(SwitchPort(Q1, 9))
+    assert net.ports_of(ALICE) == []
+    assert len(net.ports_of(CHARLIE)) == 2

@@ -1,0 +1,214 @@
+"""A dispatcher with real gRPC and a clock that tests set, for the tests of the service.
+
+charlie-q0 --1 q1 3-- alice-q0      bob-q0 --4 q1 5-- bob-q1
+charlie-q1 --2 q1                   alice-q9 ------- bob-q9 (without a switch)
+"""
+
+import asyncio
+from collections.abc import AsyncIterator, Iterable
+from contextlib import ExitStack, asynccontextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import grpc
+
+from dispatcher.clock import Clock
+from dispatcher.server import build_layer, build_server, build_service
+from dispatcher.service import Service
+from wire.config import DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
+from wire.dispatcher_pb2 import (
+    ApplyRequest,
+    BellMeasureRequest,
+    BlockId,
+    Connection,
+    CreateRequest,
+    CrossConnectRequest,
+    DiscardRequest,
+    Feedback,
+    Launch,
+    MeasureRequest,
+    ReceiveRequest,
+    SendRequest,
+    StatusReply,
+    StatusRequest,
+)
+from wire.dispatcher_pb2_grpc import DispatcherStub
+
+START_NS = 1_700_000_000_000_000_000
+DEADLINE_S = 20
+DELAY_NS = 49  # of 10 m
+FAST_HZ = 1_000_000_000
+
+
+class JumpingClock:
+    """A clock that jumps to whatever time is waited for."""
+
+    def __init__(self) -> None:
+        """Begin at START_NS."""
+        self.time_ns = START_NS
+
+    def now_ns(self) -> int:
+        """Return the time."""
+        return self.time_ns
+
+    async def wait_until(self, time_ns: int) -> None:
+        """Jump to just after the time."""
+        self.time_ns = max(self.time_ns, time_ns + 1)
+        await asyncio.sleep(0)
+
+
+class ManualClock(JumpingClock):
+    """A clock that goes when it is told to."""
+
+    def __init__(self) -> None:
+        """Begin at START_NS, with nobody waiting."""
+        super().__init__()
+        self._changed = asyncio.Condition()
+        self.waiting = 0
+
+    async def wait_until(self, time_ns: int) -> None:
+        """Return once the clock has been set to a time after this."""
+        async with self._changed:
+            self.waiting += 1
+            self._changed.notify_all()
+            await self._changed.wait_for(lambda: self.time_ns > time_ns)
+            self.waiting -= 1
+
+    async def waiters(self, count: int) -> None:
+        """Return once so many wait for the clock."""
+        async with asyncio.timeout(DEADLINE_S), self._changed:
+            await self._changed.wait_for(lambda: self.waiting >= count)
+
+    async def set(self, time_ns: int) -> None:
+        """Set the clock."""
+        async with self._changed:
+            self.time_ns = time_ns
+            self._changed.notify_all()
+
+
+def block(number: int = 0, half: int = 0, session: int = 7) -> BlockId:
+    """Return the name of a block."""
+    return BlockId(session=session, number=number, half=half)
+
+
+class Client:
+    """One node's calls."""
+
+    def __init__(self, stub: Any, token: str) -> None:
+        """Call with this token."""
+        self.stub, self.metadata = stub, (("qmn-token", token),)
+
+    async def call(self, method: str, request: Any) -> Any:
+        """Make a call by name, within the deadline."""
+        return await getattr(self.stub, method)(request, metadata=self.metadata, timeout=DEADLINE_S)
+
+    async def feedback(self, method: str, request: Any) -> Feedback:
+        """Make a call that is answered by feedback."""
+        feedback: Feedback = await self.call(method, request)
+        return feedback
+
+    async def create(
+        self, count: int, number: int = 0, state: CreateRequest.State = CreateRequest.BELL_PAIRS
+    ) -> Feedback:
+        """Create block `number` of session 7."""
+        request = CreateRequest(session=7, number=number, count=count, state=state)
+        return await self.feedback("Create", request)
+
+    async def apply(self, name: BlockId, paulis: bytes) -> Feedback:
+        """Apply Paulis."""
+        return await self.feedback("Apply", ApplyRequest(block=name, paulis=paulis))
+
+    async def send(self, *launches: tuple[BlockId, str], rate_hz: int = FAST_HZ) -> Feedback:
+        """Launch blocks."""
+        ways = [Launch(block=name, port=port) for name, port in launches]
+        return await self.feedback("Send", SendRequest(launches=ways, rate_hz=rate_hz))
+
+    async def receive(self, name: BlockId, port: str, timeout_s: float = 5) -> Feedback:
+        """Receive a block."""
+        request = ReceiveRequest(block=name, port=port, timeout_s=timeout_s)
+        return await self.feedback("Receive", request)
+
+    async def measure(
+        self, name: BlockId, basis: MeasureRequest.Basis = MeasureRequest.Z
+    ) -> Feedback:
+        """Measure a block."""
+        return await self.feedback("Measure", MeasureRequest(block=name, basis=basis))
+
+    async def bell_measure(self, first: BlockId, second: BlockId) -> Feedback:
+        """Bell-measure two blocks."""
+        return await self.feedback("BellMeasure", BellMeasureRequest(first=first, second=second))
+
+    async def discard(self, request: DiscardRequest) -> Feedback:
+        """Discard."""
+        return await self.feedback("Discard", request)
+
+    async def connect(self, *connections: tuple[int, int]) -> int:
+        """Set the cross-connects of q1."""
+        ports = [Connection(in_port=i, out_port=o) for i, o in connections]
+        reply = await self.call("CrossConnect", CrossConnectRequest(switch="q1", connections=ports))
+        return int(reply.ready_ns)
+
+    async def status(self) -> StatusReply:
+        """Ask for the status."""
+        reply: StatusReply = await self.call("Status", StatusRequest())
+        return reply
+
+
+class Bench:
+    """A running dispatcher and a client for each node."""
+
+    def __init__(
+        self, service: Service, stub: Any, nodes: Iterable[str], errors: list[BaseException]
+    ) -> None:
+        """Make the clients."""
+        self.layer, self.transport, self.stub = service.layer, service.transport, stub
+        self.errors = errors
+        clients = {node: Client(stub, f"token of {node}") for node in nodes}
+        self.alice, self.bob, self.charlie = (clients[n] for n in ("alice", "bob", "charlie"))
+        self.switch, self.runner = clients["q1"], clients["runner"]
+
+
+def configuration(folder: Path, **changes: Any) -> DispatcherConfig:
+    """Return the network drawn above, with changes."""
+    nodes = ("alice", "bob", "charlie", "q1", "runner")
+    ends = [("charlie-q0", "1"), ("charlie-q1", "2"), ("alice-q0", "3")]
+    ends += [("bob-q0", "4"), ("bob-q1", "5")]
+    fibers = [Fiber(FiberEnd(p.split("-")[0], p), FiberEnd("q1", n)) for p, n in ends]
+    fibers.append(Fiber(FiberEnd("alice", "alice-q9"), FiberEnd("bob", "bob-q9")))
+    config = DispatcherConfig(
+        listen="127.0.0.1:0",
+        socket=str(folder / "d.sock"),
+        seed=1,
+        tokens={node: f"token of {node}" for node in nodes},
+        fibers=fibers,
+        switches=[QuantumSwitch("q1")],
+    )
+    return replace(config, **changes)
+
+
+def with_fibers(config: DispatcherConfig, **changes: Any) -> DispatcherConfig:
+    """Return the configuration with all fibres changed."""
+    return replace(config, fibers=[replace(fiber, **changes) for fiber in config.fibers])
+
+
+@asynccontextmanager
+async def running(config: DispatcherConfig, clock: Clock) -> AsyncIterator[Bench]:
+    """Run a dispatcher; an unexpected error in it fails the test."""
+    with ExitStack() as stack:
+        event_log = None
+        if config.event_log:
+            event_log = stack.enter_context(Path(config.event_log).open("a"))
+        layer = build_layer(config, clock, event_log)
+        errors: list[BaseException] = []
+        service = build_service(config, layer, errors.append)
+        server = build_server(config, service)
+        await server.start()
+        options = [(f"grpc.max_{way}_message_length", 8 << 20) for way in ("receive", "send")]
+        try:
+            async with grpc.aio.insecure_channel(f"unix:{config.socket}", options) as channel:
+                stub = DispatcherStub(channel)  # type: ignore[no-untyped-call]
+                yield Bench(service, stub, config.tokens, errors)
+        finally:
+            await server.stop(1)
+    assert not errors

@@ -1,0 +1,109 @@
+"""The program: it says when it serves, ends cleanly, and names what is wrong."""
+
+import signal
+import socket
+import stat
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import grpc
+import pytest
+from dispatcher_network import configuration
+
+from dispatcher.clock import CaptureClock
+from wire.config import DispatcherConfig
+from wire.dispatcher_pb2 import StatusRequest
+from wire.dispatcher_pb2_grpc import DispatcherStub
+
+DEADLINE_S = 20
+
+
+def command(config: DispatcherConfig, folder: Path) -> list[str]:
+    """Return the command that runs the dispatcher with a configuration."""
+    path = folder / "dispatcher.json"
+    config.write(path)
+    return [sys.executable, "-m", "dispatcher", "--config", str(path)]
+
+
+@contextmanager
+def started(config: DispatcherConfig, folder: Path) -> Iterator[subprocess.Popen[str]]:
+    """Run the dispatcher until the block is left."""
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command(config, folder), stdout=pipe, stderr=pipe, text=True) as program:
+        try:
+            yield program
+        finally:
+            program.kill()
+
+
+def refusal(config: DispatcherConfig, folder: Path) -> str:
+    """Run the dispatcher, which must fail, and return what it says."""
+    result = subprocess.run(
+        command(config, folder), capture_output=True, text=True, timeout=DEADLINE_S, check=False
+    )
+    assert result.returncode == 1
+    assert result.stdout == ""
+    return result.stderr
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_it_serves_when_ready_and_ends_cleanly_at_a_signal(tmp_path: Path, number: int) -> None:
+    config = configuration(tmp_path, event_log=str(tmp_path / "events.log"))
+    with started(config, tmp_path) as program:
+        assert program.stdout
+        assert program.stdout.readline() == "ready\n"
+        assert stat.S_IMODE(Path(config.socket).stat().st_mode) == 0o600
+        with grpc.insecure_channel(f"unix:{config.socket}") as channel:
+            stub = DispatcherStub(channel)  # type: ignore[no-untyped-call]
+            metadata = (("qmn-token", "token of runner"),)
+            reply = stub.Status(StatusRequest(), metadata=metadata, timeout=DEADLINE_S)
+            assert reply.backend == "chp"
+        program.send_signal(number)
+        assert program.wait(DEADLINE_S) == 0
+        assert program.stdout.read() == ""
+    assert not Path(config.socket).exists()
+
+
+def test_a_taken_port_is_named_in_one_line(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0), reuse_port=True) as holder:
+        address = f"127.0.0.1:{holder.getsockname()[1]}"
+        message = refusal(configuration(tmp_path, listen=address), tmp_path)
+    assert message.count("\n") == 1
+    assert f"cannot listen on {address}" in message
+
+
+def test_a_socket_path_that_is_too_long_is_named(tmp_path: Path) -> None:
+    config = configuration(tmp_path, socket=str(tmp_path / ("d" * 100)))
+    assert "shorten it" in refusal(config, tmp_path)
+
+
+def test_an_empty_token_is_named(tmp_path: Path) -> None:
+    config = configuration(tmp_path, tokens={"alice": ""})
+    assert "token of alice is empty" in refusal(config, tmp_path)
+
+
+def test_a_configuration_of_another_kind_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "dispatcher.json"
+    path.write_text("{}")
+    result = subprocess.run(
+        [sys.executable, "-m", "dispatcher", "--config", str(path)],
+        capture_output=True,
+        text=True,
+        timeout=DEADLINE_S,
+        check=False,
+    )
+    assert result.returncode == 1
+    assert str(path) in result.stderr
+    assert result.stderr.count("\n") == 1
+
+
+def test_the_clock_is_that_of_captures_and_never_goes_back() -> None:
+    before = time.time_ns()
+    clock = CaptureClock()
+    times = [clock.now_ns() for _ in range(1000)]
+    assert abs(times[0] - before) < 1_000_000_000
+    assert times == sorted(times)

@@ -1,0 +1,146 @@
+"""Events: the log, the watchers, and that a seed gives the same log again."""
+
+import asyncio
+from pathlib import Path
+from typing import Any
+
+import grpc
+import pytest
+from dispatcher_network import (
+    Bench,
+    JumpingClock,
+    block,
+    configuration,
+    running,
+    with_fibers,
+)
+
+from dispatcher.clock import CaptureClock
+from dispatcher.history import WATCHER_DEPTH, History
+from wire.dispatcher_pb2 import BlockId, CreateRequest, Event, WatchRequest
+
+
+async def exchange(bench: Bench) -> None:
+    """Do one of everything."""
+    await bench.switch.connect((1, 3))
+    await bench.charlie.create(500)
+    await bench.charlie.send((block(), "charlie-q0"))
+    await bench.alice.receive(block(), "alice-q0")
+    await bench.alice.apply(block(), bytes(range(4)) * 125)
+    await bench.alice.create(500, number=1, state=CreateRequest.ZEROS)
+    await bench.alice.bell_measure(block(), block(1))
+    await bench.charlie.measure(block(half=1))
+
+
+def logged(folder: Path, seed: int) -> list[str]:
+    """Return the event log of an exchange in real time, without the times."""
+    folder.mkdir()
+    path = folder / "events.log"
+    config = configuration(folder, seed=seed, event_log=str(path))
+
+    async def run() -> None:
+        fibers = with_fibers(config, loss_db_per_km=50.0, depolarizing=0.2)
+        async with running(fibers, CaptureClock()) as bench:
+            await exchange(bench)
+
+    asyncio.run(run())
+    return [line.split(" ", 1)[1] for line in path.read_text().splitlines()]
+
+
+def test_a_seed_gives_the_same_event_log_again(tmp_path: Path) -> None:
+    first, again, other = (
+        logged(tmp_path / name, seed) for name, seed in (("a", 1), ("b", 1), ("c", 2))
+    )
+    assert first == again
+    assert first != other
+    kinds = [line.split()[1] for line in first]
+    assert kinds == [
+        "open",
+        "create",
+        "send",
+        "arrive",
+        "receive",
+        "apply",
+        "create",
+        "bell-measure",
+        "measure",
+    ]
+
+
+async def watch(bench: Bench, request: WatchRequest) -> Any:
+    """Start watching as bob."""
+    return bench.stub.Watch(request, metadata=bench.bob.metadata, timeout=20)
+
+
+def test_a_watcher_sees_what_it_asked_for(tmp_path: Path) -> None:
+    async def run() -> None:
+        async with running(configuration(tmp_path), JumpingClock()) as bench:
+            await exchange(bench)
+            stream = await watch(bench, WatchRequest(node="alice", session=7, history=True))
+            kinds = [(await stream.read()).kind for _ in range(5)]
+            assert kinds == ["arrive", "receive", "apply", "create", "bell-measure"]
+            await bench.charlie.create(1, number=9)
+            await bench.alice.create(1, number=10)
+            event = await stream.read()
+            assert (event.kind, event.block.number) == ("create", 10)
+            stream.cancel()
+
+    asyncio.run(run())
+
+
+def test_a_watcher_that_goes_away_is_forgotten(tmp_path: Path) -> None:
+    async def run() -> None:
+        async with running(configuration(tmp_path), JumpingClock()) as bench:
+            await bench.alice.create(1)
+            stream = await watch(bench, WatchRequest(history=True))
+            await stream.read()
+            assert len(bench.layer.history._watchers) == 1
+            stream.cancel()
+            async with asyncio.timeout(5):
+                while bench.layer.history._watchers:
+                    await bench.alice.create(1, number=bench.layer.history.count)
+
+    asyncio.run(run())
+
+
+def test_an_unknown_token_may_not_watch(tmp_path: Path) -> None:
+    async def run() -> None:
+        async with running(configuration(tmp_path), JumpingClock()) as bench:
+            stream = bench.stub.Watch(WatchRequest(), metadata=(("qmn-token", "x"),), timeout=5)
+            with pytest.raises(grpc.aio.AioRpcError) as refusal:
+                await stream.read()
+            assert refusal.value.code() == grpc.StatusCode.UNAUTHENTICATED
+
+    asyncio.run(run())
+
+
+def event(number: int) -> Event:
+    """Return the event of this number."""
+    return Event(time_ns=number, node="alice", kind="create", block=BlockId(number=number))
+
+
+def test_a_slow_watcher_is_told_how_many_events_it_lost() -> None:
+    async def run() -> None:
+        history = History(depth=10)
+        with history.watching("", 0, remembered=False) as watcher:
+            for number in range(WATCHER_DEPTH + 7):
+                history.record(event(number))
+            seen = [await watcher.next() for _ in range(WATCHER_DEPTH + 1)]
+            assert [e.block.number for e in seen[:-1]] == list(range(WATCHER_DEPTH))
+            assert seen[-1].kind == "dropped"
+            assert seen[-1].detail.startswith("7 events")
+            history.record(event(1))
+            assert (await watcher.next()).kind == "create"
+
+    asyncio.run(asyncio.wait_for(run(), 20))
+
+
+def test_history_is_as_deep_as_configured() -> None:
+    async def run() -> None:
+        history = History(depth=3)
+        for number in range(5):
+            history.record(event(number))
+        with history.watching("", 0, remembered=True) as watcher:
+            assert [(await watcher.next()).block.number for _ in range(3)] == [2, 3, 4]
+
+    asyncio.run(asyncio.wait_for(run(), 20))

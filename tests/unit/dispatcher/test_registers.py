@@ -1,0 +1,241 @@
+"""Registers of qubits: physics checkable on paper, and blocks against single photons."""
+
+import numpy as np
+import pytest
+from numpy.random import Generator
+
+from dispatcher.sabot.backend import Bytes, GateName
+from dispatcher.sabot.manager import NO_CLICK, Sabot
+from dispatcher.sabot.registers import Register
+from dispatcher.sabot.tableau import Tableau
+
+Z, X, Y = range(3)
+
+
+def bases(size: int, basis: int) -> Bytes:
+    """Return the same basis for all."""
+    return np.full(size, basis, dtype=np.uint8)
+
+
+def random_bits(random: Generator, size: int) -> Bytes:
+    """Return fair bits."""
+    return random.integers(0, 2, size, dtype=np.uint8)
+
+
+def agreeing(basis: int, size: int = 1000) -> int:
+    """Return how many of the pairs give equal outcomes in this basis."""
+    sabot, random = Sabot(Tableau), np.random.default_rng(1)
+    first, second = sabot.bell_pairs(size)
+    outcomes = [
+        sabot.measure(half, bases(size, basis), random_bits(random, size))
+        for half in (first, second)
+    ]
+    assert 0.4 * size < outcomes[0].sum() < 0.6 * size  # 6 sigma
+    return int((outcomes[0] == outcomes[1]).sum())
+
+
+@pytest.mark.parametrize("basis", [Z, X])
+def test_bell_halves_agree(basis: int) -> None:
+    assert agreeing(basis) == 1000
+
+
+def test_bell_halves_never_agree_in_y() -> None:
+    assert agreeing(Y) == 0
+
+
+def test_each_basis_has_its_own_plus_state() -> None:
+    sabot = Sabot(Tableau)
+    for basis, gates in ((Z, ""), (X, "H"), (Y, "HS")):
+        register = sabot.zeros(2)
+        for gate in gates:
+            sabot.gate("H" if gate == "H" else "S", register)
+        outcome = sabot.measure(register, bases(2, basis), np.ones(2, dtype=np.uint8))
+        assert outcome.tolist() == [0, 0]
+
+
+def test_outcomes_of_different_bases_are_independent() -> None:
+    sabot, random, size = Sabot(Tableau), np.random.default_rng(2), 10_000
+    first, second = sabot.bell_pairs(size)
+    ours = sabot.measure(first, bases(size, Z), random_bits(random, size))
+    theirs = sabot.measure(second, bases(size, X), random_bits(random, size))
+    assert abs(int((ours == theirs).sum()) - size / 2) < 5 * (size / 4) ** 0.5
+
+
+def test_each_photon_may_have_its_own_basis() -> None:
+    sabot, random, size = Sabot(Tableau), np.random.default_rng(3), 300
+    first, second = sabot.bell_pairs(size)
+    chosen = random.integers(0, 3, size, dtype=np.uint8)
+    ours = sabot.measure(first, chosen, random_bits(random, size))
+    theirs = sabot.measure(second, chosen, random_bits(random, size))
+    assert ((ours == theirs) == (chosen != Y)).all()
+
+
+def test_bell_measurement_reads_the_paper_s_encoding() -> None:
+    sabot, random = Sabot(Tableau), np.random.default_rng(4)
+    first, second = sabot.bell_pairs(4)
+    sabot.pauli(first, np.arange(4, dtype=np.uint8))  # I, X, Z, XZ
+    draws = random_bits(random, 4), random_bits(random, 4)
+    assert sabot.bell_measure(first, second, draws).tolist() == [0, 1, 2, 3]
+
+
+def test_swapping_leaves_the_outer_photons_entangled() -> None:
+    sabot, random, size = Sabot(Tableau), np.random.default_rng(5), 64
+    a, b = sabot.bell_pairs(size)
+    c, d = sabot.bell_pairs(size)
+    outcome = sabot.bell_measure(b, c, (random_bits(random, size), random_bits(random, size)))
+    assert set(outcome.tolist()) == {0, 1, 2, 3}
+    sabot.pauli(d, outcome)  # the correction that teleportation makes
+    result = sabot.bell_measure(a, d, (random_bits(random, size), random_bits(random, size)))
+    assert not result.any()
+    assert sabot.live_qubits == 0
+
+
+def test_measuring_one_of_three_entangled_photons_separates_the_others() -> None:
+    sabot = Sabot(Tableau)
+    a, b = sabot.bell_pairs(2)
+    c = sabot.zeros(2)
+    sabot.gate("CX", b, c)
+    assert set(a.components) == set(b.components) == set(c.components)
+    sabot.measure(a, bases(2, Z), np.array([0, 1], dtype=np.uint8))
+    assert set(b.components) & set(c.components) == set()
+    for register in (b, c):
+        outcome = sabot.measure(register, bases(2, Z), np.zeros(2, dtype=np.uint8))
+        assert outcome.tolist() == [0, 1]
+
+
+def test_a_lost_control_does_not_flip_its_target() -> None:
+    sabot = Sabot(Tableau)
+    control, target = sabot.zeros(3), sabot.zeros(3)
+    sabot.pauli(control, np.full(3, 1, dtype=np.uint8))
+    assert sabot.lose(control, np.array([False, True, False])) == 1
+    sabot.gate("CX", control, target)
+    outcome = sabot.measure(target, bases(3, Z), np.zeros(3, dtype=np.uint8))
+    assert outcome.tolist() == [1, 0, 1]
+
+
+def test_a_lost_photon_does_not_click() -> None:
+    sabot = Sabot(Tableau)
+    first, second = sabot.bell_pairs(3)
+    sabot.lose(first, np.array([False, True, False]))
+    draws = np.zeros(3, dtype=np.uint8)
+    assert sabot.bell_measure(first, second, (draws, draws)).tolist() == [0, NO_CLICK, 0]
+
+
+def test_parts_of_a_register_are_acted_on_separately() -> None:
+    sabot = Sabot(Tableau)
+    whole = sabot.zeros(4)
+    mask = np.array([True, False, True, False])
+    part = sabot.part(whole, mask)
+    assert (part.present == mask).all()
+    assert (whole.present == ~mask).all()
+    sabot.pauli(part, np.full(4, 1, dtype=np.uint8))
+    sabot.unite(whole, part)
+    outcome = sabot.measure(whole, bases(4, Z), np.zeros(4, dtype=np.uint8))
+    assert outcome.tolist() == [1, 0, 1, 0]
+    assert (sabot.live_qubits, sabot.live_bytes) == (0, 0)
+
+
+def test_registers_of_different_length_are_no_pairs() -> None:
+    sabot = Sabot(Tableau)
+    with pytest.raises(ValueError, match="no pairs"):
+        sabot.gate("CX", sabot.zeros(2), sabot.zeros(3))
+
+
+def test_a_live_pair_takes_few_bytes() -> None:
+    sabot = Sabot(Tableau)
+    pairs = [sabot.bell_pairs(1000) for _ in range(10)]
+    assert sabot.live_bytes <= 4 * 10_000
+    random = np.random.default_rng(6)
+    for first, second in pairs:
+        sabot.lose(first, random.random(1000) < 0.5)
+        sabot.lose(second, random.random(1000) < 0.5)
+        sabot.part(first, random.random(1000) < 0.5)
+    assert sabot.live_bytes <= 64 * 10_000
+    assert sabot.live_qubits == 20_000
+
+
+class Run:
+    """Four registers to which a random experiment is done."""
+
+    def __init__(self, size: int) -> None:
+        """Begin with two blocks of Bell pairs."""
+        self.sabot = Sabot(Tableau)
+        self.registers = [*self.sabot.bell_pairs(size), *self.sabot.bell_pairs(size)]
+        self.apart: Register | None = None
+
+    def pauli(self, which: int, values: Bytes) -> None:
+        """Apply Paulis."""
+        self.sabot.pauli(self.registers[which], values)
+
+    def gate(self, name: GateName, which: int, target: int) -> None:
+        """Apply a gate."""
+        register = self.registers[which]
+        if name in ("CX", "CZ"):
+            self.sabot.gate(name, register, self.registers[target])
+        else:
+            self.sabot.gate(name, register)
+
+    def lose(self, which: int, values: Bytes) -> None:
+        """Lose a quarter of the qubits."""
+        self.sabot.lose(self.registers[which], values == 0)
+
+    def apart_gate(self, which: int, values: Bytes) -> None:
+        """Apply a Hadamard gate to half of the qubits while they are elsewhere."""
+        register = self.registers[which]
+        part = self.sabot.part(register, values > 1)
+        self.sabot.gate("H", part)
+        self.sabot.unite(register, part)
+
+    def read(self, which: int, values: Bytes, draws: Bytes) -> list[int]:
+        """Measure a register and put new zeros in its place."""
+        register = self.registers[which]
+        outcome = self.sabot.measure(register, values, draws)
+        self.registers[which] = self.sabot.zeros(register.size)
+        return list(outcome)
+
+    def read_pairs(self, which: int, target: int, draws: Bytes, more: Bytes) -> list[int]:
+        """Bell-measure two registers and put new zeros in their place."""
+        pair = self.registers[which], self.registers[target]
+        outcome = self.sabot.bell_measure(*pair, (draws, more))
+        for index in (which, target):
+            self.registers[index] = self.sabot.zeros(pair[0].size)
+        return list(outcome)
+
+
+def step(random: Generator, block: Run, singles: list[Run]) -> None:
+    """Do the same random thing to the block and to each single photon."""
+    size = len(singles)
+    which, target = (int(index) for index in random.permutation(4)[:2])
+    values = random.integers(0, 4, size, dtype=np.uint8)
+    draws, more = random_bits(random, size), random_bits(random, size)
+    gates: tuple[GateName, ...] = ("H", "S", "S_DAG", "CX", "CZ")
+    name = gates[random.integers(5)]
+    kind = random.choice(
+        ["pauli", "gate", "lose", "apart", "read", "pairs"], p=[0.15, 0.45, 0.05, 0.1, 0.15, 0.1]
+    )
+    found: list[int] = []
+    for run, members in [(block, slice(0, size))] + [
+        (single, slice(j, j + 1)) for j, single in enumerate(singles)
+    ]:
+        if kind == "pauli":
+            run.pauli(which, values[members])
+        elif kind == "gate":
+            run.gate(name, which, target)
+        elif kind == "lose":
+            run.lose(which, values[members])
+        elif kind == "apart":
+            run.apart_gate(which, values[members])
+        elif kind == "read":
+            found += run.read(which, values[members] % np.uint8(3), draws[members])
+        else:
+            found += run.read_pairs(which, target, draws[members], more[members])
+    assert found[: len(found) // 2] == found[len(found) // 2 :]
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_a_block_behaves_as_its_photons_one_by_one(seed: int) -> None:
+    random, size = np.random.default_rng(seed), 6
+    block, singles = Run(size), [Run(1) for _ in range(size)]
+    for _ in range(60):
+        step(random, block, singles)
+    assert block.sabot.live_qubits == sum(single.sabot.live_qubits for single in singles)

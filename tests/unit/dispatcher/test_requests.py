@@ -1,0 +1,394 @@
+"""What each caller may ask, and that a refused request changes nothing."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+import grpc
+import pytest
+from dispatcher_network import (
+    FAST_HZ,
+    START_NS,
+    Bench,
+    Client,
+    JumpingClock,
+    block,
+    configuration,
+    running,
+)
+
+from wire.dispatcher_pb2 import (
+    ApplyRequest,
+    BellMeasureRequest,
+    Connection,
+    CreateRequest,
+    CrossConnectRequest,
+    DiscardRequest,
+    Gate,
+    Launch,
+    MeasureRequest,
+    ReceiveRequest,
+    SendRequest,
+    StatusRequest,
+    StoreRequest,
+)
+
+Code = grpc.StatusCode
+MINE, THEIRS, ABSENT = block(0), block(1), block(99)
+
+
+async def prepare(bench: Bench) -> None:
+    """Give alice pairs 0 and zeros 2 and 3, bob pairs 1; leave block 4 at bob's port."""
+    await bench.alice.create(4, number=0)
+    await bench.bob.create(4, number=1)
+    await bench.alice.create(4, number=2, state=CreateRequest.ZEROS)
+    await bench.alice.create(5, number=3, state=CreateRequest.ZEROS)
+    await bench.alice.create(4, number=4, state=CreateRequest.ZEROS)
+    await bench.alice.send((block(4), "alice-q9"))
+
+
+def launch(name: Any, port: str = "alice-q9", rate_hz: int = FAST_HZ) -> SendRequest:
+    """Return the request that launches one block."""
+    return SendRequest(launches=[Launch(block=name, port=port)], rate_hz=rate_hz)
+
+
+def cross_connect(*connections: tuple[int, int], switch: str = "q1") -> CrossConnectRequest:
+    """Return the request that sets cross-connects."""
+    ports = [Connection(in_port=i, out_port=o) for i, o in connections]
+    return CrossConnectRequest(switch=switch, connections=ports)
+
+
+def wait_for(port: str, timeout_s: float = 0.05) -> ReceiveRequest:
+    """Return the request that waits for a block that does not come."""
+    return ReceiveRequest(block=ABSENT, port=port, timeout_s=timeout_s)
+
+
+def create(**fields: Any) -> CreateRequest:
+    """Return the request that creates a block of a name that is free."""
+    return CreateRequest(**{"session": 7, "number": 50, "count": 1, **fields})
+
+
+def gates(*names: Gate.Name, target: Any = None) -> ApplyRequest:
+    """Return the request that applies gates to alice's block."""
+    return ApplyRequest(block=MINE, gates=[Gate(name=name, target=target) for name in names])
+
+
+REFUSED = [
+    # another's block, and one that is nowhere
+    ("alice", "Apply", ApplyRequest(block=THEIRS), Code.PERMISSION_DENIED, "not at alice"),
+    ("alice", "Apply", ApplyRequest(block=ABSENT), Code.NOT_FOUND, "block 99/0"),
+    ("alice", "Send", launch(THEIRS), Code.PERMISSION_DENIED, "not at alice"),
+    ("alice", "Send", launch(ABSENT), Code.NOT_FOUND, "block 99/0"),
+    ("alice", "Measure", MeasureRequest(block=THEIRS), Code.PERMISSION_DENIED, "not at alice"),
+    ("alice", "Measure", MeasureRequest(block=ABSENT), Code.NOT_FOUND, "block 99/0"),
+    ("alice", "Store", StoreRequest(block=THEIRS), Code.PERMISSION_DENIED, "not at alice"),
+    ("alice", "Store", StoreRequest(block=ABSENT), Code.NOT_FOUND, "block 99/0"),
+    ("alice", "Discard", DiscardRequest(block=THEIRS), Code.PERMISSION_DENIED, "not at alice"),
+    ("alice", "Discard", DiscardRequest(block=ABSENT), Code.NOT_FOUND, "block 99/0"),
+    ("alice", "Apply", gates(Gate.CX, target=THEIRS), Code.PERMISSION_DENIED, "not at alice"),
+    (
+        "alice",
+        "BellMeasure",
+        BellMeasureRequest(first=MINE, second=THEIRS),
+        Code.PERMISSION_DENIED,
+        "not at alice",
+    ),
+    ("bob", "Apply", ApplyRequest(block=block(4)), Code.PERMISSION_DENIED, "receive it first"),
+    # who may do what
+    ("q1", "Create", create(), Code.PERMISSION_DENIED, "no host"),
+    ("runner", "Create", create(), Code.PERMISSION_DENIED, "no host"),
+    ("alice", "Status", StatusRequest(), Code.PERMISSION_DENIED, "only runner"),
+    ("alice", "CrossConnect", cross_connect((1, 3)), Code.PERMISSION_DENIED, "its own agent"),
+    ("runner", "CrossConnect", cross_connect((1, 3)), Code.PERMISSION_DENIED, "its own agent"),
+    # ports
+    ("alice", "Send", launch(MINE, port="alice-q7"), Code.NOT_FOUND, "alice-q0, alice-q9"),
+    ("alice", "Send", launch(MINE, port="bob-q9"), Code.PERMISSION_DENIED, "belongs to bob"),
+    ("alice", "Receive", wait_for("bob-q9"), Code.PERMISSION_DENIED, "belongs to bob"),
+    ("alice", "Receive", wait_for("eth0"), Code.NOT_FOUND, "no port eth0"),
+    ("alice", "Receive", wait_for("alice-q0"), Code.DEADLINE_EXCEEDED, "block 99/0"),
+    ("q1", "CrossConnect", cross_connect((1, 9)), Code.NOT_FOUND, "port 9 of q1"),
+    ("q1", "CrossConnect", cross_connect((1, 3), switch="q2"), Code.NOT_FOUND, "there is q1"),
+    # arguments
+    ("alice", "Create", create(number=0), Code.ALREADY_EXISTS, "block 0/0"),
+    ("alice", "Create", create(count=0), Code.INVALID_ARGUMENT, "count 0"),
+    ("alice", "Create", create(count=4_000_001), Code.INVALID_ARGUMENT, "count 4000001"),
+    ("alice", "Create", create(state=5), Code.INVALID_ARGUMENT, "state 5"),
+    ("alice", "Create", create(count=100), Code.RESOURCE_EXHAUSTED, "limit of 100"),
+    (
+        "alice",
+        "Apply",
+        ApplyRequest(block=MINE, paulis=bytes(3)),
+        Code.INVALID_ARGUMENT,
+        "3 bytes for 4 photons",
+    ),
+    (
+        "alice",
+        "Apply",
+        ApplyRequest(block=MINE, paulis=bytes(5_000_000)),
+        Code.INVALID_ARGUMENT,
+        "5000000 bytes for 4 photons",
+    ),
+    (
+        "alice",
+        "Apply",
+        ApplyRequest(block=MINE, paulis=bytes((0, 4, 0, 0))),
+        Code.INVALID_ARGUMENT,
+        r"paulis\[1\] is 4",
+    ),
+    ("alice", "Apply", gates(*[Gate.H] * 257), Code.INVALID_ARGUMENT, "257 gates"),
+    (
+        "alice",
+        "Apply",
+        ApplyRequest(block=MINE, gates=[Gate(name=9)]),  # type: ignore[arg-type]
+        Code.INVALID_ARGUMENT,
+        "gate 9",
+    ),
+    ("alice", "Apply", gates(Gate.CX, target=MINE), Code.INVALID_ARGUMENT, "named twice"),
+    ("alice", "Apply", gates(Gate.CZ, target=block(3)), Code.INVALID_ARGUMENT, "pair up"),
+    ("alice", "Apply", gates(Gate.H, Gate.CX), Code.NOT_FOUND, "block 0/0 of session 0000"),
+    (
+        "alice",
+        "BellMeasure",
+        BellMeasureRequest(first=MINE, second=block(3)),
+        Code.INVALID_ARGUMENT,
+        "pair up",
+    ),
+    (
+        "alice",
+        "BellMeasure",
+        BellMeasureRequest(first=MINE, second=MINE),
+        Code.INVALID_ARGUMENT,
+        "named twice",
+    ),
+    (
+        "alice",
+        "Measure",
+        MeasureRequest(block=MINE, bases=bytes((0, 1, 2, 3))),
+        Code.INVALID_ARGUMENT,
+        r"bases\[3\] is 3",
+    ),
+    (
+        "alice",
+        "Measure",
+        MeasureRequest(block=MINE, basis=3),  # type: ignore[arg-type]
+        Code.INVALID_ARGUMENT,
+        "basis 3",
+    ),
+    ("alice", "Send", SendRequest(rate_hz=1), Code.INVALID_ARGUMENT, "no launches"),
+    ("alice", "Send", launch(MINE, rate_hz=0), Code.INVALID_ARGUMENT, "rate_hz is 0"),
+    (
+        "alice",
+        "Send",
+        SendRequest(launches=[Launch(block=MINE, port="alice-q9")] * 2, rate_hz=1),
+        Code.INVALID_ARGUMENT,
+        "twice",
+    ),
+    ("alice", "Receive", wait_for("alice-q0", 0), Code.INVALID_ARGUMENT, "timeout_s 0"),
+    ("alice", "Discard", DiscardRequest(), Code.INVALID_ARGUMENT, "either"),
+    (
+        "q1",
+        "CrossConnect",
+        cross_connect((1, 3), (1, 4)),
+        Code.INVALID_ARGUMENT,
+        "input port 1 is named twice",
+    ),
+    ("q1", "CrossConnect", cross_connect((1, 3), (2, 3)), Code.INVALID_ARGUMENT, "share output"),
+]
+
+
+def attempt(folder: Path, action: Callable[[Bench], Awaitable[None]], **changes: Any) -> None:
+    """Run an action against a dispatcher."""
+
+    async def run() -> None:
+        async with running(configuration(folder, **changes), JumpingClock()) as bench:
+            await action(bench)
+
+    asyncio.run(run())
+
+
+@pytest.mark.parametrize(("node", "method", "request_", "code", "message"), REFUSED)
+def test_refused_requests_say_why_and_change_nothing(
+    tmp_path: Path, node: str, method: str, request_: Any, code: grpc.StatusCode, message: str
+) -> None:
+    async def action(bench: Bench) -> None:
+        await prepare(bench)
+        before = await bench.runner.status()
+        client = Client(bench.stub, f"token of {node}")
+        with pytest.raises(grpc.aio.AioRpcError, match=message) as refusal:
+            await client.call(method, request_)
+        assert refusal.value.code() == code
+        assert await bench.runner.status() == before
+        # What was there is as it was: alice's photons are still hers and still Phi+.
+        assert (await bench.alice.bell_measure(block(0, 0), block(0, 1))).outcomes == bytes(4)
+
+    attempt(tmp_path, action, max_live_qubits=100)
+
+
+def test_an_emission_longer_than_switches_remember_is_refused(tmp_path: Path) -> None:
+    async def action(bench: Bench) -> None:
+        await bench.alice.create(31)
+        with pytest.raises(grpc.aio.AioRpcError, match="take 31 s") as refusal:
+            await bench.alice.call("Send", launch(MINE, rate_hz=1))
+        assert refusal.value.code() == Code.INVALID_ARGUMENT
+
+    attempt(tmp_path, action)
+
+
+@pytest.mark.parametrize("token", ["", "token of eve", "token of alice "])
+@pytest.mark.parametrize(
+    ("method", "request_"),
+    [("Create", create()), ("CrossConnect", cross_connect()), ("Status", StatusRequest())],
+)
+def test_a_wrong_token_is_unauthenticated(
+    tmp_path: Path, token: str, method: str, request_: Any
+) -> None:
+    async def action(bench: Bench) -> None:
+        with pytest.raises(grpc.aio.AioRpcError) as refusal:
+            await Client(bench.stub, token).call(method, request_)
+        assert refusal.value.code() == Code.UNAUTHENTICATED
+        assert (await bench.runner.status()).events == 0
+
+    attempt(tmp_path, action)
+
+
+def test_a_call_without_a_token_is_unauthenticated(tmp_path: Path) -> None:
+    async def action(bench: Bench) -> None:
+        with pytest.raises(grpc.aio.AioRpcError, match="no token") as refusal:
+            await bench.stub.Create(create(), timeout=5)
+        assert refusal.value.code() == Code.UNAUTHENTICATED
+
+    attempt(tmp_path, action)
+
+
+def test_a_block_that_was_sent_belongs_to_its_receiver_alone(tmp_path: Path) -> None:
+    async def action(bench: Bench) -> None:
+        await bench.alice.create(4)
+        await bench.alice.send((MINE, "alice-q9"))
+        await bench.bob.receive(MINE, "bob-q9")
+        with pytest.raises(grpc.aio.AioRpcError) as refusal:
+            await bench.alice.measure(MINE)
+        assert refusal.value.code() == Code.PERMISSION_DENIED
+        assert (await bench.bob.measure(MINE)).clicks == 4
+        with pytest.raises(grpc.aio.AioRpcError) as refusal:
+            await bench.bob.measure(MINE)
+        assert refusal.value.code() == Code.NOT_FOUND
+
+    attempt(tmp_path, action)
+
+
+def test_discarding_a_session_takes_what_is_at_the_node_and_its_ports(tmp_path: Path) -> None:
+    async def action(bench: Bench) -> None:
+        await prepare(bench)
+        await bench.bob.call("Create", create(session=8, count=3))
+        dropped = await bench.bob.discard(DiscardRequest(session=7))
+        assert dropped.photons == 4 + 4 + 4  # both halves of 1, and 4 at the port
+        assert (await bench.bob.measure(block(50, session=8))).clicks == 3
+        dropped = await bench.bob.discard(DiscardRequest(session=7))
+        assert dropped.photons == 0
+
+    attempt(tmp_path, action)
+
+
+def test_clifford_gates_apply_in_order_after_the_paulis(tmp_path: Path) -> None:
+    async def action(bench: Bench) -> None:
+        await prepare(bench)
+        # X, then H S S H = X again: |0> for all, and with CX nothing is flipped.
+        names = (Gate.H, Gate.S, Gate.S, Gate.H)
+        request = ApplyRequest(
+            block=block(2),
+            paulis=bytes((1, 1, 1, 0)),
+            gates=[*(Gate(name=name) for name in names), Gate(name=Gate.CX, target=block(0, 1))],
+        )
+        await bench.alice.call("Apply", request)
+        assert (await bench.alice.measure(block(2))).outcomes == bytes((0, 0, 0, 1))
+        measured = await bench.alice.bell_measure(block(0, 0), block(0, 1))
+        assert measured.outcomes == bytes((0, 0, 0, 1))
+
+    attempt(tmp_path, action)
+
+
+def test_bases_may_differ_from_photon_to_photon(tmp_path: Path) -> None:
+    async def action(bench: Bench) -> None:
+        await bench.alice.create(300)
+        bases = bytes(range(3)) * 100
+        ours = await bench.alice.call("Measure", MeasureRequest(block=block(0, 0), bases=bases))
+        theirs = await bench.alice.call("Measure", MeasureRequest(block=block(0, 1), bases=bases))
+        agree = [a == b for a, b in zip(ours.outcomes, theirs.outcomes, strict=True)]
+        assert agree == [True, True, False] * 100
+
+    attempt(tmp_path, action)
+
+
+def test_feedback_carries_times_and_clicks(tmp_path: Path) -> None:
+    async def action(bench: Bench) -> None:
+        await bench.alice.create(11, state=CreateRequest.ZEROS)
+        await bench.alice.send((MINE, "alice-q9"))
+        received = await bench.bob.receive(MINE, "bob-q9")
+        assert (received.first_ns, received.last_ns) == (START_NS + 49, START_NS + 59)
+        measured = await bench.bob.measure(MINE)
+        assert (measured.first_ns, measured.last_ns) == (received.first_ns, received.last_ns)
+        assert (measured.photons, measured.clicks, measured.outcomes) == (11, 11, bytes(11))
+
+    attempt(tmp_path, action)
+
+
+def test_a_block_as_large_as_allowed_passes(tmp_path: Path) -> None:
+    async def action(bench: Bench) -> None:
+        await bench.alice.create(4_000_000)
+        await bench.alice.apply(MINE, bytes([2]) * 4_000_000)
+        measured = await bench.alice.bell_measure(block(0, 0), block(0, 1))
+        assert measured.outcomes == bytes([2]) * 4_000_000
+
+    attempt(tmp_path, action)
+
+
+def test_a_caller_that_goes_away_leaves_nothing_behind(tmp_path: Path) -> None:
+    async def action(bench: Bench) -> None:
+        # A caller that is still waiting, so that the other must have been seen to leave.
+        request = ReceiveRequest(block=MINE, port="bob-q9", timeout_s=5)
+        leaving = bench.stub.Receive(request, metadata=bench.bob.metadata, timeout=5)
+        staying = asyncio.ensure_future(bench.bob.receive(MINE, "bob-q9"))
+        waiting = bench.transport._waiting
+        await until(lambda: sum(map(len, waiting.values())) == 2)
+        leaving.cancel()
+        await until(lambda: sum(map(len, waiting.values())) == 1)
+        await bench.alice.create(3)
+        await bench.alice.send((MINE, "alice-q9"))
+        assert (await staying).photons == 3
+        assert not waiting
+
+    attempt(tmp_path, action)
+
+
+async def until(condition: Callable[[], bool]) -> None:
+    """Wait for a condition, at most five seconds."""
+    async with asyncio.timeout(5):
+        while not condition():
+            await asyncio.sleep(0)
+
+
+def test_an_unexpected_error_is_reported_to_end_the_program(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def action(bench: Bench) -> None:
+        await bench.alice.create(1)
+        monkeypatch.delattr(bench.layer.sabot, "_store")
+        with pytest.raises(grpc.aio.AioRpcError) as failure:
+            await bench.alice.measure(MINE)
+        assert failure.value.code() == Code.UNKNOWN
+        assert isinstance(bench.errors.pop(), AttributeError)
+
+    attempt(tmp_path, action)
+
+
+def test_an_unexpected_error_in_flight_is_reported_to_end_the_program(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def action(bench: Bench) -> None:
+        await bench.alice.create(1)
+        monkeypatch.delattr(bench.layer.network, "switches")
+        await bench.alice.send((MINE, "alice-q9"))
+        assert isinstance(bench.errors.pop(), AttributeError)
+
+    attempt(tmp_path, action)
