@@ -36,6 +36,7 @@ from wire.metadata import (
     Setup,
 )
 
+LIGHT_TIMEOUT_S = 10.0  # until the source answers
 GRACE_S = 0.1  # light that has not come this long after the source's answer is lost
 DARK_LIMIT_S = 10.0  # without a single pair; the last few symbols are small blocks
 ATTEMPTS_LIMIT = 64
@@ -144,9 +145,19 @@ class SendingSession:
         """Have pairs made, modulate this host's halves and send them on."""
         half = BlockName(self._setup.session, number, 0)
         rate_hz = self._setup.rate_hz
-        await self._pairs.request(Emit(self._setup.session, number, paulis.size, rate_hz))
-        # The source answers when its light has arrived, or never will.
-        return await self._qnic.modulate(half, paulis, self._qnic.ports[0], rate_hz, GRACE_S)
+        port = self._qnic.ports[0]
+        light = asyncio.create_task(
+            self._qnic.modulate(half, paulis, port, rate_hz, LIGHT_TIMEOUT_S)
+        )
+        try:
+            await self._pairs.request(Emit(self._setup.session, number, paulis.size, rate_hz))
+            # The source has answered: its light has arrived, or never will.
+            async with asyncio.timeout(GRACE_S + paulis.size / rate_hz):
+                return await light
+        except TimeoutError as error:
+            raise NoLight(f"no light from {self._source} at {port}") from error
+        finally:
+            light.cancel()
 
     async def _one_by_one(self, paulis: Symbols) -> int:
         """Send each pair under a handshake of its own; a pair without light is just lost."""

@@ -1,0 +1,126 @@
+"""Start the controller: `python -m controller_apps --config FILE`."""
+
+import argparse
+import contextlib
+import logging
+import os
+import signal
+import socket
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from wire.config import BadConfig, ControllerConfig
+
+READY_TIMEOUT_S = 10.0
+
+
+class Fatal(Exception):
+    """The controller cannot run; the message names value and remedy."""
+
+
+def main() -> int:
+    """Run until told to end; return the exit status."""
+    options = argparse.ArgumentParser(prog="controller_apps", description=__doc__)
+    options.add_argument("--config", type=Path, required=True, help="a ControllerConfig in JSON")
+    logging.basicConfig(
+        stream=sys.stderr, level=logging.INFO, format="%(asctime)s %(name)s: %(message)s"
+    )
+    try:
+        run(ControllerConfig.read(options.parse_args().config))
+    except (BadConfig, Fatal) as error:
+        print(f"controller: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def run(config: ControllerConfig) -> None:
+    """Serve until SIGTERM or SIGINT."""
+    framework = load_framework(config.framework)
+    host, port = read_address(config.listen)
+    check_free(host, port)
+    framework.serve_on(host, port)
+    app = start_apps(framework, config)
+    wait_until_listening(framework, host, port)
+    stop = stop_socket()
+    print("ready", flush=True)
+    stop.recv(1)
+    app.close()
+
+
+def load_framework(name: str) -> Any:
+    """Load the framework that the configuration names, before any app is imported."""
+    os.environ["QMN_CONTROLLER_FRAMEWORK"] = name
+    try:
+        from controller_apps import framework
+    except ValueError as error:
+        raise Fatal(str(error)) from error
+    framework.hub.patch()
+    return framework
+
+
+def read_address(listen: str) -> tuple[str, int]:
+    """Split "127.0.0.1:6653"."""
+    host, _, port = listen.rpartition(":")
+    if not host or not port.isdecimal() or not 0 < int(port) < 1 << 16:
+        raise Fatal(f"listen {listen!r} is not an address and a port, such as 127.0.0.1:6653")
+    return host, int(port)
+
+
+def check_free(host: str, port: int) -> None:
+    """Fail now if the address cannot be had: the framework would only log it and go on."""
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((host, port))
+            probe.listen()
+        except OSError as error:
+            raise Fatal(
+                f"cannot listen on {host}:{port}: {error.strerror}; "
+                "end the other controller or set another `listen`"
+            ) from error
+
+
+def start_apps(framework: Any, config: ControllerConfig) -> Any:
+    """Start both apps and the OpenFlow server; return the quantum-metadata app."""
+    from controller_apps.mac_table import MacTable
+    from controller_apps.record import Record
+
+    try:
+        record = Record(config.record)
+    except OSError as error:
+        raise Fatal(f"cannot write the record {config.record!r}: {error.strerror}") from error
+    modules = ["controller_apps.learning_switch", "controller_apps.quantum_metadata"]
+    apps = framework.start(modules, config=config, mac_table=MacTable(), record=record)
+    return apps["QuantumMetadata"]
+
+
+def wait_until_listening(framework: Any, host: str, port: int) -> None:
+    """Return as soon as a connection to the OpenFlow server succeeds."""
+    deadline = time.monotonic() + READY_TIMEOUT_S
+    while time.monotonic() < deadline:
+        framework.hub.sleep(0.01)
+        with contextlib.suppress(ConnectionRefusedError), socket.create_connection((host, port)):
+            return
+    raise Fatal(f"no OpenFlow server on {host}:{port} within {READY_TIMEOUT_S} s")
+
+
+def stop_socket() -> socket.socket:
+    """Return a socket that becomes readable when the process is told to end.
+
+    Both frameworks can wait for a socket; under eventlet a handler could not wake the hub.
+    """
+    reader, writer = socket.socketpair()
+    writer.setblocking(False)
+    signal.set_wakeup_fd(writer.detach())
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: None)
+    return reader
+
+
+if __name__ == "__main__":
+    status = main()
+    sys.stdout.flush()
+    # Threads that wait for switches cannot be interrupted; the kernel closes their sockets.
+    os._exit(status)

@@ -1,0 +1,72 @@
+"""What the arbiter wants done; the app turns each into OpenFlow or a line of text."""
+
+from dataclasses import dataclass
+
+from controller_apps.paths import Hop
+from controller_apps.segments import FiveTuple
+
+
+@dataclass(frozen=True)
+class Forward:
+    """Send a frame on from the classical switch that punted it."""
+
+    dpid: int
+    in_port: int
+    frame: bytes
+
+
+@dataclass(frozen=True)
+class OpenPaths:
+    """Program the hops of one quantum switch in one bundle, then ask for a barrier."""
+
+    dpid: int
+    hops: tuple[Hop, ...]
+    session: int
+    transaction: int  # to be given back with the barrier reply or the error
+
+
+@dataclass(frozen=True)
+class ClosePaths:
+    """Delete every path of a session from one quantum switch."""
+
+    dpid: int
+    session: int
+
+
+@dataclass(frozen=True)
+class AddBypass:
+    """Let a connection pass a classical switch without the controller."""
+
+    dpid: int
+    five_tuple: FiveTuple
+    session: int
+
+
+@dataclass(frozen=True)
+class RemoveBypass:
+    """Undo AddBypass."""
+
+    dpid: int
+    five_tuple: FiveTuple
+    session: int
+
+
+@dataclass(frozen=True)
+class Note:
+    """A fact for the log and the record."""
+
+    event: str
+    session: int
+    setup_ms: float | None = None
+    detail: str = ""
+
+
+@dataclass(frozen=True)
+class Drop:
+    """A segment that goes no further."""
+
+    cause: str  # what it is counted under
+    detail: str
+
+
+Action = Forward | OpenPaths | ClosePaths | AddBypass | RemoveBypass | Note | Drop

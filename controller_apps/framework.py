@@ -1,0 +1,122 @@
+"""The one place that knows which OpenFlow framework is loaded: Ryu or os-ken.
+
+A process loads one of them, named by the environment before this module is imported.
+Both have the same interface under different package names; neither has types.
+"""
+
+import logging
+import os
+import sys
+import warnings
+from collections.abc import Callable
+from functools import wraps
+from importlib import import_module
+from types import ModuleType
+from typing import Any, TypeVar, cast
+
+VARIABLE = "QMN_CONTROLLER_FRAMEWORK"
+PACKAGES = {"ryu": "ryu", "os-ken": "os_ken"}
+NAME = os.environ.get(VARIABLE, "ryu")
+
+Handler = TypeVar("Handler", bound=Callable[..., None])
+
+
+def _import(name: str) -> ModuleType:
+    with warnings.catch_warnings():
+        # Invalid escapes, eventlet's own deprecation: others' code, nothing to do about it.
+        warnings.simplefilter("ignore")
+        return import_module(name)
+
+
+def _load(module: str) -> ModuleType:
+    return _import(f"{PACKAGES[NAME]}.{module}")
+
+
+if NAME not in PACKAGES:
+    raise ValueError(f"framework {NAME!r} is unknown: choose one of {', '.join(PACKAGES)}")
+if NAME == "ryu":
+    # Ryu 4.34 imports this name, which eventlet has no more.
+    vars(_import("eventlet.wsgi")).setdefault("ALREADY_HANDLED", b"")
+
+hub: Any = _load("lib.hub")
+cfg: Any = _load("cfg")
+app_manager: Any = _load("base.app_manager")
+ofp_event: Any = _load("controller.ofp_event")
+_controller: Any = _load("controller.controller")  # declares the options that serve_on sets
+_handler: Any = _load("controller.handler")
+_event: Any = _load("controller.event")
+_protocol: Any = _load("ofproto.ofproto_protocol")
+lldp: Any = _load("lib.packet.lldp")
+ofproto: Any = _load("ofproto.ofproto_v1_4")
+parser: Any = _load("ofproto.ofproto_v1_4_parser")
+
+_App: Any = getattr(app_manager, "RyuApp" if NAME == "ryu" else "OSKenApp")
+Event: Any = _event.EventBase
+ProtocolDesc: Any = _protocol.ProtocolDesc
+CONFIG: str = _handler.CONFIG_DISPATCHER
+MAIN: str = _handler.MAIN_DISPATCHER
+DEAD: str = _handler.DEAD_DISPATCHER
+
+
+class App(_App):
+    """Base of the apps: a fault in a handler ends the process.
+
+    Left to itself, Ryu logs the fault and goes on, and os-ken silently ends the app's thread.
+    """
+
+    def register_handler(self, event_class: Any, handler: Any) -> None:
+        """Take a handler in; called by the framework."""
+
+        @wraps(handler)
+        def guarded(event: Any) -> None:
+            with EndOnFault(self.name):
+                handler(event)
+
+        super().register_handler(event_class, guarded)
+
+
+class EndOnFault:
+    """Ends the process, after saying why, if its block raises."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def __enter__(self) -> None:
+        """Begin the block."""
+
+    def __exit__(self, kind: object, error: BaseException | None, traceback: object) -> None:
+        """End the process if the block has failed; leave what ends a thread alone."""
+        if isinstance(error, Exception):
+            logging.getLogger(self.name).critical("fault in a handler", exc_info=error)
+            print(f"controller: fault in {self.name}, see above: {error!r}", file=sys.stderr)
+            sys.stderr.flush()
+            os._exit(1)
+
+
+def on(event: Any, *states: str) -> Callable[[Handler], Handler]:
+    """Register a method as handler of an event, in the given states of a connection."""
+    return cast(Callable[[Handler], Handler], _handler.set_ev_cls(event, list(states)))
+
+
+def serve_on(host: str, port: int) -> None:
+    """Set where switches connect, and how soon a silent one counts as gone.
+
+    On native threads only the unanswered echo ends a connection that its switch closed.
+    """
+    cfg.CONF(args=[], project="qmn", default_config_files=[])
+    options = {
+        "ofp_listen_host": host,
+        "ofp_tcp_listen_port": port,
+        "echo_request_interval": 1.0,
+        "maximum_unreplied_echo_requests": 10,
+    }
+    for option, value in options.items():
+        cfg.CONF.set_override(option, value)
+
+
+def start(modules: list[str], **contexts: Any) -> dict[str, Any]:
+    """Start the apps of the given modules and the OpenFlow server; return apps by name."""
+    manager = app_manager.AppManager.get_instance()
+    manager.load_apps(modules)
+    manager.instantiate_apps(**manager.create_contexts(), **contexts)
+    return dict(manager.applications)

@@ -1,0 +1,130 @@
+"""The optical network as discovered, and shortest paths through it."""
+
+import re
+from collections import deque
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+MAX_PORTS = 4096
+
+
+class SwitchPort(NamedTuple):
+    """A port of a quantum switch."""
+
+    dpid: int
+    port: int
+
+
+class Hop(NamedTuple):
+    """One cross-connect: light that enters a switch at in_port leaves at out_port."""
+
+    dpid: int
+    in_port: int
+    out_port: int
+
+
+class Direction(NamedTuple):
+    """A port in one direction: a fibre carries light both ways independently."""
+
+    dpid: int
+    port: int
+    inward: bool  # into the switch
+
+
+@dataclass(frozen=True)
+class HostPort:
+    """What a host says of the fibre at one of its ports."""
+
+    host: str
+    address: str  # IPv4, of its classical interface
+    name: str  # of the port
+
+
+def directions(hops: Iterable[Hop]) -> list[Direction]:
+    """Return what the hops occupy, each of which carries one path only."""
+    return [
+        direction
+        for hop in hops
+        for direction in (
+            Direction(hop.dpid, hop.in_port, True),
+            Direction(hop.dpid, hop.out_port, False),
+        )
+    ]
+
+
+def switches(hops: Iterable[Hop]) -> list[int]:
+    """Return the datapath ids that the hops cross, each once, in order."""
+    return list(dict.fromkeys(hop.dpid for hop in hops))
+
+
+def natural_order(name: str) -> list[tuple[int, str]]:
+    """Return a key that sorts alice-q2 before alice-q10."""
+    parts = re.split(r"([0-9]+)", name)
+    return [(int(part), "") if part.isdecimal() else (0, part) for part in parts]
+
+
+@dataclass
+class Network:
+    """Quantum switches that are connected, hosts at their ports, fibres between them."""
+
+    connected: set[int] = field(default_factory=set)
+    hosts: dict[SwitchPort, HostPort] = field(default_factory=dict)
+    links: dict[SwitchPort, SwitchPort] = field(default_factory=dict)
+
+    def attach(self, at: SwitchPort, host_port: HostPort) -> bool:
+        """Note which host's port a fibre leads to; tell whether that is news."""
+        if self.hosts.get(at) == host_port or len(self.hosts) >= MAX_PORTS:
+            return False
+        self.hosts = {
+            place: other
+            for place, other in self.hosts.items()
+            if (other.host, other.name) != (host_port.host, host_port.name)
+        }
+        self.hosts[at] = host_port
+        return True
+
+    def detach(self, at: SwitchPort) -> bool:
+        """Forget what a fibre leads to; tell whether anything was known."""
+        return self.hosts.pop(at, None) is not None
+
+    def add_link(self, one: SwitchPort, other: SwitchPort) -> None:
+        """Note a fibre between two switches."""
+        self.links[one] = other
+        self.links[other] = one
+
+    def ports_of(self, address: str) -> list[SwitchPort]:
+        """Return where the ports of a host are, in order of their names; empty if unknown."""
+        found = [(at, host) for at, host in self.hosts.items() if host.address == address]
+        return [at for at, _ in sorted(found, key=lambda item: natural_order(item[1].name))]
+
+    def path(
+        self, start: SwitchPort, end: SwitchPort, blocked: Callable[[Direction], bool]
+    ) -> tuple[Hop, ...] | None:
+        """Return a shortest path of free ports between two host ports, None if there is none."""
+        ends = Direction(*start, True), Direction(*end, False)
+        if start == end or not {start.dpid, end.dpid} <= self.connected or any(map(blocked, ends)):
+            return None
+        queue: deque[tuple[SwitchPort, tuple[Hop, ...]]] = deque([(start, ())])
+        seen = {start.dpid}
+        while queue:
+            at, before = queue.popleft()
+            if at.dpid == end.dpid:
+                return (*before, Hop(at.dpid, at.port, end.port))
+            for out, far in self._free_links(at.dpid, blocked):
+                if far.dpid not in seen:
+                    seen.add(far.dpid)
+                    queue.append((far, (*before, Hop(at.dpid, at.port, out.port))))
+        return None
+
+    def _free_links(
+        self, dpid: int, blocked: Callable[[Direction], bool]
+    ) -> list[tuple[SwitchPort, SwitchPort]]:
+        return [
+            (near, far)
+            for near, far in self.links.items()
+            if near.dpid == dpid
+            and far.dpid in self.connected
+            and not blocked(Direction(*near, False))
+            and not blocked(Direction(*far, True))
+        ]

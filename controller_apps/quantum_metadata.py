@@ -1,0 +1,224 @@
+"""Quantum metadata: reads set-up messages and opens light paths before it lets them on.
+
+The thinking is the arbiter's; this turns OpenFlow into its calls and its actions into
+OpenFlow. All state belongs to this app's own thread: the clock comes as an event, too.
+"""
+
+import time
+from collections import Counter
+from itertools import count
+from typing import Any
+
+from controller_apps import discovery, flow_entries
+from controller_apps.actions import (
+    Action,
+    AddBypass,
+    ClosePaths,
+    Drop,
+    Forward,
+    Note,
+    OpenPaths,
+    RemoveBypass,
+)
+from controller_apps.arbiter import Arbiter
+from controller_apps.framework import CONFIG, DEAD, MAIN, App, Event, hub, ofp_event, ofproto, on
+from controller_apps.mac_table import MacTable
+from controller_apps.paths import Network, SwitchPort
+from controller_apps.record import Record
+from wire.config import ControllerConfig
+from wire.metadata import MalformedPacket
+
+TICK_S = 0.2
+
+
+class EventTick(Event):
+    """Time has passed."""
+
+
+class QuantumMetadata(App):
+    """Arbitrates light between hosts."""
+
+    OFP_VERSIONS = (ofproto.OFP_VERSION,)
+
+    def __init__(
+        self, config: ControllerConfig, mac_table: MacTable, record: Record, **contexts: Any
+    ) -> None:
+        super().__init__(**contexts)
+        self.quantum_switches = frozenset(config.quantum_switches)
+        self.idle_timeout_s = config.idle_timeout_s
+        self.mac_table = mac_table
+        self.record = record
+        self.network = Network()
+        rotations = {int(dpid): rotation for dpid, rotation in config.rotations.items()}
+        self.arbiter = Arbiter(
+            self.network, rotations, config.hold_timeout_s, config.idle_timeout_s
+        )
+        self.datapaths: dict[int, Any] = {}
+        self.packet_in_count = 0
+        self.dropped: Counter[str] = Counter()
+        self._xids = count(1)
+        self._transactions: dict[tuple[int, int], int] = {}  # by switch and xid
+
+    def start(self) -> Any:
+        """Begin to handle events; called by the framework."""
+        super().start()
+        hub.spawn(self._tick_for_ever)
+
+    def _tick_for_ever(self) -> None:
+        while True:
+            hub.sleep(TICK_S)
+            self.send_event(self.name, EventTick())
+
+    @on(EventTick)
+    def time_passed(self, event: Any) -> None:
+        """Do what is due."""
+        self._do(self.arbiter.tick(time.monotonic()))
+
+    @on(ofp_event.EventOFPStateChange, MAIN, DEAD)
+    def switch_changed(self, event: Any) -> None:
+        """Take in a switch that has connected, end what used one that is gone."""
+        datapath = event.datapath
+        known = self.datapaths.get(datapath.id)
+        if event.state == DEAD and known is not datapath:
+            return  # its successor is here already, or it never said who it was
+        if known is not None:
+            del self.datapaths[datapath.id]
+            for key in [key for key in self._transactions if key[0] == datapath.id]:
+                del self._transactions[key]
+            self._do(self.arbiter.switch_left(datapath.id, time.monotonic()))
+            self.logger.info("switch %#x is gone", datapath.id)
+        if event.state == MAIN:
+            self._take_in(datapath)
+
+    def _take_in(self, datapath: Any) -> None:
+        self.datapaths[datapath.id] = datapath
+        quantum = datapath.id in self.quantum_switches
+        if quantum:
+            self.network.connected.add(datapath.id)
+        entries = flow_entries.discovery_entries if quantum else flow_entries.metadata_entries
+        for message in entries(datapath):
+            datapath.send_msg(message)
+        kind = "quantum" if quantum else "classical"
+        self.logger.info("switch %#x is here: %s", datapath.id, kind)
+        self.record.write("switch", dpid=datapath.id, kind=kind)
+
+    @on(ofp_event.EventOFPFlowStatsReply, CONFIG, MAIN)
+    def flows_listed(self, event: Any) -> None:
+        """Delete paths that no living session asked for."""
+        datapath = event.msg.datapath
+        if datapath.id not in self.quantum_switches:
+            return
+        sessions = {entry.cookie for entry in event.msg.body if flow_entries.is_path(entry)}
+        for session in sorted(sessions):
+            if not self.arbiter.is_live(session):
+                self.logger.info("switch %#x: path of dead session %016x", datapath.id, session)
+                datapath.send_msg(flow_entries.delete_paths(datapath, session))
+
+    @on(ofp_event.EventOFPPacketIn, MAIN)
+    def packet_arrived(self, event: Any) -> None:
+        """Hand LLDP to discovery and metadata to the arbiter; the rest is not ours."""
+        now = time.monotonic()
+        self.packet_in_count += 1
+        message = event.msg
+        dpid, in_port, frame = message.datapath.id, message.match["in_port"], bytes(message.data)
+        if dpid in self.quantum_switches:
+            self._fiber_spoke(SwitchPort(dpid, in_port), frame)
+        elif message.table_id == flow_entries.METADATA_TABLE:
+            self._do(self.arbiter.segment_arrived(dpid, in_port, frame, now))
+
+    def _fiber_spoke(self, at: SwitchPort, frame: bytes) -> None:
+        try:
+            said = discovery.parse(frame)
+        except MalformedPacket as error:
+            self._drop(Drop("lldp", f"switch {at.dpid:#x} port {at.port}: {error}"))
+            return
+        news = self.network.detach(at) if said.leaving else self.network.attach(at, said.host_port)
+        if news:
+            port = said.host_port
+            verb = "leaves" if said.leaving else "is at"
+            self.logger.info("%s (%s) %s %#x:%d", port.name, port.address, verb, at.dpid, at.port)
+            self.record.write("fiber", host=port.host, port=port.name, dpid=at.dpid, at=at.port)
+
+    @on(ofp_event.EventOFPBarrierReply, CONFIG, MAIN)
+    def barrier_passed(self, event: Any) -> None:
+        """Tell the arbiter that a switch is ready."""
+        now = time.monotonic()
+        dpid, xid = event.msg.datapath.id, event.msg.xid
+        transaction = self._transactions.get((dpid, xid))
+        if transaction is None:
+            return
+        while self._transactions.get((dpid, xid)) == transaction:  # back to the bundle's begin
+            del self._transactions[dpid, xid]
+            xid -= 1
+        self._do(self.arbiter.barrier_passed(dpid, transaction, now))
+
+    @on(ofp_event.EventOFPErrorMsg, CONFIG, MAIN)
+    def switch_refused(self, event: Any) -> None:
+        """Tell the arbiter that a switch will not do it."""
+        error = event.msg
+        dpid = error.datapath.id or 0  # 0: not yet known
+        code = getattr(error, "code", "of an experimenter")
+        self.logger.warning("switch %#x: error type %d, code %s", dpid, error.type, code)
+        transaction = self._transactions.get((dpid, error.xid))
+        if transaction is not None:
+            self._do(self.arbiter.switch_refused(transaction, time.monotonic()))
+
+    @on(ofp_event.EventOFPFlowRemoved, MAIN)
+    def entry_removed(self, event: Any) -> None:
+        """Tell the arbiter that a connection has fallen silent."""
+        message = event.msg
+        classical = message.datapath.id not in self.quantum_switches
+        idle = message.reason == ofproto.OFPRR_IDLE_TIMEOUT
+        if classical and idle and message.priority == flow_entries.BYPASS_PRIORITY:
+            connection = flow_entries.five_tuple_of(message.match)
+            now = time.monotonic()
+            self._do(self.arbiter.bypass_expired(message.datapath.id, connection, now))
+
+    def close(self) -> None:
+        """Record the end."""
+        self.record.write("stopped", packet_in_count=self.packet_in_count)
+
+    def _do(self, actions: list[Action]) -> None:
+        for action in actions:
+            if isinstance(action, Note):
+                self._note(action)
+            elif isinstance(action, Drop):
+                self._drop(action)
+            elif action.dpid in self.datapaths:  # what is gone needs nothing
+                datapath = self.datapaths[action.dpid]
+                flow_entries.send(datapath, self._messages(datapath, action))
+
+    def _messages(self, datapath: Any, action: Action) -> list[Any]:
+        match action:
+            case Forward(dpid, in_port, frame):
+                port = self.mac_table.port_of(dpid, frame[:6])
+                return [flow_entries.packet_out(datapath, in_port, port, frame)]
+            case OpenPaths(dpid, hops, session, transaction):
+                messages = flow_entries.path_bundle(datapath, transaction, hops, session)
+                for message in messages:
+                    message.set_xid(next(self._xids) & 0xFFFFFFFF)
+                    self._transactions[dpid, message.xid] = transaction
+                return messages
+            case ClosePaths(_, session):
+                return [flow_entries.delete_paths(datapath, session)]
+            case AddBypass(_, five_tuple, session):
+                return [flow_entries.bypass(datapath, five_tuple, session, self.idle_timeout_s)]
+            case RemoveBypass(_, five_tuple, session):
+                return [flow_entries.delete_bypass(datapath, five_tuple, session)]
+            case _:
+                raise TypeError(f"{action} is not for a switch")
+
+    def _note(self, note: Note) -> None:
+        fields: dict[str, Any] = {"session": f"{note.session:016x}"}
+        if note.setup_ms is not None:
+            fields["setup_ms"] = round(note.setup_ms, 4)
+        if note.detail:
+            fields["detail"] = note.detail
+        self.logger.info("session %016x: %s %s", note.session, note.event, note.detail)
+        self.record.write(note.event, **fields, packet_in_count=self.packet_in_count)
+
+    def _drop(self, drop: Drop) -> None:
+        self.dropped[drop.cause] += 1
+        self.logger.info(
+            "dropped (%s, %d so far): %s", drop.cause, self.dropped[drop.cause], drop.detail
+        )
