@@ -1,9 +1,14 @@
 """qmn: the Mininet for programmable quantum networks."""
 
 import argparse
+import os
+import signal
 import sys
 
-from qmn import bench, run
+# Until a verb runs there is nothing to clean up: Ctrl-C just ends the program.
+signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+from qmn import bench, run  # noqa: E402
 
 VERBS = (run, bench)
 
@@ -15,7 +20,13 @@ def main() -> int:
     for verb in VERBS:
         verb.add_parser(verbs)
     arguments = parser.parse_args()
-    status: int = arguments.call(arguments)
+    try:
+        status: int = arguments.call(arguments)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        # Whoever read our output has gone, as `head` does; there is nobody to tell.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 128 + signal.SIGPIPE
     return status
 
 

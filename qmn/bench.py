@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from hosts.software import QuantumSocket
-from topologies.network import Network
+from topologies.network import Interrupted, Network, Signals
 from topologies.programs import POLL_S, NetworkError, Program, python
 from topologies.runtime import Runtime
 from topologies.sdc import SdcTopo
@@ -35,18 +35,21 @@ def add_parser(verbs: Any) -> None:
 def call(arguments: argparse.Namespace) -> int:
     """Measure everything; a network that does not start is one line and a status."""
     try:
-        with tempfile.TemporaryDirectory(prefix="qmn-bench-") as folder:
-            run(Path(folder), arguments.pairs)
+        with Signals() as signals, tempfile.TemporaryDirectory(prefix="qmn-bench-") as folder:
+            run(Path(folder), arguments.pairs, signals)
+    except Interrupted as error:
+        print(f"qmn: {error}; everything is cleaned up", file=sys.stderr)
+        return error.status
     except NetworkError as error:
         print(f"qmn: {error}", file=sys.stderr)
         return 1
     return 0
 
 
-def run(folder: Path, pairs: int) -> None:
+def run(folder: Path, pairs: int, signals: Signals) -> None:
     """Print one line a figure."""
     show("whole run, 1 KiB, native", f"{whole_run(folder):.1f} s")
-    with Network(SdcTopo, Runtime(log_folder=folder / "network")) as network:
+    with Network(SdcTopo, Runtime(log_folder=folder / "network"), signals) as network:
         network.capture("s1")
         seconds = send(network, os.urandom(MEBIBYTE), "framed")
         show("framed, 1 MiB", f"{MEBIBYTE * PAIRS_PER_BYTE / seconds:,.0f} Bell pairs/s")

@@ -9,6 +9,8 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from topologies.record import read_record
+
 
 def complete(facts: dict[str, Any], folder: Path) -> None:
     """Add what the run has left in its folder, and write result.json."""
@@ -24,7 +26,7 @@ def complete(facts: dict[str, Any], folder: Path) -> None:
     facts["symbol_error_rate"] = facts["symbol_errors"] / symbols if symbols else None
     facts["elapsed_s"] = sender.get("elapsed_s", 0.0)
     facts["pairs_per_s"] = facts["bell_pairs"] / facts["elapsed_s"] if sender else 0.0
-    facts.update(controller_facts(folder / "controller.jsonl"))
+    facts.update(controller_facts(read_record(folder)))
     (folder / "result.json").write_text(json.dumps(facts, indent=2) + "\n")
 
 
@@ -36,10 +38,8 @@ def sha256(file: Path) -> str | None:
         return file_digest(opened, "sha256").hexdigest()
 
 
-def controller_facts(record: Path) -> dict[str, Any]:
+def controller_facts(lines: list[dict[str, Any]]) -> dict[str, Any]:
     """Return path set-up times (ms) and packet-ins from the controller's record."""
-    text = record.read_text() if record.exists() else ""
-    lines = [json.loads(line) for line in text.splitlines()]
     times = [line["setup_ms"] for line in lines if line["event"] == "path_ready"]
     counts = [line["packet_in_count"] for line in lines if "packet_in_count" in line]
     return {"path_setup_ms": percentiles(times), "packet_in_count": max(counts, default=0)}

@@ -16,7 +16,7 @@ from qmn import result
 from qmn.run_folder import give_to_invoker, make_folder, point_latest
 from qmn.transfer import Transfer, TransferError, dispatcher_backend, transfer
 from topologies.fiber import RANGES
-from topologies.network import Interrupted, Network
+from topologies.network import Interrupted, Network, Signals, require_root
 from topologies.programs import NetworkError
 from topologies.runtime import OPENFLOW_PORT, Runtime
 from topologies.sdc import SdcTopo
@@ -67,7 +67,8 @@ def add_parser(verbs: Any) -> None:
 def call(arguments: argparse.Namespace) -> int:
     """Run; turn every fault into one line and an exit status."""
     try:
-        return run(arguments, Console(highlight=False))
+        with Signals() as signals:
+            return run(arguments, signals, Console(highlight=False))
     except (BadInput, NetworkError, TransferError) as error:
         print(f"qmn: {error}", file=sys.stderr)
         return 1
@@ -76,14 +77,15 @@ def call(arguments: argparse.Namespace) -> int:
         return error.status
 
 
-def run(arguments: argparse.Namespace, console: Console) -> int:
+def run(arguments: argparse.Namespace, signals: Signals, console: Console) -> int:
     """Do the whole run and return its exit status."""
     size = check_input(arguments)
+    require_root()
     tell_estimate(arguments, size, console)
     folder = make_folder(arguments.runs, arguments.topology)
     facts = beginning(arguments, folder)
     try:
-        run_network(arguments, folder, facts, console)
+        run_network(arguments, folder, facts, signals, console)
     except (NetworkError, TransferError, Interrupted) as error:
         facts["error"] = str(error)
         raise
@@ -171,7 +173,11 @@ def beginning(arguments: argparse.Namespace, folder: Path) -> dict[str, Any]:
 
 
 def run_network(
-    arguments: argparse.Namespace, folder: Path, facts: dict[str, Any], console: Console
+    arguments: argparse.Namespace,
+    folder: Path,
+    facts: dict[str, Any],
+    signals: Signals,
+    console: Console,
 ) -> None:
     """Start the network, send, and add to the facts."""
     settings = Runtime(
@@ -197,7 +203,7 @@ def run_network(
         arguments.rate_hz,
     )
     console.print(f"starting the network ({arguments.controller}, seed {arguments.seed}) ...")
-    with Network(topo, settings) as network:
+    with Network(topo, settings, signals) as network:
         facts["backend"] = dispatcher_backend(network)
         if not arguments.no_capture:
             facts["captures"] = [str(file) for file in network.capture("s1")]

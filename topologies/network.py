@@ -18,9 +18,10 @@ from mininet.topo import Topo
 from topologies import openvswitch, runtime
 from topologies.nodes import READY_TIMEOUT_S, QuantumController
 from topologies.programs import POLL_S, NetworkError, Program
+from topologies.record import read_record
 from topologies.runtime import RUNTIME_ROOT, Runtime
 
-CONNECT_TIMEOUT_S = 20.0
+DISCOVERY_TIMEOUT_S = 20.0
 CAPTURE_SETTLE_S = 1.0
 
 
@@ -66,15 +67,15 @@ class Network:
     Raise NetworkError if it cannot start, Interrupted if a signal came meanwhile.
     """
 
-    def __init__(self, topo: Topo | Callable[[], Topo], settings: Runtime) -> None:
+    def __init__(self, topo: Callable[[], Topo], settings: Runtime, signals: Signals) -> None:
         self._topo = topo
         self.runtime = settings
+        self._signals = signals
         self._cleanup = ExitStack()
 
     def __enter__(self) -> Self:
         self._cleanup.callback(self.runtime.remove)
         try:
-            self._signals = self._cleanup.enter_context(Signals())
             self._start()
         except BaseException:
             self._cleanup.close()
@@ -98,7 +99,7 @@ class Network:
         sweep()
         self._signals.check()
         runtime.begin(self.runtime)
-        topo = self._topo() if callable(self._topo) else self._topo
+        topo = self._topo()
         refuse_taken_names(topo)
         # Mininet would raise kernel limits for the whole machine, which is not ours to change.
         Mininet.inited = True
@@ -113,15 +114,27 @@ class Network:
         for program in list(self.runtime.programs):
             program.wait_for("ready", READY_TIMEOUT_S)
             self._signals.check()
-        deadline = time.monotonic() + CONNECT_TIMEOUT_S
-        for switch in self.net.switches:
-            while not switch.connected():
-                self.check()
-                if time.monotonic() > deadline:
-                    raise NetworkError(
-                        f"{switch.name} did not reach its controller in {CONNECT_TIMEOUT_S:g} s"
-                    )
-                time.sleep(POLL_S)
+        deadline = time.monotonic() + DISCOVERY_TIMEOUT_S
+        while unknown := self._expected() - self._discovered():
+            self.check()
+            if time.monotonic() > deadline:
+                raise NetworkError(
+                    f"the controller did not find {', '.join(sorted(unknown))} in "
+                    f"{DISCOVERY_TIMEOUT_S:g} s; its log: {self.runtime.logs}/c0.log"
+                )
+            time.sleep(POLL_S)
+
+    def _expected(self) -> set[str]:
+        """Return what the controller must know before light can be asked for."""
+        switches = {f"switch {int(switch.dpid, 16):#x}" for switch in self.net.switches}
+        ends = {end.port for fiber in self.runtime.fibers for end in (fiber.a, fiber.b)}
+        return switches | {port for port in ends if not port.isdigit()}
+
+    def _discovered(self) -> set[str]:
+        """Return the switches and fibre ends in the controller's record."""
+        facts = read_record(self.runtime.logs)
+        switches = {f"switch {fact['dpid']:#x}" for fact in facts if fact["event"] == "switch"}
+        return switches | {fact["port"] for fact in facts if fact["event"] == "fiber"}
 
     def host(self, name: str) -> Host:
         """Return a host; raise NetworkError if there is none of that name."""

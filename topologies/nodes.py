@@ -7,6 +7,7 @@ from mininet.node import Controller, Host, Node, OVSSwitch
 from topologies import openvswitch, runtime
 from topologies.fiber import qnics
 from topologies.programs import NetworkError, Program, python
+from topologies.record import RECORD
 from topologies.runtime import Runtime
 from wire.config import (
     DISPATCHER_PORT,
@@ -206,7 +207,7 @@ class QuantumController(Controller):
                 str(network.datapath_ids[name]): optics.rotation
                 for name, optics in network.switches.items()
             },
-            record=str(network.logs / "controller.jsonl"),
+            record=str(network.logs / RECORD),
         )
         self.program = launch(network, self.name, "controller_apps", config)
         self.program.wait_for("ready", READY_TIMEOUT_S)

@@ -12,7 +12,7 @@ from os_ken.lib.packet import ethernet, lldp, packet
 
 TTL_S = 30
 PERIOD_S = 5.0
-FAST_START = (0.1, 0.2, 0.3, 0.5, 1.0, 1.0, 1.0)  # pauses before the period begins
+FAST_START = (0.2,) * 50  # pauses before the period begins, while the network starts
 
 
 def announcement(name: str, port: str, address: str, mac: str) -> bytes:

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from topologies import openvswitch
-from topologies.network import Network
+from topologies.network import Network, Signals
 from topologies.runtime import RUNTIME_ROOT, Runtime
 from topologies.sdc import SdcTopo
 
@@ -88,5 +88,6 @@ def _nothing_is_left(_open_vswitch: None) -> Iterator[None]:
 @pytest.fixture
 def network(tmp_path: Path) -> Iterator[Network]:
     """Start the superdense-coding network in this process."""
-    with Network(SdcTopo, Runtime(log_folder=tmp_path / "run")) as running:
+    settings = Runtime(log_folder=tmp_path / "run")
+    with Signals() as signals, Network(SdcTopo, settings, signals) as running:
         yield running

@@ -202,14 +202,16 @@ def test_the_network_still_works_after_a_session_that_broke(network: Network) ->
         listener.accept()[0].close()
 
         def again() -> bool:
-            try:
-                with QuantumSocket(network.runtime.socket("alice")) as sender:
+            with QuantumSocket(network.runtime.socket("alice")) as sender:
+                try:
                     sender.connect(("bob", 7))
+                except QuantumSocketError as error:
+                    if error.reason != Reason.BUSY:
+                        raise
+                    return False
+                receiver, _peer = listener.accept()
+                with receiver:
                     sender.sendall(b"again")
-            except QuantumSocketError as error:
-                if error.reason != Reason.BUSY:
-                    raise
-                return False
-            return True
+                    return receiver.recv(100) == b"again"
 
-        wait_until(again, "the fibres are free again")
+        wait_until(again, "the fibres are free again and carry bytes")

@@ -1,0 +1,14 @@
+"""What the controller writes down as it works: one line of JSON for each fact."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+RECORD = "controller.jsonl"
+
+
+def read_record(folder: Path) -> list[dict[str, Any]]:
+    """Return the facts so far, oldest first; a line still being written is left out."""
+    file = folder / RECORD
+    text = file.read_text() if file.exists() else ""
+    return [json.loads(line) for line in text[: text.rfind("\n") + 1].splitlines()]
