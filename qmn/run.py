@@ -17,6 +17,7 @@ from qmn.run_folder import give_to_invoker, make_folder, point_latest
 from qmn.transfer import Transfer, TransferError, dispatcher_backend, transfer
 from topologies.fiber import RANGES
 from topologies.network import Interrupted, Network, Signals, require_root
+from topologies.nodes import QuantumHost
 from topologies.programs import NetworkError
 from topologies.runtime import OPENFLOW_PORT, Runtime
 from topologies.sdc import SdcTopo
@@ -99,6 +100,7 @@ def run(arguments: argparse.Namespace, signals: Signals, console: Console) -> in
 
 def check_input(arguments: argparse.Namespace) -> int:
     """Return the size of the message; raise BadInput before anything is started."""
+    check_hosts(arguments.sender, arguments.receiver)
     size = message_size(arguments)
     limit = SIZE_LIMIT[arguments.handshake]
     if size > limit:
@@ -117,6 +119,17 @@ def check_input(arguments: argparse.Namespace) -> int:
         if not least <= value <= most:
             raise BadInput(f"--{name.replace('_', '-')} {value}: choose {least:g} to {most:g}")
     return size
+
+
+def check_hosts(sender: str, receiver: str) -> None:
+    """Raise BadInput unless both are hosts of the topology with light, and not the same."""
+    topo = SdcTopo()
+    hosts = [name for name in topo.hosts() if topo.nodeInfo(name)["cls"] is QuantumHost]
+    for name in (sender, receiver):
+        if name not in hosts:
+            raise BadInput(f"unknown host {name!r}: choose one of {', '.join(hosts)}")
+    if sender == receiver:
+        raise BadInput(f"--from and --to are both {sender}: choose two hosts")
 
 
 def message_size(arguments: argparse.Namespace) -> int:

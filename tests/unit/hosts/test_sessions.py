@@ -1,0 +1,312 @@
+"""Whole stacks of alice, bob and charlie over loopback, with a real dispatcher.
+
+In the place of controller and switch stands a relay that reads the set-up message of each
+connection and writes a verdict into it, as the controller does. The light paths are set
+once, by hand.
+"""
+
+import asyncio
+from collections.abc import AsyncIterator, Callable, Coroutine
+from contextlib import AsyncExitStack, asynccontextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import grpc
+import pytest
+
+from dispatcher.clock import CaptureClock
+from dispatcher.server import build_layer, build_server, build_service
+from hosts.hardware.simulated import SimulatedQnic
+from hosts.software import QuantumSocket, QuantumSocketError
+from hosts.stack import Stack
+from wire.config import DispatcherConfig, Fiber, FiberEnd, HostConfig, QuantumSwitch
+from wire.dispatcher_pb2 import Connection, CrossConnectRequest
+from wire.dispatcher_pb2_grpc import DispatcherStub
+from wire.metadata import METADATA_PORT, SETUP_LENGTH, Pauli, Reason, Setup, Verdict, decode
+
+QNICS = {
+    "alice": ["alice-q0"],
+    "bob": ["bob-q0", "bob-q1"],
+    "charlie": ["charlie-q0", "charlie-q1"],
+}
+PORTS = {"alice-q0": 1, "bob-q0": 2, "bob-q1": 3, "charlie-q0": 4, "charlie-q1": 5}
+PATHS = [(4, 1), (1, 3), (5, 2)]
+OWN_ADDRESS = {"alice": "127.0.0.11", "bob": "127.0.0.12", "charlie": "127.0.0.13"}
+RELAYED = {name: address.replace("127.0.0", "127.0.1") for name, address in OWN_ADDRESS.items()}
+DEADLINE_S = 30
+
+Judge = Callable[[Setup], Setup]
+
+
+def grant(setup: Setup) -> Setup:
+    return replace(setup, verdict=Verdict.GRANTED)
+
+
+async def pump(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    """Pass bytes on, and the end of the connection."""
+    try:
+        while data := await reader.read(1 << 16):
+            writer.write(data)
+    except ConnectionError:
+        pass
+    finally:
+        writer.close()
+
+
+def relay(name: str, judge: Judge) -> Callable[..., Coroutine[Any, Any, None]]:
+    """Return the server of a relay to a host."""
+
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        setup = decode(await reader.readexactly(SETUP_LENGTH))
+        assert isinstance(setup, Setup)
+        there = await asyncio.open_connection(OWN_ADDRESS[name], METADATA_PORT)
+        there[1].write(judge(setup).encode())
+        await asyncio.gather(pump(reader, there[1]), pump(there[0], writer))
+
+    return serve
+
+
+@asynccontextmanager
+async def network(
+    folder: Path, judge: Judge = grant, rotation: int = 0, **fiber: float
+) -> AsyncIterator[Path]:
+    """Run everything; the sockets of the stacks are in the folder."""
+    config = DispatcherConfig(
+        listen="127.0.0.1:0",
+        socket=str(folder / "dispatcher.sock"),
+        seed=1,
+        tokens={name: f"token of {name}" for name in (*QNICS, "q1", "runner")},
+        fibers=[
+            Fiber(FiberEnd(port.split("-")[0], port), FiberEnd("q1", str(number)), **fiber)
+            for port, number in PORTS.items()
+        ],
+        switches=[QuantumSwitch("q1", rotation=rotation)],
+    )
+    errors: list[BaseException] = []
+    server = build_server(
+        config, build_service(config, build_layer(config, CaptureClock(), None), errors.append)
+    )
+    await server.start()
+    async with AsyncExitStack() as stack:
+        stack.push_async_callback(server.stop, 0)
+        await connect_paths(config.socket)
+        for name in QNICS:
+            await start_host(stack, folder, config.socket, name, judge)
+        yield folder
+    assert not errors
+
+
+async def connect_paths(dispatcher: str) -> None:
+    """Open the light paths of superdense coding."""
+    async with grpc.aio.insecure_channel(f"unix:{dispatcher}") as channel:
+        paths = [Connection(in_port=i, out_port=o) for i, o in PATHS]
+        request = CrossConnectRequest(switch="q1", connections=paths)
+        metadata = (("qmn-token", "token of q1"),)
+        await DispatcherStub(channel).CrossConnect(request, metadata=metadata)  # type: ignore[no-untyped-call]
+
+
+async def start_host(
+    stack: AsyncExitStack, folder: Path, dispatcher: str, name: str, judge: Judge
+) -> None:
+    """Start a host's stack and the relay in front of it."""
+    config = HostConfig(
+        name=name,
+        address=OWN_ADDRESS[name],
+        qnics=QNICS[name],
+        dispatcher=f"unix:{dispatcher}",
+        token=f"token of {name}",
+        socket=str(folder / f"{name}.sock"),
+        hosts=RELAYED,
+        source="charlie",
+        seed=1,
+    )
+    qnic = SimulatedQnic(config.dispatcher, config.token, config.qnics)
+    stack.push_async_callback(qnic.close)
+    host = Stack(config, qnic)
+    servers = (
+        asyncio.start_server(host.serve, config.address, METADATA_PORT),
+        asyncio.start_server(relay(name, judge), RELAYED[name], METADATA_PORT),
+        asyncio.start_unix_server(host.applications.serve, config.socket),
+    )
+    for starting in servers:
+        await stack.enter_async_context(await starting)
+
+
+def transfer(folder: Path, data: bytes, **options: Any) -> tuple[bytes, dict[str, Any]]:
+    """Send data from alice to bob; return what bob got and alice's statistics."""
+    with (
+        QuantumSocket(folder / "bob.sock") as listener,
+        QuantumSocket(folder / "alice.sock") as sender,
+    ):
+        for one in (listener, sender):
+            one.settimeout(DEADLINE_S)
+        listener.listen(7)
+        sender.connect(("bob", 7), **options)
+        receiver, peer = listener.accept()
+        assert peer.startswith("127.")
+        with receiver:
+            sender.sendall(data)
+            got = b""
+            while len(got) < len(data):
+                got += receiver.recv(1 << 16)
+            sender.shutdown()
+            assert receiver.recv(1) == b""
+        return got, sender.statistics
+
+
+def exchange(
+    folder: Path,
+    data: bytes,
+    judge: Judge = grant,
+    physics: dict[str, Any] | None = None,
+    **options: Any,
+) -> tuple[bytes, dict[str, Any]]:
+    """Run the network for one transfer."""
+
+    async def run() -> tuple[bytes, dict[str, Any]]:
+        async with network(folder, judge, **(physics or {})):
+            return await asyncio.to_thread(transfer, folder, data, **options)
+
+    return asyncio.run(run())
+
+
+@pytest.mark.parametrize("handshake", ["framed", "per-pair"])
+def test_bytes_arrive_as_they_were_sent(tmp_path: Path, handshake: str) -> None:
+    data = bytes(range(256))[:24]
+    got, statistics = exchange(tmp_path, data, handshake=handshake)
+    assert got == data
+    assert statistics["bell_pairs"] == 4 * len(data)
+    assert statistics["lost_pairs"] == statistics["repeated_frames"] == 0
+
+
+@pytest.mark.parametrize("handshake", ["framed", "per-pair"])
+@pytest.mark.parametrize("rotation", [Pauli.X, Pauli.Z, Pauli.XZ])
+def test_a_wrong_rotation_in_the_verdict_breaks_every_frame(
+    tmp_path: Path, handshake: str, rotation: Pauli
+) -> None:
+    def rotated(setup: Setup) -> Setup:
+        return replace(setup, verdict=Verdict.GRANTED, rotation=rotation)
+
+    with pytest.raises(QuantumSocketError, match="failed its check") as caught:
+        exchange(tmp_path, b"x", rotated, handshake=handshake, frame_bytes=1)
+    assert caught.value.reason == Reason.TOO_NOISY
+
+
+@pytest.mark.parametrize("handshake", ["framed", "per-pair"])
+@pytest.mark.parametrize("rotation", [Pauli.X, Pauli.Z, Pauli.XZ])
+def test_the_known_rotation_of_the_switch_is_undone(
+    tmp_path: Path, handshake: str, rotation: Pauli
+) -> None:
+    def announced(setup: Setup) -> Setup:
+        return replace(setup, verdict=Verdict.GRANTED, rotation=rotation)
+
+    fiber = {"rotation": rotation}
+    got, statistics = exchange(tmp_path, b"turned", announced, fiber, handshake=handshake)
+    assert got == b"turned"
+    assert statistics["repeated_frames"] == 0
+
+
+@pytest.mark.parametrize("handshake", ["framed", "per-pair"])
+def test_losses_and_errors_are_repaired(tmp_path: Path, handshake: str) -> None:
+    fiber = {"length_km": 1.0, "loss_db_per_km": 0.2, "depolarizing": 0.01}
+    got, statistics = exchange(
+        tmp_path, b"twelve bytes", physics=fiber, handshake=handshake, frame_bytes=4
+    )
+    assert got == b"twelve bytes"
+    assert statistics["lost_pairs"] > 0
+
+
+@pytest.mark.parametrize("reason", [Reason.BUSY, Reason.NO_PATH, Reason.SWITCH_TIMEOUT])
+def test_a_refusal_reaches_the_application_with_its_reason(tmp_path: Path, reason: Reason) -> None:
+    def refuse(setup: Setup) -> Setup:
+        return replace(setup, verdict=Verdict.REFUSED, reason=reason)
+
+    with pytest.raises(QuantumSocketError) as caught:
+        exchange(tmp_path, b"x", refuse)
+    assert caught.value.reason == reason
+
+
+def test_a_set_up_without_a_verdict_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(QuantumSocketError, match="no controller has granted") as caught:
+        exchange(tmp_path, b"x", lambda setup: setup)
+    assert caught.value.reason == Reason.NOT_ARBITRATED
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"handshake": "psychic"}, "handshake 'psychic': choose one of framed, per-pair"),
+        ({"frame_bytes": 0}, "frame_bytes is 0: choose 1 to 65536"),
+        ({"block_pairs": 1 << 20}, "block_pairs is 1048576"),
+        ({"rate_hz": "fast"}, "rate_hz is 'fast'"),
+        ({"colour": "red"}, "unknown or missing option"),
+    ],
+)
+def test_a_bad_option_is_named(tmp_path: Path, options: dict[str, Any], words: str) -> None:
+    with pytest.raises(QuantumSocketError, match=words):
+        exchange(tmp_path, b"x", **options)
+
+
+def on_network(folder: Path, act: Callable[[], None]) -> None:
+    """Run the network around a function that uses sockets."""
+
+    async def run() -> None:
+        async with network(folder):
+            await asyncio.to_thread(act)
+
+    asyncio.run(run())
+
+
+def test_an_unknown_host_is_named_with_those_that_are_known(tmp_path: Path) -> None:
+    def act() -> None:
+        with (
+            QuantumSocket(tmp_path / "alice.sock") as sender,
+            pytest.raises(QuantumSocketError, match=r"unknown host 'mallory'.*alice, bob, charlie"),
+        ):
+            sender.connect(("mallory", 7))
+
+    on_network(tmp_path, act)
+
+
+def test_a_port_without_a_listener_refuses(tmp_path: Path) -> None:
+    def act() -> None:
+        with (
+            QuantumSocket(tmp_path / "alice.sock") as sender,
+            pytest.raises(QuantumSocketError, match="no application listens on port 8"),
+        ):
+            sender.connect(("bob", 8))
+
+    on_network(tmp_path, act)
+
+
+def test_a_port_can_be_listened_on_once(tmp_path: Path) -> None:
+    def act() -> None:
+        with (
+            QuantumSocket(tmp_path / "bob.sock") as first,
+            QuantumSocket(tmp_path / "bob.sock") as second,
+        ):
+            first.listen(7)
+            with pytest.raises(QuantumSocketError, match="port 7 is taken"):
+                second.listen(7)
+
+    on_network(tmp_path, act)
+
+
+def test_a_missing_stack_is_named(tmp_path: Path) -> None:
+    with pytest.raises(QuantumSocketError, match="no host stack answers"):
+        QuantumSocket(tmp_path / "nowhere.sock")
+
+
+def test_rubbish_on_the_metadata_port_ends_that_connection_alone(tmp_path: Path) -> None:
+    async def run() -> None:
+        async with network(tmp_path):
+            reader, writer = await asyncio.open_connection(OWN_ADDRESS["bob"], METADATA_PORT)
+            writer.write(b"GET / HTTP/1.1\r\n\r\n")
+            answer = decode(await asyncio.wait_for(reader.read(), DEADLINE_S))
+            assert getattr(answer, "reason", None) == Reason.PROTOCOL
+            writer.close()
+            got, _ = await asyncio.to_thread(transfer, tmp_path, b"still here")
+            assert got == b"still here"
+
+    asyncio.run(run())
