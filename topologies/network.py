@@ -17,7 +17,7 @@ from mininet.topo import Topo
 
 from topologies import openvswitch, runtime
 from topologies.nodes import READY_TIMEOUT_S, QuantumController
-from topologies.programs import POLL_S, NetworkError, Program
+from topologies.programs import POLL_S, NetworkError, Program, stop_all
 from topologies.record import read_record
 from topologies.runtime import RUNTIME_ROOT, Runtime
 
@@ -105,6 +105,7 @@ class Network:
         Mininet.inited = True
         self.net = Mininet(topo=topo, controller=QuantumController, build=False)
         self._cleanup.callback(self.net.stop)
+        self._cleanup.callback(stop_all, self.runtime.programs)
         self.net.build()
         self._signals.check()
         self.net.start()

@@ -77,14 +77,26 @@ class Program:
         lines = self.log.read_text(errors="replace").strip().splitlines()
         return lines[-1] if lines else f"status {self.status}, it said nothing"
 
+    def ask_to_stop(self) -> None:
+        """Send the signal that ends it politely."""
+        if self._process is not None and self._process.poll() is None:
+            self._process.send_signal(signal.SIGTERM)
+
     def stop(self) -> None:
         """End it: politely, then by force after STOP_TIMEOUT_S."""
         if self._process is None:
             return
-        if self._process.poll() is None:
-            self._process.send_signal(signal.SIGTERM)
+        self.ask_to_stop()
         try:
             self._process.wait(STOP_TIMEOUT_S)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait(STOP_TIMEOUT_S)
+
+
+def stop_all(programs: Sequence[Program]) -> None:
+    """End programs together, before what they stand on is taken away."""
+    for program in programs:
+        program.ask_to_stop()
+    for program in programs:
+        program.stop()

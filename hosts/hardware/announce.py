@@ -46,12 +46,13 @@ def announcement(name: str, port: str, address: str, mac: str) -> bytes:
 async def announce(name: str, address: str, ports: list[str]) -> None:
     """Announce every fibre port for ever, quickly at first (802.1AB fast start)."""
     channels = [_open(port) for port in ports]
+    macs = [channel.getsockname()[4].hex(":") for channel in channels]
+    frames = [announcement(name, port, address, mac) for port, mac in zip(ports, macs, strict=True)]
     try:
         pauses = iter(FAST_START)
         while True:
-            for channel, port in zip(channels, ports, strict=True):
-                mac = channel.getsockname()[4].hex(":")
-                channel.send(announcement(name, port, address, mac))
+            for channel, frame in zip(channels, frames, strict=True):
+                channel.send(frame)
             await asyncio.sleep(next(pauses, PERIOD_S))
     finally:
         for channel in channels:

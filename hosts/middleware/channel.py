@@ -26,7 +26,7 @@ REMEDIES = {
     Reason.NO_LISTENER: "no application listens on that port; start the receiver first",
     Reason.UNKNOWN_HOST: "the controller has not seen the fibres of sender, receiver and source",
     Reason.NO_PATH: "no light path joins sender, receiver and source; the receiver and the "
-    "source need two fibres each, and the three must be different hosts",
+    "source need two fibres each, the sender one of its own",
     Reason.BUSY: "another session uses these fibres; try again when it has ended",
     Reason.UNKNOWN_SESSION: "the controller knows no such session",
     Reason.UNSUPPORTED: "the other end does not offer what was asked for",

@@ -16,8 +16,11 @@ paths stay up only as long as that connection (paper, figure "handshaking").
 
 import asyncio
 import time
+from collections import deque
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from hashlib import sha256
+from itertools import islice
 
 import numpy as np
 
@@ -40,8 +43,12 @@ LIGHT_TIMEOUT_S = 10.0  # until the source answers
 GRACE_S = 0.1  # light that has not come this long after the source's answer is lost
 DARK_LIMIT_S = 10.0  # without a single pair; the last few symbols are small blocks
 ATTEMPTS_LIMIT = 64
+HANDSHAKES_AHEAD = 3
 DISCOVERY_TIMEOUT_S = 3.0
 DISCOVERY_PAUSE_S = 0.1
+
+
+Handshaking = asyncio.Task[tuple[int, MetadataChannel]]
 
 
 @dataclass
@@ -160,23 +167,46 @@ class SendingSession:
             light.cancel()
 
     async def _one_by_one(self, paulis: Symbols) -> int:
-        """Send each pair under a handshake of its own; a pair without light is just lost."""
-        first_ns = 0
-        for pauli in np.split(paulis, paulis.size):
-            self._pairs_numbered += 1
-            setup = replace(
-                self._setup, handshake=Handshake.ONE_PAIR, block=self._pairs_numbered, pairs=1
-            )
-            channel = await MetadataChannel.connect(*self._peer)
-            try:
-                await channel.request(setup)
-                emitted_ns = await self._light(self._pairs_numbered, pauli)
-                first_ns = first_ns or emitted_ns
-            except NoLight:
-                continue
-            finally:
-                channel.close()
+        """Send each pair under a handshake of its own; a pair without light is just lost.
+
+        While the light of one pair is under way, the next handshakes are made.
+        """
+        first_ns, numbers = 0, iter(self._next_numbers(paulis.size))
+        handshakes = deque(map(self._begin_handshake, islice(numbers, HANDSHAKES_AHEAD)))
+        try:
+            for pauli in np.split(paulis, paulis.size):
+                number, channel = await handshakes[0]
+                handshakes.extend(map(self._begin_handshake, islice(numbers, 1)))
+                try:
+                    emitted_ns = await self._light(number, pauli)
+                    first_ns = first_ns or emitted_ns
+                except NoLight:
+                    continue
+                finally:
+                    channel.close()
+                    handshakes.popleft()
+        finally:
+            await _abandon(handshakes)
         return first_ns
+
+    def _next_numbers(self, count: int) -> range:
+        first = self._pairs_numbered + 1
+        self._pairs_numbered += count
+        return range(first, first + count)
+
+    def _begin_handshake(self, number: int) -> Handshaking:
+        return asyncio.create_task(self._shake_hands(number))
+
+    async def _shake_hands(self, number: int) -> tuple[int, MetadataChannel]:
+        """Make the handshake of one pair."""
+        setup = replace(self._setup, handshake=Handshake.ONE_PAIR, block=number, pairs=1)
+        channel = await MetadataChannel.connect(*self._peer)
+        try:
+            await channel.request(setup)
+        except BaseException:
+            channel.close()
+            raise
+        return number, channel
 
     def _note_dark(self, block: OutgoingBlock, error: NoLight) -> None:
         self._outbox.dark(block)
@@ -215,3 +245,12 @@ class SendingSession:
                     f"frame {number} failed its check {attempts} times: the channel is too noisy "
                     f"for frames of {self._setup.frame_bytes} bytes; make them smaller",
                 )
+
+
+async def _abandon(handshakes: Iterable[Handshaking]) -> None:
+    """Close the connections of handshakes that were begun and are not needed any more."""
+    for handshake in handshakes:
+        handshake.cancel()
+    for outcome in await asyncio.gather(*handshakes, return_exceptions=True):
+        if not isinstance(outcome, BaseException):
+            outcome[1].close()
