@@ -214,7 +214,8 @@ class QuantumMetadata(App):
             fields["setup_ms"] = round(note.setup_ms, 4)
         if note.detail:
             fields["detail"] = note.detail
-        self.logger.info("session %016x: %s %s", note.session, note.event, note.detail)
+        if note.event == "refused":  # the rest is in the record, a line for every pair
+            self.logger.info("session %016x: refused, %s", note.session, note.detail)
         self.record.write(note.event, **fields, packet_in_count=self.packet_in_count)
 
     def _drop(self, drop: Drop) -> None:

@@ -12,6 +12,7 @@ MAX_COUNT = 4_000_000
 MAX_BLOCKS = 100_000
 MAX_GATES = 256
 MAX_STEPS = 64
+MAX_ORDERS = 256  # of one call, at a time
 MAX_TIMEOUT_S = 60.0
 # Shorter than what a switch's timeline remembers.
 MAX_EMISSION_S = 30.0
@@ -37,9 +38,9 @@ def require_count(count: int) -> None:
 
 
 def require_steps(count: int) -> None:
-    """Refuse an empty or too long sequence."""
+    """Refuse an empty or too long order."""
     if not 1 <= count <= MAX_STEPS:
-        raise invalid(f"{count} steps; send 1 to {MAX_STEPS} in a sequence")
+        raise invalid(f"{count} steps; send 1 to {MAX_STEPS} in an order")
 
 
 def require_rate(rate_hz: int, longest: int) -> None:

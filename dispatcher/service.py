@@ -4,17 +4,17 @@
 # ruff: noqa: N802
 
 import functools
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
 from typing import Any, TypeVar
 
 import grpc
 
-from dispatcher import limits
 from dispatcher.acts import acts
 from dispatcher.callers import TOKEN_KEY, Callers
 from dispatcher.layer import PhysicalLayer
 from dispatcher.operations import Operations
-from dispatcher.refusal import Refusal, invalid
+from dispatcher.orders import Orders
+from dispatcher.refusal import Refusal
 from dispatcher.transport import Transport
 from wire import dispatcher_pb2 as messages
 from wire.dispatcher_pb2_grpc import DispatcherServicer
@@ -115,17 +115,11 @@ class Service(DispatcherServicer):
 
     @call
     async def Perform(
-        self, request: messages.Sequence, node: str, _context: Context
-    ) -> messages.Feedbacks:
-        """Do several steps in order."""
-        limits.require_steps(len(request.steps))
-        feedbacks = []
-        for step in request.steps:
-            kind = step.WhichOneof("operation")
-            if kind is None:
-                raise invalid("a step without an operation; name one")
-            feedbacks.append(await self._act(node, kind, getattr(step, kind)))
-        return messages.Feedbacks(feedbacks=feedbacks)
+        self, orders: AsyncIterator[messages.Order], node: str, context: Context
+    ) -> None:
+        """Do what a host orders, until it goes away."""
+        self.callers.require_host(node)
+        await Orders(functools.partial(self._act, node), context.write).run(orders)
 
     async def _act(self, node: str, kind: str, request: Any) -> messages.Feedback:
         self.callers.require_host(node)

@@ -3,24 +3,22 @@
 import grpc
 import numpy as np
 
-from hosts.hardware.qnic import BlockName, Coincidences, HardwareError, NoLight, Symbols
+from hosts.hardware.orders import NotHere, Orders
+from hosts.hardware.qnic import BlockName, Coincidences, NoLight, Symbols
 from wire.dispatcher_pb2 import (
     ApplyRequest,
     BellMeasureRequest,
     BlockId,
     CreateRequest,
     DiscardRequest,
-    Feedback,
     Launch,
     ReceiveRequest,
     SendRequest,
-    Sequence,
     Step,
 )
 from wire.dispatcher_pb2_grpc import DispatcherStub
 
 MAX_MESSAGE_BYTES = 16 << 20
-CALL_TIMEOUT_S = 20.0
 
 
 class SimulatedQnic:
@@ -33,8 +31,8 @@ class SimulatedQnic:
             ("grpc.enable_http_proxy", 0),
         ]
         self._channel = grpc.aio.insecure_channel(dispatcher, options)
-        self._stub = DispatcherStub(self._channel)  # type: ignore[no-untyped-call]
-        self._metadata = (("qmn-token", token),)
+        stub = DispatcherStub(self._channel)  # type: ignore[no-untyped-call]
+        self._orders = Orders(stub, token)
         self._ports = ports
 
     @property
@@ -50,14 +48,14 @@ class SimulatedQnic:
         halves = enumerate(ports)
         launches = [Launch(block=_half(session, number, half), port=port) for half, port in halves]
         send = SendRequest(launches=launches, rate_hz=rate_hz)
-        await self._perform(Step(create=create), Step(send=send))
+        await self._orders.perform(Step(create=create), Step(send=send))
 
     async def modulate(
         self, block: BlockName, paulis: Symbols, port: str, rate_hz: int, timeout_s: float
     ) -> int:
         """Apply Pauli operators to the photons that arrive and send them back."""
         name = _half(block.session, block.number, block.half)
-        feedbacks = await self._perform(
+        feedbacks = await self._orders.perform(
             Step(receive=ReceiveRequest(block=name, port=port, timeout_s=timeout_s)),
             Step(apply=ApplyRequest(block=name, paulis=paulis.tobytes())),
             Step(send=SendRequest(launches=[Launch(block=name, port=port)], rate_hz=rate_hz)),
@@ -75,7 +73,7 @@ class SimulatedQnic:
         ]
         bell = Step(bell_measure=BellMeasureRequest(first=names[0], second=names[1]))
         try:
-            feedback = (await self._perform(*receive, bell))[-1]
+            feedback = (await self._orders.perform(*receive, bell))[-1]
         except NoLight:
             await self.discard_blocks(names)
             raise
@@ -84,45 +82,21 @@ class SimulatedQnic:
 
     async def discard(self, session: int) -> None:
         """Let go of all photons of a session."""
-        await self._perform(Step(discard=DiscardRequest(session=session)))
+        await self._orders.perform(Step(discard=DiscardRequest(session=session)))
 
     async def discard_blocks(self, names: list[BlockId]) -> None:
         """Let go of blocks; one that is not here is none the worse."""
         for name in names:
             try:
-                await self._perform(Step(discard=DiscardRequest(block=name)))
+                await self._orders.perform(Step(discard=DiscardRequest(block=name)))
             except NotHere:
                 continue
 
     async def close(self) -> None:
         """Close the connection to the dispatcher."""
+        await self._orders.close()
         await self._channel.close(None)
-
-    async def _perform(self, *steps: Step) -> list[Feedback]:
-        try:
-            reply = await self._stub.Perform(
-                Sequence(steps=steps),
-                metadata=self._metadata,
-                timeout=CALL_TIMEOUT_S,
-                wait_for_ready=True,
-            )
-        except grpc.aio.AioRpcError as error:
-            raise _fault(error, steps) from error
-        return list(reply.feedbacks)
-
-
-class NotHere(HardwareError):
-    """A block is not at this host."""
 
 
 def _half(session: int, number: int, half: int) -> BlockId:
     return BlockId(session=session, number=number, half=half)
-
-
-def _fault(error: grpc.aio.AioRpcError, steps: tuple[Step, ...]) -> HardwareError:
-    code, details = error.code(), error.details() or ""
-    if code is grpc.StatusCode.DEADLINE_EXCEEDED and steps[0].HasField("receive"):
-        return NoLight(details)
-    if code in (grpc.StatusCode.NOT_FOUND, grpc.StatusCode.PERMISSION_DENIED):
-        return NotHere(f"dispatcher: {details}")
-    return HardwareError(f"dispatcher: {code.name}: {details}")

@@ -16,11 +16,8 @@ paths stay up only as long as that connection (paper, figure "handshaking").
 
 import asyncio
 import time
-from collections import deque
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from hashlib import sha256
-from itertools import islice
 
 import numpy as np
 
@@ -28,6 +25,7 @@ from hosts.hardware.qnic import BlockName, NoLight, Qnic, Symbols
 from hosts.middleware.channel import REPORT_TIMEOUT_S, MetadataChannel, SessionError
 from hosts.middleware.encoding import to_paulis
 from hosts.middleware.framing import FramingError, Outbox, OutgoingBlock
+from hosts.middleware.one_by_one import OneByOne
 from wire.metadata import (
     Block,
     Emit,
@@ -43,12 +41,8 @@ LIGHT_TIMEOUT_S = 10.0  # until the source answers
 GRACE_S = 0.1  # light that has not come this long after the source's answer is lost
 DARK_LIMIT_S = 10.0  # without a single pair; the last few symbols are small blocks
 ATTEMPTS_LIMIT = 64
-HANDSHAKES_AHEAD = 3
 DISCOVERY_TIMEOUT_S = 3.0
 DISCOVERY_PAUSE_S = 0.1
-
-
-Handshaking = asyncio.Task[tuple[int, MetadataChannel]]
 
 
 @dataclass
@@ -74,7 +68,8 @@ class SendingSession:
         self._outbox = Outbox(setup.frame_bytes, setup.pairs)
         self._digest = sha256()
         self._lit_at_s = 0.0  # when a pair last arrived
-        self._pairs_numbered = 0
+        self._one_by_one = OneByOne(self._shake_hands, self._light)
+        self._source_turn = asyncio.Lock()
         self._size = 0
         self.statistics = Statistics()
 
@@ -129,7 +124,7 @@ class SendingSession:
         paulis = to_paulis(block.symbols, self._setup.encoding)
         self.statistics.bell_pairs += paulis.size
         if self._setup.handshake == Handshake.PER_PAIR:
-            emitted_ns = await self._one_by_one(paulis)
+            emitted_ns = await self._one_by_one.send(paulis)
         else:
             try:
                 emitted_ns = await self._light(block.number, paulis)
@@ -157,7 +152,8 @@ class SendingSession:
             self._qnic.modulate(half, paulis, port, rate_hz, LIGHT_TIMEOUT_S)
         )
         try:
-            await self._pairs.request(Emit(self._setup.session, number, paulis.size, rate_hz))
+            async with self._source_turn:  # its answers carry no number
+                await self._pairs.request(Emit(self._setup.session, number, paulis.size, rate_hz))
             # The source has answered: its light has arrived, or never will.
             async with asyncio.timeout(GRACE_S + paulis.size / rate_hz):
                 return await light
@@ -166,39 +162,8 @@ class SendingSession:
         finally:
             light.cancel()
 
-    async def _one_by_one(self, paulis: Symbols) -> int:
-        """Send each pair under a handshake of its own; a pair without light is just lost.
-
-        While the light of one pair is under way, the next handshakes are made.
-        """
-        first_ns, numbers = 0, iter(self._next_numbers(paulis.size))
-        handshakes = deque(map(self._begin_handshake, islice(numbers, HANDSHAKES_AHEAD)))
-        try:
-            for pauli in np.split(paulis, paulis.size):
-                number, channel = await handshakes[0]
-                handshakes.extend(map(self._begin_handshake, islice(numbers, 1)))
-                try:
-                    emitted_ns = await self._light(number, pauli)
-                    first_ns = first_ns or emitted_ns
-                except NoLight:
-                    continue
-                finally:
-                    channel.close()
-                    handshakes.popleft()
-        finally:
-            await _abandon(handshakes)
-        return first_ns
-
-    def _next_numbers(self, count: int) -> range:
-        first = self._pairs_numbered + 1
-        self._pairs_numbered += count
-        return range(first, first + count)
-
-    def _begin_handshake(self, number: int) -> Handshaking:
-        return asyncio.create_task(self._shake_hands(number))
-
-    async def _shake_hands(self, number: int) -> tuple[int, MetadataChannel]:
-        """Make the handshake of one pair."""
+    async def _shake_hands(self, number: int) -> MetadataChannel:
+        """Make the handshake of one pair; the path stays up until its connection is closed."""
         setup = replace(self._setup, handshake=Handshake.ONE_PAIR, block=number, pairs=1)
         channel = await MetadataChannel.connect(*self._peer)
         try:
@@ -206,7 +171,7 @@ class SendingSession:
         except BaseException:
             channel.close()
             raise
-        return number, channel
+        return channel
 
     def _note_dark(self, block: OutgoingBlock, error: NoLight) -> None:
         self._outbox.dark(block)
@@ -245,12 +210,3 @@ class SendingSession:
                     f"frame {number} failed its check {attempts} times: the channel is too noisy "
                     f"for frames of {self._setup.frame_bytes} bytes; make them smaller",
                 )
-
-
-async def _abandon(handshakes: Iterable[Handshaking]) -> None:
-    """Close the connections of handshakes that were begun and are not needed any more."""
-    for handshake in handshakes:
-        handshake.cancel()
-    for outcome in await asyncio.gather(*handshakes, return_exceptions=True):
-        if not isinstance(outcome, BaseException):
-            outcome[1].close()

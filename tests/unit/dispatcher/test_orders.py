@@ -1,0 +1,183 @@
+"""Perform: many orders in one call, each a sequence of steps."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+import grpc
+import pytest
+from dispatcher_network import (
+    DEADLINE_S,
+    FAST_HZ,
+    Bench,
+    JumpingClock,
+    ManualClock,
+    block,
+    configuration,
+    running,
+)
+
+from wire.dispatcher_pb2 import (
+    ApplyRequest,
+    BellMeasureRequest,
+    CreateRequest,
+    DiscardRequest,
+    Launch,
+    MeasureRequest,
+    Order,
+    Outcome,
+    ReceiveRequest,
+    SendRequest,
+    Step,
+)
+
+
+class Host:
+    """One host's call of Perform."""
+
+    def __init__(self, bench: Bench, node: str) -> None:
+        self.call = bench.stub.Perform(metadata=getattr(bench, node).metadata, timeout=DEADLINE_S)
+
+    async def order(self, number: int, *steps: Step) -> None:
+        await self.call.write(Order(number=number, steps=steps))
+
+    async def cancel(self, number: int) -> None:
+        await self.call.write(Order(number=number, cancel=True))
+
+    async def outcome(self) -> Outcome:
+        outcome = await asyncio.wait_for(self.call.read(), DEADLINE_S)
+        assert isinstance(outcome, Outcome)
+        return outcome
+
+
+def create(count: int, number: int = 0) -> Step:
+    return Step(create=CreateRequest(session=7, number=number, count=count))
+
+
+def receive(port: str, half: int = 0, timeout_s: float = 5.0) -> Step:
+    return Step(receive=ReceiveRequest(block=block(half=half), port=port, timeout_s=timeout_s))
+
+
+def send(*launches: tuple[int, str]) -> Step:
+    ways = [Launch(block=block(half=half), port=port) for half, port in launches]
+    return Step(send=SendRequest(launches=ways, rate_hz=FAST_HZ))
+
+
+def on(folder: Path, act: Callable[[Bench], Awaitable[None]], clock: Any = None) -> None:
+    async def run() -> None:
+        async with running(configuration(folder), clock or JumpingClock()) as bench:
+            await act(bench)
+
+    asyncio.run(run())
+
+
+def test_superdense_coding_takes_one_order_of_each_host(tmp_path: Path) -> None:
+    async def act(bench: Bench) -> None:
+        await bench.switch.connect((1, 3), (3, 5), (2, 4))
+        charlie, alice, bob = (Host(bench, node) for node in ("charlie", "alice", "bob"))
+        apply = Step(apply=ApplyRequest(block=block(), paulis=bytes([0, 1, 2, 3])))
+        bell = Step(bell_measure=BellMeasureRequest(first=block(), second=block(half=1)))
+        await bob.order(1, receive("bob-q1"), receive("bob-q0", half=1), bell)
+        await alice.order(1, receive("alice-q0"), apply, send((0, "alice-q0")))
+        await charlie.order(1, create(4), send((0, "charlie-q0"), (1, "charlie-q1")))
+        outcome = await bob.outcome()
+        assert (outcome.number, outcome.code, len(outcome.feedbacks)) == (1, 0, 3)
+        assert outcome.feedbacks[-1].outcomes == bytes([0, 1, 2, 3])
+
+    on(tmp_path, act)
+
+
+def test_orders_run_side_by_side(tmp_path: Path) -> None:
+    async def act(bench: Bench) -> None:
+        alice = Host(bench, "alice")
+        await alice.order(1, receive("alice-q0"))  # nothing comes
+        await alice.order(2, create(1))
+        assert (await alice.outcome()).number == 2
+
+    on(tmp_path, act)
+
+
+def test_the_step_that_fails_ends_its_order_and_those_before_it_stand(tmp_path: Path) -> None:
+    async def act(bench: Bench) -> None:
+        alice = Host(bench, "alice")
+        discard = Step(discard=DiscardRequest(block=block(number=9)))
+        await alice.order(1, create(3), discard, create(3, number=1))
+        outcome = await alice.outcome()
+        assert outcome.code == grpc.StatusCode.NOT_FOUND.value[0]
+        assert "block 9/0" in outcome.text
+        assert not outcome.feedbacks
+        assert (await bench.runner.status()).live_qubits == 6
+        await alice.order(1, Step(measure=MeasureRequest(block=block())))
+        assert (await alice.outcome()).code == 0
+
+    on(tmp_path, act)
+
+
+def test_a_cancelled_order_ends_and_its_number_is_free_again(tmp_path: Path) -> None:
+    async def act(bench: Bench) -> None:
+        alice = Host(bench, "alice")
+        await alice.order(1, receive("alice-q0", timeout_s=60))
+        await alice.order(2, create(1))
+        await alice.outcome()
+        await alice.cancel(1)
+        await alice.cancel(5)  # of no order
+        await alice.order(3, create(1, number=1))
+        assert (await alice.outcome()).number == 3
+        await alice.order(1, create(1, number=2))
+        assert (await alice.outcome()).number == 1
+
+    on(tmp_path, act)
+
+
+@pytest.mark.parametrize(
+    ("steps", "words"),
+    [([], "0 steps"), ([Step()], "without an operation"), ([Step()] * 65, "65 steps")],
+)
+def test_an_order_that_asks_for_nothing_or_too_much_is_refused(
+    tmp_path: Path, steps: list[Step], words: str
+) -> None:
+    async def act(bench: Bench) -> None:
+        alice = Host(bench, "alice")
+        await alice.order(1, *steps)
+        outcome = await alice.outcome()
+        assert outcome.code == grpc.StatusCode.INVALID_ARGUMENT.value[0]
+        assert words in outcome.text
+
+    on(tmp_path, act)
+
+
+def test_a_number_that_is_still_in_use_is_refused(tmp_path: Path) -> None:
+    async def act(bench: Bench) -> None:
+        alice = Host(bench, "alice")
+        for _ in range(2):
+            await alice.order(1, receive("alice-q0", timeout_s=60))
+        outcome = await alice.outcome()
+        assert outcome.code == grpc.StatusCode.INVALID_ARGUMENT.value[0]
+        assert "order 1 is still running" in outcome.text
+
+    on(tmp_path, act)
+
+
+@pytest.mark.parametrize("node", ["switch", "runner"])
+def test_only_hosts_give_orders(tmp_path: Path, node: str) -> None:
+    async def act(bench: Bench) -> None:
+        with pytest.raises(grpc.aio.AioRpcError, match="is no host"):
+            await Host(bench, node).outcome()
+
+    on(tmp_path, act)
+
+
+def test_a_host_that_goes_away_in_mid_order_does_no_harm(tmp_path: Path) -> None:
+    clock = ManualClock()
+
+    async def act(bench: Bench) -> None:
+        charlie = Host(bench, "charlie")
+        await charlie.order(1, create(1), send((0, "charlie-q0")))
+        await clock.waiters(1)
+        charlie.call.cancel()
+        await clock.set(clock.now_ns() + 1_000_000)
+        await Host(bench, "alice").order(1, create(1, number=5))
+        assert (await bench.runner.status()).live_qubits > 0
+
+    on(tmp_path, act, clock)
