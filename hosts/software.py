@@ -2,11 +2,13 @@
 
 The application needs to know nothing of qubits (paper, section "Host Nodes"):
 
-    with QuantumSocket(stack) as quantum_socket:
+    with QuantumSocket() as quantum_socket:
         quantum_socket.connect(("bob", 7))
         quantum_socket.sendall(b"hello")
+        quantum_socket.shutdown()
 """
 
+import os
 import socket
 from pathlib import Path
 from types import TracebackType
@@ -23,6 +25,8 @@ from wire.socket_calls import (
     encode_fields,
 )
 
+STACK_VARIABLE = "QMN_STACK"
+
 
 class QuantumSocketError(ConnectionError):
     """The connection could not be made or was lost; nothing wrong was delivered."""
@@ -33,10 +37,14 @@ class QuantumSocketError(ConnectionError):
 
 
 class QuantumSocket:
-    """One end of a connection over light; the end that connects sends, the other receives."""
+    """One end of a connection over light; the end that connects sends, the other receives.
 
-    def __init__(self, stack: Path | str) -> None:
-        self._stack = str(stack)
+    It belongs to the host whose stack listens at the given path; on a host of an emulated
+    network the environment variable QMN_STACK names that path.
+    """
+
+    def __init__(self, stack: Path | str | None = None) -> None:
+        self._stack = str(stack or os.environ.get(STACK_VARIABLE, ""))
         self._socket = self._open()
         self._listening_port = 0
         self._buffer = b""
@@ -44,6 +52,8 @@ class QuantumSocket:
         self.statistics: dict[str, Any] = {}
 
     def _open(self) -> socket.socket:
+        if not self._stack:
+            raise QuantumSocketError(f"which host? name its stack, or set {STACK_VARIABLE}")
         connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
             connection.connect(self._stack)

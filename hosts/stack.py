@@ -36,18 +36,18 @@ class Stack:
 
     def connect(self, options: SessionOptions) -> SendingSession:
         """Prepare a session to a host; raise SessionError if the names are not known."""
-        address = self._address(options.host)
+        peer = self._peer(options.host)
         setup = Setup(
             session=self._new_session(),
             service=Service.SDC,
             handshake=HANDSHAKES[options.handshake],
-            source=self._address(self._config.source),
+            source=self._peer(self._config.source)[1],
             pairs=options.block_pairs,
             frame_bytes=options.frame_bytes,
             rate_hz=options.rate_hz,
             port=options.port,
         )
-        return SendingSession(self._qnic, setup, (options.host, address), self._config.source)
+        return SendingSession(self._qnic, setup, peer, self._config.source)
 
     async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Serve one connection on the quantum-metadata port."""
@@ -104,11 +104,13 @@ class Stack:
         await incoming.finish(session.statistics)
         session.confirm()
 
-    def _address(self, host: str) -> str:
-        if host not in self._config.hosts:
-            known = ", ".join(sorted(self._config.hosts))
-            raise SessionError(Reason.UNKNOWN_HOST, f"unknown host {host!r}: choose one of {known}")
-        return self._config.hosts[host]
+    def _peer(self, host: str) -> tuple[str, str]:
+        """Return name and address of a host that is given by either."""
+        for name, address in self._config.hosts.items():
+            if host in (name, address):
+                return name, address
+        known = ", ".join(sorted(self._config.hosts))
+        raise SessionError(Reason.UNKNOWN_HOST, f"unknown host {host!r}: choose one of {known}")
 
     def _new_session(self) -> int:
         """Return a session id that no other host makes and that follows from the seed."""

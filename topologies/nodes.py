@@ -1,12 +1,13 @@
 """Mininet node types of a quantum network: each starts its program and ends it again."""
 
 import shlex
+from pathlib import Path
 
 from mininet.node import Controller, Host, Node, OVSSwitch
 
 from topologies import openvswitch, runtime
 from topologies.fiber import qnics
-from topologies.programs import NetworkError, Program, python
+from topologies.programs import ROOT, NetworkError, Program, python
 from topologies.record import RECORD
 from topologies.runtime import Runtime
 from wire.config import (
@@ -107,6 +108,13 @@ class QuantumHost(ClassicalHost):
             seed=network.seed,
         )
         self.program = launch(network, self.name, "hosts", config, self)
+        environment = {
+            "QMN_STACK": config.socket,
+            "PYTHONPATH": str(ROOT),
+            "PATH": f"{Path(python()).parent}:$PATH",
+        }
+        for name, value in environment.items():
+            self.cmd(f'export {name}="{value}"')
         return result
 
 

@@ -38,7 +38,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         prog="python -m hosts.applications.receive", description=__doc__
     )
-    parser.add_argument("--stack", required=True, help="socket of this host's stack")
+    parser.add_argument("--stack", help="socket of this host's stack (QMN_STACK)")
     parser.add_argument("--output", type=Path, required=True)
     parser.add_argument("port", type=int)
     arguments = parser.parse_args()

@@ -45,7 +45,7 @@ def report(event: str, quantum_socket: QuantumSocket, started: float, **fields: 
 def main() -> int:
     """Read the arguments, send, and turn faults into one line and an exit status."""
     parser = argparse.ArgumentParser(prog="python -m hosts.applications.send", description=__doc__)
-    parser.add_argument("--stack", required=True, help="socket of this host's stack")
+    parser.add_argument("--stack", help="socket of this host's stack (QMN_STACK)")
     parser.add_argument("--file", type=argparse.FileType("rb"), default=sys.stdin.buffer)
     parser.add_argument("--handshake", choices=sorted(CHUNK_BYTES), default="framed")
     parser.add_argument("--frame-bytes", type=int, default=256)

@@ -1,0 +1,41 @@
+"""The topology in Mininet's own program."""
+
+import os
+import subprocess
+from pathlib import Path
+
+from conftest import ROOT
+
+
+def mn(*arguments: str, commands: str = "") -> str:
+    """Run `mn` to its end; return what it printed."""
+    done = subprocess.run(
+        ["mn", "--custom", "topologies/sdc.py", "--topo", "sdc", *arguments],
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": "."},
+        input=commands,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        check=True,
+        timeout=90,
+    )
+    return done.stdout
+
+
+def test_all_hosts_reach_each_other() -> None:
+    assert "0% dropped (12/12 received)" in mn("--test", "pingall")
+
+
+def test_its_command_line_sends_by_superdense_coding(tmp_path: Path) -> None:
+    got = tmp_path / "got"
+    commands = [
+        f"bob python -m hosts.applications.receive --output {got} 7 > {tmp_path}/log &",
+        f"bob until grep -q listening {tmp_path}/log; do true; done",
+        "alice echo hello | python -m hosts.applications.send bob 7",
+        "links",
+    ]
+    output = mn(commands="\n".join([*commands, "exit", ""]))
+    assert '"event": "done"' in output
+    assert "alice-q0<->q1-eth2 (OK OK)" in output
+    assert got.read_text() == "hello\n"
