@@ -1,0 +1,75 @@
+# `make` alone prints what there is. What needs root asks for it by sudo; the rest does not.
+
+SHELL := /bin/bash
+.SHELLFLAGS := -euo pipefail -c
+.DELETE_ON_ERROR:
+.NOTPARALLEL:
+.PHONY: help setup packages run-sdc test test-docker lint types unit emulation bench image clean lock
+
+PYTHON := .venv/bin/python
+# The caches and byte code of root would be in the user's way.
+AS_ROOT = $(if $(filter-out 0,$(shell id -u)),sudo env PYTHONDONTWRITEBYTECODE=1)
+PYTEST := $(PYTHON) -m pytest -p no:cacheprovider
+PROTOCOLS := $(patsubst %.proto,%,$(wildcard wire/*.proto))
+GENERATED := $(foreach end,_pb2.py _pb2.pyi _pb2_grpc.py,$(addsuffix $(end),$(PROTOCOLS)))
+
+# The values reach the program as they were typed: make expands no $ in them, and they
+# travel in the environment, past every shell.
+OPTIONS := MESSAGE FILE HANDSHAKE SEED CONTROLLER MODE
+$(foreach name,$(OPTIONS),$(if $(filter-out undefined,$(origin $(name))),\
+    $(eval override $(name) := $$(value $(name)))$(eval export $(name))))
+
+help: ## Print this help
+	@sed -n 's/^\([a-z-]*\):.*## /  \1\t/p' $(firstword $(MAKEFILE_LIST)) | expand -t 16
+	@printf '%s\n' '' 'Variables of run-sdc:' \
+	    '  MESSAGE=TEXT    What alice sends (default: a short text)' \
+	    '  FILE=PATH       Send this file instead' \
+	    '  HANDSHAKE=...   framed (default: one for the session) or per-pair (as in the paper)' \
+	    '  SEED=N          Makes the random draws repeatable' \
+	    '  CONTROLLER=...  ryu (default) or os-ken' \
+	    '  MODE=...        docker, native or auto (default: docker if an engine answers)'
+
+setup: packages $(GENERATED) ## Install what is missing; a second time does nothing
+
+run-sdc: ## Send a message from alice to bob by superdense coding
+	@setup/run-sdc
+
+test: setup lint types unit emulation ## Run all checks and tests natively
+
+test-docker: ## Run the emulation tests inside the image
+	@docker/run $(PYTEST) tests/emulation
+
+lint: setup ## Check style and formatting
+	$(PYTHON) -m ruff check
+	$(PYTHON) -m ruff format --check
+
+types: setup ## Check types
+	$(PYTHON) -m mypy
+
+unit: setup ## Run the unit tests (no root)
+	$(PYTEST) tests/unit
+
+emulation: setup ## Run the emulation tests (root, Open vSwitch)
+	$(AS_ROOT) $(PYTEST) tests/emulation
+
+bench: setup ## Measure and print the speed of this machine
+	$(AS_ROOT) $(PYTHON) -m qmn bench
+
+image: ## Build the Docker image
+	@docker/build
+
+clean: ## Remove what was built here (not runs/)
+	rm -rf .venv .mypy_cache .ruff_cache .pytest_cache $(GENERATED)
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+lock: ## Choose new versions of the Python packages
+	@setup/lock
+
+packages:
+	@setup/packages apt-packages.txt
+
+.venv/complete: requirements.lock ryu.lock build-constraints.txt | packages
+	@setup/environment
+
+%_pb2.py %_pb2.pyi %_pb2_grpc.py: %.proto .venv/complete
+	@$(PYTHON) -m grpc_tools.protoc -I. --python_out=. --pyi_out=. --grpc_python_out=. $<
