@@ -178,7 +178,7 @@ class Network:
 
 def capture_command(interface: str, file: Path) -> list[str]:
     """Return the tcpdump command for one interface, nanosecond clock, whole packets."""
-    options = ["-n", "-U", "-s", "0", "-B", "8192", "-Z", "root"]
+    options = ["-n", "-U", "-s", "0", "-B", "8192"]
     options += ["--immediate-mode", "--time-stamp-precision=nano"]
     return ["tcpdump", *options, "-i", interface, "-w", str(file)]
 
