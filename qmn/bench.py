@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from hosts.software import QuantumSocket
+from qmn.live_pairs import BLOCK_PAIRS, cost_by_live_pairs
 from topologies.network import Interrupted, Network, Signals
 from topologies.programs import POLL_S, NetworkError, Program, python
 from topologies.runtime import Runtime
@@ -22,6 +23,7 @@ MEBIBYTE = 1 << 20
 PAIRS_PER_BYTE = 4
 MEASURE_TIMEOUT_S = 60.0
 BROADCAST = "10.0.0.255"
+LIVE_PAIRS = [100, 1_000, 10_000, 100_000, 1_000_000]
 PACKET_INS_PER_PAIR = 2  # the set-up message, and the end of its connection
 
 
@@ -57,6 +59,12 @@ def run(folder: Path, pairs: int, signals: Signals) -> None:
         show("floor: TCP connect and close", f"{connect_s * 1e3:.3f} ms")
         show("floor: packet-in to packet-out", f"{packet_in_s * 1e3:.3f} ms")
         seconds = send(network, os.urandom(pairs // PAIRS_PER_BYTE), "per-pair")
+        for live, pair_s, state in cost_by_live_pairs(network.runtime, LIVE_PAIRS):
+            show(
+                f"dispatcher, {live:,} live pairs",
+                f"{pair_s * 1e6:.2f} us a pair in blocks of {BLOCK_PAIRS:,}, "
+                f"{state:.1f} bytes of state a live pair",
+            )
     each_s, floor_s = seconds / pairs, connect_s + PACKET_INS_PER_PAIR * packet_in_s
     show("per-pair", f"{1 / each_s:,.0f} Bell pairs/s, {each_s * 1e3:.3f} ms each")
     show("per-pair to its floor", f"{each_s / floor_s:.2f} times {floor_s * 1e3:.3f} ms")

@@ -61,6 +61,7 @@ def add_parser(verbs: Any) -> None:
         metavar="P",
         help="of every fibre: X, Y and Z each with probability P/4 (0)",
     )
+    add("--history-depth", type=int, default=10_000, metavar="N", help="events kept (10000)")
     add("--runs", type=Path, default=Path("runs"), metavar="DIR", help="what runs leave (runs)")
     add("--no-capture", action="store_true", help="do not capture packets")
     parser.set_defaults(call=call)
@@ -115,6 +116,7 @@ def check_input(arguments: argparse.Namespace) -> int:
         ("block_pairs", PAIRS_PER_BYTE, 262_144),
         ("rate_hz", 1, 4_000_000_000),
         ("openflow_port", 1, 65_535),
+        ("history_depth", 0, 10_000_000),
     ):
         value = getattr(arguments, name)
         if not least <= value <= most:
@@ -200,6 +202,7 @@ def run_network(
         seed=arguments.seed,
         framework=arguments.controller,
         openflow_port=arguments.openflow_port,
+        history_depth=arguments.history_depth,
         log_folder=folder,
     )
     topo = partial(

@@ -78,6 +78,7 @@ class DispatcherHost(ClassicalHost):
             fibers=network.fibers,
             switches=list(network.switches.values()),
             event_log=str(network.logs / "quantum.log"),
+            history_depth=network.history_depth,
         )
         self.program = launch(network, "dispatcher", "dispatcher", config, self)
         return result

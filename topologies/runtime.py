@@ -26,6 +26,7 @@ class Runtime:
     seed: int = 1
     framework: str = "ryu"
     openflow_port: int = OPENFLOW_PORT
+    history_depth: int = 10_000  # events that the dispatcher remembers
     log_folder: Path | None = None  # where logs and records go; default: the private folder
     addresses: dict[str, str] = field(default_factory=dict)  # of the hosts
     fibers: list[Fiber] = field(default_factory=list)

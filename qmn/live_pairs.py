@@ -1,0 +1,75 @@
+"""What a pair costs the dispatcher while many others are alive."""
+
+import time
+from collections.abc import Iterator
+from itertools import count
+
+import grpc
+
+from topologies.runtime import Runtime
+from wire.dispatcher_pb2 import (
+    BellMeasureRequest,
+    BlockId,
+    CreateRequest,
+    DiscardRequest,
+    StatusRequest,
+)
+from wire.dispatcher_pb2_grpc import DispatcherStub
+
+SESSION = 1
+BLOCK_PAIRS = 1000
+ROUNDS = 100
+CALL_TIMEOUT_S = 30.0
+
+
+def cost_by_live_pairs(runtime: Runtime, amounts: list[int]) -> Iterator[tuple[int, float, float]]:
+    """Yield (live pairs, seconds for a pair made and measured, bytes of state for a live pair).
+
+    The amounts ascend. Everything goes over the dispatcher's own socket.
+    """
+    with grpc.insecure_channel(f"unix:{runtime.socket('dispatcher')}") as channel:
+        load = _Load(channel, runtime.token("alice"), runtime.token("runner"))
+        for amount in amounts:
+            load.fill(amount)
+            yield amount, load.seconds_for_a_pair(), load.bytes_for_a_pair()
+        load.clear()
+
+
+class _Load:
+    """One host that keeps pairs alive and makes and measures others beside them."""
+
+    def __init__(self, channel: grpc.Channel, token: str, runner: str) -> None:
+        self._stub = DispatcherStub(channel)  # type: ignore[no-untyped-call]
+        self._host = {"metadata": (("qmn-token", token),), "timeout": CALL_TIMEOUT_S}
+        self._runner = {"metadata": (("qmn-token", runner),), "timeout": CALL_TIMEOUT_S}
+        self._numbers = count()
+        self._live = 0
+
+    def fill(self, amount: int) -> None:
+        """Make pairs until so many are alive."""
+        while self._live < amount:
+            self._live += self._create(min(BLOCK_PAIRS, amount - self._live))[1]
+
+    def seconds_for_a_pair(self) -> float:
+        """Return the mean time to make and measure one pair, in blocks."""
+        started = time.perf_counter()
+        for _ in range(ROUNDS):
+            number, _pairs = self._create(BLOCK_PAIRS)
+            halves = [BlockId(session=SESSION, number=number, half=half) for half in (0, 1)]
+            request = BellMeasureRequest(first=halves[0], second=halves[1])
+            self._stub.BellMeasure(request, **self._host)
+        return (time.perf_counter() - started) / (ROUNDS * BLOCK_PAIRS)
+
+    def bytes_for_a_pair(self) -> float:
+        """Return the memory that holds the state of a live pair."""
+        return float(self._stub.Status(StatusRequest(), **self._runner).live_bytes) / self._live
+
+    def clear(self) -> None:
+        """Let go of everything."""
+        self._stub.Discard(DiscardRequest(session=SESSION), **self._host)
+
+    def _create(self, pairs: int) -> tuple[int, int]:
+        number = next(self._numbers)
+        request = CreateRequest(session=SESSION, number=number, count=pairs)
+        self._stub.Create(request, **self._host)
+        return number, pairs

@@ -1,0 +1,64 @@
+"""The facts of a run."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from qmn.result import complete, percentiles
+from topologies.record import RECORD, read_record
+
+
+def test_percentiles_of_nothing_of_one_and_of_many() -> None:
+    assert percentiles([]) == {"p50": None, "p99": None, "n": 0}
+    assert percentiles([2.0]) == {"p50": 2.0, "p99": 2.0, "n": 1}
+    many = percentiles([float(number) for number in range(101)])
+    assert many == {"p50": 50.0, "p99": 99.0, "n": 101}
+
+
+def begin(folder: Path, received: bytes | None) -> dict[str, Any]:
+    (folder / "message").write_bytes(b"two bits")
+    if received is not None:
+        (folder / "received").write_bytes(received)
+    return {"file": str(folder / "message")}
+
+
+@pytest.mark.parametrize(
+    ("received", "delivered"), [(b"two bits", True), (b"two bit!", False), (None, False)]
+)
+def test_delivered_means_that_the_bytes_are_the_same(
+    tmp_path: Path, received: bytes | None, delivered: bool
+) -> None:
+    facts = begin(tmp_path, received)
+    complete(facts, tmp_path)
+    assert facts["delivered"] is delivered
+    assert json.loads((tmp_path / "result.json").read_text()) == facts
+
+
+def test_rates_and_counts_come_from_sender_and_controller(tmp_path: Path) -> None:
+    facts = begin(tmp_path, b"two bits")
+    facts["sender"] = {
+        "bell_pairs": 40,
+        "received_symbols": 32,
+        "symbol_errors": 8,
+        "lost_pairs": 8,
+        "repeated_frames": 1,
+        "elapsed_s": 2.0,
+    }
+    lines = [
+        {"event": "path_ready", "setup_ms": 3.0, "packet_in_count": 5},
+        {"event": "stopped", "packet_in_count": 9},
+    ]
+    (tmp_path / RECORD).write_text("".join(json.dumps(line) + "\n" for line in lines))
+    complete(facts, tmp_path)
+    assert facts["symbol_error_rate"] == 0.25
+    assert facts["pairs_per_s"] == 20.0
+    assert facts["path_setup_ms"] == {"p50": 3.0, "p99": 3.0, "n": 1}
+    assert facts["packet_in_count"] == 9
+
+
+def test_a_line_that_is_still_being_written_is_left_out(tmp_path: Path) -> None:
+    (tmp_path / RECORD).write_text('{"event": "switch"}\n{"event": "fib')
+    assert read_record(tmp_path) == [{"event": "switch"}]
+    assert read_record(tmp_path / "nowhere") == []

@@ -1,0 +1,51 @@
+"""What the user asks for is checked before anything starts."""
+
+import argparse
+import os
+from pathlib import Path
+
+import pytest
+
+from qmn import run
+from qmn.run_folder import make_folder, point_latest
+
+
+def parse(*words: str) -> argparse.Namespace:
+    parser = argparse.ArgumentParser()
+    run.add_parser(parser.add_subparsers())
+    return parser.parse_args(["run", "sdc", *words])
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["--file", "/nowhere"], "cannot read /nowhere: No such file"),
+        (["--frame-bytes", "70000"], "--frame-bytes 70000: choose 1 to 65536"),
+        (["--depolarizing", "1.5"], "--depolarizing 1.5: choose 0 to 1"),
+        (["--rate-hz", "0"], "--rate-hz 0"),
+        (["--to", "ed"], "unknown host 'ed': choose one of alice, bob, charlie"),
+        (["--from", "bob"], "--from and --to are both bob"),
+        (["--handshake", "per-pair", "--message", "x" * 70_000], "use --handshake framed"),
+    ],
+)
+def test_bad_input_names_the_value_and_what_to_choose(words: list[str], text: str) -> None:
+    with pytest.raises(run.BadInput) as caught:
+        run.check_input(parse(*words))
+    assert text in str(caught.value)
+
+
+@pytest.mark.parametrize(("words", "size"), [(["--message", ""], 0), (["--message", "ä"], 2)])
+def test_the_size_is_that_of_the_bytes(words: list[str], size: int) -> None:
+    assert run.check_input(parse(*words)) == size
+
+
+def test_there_is_a_message_without_being_asked() -> None:
+    assert run.check_input(parse()) > 0
+
+
+def test_two_runs_in_one_second_have_folders_of_their_own(tmp_path: Path) -> None:
+    first, second = make_folder(tmp_path, "sdc"), make_folder(tmp_path, "sdc")
+    assert first != second
+    for folder in (first, second):
+        point_latest(folder)
+        assert os.readlink(tmp_path / "latest") == folder.name

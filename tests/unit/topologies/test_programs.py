@@ -1,0 +1,58 @@
+"""Programs: started, watched and ended by their own handle."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from topologies.programs import NetworkError, Program, stop_all
+
+
+def program(folder: Path, code: str, name: str = "clock") -> Program:
+    started = Program(name, folder / f"{name}.log")
+    started.start([sys.executable, "-c", code])
+    return started
+
+
+def test_what_it_prints_is_waited_for_and_it_ends_when_told(tmp_path: Path) -> None:
+    sleeper = program(tmp_path, "print('ready', flush=True); import time; time.sleep(60)")
+    sleeper.wait_for("ready", 10)
+    assert sleeper.running
+    sleeper.stop()
+    assert not sleeper.running
+    assert sleeper.status == -15
+
+
+def test_one_that_ends_at_its_start_is_named_with_its_last_words(tmp_path: Path) -> None:
+    broken = program(tmp_path, "import sys; sys.exit('the spring is broken')")
+    with pytest.raises(NetworkError, match="clock ended at its start: the spring is broken"):
+        broken.wait_for("ready", 10)
+
+
+def test_a_wait_names_what_it_waited_for(tmp_path: Path) -> None:
+    silent = program(tmp_path, "import time; time.sleep(60)")
+    try:
+        with pytest.raises(NetworkError, match=r"clock was not ready in 0\.1 s.*clock\.log"):
+            silent.wait_for("ready", 0.1)
+    finally:
+        silent.stop()
+
+
+def test_one_that_ignores_the_signal_is_ended_by_force(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("topologies.programs.STOP_TIMEOUT_S", 0.2)
+    deaf = program(
+        tmp_path,
+        "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN);"
+        "print('ready', flush=True); time.sleep(60)",
+    )
+    deaf.wait_for("ready", 10)
+    deaf.stop()
+    assert deaf.status == -9
+
+
+def test_all_are_ended_together_also_those_never_started(tmp_path: Path) -> None:
+    both = [program(tmp_path, "import time; time.sleep(60)", name) for name in ("a", "b")]
+    stop_all([*both, Program("never", tmp_path / "never.log")])
+    assert not any(one.running for one in both)
