@@ -1,5 +1,6 @@
 """Open vSwitch on this machine: is it running, which datapath has it, whose is a bridge."""
 
+import os
 import subprocess
 import time
 from pathlib import Path
@@ -70,9 +71,12 @@ def delete(bridge: str) -> None:
 def datapath() -> str:
     """Return "kernel" where Open vSwitch's kernel module is loaded, else "user".
 
-    Starting Open vSwitch loads the module if the machine has one.
+    Starting Open vSwitch loads the module if the machine has one. A container sees the
+    module of the machine it is on, which is not its own to use.
     """
-    return "kernel" if Path("/sys/module/openvswitch").exists() else "user"
+    in_container = os.environ.get("QMN_MODE") == "docker"
+    loaded = Path("/sys/module/openvswitch").exists()
+    return "kernel" if loaded and not in_container else "user"
 
 
 def _switch_daemon_runs() -> bool:
