@@ -37,6 +37,8 @@ class ReceivingSession:
 
     def __init__(self, qnic: Qnic, channel: MetadataChannel, setup: Setup) -> None:
         check_offer(setup)
+        if len(qnic.ports) < 2:
+            raise SessionError(Reason.UNSUPPORTED, "a receiver needs two fibres")
         self._qnic = qnic
         self._channel = channel
         self._setup = setup
@@ -142,8 +144,13 @@ class ReceivingSession:
         if unknown:
             raise SessionError(Reason.PROTOCOL, f"pair {unknown[0]} had no handshake")
         tasks = [self._singles.pop(number) for number in numbers]
-        async with asyncio.timeout(SETTLE_TIMEOUT_S):
-            return np.concatenate(await asyncio.gather(*tasks))
+        try:
+            async with asyncio.timeout(SETTLE_TIMEOUT_S):
+                return np.concatenate(await asyncio.gather(*tasks))
+        except TimeoutError as error:
+            raise SessionError(
+                Reason.PROTOCOL, f"pairs {numbers} were not over in {SETTLE_TIMEOUT_S:g} s"
+            ) from error
 
     def _decode(self, outcomes: Symbols, granted: Setup) -> Symbols:
         return from_bell_states(outcomes, self._setup.encoding, granted.rotation)
