@@ -8,7 +8,7 @@ from typing import Any
 import grpc
 
 from dispatcher import limits
-from dispatcher.refusal import Refusal, invalid
+from dispatcher.refusal import Refusal, exhausted, invalid
 from wire.dispatcher_pb2 import Feedback, Order, Outcome
 
 Act = Callable[[str, Any], Awaitable[Feedback]]
@@ -23,7 +23,6 @@ class Orders:
         self._act = act
         self._write = write
         self._writing = asyncio.Lock()
-        self._room = asyncio.Semaphore(limits.MAX_ORDERS)
         self._running: dict[int, asyncio.Task[None]] = {}
 
     async def run(self, orders: AsyncIterator[Order]) -> None:
@@ -37,15 +36,16 @@ class Orders:
                 elif running is not None:
                     problem = f"order {order.number} is still running; number them apart"
                     await self._answer(_refused(order, invalid(problem)))
+                elif len(self._running) >= limits.MAX_ORDERS:
+                    problem = f"{limits.MAX_ORDERS} orders are running; wait for an outcome"
+                    await self._answer(_refused(order, exhausted(problem)))
                 else:
-                    await self._room.acquire()
                     task = group.create_task(self._perform(order))
                     self._running[order.number] = task
                     task.add_done_callback(partial(self._ended, order.number))
 
     def _ended(self, number: int, _task: asyncio.Task[None]) -> None:
         del self._running[number]
-        self._room.release()
 
     async def _perform(self, order: Order) -> None:
         try:
@@ -56,10 +56,13 @@ class Orders:
 
     async def _answer(self, outcome: Outcome) -> None:
         try:
-            async with self._writing:
-                await self._write(outcome)
+            await asyncio.shield(self._write_whole(outcome))
         except grpc.aio.InternalError:
             return  # the host went away
+
+    async def _write_whole(self, outcome: Outcome) -> None:
+        async with self._writing:
+            await self._write(outcome)
 
     async def _steps(self, order: Order) -> list[Feedback]:
         limits.require_steps(len(order.steps))

@@ -25,6 +25,7 @@ log = logging.getLogger("applications")
 
 BACKLOG = 8
 ACCEPT_TIMEOUT_S = 5.0
+READ_TIMEOUT_S = 25.0  # the sender waits 30 s for its report
 
 
 class Incoming:
@@ -35,11 +36,14 @@ class Incoming:
         self._accepted: asyncio.Future[asyncio.StreamWriter] = (
             asyncio.get_running_loop().create_future()
         )
+        self._error: BaseException | None = None
         self.ended = asyncio.Event()
 
     def accept(self, writer: asyncio.StreamWriter) -> None:
         """Hand the connection to an application."""
-        if not self._accepted.done():
+        if self._error is not None:
+            writer.write(_failed(self._error))
+        else:
             self._accepted.set_result(writer)
 
     async def deliver(self, data: bytes) -> None:
@@ -56,12 +60,11 @@ class Incoming:
         await self._drain(writer)
         self.ended.set()
 
-    async def fail(self, error: Exception) -> None:
-        """Tell the application, if one has accepted, that bytes are missing."""
+    async def fail(self, error: BaseException) -> None:
+        """Tell the application, also one that accepts later, that bytes are missing."""
+        self._error = error
         if self._accepted.done():
             self._accepted.result().write(_failed(error))
-        else:
-            self._accepted.cancel()
         self.ended.set()
 
     async def _writer(self) -> asyncio.StreamWriter:
@@ -75,7 +78,11 @@ class Incoming:
 
     async def _drain(self, writer: asyncio.StreamWriter) -> None:
         try:
-            await writer.drain()
+            async with asyncio.timeout(READ_TIMEOUT_S):
+                await writer.drain()
+        except TimeoutError as error:
+            text = f"the receiving application has not read for {READ_TIMEOUT_S:g} s"
+            raise SessionError(Reason.NO_LISTENER, text) from error
         except ConnectionError as error:
             raise SessionError(Reason.NO_LISTENER, "the receiving application has ended") from error
 
@@ -94,6 +101,9 @@ class ApplicationsPort:
             raise SessionError(
                 Reason.NO_LISTENER, f"no application listens on port {port}; start it first"
             )
+        for waiting in [queue.get_nowait() for _ in range(queue.qsize())]:
+            if not waiting.ended.is_set():  # those that have failed make room
+                queue.put_nowait(waiting)
         if queue.full():
             raise SessionError(Reason.BUSY, f"the application on port {port} does not accept")
         connection = Incoming(peer)
@@ -149,7 +159,7 @@ class ApplicationsPort:
         self._listening[port] = asyncio.Queue(BACKLOG)
         try:
             writer.write(encode_fields(Call.DONE))
-            await reader.read()  # until the application closes it
+            await _closed(reader)
         finally:
             del self._listening[port]
 
@@ -159,7 +169,7 @@ class ApplicationsPort:
         port = _port(fields)
         if port not in self._listening:
             raise SessionError(Reason.NO_LISTENER, f"accept on port {port}, which does not listen")
-        gone = asyncio.create_task(reader.read())
+        gone = asyncio.create_task(_closed(reader))
         arrival = asyncio.create_task(self._listening[port].get())
         await asyncio.wait([gone, arrival], return_when=asyncio.FIRST_COMPLETED)
         if not arrival.done():
@@ -177,6 +187,12 @@ async def _read(reader: asyncio.StreamReader) -> tuple[Call, bytes]:
     return call, await reader.readexactly(length)
 
 
+async def _closed(reader: asyncio.StreamReader) -> None:
+    """Wait until the application closes its socket; what it says meanwhile is nothing to us."""
+    while await reader.read(HEADER.size):
+        continue
+
+
 def _port(fields: dict[str, Any]) -> int:
     port = fields.get("port")
     if not isinstance(port, int) or not 0 < port < 65_536:
@@ -184,6 +200,6 @@ def _port(fields: dict[str, Any]) -> int:
     return port
 
 
-def _failed(error: Exception) -> bytes:
+def _failed(error: BaseException) -> bytes:
     reason = error.reason if isinstance(error, SessionError) else Reason.HARDWARE
     return encode_fields(Call.FAILED, reason=reason, text=str(error))

@@ -49,6 +49,7 @@ class QuantumSocket:
         self._listening_port = 0
         self._buffer = b""
         self._ended = False
+        self._broken = False
         self.statistics: dict[str, Any] = {}
 
     def _open(self) -> socket.socket:
@@ -131,6 +132,15 @@ class QuantumSocket:
         return decode_fields(payload)
 
     def _read(self) -> tuple[Call, bytes]:
+        """Read one message; after a time-out in the middle of one there is no going on."""
+        if self._broken:
+            raise QuantumSocketError("an earlier call on this socket failed; make a new one")
+        self._broken = True
+        call, payload = self._read_whole()
+        self._broken = False
+        return call, payload
+
+    def _read_whole(self) -> tuple[Call, bytes]:
         call, length = decode_header(self._exactly(HEADER.size))
         payload = self._exactly(length)
         if call == Call.FAILED:

@@ -98,7 +98,7 @@ class Stack:
     async def _deliver(self, session: ReceivingSession, incoming: Incoming) -> None:
         try:
             await session.run(incoming.deliver)
-        except (SessionError, HardwareError) as error:
+        except BaseException as error:  # whatever it is, the application must hear of it
             await incoming.fail(error)
             raise
         await incoming.finish(session.statistics)

@@ -7,6 +7,9 @@ from pathlib import Path
 
 def make_folder(runs: Path, topology: str) -> Path:
     """Make the folder of a new run."""
+    if not runs.exists():
+        runs.mkdir(parents=True)
+        _give(runs)
     stamp = time.strftime("%Y%m%dT%H%M%S")
     for attempt in range(100):
         suffix = f"-{attempt}" if attempt else ""
@@ -28,9 +31,11 @@ def point_latest(folder: Path) -> None:
 
 def give_to_invoker(folder: Path) -> None:
     """Let the user who called sudo own what the run leaves behind."""
-    if os.geteuid() or "SUDO_UID" not in os.environ:
-        return
-    user, group = int(os.environ["SUDO_UID"]), int(os.environ.get("SUDO_GID", "-1"))
-    for path in (folder.parent, folder.with_name("latest"), folder, *folder.rglob("*")):
-        if path.exists():
-            os.chown(path, user, group, follow_symlinks=False)
+    for path in (folder.with_name("latest"), folder, *folder.rglob("*")):
+        _give(path)
+
+
+def _give(path: Path) -> None:
+    if os.geteuid() == 0 and "SUDO_UID" in os.environ:
+        user, group = int(os.environ["SUDO_UID"]), int(os.environ.get("SUDO_GID", "-1"))
+        os.chown(path, user, group, follow_symlinks=False)

@@ -1,6 +1,7 @@
 """The programs of a run: each started, watched and ended by its own handle."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -62,8 +63,8 @@ class Program:
 
     def wait_for(self, text: str, timeout_s: float) -> None:
         """Wait until a line of the log contains text; raise NetworkError if it will not."""
-        deadline = time.monotonic() + timeout_s
-        while text not in self.log.read_text(errors="replace"):
+        deadline, words = time.monotonic() + timeout_s, re.compile(rf"\b{re.escape(text)}\b")
+        while not words.search(self.log.read_text(errors="replace")):
             if not self.running:
                 raise NetworkError(f"{self.name} ended at its start: {self.last_words()}")
             if time.monotonic() > deadline:

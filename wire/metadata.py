@@ -20,6 +20,7 @@ METADATA_PORT = 9010
 MAGIC = 0x514D  # "QM"
 VERSION = 1
 MAX_LENGTH = 1 << 17
+MAX_FRAMES = 4096  # in one block
 HEADER = struct.Struct("!HBBIQ")
 
 E = TypeVar("E", bound=IntEnum)
@@ -192,7 +193,7 @@ class Answer(Message):
 
 @dataclass(frozen=True)
 class Emit(Message):
-    """Ask a pair source for one block of pairs; answered when the light has left."""
+    """Ask a pair source for one block of pairs; answered when its light has arrived."""
 
     KIND = 3
     FIELDS = struct.Struct("!III")
@@ -241,6 +242,8 @@ class Block(Message):
     def parse(cls, session: int, body: bytes) -> "Block":
         """Build the message from its body; raise MalformedPacket if it does not fit."""
         (block, pairs, refills, emitted_ns, count), rest = _split(cls, body)
+        if count > MAX_FRAMES:
+            raise MalformedPacket(f"Block: {count} frames, at most {MAX_FRAMES}")
         if len(rest) != count * Frame.FIELDS.size:
             raise MalformedPacket(f"Block: {count} frames announced in {len(rest)} bytes")
         frames = tuple(Frame(*fields) for fields in Frame.FIELDS.iter_unpack(rest))

@@ -6,6 +6,7 @@ management address = IPv4 address of the host's CNIC.
 
 import asyncio
 import socket
+from contextlib import suppress
 from ipaddress import IPv4Address
 
 from os_ken.lib.packet import ethernet, lldp, packet
@@ -52,7 +53,8 @@ async def announce(name: str, address: str, ports: list[str]) -> None:
         pauses = iter(FAST_START)
         while True:
             for channel, frame in zip(channels, frames, strict=True):
-                channel.send(frame)
+                with suppress(OSError):  # a fibre that is set down says nothing
+                    channel.send(frame)
             await asyncio.sleep(next(pauses, PERIOD_S))
     finally:
         for channel in channels:

@@ -27,22 +27,24 @@ class Orders:
         self._waiting: dict[int, asyncio.Future[Outcome]] = {}
         self._writing = asyncio.Lock()
         self._closed = False
+        self._cancelling: set[asyncio.Task[None]] = set()
         self._call: Any = None
         self._reading: asyncio.Task[None] | None = None
 
     async def perform(self, *steps: Step) -> list[Feedback]:
         """Have steps done in order; raise HardwareError if one of them fails."""
         number = next(self._numbers)
-        self._waiting[number] = asyncio.get_running_loop().create_future()
+        answer: asyncio.Future[Outcome] = asyncio.get_running_loop().create_future()
+        self._waiting[number] = answer
         try:
             async with asyncio.timeout(ANSWER_TIMEOUT_S):
                 await self._write(Order(number=number, steps=steps))
-                outcome = await self._waiting[number]
+                outcome = await answer
         except TimeoutError as error:
-            await self._write(Order(number=number, cancel=True))
+            self._cancel(number)
             raise HardwareError(f"dispatcher: no answer in {ANSWER_TIMEOUT_S:g} s") from error
         except asyncio.CancelledError:
-            await self._write(Order(number=number, cancel=True))
+            self._cancel(number)
             raise
         finally:
             del self._waiting[number]
@@ -57,30 +59,50 @@ class Orders:
             self._reading.cancel()
             self._call.cancel()
 
+    def _cancel(self, number: int) -> None:
+        """Tell the dispatcher that nobody waits for an order any more."""
+        if self._reading is not None and not self._reading.done() and not self._closed:
+            task = asyncio.create_task(self._write(Order(number=number, cancel=True)))
+            self._cancelling.add(task)
+            task.add_done_callback(self._cancelled)
+
+    def _cancelled(self, task: asyncio.Task[None]) -> None:
+        self._cancelling.discard(task)
+        if not task.cancelled():
+            task.exception()  # a stream that has ended needs no cancelling
+
     async def _write(self, order: Order) -> None:
+        """Write an order; never interrupted half-way, because that would end the stream."""
         if self._closed:
             raise HardwareError("the QNIC is closed")
         if self._reading is None or self._reading.done():
             self._call = self._stub.Perform(metadata=self._metadata, wait_for_ready=True)
             self._reading = asyncio.create_task(self._read(self._call))
+        await asyncio.shield(self._write_whole(self._call, order))
+
+    async def _write_whole(self, call: Any, order: Order) -> None:
         async with self._writing:
             try:
-                await self._call.write(order)
+                await call.write(order)
             except (grpc.aio.AioRpcError, asyncio.InvalidStateError) as error:
                 raise HardwareError(f"dispatcher: {error}") from error
+            except asyncio.CancelledError as error:
+                raise HardwareError("dispatcher: the stream has ended") from error
 
     async def _read(self, call: Any) -> None:
         """Hand out outcomes; when the stream ends, nobody may go on waiting."""
         problem = "it has ended"
         try:
             async for outcome in call:
-                if outcome.number in self._waiting:
-                    self._waiting[outcome.number].set_result(outcome)
+                answer = self._waiting.get(outcome.number)
+                if answer is not None and not answer.done():
+                    answer.set_result(outcome)
         except grpc.aio.AioRpcError as error:
             problem = f"{error.code().name}: {error.details()}"
-        for answer in self._waiting.values():
-            if not answer.done():
-                answer.set_exception(HardwareError(f"dispatcher: {problem}"))
+        finally:
+            for answer in self._waiting.values():
+                if not answer.done():
+                    answer.set_exception(HardwareError(f"dispatcher: {problem}"))
 
 
 def _fault(outcome: Outcome, steps: tuple[Step, ...]) -> HardwareError:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from hosts.hardware.qnic import NO_COINCIDENCE, Symbols
 from hosts.middleware.encoding import SYMBOLS_PER_BYTE, to_bytes, to_symbols
-from wire.metadata import Block, Frame, Report
+from wire.metadata import MAX_FRAMES, Block, Frame, Report
 
 Slots = NDArray[np.int64]
 NO_SLOTS: Slots = np.empty(0, dtype=np.int64)
@@ -101,7 +101,11 @@ class Outbox:
 
     def _new_frames(self, room: int) -> list[Frame]:
         frames = []
-        while self._waiting and len(self._waiting[0]) * SYMBOLS_PER_BYTE <= room:
+        while (
+            self._waiting
+            and len(frames) < MAX_FRAMES
+            and len(self._waiting[0]) * SYMBOLS_PER_BYTE <= room
+        ):
             data = self._waiting.popleft()
             self._symbols[self._frames_made] = to_symbols(data)
             frames.append(Frame(self._frames_made, len(data), crc32(data)))
@@ -189,6 +193,8 @@ class Inbox:
             raise FramingError(f"block {block.block} announces frames {numbers} out of order")
         if block.refills > self._open.size:
             raise FramingError(f"block {block.block} refills more than is open")
+        if block.frames and block.refills != self._open.size:
+            raise FramingError(f"block {block.block} begins new frames before the open ones")
         for frame in block.frames:
             if not 0 < frame.size <= self._frame_bytes:
                 raise FramingError(f"frame {frame.number} has {frame.size} bytes")

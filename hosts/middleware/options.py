@@ -10,6 +10,8 @@ from wire.metadata import Handshake, Reason
 
 HANDSHAKES = {"framed": Handshake.FRAMED, "per-pair": Handshake.PER_PAIR}
 
+MAX_BLOCK_S = 5.0  # deadlines of both ends allow for it
+
 
 @dataclass(frozen=True)
 class SessionOptions:
@@ -34,7 +36,7 @@ class SessionOptions:
 
     def check(self) -> None:
         """Raise SessionError for a value out of range."""
-        if self.handshake not in HANDSHAKES:
+        if not isinstance(self.handshake, str) or self.handshake not in HANDSHAKES:
             raise SessionError(
                 Reason.UNSUPPORTED,
                 f"handshake {self.handshake!r}: choose one of {', '.join(HANDSHAKES)}",
@@ -51,5 +53,11 @@ class SessionOptions:
                 raise SessionError(
                     Reason.UNSUPPORTED, f"{name} is {value!r}: choose {least} to {most}"
                 )
+        if self.block_pairs / self.rate_hz > MAX_BLOCK_S:
+            raise SessionError(
+                Reason.UNSUPPORTED,
+                f"block_pairs {self.block_pairs} at rate_hz {self.rate_hz} take more than "
+                f"{MAX_BLOCK_S:g} s: choose smaller blocks or a higher rate",
+            )
         if not isinstance(self.host, str):
             raise SessionError(Reason.UNSUPPORTED, f"host {self.host!r} is not a name")

@@ -149,7 +149,8 @@ class ReceivingSession:
                 return np.concatenate(await asyncio.gather(*tasks))
         except TimeoutError as error:
             raise SessionError(
-                Reason.PROTOCOL, f"pairs {numbers} were not over in {SETTLE_TIMEOUT_S:g} s"
+                Reason.PROTOCOL,
+                f"pairs up to {numbers[-1]} were not over in {SETTLE_TIMEOUT_S:g} s",
             ) from error
 
     def _decode(self, outcomes: Symbols, granted: Setup) -> Symbols:
