@@ -43,6 +43,12 @@ class Callers:
         if node != RUNNER:
             raise denied(f"{node} may not ask for the status; only {RUNNER} may")
 
+    def watched_by(self, node: str, wanted: str) -> str:
+        """Return which node's events a caller hears; only the runner hears those of others."""
+        if node != RUNNER and wanted not in ("", node):
+            raise denied(f"{node} may not watch {wanted}; only {RUNNER} may")
+        return wanted if node == RUNNER else node
+
     def require_switch(self, node: str, switch: str) -> None:
         """Refuse all but the switch's own agent."""
         if switch not in self._switches:

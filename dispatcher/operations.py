@@ -128,7 +128,8 @@ class Operations:
         return self._discard(waiting or [ownership.require(name, node)])
 
     def discard_session(self, node: str, session: int) -> Feedback:
-        """Discard everything of a session at the node and at its ports."""
+        """Discard everything of a session at the node and at its ports, now and later."""
+        self._layer.ownership.close(node, session)
         return self._discard(self._layer.ownership.of_session(node, session))
 
     def _discard(self, blocks: list[Block]) -> Feedback:

@@ -1,10 +1,13 @@
 """Which block is where: at a node, waiting at one of its ports, or on its way."""
 
+from collections import deque
 from dataclasses import dataclass
 from typing import NamedTuple
 
 from dispatcher.refusal import denied, not_found
 from dispatcher.sabot.registers import Register
+
+CLOSED_SESSIONS = 256  # remembered, for the light that is on its way when they end
 
 
 class BlockName(NamedTuple):
@@ -39,7 +42,17 @@ class Ownership:
         """Begin with none."""
         self._by_name: dict[BlockName, list[Block]] = {}
         self._by_session: dict[tuple[str, int], dict[Block, None]] = {}
+        self._closed: deque[tuple[str, int]] = deque(maxlen=CLOSED_SESSIONS)
         self.count = 0
+
+    def close(self, node: str, session: int) -> None:
+        """Note that a node wants no more light of a session."""
+        if (node, session) not in self._closed:
+            self._closed.append((node, session))
+
+    def is_closed(self, node: str, session: int) -> bool:
+        """Return whether a node has let go of a session."""
+        return (node, session) in self._closed
 
     def add(self, block: Block) -> None:
         """Enter a new block where it says it is."""

@@ -150,9 +150,10 @@ class Service(DispatcherServicer):
         )
 
     @call
-    async def Watch(self, request: messages.WatchRequest, _node: str, context: Context) -> None:
-        """Tell what happens, until the watcher goes away."""
-        with self.layer.history.watching(request.node, request.session, request.history) as watcher:
+    async def Watch(self, request: messages.WatchRequest, node: str, context: Context) -> None:
+        """Tell the runner what happens, and a node what happens there, until it goes away."""
+        watched = self.callers.watched_by(node, request.node)
+        with self.layer.history.watching(watched, request.session, request.history) as watcher:
             while True:
                 event = await watcher.next()
                 try:

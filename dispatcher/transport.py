@@ -131,6 +131,9 @@ class Transport:
         noise = " ".join(f"{pauli}={count}" for pauli, count in counts if count)
         detail = f"noise: {noise}" if noise else ""
         layer.record(end.node, "arrive", block, end.port, detail, block.last_ns)
+        if layer.ownership.is_closed(end.node, block.name.session):
+            layer.drop(block)
+            return
         self._bring(block, end.node, end.port)
         for waiter in self._waiting.get((block.name, end.node, end.port), ()):
             if not waiter.done():

@@ -7,7 +7,7 @@ from topologies import runtime
 from wire.config import Fiber, FiberEnd
 
 RANGES = {
-    "length_km": (0.0, 20_000.0),
+    "length_km": (0.0, 2_000.0),
     "loss_db_per_km": (0.0, 1_000.0),
     "depolarizing": (0.0, 1.0),
 }

@@ -219,7 +219,8 @@ class Block(Message):
     """Tell the receiver what a block of pairs carries: first refills, then new frames.
 
     Refills are the symbols that earlier reports asked for again, in ascending order;
-    new frames follow, four pairs a byte, high bits first.
+    new frames follow, four pairs a byte, high bits first. No pairs at all: the light of this
+    block did not reach the sender; the receiver lets go of its halves.
     """
 
     KIND = 4

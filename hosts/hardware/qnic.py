@@ -4,11 +4,14 @@ Blocks of k photons are named as on the wire: (session, number, half). A driver 
 equipment implements the same calls (paper, section "Host Nodes").
 """
 
+import logging
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+log = logging.getLogger("qnic")
 
 Symbols = NDArray[np.uint8]
 NO_COINCIDENCE = 255
@@ -72,5 +75,16 @@ class Qnic(Protocol):
         Raise NoLight if no photon of a half arrives; what came of the other is let go.
         """
 
+    async def let_go(self, session: int, number: int) -> None:
+        """Let go of what has come of both halves of a block."""
+
     async def discard(self, session: int) -> None:
-        """Let go of all photons of a session."""
+        """Let go of all photons of a session, also of those still on their way."""
+
+
+async def release(qnic: Qnic, session: int) -> None:
+    """Let go of a session at its end; a fault here must not hide why it has ended."""
+    try:
+        await qnic.discard(session)
+    except HardwareError as error:
+        log.warning("session %016x: %s", session, error)

@@ -1,5 +1,7 @@
 """The simulated QNIC: every call is a request to the dispatcher, over the host's own CNIC."""
 
+from contextlib import suppress
+
 import grpc
 import numpy as np
 
@@ -75,7 +77,7 @@ class SimulatedQnic:
         try:
             feedback = (await self._orders.perform(*receive, bell))[-1]
         except NoLight:
-            await self.discard_blocks(names)
+            await self.let_go(session, number)
             raise
         outcomes = np.frombuffer(feedback.outcomes, dtype=np.uint8)
         return Coincidences(outcomes, feedback.clicks, feedback.time_ns)
@@ -84,13 +86,12 @@ class SimulatedQnic:
         """Let go of all photons of a session."""
         await self._orders.perform(Step(discard=DiscardRequest(session=session)))
 
-    async def discard_blocks(self, names: list[BlockId]) -> None:
-        """Let go of blocks; one that is not here is none the worse."""
-        for name in names:
-            try:
-                await self._orders.perform(Step(discard=DiscardRequest(block=name)))
-            except NotHere:
-                continue
+    async def let_go(self, session: int, number: int) -> None:
+        """Let go of what has come of both halves of a block."""
+        for half in (0, 1):
+            discard = DiscardRequest(block=_half(session, number, half))
+            with suppress(NotHere):
+                await self._orders.perform(Step(discard=discard))
 
     async def close(self) -> None:
         """Close the connection to the dispatcher."""

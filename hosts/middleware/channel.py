@@ -18,6 +18,7 @@ M = TypeVar("M", bound=Message)
 
 CONNECT_TIMEOUT_S = 5.0
 ANSWER_TIMEOUT_S = 10.0
+IDLE_TIMEOUT_S = 600.0  # between two messages of a session that nobody ends
 REPORT_TIMEOUT_S = 30.0  # a receiver whose application does not read holds its report back
 
 REMEDIES = {
@@ -41,6 +42,10 @@ class SessionError(Exception):
     def __init__(self, reason: Reason, text: str = "") -> None:
         super().__init__(text or REMEDIES[reason])
         self.reason = reason
+
+
+class SilentPeer(SessionError):
+    """Nothing came in time."""
 
 
 class MetadataChannel:
@@ -68,22 +73,20 @@ class MetadataChannel:
         """Write one message, in one piece."""
         self._writer.write(message.encode())
 
-    async def request(self, message: Message) -> None:
+    async def request(self, message: Message, timeout_s: float = ANSWER_TIMEOUT_S) -> None:
         """Send a message and wait until it is accepted; raise what the other end refuses."""
         self.send(message)
-        answer = await self.receive(Answer, ANSWER_TIMEOUT_S)
+        answer = await self.receive(Answer, timeout_s)
         if answer.reason != Reason.OK:
             raise SessionError(Reason(answer.reason), answer.text)
 
     async def receive(self, kind: type[M], timeout_s: float) -> M:
         """Wait for the next message, which must be of this kind (or a refusal)."""
         try:
-            async with asyncio.timeout(timeout_s):
-                message = await self.next()
-        except TimeoutError as error:
-            raise SessionError(
-                Reason.PROTOCOL, f"no {kind.__name__} from {self.peer} in {timeout_s:g} s"
-            ) from error
+            message = await self.next(timeout_s)
+        except SilentPeer as error:
+            text = f"no {kind.__name__} from {self.peer} in {timeout_s:g} s"
+            raise SessionError(Reason.PROTOCOL, text) from error
         if message is None:
             raise SessionError(Reason.PROTOCOL, f"{self.peer} closed instead of {kind.__name__}")
         if isinstance(message, Answer) and message.reason != Reason.OK:
@@ -93,8 +96,17 @@ class MetadataChannel:
             raise SessionError(Reason.PROTOCOL, f"{self.peer} sent {got}, not {kind.__name__}")
         return message
 
-    async def next(self) -> Message | None:
+    async def next(self, timeout_s: float = IDLE_TIMEOUT_S) -> Message | None:
         """Return the next message, None at the end of the connection."""
+        try:
+            async with asyncio.timeout(timeout_s):
+                await self._writer.drain()
+                return await self._read()
+        except TimeoutError as error:
+            text = f"{self.peer} has been silent for {timeout_s:g} s"
+            raise SilentPeer(Reason.PROTOCOL, text) from error
+
+    async def _read(self) -> Message | None:
         try:
             header = await self._reader.readexactly(HEADER.size)
             length = message_length(header)

@@ -100,7 +100,7 @@ class Outbox:
         self._drop_delivered(slots)
 
     def _new_frames(self, room: int) -> list[Frame]:
-        frames = []
+        frames: list[Frame] = []
         while (
             self._waiting
             and len(frames) < MAX_FRAMES
@@ -205,6 +205,8 @@ class Inbox:
         self._announced += len(numbers)
 
     def _fill(self, slots: Slots, symbols: Symbols) -> list[int]:
+        if not slots.size:
+            return []
         numbers, starts, indices = _by_frame(slots, self._frame_bytes)
         parts = zip(
             numbers, np.split(indices, starts[1:]), np.split(symbols, starts[1:]), strict=True

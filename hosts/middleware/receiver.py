@@ -6,14 +6,14 @@ from hashlib import sha256
 
 import numpy as np
 
-from hosts.hardware.qnic import NO_COINCIDENCE, NoLight, Qnic, Symbols
+from hosts.hardware.qnic import NO_COINCIDENCE, NoLight, Qnic, Symbols, release
 from hosts.middleware.channel import MetadataChannel, SessionError
 from hosts.middleware.encoding import from_bell_states
 from hosts.middleware.framing import FramingError, Inbox
 from wire.metadata import Answer, Block, Finish, Handshake, Reason, Report, Setup
 
 ARRIVAL_TIMEOUT_S = 0.1  # the sender speaks of a block only when its light has arrived
-SETTLE_TIMEOUT_S = 10.0
+SETTLE_TIMEOUT_S = 30.0
 MAX_FRAME_BYTES = 1 << 16
 MAX_BLOCK_PAIRS = 1 << 18
 
@@ -83,12 +83,15 @@ class ReceivingSession:
         """Let go of photons and of handshakes under way."""
         for task in self._singles.values():
             task.cancel()
-        await self._qnic.discard(self._setup.session)
+        await release(self._qnic, self._setup.session)
 
     async def _receive_block(self, block: Block, deliver: Deliver) -> None:
         if block.pairs > max(self._setup.pairs, 4 * self._setup.frame_bytes):
             raise SessionError(Reason.PROTOCOL, f"block {block.block} has {block.pairs} pairs")
-        if self._setup.handshake == Handshake.PER_PAIR:
+        if block.pairs == 0:  # no light reached the sender
+            await self._qnic.let_go(self._setup.session, block.block)
+            symbols = np.empty(0, dtype=np.uint8)
+        elif self._setup.handshake == Handshake.PER_PAIR:
             symbols = await self._collect_singles(block.pairs)
         else:
             symbols = self._decode(await self._measure(block.block, block.pairs), self._setup)
@@ -134,7 +137,7 @@ class ReceivingSession:
 
     async def _single(self, channel: MetadataChannel, setup: Setup) -> Symbols:
         channel.send(Answer(setup.session, Reason.OK))
-        await channel.next()  # the sender closes when the light has arrived
+        await channel.next(SETTLE_TIMEOUT_S)  # the sender closes when the light has arrived
         return self._decode(await self._measure(setup.block, 1), setup)
 
     async def _collect_singles(self, pairs: int) -> Symbols:

@@ -21,8 +21,13 @@ from hashlib import sha256
 
 import numpy as np
 
-from hosts.hardware.qnic import BlockName, NoLight, Qnic, Symbols
-from hosts.middleware.channel import REPORT_TIMEOUT_S, MetadataChannel, SessionError
+from hosts.hardware.qnic import BlockName, NoLight, Qnic, Symbols, release
+from hosts.middleware.channel import (
+    ANSWER_TIMEOUT_S,
+    REPORT_TIMEOUT_S,
+    MetadataChannel,
+    SessionError,
+)
 from hosts.middleware.encoding import to_paulis
 from hosts.middleware.framing import FramingError, Outbox, OutgoingBlock
 from hosts.middleware.one_by_one import OneByOne
@@ -37,8 +42,8 @@ from wire.metadata import (
     Setup,
 )
 
-LIGHT_TIMEOUT_S = 10.0  # until the source answers
-GRACE_S = 0.1  # light that has not come this long after the source's answer is lost
+LIGHT_TIMEOUT_S = 30.0  # until the source answers
+GRACE_S = 0.3  # light that has not come this long after the source's answer is lost
 DARK_LIMIT_S = 10.0  # without a single pair; the last few symbols are small blocks
 ATTEMPTS_LIMIT = 64
 DISCOVERY_TIMEOUT_S = 3.0
@@ -118,7 +123,7 @@ class SendingSession:
         for name in ("_channel", "_pairs"):
             if hasattr(self, name):
                 getattr(self, name).close()
-        await self._qnic.discard(self._setup.session)
+        await release(self._qnic, self._setup.session)
 
     async def _send_block(self, block: OutgoingBlock) -> None:
         paulis = to_paulis(block.symbols, self._setup.encoding)
@@ -129,7 +134,7 @@ class SendingSession:
             try:
                 emitted_ns = await self._light(block.number, paulis)
             except NoLight as error:
-                self._note_dark(block, error)
+                await self._note_dark(block, error)
                 return
         self._channel.send(
             Block(
@@ -153,7 +158,8 @@ class SendingSession:
         )
         try:
             async with self._source_turn:  # its answers carry no number
-                await self._pairs.request(Emit(self._setup.session, number, paulis.size, rate_hz))
+                emit = Emit(self._setup.session, number, paulis.size, rate_hz)
+                await self._pairs.request(emit, ANSWER_TIMEOUT_S + paulis.size / rate_hz)
             # The source has answered: its light has arrived, or never will.
             async with asyncio.timeout(GRACE_S + paulis.size / rate_hz):
                 return await light
@@ -173,9 +179,12 @@ class SendingSession:
             raise
         return channel
 
-    def _note_dark(self, block: OutgoingBlock, error: NoLight) -> None:
+    async def _note_dark(self, block: OutgoingBlock, error: NoLight) -> None:
+        """Take the block back, and tell the receiver to let go of its halves."""
         self._outbox.dark(block)
         self.statistics.lost_pairs += block.symbols.size
+        self._channel.send(Block(self._setup.session, block.number, 0, 0, 0))
+        await self._channel.receive(Report, REPORT_TIMEOUT_S)
         self._give_up_if_dark(str(error))
 
     def _give_up_if_dark(self, what: str) -> None:

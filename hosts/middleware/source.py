@@ -1,6 +1,6 @@
 """The service of a pair source: makes Bell pairs and sends both halves into its fibres."""
 
-from hosts.hardware.qnic import HardwareError, Qnic
+from hosts.hardware.qnic import HardwareError, Qnic, release
 from hosts.middleware.channel import MetadataChannel, SessionError
 from hosts.middleware.receiver import MAX_BLOCK_PAIRS
 from wire.metadata import Answer, Emit, Reason, Setup
@@ -18,7 +18,7 @@ async def serve_pairs(qnic: Qnic, channel: MetadataChannel, setup: Setup) -> Non
             await _emit(qnic, setup.session, request)
             channel.send(Answer(setup.session, Reason.OK))
     finally:
-        await qnic.discard(setup.session)
+        await release(qnic, setup.session)
 
 
 async def _emit(qnic: Qnic, session: int, request: Emit) -> None:

@@ -95,7 +95,7 @@ def test_the_run_after_a_killed_one_works(tmp_path: Path) -> None:
         (["--file", "/"], "cannot read /"),
         (["--to", "mallory"], "unknown host 'mallory'"),
         (["--frame-bytes", "0"], "--frame-bytes 0: choose 1"),
-        (["--length-km", "-1"], "--length-km -1.0: choose 0 to 20000"),
+        (["--length-km", "-1"], "--length-km -1.0: choose 0 to 2000"),
         (["--handshake", "psychic"], "invalid choice: 'psychic'"),
         (["--teleport"], "unrecognized arguments: --teleport"),
         (["--handshake", "per-pair", "--file", "/usr/bin/ovs-vsctl"], "use --handshake framed"),

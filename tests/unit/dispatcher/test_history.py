@@ -68,8 +68,8 @@ def test_a_seed_gives_the_same_event_log_again(tmp_path: Path) -> None:
 
 
 async def watch(bench: Bench, request: WatchRequest) -> Any:
-    """Start watching as bob."""
-    return bench.stub.Watch(request, metadata=bench.bob.metadata, timeout=20)
+    """Start watching as the runner."""
+    return bench.stub.Watch(request, metadata=bench.runner.metadata, timeout=20)
 
 
 def test_a_watcher_sees_what_it_asked_for(tmp_path: Path) -> None:
@@ -99,6 +99,23 @@ def test_a_watcher_that_goes_away_is_forgotten(tmp_path: Path) -> None:
             async with asyncio.timeout(5):
                 while bench.layer.history._watchers:
                     await bench.alice.create(1, number=bench.layer.history.count)
+
+    asyncio.run(run())
+
+
+def test_a_node_may_not_watch_another(tmp_path: Path) -> None:
+    async def run() -> None:
+        async with running(configuration(tmp_path), JumpingClock()) as bench:
+            await bench.alice.create(1)
+            await bench.bob.create(1, number=1)
+            for wanted in ("alice", "q1"):
+                stream = bench.stub.Watch(
+                    WatchRequest(node=wanted, history=True), metadata=bench.bob.metadata
+                )
+                with pytest.raises(grpc.aio.AioRpcError, match=f"bob may not watch {wanted}"):
+                    await stream.read()
+            own = bench.stub.Watch(WatchRequest(history=True), metadata=bench.bob.metadata)
+            assert (await own.read()).node == "bob"
 
     asyncio.run(run())
 

@@ -130,6 +130,30 @@ def test_a_cancelled_order_ends_and_its_number_is_free_again(tmp_path: Path) -> 
     on(tmp_path, act)
 
 
+def test_light_that_comes_after_its_session_was_let_go_leaves_nothing(tmp_path: Path) -> None:
+    clock = ManualClock()
+
+    async def act(bench: Bench) -> None:
+        await bench.switch.connect((1, 3))
+        charlie, alice = Host(bench, "charlie"), Host(bench, "alice")
+        await charlie.order(1, create(4), send((0, "charlie-q0")))
+        await clock.waiters(1)
+        await alice.order(1, Step(discard=DiscardRequest(session=7)))
+        await alice.outcome()
+        await clock.set(clock.now_ns() + 1_000_000)
+        await charlie.outcome()
+        assert (await bench.runner.status()).live_qubits == 4  # charlie's other halves
+
+    async def run() -> None:
+        async with running(configuration(tmp_path), clock) as bench:
+            connecting = asyncio.create_task(act(bench))
+            await clock.waiters(1)
+            await clock.set(clock.now_ns() + 1_000)  # the path opens
+            await connecting
+
+    asyncio.run(run())
+
+
 @pytest.mark.parametrize(
     ("steps", "words"),
     [([], "0 steps"), ([Step()], "without an operation"), ([Step()] * 65, "65 steps")],

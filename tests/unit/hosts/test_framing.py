@@ -105,6 +105,29 @@ def test_a_dark_block_is_sent_again_under_a_new_number() -> None:
     assert inbox.take() + transmit(outbox, inbox, lambda symbols: symbols) == b"abcdefgh"
 
 
+def test_a_block_without_pairs_changes_nothing() -> None:
+    inbox = Inbox(4)
+    report = inbox.block(Block(1, 1, 0, 0, 0), np.empty(0, dtype=np.uint8))
+    assert (report.pairs, report.failed, report.lost) == (0, (), b"")
+    assert inbox.take() == b""
+
+
+def test_new_frames_come_only_when_all_that_is_open_is_sent_again() -> None:
+    inbox = Inbox(4)
+    first = Block(1, 1, 16, 0, 0, (Frame(0, 4, 0),))
+    inbox.block(first, np.full(16, 255, dtype=np.uint8))
+    with pytest.raises(FramingError, match="before the open ones"):
+        inbox.block(Block(1, 2, 16, 0, 0, (Frame(1, 4, 0),)), np.zeros(16, dtype=np.uint8))
+
+
+@pytest.mark.parametrize(("frame_bytes", "block_pairs"), [(1, 262_144), (4, 262_144)])
+def test_many_small_frames_fit_into_messages(frame_bytes: int, block_pairs: int) -> None:
+    outbox, inbox = Outbox(frame_bytes, block_pairs), Inbox(frame_bytes)
+    data = bytes(range(256)) * 80
+    outbox.add(data)
+    assert transmit(outbox, inbox, lambda symbols: symbols) == data
+
+
 def test_nothing_of_a_delivered_message_is_kept() -> None:
     outbox, inbox = Outbox(16, 128), Inbox(16)
     outbox.add(bytes(4096))
