@@ -58,7 +58,8 @@ def run(folder: Path, pairs: int, signals: Signals) -> None:
         connect_s, packet_in_s = floor(network, pairs)
         show("floor: TCP connect and close", f"{connect_s * 1e3:.3f} ms")
         show("floor: packet-in to packet-out", f"{packet_in_s * 1e3:.3f} ms")
-        seconds = send(network, os.urandom(pairs // PAIRS_PER_BYTE), "per-pair")
+        size = max(pairs // PAIRS_PER_BYTE, 1)
+        seconds, pairs = send(network, os.urandom(size), "per-pair"), size * PAIRS_PER_BYTE
         for live, pair_s, state in cost_by_live_pairs(network.runtime, LIVE_PAIRS):
             show(
                 f"dispatcher, {live:,} live pairs",
@@ -104,6 +105,7 @@ def send(network: Network, data: bytes, handshake: str) -> float:
 @contextmanager
 def receiving(listener: QuantumSocket) -> Iterator[None]:
     """Take one connection and what it brings, beside the caller."""
+    listener.settimeout(MEASURE_TIMEOUT_S)
     listener.listen(7)
     reader = threading.Thread(target=_read_all, args=(listener,))
     reader.start()

@@ -85,7 +85,10 @@ def run(arguments: argparse.Namespace, signals: Signals, console: Console) -> in
     size = check_input(arguments)
     require_root()
     tell_estimate(arguments, size, console)
-    folder = make_folder(arguments.runs, arguments.topology)
+    try:
+        folder = make_folder(arguments.runs, arguments.topology)
+    except OSError as error:
+        raise BadInput(f"cannot write to --runs {arguments.runs}: {error.strerror}") from error
     facts = beginning(arguments, folder)
     try:
         run_network(arguments, folder, facts, signals, console)
@@ -141,6 +144,8 @@ def message_size(arguments: argparse.Namespace) -> int:
         return len(arguments.message.encode())
     file = arguments.file or MESSAGE
     try:
+        if file.exists() and not file.is_file() and not file.is_dir():
+            raise BadInput(f"{file} is not a file with an end: save what it gives, and send that")
         with file.open("rb") as opened:
             return os.fstat(opened.fileno()).st_size
     except OSError as error:

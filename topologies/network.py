@@ -1,15 +1,15 @@
 """One emulated network from start to end: check, start, watch, always clean up."""
 
-import fcntl
 import os
 import shutil
 import signal
+import socket
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from types import FrameType, TracebackType
-from typing import IO, Self
+from typing import Self
 
 from mininet.net import Mininet
 from mininet.node import Host
@@ -19,10 +19,11 @@ from topologies import openvswitch, runtime
 from topologies.nodes import READY_TIMEOUT_S, QuantumController
 from topologies.programs import POLL_S, NetworkError, Program, stop_all
 from topologies.record import read_record
-from topologies.runtime import RUNTIME_ROOT, Runtime
+from topologies.runtime import RUNTIME_ROOT, Runtime, alive, only_run
 
 DISCOVERY_TIMEOUT_S = 20.0
 CAPTURE_SETTLE_S = 1.0
+SWITCHES = "switches"  # file in the private folder: what this run has made or will make
 
 
 class Interrupted(Exception):
@@ -93,14 +94,17 @@ class Network:
     def _start(self) -> None:
         require_root()
         self._cleanup.enter_context(only_run())
-        if not openvswitch.running():
-            self._cleanup.callback(openvswitch.stop_if_ours, self.runtime.name)
+        self._cleanup.callback(openvswitch.stop_if_ours, self.runtime.name)
+        if openvswitch.running():
+            openvswitch.adopt(self.runtime.name)
+        else:
             openvswitch.start(self.runtime.name)
         sweep()
         self._signals.check()
         runtime.begin(self.runtime)
         topo = self._topo()
         refuse_taken_names(topo)
+        (self.runtime.folder / SWITCHES).write_text("\n".join(topo.switches()))
         # Mininet would raise kernel limits for the whole machine, which is not ours to change.
         Mininet.inited = True
         self.net = Mininet(topo=topo, controller=QuantumController, build=False)
@@ -198,29 +202,33 @@ def require_root() -> None:
         raise NetworkError("network namespaces and Open vSwitch need root: run it with sudo")
 
 
-def only_run() -> IO[str]:
-    """Lock this machine for one network; the lock ends with the file or the process."""
-    RUNTIME_ROOT.mkdir(mode=0o755, parents=True, exist_ok=True)
-    lock = (RUNTIME_ROOT / "lock").open("a+")
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError as error:
-        lock.close()
-        raise NetworkError(
-            "another qmn network is running on this machine; end it first"
-        ) from error
-    return lock
-
-
 def sweep() -> None:
-    """Remove what a killed run of ours has left: its bridges and its private folder."""
+    """Remove what killed runs of ours have left: bridges, interfaces, private folders."""
     for bridge in openvswitch.bridges():
         owner = openvswitch.owner_of(bridge)
-        if owner and not _alive(owner):
+        if owner.isdigit() and not alive(owner):
             openvswitch.delete(bridge)
     for folder in RUNTIME_ROOT.iterdir():
-        if folder.is_dir() and not _alive(folder.name):
+        if folder.is_dir() and not alive(folder.name):
+            names = folder / SWITCHES
+            remove_links(names.read_text().split() if names.exists() else [])
             shutil.rmtree(folder)
+
+
+def remove_links(switches: list[str]) -> None:
+    """Remove the links between switches of a killed run; all others went with its hosts."""
+    bridges = set(openvswitch.bridges())
+    ours = {name for switch in switches for name in interfaces_of(switch) if switch not in bridges}
+    for name in sorted(ours):
+        peer = Path("/sys/class/net", name, "iflink")
+        if peer.exists() and socket.if_indextoname(int(peer.read_text())) in ours:
+            openvswitch.delete_interface(name)
+
+
+def interfaces_of(switch: str) -> list[str]:
+    """Return the interfaces on this machine that Mininet would have named for a switch."""
+    names = sorted(path.name for path in Path("/sys/class/net").iterdir())
+    return [name for name in names if name.startswith(f"{switch}-eth")]
 
 
 def refuse_taken_names(topo: Topo) -> None:
@@ -231,15 +239,8 @@ def refuse_taken_names(topo: Topo) -> None:
             f"bridge {taken[0]} exists already and is not ours; "
             f"remove it with `ovs-vsctl del-br {taken[0]}` or rename it"
         )
-    interfaces = {path.name for path in Path("/sys/class/net").iterdir()}
-    for switch in topo.switches():
-        ours = sorted(name for name in interfaces if name.startswith(f"{switch}-eth"))
-        if ours:
-            raise NetworkError(
-                f"interface {ours[0]} exists already and is not ours; "
-                f"remove it with `ip link del {ours[0]}` or rename it"
-            )
-
-
-def _alive(pid: str) -> bool:
-    return pid.isdigit() and Path(f"/proc/{pid}").exists()
+    for interface in [name for switch in topo.switches() for name in interfaces_of(switch)]:
+        raise NetworkError(
+            f"interface {interface} exists already and is not ours; "
+            f"remove it with `ip link del {interface}` or rename it"
+        )

@@ -7,7 +7,7 @@ from mininet.node import Controller, Host, Node, OVSSwitch
 
 from topologies import openvswitch, runtime
 from topologies.fiber import qnics
-from topologies.programs import ROOT, NetworkError, Program, python
+from topologies.programs import ROOT, Program, python
 from topologies.record import RECORD
 from topologies.runtime import Runtime
 from wire.config import (
@@ -132,14 +132,13 @@ class ClassicalSwitch(OVSSwitch):
         }
         super().__init__(name, **{**params, **settings})
 
+    def bridgeOpts(self) -> str:  # noqa: N802 (Mininet's name)
+        """Return the bridge's options; the one that marks it as ours comes with its birth."""
+        return f"{super().bridgeOpts()} {openvswitch.OWNER}={self.network.name}"
+
     def vsctl(self, *arguments: str, **_options: object) -> str:
         """Run ovs-vsctl; unlike Mininet's own, say so if it fails."""
         return openvswitch.vsctl(*shlex.split(" ".join(map(str, arguments))))
-
-    def start(self, controllers: list[Controller]) -> None:
-        """Start the bridge, with its controller set before any flow, and mark it as ours."""
-        super().start(controllers)
-        openvswitch.vsctl("set", "Bridge", self.name, f"{openvswitch.OWNER}={self.network.name}")
 
 
 class OpticalSwitch(ClassicalSwitch):
@@ -226,14 +225,3 @@ class QuantumController(Controller):
         if self.program:
             self.program.stop()
         self.terminate()
-
-
-__all__ = [
-    "ClassicalHost",
-    "ClassicalSwitch",
-    "DispatcherHost",
-    "NetworkError",
-    "OpticalSwitch",
-    "QuantumController",
-    "QuantumHost",
-]

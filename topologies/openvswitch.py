@@ -1,4 +1,4 @@
-"""Open vSwitch on this machine: is it running, which datapath has it, whose is a bridge."""
+"""Open vSwitch on this machine: is it running, which datapath has it, who started it."""
 
 import os
 import subprocess
@@ -6,11 +6,12 @@ import time
 from pathlib import Path
 
 from topologies.programs import NetworkError
+from topologies.runtime import alive
 
 CONTROL = "/usr/share/openvswitch/scripts/ovs-ctl"
 RUN_FOLDER = Path("/var/run/openvswitch")
 START_TIMEOUT_S = 30.0
-OWNER = "external_ids:qmn"  # which run a bridge, or a started Open vSwitch, belongs to
+OWNER = "external_ids:qmn"  # which run has made a bridge, or started Open vSwitch
 
 
 def vsctl(*arguments: str) -> str:
@@ -41,12 +42,22 @@ def start(owner: str) -> None:
     vsctl("set", "Open_vSwitch", ".", f"{OWNER}={owner}")
 
 
+def adopt(owner: str) -> None:
+    """Take over an Open vSwitch that a run of ours has started and could not stop."""
+    starter = _starter()
+    if starter and starter.isdigit() and not alive(starter):
+        vsctl("set", "Open_vSwitch", ".", f"{OWNER}={owner}")
+
+
 def stop_if_ours(owner: str) -> None:
     """Stop Open vSwitch if this run started it and no bridge is left in it."""
-    started_by = vsctl("--if-exists", "get", "Open_vSwitch", ".", OWNER).strip('"\n ')
-    if started_by == owner and not bridges():
+    if running() and _starter() == owner and not bridges():
         vsctl("remove", "Open_vSwitch", ".", "external_ids", "qmn")
         _run(CONTROL, "stop", timeout_s=START_TIMEOUT_S)
+
+
+def _starter() -> str:
+    return vsctl("--if-exists", "get", "Open_vSwitch", ".", OWNER).strip('"\n ')
 
 
 def bridges() -> list[str]:
@@ -60,12 +71,14 @@ def owner_of(bridge: str) -> str:
 
 
 def delete(bridge: str) -> None:
-    """Delete a bridge of ours and the interfaces in it."""
-    interfaces = vsctl("list-ports", bridge).split()
+    """Delete a bridge of ours, if it is there."""
     vsctl("--if-exists", "del-br", bridge)
-    for interface in interfaces:
-        if Path("/sys/class/net", interface).exists():
-            _run("ip", "link", "delete", interface)
+
+
+def delete_interface(name: str) -> None:
+    """Delete an interface of ours, if it is still there: its peer takes it along."""
+    if Path("/sys/class/net", name).exists():
+        _run("ip", "link", "delete", name)
 
 
 def datapath() -> str:

@@ -5,14 +5,16 @@ each fibre registers here as it is made, and the programs learn the rest from he
 """
 
 import atexit
+import fcntl
 import os
 import secrets
 import shutil
 import socket
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import IO
 
-from topologies.programs import Program
+from topologies.programs import NetworkError, Program
 from wire.config import Fiber, QuantumSwitch
 
 RUNTIME_ROOT = Path("/run/qmn")
@@ -71,6 +73,25 @@ def free_port() -> int:
         return port
 
 
+def only_run() -> IO[str]:
+    """Lock this machine for one network; the lock ends with the file or the process."""
+    RUNTIME_ROOT.mkdir(mode=0o755, parents=True, exist_ok=True)
+    lock = (RUNTIME_ROOT / "lock").open("a+")
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        lock.close()
+        raise NetworkError(
+            "another qmn network is running on this machine; end it first"
+        ) from error
+    return lock
+
+
+def alive(pid: str) -> bool:
+    """Return whether a process of this id runs."""
+    return pid.isdigit() and Path(f"/proc/{pid}").exists()
+
+
 _current: Runtime | None = None
 
 
@@ -78,6 +99,7 @@ def current() -> Runtime:
     """Return the network that nodes are being made for; `mn` begins it by using it."""
     if _current is not None:
         return _current
+    atexit.register(only_run().close)
     runtime = begin(Runtime())
     atexit.register(runtime.remove)
     return runtime
