@@ -108,6 +108,7 @@ class Network:
         # Mininet would raise kernel limits for the whole machine, which is not ours to change.
         Mininet.inited = True
         self.net = Mininet(topo=topo, controller=QuantumController, build=False)
+        self._cleanup.callback(remove_links, topo.switches())
         self._cleanup.callback(self.net.stop)
         self._cleanup.callback(stop_all, self.runtime.programs)
         self.net.build()
@@ -178,6 +179,9 @@ class Network:
                     f"{program.name} died in mid-run (status {program.status}): "
                     f"{program.last_words()}"
                 )
+        for node in (*self.net.hosts, *self.net.switches, *self.net.controllers):
+            if node.shell_ended:
+                raise NetworkError(f"{node.name} died in mid-run: its shell was ended")
 
 
 def capture_command(interface: str, file: Path) -> list[str]:
@@ -216,7 +220,7 @@ def sweep() -> None:
 
 
 def remove_links(switches: list[str]) -> None:
-    """Remove the links between switches of a killed run; all others went with its hosts."""
+    """Remove the links between switches that are gone; all others went with their hosts."""
     bridges = set(openvswitch.bridges())
     ours = {name for switch in switches for name in interfaces_of(switch) if switch not in bridges}
     for name in sorted(ours):

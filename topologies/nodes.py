@@ -35,7 +35,24 @@ def launch(
     return program
 
 
-class ClassicalHost(Host):
+class ShellWatcher:
+    """A Mininet node that notices when its shell has ended, where Mininet would wait for ever."""
+
+    @property
+    def shell_ended(self) -> bool:
+        """Whether somebody has ended the node's shell."""
+        shell = getattr(self, "shell", None)
+        return shell is not None and shell.poll() is not None
+
+    def cmd(self, *arguments: object, **options: object) -> str:
+        """Run a command in the node's shell; one that has ended runs no more of them."""
+        if self.shell_ended:
+            return ""
+        output: str = super().cmd(*arguments, **options)  # type: ignore[misc]
+        return output
+
+
+class ClassicalHost(ShellWatcher, Host):
     """A host whose interfaces suit a switch in user space: no IPv6, finished checksums."""
 
     def __init__(self, name: str, **params: object) -> None:
@@ -119,7 +136,7 @@ class QuantumHost(ClassicalHost):
         return result
 
 
-class ClassicalSwitch(OVSSwitch):
+class ClassicalSwitch(ShellWatcher, OVSSwitch):
     """An Open vSwitch bridge that speaks OpenFlow 1.4 and forwards only what it is told."""
 
     def __init__(self, name: str, **params: object) -> None:
@@ -193,7 +210,7 @@ class OpticalSwitch(ClassicalSwitch):
         super().terminate()
 
 
-class QuantumController(Controller):
+class QuantumController(ShellWatcher, Controller):
     """`c0`: our controller apps on Ryu or os-ken."""
 
     def __init__(self, name: str, **params: object) -> None:

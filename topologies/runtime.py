@@ -88,8 +88,12 @@ def only_run() -> IO[str]:
 
 
 def alive(pid: str) -> bool:
-    """Return whether a process of this id runs."""
-    return pid.isdigit() and Path(f"/proc/{pid}").exists()
+    """Return whether a process of this id runs; one that nobody has waited for does not."""
+    try:
+        state = Path("/proc", pid, "stat").read_text().rpartition(")")[2].split()[0]
+    except OSError:
+        return False
+    return state != "Z"
 
 
 _current: Runtime | None = None

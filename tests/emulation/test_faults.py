@@ -70,6 +70,16 @@ def test_a_program_that_dies_in_mid_run_is_named(tmp_path: Path, module: str, na
     assert result["delivered"] is False
 
 
+@pytest.mark.parametrize("name", ["alice", "s1"])
+def test_a_node_whose_shell_is_killed_is_named(tmp_path: Path, name: str) -> None:
+    with long_run(tmp_path) as process:
+        read_until(process, "sending")
+        os.kill(child(process, f"mininet:{name}"), signal.SIGKILL)
+        output, _ = process.communicate(timeout=20)
+    assert process.returncode == 1
+    assert f"qmn: {name} died in mid-run: its shell was ended" in output
+
+
 @pytest.mark.parametrize("moment", ["starting the network", "sending"])
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_the_run_cleanly(tmp_path: Path, moment: str, number: signal.Signals) -> None:
