@@ -1,11 +1,13 @@
 """Superdense coding: three quantum hosts, one quantum switch, one classical switch.
 
-               c0
-              /  \\
-    alice---s1----q1===alice      --- copper (CNIC)
-    bob-----/|     \\\\===bob       === fibre (QNIC)
-    charlie-'|      \\\\===bob
-    ed ------'       ===charlie, ===charlie
+                 c0
+                /  \\
+  alice ------+    |
+  bob -------s1----q1======= alice
+  charlie ----+    |======== bob, two fibres
+  ed ---------+    +======== charlie, two fibres
+
+  --- copper: TCP/IP         === fibre: photons
 
     sudo PYTHONPATH=. mn --custom topologies/sdc.py --topo sdc
 """
