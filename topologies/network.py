@@ -72,6 +72,7 @@ class Network:
         self._topo = topo
         self.runtime = settings
         self._signals = signals
+        self._captures: list[Program] = []
         self._cleanup = ExitStack()
 
     def __enter__(self) -> Self:
@@ -167,13 +168,14 @@ class Network:
             self._cleanup.callback(stop_capture, program, file)
             program.start(capture_command(interface, file))
             program.wait_for("listening on", READY_TIMEOUT_S)
+            self._captures.append(program)
             files.append(file)
         return files
 
     def check(self) -> None:
         """Raise if a signal has come or a program of the network has ended."""
         self._signals.check()
-        for program in self.runtime.programs:
+        for program in (*self.runtime.programs, *self._captures):
             if not program.running:
                 raise NetworkError(
                     f"{program.name} died in mid-run (status {program.status}): "
