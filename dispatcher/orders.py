@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import suppress
 from functools import partial
 from typing import Any
 
@@ -22,27 +23,33 @@ class Orders:
         """Do each step by `act`, answer by `write`."""
         self._act = act
         self._write = write
-        self._writing = asyncio.Lock()
         self._running: dict[int, asyncio.Task[None]] = {}
+        self._outcomes: asyncio.Queue[Outcome | None] = asyncio.Queue(limits.MAX_ORDERS)
 
     async def run(self, orders: AsyncIterator[Order]) -> None:
         """Take orders until there are no more, and end when all are answered."""
-        async with asyncio.TaskGroup() as group:
-            async for order in orders:
-                running = self._running.get(order.number)
-                if order.cancel:
-                    if running is not None:
-                        running.cancel()
-                elif running is not None:
-                    problem = f"order {order.number} is still running; number them apart"
-                    await self._answer(_refused(order, invalid(problem)))
-                elif len(self._running) >= limits.MAX_ORDERS:
-                    problem = f"{limits.MAX_ORDERS} orders are running; wait for an outcome"
-                    await self._answer(_refused(order, exhausted(problem)))
-                else:
-                    task = group.create_task(self._perform(order))
-                    self._running[order.number] = task
-                    task.add_done_callback(partial(self._ended, order.number))
+        async with asyncio.TaskGroup() as answering:
+            answering.create_task(self._answer())
+            async with asyncio.TaskGroup() as group:
+                async for order in orders:
+                    await self._take(order, group)
+            await self._outcomes.put(None)
+
+    async def _take(self, order: Order, group: asyncio.TaskGroup) -> None:
+        running = self._running.get(order.number)
+        if order.cancel:
+            if running is not None:
+                running.cancel()
+        elif running is not None:
+            problem = f"order {order.number} is still running; number them apart"
+            await self._outcomes.put(_refused(order, invalid(problem)))
+        elif len(self._running) >= limits.MAX_ORDERS:
+            problem = f"{limits.MAX_ORDERS} orders are running; wait for an outcome"
+            await self._outcomes.put(_refused(order, exhausted(problem)))
+        else:
+            task = group.create_task(self._perform(order))
+            self._running[order.number] = task
+            task.add_done_callback(partial(self._ended, order.number))
 
     def _ended(self, number: int, _task: asyncio.Task[None]) -> None:
         del self._running[number]
@@ -52,17 +59,13 @@ class Orders:
             outcome = Outcome(number=order.number, feedbacks=await self._steps(order))
         except Refusal as refusal:
             outcome = _refused(order, refusal)
-        await self._answer(outcome)
+        await self._outcomes.put(outcome)
 
-    async def _answer(self, outcome: Outcome) -> None:
-        try:
-            await asyncio.shield(self._write_whole(outcome))
-        except grpc.aio.InternalError:
-            return  # the host went away
-
-    async def _write_whole(self, outcome: Outcome) -> None:
-        async with self._writing:
-            await self._write(outcome)
+    async def _answer(self) -> None:
+        """Write outcomes one after the other; a host that has gone away needs none."""
+        while (outcome := await self._outcomes.get()) is not None:
+            with suppress(grpc.aio.InternalError):
+                await self._write(outcome)
 
     async def _steps(self, order: Order) -> list[Feedback]:
         limits.require_steps(len(order.steps))

@@ -1,8 +1,8 @@
 """The orders of this host to the dispatcher: one stream, many orders at a time."""
 
 import asyncio
+from collections.abc import AsyncIterator
 from itertools import count
-from typing import Any
 
 import grpc
 
@@ -25,11 +25,9 @@ class Orders:
         self._metadata = (("qmn-token", token),)
         self._numbers = count(1)
         self._waiting: dict[int, asyncio.Future[Outcome]] = {}
-        self._writing = asyncio.Lock()
         self._closed = False
-        self._cancelling: set[asyncio.Task[None]] = set()
-        self._call: Any = None
-        self._reading: asyncio.Task[None] | None = None
+        self._outgoing: asyncio.Queue[Order] = asyncio.Queue()
+        self._stream: asyncio.Task[None] | None = None
 
     async def perform(self, *steps: Step) -> list[Feedback]:
         """Have steps done in order; raise HardwareError if one of them fails."""
@@ -38,7 +36,7 @@ class Orders:
         self._waiting[number] = answer
         try:
             async with asyncio.timeout(ANSWER_TIMEOUT_S):
-                await self._write(Order(number=number, steps=steps))
+                self._write(Order(number=number, steps=steps))
                 outcome = await answer
         except TimeoutError as error:
             self._cancel(number)
@@ -55,42 +53,30 @@ class Orders:
     async def close(self) -> None:
         """End the stream; there is no other after it."""
         self._closed = True
-        if self._reading is not None:
-            self._reading.cancel()
-            self._call.cancel()
+        if self._stream is not None:
+            self._stream.cancel()
+            await asyncio.wait([self._stream])
+
+    @property
+    def _open(self) -> bool:
+        return self._stream is not None and not self._stream.done()
 
     def _cancel(self, number: int) -> None:
         """Tell the dispatcher that nobody waits for an order any more."""
-        if self._reading is not None and not self._reading.done() and not self._closed:
-            task = asyncio.create_task(self._write(Order(number=number, cancel=True)))
-            self._cancelling.add(task)
-            task.add_done_callback(self._cancelled)
+        if self._open and not self._closed:
+            self._outgoing.put_nowait(Order(number=number, cancel=True))
 
-    def _cancelled(self, task: asyncio.Task[None]) -> None:
-        self._cancelling.discard(task)
-        if not task.cancelled():
-            task.exception()  # a stream that has ended needs no cancelling
-
-    async def _write(self, order: Order) -> None:
-        """Write an order; never interrupted half-way, because that would end the stream."""
+    def _write(self, order: Order) -> None:
         if self._closed:
             raise HardwareError("the QNIC is closed")
-        if self._reading is None or self._reading.done():
-            self._call = self._stub.Perform(metadata=self._metadata, wait_for_ready=True)
-            self._reading = asyncio.create_task(self._read(self._call))
-        await asyncio.shield(self._write_whole(self._call, order))
+        if not self._open:
+            self._outgoing = asyncio.Queue()
+            self._stream = asyncio.create_task(self._run(self._outgoing))
+        self._outgoing.put_nowait(order)
 
-    async def _write_whole(self, call: Any, order: Order) -> None:
-        async with self._writing:
-            try:
-                await call.write(order)
-            except (grpc.aio.AioRpcError, asyncio.InvalidStateError) as error:
-                raise HardwareError(f"dispatcher: {error}") from error
-            except asyncio.CancelledError as error:
-                raise HardwareError("dispatcher: the stream has ended") from error
-
-    async def _read(self, call: Any) -> None:
+    async def _run(self, outgoing: asyncio.Queue[Order]) -> None:
         """Hand out outcomes; when the stream ends, nobody may go on waiting."""
+        call = self._stub.Perform(_each(outgoing), metadata=self._metadata, wait_for_ready=True)
         problem = "it has ended"
         try:
             async for outcome in call:
@@ -100,9 +86,16 @@ class Orders:
         except grpc.aio.AioRpcError as error:
             problem = f"{error.code().name}: {error.details()}"
         finally:
+            call.cancel()
             for answer in self._waiting.values():
                 if not answer.done():
                     answer.set_exception(HardwareError(f"dispatcher: {problem}"))
+
+
+async def _each(orders: asyncio.Queue[Order]) -> AsyncIterator[Order]:
+    """Give orders as they come, for ever."""
+    while True:
+        yield await orders.get()
 
 
 def _fault(outcome: Outcome, steps: tuple[Step, ...]) -> HardwareError:
