@@ -11,7 +11,7 @@ Field vocabulary: paper, sections "Switches" and "Links".
 """
 
 import struct
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from ipaddress import IPv4Address
 from typing import ClassVar, TypeVar
@@ -96,7 +96,8 @@ class Message:
 
     def encode(self) -> bytes:
         """Return the message as it goes onto the wire."""
-        return self._frame(self.FIELDS.pack(*astuple(self)[1:]))
+        _session, *fields = vars(self).values()
+        return self._frame(self.FIELDS.pack(*fields))
 
     def _frame(self, body: bytes) -> bytes:
         length = HEADER.size + len(body)
@@ -139,8 +140,8 @@ class Setup(Message):
 
     def encode(self) -> bytes:
         """Return the message as it goes onto the wire."""
-        packed = replace(self, source=IPv4Address(self.source).packed)  # type: ignore[arg-type]
-        return self._frame(self.FIELDS.pack(*astuple(packed)[1:]))
+        _session, *fields = {**vars(self), "source": IPv4Address(self.source).packed}.values()
+        return self._frame(self.FIELDS.pack(*fields))
 
     @classmethod
     def parse(cls, session: int, body: bytes) -> "Setup":
@@ -213,6 +214,10 @@ class Frame:
 
     FIELDS: ClassVar[struct.Struct] = struct.Struct("!III")
 
+    def encode(self) -> bytes:
+        """Return the description as it goes onto the wire."""
+        return self.FIELDS.pack(self.number, self.size, self.crc32)
+
 
 @dataclass(frozen=True)
 class Block(Message):
@@ -237,7 +242,7 @@ class Block(Message):
         fixed = self.FIELDS.pack(
             self.block, self.pairs, self.refills, self.emitted_ns, len(self.frames)
         )
-        return self._frame(fixed + b"".join(Frame.FIELDS.pack(*astuple(f)) for f in self.frames))
+        return self._frame(fixed + b"".join(frame.encode() for frame in self.frames))
 
     @classmethod
     def parse(cls, session: int, body: bytes) -> "Block":

@@ -1,6 +1,7 @@
 """A TCP connection that carries quantum metadata messages, and what can go wrong on it."""
 
 import asyncio
+import socket
 from typing import TypeVar
 
 from wire.metadata import (
@@ -55,6 +56,8 @@ class MetadataChannel:
         self._reader = reader
         self._writer = writer
         self.peer: str = writer.get_extra_info("peername")[0]
+        # The answer to a short message carries its acknowledgement.
+        writer.get_extra_info("socket").setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 0)
 
     @classmethod
     async def connect(cls, host: str, address: str) -> "MetadataChannel":
