@@ -1,7 +1,6 @@
 """python -m dispatcher --config FILE"""
 
 import argparse
-import asyncio
 import logging
 import os
 import sys
@@ -9,6 +8,8 @@ from pathlib import Path
 
 # gRPC's own lines about a taken port would hide ours; it reads this when imported.
 os.environ.setdefault("GRPC_VERBOSITY", "NONE")
+
+import uvloop
 
 from dispatcher.server import serve
 from wire.config import BadConfig, DispatcherConfig
@@ -23,7 +24,7 @@ def main() -> int:
         stream=sys.stderr, level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s"
     )
     try:
-        asyncio.run(serve(DispatcherConfig.read(arguments.config)))
+        uvloop.run(serve(DispatcherConfig.read(arguments.config)))
     except (BadConfig, OSError) as error:
         print(f"dispatcher: {error}", file=sys.stderr)
         return 1

@@ -7,6 +7,8 @@ import signal
 import sys
 from pathlib import Path
 
+import uvloop
+
 from hosts.hardware.announce import announce
 from hosts.hardware.simulated import SimulatedQnic
 from hosts.stack import Stack
@@ -43,7 +45,7 @@ def main() -> int:
     arguments = parser.parse_args()
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s")
     try:
-        asyncio.run(run(HostConfig.read(arguments.config)))
+        uvloop.run(run(HostConfig.read(arguments.config)))
     except (BadConfig, OSError) as error:
         print(f"host stack: {error}", file=sys.stderr)
         return 1

@@ -7,6 +7,8 @@ import signal
 import sys
 from pathlib import Path
 
+import uvloop
+
 from qswitch_agent.agent import Agent
 from qswitch_agent.hardware import HardwareFault, SimulatedSwitch
 from qswitch_agent.management import BridgeFault
@@ -35,7 +37,7 @@ def main() -> int:
     )
     faults: list[str] = []
     try:
-        asyncio.run(serve(AgentConfig.read(arguments.config)))
+        uvloop.run(serve(AgentConfig.read(arguments.config)))
     except* (BadConfig, BridgeFault, HardwareFault) as group:
         faults = [str(fault) for fault in group.exceptions]
     if faults:
