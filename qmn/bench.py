@@ -144,7 +144,7 @@ def measure(network: Network, what: str, count: int, address: str) -> float:
 
 def seconds_in(program: Program) -> float:
     """Return the figure that a measurement has printed."""
-    words = program.last_words().split()
-    if program.status or words[0] != "seconds":
-        raise NetworkError(f"{program.name} failed: {program.last_words()}")
-    return float(words[1])
+    name, _space, figure = program.last_words().partition(" ")
+    if program.status or name != "seconds":
+        raise NetworkError(f"{program.name} failed: {program.end()}")
+    return float(figure)

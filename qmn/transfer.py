@@ -44,10 +44,14 @@ def transfer(
 
     Raise TransferError if it did not arrive, NetworkError if the network failed.
     """
-    receiver = _start_receiver(network, order)
-    sender = _start_sender(network, order)
-    sent = _follow(network, sender, progress)
-    received = _follow(network, receiver, lambda _line: None)
+    try:
+        receiver = _start_receiver(network, order)
+        sender = _start_sender(network, order)
+        sent = _follow(network, sender, progress)
+        received = _follow(network, receiver, lambda _line: None)
+    except (TransferError, NetworkError):
+        network.check()  # what died in the network is the cause
+        raise
     return sent, received
 
 
@@ -108,7 +112,7 @@ def _follow(
                 progress(fields)
         network.check()
         if ended:
-            raise TransferError(f"{program.name} ended: {program.last_words()}")
+            raise TransferError(f"{program.name} ended: {program.end()}")
         if time.monotonic() > deadline:
             raise NetworkError(f"{program.name} made no progress for {STALL_TIMEOUT_S:g} s")
         time.sleep(POLL_S)

@@ -3,10 +3,9 @@
 import os
 import shutil
 import signal
-import socket
 import time
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import FrameType, TracebackType
 from typing import Self
@@ -52,6 +51,16 @@ class Signals:
         if self._received is not None:
             raise Interrupted(self._received)
 
+    @contextmanager
+    def ignored(self) -> Iterator[None]:
+        """Let nothing cut a piece of work short, nor the commands that it runs."""
+        handlers = {number: signal.signal(number, signal.SIG_IGN) for number in self.NUMBERS}
+        try:
+            yield
+        finally:
+            for number, handler in handlers.items():
+                signal.signal(number, handler)
+
     def __exit__(
         self,
         kind: type[BaseException] | None,
@@ -60,6 +69,13 @@ class Signals:
     ) -> None:
         for number, handler in self._previous.items():
             signal.signal(number, handler)
+        if isinstance(error, Exception) and not isinstance(error, Interrupted):
+            self._check_cause(error)
+
+    def _check_cause(self, error: Exception) -> None:
+        """A terminal's Ctrl-C also ends the commands that run just then: say so instead."""
+        if self._received is not None:
+            raise Interrupted(self._received) from error
 
 
 class Network:
@@ -80,7 +96,7 @@ class Network:
         try:
             self._start()
         except BaseException:
-            self._cleanup.close()
+            self._clean_up()
             raise
         return self
 
@@ -90,7 +106,11 @@ class Network:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._cleanup.close()
+        self._clean_up()
+
+    def _clean_up(self) -> None:
+        with self._signals.ignored():
+            self._cleanup.close()
 
     def _start(self) -> None:
         require_root()
@@ -177,10 +197,7 @@ class Network:
         self._signals.check()
         for program in (*self.runtime.programs, *self._captures):
             if not program.running:
-                raise NetworkError(
-                    f"{program.name} died in mid-run (status {program.status}): "
-                    f"{program.last_words()}"
-                )
+                raise NetworkError(f"{program.name} died in mid-run: {program.end()}")
         for node in (*self.net.hosts, *self.net.switches, *self.net.controllers):
             if node.shell_ended:
                 raise NetworkError(f"{node.name} died in mid-run: its shell was ended")
@@ -222,13 +239,14 @@ def sweep() -> None:
 
 
 def remove_links(switches: list[str]) -> None:
-    """Remove the links between switches that are gone; all others went with their hosts."""
+    """Remove what is left of the links of switches that are gone.
+
+    Most went with their hosts. Links between switches stay, and so do those of a host whose
+    namespace the kernel keeps until the last TCP connection in it has timed out.
+    """
     bridges = set(openvswitch.bridges())
-    ours = {name for switch in switches for name in interfaces_of(switch) if switch not in bridges}
-    for name in sorted(ours):
-        peer = Path("/sys/class/net", name, "iflink")
-        if peer.exists() and socket.if_indextoname(int(peer.read_text())) in ours:
-            openvswitch.delete_interface(name)
+    for name in [n for switch in switches if switch not in bridges for n in interfaces_of(switch)]:
+        openvswitch.delete_interface(name)
 
 
 def interfaces_of(switch: str) -> list[str]:

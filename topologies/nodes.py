@@ -1,5 +1,6 @@
 """Mininet node types of a quantum network: each starts its program and ends it again."""
 
+import select
 import shlex
 from pathlib import Path
 
@@ -21,6 +22,7 @@ from wire.config import (
 )
 
 READY_TIMEOUT_S = 20.0
+SHELL_POLL_MS = 50
 
 
 def launch(
@@ -50,6 +52,20 @@ class ShellWatcher:
             return ""
         output: str = super().cmd(*arguments, **options)  # type: ignore[misc]
         return output
+
+    def monitor(self, timeoutms: int | None = None, findPid: bool = True) -> str:  # noqa: N803
+        """Return what the shell has said; one that ends in mid-command says no more."""
+        while timeoutms is None and not self._has_output():
+            if self.shell_ended:
+                self.waiting = False
+                return ""
+        output: str = super().monitor(timeoutms, findPid)  # type: ignore[misc]
+        return output
+
+    def _has_output(self) -> bool:
+        """Wait a moment for output; a terminal that was hung up has events, but none."""
+        events = self.pollOut.poll(SHELL_POLL_MS)  # type: ignore[attr-defined]
+        return any(event & select.POLLIN for _file, event in events)
 
 
 class ClassicalHost(ShellWatcher, Host):

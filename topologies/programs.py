@@ -72,7 +72,7 @@ class Program:
         deadline, words = time.monotonic() + timeout_s, re.compile(rf"\b{re.escape(text)}\b")
         while not words.search(self.log.read_text(errors="replace")):
             if not self.running:
-                raise NetworkError(f"{self.name} ended at its start: {self.last_words()}")
+                raise NetworkError(f"{self.name} ended at its start: {self.end()}")
             if time.monotonic() > deadline:
                 raise NetworkError(
                     f"{self.name} was not ready in {timeout_s:g} s; its log: {self.log}"
@@ -80,9 +80,16 @@ class Program:
             time.sleep(POLL_S)
 
     def last_words(self) -> str:
-        """Return the last line of the log, for an error message."""
+        """Return the last line of the log."""
         lines = self.log.read_text(errors="replace").strip().splitlines()
-        return lines[-1] if lines else f"status {self.status}, it said nothing"
+        return lines[-1] if lines else ""
+
+    def end(self) -> str:
+        """Return how it ended, for an error message."""
+        status = self.status or 0
+        if status < 0:
+            return f"killed by {signal.Signals(-status).name}"
+        return self.last_words() or f"status {status}, it said nothing"
 
     def ask_to_stop(self) -> None:
         """Send the signal that ends it politely."""

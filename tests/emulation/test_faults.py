@@ -16,6 +16,7 @@ from conftest import ROOT, qmn, qmn_command, wait_until
 from hosts.software import QuantumSocket, QuantumSocketError
 from topologies import openvswitch
 from topologies.network import Network
+from topologies.runtime import RUNTIME_ROOT
 from wire.metadata import Reason
 
 
@@ -65,7 +66,7 @@ def test_a_program_that_dies_in_mid_run_is_named(tmp_path: Path, module: str, na
         os.kill(child(process, module), signal.SIGKILL)
         output, _ = process.communicate(timeout=20)
     assert process.returncode == 1
-    assert f"qmn: {name} died in mid-run" in output
+    assert f"qmn: {name} died in mid-run: killed by SIGKILL" in output
     result = json.loads((tmp_path / "latest" / "result.json").read_text())
     assert result["delivered"] is False
 
@@ -96,6 +97,28 @@ def test_the_run_after_a_killed_one_works(tmp_path: Path) -> None:
         read_until(process, "sending")
         process.kill()
     assert qmn("--message", "after", runs=tmp_path).returncode == 0
+
+
+def test_links_whose_namespace_outlives_a_killed_run_are_removed(tmp_path: Path) -> None:
+    with subprocess.Popen(["true"]) as gone:
+        pass
+    folder = RUNTIME_ROOT / str(gone.pid)
+    with subprocess.Popen(["unshare", "--net", "sleep", "60"]) as lingering:
+        wait_until(lambda: own_namespace(lingering.pid), "the namespace is there")
+        ip = "ip link add s1-eth1 type veth peer name eth0 netns"
+        subprocess.run([*ip.split(), str(lingering.pid)], check=True)
+        folder.mkdir()
+        (folder / "switches").write_text("s1\nq1")
+        try:
+            assert qmn("--message", "x", runs=tmp_path).returncode == 0
+        finally:
+            lingering.kill()
+    assert not folder.exists()
+
+
+def own_namespace(pid: int) -> bool:
+    """Return whether a process has left our network namespace."""
+    return os.readlink(f"/proc/{pid}/ns/net") != os.readlink("/proc/self/ns/net")
 
 
 @pytest.mark.parametrize(

@@ -29,6 +29,12 @@ def test_one_that_ends_at_its_start_is_named_with_its_last_words(tmp_path: Path)
         broken.wait_for("ready", 10)
 
 
+def test_one_that_is_killed_at_its_start_is_said_to_be(tmp_path: Path) -> None:
+    killed = program(tmp_path, "import os; print('hello', flush=True); os.kill(os.getpid(), 9)")
+    with pytest.raises(NetworkError, match="clock ended at its start: killed by SIGKILL"):
+        killed.wait_for("ready", 10)
+
+
 def test_a_wait_names_what_it_waited_for(tmp_path: Path) -> None:
     silent = program(tmp_path, "import time; time.sleep(60)")
     try:

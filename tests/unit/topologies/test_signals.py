@@ -2,6 +2,7 @@
 
 import os
 import signal
+import subprocess
 
 import pytest
 
@@ -23,3 +24,29 @@ def test_the_handlers_of_before_are_put_back() -> None:
     with Signals():
         assert signal.getsignal(signal.SIGINT) != before[0]
     assert [signal.getsignal(number) for number in Signals.NUMBERS] == before
+
+
+def test_what_fails_because_of_a_signal_is_reported_as_the_signal() -> None:
+    def fail() -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+        raise OSError("a command was ended by SIGINT")
+
+    with pytest.raises(Interrupted, match="SIGINT") as caught, Signals():
+        fail()
+    assert isinstance(caught.value.__cause__, OSError)
+
+
+def test_what_fails_without_a_signal_stays_what_it_is() -> None:
+    with pytest.raises(OSError, match="full"), Signals():
+        raise OSError("the disk is full")
+
+
+def test_nothing_cuts_short_what_ignores_signals_nor_its_commands() -> None:
+    with Signals() as signals:
+        with signals.ignored():
+            subprocess.run(["sh", "-c", "kill -INT $$"], check=True)
+            os.kill(os.getpid(), signal.SIGINT)
+        signals.check()
+        os.kill(os.getpid(), signal.SIGTERM)
+        with pytest.raises(Interrupted, match="SIGTERM"):
+            signals.check()
