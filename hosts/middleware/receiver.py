@@ -22,8 +22,16 @@ Deliver = Callable[[bytes], Awaitable[None]]
 
 def check_offer(setup: Setup) -> None:
     """Raise SessionError for a set-up that this receiver cannot serve."""
-    if setup.fec or setup.memory or setup.polarization:
-        raise SessionError(Reason.UNSUPPORTED, "error correction, memory or that basis")
+    wanted = {
+        "error-correction code": setup.fec,
+        "memory": setup.memory,
+        "polarisation basis": setup.polarization,
+        "phase": setup.phase_mrad,
+        "fidelity at least": setup.fidelity_ppm,
+    }
+    for name, value in wanted.items():
+        if value:
+            raise SessionError(Reason.UNSUPPORTED, f"{name} {value}: only 0 is offered yet")
     if setup.frame_bytes > MAX_FRAME_BYTES or setup.pairs > MAX_BLOCK_PAIRS:
         raise SessionError(
             Reason.UNSUPPORTED,

@@ -1,0 +1,40 @@
+"""What a receiver refuses before it begins: it never ignores what a set-up asks for."""
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from hosts.middleware.channel import SessionError
+from hosts.middleware.receiver import MAX_BLOCK_PAIRS, MAX_FRAME_BYTES, check_offer
+from wire.metadata import Handshake, Reason, Service, Setup
+
+PLAIN = Setup(1, Service.SDC, Handshake.FRAMED, "10.0.0.3", MAX_BLOCK_PAIRS, MAX_FRAME_BYTES, 1)
+
+
+def test_a_plain_set_up_is_served() -> None:
+    check_offer(PLAIN)
+
+
+@pytest.mark.parametrize(
+    ("field", "words"),
+    [
+        ("fec", "error-correction code 7"),
+        ("memory", "memory 7"),
+        ("polarization", "polarisation basis 7"),
+        ("phase_mrad", "phase 7"),
+        ("fidelity_ppm", "fidelity at least 7"),
+    ],
+)
+def test_what_is_not_offered_is_refused_by_name(field: str, words: str) -> None:
+    change: dict[str, Any] = {field: 7}
+    with pytest.raises(SessionError, match=words) as caught:
+        check_offer(replace(PLAIN, **change))
+    assert caught.value.reason == Reason.UNSUPPORTED
+
+
+@pytest.mark.parametrize("field", ["pairs", "frame_bytes"])
+def test_what_is_too_large_is_refused_with_the_limit(field: str) -> None:
+    change: dict[str, Any] = {field: getattr(PLAIN, field) + 1}
+    with pytest.raises(SessionError, match=f"at most {MAX_FRAME_BYTES} and {MAX_BLOCK_PAIRS}"):
+        check_offer(replace(PLAIN, **change))
