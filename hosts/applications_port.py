@@ -2,7 +2,7 @@
 
 import asyncio
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from dataclasses import asdict
 from typing import Any
 
@@ -134,20 +134,23 @@ class ApplicationsPort:
         self, fields: dict[str, Any], reader: asyncio.StreamReader, writer: asyncio.StreamWriter
     ) -> None:
         session = self._connect(SessionOptions.from_fields(fields))
+        coming = asyncio.create_task(_read(reader))
         try:
-            await session.open()
+            await _unless_gone(session.open(), coming)
             while True:
                 writer.write(encode_fields(Call.DONE, **asdict(session.statistics)))
                 await writer.drain()
-                call, payload = await _read(reader)
+                call, payload = await coming
+                coming = asyncio.create_task(_read(reader))
                 if call == Call.CLOSE:
-                    await session.finish()
+                    await _unless_gone(session.finish(), coming)
                     writer.write(encode_fields(Call.DONE, **asdict(session.statistics)))
                     return
                 if call != Call.DATA:
                     raise SessionError(Reason.PROTOCOL, f"{call.name} while sending")
-                await session.send(payload)
+                await _unless_gone(session.send(payload), coming)
         finally:
+            await _end(coming)
             await session.close()
 
     async def _serve_listener(
@@ -185,6 +188,24 @@ class ApplicationsPort:
 async def _read(reader: asyncio.StreamReader) -> tuple[Call, bytes]:
     call, length = decode_header(await reader.readexactly(HEADER.size))
     return call, await reader.readexactly(length)
+
+
+async def _unless_gone(work: Coroutine[Any, Any, None], coming: asyncio.Task[Any]) -> None:
+    """Do the work; give it up if the application ends before, which its next call tells."""
+    doing = asyncio.create_task(work)
+    try:
+        await asyncio.wait([doing, coming], return_when=asyncio.FIRST_COMPLETED)
+        if not doing.done() and coming.exception() is not None:
+            await coming
+        await doing
+    finally:
+        await _end(doing)
+
+
+async def _end(task: asyncio.Task[Any]) -> None:
+    """Cancel a task unless it is done; what becomes of it matters no more."""
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)
 
 
 async def _closed(reader: asyncio.StreamReader) -> None:

@@ -20,6 +20,7 @@ from dispatcher.server import build_layer, build_server, build_service
 from hosts.hardware.simulated import SimulatedQnic
 from hosts.software import QuantumSocket, QuantumSocketError
 from hosts.stack import Stack
+from wire import service
 from wire.config import DispatcherConfig, Fiber, FiberEnd, HostConfig, QuantumSwitch
 from wire.dispatcher_pb2 import Connection, CrossConnectRequest
 from wire.dispatcher_pb2_grpc import DispatcherStub
@@ -102,7 +103,7 @@ async def connect_paths(dispatcher: str) -> None:
     async with grpc.aio.insecure_channel(f"unix:{dispatcher}") as channel:
         paths = [Connection(in_port=i, out_port=o) for i, o in PATHS]
         request = CrossConnectRequest(switch="q1", connections=paths)
-        metadata = (("qmn-token", "token of q1"),)
+        metadata = service.metadata("token of q1")
         await DispatcherStub(channel).CrossConnect(request, metadata=metadata)  # type: ignore[no-untyped-call]
 
 
@@ -215,6 +216,27 @@ def test_losses_and_errors_are_repaired(tmp_path: Path, handshake: str) -> None:
     )
     assert got == b"twelve bytes"
     assert statistics["lost_pairs"] > 0
+
+
+def test_a_sender_that_gives_up_in_mid_send_ends_the_session_at_once(tmp_path: Path) -> None:
+    def give_up(folder: Path) -> None:
+        with QuantumSocket(folder / "bob.sock") as listener:
+            listener.settimeout(DEADLINE_S)
+            listener.listen(7)
+            with QuantumSocket(folder / "alice.sock") as sender:
+                sender.connect(("bob", 7), rate_hz=1000, block_pairs=4000)
+                sender.settimeout(0.2)
+                receiver, _peer = listener.accept()
+                with pytest.raises(TimeoutError):
+                    sender.sendall(bytes(40_000))  # takes minutes
+            with receiver, pytest.raises(QuantumSocketError, match="mid-session"):
+                receiver.recv(1)
+
+    async def run() -> None:
+        async with network(tmp_path, grant):
+            await asyncio.to_thread(give_up, tmp_path)
+
+    asyncio.run(run())
 
 
 @pytest.mark.parametrize("reason", [Reason.BUSY, Reason.NO_PATH, Reason.SWITCH_TIMEOUT])
