@@ -7,9 +7,7 @@ import grpc
 
 from dispatcher.refusal import Refusal, denied, not_found
 from wire.config import BadConfig
-
-RUNNER = "runner"
-TOKEN_KEY = "qmn-token"  # noqa: S105 - the name of the metadata entry
+from wire.service import RUNNER, TOKEN_KEY
 
 
 class Callers:

@@ -22,8 +22,8 @@ from dispatcher.sabot.tableau import Tableau
 from dispatcher.service import Failed, Service
 from wire.config import BadConfig, DispatcherConfig
 from wire.dispatcher_pb2_grpc import add_DispatcherServicer_to_server
+from wire.service import MESSAGE_LIMITS
 
-MAX_MESSAGE_BYTES = 8 << 20
 MAX_SOCKET_PATH_BYTES = 100
 STOP_GRACE_S = 0.2
 
@@ -53,8 +53,7 @@ def build_server(config: DispatcherConfig, service: Service) -> grpc.aio.Server:
     """Return a server for the service, bound to the configured sockets."""
     server = grpc.aio.server(
         options=[
-            ("grpc.max_receive_message_length", MAX_MESSAGE_BYTES),
-            ("grpc.max_send_message_length", MAX_MESSAGE_BYTES),
+            *MESSAGE_LIMITS,
             ("grpc.so_reuseport", 0),  # a taken port must be an error
         ]
     )

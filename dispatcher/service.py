@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import grpc
 
 from dispatcher.acts import acts
-from dispatcher.callers import TOKEN_KEY, Callers
+from dispatcher.callers import Callers
 from dispatcher.layer import PhysicalLayer
 from dispatcher.operations import Operations
 from dispatcher.orders import Orders
@@ -18,6 +18,7 @@ from dispatcher.refusal import Refusal
 from dispatcher.transport import Transport
 from wire import dispatcher_pb2 as messages
 from wire.dispatcher_pb2_grpc import DispatcherServicer
+from wire.service import TOKEN_KEY
 
 Request = TypeVar("Request")
 Reply = TypeVar("Reply")

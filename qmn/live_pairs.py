@@ -15,6 +15,7 @@ from wire.dispatcher_pb2 import (
     StatusRequest,
 )
 from wire.dispatcher_pb2_grpc import DispatcherStub
+from wire.service import RUNNER, metadata
 
 SESSION = 1
 BLOCK_PAIRS = 1000
@@ -28,7 +29,7 @@ def cost_by_live_pairs(runtime: Runtime, amounts: list[int]) -> Iterator[tuple[i
     The amounts ascend. Everything goes over the dispatcher's own socket.
     """
     with grpc.insecure_channel(f"unix:{runtime.socket('dispatcher')}") as channel:
-        load = _Load(channel, runtime.token("alice"), runtime.token("runner"))
+        load = _Load(channel, runtime.token("alice"), runtime.token(RUNNER))
         for amount in amounts:
             load.fill(amount)
             yield amount, load.seconds_for_a_pair(), load.bytes_for_a_pair()
@@ -40,8 +41,8 @@ class _Load:
 
     def __init__(self, channel: grpc.Channel, token: str, runner: str) -> None:
         self._stub = DispatcherStub(channel)  # type: ignore[no-untyped-call]
-        self._host = {"metadata": (("qmn-token", token),), "timeout": CALL_TIMEOUT_S}
-        self._runner = {"metadata": (("qmn-token", runner),), "timeout": CALL_TIMEOUT_S}
+        self._host = {"metadata": metadata(token), "timeout": CALL_TIMEOUT_S}
+        self._runner = {"metadata": metadata(runner), "timeout": CALL_TIMEOUT_S}
         self._numbers = count()
         self._live = 0
 

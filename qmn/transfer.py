@@ -13,6 +13,7 @@ from topologies.network import Network
 from topologies.programs import POLL_S, NetworkError, Program, python
 from wire.dispatcher_pb2 import StatusRequest
 from wire.dispatcher_pb2_grpc import DispatcherStub
+from wire.service import RUNNER, metadata
 
 START_TIMEOUT_S = 15.0
 STALL_TIMEOUT_S = 60.0
@@ -62,7 +63,7 @@ def dispatcher_backend(network: Network) -> str:
         status = DispatcherStub(channel).Status(  # type: ignore[no-untyped-call]
             StatusRequest(),
             timeout=START_TIMEOUT_S,
-            metadata=(("qmn-token", runtime.token("runner")),),
+            metadata=metadata(runtime.token(RUNNER)),
         )
     return str(status.backend)
 

@@ -11,6 +11,7 @@ from typing import Protocol
 import grpc
 
 from qswitch_agent.middleware import CrossConnect
+from wire import service
 from wire.dispatcher_pb2 import Connection, CrossConnectReply, CrossConnectRequest
 
 CALL_DEADLINE_S = 4.0
@@ -50,10 +51,9 @@ class SimulatedSwitch:
         """Name the switch, the dispatcher's unix socket and the switch's token."""
         self._switch = switch
         self._socket = socket
-        self._metadata = (("qmn-token", token),)
+        self._metadata = service.metadata(token)
         # An idle channel must stay connected: its end tells that the dispatcher is gone.
-        # A proxy that the environment names is of no use for a unix socket.
-        options = (("grpc.client_idle_timeout_ms", 2**31 - 1), ("grpc.enable_http_proxy", 0))
+        options = [*service.CHANNEL_OPTIONS, ("grpc.client_idle_timeout_ms", 2**31 - 1)]
         self._channel = grpc.aio.insecure_channel(f"unix:{socket}", options=options)
         self._cross_connect = self._channel.unary_unary(
             "/qmn.Dispatcher/CrossConnect",

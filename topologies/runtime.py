@@ -16,6 +16,7 @@ from typing import IO
 
 from topologies.programs import NetworkError, Program
 from wire.config import Fiber, QuantumSwitch
+from wire.service import RUNNER
 
 RUNTIME_ROOT = Path("/run/qmn")
 OPENFLOW_PORT = 6653
@@ -45,7 +46,7 @@ class Runtime:
         self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         self.logs = self.log_folder or self.folder
         self.logs.mkdir(parents=True, exist_ok=True)
-        self.token("runner")
+        self.token(RUNNER)
 
     def token(self, node: str) -> str:
         """Return the secret that names a node to the dispatcher."""

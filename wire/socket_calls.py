@@ -2,7 +2,7 @@
 
 application                 stack (the end that connects)
 CONNECT {host, port, …} ->
-                        <-  DONE {session, …} or FAILED {reason, text}
+                        <-  DONE {statistics} or FAILED {reason, text}
 DATA bytes              ->
                         <-  DONE {statistics}: delivered, the peer holds every byte
 CLOSE                   ->
@@ -12,7 +12,7 @@ application                 stack (the end that accepts)
 LISTEN {port}           ->  listening lasts as long as this socket
                         <-  DONE
 ACCEPT {port}           ->  on a socket of its own
-                        <-  DONE {session, peer}, then DATA …, then CLOSE {statistics}
+                        <-  DONE {peer}, then DATA …, then CLOSE {statistics}
 """
 
 import json

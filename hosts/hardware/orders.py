@@ -9,6 +9,7 @@ import grpc
 from hosts.hardware.qnic import HardwareError, NoLight
 from wire.dispatcher_pb2 import Feedback, Order, Outcome, Step
 from wire.dispatcher_pb2_grpc import DispatcherStub
+from wire.service import metadata
 
 ANSWER_TIMEOUT_S = 20.0
 
@@ -22,7 +23,7 @@ class Orders:
 
     def __init__(self, stub: DispatcherStub, token: str) -> None:
         self._stub = stub
-        self._metadata = (("qmn-token", token),)
+        self._metadata = metadata(token)
         self._numbers = count(1)
         self._waiting: dict[int, asyncio.Future[Outcome]] = {}
         self._closed = False

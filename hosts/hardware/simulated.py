@@ -19,20 +19,14 @@ from wire.dispatcher_pb2 import (
     Step,
 )
 from wire.dispatcher_pb2_grpc import DispatcherStub
-
-MAX_MESSAGE_BYTES = 16 << 20
+from wire.service import CHANNEL_OPTIONS
 
 
 class SimulatedQnic:
     """A QNIC whose photons live in the dispatcher."""
 
     def __init__(self, dispatcher: str, token: str, ports: list[str]) -> None:
-        options = [
-            ("grpc.max_receive_message_length", MAX_MESSAGE_BYTES),
-            ("grpc.max_send_message_length", MAX_MESSAGE_BYTES),
-            ("grpc.enable_http_proxy", 0),
-        ]
-        self._channel = grpc.aio.insecure_channel(dispatcher, options)
+        self._channel = grpc.aio.insecure_channel(dispatcher, CHANNEL_OPTIONS)
         stub = DispatcherStub(self._channel)  # type: ignore[no-untyped-call]
         self._orders = Orders(stub, token)
         self._ports = ports

@@ -28,7 +28,7 @@ REMEDIES = {
     Reason.NO_LISTENER: "no application listens on that port; start the receiver first",
     Reason.UNKNOWN_HOST: "the controller has not seen the fibres of sender, receiver and source",
     Reason.NO_PATH: "no light path joins sender, receiver and source; the receiver and the "
-    "source need two fibres each, the sender one of its own",
+    "source need two fibres each, the sender one of its own, and none of them cut",
     Reason.BUSY: "another session uses these fibres; try again when it has ended",
     Reason.UNKNOWN_SESSION: "the controller knows no such session",
     Reason.UNSUPPORTED: "the other end does not offer what was asked for",

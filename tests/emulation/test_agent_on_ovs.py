@@ -28,6 +28,7 @@ from os_ken.ofproto.ofproto_protocol import ProtocolDesc
 from qswitch_agent.openflow import HEADER, Framer
 from wire.config import AgentConfig
 from wire.dispatcher_pb2 import CrossConnectReply, CrossConnectRequest
+from wire.service import TOKEN_KEY
 
 DEADLINE_S = 10.0
 FIBER_PORTS = [1, 2, 3, 4]
@@ -91,7 +92,7 @@ class Dispatcher:
 
     def _cross_connect(self, request: Any, context: Any) -> CrossConnectReply:
         self.asked += 1
-        self.tokens.add(dict(context.invocation_metadata())["qmn-token"])
+        self.tokens.add(dict(context.invocation_metadata())[TOKEN_KEY])
         assert self.open.wait(DEADLINE_S)
         if self.failure is not None:
             context.abort(self.failure, "the mirror is stuck")

@@ -34,6 +34,7 @@ from wire.dispatcher_pb2 import (
     StatusRequest,
 )
 from wire.dispatcher_pb2_grpc import DispatcherStub
+from wire.service import CHANNEL_OPTIONS, metadata
 
 START_NS = 1_700_000_000_000_000_000
 DEADLINE_S = 20
@@ -97,7 +98,7 @@ class Client:
 
     def __init__(self, stub: Any, token: str) -> None:
         """Call with this token."""
-        self.stub, self.metadata = stub, (("qmn-token", token),)
+        self.stub, self.metadata = stub, metadata(token)
 
     async def call(self, method: str, request: Any) -> Any:
         """Make a call by name, within the deadline."""
@@ -204,9 +205,10 @@ async def running(config: DispatcherConfig, clock: Clock) -> AsyncIterator[Bench
         service = build_service(config, layer, errors.append)
         server = build_server(config, service)
         await server.start()
-        options = [(f"grpc.max_{way}_message_length", 8 << 20) for way in ("receive", "send")]
         try:
-            async with grpc.aio.insecure_channel(f"unix:{config.socket}", options) as channel:
+            async with grpc.aio.insecure_channel(
+                f"unix:{config.socket}", CHANNEL_OPTIONS
+            ) as channel:
                 stub = DispatcherStub(channel)  # type: ignore[no-untyped-call]
                 yield Bench(service, stub, config.tokens, errors)
         finally:

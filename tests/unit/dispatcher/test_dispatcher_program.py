@@ -15,6 +15,7 @@ import pytest
 from dispatcher_network import configuration
 
 from dispatcher.clock import CaptureClock
+from wire import service
 from wire.config import DispatcherConfig
 from wire.dispatcher_pb2 import StatusRequest
 from wire.dispatcher_pb2_grpc import DispatcherStub
@@ -59,7 +60,7 @@ def test_it_serves_when_ready_and_ends_cleanly_at_a_signal(tmp_path: Path, numbe
         assert stat.S_IMODE(Path(config.socket).stat().st_mode) == 0o600
         with grpc.insecure_channel(f"unix:{config.socket}") as channel:
             stub = DispatcherStub(channel)  # type: ignore[no-untyped-call]
-            metadata = (("qmn-token", "token of runner"),)
+            metadata = service.metadata("token of runner")
             reply = stub.Status(StatusRequest(), metadata=metadata, timeout=DEADLINE_S)
             assert reply.backend == "chp"
         program.send_signal(number)

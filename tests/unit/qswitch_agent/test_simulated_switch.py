@@ -14,6 +14,7 @@ from qswitch_agent import hardware
 from qswitch_agent.hardware import HardwareFault, HardwareRefusal, SimulatedSwitch
 from qswitch_agent.middleware import CrossConnect
 from wire.dispatcher_pb2 import CrossConnectReply, CrossConnectRequest
+from wire.service import TOKEN_KEY
 
 DEADLINE_S = 5.0
 
@@ -35,7 +36,7 @@ class Dispatcher:
 
     async def cross_connect(self, request: Any, context: Any) -> CrossConnectReply:
         self.requests.append(request)
-        self.tokens.append(dict(context.invocation_metadata())["qmn-token"])
+        self.tokens.append(dict(context.invocation_metadata())[TOKEN_KEY])
         await self.answering.wait()
         if self.code is not None:
             await context.abort(self.code, "for a reason")
