@@ -71,6 +71,7 @@ class Network:
     connected: set[int] = field(default_factory=set)
     hosts: dict[SwitchPort, HostPort] = field(default_factory=dict)
     links: dict[SwitchPort, SwitchPort] = field(default_factory=dict)
+    cut: set[SwitchPort] = field(default_factory=set)  # ports whose fibre is down
 
     def attach(self, at: SwitchPort, host_port: HostPort) -> bool:
         """Note which host's port a fibre leads to; tell whether that is news."""
@@ -88,6 +89,13 @@ class Network:
         """Forget what a fibre leads to; tell whether anything was known."""
         return self.hosts.pop(at, None) is not None
 
+    def set_fiber(self, at: SwitchPort, whole: bool) -> bool:
+        """Note whether the fibre at a port is whole; tell whether that is news."""
+        if whole != (at in self.cut):
+            return False
+        self.cut ^= {at}
+        return True
+
     def add_link(self, one: SwitchPort, other: SwitchPort) -> None:
         """Note a fibre between two switches."""
         self.links[one] = other
@@ -103,7 +111,9 @@ class Network:
     ) -> tuple[Hop, ...] | None:
         """Return a shortest path of free ports between two host ports, None if there is none."""
         ends = Direction(*start, True), Direction(*end, False)
-        if start == end or not {start.dpid, end.dpid} <= self.connected or any(map(blocked, ends)):
+        if start == end or not {start.dpid, end.dpid} <= self.connected:
+            return None
+        if self.cut & {start, end} or any(map(blocked, ends)):
             return None
         queue: deque[tuple[SwitchPort, tuple[Hop, ...]]] = deque([(start, ())])
         seen = {start.dpid}
@@ -125,6 +135,7 @@ class Network:
             for near, far in self.links.items()
             if near.dpid == dpid
             and far.dpid in self.connected
+            and not self.cut & {near, far}
             and not blocked(Direction(*near, False))
             and not blocked(Direction(*far, True))
         ]

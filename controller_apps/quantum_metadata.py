@@ -95,6 +95,8 @@ class QuantumMetadata(App):
         quantum = datapath.id in self.quantum_switches
         if quantum:
             self.network.connected.add(datapath.id)
+            for port in datapath.ports.values():
+                self._fiber_is(datapath.id, port)
         entries = flow_entries.discovery_entries if quantum else flow_entries.metadata_entries
         for message in entries(datapath):
             datapath.send_msg(message)
@@ -138,6 +140,20 @@ class QuantumMetadata(App):
             verb = "leaves" if said.leaving else "is at"
             self.logger.info("%s (%s) %s %#x:%d", port.name, port.address, verb, at.dpid, at.port)
             self.record.write("fiber", host=port.host, port=port.name, dpid=at.dpid, at=at.port)
+
+    @on(ofp_event.EventOFPPortStatus, MAIN)
+    def port_changed(self, event: Any) -> None:
+        """Note a port whose fibre was cut or mended."""
+        message = event.msg
+        if message.datapath.id in self.quantum_switches:
+            self._fiber_is(message.datapath.id, message.desc)
+
+    def _fiber_is(self, dpid: int, port: Any) -> None:
+        whole = not (port.config & ofproto.OFPPC_PORT_DOWN or port.state & ofproto.OFPPS_LINK_DOWN)
+        real = port.port_no <= ofproto.OFPP_MAX
+        if real and self.network.set_fiber(SwitchPort(dpid, port.port_no), whole):
+            self.logger.info("port %#x:%d is %s", dpid, port.port_no, "up" if whole else "down")
+            self.record.write("port", dpid=dpid, at=port.port_no, up=whole)
 
     @on(ofp_event.EventOFPBarrierReply, CONFIG, MAIN)
     def barrier_passed(self, event: Any) -> None:

@@ -16,7 +16,7 @@ class Agent:
     def __init__(self, config: AgentConfig, hardware: OpticalHardware) -> None:
         self._hardware = hardware
         self._paths = LightPaths(config.fiber_ports, hardware)
-        self._bridge = Management(config.management, self._paths.update)
+        self._bridge = Management(config.management, self._paths.update, self._paths.update_ports)
         host, port = address(config.listen)
         self._proxies = [
             (Proxy(address(controller), self._paths_ready), (host, port + number))

@@ -7,9 +7,10 @@ from collections.abc import Iterable
 
 from qswitch_agent.hardware import HardwareFault, HardwareRefusal, OpticalHardware
 from qswitch_agent.middleware import CrossConnect, FlowTable
-from qswitch_agent.openflow import FlowUpdate
+from qswitch_agent.openflow import FlowUpdate, PortState
 
 log = logging.getLogger(__name__)
+_CONDITIONS = ("cut", "whole again")
 
 
 class NotReady(Exception):
@@ -38,6 +39,14 @@ class LightPaths:
             self._table.apply(update)
         self._asked += 1
         self._changed.set()
+
+    def update_ports(self, states: Iterable[PortState]) -> None:
+        """Take the state of ports: no light passes a fibre that is cut."""
+        for state in states:
+            if self._table.set_fiber(state.number, state.up):
+                log.info("the fibre at port %d is %s", state.number, _CONDITIONS[state.up])
+                self._asked += 1
+                self._changed.set()
 
     async def run(self) -> None:
         """Bring the hardware up to date, at the start and after each change; never returns."""

@@ -1,4 +1,4 @@
-"""The agent's own connection to its bridge: it watches the flow table, and changes nothing."""
+"""The agent's own connection to its bridge: it watches flow table and ports, no more."""
 
 import asyncio
 import itertools
@@ -8,7 +8,7 @@ from collections.abc import Callable
 from os_ken.ofproto import ofproto_v1_4 as ofp
 
 from qswitch_agent import openflow
-from qswitch_agent.openflow import FlowUpdate, Framer
+from qswitch_agent.openflow import FlowUpdate, Framer, PortState
 from wire.metadata import MalformedPacket
 
 CHUNK = 1 << 16
@@ -21,26 +21,33 @@ class BridgeFault(Exception):
 
 
 class Management:
-    """A flow monitor on the bridge's management socket."""
+    """A flow monitor on the bridge's management socket, and the state of the ports."""
 
-    def __init__(self, path: str, on_updates: Callable[[list[FlowUpdate]], None]) -> None:
-        """Hand each batch of changes of the flow table to on_updates, in order."""
+    def __init__(
+        self,
+        path: str,
+        on_updates: Callable[[list[FlowUpdate]], None],
+        on_ports: Callable[[list[PortState]], None],
+    ) -> None:
+        """Hand each batch of changes of the flow table and of the ports over, in order."""
         self._path = path
         self._on_updates = on_updates
+        self._on_ports = on_ports
         self._barriers: dict[int, asyncio.Future[None]] = {}
-        self._xids = itertools.count(2)
+        self._xids = itertools.count(3)
         self._complete = asyncio.Event()  # clear while Open vSwitch leaves updates out
         self._complete.set()
 
     async def open(self) -> None:
-        """Connect and ask for the flow table; raise BridgeFault if the bridge is not there."""
+        """Connect and ask for flow table and ports; raise BridgeFault if no bridge is there."""
         try:
             self._reader, self._writer = await asyncio.open_unix_connection(self._path)
         except OSError as error:
             raise BridgeFault(
                 f"no bridge at {self._path}: {error.strerror}; start the bridge before its agent"
             ) from error
-        self._writer.write(openflow.hello() + openflow.flow_monitor_request(1))
+        requests = openflow.flow_monitor_request(1) + openflow.port_watch(2)
+        self._writer.write(openflow.hello() + requests)
 
     async def run(self) -> None:
         """Take in what the bridge reports until the connection ends; raise BridgeFault then."""
@@ -92,6 +99,9 @@ class Management:
         xid = openflow.transaction_id(message)
         if kind == ofp.OFPT_MULTIPART_REPLY:
             self._take_updates(openflow.flow_updates(message))
+            self._on_ports(openflow.port_states(message))
+        elif kind == ofp.OFPT_PORT_STATUS:
+            self._on_ports(openflow.port_states(message))
         elif kind == ofp.OFPT_BARRIER_REPLY:
             if xid in self._barriers and not self._barriers[xid].done():
                 self._barriers[xid].set_result(None)
@@ -100,7 +110,7 @@ class Management:
             self._writer.write(openflow.encode(ofp.OFPT_ECHO_REPLY, xid, body))
         elif kind == ofp.OFPT_ERROR:
             raise BridgeFault(
-                f"bridge at {self._path} refuses a flow monitor: OpenFlow error type and "
+                f"bridge at {self._path} refuses to be watched: OpenFlow error type and "
                 f"code {openflow.error_code(message)}; it must be Open vSwitch 3.1 or newer "
                 "with OpenFlow14 among its protocols"
             )

@@ -32,6 +32,7 @@ class FlowTable:
 
     def __init__(self, fiber_ports: Iterable[int]) -> None:
         self._fiber_ports = frozenset(fiber_ports)
+        self._cut: set[int] = set()
         self._entries: dict[tuple[int, bytes], FlowEntry] = {}
 
     def apply(self, update: FlowUpdate) -> None:
@@ -44,6 +45,13 @@ class FlowTable:
         else:
             self._entries[entry.priority, entry.match] = entry
 
+    def set_fiber(self, port: int, whole: bool) -> bool:
+        """Note whether the fibre at a port is whole; tell whether that is news."""
+        if port not in self._fiber_ports or whole != (port in self._cut):
+            return False
+        self._cut ^= {port}
+        return True
+
     def is_foreign(self, update: FlowUpdate) -> bool:
         """Say whether this puts an entry on a fibre port that is not a path for light."""
         entry = update.entry
@@ -55,7 +63,7 @@ class FlowTable:
         )
 
     def plan(self) -> Plan:
-        """Return the cross-connects that the table asks for.
+        """Return the cross-connects that the table asks for, between fibres that are whole.
 
         Two paths cannot end in one port: the higher priority has it, then the lower
         in_port; the other path is a conflict.
@@ -64,7 +72,7 @@ class FlowTable:
         conflicts = []
         for entry in self._effective_entries():
             path = self._path(entry)
-            if path is None:
+            if path is None or self._cut.intersection(path):
                 continue
             first = taken.setdefault(path.out_port, path)
             if first != path:

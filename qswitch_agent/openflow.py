@@ -16,6 +16,8 @@ from wire.metadata import MalformedPacket
 HEADER = struct.Struct(ofp.OFP_HEADER_PACK_STR)  # version, type, length, xid
 MULTIPART = struct.Struct("!HH4x")  # type, flags
 UPDATE = struct.Struct(ofp.OFP_FLOW_UPDATE_FULL_0_PACK_STR)
+PORT = struct.Struct(ofp.OFP_PORT_PACK_STR)  # number, length, address, name, config, state
+PORT_REASONS = 1 << ofp.OFPPR_ADD | 1 << ofp.OFPPR_DELETE | 1 << ofp.OFPPR_MODIFY
 OXM = struct.Struct("!HBB")  # class, field << 1 | has_mask, length of the value
 MATCH_HEADER = 4  # ofp_match: type, length, then the OXM fields
 IN_PORT = ofp.OFPXMT_OFB_IN_PORT << 1
@@ -50,6 +52,14 @@ class FlowUpdate:
 
     event: int
     entry: FlowEntry | None = None
+
+
+@dataclass(frozen=True)
+class PortState:
+    """Whether a port of the bridge, and what is behind it, is up."""
+
+    number: int
+    up: bool
 
 
 class Framer:
@@ -132,6 +142,21 @@ def flow_monitor_request(xid: int) -> bytes:
     return encode(ofp.OFPT_MULTIPART_REQUEST, xid, body)
 
 
+def port_watch(xid: int) -> bytes:
+    """Return requests for the state of every port as it is and for each change of it.
+
+    The agent's role on its own connection is EQUAL, for which the master's settings hold.
+    """
+    reasons = struct.pack(
+        ofp.OFP_ASYNC_CONFIG_PROP_REASONS_PACK_STR,
+        ofp.OFPACPT_PORT_STATUS_MASTER,
+        ofp.OFP_ASYNC_CONFIG_PROP_REASONS_SIZE,
+        PORT_REASONS,
+    )
+    ports = MULTIPART.pack(ofp.OFPMP_PORT_DESC, 0)
+    return encode(ofp.OFPT_SET_ASYNC, xid, reasons) + encode(ofp.OFPT_MULTIPART_REQUEST, xid, ports)
+
+
 def barrier_error(barrier_reply: bytes) -> bytes:
     """Return the error that a controller gets in place of this reply to its barrier.
 
@@ -161,6 +186,30 @@ def flow_updates(message: bytes) -> list[FlowUpdate]:
         return list(_each_update(message))
     except struct.error as error:
         raise MalformedPacket(f"flow monitor: {error}") from error
+
+
+def port_states(message: bytes) -> list[PortState]:
+    """Return what a PORT_STATUS or a reply about ports says, none if it is another message."""
+    try:
+        if message_type(message) == ofp.OFPT_PORT_STATUS:
+            offset, gone = ofp.OFP_PORT_STATUS_DESC_OFFSET, message[8] == ofp.OFPPR_DELETE
+        elif MULTIPART.unpack_from(message, HEADER.size)[0] == ofp.OFPMP_PORT_DESC:
+            offset, gone = HEADER.size + MULTIPART.size, False
+        else:
+            return []
+        return list(_each_port(message, offset, gone))
+    except (struct.error, IndexError) as error:
+        raise MalformedPacket(f"description of ports: {error}") from error
+
+
+def _each_port(message: bytes, offset: int, gone: bool) -> Iterator[PortState]:
+    while offset < len(message):
+        number, length, _address, _name, config, state = PORT.unpack_from(message, offset)
+        if not PORT.size <= length <= len(message) - offset:
+            raise MalformedPacket(f"description of port {number} with length {length}")
+        down = config & ofp.OFPPC_PORT_DOWN or state & ofp.OFPPS_LINK_DOWN
+        yield PortState(number, not (gone or down))
+        offset += length
 
 
 def _each_update(message: bytes) -> Iterator[FlowUpdate]:

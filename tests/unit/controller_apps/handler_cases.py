@@ -47,6 +47,7 @@ class Datapath(ProtocolDesc):  # type: ignore[misc]
     def __init__(self, dpid: int) -> None:
         super().__init__(ofproto.OFP_VERSION)
         self.id = dpid
+        self.ports: dict[int, Any] = {}
         self.sent: list[Any] = []
         self.writes = 0
         self._xid = 1 << 31
@@ -235,6 +236,29 @@ def test_lldp_tells_where_hosts_are(ready: Scene) -> None:
     assert set(ready.quantum.network.hosts.values()) == set(FIBERS.values())
     ready.packet_in(ready.q1, 1, announcement(FIBERS[1], ttl=0))
     assert ready.quantum.network.ports_of(ALICE) == []
+
+
+def test_fibres_are_cut_and_mended_as_their_ports_go_down_and_up(ready: Scene) -> None:
+    def port(number: int, config: int = 0, state: int = 0) -> Any:
+        return SimpleNamespace(port_no=number, config=config, state=state)
+
+    def status(desc: Any, datapath: Datapath = ready.q1) -> None:
+        message = SimpleNamespace(datapath=datapath, desc=desc)
+        ready.quantum.port_changed(SimpleNamespace(msg=message))
+
+    cut = ready.quantum.network.cut
+    status(port(1, config=ofproto.OFPPC_PORT_DOWN))
+    status(port(2, state=ofproto.OFPPS_LINK_DOWN), ready.s1)
+    assert cut == {(Q1, 1)}
+    status(port(1, state=ofproto.OFPPS_LIVE))
+    assert cut == set()
+    ready.connect(ready.q1, framework.DEAD)
+    local = port(ofproto.OFPP_LOCAL, config=ofproto.OFPPC_PORT_DOWN)
+    ready.q1.ports = {3: port(3, state=ofproto.OFPPS_LINK_DOWN), ofproto.OFPP_LOCAL: local}
+    ready.connect(ready.q1)
+    assert cut == {(Q1, 3)}
+    told = [(fact["at"], fact["up"]) for fact in ready.recorded() if fact["event"] == "port"]
+    assert told == [(1, False), (1, True), (3, False)]
 
 
 def test_malformed_lldp_is_counted_and_changes_nothing(scene: Scene) -> None:

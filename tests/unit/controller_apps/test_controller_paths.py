@@ -80,6 +80,22 @@ def test_there_is_no_path_to_itself_or_over_a_switch_that_is_gone() -> None:
     assert net.path(SwitchPort(Q1, 4), SwitchPort(Q1, 1), free) is None
 
 
+def test_there_is_no_path_over_a_cut_fibre() -> None:
+    net = ring()
+    start, end = SwitchPort(1, 1), SwitchPort(3, 1)
+    by_two = (Hop(1, 1, 12), Hop(2, 21, 23), Hop(3, 32, 1))
+    assert net.path(start, end, free) == by_two
+    assert net.set_fiber(SwitchPort(2, 23), whole=False)
+    assert not net.set_fiber(SwitchPort(2, 23), whole=False)
+    path = net.path(start, end, free)
+    assert path is not None
+    assert 2 not in switches(path)
+    assert net.set_fiber(SwitchPort(2, 23), whole=True)
+    assert net.path(start, end, free) == by_two
+    net.set_fiber(end, whole=False)
+    assert net.path(start, end, free) is None
+
+
 def test_a_host_port_is_at_one_place_only() -> None:
     net = network()
     moved = HostPort("alice", ALICE, "alice-q0")

@@ -14,15 +14,18 @@ from qswitch_agent.openflow import (
     HEADER,
     MULTIPART,
     PAUSED,
+    PORT,
     RESUMED,
     FlowUpdate,
+    PortState,
     encode,
     flow_monitor_request,
     hello,
+    port_watch,
 )
 
 DEADLINE_S = 5.0
-START = hello() + flow_monitor_request(1)
+START = hello() + flow_monitor_request(1) + port_watch(2)
 
 
 def play(scene: Coroutine[Any, Any, None]) -> None:
@@ -35,7 +38,8 @@ class Bridge:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.updates: list[FlowUpdate] = []
-        self.agent = Management(str(path), self.updates.extend)
+        self.ports: list[PortState] = []
+        self.agent = Management(str(path), self.updates.extend, self.ports.extend)
 
     async def __aenter__(self) -> "Bridge":
         connected: asyncio.Queue[tuple[StreamReader, StreamWriter]] = asyncio.Queue()
@@ -71,7 +75,7 @@ class Bridge:
 def test_missing_bridge_is_named(tmp_path: Path) -> None:
     async def scene() -> None:
         with pytest.raises(BridgeFault, match=r"no bridge at .*q7\.mgmt"):
-            await Management(str(tmp_path / "q7.mgmt"), print).open()
+            await Management(str(tmp_path / "q7.mgmt"), print, print).open()
 
     play(scene())
 
@@ -110,11 +114,47 @@ def test_pause_of_the_monitor_is_waited_out(tmp_path: Path) -> None:
     play(scene())
 
 
+def test_ports_are_handed_over_as_they_are_and_as_they_change(tmp_path: Path) -> None:
+    def port(number: int, config: int = 0, state: int = 0) -> bytes:
+        return PORT.pack(number, PORT.size, bytes(6), b"q1-eth", config, state)
+
+    async def scene() -> None:
+        async with Bridge(tmp_path / "q.mgmt") as bridge:
+            ports = port(1) + port(2, config=ofp.OFPPC_PORT_DOWN) + port(3, state=4)
+            reply = MULTIPART.pack(ofp.OFPMP_PORT_DESC, 0) + ports
+            bridge.says(ofp.OFPT_MULTIPART_REPLY, 2, reply)
+            modified = bytes([ofp.OFPPR_MODIFY]) + bytes(7)
+            bridge.says(ofp.OFPT_PORT_STATUS, 0, modified + port(1, state=ofp.OFPPS_LINK_DOWN))
+            bridge.says(ofp.OFPT_PORT_STATUS, 0, modified + port(2))
+            bridge.says(ofp.OFPT_PORT_STATUS, 0, bytes([ofp.OFPPR_DELETE]) + bytes(7) + port(3))
+            bridge.says(ofp.OFPT_ECHO_REQUEST, 5)
+            await bridge.reader.readexactly(HEADER.size)
+            told = [(state.number, state.up) for state in bridge.ports]
+            first, then = [(1, True), (2, False), (3, True)], [(1, False), (2, True), (3, False)]
+            assert told == first + then
+
+    play(scene())
+
+
+@pytest.mark.parametrize("length", [0, 39, 41])
+def test_a_port_of_a_wrong_length_is_a_fault(tmp_path: Path, length: int) -> None:
+    async def scene() -> None:
+        async with Bridge(tmp_path / "q.mgmt") as bridge:
+            port = PORT.pack(1, length, bytes(6), b"", 0, 0)
+            reply = MULTIPART.pack(ofp.OFPMP_PORT_DESC, 0) + port
+            bridge.says(ofp.OFPT_MULTIPART_REPLY, 2, reply)
+            with pytest.raises(BridgeFault, match=f"port 1 with length {length}"):
+                await bridge.running
+            assert bridge.ports == []
+
+    play(scene())
+
+
 def test_error_of_the_bridge_is_a_fault(tmp_path: Path) -> None:
     async def scene() -> None:
         async with Bridge(tmp_path / "q.mgmt") as bridge:
             bridge.says(ofp.OFPT_ERROR, 1, bytes([0, 1, 0, 2]))
-            with pytest.raises(BridgeFault, match=r"refuses a flow monitor.*\(1, 2\)"):
+            with pytest.raises(BridgeFault, match=r"refuses to be watched.*\(1, 2\)"):
                 await bridge.running
 
     play(scene())

@@ -77,6 +77,24 @@ def test_entry_of_the_same_match_and_priority_is_replaced() -> None:
     assert paths(entry(1, 2), entry(1, 3)) == {(1, 3)}
 
 
+def test_no_light_passes_a_cut_fibre_until_it_is_mended() -> None:
+    three = table(entry(1, 2), entry(2, 3), entry(4, 1))
+    assert three.set_fiber(3, whole=False)
+    assert three.plan().cross_connects == {(1, 2), (4, 1)}
+    assert three.set_fiber(1, whole=False)
+    assert three.plan().cross_connects == set()
+    assert three.set_fiber(3, whole=True)
+    assert three.plan().cross_connects == {(2, 3)}
+
+
+def test_only_news_of_fibres_is_news() -> None:
+    none = table()
+    assert not none.set_fiber(1, whole=True)
+    assert not none.set_fiber(9, whole=False)
+    assert none.set_fiber(1, whole=False)
+    assert not none.set_fiber(1, whole=False)
+
+
 def test_pause_changes_nothing() -> None:
     one = table(entry(1, 2))
     one.apply(FlowUpdate(PAUSED))

@@ -1,0 +1,63 @@
+"""`link alice q1 down` is a fibre cut: light is lost, the controller hears of it."""
+
+import threading
+import time
+
+import pytest
+from conftest import wait_until
+
+from hosts.software import QuantumSocket, QuantumSocketError
+from topologies.network import Network
+from topologies.record import read_record
+from wire.metadata import Reason
+
+CUT_S = 0.5
+
+
+def known_cuts(network: Network) -> set[int]:
+    """Return the ports of q1 that the controller knows to be down."""
+    facts = [fact for fact in read_record(network.runtime.logs) if fact["event"] == "port"]
+    return {fact["at"] for fact in facts if not fact["up"]} - {
+        fact["at"] for fact in facts[-1:] if fact["up"]
+    }
+
+
+@pytest.mark.parametrize("host", ["alice", "bob", "charlie"])
+def test_what_a_cut_has_cost_is_sent_again(network: Network, host: str) -> None:
+    data = bytes(range(256)) * 4096
+    with QuantumSocket(network.runtime.socket("bob")) as listener:
+        listener.listen(7)
+        with QuantumSocket(network.runtime.socket("alice")) as sender:
+            sender.connect(("bob", 7))
+            receiver, _peer = listener.accept()
+            sending = threading.Thread(target=sender.sendall, args=(data,))
+            network.net.configLinkStatus(host, "q1", "down")
+            sending.start()
+            time.sleep(CUT_S)
+            network.net.configLinkStatus(host, "q1", "up")
+            with receiver:
+                received = bytearray()
+                while len(received) < len(data):
+                    received += receiver.recv(1 << 20)
+            sending.join(30)
+    assert not sending.is_alive()
+    assert received == data
+    log = (network.runtime.logs / "quantum.log").read_text()
+    assert any(" dark " in line for line in log.splitlines())
+
+
+def test_a_session_over_a_cut_fibre_is_refused_until_it_is_mended(network: Network) -> None:
+    network.net.configLinkStatus("alice", "q1", "down")
+    wait_until(lambda: known_cuts(network), "the controller hears of the cut")
+    with QuantumSocket(network.runtime.socket("bob")) as listener:
+        listener.listen(7)
+        with (
+            QuantumSocket(network.runtime.socket("alice")) as sender,
+            pytest.raises(QuantumSocketError, match="none of them cut") as caught,
+        ):
+            sender.connect(("bob", 7))
+        assert caught.value.reason == Reason.NO_PATH
+        network.net.configLinkStatus("alice", "q1", "up")
+        wait_until(lambda: not known_cuts(network), "the controller hears that it is whole")
+        with QuantumSocket(network.runtime.socket("alice")) as sender:
+            sender.connect(("bob", 7))
