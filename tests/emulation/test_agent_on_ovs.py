@@ -245,6 +245,8 @@ def switch(tmp_path: Path) -> Iterator[Switch]:
     names = veth_names()
     for near, far in zip(names[::2], names[1::2], strict=True):
         run("ip", "link", "add", near, "type", "veth", "peer", "name", far)
+        for name in (near, far):
+            run("ip", "link", "set", name, "up")
     switch = Switch(tmp_path)
     try:
         bridge = [f"add-br {BRIDGE}", f"set bridge {BRIDGE} datapath_type=netdev"]
@@ -263,6 +265,18 @@ def switch(tmp_path: Path) -> Iterator[Switch]:
         run("ovs-vsctl", "--if-exists", "del-br", BRIDGE)
         for near in names[::2]:
             run("ip", "link", "del", near)
+
+
+def test_a_cut_fibre_is_dark_also_for_an_agent_that_starts_later(switch: Switch) -> None:
+    switch.controller.add_paths(10, (1, 3), (3, 1), (4, 2))
+    switch.connects((1, 3), (3, 1), (4, 2))
+    run("ip", "link", "set", veth_names()[0], "down")  # its peer, port 2, loses its carrier
+    switch.connects()
+    assert switch.end_agent() == 0
+    switch.start_agent()
+    assert switch.dispatcher.sets[-1] == []
+    run("ip", "link", "set", veth_names()[0], "up")
+    switch.connects((1, 3), (3, 1), (4, 2))
 
 
 def test_barrier_is_answered_after_the_hardware(switch: Switch) -> None:
