@@ -149,6 +149,9 @@ class ApplicationsPort:
                 if call != Call.DATA:
                     raise SessionError(Reason.PROTOCOL, f"{call.name} while sending")
                 await _unless_gone(session.send(payload), coming)
+        except (SessionError, HardwareError) as error:
+            log.warning("%s", error)
+            writer.write(_failed(error, **asdict(session.statistics)))
         finally:
             await _end(coming)
             await session.close()
@@ -221,6 +224,6 @@ def _port(fields: dict[str, Any]) -> int:
     return port
 
 
-def _failed(error: BaseException) -> bytes:
+def _failed(error: BaseException, **statistics: int) -> bytes:
     reason = error.reason if isinstance(error, SessionError) else Reason.HARDWARE
-    return encode_fields(Call.FAILED, reason=reason, text=str(error))
+    return encode_fields(Call.FAILED, reason=reason, text=str(error), **statistics)

@@ -145,7 +145,9 @@ class QuantumSocket:
         payload = self._exactly(length)
         if call == Call.FAILED:
             fields = decode_fields(payload)
-            raise QuantumSocketError(fields["text"], Reason(fields["reason"]))
+            text, reason = fields.pop("text"), Reason(fields.pop("reason"))
+            self.statistics = fields or self.statistics
+            raise QuantumSocketError(text, reason)
         return call, payload
 
     def _exactly(self, size: int) -> bytes:

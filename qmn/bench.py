@@ -14,7 +14,7 @@ from typing import Any
 
 from hosts.software import QuantumSocket
 from qmn.live_pairs import BLOCK_PAIRS, cost_by_live_pairs
-from topologies.network import Interrupted, Network, Signals
+from topologies.network import Interrupted, Network, Signals, require_root
 from topologies.programs import POLL_S, NetworkError, Program, python
 from topologies.runtime import Runtime
 from topologies.sdc import SdcTopo
@@ -37,6 +37,7 @@ def add_parser(verbs: Any) -> None:
 def call(arguments: argparse.Namespace) -> int:
     """Measure everything; a network that does not start is one line and a status."""
     try:
+        require_root()
         with Signals() as signals, tempfile.TemporaryDirectory(prefix="qmn-bench-") as folder:
             run(Path(folder), arguments.pairs, signals)
     except Interrupted as error:

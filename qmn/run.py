@@ -89,6 +89,7 @@ def run(arguments: argparse.Namespace, signals: Signals, console: Console) -> in
         folder = make_folder(arguments.runs, arguments.topology)
     except OSError as error:
         raise BadInput(f"cannot write to --runs {arguments.runs}: {error.strerror}") from error
+    point_latest(folder)
     facts = beginning(arguments, folder)
     try:
         run_network(arguments, folder, facts, signals, console)
@@ -97,7 +98,6 @@ def run(arguments: argparse.Namespace, signals: Signals, console: Console) -> in
         raise
     finally:
         result.complete(facts, folder)
-        point_latest(folder)
         give_to_invoker(folder)
     result.show(console, facts, folder)
     return 0 if facts["delivered"] else 1

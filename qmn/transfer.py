@@ -115,7 +115,10 @@ def _follow(
         if ended:
             raise TransferError(f"{program.name} ended: {program.end()}")
         if time.monotonic() > deadline:
-            raise NetworkError(f"{program.name} made no progress for {STALL_TIMEOUT_S:g} s")
+            raise NetworkError(
+                f"{program.name} made no progress for {STALL_TIMEOUT_S:g} s; "
+                "is the loss of the fibres too high?"
+            )
         time.sleep(POLL_S)
 
 

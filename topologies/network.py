@@ -18,7 +18,7 @@ from topologies import openvswitch, runtime
 from topologies.nodes import READY_TIMEOUT_S, QuantumController
 from topologies.programs import POLL_S, NetworkError, Program, stop_all
 from topologies.record import read_record
-from topologies.runtime import RUNTIME_ROOT, Runtime, alive, only_run
+from topologies.runtime import DISPATCHER, RUNTIME_ROOT, Runtime, alive, only_run
 
 DISCOVERY_TIMEOUT_S = 20.0
 CAPTURE_SETTLE_S = 1.0
@@ -131,11 +131,17 @@ class Network:
         self.net = Mininet(topo=topo, controller=QuantumController, build=False)
         self._cleanup.callback(remove_links, topo.switches())
         self._cleanup.callback(self.net.stop)
-        self._cleanup.callback(stop_all, self.runtime.programs)
+        self._cleanup.callback(self._stop_programs)
         self.net.build()
         self._signals.check()
         self.net.start()
         self._wait_until_ready()
+
+    def _stop_programs(self) -> None:
+        """End the dispatcher last: to all others its end is a fault."""
+        programs = self.runtime.programs
+        stop_all([program for program in programs if program.name != DISPATCHER])
+        stop_all(programs)
 
     def _wait_until_ready(self) -> None:
         for program in list(self.runtime.programs):

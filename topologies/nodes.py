@@ -10,7 +10,7 @@ from topologies import openvswitch, runtime
 from topologies.fiber import qnics
 from topologies.programs import ROOT, Program, python
 from topologies.record import RECORD
-from topologies.runtime import Runtime
+from topologies.runtime import DISPATCHER, Runtime
 from wire.config import (
     DISPATCHER_PORT,
     AgentConfig,
@@ -105,7 +105,7 @@ class DispatcherHost(ClassicalHost):
         network = self.network
         config = DispatcherConfig(
             listen=network.dispatcher,
-            socket=network.socket("dispatcher"),
+            socket=network.socket(DISPATCHER),
             seed=network.seed,
             tokens=network.tokens,
             fibers=network.fibers,
@@ -113,7 +113,7 @@ class DispatcherHost(ClassicalHost):
             event_log=str(network.logs / "quantum.log"),
             history_depth=network.history_depth,
         )
-        self.program = launch(network, "dispatcher", "dispatcher", config, self)
+        self.program = launch(network, DISPATCHER, "dispatcher", config, self)
         return result
 
 
@@ -205,7 +205,7 @@ class OpticalSwitch(ClassicalSwitch):
             listen=f"127.0.0.1:{port}",
             controllers=[f"{controller.IP()}:{controller.port}" for controller in controllers],
             management=str(openvswitch.RUN_FOLDER / f"{self.name}.mgmt"),
-            dispatcher=network.socket("dispatcher"),
+            dispatcher=network.socket(DISPATCHER),
             token=network.token(self.name),
             fiber_ports=sorted(
                 int(end.port)

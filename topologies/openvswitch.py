@@ -102,8 +102,14 @@ def _switch_daemon_runs() -> bool:
 
 def _run(*command: str, timeout_s: float = 15.0) -> str:
     try:
+        # In a session of its own: a Ctrl-C must not leave half of what it does undone.
         done = subprocess.run(
-            command, capture_output=True, text=True, check=False, timeout=timeout_s
+            command,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=timeout_s,
+            start_new_session=True,
         )
     except FileNotFoundError as error:
         raise NetworkError(f"{command[0]} is not installed; run `make setup`") from error

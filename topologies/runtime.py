@@ -20,6 +20,7 @@ from wire.service import RUNNER
 
 RUNTIME_ROOT = Path("/run/qmn")
 OPENFLOW_PORT = 6653
+DISPATCHER = "dispatcher"  # the program, and its socket
 
 
 @dataclass

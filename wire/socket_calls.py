@@ -4,7 +4,8 @@ application                 stack (the end that connects)
 CONNECT {host, port, …} ->
                         <-  DONE {statistics} or FAILED {reason, text}
 DATA bytes              ->
-                        <-  DONE {statistics}: delivered, the peer holds every byte
+                        <-  DONE {statistics}: delivered, the peer holds every byte,
+                            or FAILED {reason, text, statistics}
 CLOSE                   ->
                         <-  DONE {statistics}
 

@@ -27,11 +27,15 @@ def send(arguments: argparse.Namespace, source: BinaryIO) -> None:
             rate_hz=arguments.rate_hz,
         )
         started = time.monotonic()
-        while chunk := source.read(CHUNK_BYTES[arguments.handshake]):
-            quantum_socket.sendall(chunk)
-            digest.update(chunk)
-            report("sending", quantum_socket, started)
-        quantum_socket.shutdown()
+        try:
+            while chunk := source.read(CHUNK_BYTES[arguments.handshake]):
+                quantum_socket.sendall(chunk)
+                digest.update(chunk)
+                report("sending", quantum_socket, started)
+            quantum_socket.shutdown()
+        except QuantumSocketError:
+            report("sending", quantum_socket, started)  # how far it came
+            raise
         report("done", quantum_socket, started, sha256=digest.hexdigest())
 
 

@@ -217,5 +217,6 @@ class SendingSession:
                 raise SessionError(
                     Reason.TOO_NOISY,
                     f"frame {number} failed its check {attempts} times: the channel is too noisy "
-                    f"for frames of {self._setup.frame_bytes} bytes; make them smaller",
+                    f"for frames of {self._setup.frame_bytes} bytes; choose fewer (--frame-bytes) "
+                    "or less noise",
                 )

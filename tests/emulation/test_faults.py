@@ -81,6 +81,18 @@ def test_a_node_whose_shell_is_killed_is_named(tmp_path: Path, name: str) -> Non
     assert f"qmn: {name} died in mid-run: its shell was ended" in output
 
 
+def test_a_failure_tells_how_far_it_came(tmp_path: Path) -> None:
+    done = qmn(
+        "--depolarizing", "0.1", "--frame-bytes", "4096", "--message", "x" * 4096, runs=tmp_path
+    )
+    assert done.returncode == 1
+    assert "too noisy for frames of 4096 bytes; choose fewer (--frame-bytes)" in done.stderr
+    result = json.loads((tmp_path / "latest" / "result.json").read_text())
+    assert result["delivered"] is False
+    assert result["repeated_frames"] == 64
+    assert result["bell_pairs"] == 64 * 4 * 4096
+
+
 @pytest.mark.parametrize("moment", ["starting the network", "sending"])
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_the_run_cleanly(tmp_path: Path, moment: str, number: signal.Signals) -> None:
