@@ -10,7 +10,6 @@ from qswitch_agent.middleware import CrossConnect, FlowTable
 from qswitch_agent.openflow import FlowUpdate, PortState
 
 log = logging.getLogger(__name__)
-_CONDITIONS = ("cut", "whole again")
 
 
 class NotReady(Exception):
@@ -44,7 +43,8 @@ class LightPaths:
         """Take the state of ports: no light passes a fibre that is cut."""
         for state in states:
             if self._table.set_fiber(state.number, state.up):
-                log.info("the fibre at port %d is %s", state.number, _CONDITIONS[state.up])
+                condition = "whole again" if state.up else "cut"
+                log.info("the fibre at port %d is %s", state.number, condition)
                 self._asked += 1
                 self._changed.set()
 

@@ -15,6 +15,8 @@ from topologies.runtime import RUNTIME_ROOT, Runtime
 from topologies.sdc import SdcTopo
 
 ROOT = Path(__file__).resolve().parents[2]
+# What the command line of a program of Mininet or of ours contains.
+OURS = (str(RUNTIME_ROOT), "mininet:", "tcpdump ", "hosts.applications", "qmn.floor")
 
 
 def wait_until(condition: Callable[[], object], what: str, timeout_s: float = 10.0) -> None:
@@ -59,7 +61,7 @@ def our_processes() -> set[str]:
             continue
         if not here:
             continue  # in somebody's container
-        if str(RUNTIME_ROOT) in command or "mininet:" in command:
+        if any(mark in command for mark in OURS):
             found.add(f"{folder.name} {command}")
     return found
 
