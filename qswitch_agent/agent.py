@@ -3,7 +3,7 @@
 import asyncio
 import contextlib
 
-from qswitch_agent.hardware import HardwareFault, OpticalHardware
+from qswitch_agent.hardware.optics import HardwareFault, OpticalHardware
 from qswitch_agent.light_paths import LightPaths, NotReady
 from qswitch_agent.management import BridgeFault, Management
 from qswitch_agent.proxy import Address, Proxy

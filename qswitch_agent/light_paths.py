@@ -5,8 +5,13 @@ import logging
 import time
 from collections.abc import Iterable
 
-from qswitch_agent.hardware import HardwareFault, HardwareRefusal, OpticalHardware
-from qswitch_agent.middleware import CrossConnect, FlowTable
+from qswitch_agent.hardware.optics import (
+    CrossConnect,
+    HardwareFault,
+    HardwareRefusal,
+    OpticalHardware,
+)
+from qswitch_agent.middleware import FlowTable
 from qswitch_agent.openflow import FlowUpdate, PortState
 
 log = logging.getLogger(__name__)

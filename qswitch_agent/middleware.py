@@ -7,16 +7,9 @@ nothing at all, the one with the highest priority; if that entry is a path
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import NamedTuple
 
+from qswitch_agent.hardware.optics import CrossConnect
 from qswitch_agent.openflow import REMOVED, FlowEntry, FlowUpdate
-
-
-class CrossConnect(NamedTuple):
-    """A way for light through the switch, by OpenFlow port numbers."""
-
-    in_port: int
-    out_port: int
 
 
 @dataclass(frozen=True)

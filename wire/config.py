@@ -64,6 +64,16 @@ class Fiber:
 
 
 @dataclass(frozen=True)
+class PathOptics:
+    """A path of a quantum switch whose optics differ from those of the others."""
+
+    in_port: int
+    out_port: int
+    insertion_loss_db: float = 0.0
+    rotation: int = 0  # wire.metadata.Pauli
+
+
+@dataclass(frozen=True)
 class QuantumSwitch:
     """The optics of a quantum switch, as the dispatcher models them."""
 
@@ -71,6 +81,21 @@ class QuantumSwitch:
     switching_time_s: float = 100e-9
     insertion_loss_db: float = 0.0
     rotation: int = 0  # wire.metadata.Pauli that every path applies
+    paths: list[PathOptics] = field(default_factory=list)  # that differ from the rest
+    crosstalk_db: float | None = None  # None: none; else a photon strays with 10^(-dB/10)
+    temperature_c: float = 25.0
+    max_temperature_c: float = 60.0
+    hot_loss_db: float = 3.0  # more on every path while it is hotter than that
+    min_frequency_mhz: int = 191_350_000  # C band
+    max_frequency_mhz: int = 196_100_000
+    grid_mhz: int = 50_000
+    min_power_dbm: float = -20.0
+
+    @classmethod
+    def from_dict(cls, fields: dict[str, Any]) -> "QuantumSwitch":
+        """Build the switch from decoded JSON."""
+        paths = [PathOptics(**path) for path in fields.get("paths", [])]
+        return cls(**{**fields, "paths": paths})
 
 
 @dataclass(frozen=True)
@@ -91,7 +116,7 @@ class DispatcherConfig(Config):
     def from_dict(cls, fields: dict[str, Any]) -> "DispatcherConfig":
         """Build the configuration from decoded JSON."""
         fibers = [Fiber.from_dict(fiber) for fiber in fields["fibers"]]
-        switches = [QuantumSwitch(**switch) for switch in fields["switches"]]
+        switches = [QuantumSwitch.from_dict(switch) for switch in fields["switches"]]
         return cls(**{**fields, "fibers": fibers, "switches": switches})
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from qswitch_agent.hardware import HardwareFault, HardwareRefusal
+from qswitch_agent.hardware.optics import HardwareFault, HardwareRefusal
 from qswitch_agent.light_paths import LightPaths, NotReady
 from qswitch_agent.middleware import CrossConnect
 from qswitch_agent.openflow import ADDED, REMOVED, FlowEntry, FlowUpdate

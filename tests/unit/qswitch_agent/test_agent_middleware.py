@@ -2,7 +2,8 @@
 
 import itertools
 
-from qswitch_agent.middleware import CrossConnect, FlowTable
+from qswitch_agent.hardware.optics import CrossConnect
+from qswitch_agent.middleware import FlowTable
 from qswitch_agent.openflow import ADDED, PAUSED, REMOVED, FlowEntry, FlowUpdate
 
 LLDP = b"\x80\x00\x0a\x02\x88\xcc"

@@ -10,8 +10,8 @@ from typing import Any
 import grpc
 import pytest
 
-from qswitch_agent import hardware
-from qswitch_agent.hardware import HardwareFault, HardwareRefusal, SimulatedSwitch
+from qswitch_agent.hardware import simulated as hardware
+from qswitch_agent.hardware.optics import HardwareFault, HardwareRefusal, SimulatedSwitch
 from qswitch_agent.middleware import CrossConnect
 from wire.dispatcher_pb2 import CrossConnectReply, CrossConnectRequest
 from wire.service import TOKEN_KEY

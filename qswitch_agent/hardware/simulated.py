@@ -1,47 +1,26 @@
-"""The optical hardware under the switch: the interface, and the simulated switch behind it.
-
-A driver for real equipment takes the place of SimulatedSwitch.
-"""
+"""The simulated switch: every call is a request to the dispatcher."""
 
 import asyncio
 import time
 from collections.abc import Iterable
-from typing import Protocol
 
 import grpc
 
-from qswitch_agent.middleware import CrossConnect
+from qswitch_agent.hardware.optics import (
+    CALL_DEADLINE_S,
+    CrossConnect,
+    HardwareFault,
+    HardwareRefusal,
+)
 from wire import service
 from wire.dispatcher_pb2 import Connection, CrossConnectReply, CrossConnectRequest
 
-CALL_DEADLINE_S = 4.0
 REFUSALS = (
     grpc.StatusCode.INVALID_ARGUMENT,
     grpc.StatusCode.NOT_FOUND,
     grpc.StatusCode.FAILED_PRECONDITION,
     grpc.StatusCode.RESOURCE_EXHAUSTED,
 )
-
-
-class HardwareRefusal(Exception):
-    """The hardware cannot do this; it goes on as before and can be asked for something else."""
-
-
-class HardwareFault(Exception):
-    """The hardware does not work (any more); the message names cause and remedy."""
-
-
-class OpticalHardware(Protocol):
-    """What the agent needs of any optical switch."""
-
-    async def set_cross_connects(self, cross_connects: Iterable[CrossConnect]) -> None:
-        """Make exactly these cross-connects, and return when light passes.
-
-        Raise HardwareRefusal or HardwareFault; no call takes longer than CALL_DEADLINE_S.
-        """
-
-    async def watch(self) -> None:
-        """Wait until the hardware fails, and raise HardwareFault."""
 
 
 class SimulatedSwitch:
