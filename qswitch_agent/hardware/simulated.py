@@ -2,16 +2,18 @@
 
 import asyncio
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import grpc
 
+from qswitch_agent.hardware.optics import *
 from qswitch_agent.hardware.optics import (
     CALL_DEADLINE_S,
     CrossConnect,
     HardwareFault,
     HardwareRefusal,
 )
+from wire import dispatcher_pb2 as pb
 from wire import service
 from wire.dispatcher_pb2 import Connection, CrossConnectReply, CrossConnectRequest
 
@@ -44,7 +46,9 @@ class SimulatedSwitch:
         """Tell the dispatcher, and wait until the switching time has passed."""
         request = CrossConnectRequest(switch=self._switch)
         for path in sorted(cross_connects):
-            request.connections.append(Connection(in_port=path.in_port, out_port=path.out_port))
+            request.connections.append(
+                Connection(in_port=path.in_port, out_port=path.out_port, circuit=path.circuit)
+            )
         try:
             reply = await self._cross_connect(
                 request, timeout=CALL_DEADLINE_S, metadata=self._metadata
@@ -60,18 +64,85 @@ class SimulatedSwitch:
         if remaining_s > 0:
             await asyncio.sleep(remaining_s)
 
-    async def watch(self) -> None:
-        """Raise HardwareFault when the connection to the dispatcher, once made, is lost."""
-        ready = grpc.ChannelConnectivity.READY
-        state = self._channel.get_state(try_to_connect=True)
-        while state is not ready:
-            await self._channel.wait_for_state_change(state)
-            state = self._channel.get_state()
-        await self._channel.wait_for_state_change(ready)
-        raise HardwareFault(
-            f"dispatcher at {self._socket} does not answer; its connection ended and its "
-            "quantum state is lost: start the network again"
+    async def tune(self, port: int, frequency_mhz: int | None, power_dbm: float | None) -> None:
+        call = self._channel.unary_unary(
+            "/qmn.Dispatcher/TunePort",
+            request_serializer=pb.TunePortRequest.SerializeToString,
+            response_deserializer=pb.TunePortReply.FromString,
         )
+        try:
+            await call(
+                pb.TunePortRequest(
+                    switch=self._switch,
+                    port=port,
+                    frequency_mhz=frequency_mhz or 0,
+                    power_dbm=power_dbm,
+                ),
+                timeout=CALL_DEADLINE_S,
+                metadata=self._metadata,
+            )
+        except grpc.aio.AioRpcError as error:
+            raise self._meaning(error) from error
+
+    async def read(self) -> Readings:
+        call = self._channel.unary_unary(
+            "/qmn.Dispatcher/SwitchStatistics",
+            request_serializer=pb.SwitchStatisticsRequest.SerializeToString,
+            response_deserializer=pb.SwitchStatisticsReply.FromString,
+        )
+        try:
+            r = await call(
+                pb.SwitchStatisticsRequest(switch=self._switch),
+                timeout=CALL_DEADLINE_S,
+                metadata=self._metadata,
+            )
+        except grpc.aio.AioRpcError as error:
+            raise self._meaning(error) from error
+        return Readings(
+            {
+                p.port: PortReading(
+                    p.photons_in,
+                    p.photons_out,
+                    p.photons_lost,
+                    p.frequency_mhz,
+                    p.power_dbm,
+                    p.rx_power_dbm,
+                    p.bias_ma,
+                )
+                for p in r.ports
+            },
+            {c.circuit: CircuitReading(c.photons, c.since_ns, c.last_ns) for c in r.circuits},
+            r.temperature_c,
+        )
+
+    async def watch(self, on_condition: Callable[[Condition], None]) -> None:
+        call = self._channel.unary_stream(
+            "/qmn.Dispatcher/WatchSwitch",
+            request_serializer=pb.WatchSwitchRequest.SerializeToString,
+            response_deserializer=pb.SwitchCondition.FromString,
+        )
+        try:
+            async for c in call(
+                pb.WatchSwitchRequest(switch=self._switch), metadata=self._metadata
+            ):
+                on_condition(
+                    Condition(
+                        Tuning(
+                            c.min_frequency_mhz,
+                            c.max_frequency_mhz,
+                            c.grid_mhz,
+                            c.min_power_dbm,
+                            c.max_power_dbm,
+                        ),
+                        Path(c.loss_db, c.rotation),
+                        {(p.in_port, p.out_port): Path(p.loss_db, p.rotation) for p in c.paths},
+                        frozenset((s.in_port, s.out_port) for s in c.stuck),
+                        c.hot,
+                    )
+                )
+        except grpc.aio.AioRpcError as error:
+            raise HardwareFault(str(self._meaning(error))) from error
+        raise HardwareFault(f"dispatcher at {self._socket} is gone")
 
     async def close(self) -> None:
         """Close the channel."""
