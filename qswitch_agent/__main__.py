@@ -10,15 +10,9 @@ from pathlib import Path
 import uvloop
 
 from qswitch_agent.agent import Agent
-<<<<<<< HEAD
 from qswitch_agent.bridge import BridgeFault
-from qswitch_agent.hardware.optics import HardwareFault
-from qswitch_agent.hardware.simulated import SimulatedSwitch
-=======
 from qswitch_agent.hardware.choice import hardware
 from qswitch_agent.hardware.optics import HardwareFault
-from qswitch_agent.management import BridgeFault
->>>>>>> hw
 from wire.config import AgentConfig, BadConfig
 
 
