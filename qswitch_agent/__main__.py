@@ -10,9 +10,9 @@ from pathlib import Path
 import uvloop
 
 from qswitch_agent.agent import Agent
+from qswitch_agent.bridge import BridgeFault
 from qswitch_agent.hardware.choice import hardware
 from qswitch_agent.hardware.optics import HardwareFault
-from qswitch_agent.management import BridgeFault
 from wire.config import AgentConfig, BadConfig
 
 
