@@ -106,7 +106,7 @@ def path_bundle(datapath: Any, transaction: int, hops: Iterable[Hop], session: i
     """
     entries = [
         add(datapath, 0, PATH_PRIORITY, {"in_port": hop.in_port}, output(hop.out_port),
-            cookie=session, flags=ofproto.OFPFF_SEND_FLOW_REM)
+            cookie=session)
         for hop in hops
     ]  # fmt: skip
     bundle = transaction & 0xFFFFFFFF

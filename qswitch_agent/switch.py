@@ -35,8 +35,12 @@ class Unconfirmed(Protocol):
     """A controller's connection, whose last changes the bridge may not have made yet."""
 
     @property
-    def deletions(self) -> list[FlowMod] | None:
-        """What they are if they are only deletions; None if there are others among them."""
+    def deletions(self) -> list[FlowMod]:
+        """Those of them that delete."""
+
+    @property
+    def only_deletes(self) -> bool:
+        """Whether there are no others."""
 
     async def confirm(self) -> bool:
         """Wait until the bridge has made them; tell whether there were any."""
@@ -97,12 +101,12 @@ class Switch:
             confirmed = [
                 await other.confirm()
                 for other in list(self.connections)
-                if other is not connection or other.deletions is None
+                if other is not connection or not other.only_deletes
             ]
             if any(confirmed):
                 await self.synchronise()
             table = self.paths.table.copy()
-            for mod in connection.deletions or ():
+            for mod in connection.deletions:
                 table.change(mod)
             yield table
 

@@ -73,11 +73,14 @@ class Link:
         self.change(request)
 
     @property
-    def deletions(self) -> list[FlowMod] | None:
-        """What has been sent since the last confirmed change, None if not only deletions."""
-        if len(self._deletions) < self._changes - self._confirmed:
-            return None
+    def deletions(self) -> list[FlowMod]:
+        """What has been asked to be deleted, and may not have been yet."""
         return [mod for _number, mod in self._deletions]
+
+    @property
+    def only_deletes(self) -> bool:
+        """Whether all changes that may not have been made yet are deletions."""
+        return len(self._deletions) >= self._changes - self._confirmed
 
     def change(self, *requests: bytes) -> None:
         """Send what changes the flow table."""

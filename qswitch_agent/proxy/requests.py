@@ -10,7 +10,7 @@ from collections.abc import Awaitable, Callable
 from os_ken.ofproto import ofproto_v1_4 as ofp
 
 from qswitch_agent.hardware.optics import HardwareRefusal
-from qswitch_agent.middleware.flow_table import FlowTable
+from qswitch_agent.middleware.flow_table import FlowTable, concerns
 from qswitch_agent.middleware.light import MODIFYING, is_light, require_no_fiber
 from qswitch_agent.openflow import messages, multipart, packets
 from qswitch_agent.openflow.flows import NICIRA, FlowMod, Mark
@@ -86,7 +86,14 @@ class Requests:
             self._link.change(*(one.encode(xid) for one in told))
 
     def _marked(self, mod: FlowMod) -> FlowMod:
-        return mod.marked(Mark(mod.idle_timeout_s, self._switch.new_circuit()))
+        """Return an ADD with a mark; an entry that takes another's place counts on from there."""
+        before = self._switch.paths.table.find(mod.priority, mod.match)
+        if mod.flags & ofp.OFPFF_RESET_COUNTS or any(
+            before and concerns(deletion, before) for deletion in self._link.deletions
+        ):
+            before = None
+        known = before.mark.circuit if before and before.mark else 0
+        return mod.marked(Mark(mod.idle_timeout_s, known or self._switch.new_circuit()))
 
     async def _port_mod(self, message: bytes) -> None:
         mod, tunings = self._checked_port_mod(message)
