@@ -15,6 +15,8 @@ from qswitch_agent.hardware.optics import (
     HardwareFault,
     OpticalHardware,
     Path,
+    PortReading,
+    Quantity,
     Readings,
     Tuning,
 )
@@ -28,7 +30,6 @@ from wire import optical
 from wire.optical import PathOptics, PortLight, PortOptics, PortTuning
 
 MIN_CIRCUIT, MAX_CIRCUIT = 1, (1 << 31) - 1
-NO_STATE = PortLight(0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
 
 
 class Unconfirmed(Protocol):
@@ -214,21 +215,21 @@ class Switch:
         return frequency_mhz, power_dbm
 
     def light(self, port: int, readings: Readings) -> PortLight:
-        """Return the optical statistics of a port."""
-        reading = readings.ports.get(port)
-        if reading is None:
-            return NO_STATE
+        """Return the optical statistics of a port; its flags say which fields are measured."""
+        reading = readings.ports.get(port, PortReading())
+        missing = readings.not_measured
+        flags = optical.USE_FREQ
+        if Quantity.FREQUENCY not in missing:
+            flags |= optical.RX_TUNE | optical.TX_TUNE
+        if not missing & {Quantity.TX_POWER, Quantity.RX_POWER}:
+            flags |= optical.TX_PWR
         tuning = self._condition.tuning
-        span = tuning.grid_mhz if tuning else 0
+        channel = reading.frequency_mhz, 0, tuning.grid_mhz if tuning else 0
         return PortLight(
-            optical.TUNABLE,
-            reading.frequency_mhz,
-            0,
-            span,
-            reading.frequency_mhz,
-            0,
-            span,
-            round(reading.tx_dbm * 10),
+            flags,
+            *channel,
+            *channel,
+            _signed(reading.tx_dbm * 10),
             _signed(reading.rx_dbm * 10),
             round(reading.bias_ma * 10),
             _signed(readings.temperature_c * 10),
