@@ -124,21 +124,20 @@ class LightPaths:
 
     async def expire(self, delete: Callable[[FlowEntry], None]) -> None:
         """Delete entries through which no photon has passed for their idle time-out, for ever."""
-        born: dict[int, int] = {}  # when the agent saw an entry first, by circuit
+        active: dict[int, int] = {}  # when a photon passed, or an entry was first seen, by circuit
         while True:
             await asyncio.sleep(IDLE_POLL_S)
             waiting = [(e, e.mark) for e in self.table.marked() if e.mark and e.mark.idle_timeout_s]
             if not waiting:
-                born.clear()
+                active.clear()
                 continue
             circuits = (await self._hardware.read()).circuits
             now_ns = time.time_ns()
-            born = {mark.circuit: born.get(mark.circuit, now_ns) for _, mark in waiting}
+            active = {mark.circuit: active.get(mark.circuit, now_ns) for _, mark in waiting}
+            active |= {name: circuits[name].last_ns for name in active if name in circuits}
             for entry, mark in waiting:
-                reading = circuits.get(mark.circuit)
-                last_ns = reading.last_ns if reading else born[mark.circuit]
                 name = (*entry.key, entry.cookie)
-                if now_ns - last_ns >= mark.idle_timeout_s * 1_000_000_000:
+                if now_ns - active[mark.circuit] >= mark.idle_timeout_s * 1_000_000_000:
                     if name not in self._idle:
                         log.info("no photon for %d s: %s", mark.idle_timeout_s, entry)
                     self._idle.add(name)
