@@ -12,6 +12,7 @@ from qswitch_agent.hardware.optics import (
     CALL_DEADLINE_S,
     Condition,
     HardwareFault,
+    HardwareRefusal,
     OpticalHardware,
     Path,
     Readings,
@@ -96,8 +97,11 @@ class Switch:
         return secrets.randbelow(MAX_CIRCUIT) + MIN_CIRCUIT
 
     async def read(self) -> Readings:
-        """Return what the hardware counts and measures."""
-        return await self.hardware.read()
+        """Return what the hardware counts and measures; raise HardwareFault if it does not."""
+        try:
+            return await self.hardware.read()
+        except HardwareRefusal as refusal:
+            raise HardwareFault(f"the hardware refuses to be read: {refusal}") from refusal
 
     def send_lldp(self, port: int, frame: bytes) -> None:
         """Send a frame into a fibre's supervisory channel."""
@@ -196,9 +200,9 @@ class Switch:
             reading.frequency_mhz,
             0,
             span,
-            round(reading.tx_dbm * 10),
+            _signed(reading.tx_dbm * 10),
             _signed(reading.rx_dbm * 10),
-            round(reading.bias_ma * 10),
+            round(max(0.0, min(65535.0, reading.bias_ma * 10))),
             _signed(readings.temperature_c * 10),
         )
 
