@@ -33,8 +33,13 @@ NO_STATE = PortLight(0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
 class Unconfirmed(Protocol):
     """A controller's connection, whose last changes the bridge may not have made yet."""
 
+    confirmed: int  # how many it has certainly made, or refused
+
     async def confirm(self) -> bool:
-        """Wait until the bridge has made them; tell whether there were any."""
+        """Wait until the bridge has made all; tell whether any may be unreported yet."""
+
+    def reported(self, confirmed: int) -> None:
+        """Note that the flow monitor has reported so many."""
 
 
 class Switch:
@@ -80,9 +85,12 @@ class Switch:
         What controllers have asked for before is in it, whether they waited for it or not.
         """
         async with self._judging:
-            confirmed = [await connection.confirm() for connection in list(self.connections)]
-            if any(confirmed):
+            connections = list(self.connections)
+            if any([await connection.confirm() for connection in connections]):
+                confirmed = [connection.confirmed for connection in connections]
                 await self.synchronise()
+                for connection, changes in zip(connections, confirmed, strict=True):
+                    connection.reported(changes)
             yield self.paths.table.copy()
 
     def require_free_outputs(self, trial: FlowTable) -> None:

@@ -44,7 +44,8 @@ class Link:
         self.bundles = Bundles()
         self.aggregates: dict[int, tuple[int, int, int]] = {}  # packets, bytes, flows by xid
         self._changes = 0  # of the flow table, sent to the bridge
-        self._confirmed = 0  # that it has certainly made, or refused
+        self.confirmed = 0  # that it has certainly made, or refused
+        self._reported = 0  # that the flow monitor has certainly reported
         self._barriers: deque[Barrier] = deque()
         self._refused: dict[int, bool] = {}  # by xid: whether an error came for what is watched
         self._discarding: set[int] = set()  # xids of our own
@@ -75,11 +76,14 @@ class Link:
         self.to_bridge(request)
 
     async def confirm(self) -> bool:
-        """Wait until the bridge has made all changes; tell whether any was still to be made."""
-        if self._confirmed >= self._changes:
-            return False
-        await self._own_barrier()
-        return True
+        """Wait until the bridge has made all changes; tell whether any may be unreported yet."""
+        if self.confirmed < self._changes:
+            await self._own_barrier()
+        return self._reported < self.confirmed
+
+    def reported(self, confirmed: int) -> None:
+        """Note that the flow monitor has reported so many changes."""
+        self._reported = max(self._reported, confirmed)
 
     async def accepted(self, *requests: bytes) -> bool:
         """Send requests of one xid and tell whether the bridge took them without an error."""
@@ -133,7 +137,7 @@ class Link:
         if not self._barriers:
             return False
         barrier = self._barriers.popleft()
-        self._confirmed = max(self._confirmed, barrier.changes)
+        self.confirmed = max(self.confirmed, barrier.changes)
         if barrier.passed is None:
             return False
         if not barrier.passed.done():
@@ -163,4 +167,4 @@ class Link:
         for barrier in self._barriers:
             if barrier.passed is not None and not barrier.passed.done():
                 barrier.passed.set_result(None)
-        self._confirmed = self._changes
+        self.confirmed = self._changes

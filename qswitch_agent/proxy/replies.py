@@ -56,8 +56,10 @@ class Replies:
     async def _barrier(self, message: bytes) -> bytes:
         """Hold the reply until light passes as was asked for before the barrier."""
         try:
+            confirmed = self._link.confirmed
             async with asyncio.timeout(self._hold_deadline_s):
                 await self._switch.ready()
+            self._link.reported(confirmed)
         except (NotReady, BridgeFault, HardwareFault, TimeoutError) as error:
             reason = str(error) or f"light paths were not ready in {self._hold_deadline_s} s"
             log.error("barrier refused: %s", reason)
