@@ -13,6 +13,7 @@ from qswitch_agent.hardware.optics import (
     CALL_DEADLINE_S,
     Condition,
     HardwareFault,
+    HardwareRefusal,
     OpticalHardware,
     Path,
     PortReading,
@@ -35,16 +36,21 @@ MIN_CIRCUIT, MAX_CIRCUIT = 1, (1 << 31) - 1
 class Unconfirmed(Protocol):
     """A controller's connection, whose last changes the bridge may not have made yet."""
 
+    confirmed: int  # how many it has certainly made, or refused
+
     @property
     def deletions(self) -> list[FlowMod]:
-        """Those of them that delete."""
+        """Those that the flow monitor may not have reported and that delete."""
 
     @property
     def only_deletes(self) -> bool:
-        """Whether there are no others."""
+        """Whether it has certainly reported all others."""
 
     async def confirm(self) -> bool:
-        """Wait until the bridge has made them; tell whether there were any."""
+        """Wait until the bridge has made all; tell whether any may be unreported yet."""
+
+    def reported(self, confirmed: int) -> None:
+        """Note that the flow monitor has reported so many."""
 
 
 class Switch:
@@ -99,13 +105,16 @@ class Switch:
         What controllers have asked for before is in it, whether they waited for it or not.
         """
         async with self._judging:
-            confirmed = [
-                await other.confirm()
+            waited = [
+                other
                 for other in list(self.connections)
                 if other is not connection or not other.only_deletes
             ]
-            if any(confirmed):
+            if any([await other.confirm() for other in waited]):
+                confirmed = [other.confirmed for other in waited]
                 await self.synchronise()
+                for other, changes in zip(waited, confirmed, strict=True):
+                    other.reported(changes)
             table = self.paths.table.copy()
             for mod in connection.deletions:
                 table.change(mod)
@@ -124,11 +133,17 @@ class Switch:
         return secrets.randbelow(MAX_CIRCUIT) + MIN_CIRCUIT
 
     async def read(self, since_ns: int | None = None) -> Readings:
-        """Return what the hardware counts and measures, now or at some time since then."""
+        """Return what the hardware counts and measures, now or at some time since then.
+
+        Raise HardwareFault if it does not.
+        """
         asked_ns, readings = self._newest
         if since_ns is None or asked_ns <= since_ns:
             asked_ns = time.monotonic_ns()
-            readings = await self.hardware.read()
+            try:
+                readings = await self.hardware.read()
+            except HardwareRefusal as refusal:
+                raise HardwareFault(f"the hardware refuses to be read: {refusal}") from refusal
             self._newest = asked_ns, readings
         return readings
 
@@ -231,7 +246,7 @@ class Switch:
             *channel,
             _signed(reading.tx_dbm * 10),
             _signed(reading.rx_dbm * 10),
-            round(reading.bias_ma * 10),
+            round(max(0.0, min(65535.0, reading.bias_ma * 10))),
             _signed(readings.temperature_c * 10),
         )
 
