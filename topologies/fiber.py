@@ -40,6 +40,23 @@ class FiberLink(Link):
         ends = (_end(self.intf1), _end(self.intf2))
         network.fibers.append(Fiber(*ends, length_km, loss_db_per_km, depolarizing))
 
+    @classmethod
+    def makeIntfPair(  # noqa: N802 (Mininet's name)
+        cls,
+        intfname1: str,
+        intfname2: str,
+        addr1: str | None = None,
+        addr2: str | None = None,
+        node1: Node | None = None,
+        node2: Node | None = None,
+        deleteIntfs: bool = True,  # noqa: N803
+    ) -> None:
+        """Make the veth pair, and silence IPv6 before an end is up: on a fibre is LLDP alone."""
+        super().makeIntfPair(intfname1, intfname2, addr1, addr2, node1, node2, deleteIntfs)
+        for node, name in ((node1, intfname1), (node2, intfname2)):
+            assert node is not None  # Mininet's `fast` links name them
+            node.cmd(f"sysctl -qw net.ipv6.conf.{name}.disable_ipv6=1")
+
 
 def qnic_name(host: Node) -> str:
     """Return the name of a host's next fibre interface."""
