@@ -11,6 +11,7 @@ import secrets
 import shutil
 import socket
 from dataclasses import dataclass, field
+from ipaddress import IPv4Interface, IPv4Network
 from pathlib import Path
 from typing import IO
 
@@ -21,6 +22,7 @@ from wire.service import RUNNER
 RUNTIME_ROOT = Path("/run/qmn")
 OPENFLOW_PORT = 6653
 DISPATCHER = "dispatcher"  # the program, and its socket
+CONSOLE = "console"  # the controller's socket
 
 
 @dataclass
@@ -40,6 +42,11 @@ class Runtime:
     dispatcher: str = ""  # "10.0.0.4:50051"
     programs: list[Program] = field(default_factory=list)
     tokens: dict[str, str] = field(default_factory=dict)
+    policy: str = ""  # path of the controller's policy file; empty: the shipped one
+    rest: str = ""  # where the controller serves HTTP; empty: nowhere
+    apps: list[str] = field(default_factory=list)  # further apps in the controller
+    prefix_length: int = 24  # of the hosts' network
+    device_keys: dict[str, str] = field(default_factory=dict)  # of the hosts' node agents
 
     def __post_init__(self) -> None:
         self.name = str(os.getpid())
@@ -52,6 +59,26 @@ class Runtime:
     def token(self, node: str) -> str:
         """Return the secret that names a node to the dispatcher."""
         return self.tokens.setdefault(node, secrets.token_hex(16))
+
+    def device_key(self, host: str) -> str:
+        """Return the secret that a host's node agent shares with the controller."""
+        return self.device_keys.setdefault(host, secrets.token_hex(16))
+
+    def broadcast(self) -> str:
+        """Return the broadcast address of the hosts' network."""
+        return str(self._hosts_network().broadcast_address)
+
+    def controller_address(self) -> str:
+        """Return the last address of the hosts' network that no host has."""
+        taken = set(self.addresses.values())
+        address = self._hosts_network().broadcast_address - 1
+        while str(address) in taken:
+            address -= 1
+        return str(address)
+
+    def _hosts_network(self) -> IPv4Network:
+        address = next(iter(self.addresses.values()))
+        return IPv4Interface(f"{address}/{self.prefix_length}").network
 
     def socket(self, name: str) -> str:
         """Return the path of a Unix socket (they cross network namespaces)."""

@@ -133,6 +133,8 @@ class HostConfig(Config):
     hosts: dict[str, str]  # name to address, as /etc/hosts would have it
     source: str  # name of the host that makes pairs
     seed: int
+    report_to: str = ""  # address that the node agent reports to (the subnet's broadcast)
+    device_key: str = ""  # that the node agent shares with the controller; empty: no node agent
 
 
 @dataclass(frozen=True)
@@ -159,3 +161,9 @@ class ControllerConfig(Config):
     hold_timeout_s: float = 5.0
     idle_timeout_s: int = 30
     record: str = ""  # path of a JSON-lines file for measurements; empty: none
+    policy: str = ""  # path of the policy file; empty: the shipped one, which allows the demo
+    address: str = ""  # IPv4, in the hosts' network, that its datagrams to node agents come from
+    device_keys: dict[str, str] = field(default_factory=dict)  # of each host's node agent
+    console: str = ""  # path of the unix socket of the console; empty: none
+    rest: str = ""  # "127.0.0.1:8080": serve the same there, on Ryu only; empty: not at all
+    apps: list[str] = field(default_factory=list)  # modules of further apps to load

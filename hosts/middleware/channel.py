@@ -31,7 +31,8 @@ REMEDIES = {
     "source need two fibres each, the sender one of its own, and none of them cut",
     Reason.BUSY: "another session uses these fibres; try again when it has ended",
     Reason.NOT_ALLOWED: "the controller's policy does not allow this service between these "
-    "hosts; ask who runs the network to add a rule",
+    "hosts, or not at this rate, frame size or number of sessions; ask who runs the network to "
+    "change its policy file (`qmn run --policy`)",
     Reason.LOSS_TOO_HIGH: "every free light path loses more than the controller's loss budget; "
     "raise the budget, or use shorter or better fibres",
     Reason.NO_WAVELENGTH: "no light path can be tuned to this wavelength from end to end; choose "
