@@ -7,7 +7,7 @@ No socket, no clock: `now` is in seconds of one steady clock. TCP repeats what i
 may add bytes behind it, so a request is known by its connection and sequence number.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import reduce
 from itertools import count
@@ -23,7 +23,7 @@ from controller_apps.actions import (
     OpenPaths,
     RemoveBypass,
 )
-from controller_apps.admission import admit
+from controller_apps.admission import Admission, admit
 from controller_apps.paths import Hop, Network, switches
 from controller_apps.segments import RST, FiveTuple, parse
 from controller_apps.sessions import Arrival, Request, Session, Sessions, new_request, read_setup
@@ -39,6 +39,7 @@ class Arbiter:
     hold_timeout_s: float
     idle_timeout_s: float
     sessions: Sessions = field(default_factory=Sessions)
+    forbid: Callable[[Setup, FiveTuple], Admission | None] = lambda _setup, _connection: None
     _transactions: Iterator[int] = field(default_factory=lambda: count(1))
 
     def segment_arrived(self, dpid: int, in_port: int, frame: bytes, now: float) -> list[Action]:
@@ -73,7 +74,9 @@ class Arbiter:
         request = new_request(setup, arrival, now)
         if self.sessions.full:
             return self._answer(request, Verdict.REFUSED, Reason.BUSY)
-        admission = admit(setup, request.five_tuple, self.sessions, self.network)
+        admission = self.forbid(setup, request.five_tuple) or admit(
+            setup, request.five_tuple, self.sessions, self.network
+        )
         if admission.reason != Reason.OK:
             return self._refuse(request, admission.reason, now)
         self.sessions.retired.pop(request.five_tuple, None)

@@ -7,9 +7,11 @@ Quantum switches: table 0 holds light paths and nothing else, but for LLDP.
 from collections.abc import Iterable
 from typing import Any
 
+from controller_apps.datagrams import IP_UDP
 from controller_apps.framework import ofproto, parser
 from controller_apps.paths import Hop
 from controller_apps.segments import FIN, IP_TCP, PSH, RST, FiveTuple
+from wire.device import DEVICE_PORT
 from wire.metadata import METADATA_PORT
 
 METADATA_TABLE, LEARNING_TABLE = 0, 1
@@ -79,11 +81,14 @@ def metadata_entries(datapath: Any) -> list[Any]:
             to_controller(), to_learning())
         for ends, flag in closing
     ]  # fmt: skip
+    to_agents = {"eth_type": ETH_TYPE_IPV4, "ip_proto": IP_UDP, "udp_dst": DEVICE_PORT}
     pushed = {**to_port, "tcp_flags": (PSH, PSH)}
     return [
         delete(datapath, METADATA_TABLE),
         add(datapath, METADATA_TABLE, 0, {}, to_learning()),
         add(datapath, METADATA_TABLE, METADATA_PRIORITY, pushed, to_controller()),
+        # Of the node agents: to the controller and to nobody else.
+        add(datapath, METADATA_TABLE, METADATA_PRIORITY, to_agents, to_controller()),
         *copies,
     ]
 

@@ -20,13 +20,19 @@ from controller_apps.actions import (
     OpenPaths,
     RemoveBypass,
 )
+from controller_apps.admission import Admission
 from controller_apps.arbiter import Arbiter
 from controller_apps.framework import CONFIG, DEAD, MAIN, App, Event, hub, ofp_event, ofproto, on
 from controller_apps.mac_table import MacTable
 from controller_apps.paths import Network, SwitchPort
+from controller_apps.permission import Permission
+from controller_apps.policy import DEFAULT, BadPolicy, read_policy
+from controller_apps.questions import EventQuestion, Refused, reply
 from controller_apps.record import Record
+from controller_apps.segments import FiveTuple, is_tcp
+from controller_apps.views import fibers_view, name_of, paths_view, sessions_view
 from wire.config import ControllerConfig
-from wire.metadata import MalformedPacket
+from wire.metadata import MalformedPacket, Reason, Setup
 
 TICK_S = 0.2
 
@@ -53,6 +59,11 @@ class QuantumMetadata(App):
         self.arbiter = Arbiter(
             self.network, rotations, config.hold_timeout_s, config.idle_timeout_s
         )
+        self.policy_path = config.policy
+        self.permission = Permission(
+            read_policy(config.policy), self.network, self.arbiter.sessions
+        )
+        self.arbiter.forbid = self._forbid
         self.datapaths: dict[int, Any] = {}
         self.packet_in_count = 0
         self.dropped: Counter[str] = Counter()
@@ -125,7 +136,7 @@ class QuantumMetadata(App):
         dpid, in_port, frame = message.datapath.id, message.match["in_port"], bytes(message.data)
         if dpid in self.quantum_switches:
             self._fiber_spoke(SwitchPort(dpid, in_port), frame)
-        elif message.table_id == flow_entries.METADATA_TABLE:
+        elif message.table_id == flow_entries.METADATA_TABLE and is_tcp(frame):
             self._do(self.arbiter.segment_arrived(dpid, in_port, frame, now))
 
     def _fiber_spoke(self, at: SwitchPort, frame: bytes) -> None:
@@ -189,6 +200,36 @@ class QuantumMetadata(App):
             connection = flow_entries.five_tuple_of(message.match)
             now = time.monotonic()
             self._do(self.arbiter.bypass_expired(message.datapath.id, connection, now))
+
+    @on(EventQuestion)
+    def asked(self, question: Any) -> None:
+        """Answer what another thread wants to know."""
+        handlers = {
+            "sessions": lambda: sessions_view(
+                self.arbiter.sessions, self.network, time.monotonic()
+            ),
+            "paths": lambda: paths_view(self.arbiter.sessions, self.network),
+            "fibers": lambda: fibers_view(self.network),
+            "reload": self._reload_policy,
+        }
+        reply(question, handlers)
+
+    def _forbid(self, setup: Setup, five_tuple: FiveTuple) -> Admission | None:
+        objection = self.permission.objection(setup, five_tuple)
+        if not objection:
+            return None
+        ends = [name_of(self.network, end) for end in (five_tuple.source, five_tuple.destination)]
+        self.logger.info("session %016x, %s to %s: %s", setup.session, *ends, objection)
+        self.record.write("forbidden", session=f"{setup.session:016x}", detail=objection)
+        return Admission(Reason.NOT_ALLOWED)
+
+    def _reload_policy(self) -> str:
+        try:
+            self.permission.policy = read_policy(self.policy_path)
+        except BadPolicy as error:
+            raise Refused(f"{error}; the policy before stays in force") from error
+        self.record.write("policy", path=self.policy_path)
+        return self.policy_path or str(DEFAULT)
 
     def close(self) -> None:
         """Record the end."""
