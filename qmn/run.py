@@ -12,6 +12,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from controller_apps.policy import BadPolicy, read_policy
 from qmn import result
 from qmn.run_folder import give_to_invoker, make_folder, point_latest
 from qmn.transfer import Transfer, TransferError, dispatcher_backend, transfer
@@ -61,6 +62,8 @@ def add_parser(verbs: Any) -> None:
         metavar="P",
         help="of every fibre: X, Y and Z each with probability P/4 (0)",
     )
+    add("--policy", type=Path, metavar="FILE", help="who may do what, in TOML (allow everything)")
+    add("--rest", default="", metavar="ADDRESS", help="serve what c0 knows there, over HTTP")
     add("--history-depth", type=int, default=10_000, metavar="N", help="events kept (10000)")
     add("--runs", type=Path, default=Path("runs"), metavar="DIR", help="what runs leave (runs)")
     add("--no-capture", action="store_true", help="do not capture packets")
@@ -113,6 +116,7 @@ def check_input(arguments: argparse.Namespace) -> int:
             f"{size:,} bytes: with the handshake {arguments.handshake} at most {limit:,} can be "
             "sent" + ("; use --handshake framed" if arguments.handshake == "per-pair" else "")
         )
+    check_controller(arguments)
     for name, least, most in (
         *((name, *limits) for name, limits in RANGES.items()),
         ("frame_bytes", 1, 65_536),
@@ -125,6 +129,17 @@ def check_input(arguments: argparse.Namespace) -> int:
         if not least <= value <= most:
             raise BadInput(f"--{name.replace('_', '-')} {value}: choose {least:g} to {most:g}")
     return size
+
+
+def check_controller(arguments: argparse.Namespace) -> None:
+    """Raise BadInput for a policy or an address that the controller would not take."""
+    if arguments.policy is not None:
+        try:
+            read_policy(arguments.policy)
+        except BadPolicy as error:
+            raise BadInput(str(error)) from error
+    if arguments.rest and arguments.controller != "ryu":
+        raise BadInput(f"--rest needs --controller ryu: {arguments.controller} has no HTTP server")
 
 
 def check_hosts(sender: str, receiver: str) -> None:
@@ -209,6 +224,8 @@ def run_network(
         openflow_port=arguments.openflow_port,
         history_depth=arguments.history_depth,
         log_folder=folder,
+        policy=str(arguments.policy.resolve()) if arguments.policy else "",
+        rest=arguments.rest,
     )
     topo = partial(
         SdcTopo,

@@ -10,7 +10,7 @@ from topologies import openvswitch, runtime
 from topologies.fiber import qnics
 from topologies.programs import ROOT, Program, python
 from topologies.record import RECORD
-from topologies.runtime import DISPATCHER, Runtime
+from topologies.runtime import CONSOLE, DISPATCHER, Runtime
 from wire.config import (
     DISPATCHER_PORT,
     AgentConfig,
@@ -22,6 +22,7 @@ from wire.config import (
 )
 
 READY_TIMEOUT_S = 20.0
+DEFAULT_PREFIX_LENGTH = 8  # Mininet's
 SHELL_POLL_MS = 50
 
 
@@ -75,7 +76,8 @@ class ClassicalHost(ShellWatcher, Host):
         self.network = runtime.current()
         self.program: Program | None = None
         super().__init__(name, **params)
-        self.network.addresses[name] = str(params["ip"]).split("/")[0]
+        self.network.addresses[name], _, bits = str(params["ip"]).partition("/")
+        self.network.prefix_length = int(bits or DEFAULT_PREFIX_LENGTH)
 
     def config(self, **params: object) -> dict[str, object]:
         """Configure the interfaces."""
@@ -123,6 +125,7 @@ class QuantumHost(ClassicalHost):
     def __init__(self, name: str, source: bool = False, **params: object) -> None:
         super().__init__(name, **params)
         self.network.token(name)
+        self.network.device_key(name)
         if source:
             self.network.source = name
 
@@ -140,6 +143,8 @@ class QuantumHost(ClassicalHost):
             hosts=network.addresses,
             source=network.source,
             seed=network.seed,
+            report_to=network.broadcast(),
+            device_key=network.device_key(self.name),
         )
         self.program = launch(network, self.name, "hosts", config, self)
         environment = {
@@ -249,6 +254,12 @@ class QuantumController(ShellWatcher, Controller):
                 for name, optics in network.switches.items()
             },
             record=str(network.logs / RECORD),
+            policy=network.policy,
+            address=network.controller_address(),
+            device_keys=network.device_keys,
+            console=network.socket(CONSOLE),
+            rest=network.rest,
+            apps=network.apps,
         )
         self.program = launch(network, self.name, "controller_apps", config)
         self.program.wait_for("ready", READY_TIMEOUT_S)

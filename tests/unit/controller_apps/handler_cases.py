@@ -30,6 +30,7 @@ from controller_apps.paths import HostPort
 from controller_apps.quantum_metadata import QuantumMetadata
 from controller_apps.record import Record
 from wire.config import ControllerConfig
+from wire.device import DEVICE_PORT
 from wire.metadata import (
     METADATA_PORT,
     SETUP_LENGTH,
@@ -210,6 +211,7 @@ def test_a_classical_switch_gets_its_two_tables(scene: Scene) -> None:
         (1, 0, {}, [up]),
         (0, 0, {}, [on]),
         (0, 200, {**to_port, "tcp_flags": (8, 8)}, [up]),
+        (0, 200, {"eth_type": 0x0800, "ip_proto": 17, "udp_dst": DEVICE_PORT}, [up]),
         (0, 400, {**to_port, "tcp_flags": (1, 1)}, [up, on]),
         (0, 400, {**to_port, "tcp_flags": (4, 4)}, [up, on]),
         (0, 400, {**from_port, "tcp_flags": (4, 4)}, [up, on]),
