@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from controller_apps.policy import BadPolicy
+from controller_apps.policy import BadPolicy, read_policy
 from wire.config import BadConfig, ControllerConfig
 
 APPS = ("learning_switch", "quantum_metadata", "device_monitor")
@@ -40,6 +40,7 @@ def main() -> int:
 
 def run(config: ControllerConfig) -> None:
     """Serve until SIGTERM or SIGINT."""
+    read_policy(config.policy)  # the apps read it; what is wrong is said before they start
     framework = load_framework(config.framework)
     host, port = read_address("listen", config.listen)
     check_free("listen", host, port)
@@ -110,17 +111,17 @@ def start_apps(framework: Any, config: ControllerConfig) -> Any:
         record = Record(config.record)
     except OSError as error:
         raise Fatal(f"cannot write the record {config.record!r}: {error.strerror}") from error
+    try:
+        console = Console(config.console) if config.console else None
+    except OSError as error:
+        raise Fatal(f"cannot open the console {config.console!r}: {error.strerror}") from error
     modules = [f"controller_apps.{name}" for name in APPS]
     modules += ["controller_apps.rest"] if config.rest else []
     apps = framework.start(
         modules + config.apps, config=config, mac_table=MacTable(), record=record
     )
-    if config.console:
-        facts = Facts(apps["QuantumMetadata"], apps["DeviceMonitor"])
-        try:
-            Console(config.console, facts).start()
-        except OSError as error:
-            raise Fatal(f"cannot open the console {config.console!r}: {error.strerror}") from error
+    if console is not None:
+        console.start(Facts(apps["QuantumMetadata"], apps["DeviceMonitor"]))
     return apps["QuantumMetadata"]
 
 

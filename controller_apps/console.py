@@ -27,9 +27,8 @@ log = logging.getLogger("console")
 class Console:
     """Serves one connection after the other, each with deadlines."""
 
-    def __init__(self, path: str, facts: Facts) -> None:
+    def __init__(self, path: str) -> None:
         """Open the socket; raise OSError if that cannot be."""
-        self._facts = facts
         Path(path).unlink(missing_ok=True)  # of a controller that was killed: it held our port
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         umask = os.umask(0o177)
@@ -39,30 +38,33 @@ class Console:
             os.umask(umask)
         self._listener.listen(BACKLOG)
 
-    def start(self) -> None:
+    def start(self, facts: Facts) -> None:
         """Serve from now on, beside the apps."""
-        hub.spawn(self._serve_for_ever)
+        hub.spawn(self.serve, facts)
 
-    def _serve_for_ever(self) -> None:
+    def serve(self, facts: Facts) -> None:
+        """Serve for ever."""
         with EndOnFault("console"):
             while True:
                 connection, _ = self._listener.accept()
                 with closing(connection):
-                    self._serve(connection)
+                    _serve(connection, facts)
 
-    def _serve(self, connection: socket.socket) -> None:
-        connection.settimeout(REQUEST_TIMEOUT_S)
-        try:
-            answer = self._answer(_read_line(connection))
-            connection.sendall(json.dumps(answer).encode() + b"\n")
-        except OSError as error:  # TimeoutError is one
-            log.info("a connection ended: %s", error)
 
-    def _answer(self, line: bytes) -> dict[str, Any]:
-        try:
-            return {"result": perform(self._facts, _decode(line))}
-        except Refused as refused:
-            return {"error": str(refused)}
+def _serve(connection: socket.socket, facts: Facts) -> None:
+    connection.settimeout(REQUEST_TIMEOUT_S)
+    try:
+        answer = _answer(_read_line(connection), facts)
+        connection.sendall(json.dumps(answer).encode() + b"\n")
+    except OSError as error:  # TimeoutError is one
+        log.info("a connection ended: %s", error)
+
+
+def _answer(line: bytes, facts: Facts) -> dict[str, Any]:
+    try:
+        return {"result": perform(facts, _decode(line))}
+    except Refused as refused:
+        return {"error": str(refused)}
 
 
 def _read_line(connection: socket.socket) -> bytes:

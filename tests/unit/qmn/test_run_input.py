@@ -25,6 +25,8 @@ def parse(*words: str) -> argparse.Namespace:
         (["--rate-hz", "0"], "--rate-hz 0"),
         (["--to", "ed"], "unknown host 'ed': choose one of alice, bob, charlie"),
         (["--from", "bob"], "--from and --to are both bob"),
+        (["--policy", "/nowhere.toml"], "cannot read the policy /nowhere.toml: No such file"),
+        (["--rest", "127.0.0.1:8080", "--controller", "os-ken"], "--rest needs --controller ryu"),
         (["--handshake", "per-pair", "--message", "x" * 70_000], "use --handshake framed"),
     ],
 )
