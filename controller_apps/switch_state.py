@@ -45,15 +45,19 @@ class SwitchState:
         return any(before.get(name) != value for name, value in said.items())
 
     def count_port(self, statistics: Any) -> None:
-        """Take in the counters of a port; on fibres they are photons."""
+        """Take in the counters of a port; those of a port with light count photons."""
         port = self.ports.get(statistics.port_no)
         if port is None:
             return
+        light = _light(statistics.properties)
+        what = "packets" if light is None else "photons"
         port.update(
-            photons_in=statistics.rx_packets,
-            photons_out=statistics.tx_packets,
-            photons_lost=statistics.rx_dropped,
-            light=_light(statistics.properties),
+            {
+                f"{what}_in": statistics.rx_packets,
+                f"{what}_out": statistics.tx_packets,
+                f"{what}_lost": statistics.rx_dropped,
+                "light": light,
+            }
         )
 
     def list_paths(self, entries: Iterable[Any], more: bool) -> None:

@@ -8,6 +8,13 @@ from rich.table import Table
 
 from qmn.controller_console import answered, ask, wide_console
 
+OPTICS = {
+    "frequency_mhz": "MHz",
+    "tx_power_dbm": "dBm out",
+    "rx_power_dbm": "dBm in",
+    "temperature_c": "deg C",
+}
+
 
 def add_parser(verbs: Any) -> None:
     """Describe the verb."""
@@ -37,13 +44,13 @@ def switch_table(switch: dict[str, Any]) -> Table:
     """Return the ports of a quantum switch, one a line."""
     title = f"{switch['name']}: quantum switch {switch['dpid']}, {state(switch)}"
     table = Table(title=title, title_justify="left", box=None, padding=(0, 2, 0, 0))
-    for column in ("port", "", "photons in", "out", "lost", "MHz", "dBm out", "dBm in", "to"):
+    for column in ("port", "", "photons in", "out", "lost", *OPTICS.values(), "to"):
         table.add_column(column)
     leads_to = {path["in_port"]: path["out_port"] for path in switch["paths"]}
     for port in switch["ports"]:
         counts = [figure(port.get(f"photons_{way}")) for way in ("in", "out", "lost")]
         light = port.get("light") or {}
-        optics = [figure(light.get(n)) for n in ("frequency_mhz", "tx_power_dbm", "rx_power_dbm")]
+        optics = [figure(light.get(name)) for name in OPTICS]
         out = leads_to.get(port["port"])
         up = "up" if port["up"] else "cut"
         table.add_row(f"{port['port']} {port['name']}", up, *counts, *optics, figure(out))

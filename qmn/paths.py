@@ -39,7 +39,7 @@ def show(known: dict[str, Any], as_json: bool) -> None:
     if dark:
         console.print(f"sessions without a light path now: {', '.join(sorted(dark))}")
     rows = [
-        [f"{fiber['dpid']}:{fiber['port']}", fiber["to"], "whole" if fiber["up"] else "cut"]
+        [f"{short(fiber['dpid'])}:{fiber['port']}", fiber["to"], "whole" if fiber["up"] else "cut"]
         for fiber in known["fibers"]
     ]
     console.print(table("fibres", ("switch port", "to", ""), rows))
@@ -57,6 +57,13 @@ def table(title: str, columns: tuple[str, ...], rows: list[list[str]]) -> Table:
 
 def path_row(path: dict[str, Any]) -> list[str]:
     """Return the line of one light path."""
-    hops = ", ".join(f"{hop['dpid']}:{hop['in_port']}->{hop['out_port']}" for hop in path["hops"])
+    hops = ", ".join(
+        f"{short(hop['dpid'])}:{hop['in_port']}->{hop['out_port']}" for hop in path["hops"]
+    )
     names = [path[name] for name in ("session", "from", "to", "source", "begin", "end")]
     return [*names, hops]
+
+
+def short(dpid: str) -> str:
+    """Return a datapath id as Mininet's users write it."""
+    return f"{int(dpid, 16):#x}"

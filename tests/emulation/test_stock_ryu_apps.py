@@ -88,6 +88,41 @@ def test_stock_apps_read_and_program_the_switch(http: Http, tmp_path: Path) -> N
     assert not [flow for flow in http.get(f"/stats/flow/{Q1}")[str(Q1)] if flow["priority"] == 500]
 
 
+def optical(port: dict[str, Any]) -> dict[str, Any] | None:
+    """Return the optical property of a port, None if it has none."""
+    found = [one for one in port["properties"] if one["type"] == "OPTICAL"]
+    return found[0] if found else None
+
+
+def test_stock_apps_read_and_tune_the_light(http: Http) -> None:
+    described = {port["name"]: port for port in http.get(f"/stats/portdesc/{Q1}")[str(Q1)]}
+    fibers = {f"q1-eth{number}" for number in range(2, 7)}
+    assert {name for name, port in described.items() if optical(port)} == fibers
+    range_ = optical(described["q1-eth2"])
+    assert range_ is not None
+    assert (range_["tx_min_freq_lmda"], range_["tx_max_freq_lmda"]) == (191_350_000, 196_100_000)
+    port = described["q1-eth2"]
+
+    def frequency() -> int:
+        (counters,) = http.get(f"/stats/port/{Q1}/{port['port_no']}")[str(Q1)]
+        light = optical(counters)
+        assert light is not None
+        return int(light["tx_freq_lmda"])
+
+    tuning = {
+        "type": "OPTICAL",
+        "configure": 0b1010,  # OFPOPF_TX_TUNE, OFPOPF_USE_FREQ
+        "freq_lmda": 193_500_000,
+        "fl_offset": 0,
+        "grid_span": 50_000,
+        "tx_pwr": 0,
+    }
+    order = {"dpid": Q1, "port_no": port["port_no"], "hw_addr": port["hw_addr"]}
+    assert frequency() == 193_400_000
+    assert http.post("/stats/portdesc/modify", {**order, "properties": [tuning]})[0] == 200
+    wait_until(lambda: frequency() == 193_500_000, "the port is tuned")
+
+
 def test_the_topology_app_sees_the_switch(http: Http) -> None:
     switches = {int(switch["dpid"], 16): switch for switch in http.get("/v1.0/topology/switches")}
     assert set(switches) == {1, Q1}
