@@ -222,6 +222,25 @@ def test_the_agent_answers_is_set_and_reports_changes() -> None:
     asyncio.run(scene())
 
 
+def test_the_agent_reports_losses_above_the_threshold_by_itself() -> None:
+    async def scene() -> None:
+        device = Device(Fibers())
+        session = device.sends(sending(1000))
+        async with agent(device) as peer:
+            await peer.next()
+            peer.send(Subscribe(1, 1000, 10_000, 1_000_000), time.time_ns())
+            await peer.next()
+            session.statistics.bell_pairs, session.statistics.lost_pairs = 2000, 10
+            assert await peer.silent()
+            session.statistics.lost_pairs = 11
+            async with asyncio.timeout(2.0):  # long before it would report unasked
+                alarm = await peer.next()
+            assert isinstance(alarm, DeviceReport)
+            assert (alarm.session, alarm.pairs_lost) == (0, 11)
+
+    asyncio.run(scene())
+
+
 def test_what_is_old_foreign_or_for_another_host_changes_nothing() -> None:
     async def scene() -> None:
         device = Device(Fibers())
