@@ -159,3 +159,5 @@ class ControllerConfig(Config):
     hold_timeout_s: float = 5.0
     idle_timeout_s: int = 30
     record: str = ""  # path of a JSON-lines file for measurements; empty: none
+    loss_budget_db: float = 30.0  # that one light path may lose
+    contention: str = "refuse"  # what becomes of a request for light that is taken, or "queue"

@@ -5,6 +5,7 @@ Messages are encoded by the framework and read back with its own parser where it
 """
 
 import json
+import struct
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -22,7 +23,7 @@ from scapy.contrib.lldp import (
 )
 from scapy.layers.l2 import Ether
 
-from controller_apps import discovery, framework
+from controller_apps import discovery, flow_entries, framework
 from controller_apps.framework import ProtocolDesc, ofp_event, ofproto, parser
 from controller_apps.learning_switch import LearningSwitch
 from controller_apps.mac_table import MacTable
@@ -39,6 +40,9 @@ from wire.metadata import (
     Verdict,
     decode,
 )
+from wire.optical import ANY_PORT, EXPERIMENTER, PATH_OPTICS, PathOptics, encode_path_optics
+
+EXPERIMENTER_TYPE = 0xFFFF  # OFPMP_EXPERIMENTER
 
 
 class Datapath(ProtocolDesc):  # type: ignore[misc]
@@ -85,6 +89,10 @@ class Datapath(ProtocolDesc):  # type: ignore[misc]
             return SimpleNamespace(kind=kind, xid=xid, inner=inner)
         if kind == ofproto.OFPT_PACKET_OUT:
             return packet_out(data, xid)
+        if kind == ofproto.OFPT_MULTIPART_REQUEST:
+            return SimpleNamespace(kind=kind, xid=xid, multipart=int.from_bytes(data[8:10], "big"))
+        if kind == ofproto.OFPT_PORT_MOD:
+            return SimpleNamespace(kind=kind, xid=xid, data=data)
         if kind not in decoders:
             return SimpleNamespace(kind=kind, xid=xid)
         message = decoders[kind].parser(self, data[0], kind, len(data), xid, bytearray(data))
@@ -117,7 +125,7 @@ class Scene:
     def __init__(self, folder: Path) -> None:
         self.record_path = folder / "record.jsonl"
         config = ControllerConfig(
-            "127.0.0.1:6653", framework.NAME, [Q1], {"2": 2}, HOLD_S, 30, str(self.record_path)
+            "127.0.0.1:6653", framework.NAME, [Q1], {}, HOLD_S, 30, str(self.record_path)
         )
         mac_table, record = MacTable(), Record(str(self.record_path))
         self.learning = LearningSwitch(config, mac_table, record=record)
@@ -125,11 +133,23 @@ class Scene:
         self.s1, self.q1 = Datapath(S1), Datapath(Q1)
         self.connect(self.s1)
         self.connect(self.q1)
+        self.tell_optics(self.q1, PathOptics(ANY_PORT, ANY_PORT, 500, 2))
 
     def connect(self, datapath: Datapath, state: str = framework.MAIN) -> None:
         event = SimpleNamespace(datapath=datapath, state=state)
         self.learning.switch_changed(event)
         self.quantum.switch_changed(event)
+
+    def tell_optics(self, datapath: Datapath, *paths: PathOptics) -> None:
+        """Answer the last question about optics, as the framework decodes it."""
+        asked = [m for m in datapath.sent if getattr(m, "multipart", None) == EXPERIMENTER_TYPE]
+        body = EXPERIMENTER.to_bytes(4, "big") + PATH_OPTICS.to_bytes(4, "big")
+        body += encode_path_optics(paths)
+        data = EXPERIMENTER_TYPE.to_bytes(2, "big") + bytes(6) + body
+        header = (5, ofproto.OFPT_MULTIPART_REPLY, 8 + len(data), asked[-1].xid)
+        raw = struct.pack("!BBHI", *header) + data
+        reply = parser.OFPMultipartReply.parser(datapath, *header, bytearray(raw))
+        self.quantum.optics_told(SimpleNamespace(msg=reply))
 
     def packet_in(self, datapath: Datapath, port: int, data: bytes, table: int = 0) -> None:
         message = parser.OFPPacketIn(
@@ -226,10 +246,11 @@ def test_a_classical_switch_gets_its_two_tables(scene: Scene) -> None:
 
 
 def test_a_quantum_switch_is_dark_but_for_lldp(scene: Scene) -> None:
-    entry, ask = scene.q1.take()
+    entry, *questions = scene.q1.take()
     assert dict(entry.match.items()) == {"eth_type": 0x88CC}
     assert instructions(entry) == [("output", ofproto.OFPP_CONTROLLER)]
-    assert ask.kind == ofproto.OFPT_MULTIPART_REQUEST
+    asked = [question.multipart for question in questions]
+    assert asked == [ofproto.OFPMP_FLOW, ofproto.OFPMP_EXPERIMENTER, ofproto.OFPMP_PORT_STATS]
 
 
 def test_lldp_tells_where_hosts_are(ready: Scene) -> None:
@@ -240,10 +261,12 @@ def test_lldp_tells_where_hosts_are(ready: Scene) -> None:
 
 def test_fibres_are_cut_and_mended_as_their_ports_go_down_and_up(ready: Scene) -> None:
     def port(number: int, config: int = 0, state: int = 0) -> Any:
-        return SimpleNamespace(port_no=number, config=config, state=state)
+        return SimpleNamespace(
+            port_no=number, config=config, state=state, properties=[], hw_addr=MACS[ALICE]
+        )
 
     def status(desc: Any, datapath: Datapath = ready.q1) -> None:
-        message = SimpleNamespace(datapath=datapath, desc=desc)
+        message = SimpleNamespace(datapath=datapath, desc=desc, reason=ofproto.OFPPR_MODIFY)
         ready.quantum.port_changed(SimpleNamespace(msg=message))
 
     cut = ready.quantum.network.cut
@@ -273,7 +296,7 @@ def test_malformed_lldp_is_counted_and_changes_nothing(scene: Scene) -> None:
     odd_name = announcement(replace(FIBERS[1], host="al\x07ice"))
     mac_address = announcement(FIBERS[1], subtype=6)
     end = good.index(b"\x0c\x05") + 15  # of the last TLV; the rest is padding
-    assert discovery.parse(good[:end]).host_port == FIBERS[1]
+    assert discovery.parse(good[:end]) == discovery.Announcement(FIBERS[1], leaving=False)
     rubbish = [good[:length] for length in range(14, end)]
     rubbish += [no_address, odd_name, mac_address, good[:14] + b"\xff" * 40]
     for data in rubbish:
@@ -429,18 +452,27 @@ def test_the_deadline_of_the_hold(ready: Scene, monkeypatch: pytest.MonkeyPatch)
     ready.packet_in(ready.s1, 1, frame(FRAMED.encode()))
     ready.q1.take()
     ready.quantum.time_passed(None)
-    assert ready.q1.take() == ready.s1.take() == []
+    assert flow_mods(ready.q1.take()) == ready.s1.take() == []
     shift_clock(monkeypatch, HOLD_S)
     ready.quantum.time_passed(None)
     (sent,) = ready.s1.take()
     answer = decode(payload_of(sent.frame))
     assert isinstance(answer, Setup)
     assert answer.reason == Reason.SWITCH_TIMEOUT
-    assert [message.command for message in ready.q1.take()] == [ofproto.OFPFC_DELETE]
+    dark = [message.command for message in flow_mods(ready.q1.take())]
+    assert dark == [ofproto.OFPFC_DELETE]
 
 
 def stats(scene: Scene, *cookies: int) -> None:
-    body = [SimpleNamespace(cookie=cookie, priority=100 if cookie else 65000) for cookie in cookies]
+    body = [
+        SimpleNamespace(
+            cookie=cookie,
+            priority=100 if cookie else 65000,
+            match=parser.OFPMatch(in_port=4),
+            instructions=[flow_entries.output(1)],
+        )
+        for cookie in cookies
+    ]
     reply = SimpleNamespace(datapath=scene.q1, body=body)
     scene.quantum.flows_listed(SimpleNamespace(msg=reply))
 
@@ -469,6 +501,7 @@ def test_a_second_connection_of_a_switch_replaces_the_first(ready: Scene) -> Non
     grant(ready)
     again = Datapath(Q1)
     ready.connect(again)
+    ready.tell_optics(again)
     assert ready.recorded()[-2]["detail"] == "switch gone"
     ready.connect(ready.q1, framework.DEAD)  # noticed only now
     assert ready.quantum.datapaths[Q1] is again
