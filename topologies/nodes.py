@@ -118,11 +118,17 @@ class DispatcherHost(ClassicalHost):
 
 
 class QuantumHost(ClassicalHost):
-    """A host with a QNIC: runs the three-layer stack. `source=True` makes pairs."""
+    """A host with a QNIC: runs the three-layer stack.
 
-    def __init__(self, name: str, source: bool = False, **params: object) -> None:
+    `source=True` makes pairs, for all hosts that do not name another by `pairs_from`.
+    """
+
+    def __init__(
+        self, name: str, source: bool = False, pairs_from: str = "", **params: object
+    ) -> None:
         super().__init__(name, **params)
         self.network.token(name)
+        self.pairs_from = pairs_from
         if source:
             self.network.source = name
 
@@ -138,7 +144,7 @@ class QuantumHost(ClassicalHost):
             token=network.token(self.name),
             socket=network.socket(self.name),
             hosts=network.addresses,
-            source=network.source,
+            source=self.pairs_from or network.source,
             seed=network.seed,
         )
         self.program = launch(network, self.name, "hosts", config, self)
@@ -249,6 +255,8 @@ class QuantumController(ShellWatcher, Controller):
                 for name, optics in network.switches.items()
             },
             record=str(network.logs / RECORD),
+            loss_budget_db=network.loss_budget_db,
+            contention=network.contention,
         )
         self.program = launch(network, self.name, "controller_apps", config)
         self.program.wait_for("ready", READY_TIMEOUT_S)
