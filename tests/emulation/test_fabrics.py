@@ -1,0 +1,76 @@
+"""Light over several quantum switches: found, set up whole, moved when a fibre is cut."""
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import pytest
+from conftest import wait_until
+from fabric_scene import Session, facts, light_paths, running, session, switches_on_the_way
+from mininet.topo import Topo
+
+from hosts.software import QuantumSocketError
+from topologies.chain import ChainTopo
+from topologies.leaf_spine import LeafSpineTopo
+from topologies.ring import RingTopo
+from topologies.sdc import SdcTopo
+from wire.metadata import Reason
+
+DATA = bytes(range(256)) * 64
+
+
+@pytest.mark.parametrize("framework", ["ryu", "os-ken"])
+@pytest.mark.parametrize(
+    ("topo", "links", "way"),
+    [
+        (partial(ChainTopo, switches=3), 4, ["q1", "q2", "q3", "bob"]),
+        (partial(RingTopo, switches=4), 8, ["q1", "q2", "q3", "bob"]),
+        (partial(LeafSpineTopo, leaves=3, spines=2), 6, ["q1", "q4", "q3", "bob"]),
+    ],
+)
+def test_bytes_cross_several_switches(
+    tmp_path: Path, topo: Callable[[], Topo], links: int, way: list[str], framework: str
+) -> None:
+    with running(topo, tmp_path, framework=framework) as network:
+        assert len(facts(network, "link")) == links
+        with session(network, "alice", "bob") as opened:
+            # The set-up is answered: every switch on the way is ready.
+            assert switches_on_the_way(network, "alice-q0") == way
+            assert switches_on_the_way(network, "charlie-q0")[-1] == "alice"
+            assert switches_on_the_way(network, "charlie-q1")[-1] == "bob"
+            assert opened.carry(DATA) == DATA
+        wait_until(lambda: not any(map(light_paths, way[:-1])), "the paths are closed")
+
+
+@pytest.mark.parametrize("framework", ["ryu", "os-ken"])
+def test_a_session_goes_the_other_way_round_when_its_fibre_is_cut(
+    tmp_path: Path, framework: str
+) -> None:
+    data = DATA * 64
+    with (
+        running(RingTopo, tmp_path, framework=framework) as network,
+        session(network, "alice", "bob") as opened,
+    ):
+        before = switches_on_the_way(network, "alice-q0")
+        opened.start(data)
+        log = network.runtime.logs / "quantum.log"
+        wait_until(lambda: " bell-measure " in log.read_text(), "light has arrived")
+        network.net.configLinkStatus(before[0], before[1], "down")  # both fibres
+        wait_until(lambda: facts(network, "moved"), "the session is moved")
+        assert opened.finish(len(data)) == data
+        after = switches_on_the_way(network, "alice-q0")
+        assert (before, after) == (["q1", "q2", "q3", "bob"], ["q1", "q4", "q3", "bob"])
+        assert facts(network, "stranded") == []
+
+
+def test_a_second_session_is_refused_what_the_first_has(tmp_path: Path) -> None:
+    with (
+        running(SdcTopo, tmp_path) as network,
+        session(network, "alice", "bob") as first,
+    ):
+        second = Session(network, "alice", "bob", port=8)
+        with pytest.raises(QuantumSocketError, match="another session uses") as caught:
+            second.open()
+        second.close()
+        assert caught.value.reason == Reason.BUSY
+        assert first.carry(DATA) == DATA
