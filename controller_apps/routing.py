@@ -55,9 +55,9 @@ class _Reached(NamedTuple):
 
     loss_mdb: int
     length: int
+    hops: tuple[Hop, ...]
     at: SwitchPort
     rotation: int
-    hops: tuple[Hop, ...]
 
 
 def rotation_of(paths: Iterable[LightPath]) -> int:
@@ -72,7 +72,7 @@ def cheapest_path(network: Network, leg: Leg, limits: Limits) -> LightPath | Non
     """
     if not _can_begin(network, leg, limits):
         return None
-    queue = [_Reached(network.optics.fiber_loss_mdb(leg.start, None), 0, leg.start, 0, ())]
+    queue = [_Reached(network.optics.fiber_loss_mdb(leg.start, None), 0, (), leg.start, 0)]
     settled: set[tuple[SwitchPort, int]] = set()
     while queue:
         reached = heappop(queue)
@@ -133,9 +133,9 @@ def _further(
         yield _Reached(
             reached.loss_mdb + loss_mdb,
             reached.length + 1,
+            (*reached.hops, Hop(dpid, reached.at.port, near.port)),
             far or near,
             reached.rotation ^ path.rotation,
-            (*reached.hops, Hop(dpid, reached.at.port, near.port)),
         )
 
 
