@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Self
 
 DISPATCHER_PORT = 50051
+CONTENTION = ("refuse", "queue")
 
 
 class BadConfig(ValueError):
@@ -160,4 +161,10 @@ class ControllerConfig(Config):
     idle_timeout_s: int = 30
     record: str = ""  # path of a JSON-lines file for measurements; empty: none
     loss_budget_db: float = 30.0  # that one light path may lose
-    contention: str = "refuse"  # what becomes of a request for light that is taken, or "queue"
+    contention: str = "refuse"  # or "queue": what becomes of a request for light that is taken
+
+    def __post_init__(self) -> None:
+        if self.contention not in CONTENTION:
+            raise ValueError(
+                f"contention {self.contention!r}: choose one of {', '.join(CONTENTION)}"
+            )

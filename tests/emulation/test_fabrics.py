@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import ClassVar
 
 import pytest
 from conftest import wait_until
@@ -17,6 +18,24 @@ from topologies.sdc import SdcTopo
 from wire.metadata import Reason
 
 DATA = bytes(range(256)) * 64
+
+
+class TurningRingTopo(RingTopo):
+    """A ring whose switches turn light, what they do to pairs being alike both ways round."""
+
+    ROTATIONS: ClassVar = {"q1": 1, "q2": 2, "q3": 2, "q4": 2}
+
+    def build(self, switches: int = 4, fibers: int = 2, **fiber: float) -> None:
+        """Lay the ring."""
+        super().build(switches, fibers, **fiber)
+        for name, rotation in self.ROTATIONS.items():
+            self.setNodeInfo(name, {**self.nodeInfo(name), "rotation": rotation})
+
+
+class UnevenRingTopo(TurningRingTopo):
+    """One whose ways differ."""
+
+    ROTATIONS: ClassVar = {"q1": 1, "q2": 2, "q3": 2, "q4": 3}
 
 
 @pytest.mark.parametrize("framework", ["ryu", "os-ken"])
@@ -48,7 +67,7 @@ def test_a_session_goes_the_other_way_round_when_its_fibre_is_cut(
 ) -> None:
     data = DATA * 64
     with (
-        running(RingTopo, tmp_path, framework=framework) as network,
+        running(TurningRingTopo, tmp_path, framework=framework) as network,
         session(network, "alice", "bob") as opened,
     ):
         before = switches_on_the_way(network, "alice-q0")
@@ -61,6 +80,22 @@ def test_a_session_goes_the_other_way_round_when_its_fibre_is_cut(
         after = switches_on_the_way(network, "alice-q0")
         assert (before, after) == (["q1", "q2", "q3", "bob"], ["q1", "q4", "q3", "bob"])
         assert facts(network, "stranded") == []
+
+
+def test_light_is_not_moved_to_where_it_is_turned_differently(tmp_path: Path) -> None:
+    data = DATA * 16
+    with (
+        running(UnevenRingTopo, tmp_path) as network,
+        session(network, "alice", "bob") as opened,
+    ):
+        way = switches_on_the_way(network, "alice-q0")
+        opened.start(data)
+        network.net.configLinkStatus(way[0], way[1], "down")
+        wait_until(lambda: facts(network, "stranded"), "there is no other way")
+        assert switches_on_the_way(network, "alice-q0") == way
+        network.net.configLinkStatus(way[0], way[1], "up")
+        assert opened.finish(len(data)) == data
+        assert switches_on_the_way(network, "alice-q0") == way
 
 
 def test_a_second_session_is_refused_what_the_first_has(tmp_path: Path) -> None:
