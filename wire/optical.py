@@ -24,6 +24,7 @@ TUNABLE = RX_TUNE | TX_TUNE | TX_PWR | USE_FREQ
 LIGHT_M_PER_S = 299_792_458
 CHANNEL_MHZ = 12_500  # finest grid of ITU-T G.694.1
 DEFAULT_FREQUENCY_MHZ = 193_400_000  # 1550.12 nm
+WAVELENGTHS_PM = (100_000, 10_000_000)  # ultraviolet to infrared
 
 
 @dataclass(frozen=True)
@@ -133,8 +134,9 @@ def decode_path_optics(body: bytes) -> list[PathOptics]:
 def frequency_mhz(wavelength_pm: int) -> int:
     """Return the channel of ITU-T G.694.1 that a wavelength in picometres is in.
 
-    Raise ValueError for a wavelength that is not positive.
+    Raise ValueError for a wavelength that is none of light.
     """
-    if wavelength_pm <= 0:
-        raise ValueError(f"wavelength {wavelength_pm} pm is not positive")
+    least, most = WAVELENGTHS_PM
+    if not least <= wavelength_pm <= most:
+        raise ValueError(f"wavelength {wavelength_pm} pm is not {least} to {most} pm")
     return round(LIGHT_M_PER_S * 1e6 / wavelength_pm / CHANNEL_MHZ) * CHANNEL_MHZ

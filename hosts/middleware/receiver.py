@@ -11,6 +11,7 @@ from hosts.middleware.channel import MetadataChannel, SessionError
 from hosts.middleware.encoding import from_bell_states
 from hosts.middleware.framing import FramingError, Inbox
 from wire.metadata import Answer, Block, Finish, Handshake, Reason, Report, Setup
+from wire.optical import frequency_mhz
 
 ARRIVAL_TIMEOUT_S = 0.1  # the sender speaks of a block only when its light has arrived
 SETTLE_TIMEOUT_S = 30.0
@@ -32,12 +33,21 @@ def check_offer(setup: Setup) -> None:
     for name, value in wanted.items():
         if value:
             raise SessionError(Reason.UNSUPPORTED, f"{name} {value}: only 0 is offered yet")
+    check_wavelength(setup)
     if setup.frame_bytes > MAX_FRAME_BYTES or setup.pairs > MAX_BLOCK_PAIRS:
         raise SessionError(
             Reason.UNSUPPORTED,
             f"frames of {setup.frame_bytes} bytes in blocks of {setup.pairs} pairs; at most "
             f"{MAX_FRAME_BYTES} and {MAX_BLOCK_PAIRS}",
         )
+
+
+def check_wavelength(setup: Setup) -> None:
+    """Raise SessionError for a wavelength that is none of light."""
+    try:
+        frequency_mhz(setup.wavelength_pm)
+    except ValueError as error:
+        raise SessionError(Reason.UNSUPPORTED, str(error)) from error
 
 
 class ReceivingSession:

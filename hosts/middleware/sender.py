@@ -151,10 +151,10 @@ class SendingSession:
     async def _light(self, number: int, paulis: Symbols) -> int:
         """Have pairs made, modulate this host's halves and send them on."""
         half = BlockName(self._setup.session, number, 0)
-        rate_hz = self._setup.rate_hz
+        rate_hz, wavelength_pm = self._setup.rate_hz, self._setup.wavelength_pm
         port = self._qnic.ports[0]
         light = asyncio.create_task(
-            self._qnic.modulate(half, paulis, port, rate_hz, LIGHT_TIMEOUT_S)
+            self._qnic.modulate(half, paulis, port, rate_hz, wavelength_pm, LIGHT_TIMEOUT_S)
         )
         try:
             async with self._source_turn:  # its answers carry no number

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from enum import Enum
 from typing import NamedTuple, Protocol
 
 CALL_DEADLINE_S = 4.0
@@ -75,13 +76,25 @@ class CircuitReading:
     last_ns: int  # when the last photon passed; since_ns if none has
 
 
+class Quantity(Enum):
+    """What a switch may lack the means to count or measure."""
+
+    PHOTONS = "photons"  # of ports and circuits: light may pass all the same
+    FREQUENCY = "frequency"
+    TX_POWER = "tx power"
+    RX_POWER = "rx power"
+    BIAS = "bias current"
+    TEMPERATURE = "temperature"
+
+
 @dataclass(frozen=True)
 class Readings:
-    """All of them at one moment."""
+    """All of them at one moment; what is not measured is 0 and says nothing."""
 
     ports: Mapping[int, PortReading] = field(default_factory=dict)  # by OpenFlow port number
     circuits: Mapping[int, CircuitReading] = field(default_factory=dict)  # by name
     temperature_c: float = 0.0
+    not_measured: frozenset[Quantity] = frozenset()
 
 
 class OpticalHardware(Protocol):

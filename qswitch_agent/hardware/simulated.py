@@ -2,18 +2,25 @@
 
 import asyncio
 import time
-from collections.abc import Iterable
+from collections.abc import Awaitable, Callable, Iterable
+from typing import TypeVar
 
 import grpc
 
 from qswitch_agent.hardware.optics import (
     CALL_DEADLINE_S,
+    CircuitReading,
+    Condition,
     CrossConnect,
     HardwareFault,
     HardwareRefusal,
+    Path,
+    PortReading,
+    Readings,
+    Tuning,
 )
+from wire import dispatcher_pb2 as messages
 from wire import service
-from wire.dispatcher_pb2 import Connection, CrossConnectReply, CrossConnectRequest
 
 REFUSALS = (
     grpc.StatusCode.INVALID_ARGUMENT,
@@ -21,6 +28,8 @@ REFUSALS = (
     grpc.StatusCode.FAILED_PRECONDITION,
     grpc.StatusCode.RESOURCE_EXHAUSTED,
 )
+
+Reply = TypeVar("Reply")
 
 
 class SimulatedSwitch:
@@ -31,43 +40,78 @@ class SimulatedSwitch:
         self._switch = switch
         self._socket = socket
         self._metadata = service.metadata(token)
-        # An idle channel must stay connected: its end tells that the dispatcher is gone.
-        options = [*service.CHANNEL_OPTIONS, ("grpc.client_idle_timeout_ms", 2**31 - 1)]
-        self._channel = grpc.aio.insecure_channel(f"unix:{socket}", options=options)
+        self._channel = grpc.aio.insecure_channel(f"unix:{socket}", service.CHANNEL_OPTIONS)
         self._cross_connect = self._channel.unary_unary(
             "/qmn.Dispatcher/CrossConnect",
-            request_serializer=CrossConnectRequest.SerializeToString,
-            response_deserializer=CrossConnectReply.FromString,
+            request_serializer=messages.CrossConnectRequest.SerializeToString,
+            response_deserializer=messages.CrossConnectReply.FromString,
+        )
+        self._tune_port = self._channel.unary_unary(
+            "/qmn.Dispatcher/TunePort",
+            request_serializer=messages.TunePortRequest.SerializeToString,
+            response_deserializer=messages.TunePortReply.FromString,
+        )
+        self._statistics = self._channel.unary_unary(
+            "/qmn.Dispatcher/SwitchStatistics",
+            request_serializer=messages.SwitchStatisticsRequest.SerializeToString,
+            response_deserializer=messages.SwitchStatisticsReply.FromString,
+        )
+        self._watch = self._channel.unary_stream(
+            "/qmn.Dispatcher/WatchSwitch",
+            request_serializer=messages.WatchSwitchRequest.SerializeToString,
+            response_deserializer=messages.SwitchCondition.FromString,
         )
 
     async def set_cross_connects(self, cross_connects: Iterable[CrossConnect]) -> None:
         """Tell the dispatcher, and wait until the switching time has passed."""
-        request = CrossConnectRequest(switch=self._switch)
+        request = messages.CrossConnectRequest(switch=self._switch)
         for path in sorted(cross_connects):
-            request.connections.append(Connection(in_port=path.in_port, out_port=path.out_port))
-        try:
-            reply = await self._cross_connect(
-                request, timeout=CALL_DEADLINE_S, metadata=self._metadata
+            request.connections.add(
+                in_port=path.in_port, out_port=path.out_port, circuit=path.circuit
             )
-        except grpc.aio.AioRpcError as error:
-            raise self._meaning(error) from error
-        remaining_s = (reply.ready_ns - time.time_ns()) / 1e9
-        if remaining_s > CALL_DEADLINE_S:
-            raise HardwareFault(
-                f"dispatcher at {self._socket} says that {self._switch} needs {remaining_s:.1f} s "
-                f"to switch; lower its switching time to {CALL_DEADLINE_S} s at most"
-            )
-        if remaining_s > 0:
-            await asyncio.sleep(remaining_s)
+        reply = await self._answer(
+            self._cross_connect(request, timeout=CALL_DEADLINE_S, metadata=self._metadata)
+        )
+        await self._wait_until(reply.ready_ns)
 
-    async def watch(self) -> None:
-        """Raise HardwareFault when the connection to the dispatcher, once made, is lost."""
-        ready = grpc.ChannelConnectivity.READY
-        state = self._channel.get_state(try_to_connect=True)
-        while state is not ready:
-            await self._channel.wait_for_state_change(state)
-            state = self._channel.get_state()
-        await self._channel.wait_for_state_change(ready)
+    async def tune(self, port: int, frequency_mhz: int | None, power_dbm: float | None) -> None:
+        """Tune a port's filter and its attenuator; None leaves a value as it is."""
+        request = messages.TunePortRequest(switch=self._switch, port=port, power_dbm=power_dbm)
+        if frequency_mhz is not None:
+            if frequency_mhz == 0:
+                raise HardwareRefusal(f"port {port} cannot be tuned to 0 MHz")
+            request.frequency_mhz = frequency_mhz
+        reply = await self._answer(
+            self._tune_port(request, timeout=CALL_DEADLINE_S, metadata=self._metadata)
+        )
+        await self._wait_until(reply.ready_ns)
+
+    async def read(self) -> Readings:
+        """Return what the dispatcher has counted."""
+        request = messages.SwitchStatisticsRequest(switch=self._switch)
+        reply = await self._answer(
+            self._statistics(request, timeout=CALL_DEADLINE_S, metadata=self._metadata)
+        )
+        return _readings(reply)
+
+    async def watch(self, on_condition: Callable[[Condition], None]) -> None:
+        """Report the condition at once and after each change; raise HardwareFault at the end.
+
+        The stream's end tells at once that the dispatcher is gone.
+        """
+        request = messages.WatchSwitchRequest(switch=self._switch)
+        call = self._watch(request, metadata=self._metadata)
+        heard = False
+        try:
+            async for condition in call:
+                heard = True
+                on_condition(_condition(condition))
+        except grpc.aio.AioRpcError as error:
+            if not heard:
+                meaning = self._meaning(error)
+                raise HardwareFault(str(meaning)) from error
+        finally:
+            call.cancel()
         raise HardwareFault(
             f"dispatcher at {self._socket} does not answer; its connection ended and its "
             "quantum state is lost: start the network again"
@@ -76,6 +120,22 @@ class SimulatedSwitch:
     async def close(self) -> None:
         """Close the channel."""
         await self._channel.close(None)
+
+    async def _answer(self, call: Awaitable[Reply]) -> Reply:
+        try:
+            return await call
+        except grpc.aio.AioRpcError as error:
+            raise self._meaning(error) from error
+
+    async def _wait_until(self, ready_ns: int) -> None:
+        remaining_s = (ready_ns - time.time_ns()) / 1e9
+        if remaining_s > CALL_DEADLINE_S:
+            raise HardwareFault(
+                f"dispatcher at {self._socket} says that {self._switch} needs {remaining_s:.1f} s "
+                f"to switch; lower its switching time to {CALL_DEADLINE_S} s at most"
+            )
+        if remaining_s > 0:
+            await asyncio.sleep(remaining_s)
 
     def _meaning(self, error: grpc.aio.AioRpcError) -> Exception:
         cause = f"{error.code().name}: {error.details()}"
@@ -89,3 +149,44 @@ class SimulatedSwitch:
             f"dispatcher at {self._socket} does not answer; start it before the agents, "
             f"and the network again if it ended ({cause})"
         )
+
+
+def _readings(reply: messages.SwitchStatisticsReply) -> Readings:
+    return Readings(
+        ports={
+            port.port: PortReading(
+                photons_in=port.photons_in,
+                photons_out=port.photons_out,
+                photons_lost=port.photons_lost,
+                frequency_mhz=port.frequency_mhz,
+                tx_dbm=port.power_dbm,
+                rx_dbm=port.rx_power_dbm,
+                bias_ma=port.bias_ma,
+            )
+            for port in reply.ports
+        },
+        circuits={
+            circuit.circuit: CircuitReading(circuit.photons, circuit.since_ns, circuit.last_ns)
+            for circuit in reply.circuits
+        },
+        temperature_c=reply.temperature_c,
+    )
+
+
+def _condition(condition: messages.SwitchCondition) -> Condition:
+    return Condition(
+        tuning=Tuning(
+            min_mhz=condition.min_frequency_mhz,
+            max_mhz=condition.max_frequency_mhz,
+            grid_mhz=condition.grid_mhz,
+            min_dbm=condition.min_power_dbm,
+            max_dbm=condition.max_power_dbm,
+        ),
+        others=Path(condition.loss_db, condition.rotation),
+        paths={
+            (path.in_port, path.out_port): Path(path.loss_db, path.rotation)
+            for path in condition.paths
+        },
+        stuck=frozenset((one.in_port, one.out_port) for one in condition.stuck),
+        hot=condition.hot,
+    )
