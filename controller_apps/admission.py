@@ -74,9 +74,10 @@ def find_light(
     legs = superdense_coding(*ends)
     if legs is None:
         return Admission(Reason.NO_PATH)
-    if setup.wavelength_pm == 0:
+    try:
+        limits = limits_of(setup, sessions, budget_mdb)
+    except ValueError:  # a wavelength that is none of light
         return Admission(Reason.NO_WAVELENGTH)
-    limits = limits_of(setup, sessions, budget_mdb)
     if setup.handshake == Handshake.PER_PAIR:  # light comes with each pair
         limits = replace(limits, blocked=Limits().blocked)
     paths = route(network, legs, limits)
@@ -87,7 +88,10 @@ def find_light(
 
 
 def limits_of(setup: Setup, sessions: Sessions, budget_mdb: int) -> Limits:
-    """Return what the light paths of a session must keep to."""
+    """Return what the light paths of a session must keep to.
+
+    Raise ValueError for a wavelength that is none of light.
+    """
     frequency = frequency_mhz(setup.wavelength_pm)
     return Limits(lambda way: sessions.blocks(way, setup.session, frequency), frequency, budget_mdb)
 

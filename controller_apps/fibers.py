@@ -16,7 +16,7 @@ from controller_apps.optics import SwitchOptics, SwitchPort
 from controller_apps.paths import Network
 from controller_apps.record import Record
 from wire.metadata import MalformedPacket
-from wire.optical import ANY_PORT, EXPERIMENTER, PATH_OPTICS, PathOptics, decode_path_optics
+from wire.optical import EXPERIMENTER, PATH_OPTICS, PathOptics, decode_path_optics
 
 POLL_S = 5.0  # between two questions for the statistics of ports
 
@@ -24,12 +24,8 @@ POLL_S = 5.0  # between two questions for the statistics of ports
 class Fibers:
     """Fibres and optics of the switches that are connected."""
 
-    def __init__(
-        self, network: Network, record: Record, logger: Logger, rotations: dict[int, int]
-    ) -> None:
-        """Begin with no switch; rotations are those of switches that cannot tell theirs."""
+    def __init__(self, network: Network, record: Record, logger: Logger) -> None:
         self.network = network
-        self._rotations = rotations
         self._links = Links(network)
         self._record, self._logger = record, logger
         self._key = secrets.token_bytes(32)  # of the seals on our LLDP
@@ -81,8 +77,8 @@ class Fibers:
 
     def _is_fiber(self, datapath: Any, port: Any) -> bool:
         """Tell whether a port is optical; where no port says so, any may be."""
-        optical = optical_messages.port_optics
-        return optical(port) is not None or not any(map(optical, list(datapath.ports.values())))
+        is_fiber = optical_messages.is_fiber
+        return is_fiber(port) or not any(map(is_fiber, list(datapath.ports.values())))
 
     def _ask(self, datapath: Any) -> None:
         question = optical_messages.ask_paths(datapath)
@@ -111,8 +107,7 @@ class Fibers:
         """Tell whether an error is the answer of a switch that cannot tell its optics."""
         if xid != self._asked.get(dpid):
             return False
-        others = PathOptics(ANY_PORT, ANY_PORT, 0, self._rotations.get(dpid, 0))
-        self.network.optics.switches[dpid] = SwitchOptics(others)
+        self.network.optics.switches[dpid] = SwitchOptics()
         return True
 
     def measured(self, message: Any) -> None:
@@ -121,7 +116,8 @@ class Fibers:
             light = optical_messages.port_light(statistics)
             if light is not None:
                 at = SwitchPort(message.datapath.id, statistics.port_no)
-                self.network.optics.measured(at, light)
+                if self.network.optics.measured(at, light):
+                    self._record.write("tuned", dpid=at.dpid, at=at.port, mhz=light.tx_mhz)
 
     def spoke(self, at: SwitchPort, frame: bytes, now: float) -> bool:
         """Take LLDP that came in at a port; tell whether a fibre between switches is new.

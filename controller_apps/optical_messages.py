@@ -43,6 +43,11 @@ def is_up(port: Any) -> bool:
     return not (port.config & ofproto.OFPPC_PORT_DOWN or port.state & ofproto.OFPPS_LINK_DOWN)
 
 
+def is_fiber(port: Any) -> bool:
+    """Tell whether a port describes itself as optical."""
+    return any(isinstance(found, parser.OFPPortDescPropOptical) for found in port.properties)
+
+
 def port_optics(port: Any) -> PortOptics | None:
     """Return how far a port can be tuned, None if it does not say so in frequencies."""
     for found in port.properties:

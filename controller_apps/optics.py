@@ -60,10 +60,12 @@ class Optics:
         """Return what a path through a switch does to light, None if it cannot be had."""
         return self.switches.get(dpid, SwitchOptics()).path(in_port, out_port)
 
-    def measured(self, at: SwitchPort, light: PortLight) -> None:
-        """Take the statistics of a port."""
+    def measured(self, at: SwitchPort, light: PortLight) -> bool:
+        """Take the statistics of a port; tell whether it is tuned differently than was known."""
+        news = self.tuned_mhz.get(at) != light.tx_mhz
         self.lights[at] = light
         self.tuned_mhz[at] = light.tx_mhz
+        return news
 
     def forget_light(self, at: SwitchPort) -> None:
         """Forget what was measured at a port whose fibre has changed."""
@@ -80,8 +82,8 @@ class Optics:
         """Tell whether a port can be tuned to a frequency, in both directions."""
         port = self.ranges.get(at)
         return port is None or (
-            port.tx_min_mhz <= frequency_mhz <= port.tx_max_mhz
-            and port.rx_min_mhz <= frequency_mhz <= port.rx_max_mhz
+            _in_band(frequency_mhz, port.tx_min_mhz, port.tx_max_mhz, port.tx_grid_mhz)
+            and _in_band(frequency_mhz, port.rx_min_mhz, port.rx_max_mhz, port.rx_grid_mhz)
         )
 
     def must_tune(self, at: SwitchPort, frequency_mhz: int) -> bool:
@@ -100,3 +102,8 @@ class Optics:
             here, there = self.lights.get(near), self.lights.get(far)
             lost = 0 if here is None or there is None else here.tx_power - there.rx_power
         return max(lost, 0) * MDB_PER_POWER_UNIT
+
+
+def _in_band(frequency_mhz: int, least_mhz: int, most_mhz: int, grid_mhz: int) -> bool:
+    on_grid = grid_mhz == 0 or (frequency_mhz - least_mhz) % grid_mhz == 0
+    return least_mhz <= frequency_mhz <= most_mhz and on_grid

@@ -58,8 +58,7 @@ class QuantumMetadata(App):
             config.loss_budget_db,
             config.contention == "queue",
         )
-        rotations = {int(dpid): rotation for dpid, rotation in config.rotations.items()}
-        self.fibers = Fibers(self.network, record, self.logger, rotations)
+        self.fibers = Fibers(self.network, record, self.logger)
         self.datapaths: dict[int, Any] = {}
         self.packet_in_count = 0
         self.dropped: Counter[str] = Counter()

@@ -250,10 +250,6 @@ class QuantumController(ShellWatcher, Controller):
             listen=f"127.0.0.1:{self.port}",
             framework=network.framework,
             quantum_switches=list(network.datapath_ids.values()),
-            rotations={
-                str(network.datapath_ids[name]): optics.rotation
-                for name, optics in network.switches.items()
-            },
             record=str(network.logs / RECORD),
             loss_budget_db=network.loss_budget_db,
             contention=network.contention,

@@ -159,7 +159,6 @@ class ControllerConfig(Config):
     listen: str  # "127.0.0.1:6653"
     framework: str  # "ryu" or "os-ken"
     quantum_switches: list[int] = field(default_factory=list)  # their datapath ids
-    rotations: dict[str, int] = field(default_factory=dict)  # datapath id to known rotation
     hold_timeout_s: float = 5.0
     idle_timeout_s: int = 30
     record: str = ""  # path of a JSON-lines file for measurements; empty: none

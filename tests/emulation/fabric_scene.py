@@ -18,7 +18,7 @@ TIMEOUT_S = 40.0
 
 
 @contextmanager
-def running(topo: Callable[[], Topo], folder: Path, **settings: str) -> Iterator[Network]:
+def running(topo: Callable[[], Topo], folder: Path, **settings: object) -> Iterator[Network]:
     """Run a network in this process."""
     runtime = Runtime(log_folder=folder / "run", **settings)  # type: ignore[arg-type]
     with Signals() as signals, Network(topo, runtime, signals) as network:
@@ -29,7 +29,7 @@ def light_paths(switch: str) -> dict[int, int]:
     """Return the light entries of a bridge: in_port to out_port."""
     command = ["ovs-ofctl", "-O", "OpenFlow14", "--no-names", "dump-flows", switch]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
-    found = re.findall(r"priority=100,in_port=(\d+) actions=output:(\d+)", done.stdout)
+    found = re.findall(r"priority=100,in_port=(\d+) actions=\S*output:(\d+)", done.stdout)
     return {int(in_port): int(out_port) for in_port, out_port in found}
 
 

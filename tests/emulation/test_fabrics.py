@@ -5,6 +5,7 @@ from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
+import grpc
 import pytest
 from conftest import wait_until
 from fabric_scene import Session, facts, light_paths, running, session, switches_on_the_way
@@ -13,9 +14,13 @@ from mininet.topo import Topo
 from hosts.software import QuantumSocketError
 from topologies.chain import ChainTopo
 from topologies.leaf_spine import LeafSpineTopo
+from topologies.network import Network
 from topologies.ring import RingTopo
 from topologies.sdc import SdcTopo
+from wire.dispatcher_pb2 import TunePortRequest
+from wire.dispatcher_pb2_grpc import DispatcherStub
 from wire.metadata import Reason
+from wire.service import metadata
 
 DATA = bytes(range(256)) * 64
 
@@ -96,6 +101,50 @@ def test_light_is_not_moved_to_where_it_is_turned_differently(tmp_path: Path) ->
         network.net.configLinkStatus(way[0], way[1], "up")
         assert opened.finish(len(data)) == data
         assert switches_on_the_way(network, "alice-q0") == way
+
+
+@pytest.mark.parametrize(("budget_db", "fits"), [(20.1, True), (19.9, False)])
+def test_the_loss_of_a_path_is_measured_and_kept_within_the_budget(
+    tmp_path: Path, budget_db: float, fits: bool
+) -> None:
+    topo = partial(ChainTopo, switches=3, length_km=10.0, loss_db_per_km=0.5)
+    with running(topo, tmp_path, loss_budget_db=budget_db) as network:
+        asked = Session(network, "alice", "bob")
+        if fits:  # four fibres of 5 dB
+            asked.open()
+        else:
+            with pytest.raises(QuantumSocketError, match="loss budget") as caught:
+                asked.open()
+            assert caught.value.reason == Reason.LOSS_TOO_HIGH
+        asked.close()
+
+
+@pytest.mark.parametrize("framework", ["ryu", "os-ken"])
+def test_a_port_of_another_wavelength_is_tuned_before_light_comes(
+    tmp_path: Path, framework: str
+) -> None:
+    with running(SdcTopo, tmp_path, framework=framework) as network:
+        tune(network, "q1", "alice-q0", 194_000_000)
+        wait_until(lambda: tuned(network)[-1] == 194_000_000, "the controller knows")
+        with session(network, "alice", "bob") as opened:
+            assert opened.carry(DATA) == DATA
+
+
+def tune(network: Network, switch: str, interface: str, frequency_mhz: int) -> None:
+    """Tune a port of a switch behind the controller's back."""
+    runtime = network.runtime
+    (port,) = (int(fiber.b.port) for fiber in runtime.fibers if fiber.a.port == interface)
+    with grpc.insecure_channel(f"unix:{runtime.socket('dispatcher')}") as channel:
+        DispatcherStub(channel).TunePort(  # type: ignore[no-untyped-call]
+            TunePortRequest(switch=switch, port=port, frequency_mhz=frequency_mhz),
+            metadata=metadata(runtime.token(switch)),
+            timeout=10,
+        )
+
+
+def tuned(network: Network) -> list[object]:
+    """Return the frequencies that the controller has learned, in order."""
+    return [fact["mhz"] for fact in facts(network, "tuned")]
 
 
 def test_a_second_session_is_refused_what_the_first_has(tmp_path: Path) -> None:

@@ -138,7 +138,7 @@ class Scene:
     def __init__(self, folder: Path) -> None:
         self.record_path = folder / "record.jsonl"
         config = ControllerConfig(
-            "127.0.0.1:6653", framework.NAME, [Q1], {}, HOLD_S, 30, str(self.record_path)
+            "127.0.0.1:6653", framework.NAME, [Q1], HOLD_S, 30, str(self.record_path)
         )
         mac_table, record = MacTable(), Record(str(self.record_path))
         self.learning = LearningSwitch(config, mac_table, record=record)

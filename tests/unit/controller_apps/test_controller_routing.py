@@ -120,6 +120,14 @@ def test_every_port_on_the_way_must_be_tunable_to_the_wavelength() -> None:
     assert path(network, frequency_mhz=CHANNEL_MHZ) is None
 
 
+def test_a_frequency_must_lie_on_the_grid_of_every_port() -> None:
+    network = ring()
+    network.optics.ranges[END] = band(CHANNEL_MHZ - 100_000, CHANNEL_MHZ + 100_000)
+    for offset_mhz, fits in ((0, True), (50_000, True), (12_500, False), (150_000, False)):
+        found = path(network, frequency_mhz=CHANNEL_MHZ + offset_mhz)
+        assert (found is not None) == fits
+
+
 def test_a_rotation_can_be_asked_for() -> None:
     network = ring()
     network.optics.switches = {1: rotating(1), 2: rotating(2), 3: rotating(2), 4: rotating(3)}
@@ -171,7 +179,7 @@ def test_a_path_is_found_beside_those_that_stay() -> None:
     [
         (Limits(blocked=lambda way: way == Direction(*END, False)), Reason.BUSY),
         (Limits(loss_budget_mdb=100), Reason.LOSS_TOO_HIGH),
-        (Limits(frequency_mhz=1), Reason.NO_WAVELENGTH),
+        (Limits(frequency_mhz=CHANNEL_MHZ + 50_000), Reason.NO_WAVELENGTH),
     ],
 )
 def test_what_stands_in_the_way_is_named(limits: Limits, reason: Reason) -> None:
