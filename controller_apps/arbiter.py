@@ -1,29 +1,26 @@
 """Who gets light when: segments and switch events in, actions out.
 
     set-up --> held --last barrier reply--> granted --FIN, RST, silence--> torn down
-                 `--error, deadline, switch gone--> refused
+       |         |`--error, deadline, switch gone--> refused
+       `--> queued for light that others have, if the policy says so
 
 No socket, no clock: `now` is in seconds of one steady clock. TCP repeats what is held and
 may add bytes behind it, so a request is known by its connection and sequence number.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from functools import reduce
-from itertools import count
-from operator import xor
 
 from controller_apps.actions import (
     Action,
     AddBypass,
-    ClosePaths,
     Drop,
     Forward,
     Note,
-    OpenPaths,
     RemoveBypass,
 )
-from controller_apps.admission import Admission, admit
+from controller_apps.admission import Admission, admit, find_light
+from controller_apps.light import Light
 from controller_apps.paths import Hop, Network, switches
 from controller_apps.segments import RST, FiveTuple, parse
 from controller_apps.sessions import Arrival, Request, Session, Sessions, new_request, read_setup
@@ -35,18 +32,22 @@ class Arbiter:
     """The state of every request, and what to do when something happens."""
 
     network: Network
-    rotations: dict[int, int]  # known rotation of each switch, by datapath id
     hold_timeout_s: float
     idle_timeout_s: float
+    loss_budget_db: float = 30.0  # of one light path
+    queues: bool = False  # a request for light that is taken waits for it
     sessions: Sessions = field(default_factory=Sessions)
     forbid: Callable[[Setup, FiveTuple], Admission | None] = lambda _setup, _connection: None
-    _transactions: Iterator[int] = field(default_factory=lambda: count(1))
+
+    def __post_init__(self) -> None:
+        self.budget_mdb = round(self.loss_budget_db * 1000)
+        self.light = Light(self.network, self.sessions, self.budget_mdb)
 
     def segment_arrived(self, dpid: int, in_port: int, frame: bytes, now: float) -> list[Action]:
         """Decide on a segment to or from the metadata port that a classical switch sent up."""
         try:
             arrival = Arrival(dpid, in_port, parse(frame))
-            return self._segment(arrival, now)
+            return [*self._segment(arrival, now), *self._serve_queue(now)]
         except MalformedPacket as error:
             return [Drop("malformed", str(error))]
 
@@ -75,34 +76,39 @@ class Arbiter:
         if self.sessions.full:
             return self._answer(request, Verdict.REFUSED, Reason.BUSY)
         admission = self.forbid(setup, request.five_tuple) or admit(
-            setup, request.five_tuple, self.sessions, self.network
+            setup, request.five_tuple, self.sessions, self.network, self.budget_mdb
         )
-        if admission.reason != Reason.OK:
+        waits = admission.waits_for_light and self.queues
+        if admission.reason != Reason.OK and not waits:
             return self._refuse(request, admission.reason, now)
         self.sessions.retired.pop(request.five_tuple, None)
         session = self.sessions.join(request, now)
-        if not admission.hops:
+        if waits:
+            self.sessions.queue[request.five_tuple] = request
+            return [Note("queued", session.number)]
+        if not admission.paths:
             return self._grant(request)
-        return self._open(request, session, admission.hops)
+        return self.light.open(request, session, admission.paths)
 
-    def _open(self, request: Request, session: Session, hops: tuple[Hop, ...]) -> list[Action]:
-        # An earlier connection of the session may still keep its path: it is handed over.
-        stale = self._darken(session) if session.hops != hops else []
-        self.sessions.occupy(session, hops, request.five_tuple)
-        request.transaction = next(self._transactions)
-        request.waiting = set(switches(hops))
-        request.rotation = reduce(xor, (self.rotations.get(hop.dpid, 0) for hop in hops))
-        self.sessions.held[request.transaction] = request
-        bundles = [
-            OpenPaths(
-                dpid,
-                tuple(hop for hop in hops if hop.dpid == dpid),
-                session.number,
-                request.transaction,
+    def _serve_queue(self, now: float) -> list[Action]:
+        """Give light to those that wait for it: first come first served.
+
+        A request whose light is still taken keeps no other from light that is free.
+        """
+        actions: list[Action] = []
+        for request in list(self.sessions.queue.values()):
+            session = self.sessions.of(request)
+            if session is None:
+                continue  # it has ended meanwhile
+            found = find_light(
+                request.setup, request.five_tuple, self.sessions, self.network, self.budget_mdb
             )
-            for dpid in switches(hops)
-        ]
-        return [*stale, *bundles]
+            if found.paths:
+                del self.sessions.queue[request.five_tuple]
+                actions += self.light.open(request, session, found.paths)
+            elif not found.waits_for_light:
+                actions += self._refuse(request, found.reason, now)
+        return actions
 
     def _repeated(self, request: Request, arrival: Arrival) -> list[Action]:
         message = arrival.segment.payload[:SETUP_LENGTH]
@@ -140,35 +146,79 @@ class Arbiter:
         """Note that a switch has set up its part; release the message after the last one."""
         request = self.sessions.held.get(transaction)
         if request is None:
-            return []
+            return self.light.barrier_passed(dpid, transaction, now)
         request.waiting.discard(dpid)
         if request.waiting:
             return []
         elapsed_ms = (now - request.started) * 1000
-        return self._grant(request, Note("path_ready", request.setup.session, elapsed_ms))
+        granted = self._grant(request, Note("path_ready", request.setup.session, elapsed_ms))
+        # A fibre may have been cut meanwhile.
+        session = self.sessions.of(request)
+        assert session is not None
+        return [*granted, *self._mend(session, now)]
 
     def switch_refused(self, transaction: int, now: float) -> list[Action]:
-        """Refuse what a switch has answered with an error."""
+        """Refuse what a switch has answered with an error; end a session it cannot move."""
         request = self.sessions.held.get(transaction)
-        return [] if request is None else self._refuse(request, Reason.SWITCH_FAILED, now)
+        move = self.light.moves.get(transaction)
+        actions: list[Action] = []
+        if request is not None:
+            session = self.sessions.of(request)
+            assert session is not None
+            self.light.doubt_tuning(session)
+            actions = self._refuse(request, Reason.SWITCH_FAILED, now)
+        elif move is not None:
+            session = self.sessions.by_number[move.session]
+            self.light.doubt_tuning(session)
+            actions = self._tear_down(session, "the switch refused the other way", now)
+        return [*actions, *self._serve_queue(now)]
+
+    def network_changed(self, now: float) -> list[Action]:
+        """Move the sessions whose fibres are cut, and serve those that wait for light."""
+        actions: list[Action] = []
+        for session in self.sessions.by_number.values():
+            actions += self._mend(session, now)
+        return [*actions, *self._serve_queue(now)]
 
     def switch_left(self, dpid: int, now: float) -> list[Action]:
-        """End what depends on a switch that is gone."""
+        """Move or end what depends on a switch that is gone."""
         self.network.connected.discard(dpid)
+        self.light.switch_left(dpid)
         for request in self.sessions.requests.values():
             request.bypassed.discard(dpid)
         actions: list[Action] = []
         for session in list(self.sessions.by_number.values()):
             if dpid in switches(session.hops):
                 actions += self._dropped_by_switch(session, now)
-        return actions
+        return [*actions, *self._serve_queue(now)]
 
     def _dropped_by_switch(self, session: Session, now: float) -> list[Action]:
-        assert session.light_owner is not None
-        request = session.requests[session.light_owner]
+        request = self._holds_light(session)
         if request.held is not None:
             return self._refuse(request, Reason.SWITCH_FAILED, now)
-        return [*self._end(session, now), Note("torn_down", session.number, detail="switch gone")]
+        moved = self.light.move(session, now)
+        return self._tear_down(session, "switch gone", now) if moved is None else moved
+
+    def _mend(self, session: Session, now: float) -> list[Action]:
+        if not self.light.is_broken(session):
+            session.stranded = False
+            return []
+        if self._holds_light(session).held is not None:
+            return []  # not before it is granted
+        moved = self.light.move(session, now)
+        return self.light.strand(session) if moved is None else moved
+
+    def _holds_light(self, session: Session) -> Request:
+        assert session.light_owner is not None
+        return session.requests[session.light_owner]
+
+    def is_live(self, session: int) -> bool:
+        """Tell whether a session has light."""
+        return session in self.sessions.by_number and bool(self.sessions.by_number[session].paths)
+
+    def entries_found(self, dpid: int, entries: Iterable[tuple[int, Hop | None]]) -> list[Action]:
+        """Close the paths that a switch kept of its past: session and hop of each entry."""
+        return self.light.entries_found(dpid, entries)
 
     def bypass_expired(self, dpid: int, five_tuple: FiveTuple, now: float) -> list[Action]:
         """Note that a connection has been silent; end its session if all of it has been."""
@@ -183,17 +233,17 @@ class Arbiter:
         for request in list(self.sessions.held.values()):
             if now - request.started >= self.hold_timeout_s:
                 actions += self._refuse(request, Reason.SWITCH_TIMEOUT, now)
+        for request in list(self.sessions.queue.values()):
+            if now - request.started >= self.hold_timeout_s:
+                actions += self._refuse(request, Reason.BUSY, now)
+        for session in self.light.overdue(now - self.hold_timeout_s):
+            actions += self._tear_down(session, "no switch in time for the other way", now)
         for session in list(self.sessions.by_number.values()):
             silent = now - session.seen >= self.idle_timeout_s
             if silent and session.open and not session.bypassed:
-                note = Note("torn_down", session.number, detail="idle")
-                actions += [*self._end(session, now), note]
+                actions += self._tear_down(session, "idle", now)
         self.sessions.forget_retired_before(now - self.idle_timeout_s)
-        return actions
-
-    def is_live(self, session: int) -> bool:
-        """Tell whether a session has light."""
-        return session in self.sessions.by_number and bool(self.sessions.by_number[session].hops)
+        return [*actions, *self._serve_queue(now)]
 
     def _grant(self, request: Request, *notes: Note) -> list[Action]:
         session = self.sessions.of(request)
@@ -209,6 +259,7 @@ class Arbiter:
 
     def _answer(self, request: Request, verdict: Verdict, reason: Reason) -> list[Action]:
         self.sessions.held.pop(request.transaction, None)
+        self.sessions.queue.pop(request.five_tuple, None)
         arrival = request.decide(verdict, reason)
         return [_released(request, arrival)]
 
@@ -231,12 +282,15 @@ class Arbiter:
             session.seen = now
             actions = self._punt_again(request)
             if session.light_owner == request.five_tuple:
-                actions += self._darken(session)
+                actions += self.light.close(session)
         self.sessions.retire(request, now)
         return actions
 
+    def _tear_down(self, session: Session, cause: str, now: float) -> list[Action]:
+        return [*self._end(session, now), Note("torn_down", session.number, detail=cause)]
+
     def _end(self, session: Session, now: float) -> list[Action]:
-        actions = self._darken(session)
+        actions = self.light.close(session)
         members = list(session.requests.values())
         del self.sessions.by_number[session.number]
         for request in members:
@@ -245,11 +299,6 @@ class Arbiter:
                 actions += self._answer(request, Verdict.REFUSED, Reason.UNKNOWN_SESSION)
             self.sessions.retire(request, now)
         return actions
-
-    def _darken(self, session: Session) -> list[Action]:
-        dark: list[Action] = [ClosePaths(dpid, session.number) for dpid in switches(session.hops)]
-        self.sessions.vacate(session)
-        return dark
 
     def _punt_again(self, request: Request) -> list[Action]:
         removals: list[Action] = [

@@ -4,9 +4,9 @@ Classical switches: table 0 picks quantum metadata out, table 1 learns and forwa
 Quantum switches: table 0 holds light paths and nothing else, but for LLDP.
 """
 
-from collections.abc import Iterable
 from typing import Any
 
+from controller_apps.actions import OpenPaths
 from controller_apps.datagrams import IP_UDP
 from controller_apps.framework import ofproto, parser
 from controller_apps.paths import Hop
@@ -104,23 +104,42 @@ def discovery_entries(datapath: Any) -> list[Any]:
     return [add(datapath, 0, LLDP_PRIORITY, {"eth_type": ETH_TYPE_LLDP}, to_controller()), ask]
 
 
-def path_bundle(datapath: Any, transaction: int, hops: Iterable[Hop], session: int) -> list[Any]:
-    """Return one bundle with all hops through a switch, and a barrier behind it.
+def path_bundle(datapath: Any, paths: OpenPaths, tuning: list[Any]) -> list[Any]:
+    """Return one bundle that changes the hops through a switch, and a barrier behind it.
 
     No time-outs: light moves no packets, so an entry would expire while in use.
     """
-    entries = [
-        add(datapath, 0, PATH_PRIORITY, {"in_port": hop.in_port}, output(hop.out_port),
-            cookie=session, flags=ofproto.OFPFF_SEND_FLOW_REM)
-        for hop in hops
+    members = [
+        *(delete_hop(datapath, hop, paths.session) for hop in paths.closed),
+        *tuning,
+        *(
+            add(datapath, 0, PATH_PRIORITY, {"in_port": hop.in_port}, output(hop.out_port),
+                cookie=paths.session, flags=ofproto.OFPFF_SEND_FLOW_REM)
+            for hop in paths.hops
+        ),
     ]  # fmt: skip
-    bundle = transaction & 0xFFFFFFFF
+    bundle = paths.transaction & 0xFFFFFFFF
     return [
         parser.OFPBundleCtrlMsg(datapath, bundle, ofproto.OFPBCT_OPEN_REQUEST, BUNDLE_FLAGS, []),
-        *(parser.OFPBundleAddMsg(datapath, bundle, BUNDLE_FLAGS, entry, []) for entry in entries),
+        *(parser.OFPBundleAddMsg(datapath, bundle, BUNDLE_FLAGS, member, []) for member in members),
         parser.OFPBundleCtrlMsg(datapath, bundle, ofproto.OFPBCT_COMMIT_REQUEST, BUNDLE_FLAGS, []),
         parser.OFPBarrierRequest(datapath),
     ]
+
+
+def delete_hop(datapath: Any, hop: Hop, session: int) -> Any:
+    """Return the message that deletes one hop of a session, not what has taken its place."""
+    message = delete(
+        datapath,
+        0,
+        strict=True,
+        priority=PATH_PRIORITY,
+        match=parser.OFPMatch(in_port=hop.in_port),
+        cookie=session,
+        cookie_mask=ALL_BITS,
+    )
+    message.out_port = hop.out_port
+    return message
 
 
 def delete_paths(datapath: Any, session: int) -> Any:
@@ -131,6 +150,18 @@ def delete_paths(datapath: Any, session: int) -> Any:
 def is_path(entry: Any) -> bool:
     """Tell whether flow statistics describe an entry that path_bundle made."""
     return bool(entry.cookie and entry.priority == PATH_PRIORITY)
+
+
+def hop_of(dpid: int, entry: Any) -> Hop | None:
+    """Read back what path_bundle made, None if somebody has made it something else."""
+    outputs = [
+        action.port
+        for instruction in entry.instructions
+        for action in getattr(instruction, "actions", ())
+        if isinstance(action, parser.OFPActionOutput)
+    ]
+    in_port = dict(entry.match.items()).get("in_port")
+    return Hop(dpid, in_port, outputs[0]) if in_port is not None and outputs else None
 
 
 def _connection(five_tuple: FiveTuple) -> dict[str, Any]:

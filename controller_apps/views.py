@@ -2,7 +2,8 @@
 
 from typing import Any
 
-from controller_apps.paths import Hop, Network, SwitchPort
+from controller_apps.optics import SwitchPort
+from controller_apps.paths import Network
 from controller_apps.sessions import Session, Sessions
 from wire.metadata import Handshake, Service
 
@@ -21,6 +22,8 @@ def sessions_view(sessions: Sessions, network: Network, now: float) -> list[dict
             "wavelength_pm": session.setup.wavelength_pm,
             "open": session.open,
             "silent_s": round(now - session.seen, 3),
+            "waits_for_light": session.owner in sessions.queue,
+            "stranded": session.stranded,
             "hops": len(session.hops),
         }
         for session in sessions.by_number.values()
@@ -33,28 +36,19 @@ def paths_view(sessions: Sessions, network: Network) -> list[dict[str, Any]]:
         {
             "session": f"{session.number:016x}",
             **_parties(session, network),
-            "begin": _end(network, path[0].dpid, path[0].in_port),
-            "end": _end(network, path[-1].dpid, path[-1].out_port),
+            "begin": _host(network, path.leg.start),
+            "end": _host(network, path.leg.end),
+            "loss_db": path.loss_mdb / 1000,
+            "rotation": path.rotation,
+            "frequency_mhz": session.frequency_mhz,
             "hops": [
                 {"dpid": f"{hop.dpid:016x}", "in_port": hop.in_port, "out_port": hop.out_port}
-                for hop in path
+                for hop in path.hops
             ],
         }
         for session in sessions.by_number.values()
-        for path in split(session.hops, network)
+        for path in session.paths
     ]
-
-
-def split(hops: tuple[Hop, ...], network: Network) -> list[list[Hop]]:
-    """Cut the hops of a session into light paths: one goes on where a fibre leads on."""
-    paths: list[list[Hop]] = []
-    for hop in hops:
-        before = paths[-1][-1] if paths else None
-        if before is not None and _leads_on(before, hop, network):
-            paths[-1].append(hop)
-        else:
-            paths.append([hop])
-    return paths
 
 
 def fibers_view(network: Network) -> list[dict[str, Any]]:
@@ -79,15 +73,6 @@ def _parties(session: Session, network: Network) -> dict[str, str]:
         "to": name_of(network, session.owner.destination),
         "source": name_of(network, session.setup.source),
     }
-
-
-def _leads_on(before: Hop, hop: Hop, network: Network) -> bool:
-    near = SwitchPort(before.dpid, before.out_port)
-    return network.links.get(near) == SwitchPort(hop.dpid, hop.in_port)
-
-
-def _end(network: Network, dpid: int, port: int) -> str:
-    return _host(network, SwitchPort(dpid, port))
 
 
 def _host(network: Network, at: SwitchPort) -> str:

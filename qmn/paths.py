@@ -31,7 +31,7 @@ def show(known: dict[str, Any], as_json: bool) -> None:
     console.print(
         table(
             "light paths" if known["paths"] else "light paths: none",
-            ("session", "from", "to", "pairs of", "light from", "to", "by"),
+            ("session", "from", "to", "pairs of", "light from", "to", "loss", "by"),
             [path_row(path) for path in known["paths"]],
         )
     )
@@ -61,7 +61,7 @@ def path_row(path: dict[str, Any]) -> list[str]:
         f"{short(hop['dpid'])}:{hop['in_port']}->{hop['out_port']}" for hop in path["hops"]
     )
     names = [path[name] for name in ("session", "from", "to", "source", "begin", "end")]
-    return [*names, hops]
+    return [*names, f"{path['loss_db']:g} dB", hops]
 
 
 def short(dpid: str) -> str:

@@ -120,11 +120,17 @@ class DispatcherHost(ClassicalHost):
 
 
 class QuantumHost(ClassicalHost):
-    """A host with a QNIC: runs the three-layer stack. `source=True` makes pairs."""
+    """A host with a QNIC: runs the three-layer stack.
 
-    def __init__(self, name: str, source: bool = False, **params: object) -> None:
+    `source=True` makes pairs, for all hosts that do not name another by `pairs_from`.
+    """
+
+    def __init__(
+        self, name: str, source: bool = False, pairs_from: str = "", **params: object
+    ) -> None:
         super().__init__(name, **params)
         self.network.token(name)
+        self.pairs_from = pairs_from
         self.network.device_key(name)
         if source:
             self.network.source = name
@@ -141,7 +147,7 @@ class QuantumHost(ClassicalHost):
             token=network.token(self.name),
             socket=network.socket(self.name),
             hosts=network.addresses,
-            source=network.source,
+            source=self.pairs_from or network.source,
             seed=network.seed,
             report_to=network.broadcast(),
             device_key=network.device_key(self.name),
@@ -249,11 +255,9 @@ class QuantumController(ShellWatcher, Controller):
             listen=f"127.0.0.1:{self.port}",
             framework=network.framework,
             quantum_switches=list(network.datapath_ids.values()),
-            rotations={
-                str(network.datapath_ids[name]): optics.rotation
-                for name, optics in network.switches.items()
-            },
             record=str(network.logs / RECORD),
+            loss_budget_db=network.loss_budget_db,
+            contention=network.contention,
             policy=network.policy,
             address=network.controller_address(),
             device_keys=network.device_keys,

@@ -33,6 +33,8 @@ class Runtime:
     framework: str = "ryu"
     openflow_port: int = OPENFLOW_PORT
     history_depth: int = 10_000  # events that the dispatcher remembers
+    loss_budget_db: float = 30.0  # that one light path may lose
+    contention: str = "refuse"  # or "queue": what becomes of a request for light that is taken
     log_folder: Path | None = None  # where logs and records go; default: the private folder
     addresses: dict[str, str] = field(default_factory=dict)  # of the hosts
     fibers: list[Fiber] = field(default_factory=list)

@@ -20,6 +20,7 @@ from metadata_scene import (
     arbiter,
     frame,
     payload_of,
+    rotating,
 )
 
 from controller_apps.actions import (
@@ -33,7 +34,9 @@ from controller_apps.actions import (
     RemoveBypass,
 )
 from controller_apps.arbiter import Arbiter
-from controller_apps.paths import Hop, SwitchPort
+from controller_apps.optics import SwitchPort
+from controller_apps.paths import Hop
+from controller_apps.routing import Leg, Limits, cheapest_path
 from controller_apps.segments import FiveTuple
 from wire.metadata import (
     METADATA_PORT,
@@ -111,7 +114,7 @@ def test_the_message_is_released_only_after_the_barrier_reply() -> None:
 
 def test_with_two_switches_the_last_barrier_reply_counts() -> None:
     state = arbiter()
-    state.rotations = {Q1: 1, 3: 2}
+    state.network.optics.switches = {Q1: rotating(1), 3: rotating(2)}
     state.network.connected.add(3)
     state.network.add_link(SwitchPort(Q1, 90), SwitchPort(3, 91))
     state.network.add_link(SwitchPort(Q1, 92), SwitchPort(3, 93))
@@ -249,8 +252,10 @@ def test_the_other_direction_of_a_fibre_is_free() -> None:
     granted(state)
     in_use = state.sessions.occupied
     assert len(in_use) == 6
-    path = state.network.path(SwitchPort(Q1, 2), SwitchPort(Q1, 4), in_use.__contains__)
-    assert path == (Hop(Q1, 2, 4),)
+    leg = Leg(SwitchPort(Q1, 2), SwitchPort(Q1, 4))
+    path = cheapest_path(state.network, leg, Limits(in_use.__contains__))
+    assert path is not None
+    assert path.hops == (Hop(Q1, 2, 4),)
 
 
 def test_a_full_table_refuses_with_busy() -> None:
