@@ -269,6 +269,10 @@ class DeviceMonitor(App):
 
     def _take_policy(self, policy: Policy) -> None:
         """Take overrides and reporting from the policy, in place of all there were."""
+        for name in policy.devices:
+            if name not in self.hosts.keys:
+                known = ", ".join(sorted(self.hosts.keys)) or "none"
+                raise BadPolicy(f"policy: device {name!r} is no host; hosts are {known}")
         self.hosts.wanted = dict(policy.devices)
         self.hosts.reporting = policy.reporting
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from mininet.node import Controller, Host, Node, OVSSwitch
 
 from topologies import openvswitch, runtime
+from topologies.addresses import broadcast, free_address
 from topologies.fiber import qnics
 from topologies.programs import ROOT, Program, python
 from topologies.record import RECORD
@@ -149,7 +150,7 @@ class QuantumHost(ClassicalHost):
             hosts=network.addresses,
             source=self.pairs_from or network.source,
             seed=network.seed,
-            report_to=network.broadcast(),
+            report_to=broadcast(network.addresses.values(), network.prefix_length),
             device_key=network.device_key(self.name),
         )
         self.program = launch(network, self.name, "hosts", config, self)
@@ -259,7 +260,7 @@ class QuantumController(ShellWatcher, Controller):
             loss_budget_db=network.loss_budget_db,
             contention=network.contention,
             policy=network.policy,
-            address=network.controller_address(),
+            address=free_address(network.addresses.values(), network.prefix_length),
             device_keys=network.device_keys,
             console=network.socket(CONSOLE),
             rest=network.rest,

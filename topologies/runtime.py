@@ -11,7 +11,6 @@ import secrets
 import shutil
 import socket
 from dataclasses import dataclass, field
-from ipaddress import IPv4Interface, IPv4Network
 from pathlib import Path
 from typing import IO
 
@@ -65,22 +64,6 @@ class Runtime:
     def device_key(self, host: str) -> str:
         """Return the secret that a host's node agent shares with the controller."""
         return self.device_keys.setdefault(host, secrets.token_hex(16))
-
-    def broadcast(self) -> str:
-        """Return the broadcast address of the hosts' network."""
-        return str(self._hosts_network().broadcast_address)
-
-    def controller_address(self) -> str:
-        """Return the last address of the hosts' network that no host has."""
-        taken = set(self.addresses.values())
-        address = self._hosts_network().broadcast_address - 1
-        while str(address) in taken:
-            address -= 1
-        return str(address)
-
-    def _hosts_network(self) -> IPv4Network:
-        address = next(iter(self.addresses.values()))
-        return IPv4Interface(f"{address}/{self.prefix_length}").network
 
     def socket(self, name: str) -> str:
         """Return the path of a Unix socket (they cross network namespaces)."""

@@ -211,6 +211,18 @@ def test_what_cannot_be_set_is_named(
     assert scene.told() == []
 
 
+def test_a_policy_that_sets_an_unknown_host_is_refused(scene: Scene, tmp_path: Path) -> None:
+    file = tmp_path / "policy.toml"
+    file.write_text("[device.alise]\nfec = 0")
+    scene.monitor.policy_path = str(file)
+    with pytest.raises(Refused, match="device 'alise' is no host; hosts are alice, bob"):
+        scene.ask("reload").wait()
+    file.write_text("[device.alice]\nfec = 0")
+    assert scene.ask("reload").wait() == str(file)
+    scene.says(SET)
+    assert [type(message) for message in scene.told()] == [SetDevice, Subscribe]
+
+
 def described(*properties: bytes, state: int = 0) -> bytes:
     """Return the description of port 3 with properties, OpenFlow 1.4 section 7.2.1."""
     body = b"".join(properties)
