@@ -20,6 +20,8 @@ from controller_apps.sessions import Arrival, Request, Session, Sessions, new_re
 from controller_apps.verdicts import Verdicts, released
 from wire.metadata import METADATA_PORT, SETUP_LENGTH, MalformedPacket, Reason, Setup, Verdict
 
+SWITCH_GRACE_S = 10.0  # for a switch whose agent is started again
+
 
 @dataclass
 class Arbiter:
@@ -175,7 +177,7 @@ class Arbiter:
         return [*actions, *self._serve_queue(now)]
 
     def switch_left(self, dpid: int, now: float) -> list[Action]:
-        """Move or end what depends on a switch that is gone."""
+        """Move what depends on a switch that is gone; without another way it has some time."""
         self.network.connected.discard(dpid)
         self.light.switch_left(dpid)
         for request in self.sessions.requests.values():
@@ -191,11 +193,13 @@ class Arbiter:
         if request.held is not None:
             return self.verdicts.refuse(request, Reason.SWITCH_FAILED, now)
         moved = self.light.move(session, now)
-        return self.verdicts.tear_down(session, "switch gone", now) if moved is None else moved
+        if moved is None:
+            session.lost_since = now  # its bridge keeps the paths; it may be back soon
+        return moved or []
 
     def _mend(self, session: Session, now: float) -> list[Action]:
         if not self.light.is_broken(session):
-            session.stranded = False
+            session.stranded, session.lost_since = False, None
             return []
         if self._holds_light(session).held is not None:
             return []  # not before it is granted
@@ -211,7 +215,7 @@ class Arbiter:
         return session in self.sessions.by_number and bool(self.sessions.by_number[session].paths)
 
     def entries_found(self, dpid: int, entries: Iterable[tuple[int, Hop | None]]) -> list[Action]:
-        """Close the paths that a switch kept of its past: session and hop of each entry."""
+        """Make what a switch has kept (session and hop of each entry) what it shall have."""
         return self.light.entries_found(dpid, entries)
 
     def bypass_expired(self, dpid: int, five_tuple: FiveTuple, now: float) -> list[Action]:
@@ -233,6 +237,9 @@ class Arbiter:
         for session in self.light.overdue(now - self.hold_timeout_s):
             actions += self.verdicts.tear_down(session, "no switch in time for the other way", now)
         for session in list(self.sessions.by_number.values()):
+            if session.lost_since is not None and now - session.lost_since >= SWITCH_GRACE_S:
+                actions += self.verdicts.tear_down(session, "switch gone", now)
+                continue
             silent = now - session.seen >= self.idle_timeout_s
             if silent and session.open and not session.bypassed:
                 actions += self.verdicts.tear_down(session, "idle", now)
