@@ -93,15 +93,16 @@ def metadata_entries(datapath: Any) -> list[Any]:
     ]
 
 
-def discovery_entries(datapath: Any) -> list[Any]:
-    """Return what a quantum switch needs: LLDP goes up, everything else is dark.
+def discovery_entry(datapath: Any) -> Any:
+    """Return what a quantum switch needs: LLDP goes up, everything else is dark."""
+    return add(datapath, 0, LLDP_PRIORITY, {"eth_type": ETH_TYPE_LLDP}, to_controller())
 
-    Flows of its past are asked for; those that belong to no session are deleted then.
-    """
-    ask = parser.OFPFlowStatsRequest(
+
+def ask_entries(datapath: Any) -> Any:
+    """Return the request for all entries of a switch, those of its past included."""
+    return parser.OFPFlowStatsRequest(
         datapath, 0, 0, ofproto.OFPP_ANY, ofproto.OFPG_ANY, 0, 0, parser.OFPMatch()
     )
-    return [add(datapath, 0, LLDP_PRIORITY, {"eth_type": ETH_TYPE_LLDP}, to_controller()), ask]
 
 
 def path_bundle(datapath: Any, paths: OpenPaths, tuning: list[Any]) -> list[Any]:

@@ -153,20 +153,29 @@ class Light:
         return [self.sessions.by_number[number] for number in late]
 
     def entries_found(self, dpid: int, entries: Iterable[tuple[int, Hop | None]]) -> list[Action]:
-        """Close what a switch kept of its past: session and hop, None if it is no path."""
-        by_session: dict[int, set[Hop | None]] = {}
+        """Close what a switch kept of its past, and open again what it has lost.
+
+        Each entry is a session and a hop, None if it is no path any more.
+        """
+        kept: dict[int, set[Hop | None]] = {}
         for number, hop in entries:
-            by_session.setdefault(number, set()).add(hop)
+            kept.setdefault(number, set()).add(hop)
+        lit = [session.number for session in self.sessions.by_number.values() if session.paths]
         actions: list[Action] = []
-        for number, hops in sorted(by_session.items()):
-            session = self.sessions.by_number.get(number)
-            here = {hop for hop in session.hops if hop.dpid == dpid} if session else set()
-            stale = tuple(sorted(hop for hop in hops if hop is not None and hop not in here))
-            if not here:
-                actions.append(ClosePaths(dpid, number))
-            elif stale:
-                actions.append(OpenPaths(dpid, (), number, next(self._transactions), stale))
+        for number in sorted({*kept, *lit}):
+            actions += self._reconcile(dpid, number, kept.get(number, set()))
         return actions
+
+    def _reconcile(self, dpid: int, number: int, kept: set[Hop | None]) -> list[Action]:
+        session = self.sessions.by_number.get(number)
+        wanted = [hop for hop in session.hops if hop.dpid == dpid] if session else []
+        if not wanted:
+            return [ClosePaths(dpid, number)] if kept else []
+        lost = tuple(hop for hop in wanted if hop not in kept)
+        stale = tuple(sorted(hop for hop in kept if hop is not None and hop not in wanted))
+        if not lost and not stale:
+            return []
+        return [OpenPaths(dpid, lost, number, next(self._transactions), stale)]
 
     def _forget_moves(self, over: Callable[[Move], bool]) -> None:
         self.moves = {number: move for number, move in self.moves.items() if not over(move)}

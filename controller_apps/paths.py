@@ -5,7 +5,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from controller_apps.optics import Optics, SwitchPort
+from controller_apps.optics import Optics
+from controller_apps.optics import SwitchPort as SwitchPort
 
 MAX_PORTS = 4096
 

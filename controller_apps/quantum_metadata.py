@@ -26,7 +26,7 @@ from controller_apps.fibers import Fibers
 from controller_apps.framework import CONFIG, DEAD, MAIN, App, Event, hub, ofp_event, ofproto, on
 from controller_apps.mac_table import MacTable
 from controller_apps.optics import SwitchPort
-from controller_apps.paths import Network
+from controller_apps.paths import Hop, Network
 from controller_apps.permission import Permission
 from controller_apps.policy import DEFAULT, BadPolicy, read_policy
 from controller_apps.questions import EventQuestion, Refused, reply
@@ -74,7 +74,9 @@ class QuantumMetadata(App):
         self.packet_in_count = 0
         self.dropped: Counter[str] = Counter()
         self._xids = count(1)
-        self._transactions: dict[tuple[int, int], int] = {}  # by switch and xid
+        # By switch and xid: entries of unfinished replies, transactions of the arbiter.
+        self._listed: dict[tuple[int, int], list[tuple[int, Hop | None]]] = {}
+        self._transactions: dict[tuple[int, int], int] = {}
 
     def start(self) -> Any:
         """Begin to handle events; called by the framework."""
@@ -102,8 +104,9 @@ class QuantumMetadata(App):
             return  # its successor is here already, or it never said who it was
         if known is not None:
             del self.datapaths[datapath.id]
-            for key in [key for key in self._transactions if key[0] == datapath.id]:
-                del self._transactions[key]
+            for table in (self._transactions, self._listed):
+                for key in [key for key in table if key[0] == datapath.id]:
+                    del table[key]
             self.fibers.switch_left(datapath.id)
             self._do(self.arbiter.switch_left(datapath.id, time.monotonic()))
             self.logger.info("switch %#x is gone", datapath.id)
@@ -112,14 +115,16 @@ class QuantumMetadata(App):
 
     def _take_in(self, datapath: Any) -> None:
         self.datapaths[datapath.id] = datapath
-        quantum = datapath.id in self.quantum_switches
-        entries = flow_entries.discovery_entries if quantum else flow_entries.metadata_entries
-        for message in entries(datapath):
-            datapath.send_msg(message)
-        if quantum:  # of use as soon as it has told its optics
-            self.fibers.switch_here(datapath, time.monotonic())
-        else:
+        if datapath.id not in self.quantum_switches:
+            for message in flow_entries.metadata_entries(datapath):
+                datapath.send_msg(message)
             self._ready(datapath.id, "classical")
+            return
+        datapath.send_msg(flow_entries.discovery_entry(datapath))
+        question = flow_entries.ask_entries(datapath)
+        datapath.send_msg(question)
+        self._listed[datapath.id, question.xid] = []
+        self.fibers.switch_here(datapath, time.monotonic())  # of use when it has told its optics
 
     def _ready(self, dpid: int, kind: str) -> None:
         self.logger.info("switch %#x is here: %s", dpid, kind)
@@ -145,15 +150,17 @@ class QuantumMetadata(App):
 
     @on(ofp_event.EventOFPFlowStatsReply, CONFIG, MAIN)
     def flows_listed(self, event: Any) -> None:
-        """Delete paths that no living session asked for."""
-        dpid = event.msg.datapath.id
-        if dpid in self.quantum_switches:
-            entries = [
-                (entry.cookie, flow_entries.hop_of(dpid, entry))
-                for entry in event.msg.body
-                if flow_entries.is_path(entry)
-            ]
-            self._do(self.arbiter.entries_found(dpid, entries))
+        """Make what a switch has kept of its past what living sessions asked for."""
+        dpid, xid = event.msg.datapath.id, event.msg.xid
+        if (dpid, xid) not in self._listed:
+            return  # somebody else has asked
+        self._listed[dpid, xid] += [
+            (entry.cookie, flow_entries.hop_of(dpid, entry))
+            for entry in event.msg.body
+            if flow_entries.is_path(entry)
+        ]
+        if not event.msg.flags & ofproto.OFPMPF_REPLY_MORE:
+            self._do(self.arbiter.entries_found(dpid, self._listed.pop((dpid, xid))))
 
     @on(ofp_event.EventOFPPacketIn, MAIN)
     def packet_arrived(self, event: Any) -> None:

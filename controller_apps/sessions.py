@@ -100,6 +100,7 @@ class Session:
     paths: tuple[LightPath, ...] = ()
     light_owner: FiveTuple | None = None  # whose connection keeps the paths open
     stranded: bool = False  # its light is lost, and there is no other way
+    lost_since: float | None = None  # when a switch that it cannot do without has gone
 
     @property
     def hops(self) -> tuple[Hop, ...]:
@@ -170,7 +171,8 @@ class Sessions:
         """Free whatever a session occupies."""
         for direction in directions(session.hops):
             del self.occupied[direction]
-        session.paths, session.light_owner, session.stranded = (), None, False
+        session.paths, session.light_owner = (), None
+        session.stranded, session.lost_since = False, None
 
     def blocks(self, way: Direction, session: int, frequency_mhz: int) -> bool:
         """Tell whether others keep a session's light of this frequency out of a port.

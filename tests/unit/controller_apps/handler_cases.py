@@ -662,49 +662,85 @@ def test_the_deadline_of_the_hold(ready: Scene, monkeypatch: pytest.MonkeyPatch)
     assert dark == [ofproto.OFPFC_DELETE]
 
 
-def stats(scene: Scene, *cookies: int) -> None:
-    body = [
-        SimpleNamespace(
-            cookie=cookie,
-            priority=100 if cookie else 65000,
-            match=parser.OFPMatch(in_port=4),
-            instructions=[flow_entries.output(1)],
-        )
-        for cookie in cookies
-    ]
-    reply = SimpleNamespace(datapath=scene.q1, body=body)
-    scene.quantum.flows_listed(SimpleNamespace(msg=reply))
+def stats(scene: Scene, *entries: tuple[int, int, int]) -> None:
+    """Answer the question for entries: cookie, in_port and out_port of each."""
+    (_dpid, xid), *_ = scene.quantum._listed
+    for more, part in ((1, entries[:2]), (0, entries[2:])):
+        body = [
+            SimpleNamespace(
+                cookie=cookie,
+                priority=100 if cookie else 65000,
+                match=parser.OFPMatch(in_port=in_port),
+                instructions=[flow_entries.output(out_port)],
+            )
+            for cookie, in_port, out_port in part
+        ]
+        reply = SimpleNamespace(datapath=scene.q1, body=body, xid=xid, flags=more)
+        scene.quantum.flows_listed(SimpleNamespace(msg=reply))
+
+
+OWN = [(FRAMED.session, 4, 1), (FRAMED.session, 1, 3), (FRAMED.session, 5, 2)]
 
 
 def test_paths_of_dead_sessions_are_deleted(ready: Scene) -> None:
     grant(ready)
-    stats(ready, 0, FRAMED.session, 99, 99, 98)
+    stats(ready, (0, 4, 1), *OWN, (99, 4, 1), (99, 1, 2), (98, 1, 2))
     deleted = ready.q1.take()
     assert [message.cookie for message in deleted] == [98, 99]
     assert all(message.cookie_mask == (1 << 64) - 1 for message in deleted)
 
 
-def test_a_switch_that_is_gone_gets_nothing_and_ends_its_sessions(ready: Scene) -> None:
+def test_one_entry_of_a_live_session_is_deleted_by_all_that_identifies_it(ready: Scene) -> None:
+    grant(ready)
+    stats(ready, *OWN, (FRAMED.session, 2, 9))
+    _opening, deletion, _commit, _barrier = ready.q1.take()
+    entry = deletion.inner
+    assert (entry.command, entry.priority) == (ofproto.OFPFC_DELETE_STRICT, 100)
+    assert (entry.match["in_port"], entry.out_port) == (2, 9)
+    assert (entry.cookie, entry.cookie_mask) == (FRAMED.session, (1 << 64) - 1)
+
+
+def test_entries_that_somebody_else_asked_for_are_not_judged(ready: Scene) -> None:
+    body = [SimpleNamespace(cookie=99, priority=100)]
+    reply = SimpleNamespace(datapath=ready.q1, body=body, xid=1, flags=0)
+    ready.quantum.flows_listed(SimpleNamespace(msg=reply))
+    assert ready.q1.take() == []
+
+
+def test_a_switch_that_stays_away_gets_nothing_and_ends_its_sessions(
+    ready: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
     grant(ready)
     ready.connect(ready.q1, framework.DEAD)
     assert ready.q1.take() == []
-    assert ready.recorded()[-1]["detail"] == "switch gone"
-    ready.packet_in(ready.s1, 1, frame(FRAMED.encode(), sport=41000))
+    assert ready.quantum.arbiter.is_live(FRAMED.session)
+    other = replace(FRAMED, session=8)
+    ready.packet_in(ready.s1, 1, frame(other.encode(), sport=41000))
     (sent,) = ready.s1.take()
     answer = decode(payload_of(sent.frame))
     assert isinstance(answer, Setup)
     assert answer.reason == Reason.NO_PATH
+    shift_clock(monkeypatch, 10.0)
+    ready.quantum.time_passed(None)
+    assert ready.q1.take() == []
+    assert ready.recorded()[-1]["detail"] == "switch gone"
 
 
-def test_a_second_connection_of_a_switch_replaces_the_first(ready: Scene) -> None:
+def test_a_switch_that_is_soon_back_keeps_its_sessions_and_gets_what_it_lost(ready: Scene) -> None:
     grant(ready)
     again = Datapath(Q1)
     ready.connect(again)
-    ready.tell_optics(again)
-    assert ready.recorded()[-2]["detail"] == "switch gone"
     ready.connect(ready.q1, framework.DEAD)  # noticed only now
     assert ready.quantum.datapaths[Q1] is again
-    assert Q1 in ready.quantum.network.connected
+    ready.q1 = again
+    ready.tell_optics(again)
+    again.take()
+    stats(ready, OWN[0], (99, 3, 4))
+    messages = again.take()
+    added = [m.inner for m in messages if m.kind == ofproto.OFPT_BUNDLE_ADD_MESSAGE]
+    assert [(e.cookie, e.match["in_port"]) for e in added] == [(7, 1), (7, 5)]
+    assert [m.cookie for m in flow_mods(messages)] == [99]
+    assert ready.quantum.arbiter.is_live(FRAMED.session)
 
 
 def test_a_connection_without_features_is_no_switch(ready: Scene) -> None:

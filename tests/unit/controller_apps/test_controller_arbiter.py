@@ -33,7 +33,7 @@ from controller_apps.actions import (
     OpenPaths,
     RemoveBypass,
 )
-from controller_apps.arbiter import Arbiter
+from controller_apps.arbiter import SWITCH_GRACE_S, Arbiter
 from controller_apps.optics import SwitchPort
 from controller_apps.paths import Hop
 from controller_apps.routing import Leg, Limits, cheapest_path
@@ -453,15 +453,27 @@ def test_closing_the_session_refuses_the_pair_that_waits() -> None:
     assert not state.sessions.held
 
 
-def test_a_switch_that_leaves_ends_sessions_and_refuses_set_ups() -> None:
+def test_a_switch_that_stays_away_ends_sessions_and_refuses_set_ups() -> None:
     state = arbiter()
     granted(state)
-    assert notes(state.switch_left(Q1, 1.0)) == ["torn_down"]
+    assert state.switch_left(Q1, 1.0) == []
     assert answer(ask(state, replace(FRAMED, session=8), sport=1)).reason == Reason.NO_PATH
+    assert state.tick(0.9 + SWITCH_GRACE_S) == []
+    assert notes(state.tick(1.0 + SWITCH_GRACE_S)) == ["torn_down"]
     state = arbiter()
     ask(state, FRAMED)
     assert answer(state.switch_left(Q1, 1.0)).reason == Reason.SWITCH_FAILED
     assert not state.sessions.occupied
+
+
+def test_a_switch_that_is_soon_back_keeps_its_sessions() -> None:
+    state = arbiter()
+    granted(state)
+    state.switch_left(Q1, 1.0)
+    state.network.connected.add(Q1)
+    assert state.network_changed(2.0) == []
+    assert state.tick(2.0 + SWITCH_GRACE_S) == []
+    assert state.is_live(7)
 
 
 def test_a_classical_switch_that_leaves_forgets_its_bypasses() -> None:

@@ -206,11 +206,14 @@ def test_entries_of_a_live_session_stay_and_stale_ones_go() -> None:
     granted(state)
     own = [(7, hop) for hop in state.sessions.by_number[7].hops if hop.dpid == Q1]
     assert state.entries_found(Q1, own) == []
+    (again,) = state.entries_found(Q1, own[1:])
+    assert isinstance(again, OpenPaths)
+    assert (again.dpid, again.hops, again.closed) == (Q1, (own[0][1],), ())
     stale = Hop(Q1, 1, THIRD)
     (action,) = state.entries_found(Q1, [*own, (7, stale)])
     assert isinstance(action, OpenPaths)
     assert (action.dpid, action.hops, action.closed) == (Q1, (), (stale,))
-    assert state.entries_found(Q1, [(8, None), (9, stale)]) == [
+    assert state.entries_found(Q1, [*own, (8, None), (9, stale)]) == [
         ClosePaths(Q1, 8),
         ClosePaths(Q1, 9),
     ]
@@ -300,8 +303,8 @@ def test_who_waits_is_refused_when_the_way_is_gone_for_all() -> None:
     state = two_switches(queues=True)
     granted(state)
     ask(state, replace(FRAMED, session=8), 0.1, sport=40001)
-    assert Reason.NO_PATH in reasons(state.switch_left(Q2, 1.0))
-    assert state.sessions.by_number == {}
+    assert reasons(state.switch_left(Q2, 1.0)) == [Reason.NO_PATH]
+    assert list(state.sessions.by_number) == [7]
 
 
 def test_a_pair_may_wait_for_the_light_of_another_session() -> None:
