@@ -141,15 +141,7 @@ class FlowTable:
 
     def _affected(self, mod: FlowMod) -> list[FlowEntry]:
         """Return the entries that MODIFY or DELETE is about."""
-        entries: Iterable[FlowEntry]
-        if mod.strict:
-            entries = (e for e in self._entries.values() if e.priority == mod.priority)
-            entries = [e for e in entries if matches.parse(e.match) == mod.fields]
-        else:
-            entries = self._entries.values()
-            if mod.fields:
-                entries = [e for e in entries if matches.covers(mod.fields, matches.parse(e.match))]
-        return [entry for entry in entries if _selected(mod, entry)]
+        return [entry for entry in self._entries.values() if concerns(mod, entry)]
 
     def plan(self) -> Plan:
         """Return the cross-connects that the table asks for, between fibres that are whole.
@@ -201,11 +193,15 @@ def circuit_of(entry: FlowEntry) -> int:
     return UNMARKED | crc32(name) & UNMARKED - 1
 
 
-def _selected(mod: FlowMod, entry: FlowEntry) -> bool:
-    """Tell whether an entry passes the filters that are not part of the match."""
+def concerns(mod: FlowMod, entry: FlowEntry) -> bool:
+    """Tell whether MODIFY or DELETE is about an entry."""
     if (entry.cookie ^ mod.cookie) & mod.cookie_mask:
         return False
-    return not mod.deletes or mod.out_port in (ofp.OFPP_ANY, entry.out_port)
+    if mod.deletes and mod.out_port not in (ofp.OFPP_ANY, entry.out_port):
+        return False
+    if not mod.strict:
+        return not mod.fields or matches.covers(mod.fields, matches.parse(entry.match))
+    return entry.priority == mod.priority and matches.parse(entry.match) == mod.fields
 
 
 def _precedence(entry: FlowEntry) -> tuple[int, bool, int]:

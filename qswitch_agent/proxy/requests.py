@@ -10,7 +10,7 @@ from collections.abc import Awaitable, Callable
 from os_ken.ofproto import ofproto_v1_4 as ofp
 
 from qswitch_agent.hardware.optics import HardwareRefusal
-from qswitch_agent.middleware.flow_table import FlowTable
+from qswitch_agent.middleware.flow_table import FlowTable, concerns
 from qswitch_agent.middleware.light import MODIFYING, is_light, require_no_fiber
 from qswitch_agent.openflow import messages, multipart, packets
 from qswitch_agent.openflow.flows import NICIRA, FlowMod, Mark
@@ -72,18 +72,28 @@ class Requests:
     async def _flow_mod(self, message: bytes) -> None:
         mod, xid = FlowMod.decode(message), transaction_id(message)
         light = is_light(mod, self._switch.fibers)
+        if mod.deletes:
+            self._link.delete(mod, message)
+            return
         if light and mod.command == ofp.OFPFC_ADD:
             mod = self._marked(mod)
         elif not light and not _may_modify_light(mod):
             self._link.change(message)
             return
-        async with self._switch.trial() as trial:
+        async with self._switch.trial(self._link) as trial:
             told = trial.change(mod)
             self._switch.require_free_outputs(trial)
             self._link.change(*(one.encode(xid) for one in told))
 
     def _marked(self, mod: FlowMod) -> FlowMod:
-        return mod.marked(Mark(mod.idle_timeout_s, self._switch.new_circuit()))
+        """Return an ADD with a mark; an entry that takes another's place counts on from there."""
+        before = self._switch.paths.table.find(mod.priority, mod.match)
+        if mod.flags & ofp.OFPFF_RESET_COUNTS or any(
+            before and concerns(deletion, before) for deletion in self._link.deletions
+        ):
+            before = None
+        known = before.mark.circuit if before and before.mark else 0
+        return mod.marked(Mark(mod.idle_timeout_s, known or self._switch.new_circuit()))
 
     async def _port_mod(self, message: bytes) -> None:
         mod, tunings = self._checked_port_mod(message)
@@ -204,7 +214,7 @@ class Requests:
         if not bundle.concerns_light:
             self._link.change(message)
             return
-        async with self._switch.trial() as trial:
+        async with self._switch.trial(self._link) as trial:
             if await self._fits(number, message, bundle, trial):
                 self._link.change(message)
 
