@@ -8,9 +8,9 @@ import sys
 # Until a verb runs there is nothing to clean up: Ctrl-C just ends the program.
 signal.signal(signal.SIGINT, signal.SIG_DFL)
 
-from qmn import bench, run  # noqa: E402
+from qmn import bench, fault, run  # noqa: E402
 
-VERBS = (run, bench)
+VERBS = (run, bench, fault)
 
 
 def main() -> int:

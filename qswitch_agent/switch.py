@@ -2,6 +2,7 @@
 
 import asyncio
 import secrets
+import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from typing import Protocol
@@ -19,6 +20,7 @@ from qswitch_agent.hardware.optics import (
 )
 from qswitch_agent.light_paths import LightPaths
 from qswitch_agent.middleware.flow_table import FlowTable
+from qswitch_agent.openflow.flows import FlowMod
 from qswitch_agent.openflow.messages import Refusal
 from qswitch_agent.openflow.ports import Port
 from qswitch_agent.supervision import SupervisoryChannels
@@ -31,6 +33,10 @@ NO_STATE = PortLight(0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
 
 class Unconfirmed(Protocol):
     """A controller's connection, whose last changes the bridge may not have made yet."""
+
+    @property
+    def deletions(self) -> list[FlowMod] | None:
+        """What they are if they are only deletions; None if there are others among them."""
 
     async def confirm(self) -> bool:
         """Wait until the bridge has made them; tell whether there were any."""
@@ -50,12 +56,14 @@ class Switch:
         self.paths = paths
         self.fibers = paths.table.fibers
         self.connections: set[Unconfirmed] = set()
-        self.synchronise = synchronise
+        self._synchronise = synchronise
+        self._synchronised_ns = 0  # when that was begun last, of those that are done
         self.hardware = hardware
         self._channels = channels
         self._condition = Condition()
         self._known = asyncio.Event()
         self._judging = asyncio.Lock()
+        self._newest: tuple[int, Readings] = 0, Readings()  # when they were asked for
 
     async def started(self) -> None:
         """Return when the hardware has told its condition."""
@@ -67,27 +75,42 @@ class Switch:
                 f"the hardware did not tell its condition in {CALL_DEADLINE_S} s"
             ) from error
 
+    async def synchronise(self, since_ns: int | None = None) -> None:
+        """Return when the table is what the bridge has reported up to now, or up to then."""
+        if since_ns is None or self._synchronised_ns <= since_ns:
+            begun_ns = time.monotonic_ns()
+            await self._synchronise()
+            self._synchronised_ns = max(self._synchronised_ns, begun_ns)
+
     async def ready(self) -> None:
         """Return when light passes as the bridge's table says now; raise NotReady if it cannot."""
         await self.synchronise()
         await self.paths.ready()
 
     @asynccontextmanager
-    async def trial(self) -> AsyncIterator[FlowTable]:
-        """Give a copy of the table to try a change in; one change at a time is judged.
+    async def trial(self, connection: Unconfirmed) -> AsyncIterator[FlowTable]:
+        """Give a copy of the table in which a controller can try a change; one at a time.
 
         What controllers have asked for before is in it, whether they waited for it or not.
         """
         async with self._judging:
-            confirmed = [await connection.confirm() for connection in list(self.connections)]
+            confirmed = [
+                await other.confirm()
+                for other in list(self.connections)
+                if other is not connection or other.deletions is None
+            ]
             if any(confirmed):
                 await self.synchronise()
-            yield self.paths.table.copy()
+            table = self.paths.table.copy()
+            for mod in connection.deletions or ():
+                table.change(mod)
+            yield table
 
     def require_free_outputs(self, trial: FlowTable) -> None:
         """Raise Refusal if a change makes two paths end in one port."""
-        known = set(self.paths.table.plan().conflicts)
-        for conflict in trial.plan().conflicts:
+        conflicts = trial.plan().conflicts
+        known = set(self.paths.table.plan().conflicts) if conflicts else ()
+        for conflict in conflicts:
             if conflict not in known:
                 raise Refusal(ofp.OFPET_FLOW_MOD_FAILED, ofp.OFPFMFC_OVERLAP, conflict)
 
@@ -95,9 +118,14 @@ class Switch:
         """Return a number under which the photons of a new light entry are counted."""
         return secrets.randbelow(MAX_CIRCUIT) + MIN_CIRCUIT
 
-    async def read(self) -> Readings:
-        """Return what the hardware counts and measures."""
-        return await self.hardware.read()
+    async def read(self, since_ns: int | None = None) -> Readings:
+        """Return what the hardware counts and measures, now or at some time since then."""
+        asked_ns, readings = self._newest
+        if since_ns is None or asked_ns <= since_ns:
+            asked_ns = time.monotonic_ns()
+            readings = await self.hardware.read()
+            self._newest = asked_ns, readings
+        return readings
 
     def send_lldp(self, port: int, frame: bytes) -> None:
         """Send a frame into a fibre's supervisory channel."""

@@ -2,6 +2,7 @@
 
 import select
 import shlex
+from collections.abc import Iterable
 from pathlib import Path
 
 from mininet.node import Controller, Host, Node, OVSSwitch
@@ -11,6 +12,7 @@ from topologies.fiber import qnics
 from topologies.programs import ROOT, Program, python
 from topologies.record import RECORD
 from topologies.runtime import DISPATCHER, Runtime
+from wire import switch_check
 from wire.config import (
     DISPATCHER_PORT,
     AgentConfig,
@@ -18,6 +20,7 @@ from wire.config import (
     ControllerConfig,
     DispatcherConfig,
     HostConfig,
+    PathOptics,
     QuantumSwitch,
 )
 
@@ -181,7 +184,11 @@ class ClassicalSwitch(ShellWatcher, OVSSwitch):
 
 
 class OpticalSwitch(ClassicalSwitch):
-    """A quantum switch: a bridge with its agent between it and the controller."""
+    """A quantum switch: a bridge with its agent between it and the controller.
+
+    Optics go by keyword, as the fields of wire.config.QuantumSwitch; paths that differ from
+    the others are wire.config.PathOptics. Raise BadConfig for what no switch can have.
+    """
 
     def __init__(
         self,
@@ -189,10 +196,34 @@ class OpticalSwitch(ClassicalSwitch):
         switching_time_s: float = 100e-9,
         insertion_loss_db: float = 0.0,
         rotation: int = 0,
+        paths: Iterable[PathOptics] = (),
+        crosstalk_db: float | None = None,
+        temperature_c: float = 25.0,
+        max_temperature_c: float = 60.0,
+        hot_loss_db: float = 3.0,
+        min_frequency_mhz: int = 191_350_000,
+        max_frequency_mhz: int = 196_100_000,
+        grid_mhz: int = 50_000,
+        min_power_dbm: float = -20.0,
         **params: object,
     ) -> None:
+        optics = QuantumSwitch(
+            name=name,
+            switching_time_s=switching_time_s,
+            insertion_loss_db=insertion_loss_db,
+            rotation=rotation,
+            paths=list(paths),
+            crosstalk_db=crosstalk_db,
+            temperature_c=temperature_c,
+            max_temperature_c=max_temperature_c,
+            hot_loss_db=hot_loss_db,
+            min_frequency_mhz=min_frequency_mhz,
+            max_frequency_mhz=max_frequency_mhz,
+            grid_mhz=grid_mhz,
+            min_power_dbm=min_power_dbm,
+        )
+        switch_check.check(optics)
         super().__init__(name, **params)
-        optics = QuantumSwitch(name, switching_time_s, insertion_loss_db, rotation)
         self.network.switches[name] = optics
         self.network.datapath_ids[name] = int(self.dpid, 16)
         self.network.token(name)

@@ -139,7 +139,8 @@ class ScpiSwitch:
         except TimeoutError:
             cause = f"no answer within {CALL_DEADLINE_S:g} s"
         except (OSError, EOFError) as error:
-            cause = f"the connection is lost ({error})"
+            lost = "the connection is lost" if self._link.identity else "cannot be reached"
+            cause = f"{lost} ({error})"
         except GarbledReply as error:
             cause = f"garbled reply: {error}"
         self._link.drop()

@@ -6,13 +6,13 @@ powers       (-10.53,-60.00)   dBm
 port states  (E,E,F)           enabled, disabled (D), failed
 """
 
-import math
 import re
 from collections.abc import Iterable, Mapping
 
 CONNECTIONS = re.compile(r"\(@([\d, ]*)\),\s*\(@([\d, ]*)\)")
 ERROR = re.compile(r'([+-]?\d{1,6}),\s*"([ -~]*)"')
 LIST = re.compile(r"\(([^()]*)\)")
+NUMBER = re.compile(r"\s*[+-]?\d{1,4}(\.\d{1,9})?([eE][+-]?\d)?\s*")
 STATES = frozenset("EDF")
 
 
@@ -64,13 +64,10 @@ def read_error(text: str) -> tuple[int, str]:
 
 def read_powers(text: str, count: int) -> list[float]:
     """Return powers in dBm, one for each port that was asked for."""
-    try:
-        powers = [float(item) for item in _items(text)]
-    except ValueError as error:
-        raise GarbledReply("powers", text) from error
-    if len(powers) != count or not all(map(math.isfinite, powers)):
+    items = _items(text)
+    if len(items) != count or not all(map(NUMBER.fullmatch, items)):
         raise GarbledReply(f"{count} powers", text)
-    return powers
+    return [float(item) for item in items]
 
 
 def read_states(text: str, count: int) -> list[str]:

@@ -78,8 +78,8 @@ class SimulatedSwitch:
         """Tune a port's filter and its attenuator; None leaves a value as it is."""
         request = messages.TunePortRequest(switch=self._switch, port=port, power_dbm=power_dbm)
         if frequency_mhz is not None:
-            if frequency_mhz == 0:
-                raise HardwareRefusal(f"port {port} cannot be tuned to 0 MHz")
+            if not 0 < frequency_mhz < 1 << 32:
+                raise HardwareRefusal(f"port {port} cannot be tuned to {frequency_mhz} MHz")
             request.frequency_mhz = frequency_mhz
         reply = await self._answer(
             self._tune_port(request, timeout=CALL_DEADLINE_S, metadata=self._metadata)

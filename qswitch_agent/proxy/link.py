@@ -1,6 +1,7 @@
 """One connection between the bridge and a controller: what its two directions share."""
 
 import asyncio
+import time
 from asyncio import StreamWriter
 from collections import deque
 from dataclasses import dataclass
@@ -10,6 +11,7 @@ from os_ken.ofproto import ofproto_v1_4 as ofp
 
 from qswitch_agent.bridge import BARRIER_DEADLINE_S, BridgeFault
 from qswitch_agent.openflow import messages, packets
+from qswitch_agent.openflow.flows import FlowMod
 from qswitch_agent.openflow.messages import message_type, transaction_id
 from qswitch_agent.proxy.bundles import Bundles
 
@@ -29,6 +31,7 @@ class Said(NamedTuple):
     """A message on its way to the controller."""
 
     message: bytes
+    since_ns: int  # time.monotonic_ns: the bridge has said it by then
     by_agent: bool = False  # as it is to be; else the bridge said it
 
 
@@ -43,6 +46,7 @@ class Link:
         self.is_slave = False
         self.bundles = Bundles()
         self.aggregates: dict[int, tuple[int, int, int]] = {}  # packets, bytes, flows by xid
+        self._deletions: deque[tuple[int, FlowMod]] = deque()  # sent, not confirmed: number, what
         self._changes = 0  # of the flow table, sent to the bridge
         self._confirmed = 0  # that it has certainly made, or refused
         self._barriers: deque[Barrier] = deque()
@@ -61,7 +65,19 @@ class Link:
 
     async def answer(self, message: bytes) -> None:
         """Send an answer of the agent's own to the controller, behind what the bridge has said."""
-        await self.said.put(Said(message, by_agent=True))
+        await self.said.put(Said(message, time.monotonic_ns(), by_agent=True))
+
+    def delete(self, mod: FlowMod, request: bytes) -> None:
+        """Send a FLOW_MOD that deletes: what it will do is certain."""
+        self._deletions.append((self._changes + 1, mod))
+        self.change(request)
+
+    @property
+    def deletions(self) -> list[FlowMod] | None:
+        """What has been sent since the last confirmed change, None if not only deletions."""
+        if len(self._deletions) < self._changes - self._confirmed:
+            return None
+        return [mod for _number, mod in self._deletions]
 
     def change(self, *requests: bytes) -> None:
         """Send what changes the flow table."""
@@ -134,6 +150,8 @@ class Link:
             return False
         barrier = self._barriers.popleft()
         self._confirmed = max(self._confirmed, barrier.changes)
+        while self._deletions and self._deletions[0][0] <= self._confirmed:
+            self._deletions.popleft()
         if barrier.passed is None:
             return False
         if not barrier.passed.done():

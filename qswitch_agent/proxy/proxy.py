@@ -10,6 +10,7 @@ controller gets an ERROR in its place.
 import asyncio
 import contextlib
 import logging
+import time
 from asyncio import StreamReader, StreamWriter
 from collections.abc import Coroutine
 from typing import Any
@@ -143,9 +144,10 @@ class Proxy:
         framer, data = Framer(), greeting
         try:
             while data or (data := await reader.read(CHUNK)):
+                now_ns = time.monotonic_ns()
                 for message in framer.feed(data):
                     if not link.is_ours(message):
-                        await link.said.put(Said(message))
+                        await link.said.put(Said(message, now_ns))
                 data = b""
         except (MalformedPacket, OSError) as error:
             return f"messages of the bridge: {error}"
@@ -157,9 +159,9 @@ class Proxy:
         replies = Replies(self._switch, link, self._hold_deadline_s)
         try:
             while True:
-                message, by_agent = await link.said.get()
+                message, since_ns, by_agent = await link.said.get()
                 if not by_agent:
-                    message = await replies.shown(message)
+                    message = await replies.shown(message, since_ns)
                 if message:
                     link.controller.write(message)
                 link.said.task_done()

@@ -36,8 +36,11 @@ class Replies:
         self._link = link
         self._hold_deadline_s = hold_deadline_s
 
-    async def shown(self, message: bytes) -> bytes:
-        """Return what the controller gets for a message of the bridge; it may be nothing."""
+    async def shown(self, message: bytes, since_ns: int) -> bytes:
+        """Return what the controller gets for a message of the bridge; it may be nothing.
+
+        The bridge has said it at `since_ns` (time.monotonic_ns) or before.
+        """
         kind = message_type(message)
         if kind not in CHANGED:
             return message
@@ -48,7 +51,7 @@ class Replies:
         if kind == ofp.OFPT_PORT_STATUS:
             return self._ports(message)
         if kind == ofp.OFPT_FLOW_REMOVED:
-            return await self._flow_removed(message)
+            return await self._flow_removed(message, since_ns)
         if kind == ofp.OFPT_PACKET_IN:
             return self._packet_in(message)
         return await self._bundle(message)
@@ -121,15 +124,15 @@ class Replies:
         total = AGGREGATE.pack(counted, octets, count)
         return multipart.reply(ofp.OFPMP_AGGREGATE, xid, [total])
 
-    async def _flow_removed(self, message: bytes) -> bytes:
+    async def _flow_removed(self, message: bytes, since_ns: int) -> bytes:
         gone = FlowRemoved.decode(message)
         if gone.table != 0:
             return message
-        await self._switch.synchronise()
+        await self._switch.synchronise(since_ns)
         removed = self._switch.paths.removed(*gone.key)
         if removed is None:
             return message
-        reading = (await self._switch.read()).circuits.get(removed.mark.circuit)
+        reading = (await self._switch.read(since_ns)).circuits.get(removed.mark.circuit)
         photons = reading.photons if reading else 0
         return gone.shown(message, removed.mark, photons, removed.idle)
 

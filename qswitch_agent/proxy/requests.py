@@ -72,12 +72,15 @@ class Requests:
     async def _flow_mod(self, message: bytes) -> None:
         mod, xid = FlowMod.decode(message), transaction_id(message)
         light = is_light(mod, self._switch.fibers)
+        if mod.deletes:
+            self._link.delete(mod, message)
+            return
         if light and mod.command == ofp.OFPFC_ADD:
             mod = self._marked(mod)
         elif not light and not _may_modify_light(mod):
             self._link.change(message)
             return
-        async with self._switch.trial() as trial:
+        async with self._switch.trial(self._link) as trial:
             told = trial.change(mod)
             self._switch.require_free_outputs(trial)
             self._link.change(*(one.encode(xid) for one in told))
@@ -204,7 +207,7 @@ class Requests:
         if not bundle.concerns_light:
             self._link.change(message)
             return
-        async with self._switch.trial() as trial:
+        async with self._switch.trial(self._link) as trial:
             if await self._fits(number, message, bundle, trial):
                 self._link.change(message)
 

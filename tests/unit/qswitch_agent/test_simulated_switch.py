@@ -205,6 +205,7 @@ def test_what_the_switch_cannot_do_is_a_refusal(tmp_path: Path) -> None:
                 (switch.tune(9, None, -1.0), "NOT_FOUND: port 9"),
                 (switch.tune(1, 1, None), "frequency_mhz 1 is not between"),
                 (switch.tune(1, 0, None), "cannot be tuned to 0 MHz"),
+                (switch.tune(1, 1 << 32, None), "cannot be tuned to 4294967296 MHz"),
                 (switch.tune(1, None, 1.0), "power_dbm 1 is not between"),
             ):
                 with pytest.raises(HardwareRefusal, match=text):
