@@ -15,6 +15,7 @@ from hosts.software import QuantumSocketError
 from topologies.chain import ChainTopo
 from topologies.leaf_spine import LeafSpineTopo
 from topologies.network import Network
+from topologies.programs import python
 from topologies.ring import RingTopo
 from topologies.sdc import SdcTopo
 from wire.dispatcher_pb2 import TunePortRequest
@@ -101,6 +102,23 @@ def test_light_is_not_moved_to_where_it_is_turned_differently(tmp_path: Path) ->
         network.net.configLinkStatus(way[0], way[1], "up")
         assert opened.finish(len(data)) == data
         assert switches_on_the_way(network, "alice-q0") == way
+
+
+@pytest.mark.parametrize("framework", ["ryu", "os-ken"])
+def test_a_session_outlives_the_agent_of_its_switch(tmp_path: Path, framework: str) -> None:
+    with (
+        running(SdcTopo, tmp_path, framework=framework) as network,
+        session(network, "alice", "bob") as opened,
+    ):
+        agent = network.net.get("q1").program
+        before = light_paths("q1")
+        agent.stop()
+        config = network.runtime.folder / "q1-agent.json"
+        agent.start([python(), "-m", "qswitch_agent", "--config", str(config)])
+        wait_until(lambda: len(facts(network, "switch")) == 3, "q1 is here again")
+        assert light_paths("q1") == before
+        assert opened.carry(DATA) == DATA
+        assert facts(network, "torn_down") == []
 
 
 @pytest.mark.parametrize(("budget_db", "fits"), [(20.1, True), (19.9, False)])
