@@ -129,23 +129,24 @@ class LightPaths:
 
     async def expire(self, delete: Callable[[FlowEntry], None]) -> None:
         """Delete entries through which no photon has passed for their idle time-out, for ever."""
-        started_ns = time.time_ns()
+        active: dict[int, int] = {}  # when a photon passed, or an entry was first seen, by circuit
         while True:
             await asyncio.sleep(IDLE_POLL_S)
             waiting = [(e, e.mark) for e in self.table.marked() if e.mark and e.mark.idle_timeout_s]
             if not waiting:
+                active.clear()
                 continue
             readings = await self._hardware.read()
             if Quantity.PHOTONS in readings.not_measured:
                 log.warning("this hardware counts no photons: idle time-outs have no effect")
                 return
             now_ns = time.time_ns()
+            circuits = readings.circuits
+            active = {mark.circuit: active.get(mark.circuit, now_ns) for _, mark in waiting}
+            active |= {name: circuits[name].last_ns for name in active if name in circuits}
             for entry, mark in waiting:
-                last_ns = self._added_ns.get(mark.circuit, 0)
-                if reading := readings.circuits.get(mark.circuit):
-                    last_ns = max(last_ns, reading.last_ns)
                 name = (*entry.key, entry.cookie)
-                last_ns = last_ns or started_ns
+                last_ns = max(active[mark.circuit], self._added_ns.get(mark.circuit, 0))
                 if now_ns - last_ns >= mark.idle_timeout_s * 1_000_000_000:
                     if name not in self._idle:
                         log.info("no photon for %d s: %s", mark.idle_timeout_s, entry)

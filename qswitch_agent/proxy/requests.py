@@ -24,7 +24,8 @@ from wire.metadata import MalformedPacket
 from wire.optical import encode_path_optics
 
 CHANGEABLE = ofp.OFPPC_PORT_DOWN | ofp.OFPPC_NO_PACKET_IN
-UNJUDGED = {13: "NXT_FLOW_MOD", 28: "NXT_RESUME"}  # of Nicira: they would pass by unseen
+# Of Nicira: they would pass by unseen.
+UNJUDGED = {13: "NXT_FLOW_MOD", 28: "NXT_RESUME", 31: "NXT_GROUP_MOD"}
 log = logging.getLogger(__name__)
 
 
@@ -150,6 +151,12 @@ class Requests:
 
     async def _bundle_add(self, message: bytes) -> None:
         bundle, inner = self._link.bundles.of(message)
+        if transaction_id(inner) != transaction_id(message):  # the bridge would leave it out
+            raise Refusal(
+                ofp.OFPET_BUNDLE_FAILED,
+                ofp.OFPBFC_MSG_BAD_XID,
+                "the xids of a bundle message and of the message in it differ",
+            )
         member = Member(inner, message)
         try:
             told = self._judge_member(bundle, member)
@@ -210,12 +217,13 @@ class Requests:
             assert refused.refusal is not None
             await self._fail(number, message, refused, refused.refusal)
             return
-        self._link.bundles.committing[transaction_id(message)] = bundle.tunings
         if not bundle.concerns_light:
+            self._link.bundles.committing[transaction_id(message)] = bundle.tunings
             self._link.change(message)
             return
         async with self._switch.trial(self._link) as trial:
             if await self._fits(number, message, bundle, trial):
+                self._link.bundles.committing[transaction_id(message)] = bundle.tunings
                 self._link.change(message)
 
     async def _fits(self, number: int, commit: bytes, bundle: Bundle, trial: FlowTable) -> bool:
@@ -271,6 +279,8 @@ class Requests:
             self._link.to_bridge(message)
 
     async def _barrier(self, message: bytes) -> None:
+        if len(message) != HEADER.size:  # the bridge would answer it by an error, not in turn
+            raise MalformedPacket(f"BARRIER_REQUEST of {len(message)} bytes")
         self._link.barrier(message)
 
     async def _role(self, message: bytes) -> None:
@@ -285,7 +295,7 @@ class Requests:
             raise Refusal(
                 ofp.OFPET_BAD_REQUEST,
                 ofp.OFPBRC_BAD_EXP_TYPE,
-                f"{UNJUDGED[kind]} is not offered: use FLOW_MOD",
+                f"{UNJUDGED[kind]} is not offered: use OpenFlow's own messages",
             )
         self._link.to_bridge(message)
 
