@@ -4,12 +4,14 @@ Classical switches: table 0 picks quantum metadata out, table 1 learns and forwa
 Quantum switches: table 0 holds light paths and nothing else, but for LLDP.
 """
 
-from collections.abc import Iterable
 from typing import Any
 
+from controller_apps.actions import OpenPaths
+from controller_apps.datagrams import IP_UDP
 from controller_apps.framework import ofproto, parser
 from controller_apps.paths import Hop
 from controller_apps.segments import FIN, IP_TCP, PSH, RST, FiveTuple
+from wire.device import DEVICE_PORT
 from wire.metadata import METADATA_PORT
 
 METADATA_TABLE, LEARNING_TABLE = 0, 1
@@ -79,43 +81,66 @@ def metadata_entries(datapath: Any) -> list[Any]:
             to_controller(), to_learning())
         for ends, flag in closing
     ]  # fmt: skip
+    to_agents = {"eth_type": ETH_TYPE_IPV4, "ip_proto": IP_UDP, "udp_dst": DEVICE_PORT}
     pushed = {**to_port, "tcp_flags": (PSH, PSH)}
     return [
         delete(datapath, METADATA_TABLE),
         add(datapath, METADATA_TABLE, 0, {}, to_learning()),
         add(datapath, METADATA_TABLE, METADATA_PRIORITY, pushed, to_controller()),
+        # Of the node agents: to the controller and to nobody else.
+        add(datapath, METADATA_TABLE, METADATA_PRIORITY, to_agents, to_controller()),
         *copies,
     ]
 
 
-def discovery_entries(datapath: Any) -> list[Any]:
-    """Return what a quantum switch needs: LLDP goes up, everything else is dark.
+def discovery_entry(datapath: Any) -> Any:
+    """Return what a quantum switch needs: LLDP goes up, everything else is dark."""
+    return add(datapath, 0, LLDP_PRIORITY, {"eth_type": ETH_TYPE_LLDP}, to_controller())
 
-    Flows of its past are asked for; those that belong to no session are deleted then.
-    """
-    ask = parser.OFPFlowStatsRequest(
+
+def ask_entries(datapath: Any) -> Any:
+    """Return the request for all entries of a switch, those of its past included."""
+    return parser.OFPFlowStatsRequest(
         datapath, 0, 0, ofproto.OFPP_ANY, ofproto.OFPG_ANY, 0, 0, parser.OFPMatch()
     )
-    return [add(datapath, 0, LLDP_PRIORITY, {"eth_type": ETH_TYPE_LLDP}, to_controller()), ask]
 
 
-def path_bundle(datapath: Any, transaction: int, hops: Iterable[Hop], session: int) -> list[Any]:
-    """Return one bundle with all hops through a switch, and a barrier behind it.
+def path_bundle(datapath: Any, paths: OpenPaths, tuning: list[Any]) -> list[Any]:
+    """Return one bundle that changes the hops through a switch, and a barrier behind it.
 
     No time-outs: light moves no packets, so an entry would expire while in use.
     """
-    entries = [
-        add(datapath, 0, PATH_PRIORITY, {"in_port": hop.in_port}, output(hop.out_port),
-            cookie=session)
-        for hop in hops
+    members = [
+        *(delete_hop(datapath, hop, paths.session) for hop in paths.closed),
+        *tuning,
+        *(
+            add(datapath, 0, PATH_PRIORITY, {"in_port": hop.in_port}, output(hop.out_port),
+                cookie=paths.session)
+            for hop in paths.hops
+        ),
     ]  # fmt: skip
-    bundle = transaction & 0xFFFFFFFF
+    bundle = paths.transaction & 0xFFFFFFFF
     return [
         parser.OFPBundleCtrlMsg(datapath, bundle, ofproto.OFPBCT_OPEN_REQUEST, BUNDLE_FLAGS, []),
-        *(parser.OFPBundleAddMsg(datapath, bundle, BUNDLE_FLAGS, entry, []) for entry in entries),
+        *(parser.OFPBundleAddMsg(datapath, bundle, BUNDLE_FLAGS, member, []) for member in members),
         parser.OFPBundleCtrlMsg(datapath, bundle, ofproto.OFPBCT_COMMIT_REQUEST, BUNDLE_FLAGS, []),
         parser.OFPBarrierRequest(datapath),
     ]
+
+
+def delete_hop(datapath: Any, hop: Hop, session: int) -> Any:
+    """Return the message that deletes one hop of a session, not what has taken its place."""
+    message = delete(
+        datapath,
+        0,
+        strict=True,
+        priority=PATH_PRIORITY,
+        match=parser.OFPMatch(in_port=hop.in_port),
+        cookie=session,
+        cookie_mask=ALL_BITS,
+    )
+    message.out_port = hop.out_port
+    return message
 
 
 def delete_paths(datapath: Any, session: int) -> Any:
@@ -126,6 +151,18 @@ def delete_paths(datapath: Any, session: int) -> Any:
 def is_path(entry: Any) -> bool:
     """Tell whether flow statistics describe an entry that path_bundle made."""
     return bool(entry.cookie and entry.priority == PATH_PRIORITY)
+
+
+def hop_of(dpid: int, entry: Any) -> Hop | None:
+    """Read back what path_bundle made, None if somebody has made it something else."""
+    outputs = [
+        action.port
+        for instruction in entry.instructions
+        for action in getattr(instruction, "actions", ())
+        if isinstance(action, parser.OFPActionOutput)
+    ]
+    in_port = dict(entry.match.items()).get("in_port")
+    return Hop(dpid, in_port, outputs[0]) if in_port is not None and outputs else None
 
 
 def _connection(five_tuple: FiveTuple) -> dict[str, Any]:

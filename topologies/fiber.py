@@ -37,6 +37,8 @@ class FiberLink(Link):
             if not isinstance(node, Switch):
                 params[key] = qnic_name(node)
         super().__init__(node1, node2, **params)
+        for end in (self.intf1, self.intf2):
+            _silence(end)
         ends = (_end(self.intf1), _end(self.intf2))
         network.fibers.append(Fiber(*ends, length_km, loss_db_per_km, depolarizing))
 
@@ -73,6 +75,12 @@ def _end(interface: object) -> FiberEnd:
     node = interface.node  # type: ignore[attr-defined]
     port = str(node.ports[interface]) if isinstance(node, Switch) else str(interface)
     return FiberEnd(node.name, port)
+
+
+def _silence(interface: object) -> None:
+    """Switch IPv6 off, whose chatter would count as packets of the light's flow entry."""
+    node = interface.node  # type: ignore[attr-defined]
+    node.cmd(f"sysctl -qw net.ipv6.conf.{interface}.disable_ipv6=1")
 
 
 def _check(name: str, value: float) -> None:

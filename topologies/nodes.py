@@ -8,10 +8,11 @@ from pathlib import Path
 from mininet.node import Controller, Host, Node, OVSSwitch
 
 from topologies import openvswitch, runtime
+from topologies.addresses import broadcast, free_address
 from topologies.fiber import qnics
 from topologies.programs import ROOT, Program, python
 from topologies.record import RECORD
-from topologies.runtime import DISPATCHER, Runtime
+from topologies.runtime import CONSOLE, DISPATCHER, Runtime
 from wire import switch_check
 from wire.config import (
     DISPATCHER_PORT,
@@ -25,6 +26,7 @@ from wire.config import (
 )
 
 READY_TIMEOUT_S = 20.0
+DEFAULT_PREFIX_LENGTH = 8  # Mininet's
 SHELL_POLL_MS = 50
 
 
@@ -78,7 +80,8 @@ class ClassicalHost(ShellWatcher, Host):
         self.network = runtime.current()
         self.program: Program | None = None
         super().__init__(name, **params)
-        self.network.addresses[name] = str(params["ip"]).split("/")[0]
+        self.network.addresses[name], _, bits = str(params["ip"]).partition("/")
+        self.network.prefix_length = int(bits or DEFAULT_PREFIX_LENGTH)
 
     def config(self, **params: object) -> dict[str, object]:
         """Configure the interfaces."""
@@ -121,11 +124,18 @@ class DispatcherHost(ClassicalHost):
 
 
 class QuantumHost(ClassicalHost):
-    """A host with a QNIC: runs the three-layer stack. `source=True` makes pairs."""
+    """A host with a QNIC: runs the three-layer stack.
 
-    def __init__(self, name: str, source: bool = False, **params: object) -> None:
+    `source=True` makes pairs, for all hosts that do not name another by `pairs_from`.
+    """
+
+    def __init__(
+        self, name: str, source: bool = False, pairs_from: str = "", **params: object
+    ) -> None:
         super().__init__(name, **params)
         self.network.token(name)
+        self.pairs_from = pairs_from
+        self.network.device_key(name)
         if source:
             self.network.source = name
 
@@ -141,8 +151,10 @@ class QuantumHost(ClassicalHost):
             token=network.token(self.name),
             socket=network.socket(self.name),
             hosts=network.addresses,
-            source=network.source,
+            source=self.pairs_from or network.source,
             seed=network.seed,
+            report_to=broadcast(network.addresses.values(), network.prefix_length),
+            device_key=network.device_key(self.name),
         )
         self.program = launch(network, self.name, "hosts", config, self)
         environment = {
@@ -275,11 +287,15 @@ class QuantumController(ShellWatcher, Controller):
             listen=f"127.0.0.1:{self.port}",
             framework=network.framework,
             quantum_switches=list(network.datapath_ids.values()),
-            rotations={
-                str(network.datapath_ids[name]): optics.rotation
-                for name, optics in network.switches.items()
-            },
             record=str(network.logs / RECORD),
+            loss_budget_db=network.loss_budget_db,
+            contention=network.contention,
+            policy=network.policy,
+            address=free_address(network.addresses.values(), network.prefix_length),
+            device_keys=network.device_keys,
+            console=network.socket(CONSOLE),
+            rest=network.rest,
+            apps=network.apps,
         )
         self.program = launch(network, self.name, "controller_apps", config)
         self.program.wait_for("ready", READY_TIMEOUT_S)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Self
 
 DISPATCHER_PORT = 50051
+CONTENTION = ("refuse", "queue")
 
 
 class BadConfig(ValueError):
@@ -133,6 +134,8 @@ class HostConfig(Config):
     hosts: dict[str, str]  # name to address, as /etc/hosts would have it
     source: str  # name of the host that makes pairs
     seed: int
+    report_to: str = ""  # address that the node agent reports to (the subnet's broadcast)
+    device_key: str = ""  # that the node agent shares with the controller; empty: no node agent
 
 
 @dataclass(frozen=True)
@@ -158,7 +161,20 @@ class ControllerConfig(Config):
     listen: str  # "127.0.0.1:6653"
     framework: str  # "ryu" or "os-ken"
     quantum_switches: list[int] = field(default_factory=list)  # their datapath ids
-    rotations: dict[str, int] = field(default_factory=dict)  # datapath id to known rotation
     hold_timeout_s: float = 5.0
     idle_timeout_s: int = 30
     record: str = ""  # path of a JSON-lines file for measurements; empty: none
+    loss_budget_db: float = 30.0  # that one light path may lose
+    contention: str = "refuse"  # or "queue": what becomes of a request for light that is taken
+    policy: str = ""  # path of the policy file; empty: the shipped one, which allows the demo
+    address: str = ""  # IPv4, in the hosts' network, that its datagrams to node agents come from
+    device_keys: dict[str, str] = field(default_factory=dict)  # of each host's node agent
+    console: str = ""  # path of the unix socket of the console; empty: none
+    rest: str = ""  # "127.0.0.1:8080": serve the same there, on Ryu only; empty: not at all
+    apps: list[str] = field(default_factory=list)  # modules of further apps to load
+
+    def __post_init__(self) -> None:
+        if self.contention not in CONTENTION:
+            raise ValueError(
+                f"contention {self.contention!r}: choose one of {', '.join(CONTENTION)}"
+            )

@@ -60,11 +60,17 @@ class ReceivingSession:
         self._qnic = qnic
         self._channel = channel
         self._setup = setup
+        self.closed = False
         self._inbox = Inbox(setup.frame_bytes)
         self._singles: dict[int, asyncio.Task[Symbols]] = {}
         self._singles_used = 0
         self._digest = sha256()
         self.size = 0
+
+    @property
+    def setup(self) -> Setup:
+        """What was agreed on in the handshake."""
+        return self._setup
 
     @property
     def statistics(self) -> dict[str, int]:
@@ -99,6 +105,7 @@ class ReceivingSession:
 
     async def close(self) -> None:
         """Let go of photons and of handshakes under way."""
+        self.closed = True
         for task in self._singles.values():
             task.cancel()
         await release(self._qnic, self._setup.session)

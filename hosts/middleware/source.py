@@ -1,13 +1,17 @@
 """The service of a pair source: makes Bell pairs and sends both halves into its fibres."""
 
+from collections.abc import Callable
+
 from hosts.hardware.qnic import HardwareError, Qnic, release
 from hosts.middleware.channel import MetadataChannel, SessionError
 from hosts.middleware.receiver import MAX_BLOCK_PAIRS, check_wavelength
 from wire.metadata import Answer, Emit, Reason, Setup
 
 
-async def serve_pairs(qnic: Qnic, channel: MetadataChannel, setup: Setup) -> None:
-    """Answer Emit requests of one session until its connection ends."""
+async def serve_pairs(
+    qnic: Qnic, channel: MetadataChannel, setup: Setup, made: Callable[[int], None]
+) -> None:
+    """Answer Emit requests of one session until its connection ends; count the pairs made."""
     if len(qnic.ports) < 2:
         raise SessionError(Reason.UNSUPPORTED, "a pair source needs two fibres")
     check_wavelength(setup)
@@ -17,6 +21,7 @@ async def serve_pairs(qnic: Qnic, channel: MetadataChannel, setup: Setup) -> Non
             if not isinstance(request, Emit):
                 raise SessionError(Reason.PROTOCOL, f"{type(request).__name__}, not Emit")
             await _emit(qnic, setup, request)
+            made(request.pairs)
             channel.send(Answer(setup.session, Reason.OK))
     finally:
         await release(qnic, setup.session)

@@ -20,6 +20,7 @@ from metadata_scene import (
     arbiter,
     frame,
     payload_of,
+    rotating,
 )
 
 from controller_apps.actions import (
@@ -32,8 +33,10 @@ from controller_apps.actions import (
     OpenPaths,
     RemoveBypass,
 )
-from controller_apps.arbiter import Arbiter
-from controller_apps.paths import Hop, SwitchPort
+from controller_apps.arbiter import SWITCH_GRACE_S, Arbiter
+from controller_apps.optics import SwitchPort
+from controller_apps.paths import Hop
+from controller_apps.routing import Leg, Limits, cheapest_path
 from controller_apps.segments import FiveTuple
 from wire.metadata import (
     METADATA_PORT,
@@ -111,7 +114,7 @@ def test_the_message_is_released_only_after_the_barrier_reply() -> None:
 
 def test_with_two_switches_the_last_barrier_reply_counts() -> None:
     state = arbiter()
-    state.rotations = {Q1: 1, 3: 2}
+    state.network.optics.switches = {Q1: rotating(1), 3: rotating(2)}
     state.network.connected.add(3)
     state.network.add_link(SwitchPort(Q1, 90), SwitchPort(3, 91))
     state.network.add_link(SwitchPort(Q1, 92), SwitchPort(3, 93))
@@ -249,8 +252,10 @@ def test_the_other_direction_of_a_fibre_is_free() -> None:
     granted(state)
     in_use = state.sessions.occupied
     assert len(in_use) == 6
-    path = state.network.path(SwitchPort(Q1, 2), SwitchPort(Q1, 4), in_use.__contains__)
-    assert path == (Hop(Q1, 2, 4),)
+    leg = Leg(SwitchPort(Q1, 2), SwitchPort(Q1, 4))
+    path = cheapest_path(state.network, leg, Limits(in_use.__contains__))
+    assert path is not None
+    assert path.hops == (Hop(Q1, 2, 4),)
 
 
 def test_a_full_table_refuses_with_busy() -> None:
@@ -448,15 +453,27 @@ def test_closing_the_session_refuses_the_pair_that_waits() -> None:
     assert not state.sessions.held
 
 
-def test_a_switch_that_leaves_ends_sessions_and_refuses_set_ups() -> None:
+def test_a_switch_that_stays_away_ends_sessions_and_refuses_set_ups() -> None:
     state = arbiter()
     granted(state)
-    assert notes(state.switch_left(Q1, 1.0)) == ["torn_down"]
+    assert state.switch_left(Q1, 1.0) == []
     assert answer(ask(state, replace(FRAMED, session=8), sport=1)).reason == Reason.NO_PATH
+    assert state.tick(0.9 + SWITCH_GRACE_S) == []
+    assert notes(state.tick(1.0 + SWITCH_GRACE_S)) == ["torn_down"]
     state = arbiter()
     ask(state, FRAMED)
     assert answer(state.switch_left(Q1, 1.0)).reason == Reason.SWITCH_FAILED
     assert not state.sessions.occupied
+
+
+def test_a_switch_that_is_soon_back_keeps_its_sessions() -> None:
+    state = arbiter()
+    granted(state)
+    state.switch_left(Q1, 1.0)
+    state.network.connected.add(Q1)
+    assert state.network_changed(2.0) == []
+    assert state.tick(2.0 + SWITCH_GRACE_S) == []
+    assert state.is_live(7)
 
 
 def test_a_classical_switch_that_leaves_forgets_its_bypasses() -> None:
