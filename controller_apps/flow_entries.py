@@ -110,7 +110,7 @@ def path_bundle(datapath: Any, paths: OpenPaths, tuning: list[Any]) -> list[Any]
         *tuning,
         *(
             add(datapath, 0, PATH_PRIORITY, {"in_port": hop.in_port}, output(hop.out_port),
-                cookie=paths.session, flags=ofproto.OFPFF_SEND_FLOW_REM)
+                cookie=paths.session)
             for hop in paths.hops
         ),
     ]  # fmt: skip

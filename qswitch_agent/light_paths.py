@@ -12,9 +12,10 @@ from qswitch_agent.hardware.optics import (
     HardwareFault,
     HardwareRefusal,
     OpticalHardware,
+    Quantity,
 )
 from qswitch_agent.middleware.flow_table import FlowTable
-from qswitch_agent.openflow.flows import REMOVED, FlowEntry, FlowUpdate, Mark
+from qswitch_agent.openflow.flows import ADDED, REMOVED, FlowEntry, FlowUpdate, Mark
 from qswitch_agent.openflow.ports import Port
 
 MAX_REMOVED = 4096
@@ -48,6 +49,7 @@ class LightPaths:
         self._changed = asyncio.Event()
         self._progress = asyncio.Condition()
         self._removed: OrderedDict[tuple[int, bytes, int], Removed] = OrderedDict()
+        self._added_ns: dict[int, int] = {}  # when entries came, by circuit
         self._idle: set[tuple[int, bytes, int]] = set()  # asked to be removed
 
     def update(self, updates: Iterable[FlowUpdate]) -> None:
@@ -57,6 +59,8 @@ class LightPaths:
                 log.warning("not a path between two fibres, ignored: %s", update.entry)
             if update.event == REMOVED and update.entry is not None:
                 self._remember(update.entry)
+            elif update.event == ADDED and update.entry is not None and update.entry.mark:
+                self._added_ns[update.entry.mark.circuit] = time.time_ns()
             self.table.apply(update)
         self._ask()
 
@@ -82,6 +86,7 @@ class LightPaths:
         if known is None or known.mark is None:
             return
         name = (*known.key, known.cookie)
+        self._added_ns.pop(known.mark.circuit, None)
         self._removed[name] = Removed(known.mark, name in self._idle)
         self._removed.move_to_end(name)
         self._idle.discard(name)
@@ -124,20 +129,24 @@ class LightPaths:
 
     async def expire(self, delete: Callable[[FlowEntry], None]) -> None:
         """Delete entries through which no photon has passed for their idle time-out, for ever."""
-        born: dict[int, int] = {}  # when the agent saw an entry first, by circuit
+        active: dict[int, int] = {}  # when a photon passed, or an entry was first seen, by circuit
         while True:
             await asyncio.sleep(IDLE_POLL_S)
             waiting = [(e, e.mark) for e in self.table.marked() if e.mark and e.mark.idle_timeout_s]
             if not waiting:
-                born.clear()
+                active.clear()
                 continue
-            circuits = (await self._hardware.read()).circuits
+            readings = await self._hardware.read()
+            if Quantity.PHOTONS in readings.not_measured:
+                log.warning("this hardware counts no photons: idle time-outs have no effect")
+                return
             now_ns = time.time_ns()
-            born = {mark.circuit: born.get(mark.circuit, now_ns) for _, mark in waiting}
+            circuits = readings.circuits
+            active = {mark.circuit: active.get(mark.circuit, now_ns) for _, mark in waiting}
+            active |= {name: circuits[name].last_ns for name in active if name in circuits}
             for entry, mark in waiting:
-                reading = circuits.get(mark.circuit)
-                last_ns = reading.last_ns if reading else born[mark.circuit]
                 name = (*entry.key, entry.cookie)
+                last_ns = max(active[mark.circuit], self._added_ns.get(mark.circuit, 0))
                 if now_ns - last_ns >= mark.idle_timeout_s * 1_000_000_000:
                     if name not in self._idle:
                         log.info("no photon for %d s: %s", mark.idle_timeout_s, entry)

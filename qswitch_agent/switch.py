@@ -13,8 +13,11 @@ from qswitch_agent.hardware.optics import (
     CALL_DEADLINE_S,
     Condition,
     HardwareFault,
+    HardwareRefusal,
     OpticalHardware,
     Path,
+    PortReading,
+    Quantity,
     Readings,
     Tuning,
 )
@@ -28,18 +31,26 @@ from wire import optical
 from wire.optical import PathOptics, PortLight, PortOptics, PortTuning
 
 MIN_CIRCUIT, MAX_CIRCUIT = 1, (1 << 31) - 1
-NO_STATE = PortLight(0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
 
 
 class Unconfirmed(Protocol):
     """A controller's connection, whose last changes the bridge may not have made yet."""
 
+    confirmed: int  # how many it has certainly made, or refused
+
     @property
-    def deletions(self) -> list[FlowMod] | None:
-        """What they are if they are only deletions; None if there are others among them."""
+    def deletions(self) -> list[FlowMod]:
+        """Those that the flow monitor may not have reported and that delete."""
+
+    @property
+    def only_deletes(self) -> bool:
+        """Whether it has certainly reported all others."""
 
     async def confirm(self) -> bool:
-        """Wait until the bridge has made them; tell whether there were any."""
+        """Wait until the bridge has made all; tell whether any may be unreported yet."""
+
+    def reported(self, confirmed: int) -> None:
+        """Note that the flow monitor has reported so many."""
 
 
 class Switch:
@@ -94,15 +105,18 @@ class Switch:
         What controllers have asked for before is in it, whether they waited for it or not.
         """
         async with self._judging:
-            confirmed = [
-                await other.confirm()
+            waited = [
+                other
                 for other in list(self.connections)
-                if other is not connection or other.deletions is None
+                if other is not connection or not other.only_deletes
             ]
-            if any(confirmed):
+            if any([await other.confirm() for other in waited]):
+                confirmed = [other.confirmed for other in waited]
                 await self.synchronise()
+                for other, changes in zip(waited, confirmed, strict=True):
+                    other.reported(changes)
             table = self.paths.table.copy()
-            for mod in connection.deletions or ():
+            for mod in connection.deletions:
                 table.change(mod)
             yield table
 
@@ -119,11 +133,17 @@ class Switch:
         return secrets.randbelow(MAX_CIRCUIT) + MIN_CIRCUIT
 
     async def read(self, since_ns: int | None = None) -> Readings:
-        """Return what the hardware counts and measures, now or at some time since then."""
+        """Return what the hardware counts and measures, now or at some time since then.
+
+        Raise HardwareFault if it does not.
+        """
         asked_ns, readings = self._newest
         if since_ns is None or asked_ns <= since_ns:
             asked_ns = time.monotonic_ns()
-            readings = await self.hardware.read()
+            try:
+                readings = await self.hardware.read()
+            except HardwareRefusal as refusal:
+                raise HardwareFault(f"the hardware refuses to be read: {refusal}") from refusal
             self._newest = asked_ns, readings
         return readings
 
@@ -210,23 +230,23 @@ class Switch:
         return frequency_mhz, power_dbm
 
     def light(self, port: int, readings: Readings) -> PortLight:
-        """Return the optical statistics of a port."""
-        reading = readings.ports.get(port)
-        if reading is None:
-            return NO_STATE
+        """Return the optical statistics of a port; its flags say which fields are measured."""
+        reading = readings.ports.get(port, PortReading())
+        missing = readings.not_measured
+        flags = optical.USE_FREQ
+        if Quantity.FREQUENCY not in missing:
+            flags |= optical.RX_TUNE | optical.TX_TUNE
+        if not missing & {Quantity.TX_POWER, Quantity.RX_POWER}:
+            flags |= optical.TX_PWR
         tuning = self._condition.tuning
-        span = tuning.grid_mhz if tuning else 0
+        channel = reading.frequency_mhz, 0, tuning.grid_mhz if tuning else 0
         return PortLight(
-            optical.TUNABLE,
-            reading.frequency_mhz,
-            0,
-            span,
-            reading.frequency_mhz,
-            0,
-            span,
-            round(reading.tx_dbm * 10),
+            flags,
+            *channel,
+            *channel,
+            _signed(reading.tx_dbm * 10),
             _signed(reading.rx_dbm * 10),
-            round(reading.bias_ma * 10),
+            round(max(0.0, min(65535.0, reading.bias_ma * 10))),
             _signed(readings.temperature_c * 10),
         )
 

@@ -57,7 +57,8 @@ class FlowTable:
 
     def _put(self, entry: FlowEntry) -> None:
         self._entries[entry.key] = entry
-        (self._marked.add if entry.mark else self._marked.discard)(entry.key)
+        light = entry.in_port in self.fibers and not entry.other_fields
+        (self._marked.add if light and entry.mark else self._marked.discard)(entry.key)
 
     def _remove(self, key: tuple[int, bytes]) -> None:
         self._entries.pop(key, None)
@@ -123,7 +124,7 @@ class FlowTable:
             raise Refusal(
                 ofp.OFPET_BAD_MATCH,
                 ofp.OFPBMC_BAD_FIELD,
-                f"this would also modify what port {mod.fields} does with LLDP: use MODIFY_STRICT",
+                f"this would also modify what becomes of LLDP from port {affected[0].in_port}",
             )
         changed = [
             replace(
@@ -141,15 +142,7 @@ class FlowTable:
 
     def _affected(self, mod: FlowMod) -> list[FlowEntry]:
         """Return the entries that MODIFY or DELETE is about."""
-        entries: Iterable[FlowEntry]
-        if mod.strict:
-            entries = (e for e in self._entries.values() if e.priority == mod.priority)
-            entries = [e for e in entries if matches.parse(e.match) == mod.fields]
-        else:
-            entries = self._entries.values()
-            if mod.fields:
-                entries = [e for e in entries if matches.covers(mod.fields, matches.parse(e.match))]
-        return [entry for entry in entries if _selected(mod, entry)]
+        return [entry for entry in self._entries.values() if concerns(mod, entry)]
 
     def plan(self) -> Plan:
         """Return the cross-connects that the table asks for, between fibres that are whole.
@@ -201,11 +194,20 @@ def circuit_of(entry: FlowEntry) -> int:
     return UNMARKED | crc32(name) & UNMARKED - 1
 
 
-def _selected(mod: FlowMod, entry: FlowEntry) -> bool:
-    """Tell whether an entry passes the filters that are not part of the match."""
+def concerns(mod: FlowMod, entry: FlowEntry) -> bool:
+    """Tell whether MODIFY or DELETE is about an entry."""
     if (entry.cookie ^ mod.cookie) & mod.cookie_mask:
         return False
-    return not mod.deletes or mod.out_port in (ofp.OFPP_ANY, entry.out_port)
+    if mod.deletes and not _filters_pass(mod, entry):
+        return False
+    if not mod.strict:
+        return not mod.fields or matches.covers(mod.fields, matches.parse(entry.match))
+    return entry.priority == mod.priority and matches.parse(entry.match) == mod.fields
+
+
+def _filters_pass(mod: FlowMod, entry: FlowEntry) -> bool:
+    # No light entry has a group; what else has one makes no path.
+    return mod.out_group == ofp.OFPG_ANY and mod.out_port in (ofp.OFPP_ANY, entry.out_port)
 
 
 def _precedence(entry: FlowEntry) -> tuple[int, bool, int]:

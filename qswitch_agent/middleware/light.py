@@ -12,6 +12,7 @@ from qswitch_agent.openflow.flows import ACTION_LISTS, FlowMod, Instructions
 from qswitch_agent.openflow.messages import Refusal
 
 MODIFYING = (ofp.OFPFC_MODIFY, ofp.OFPFC_MODIFY_STRICT)
+PUTTING = (ofp.OFPFC_ADD, *MODIFYING)
 
 
 def is_light(mod: FlowMod, fibers: frozenset[int]) -> bool:
@@ -21,6 +22,18 @@ def is_light(mod: FlowMod, fibers: frozenset[int]) -> bool:
     """
     if mod.deletes:
         return False
+    if mod.command not in PUTTING:
+        raise Refusal(
+            ofp.OFPET_FLOW_MOD_FAILED,
+            ofp.OFPFMFC_BAD_COMMAND,
+            f"there is no command {mod.command}",
+        )
+    if matches.in_port_is_masked(mod.fields):
+        raise Refusal(
+            ofp.OFPET_BAD_MATCH,
+            ofp.OFPBMC_BAD_MASK,
+            "in_port cannot be matched by some of its bits",
+        )
     in_port = matches.in_port(mod.fields)
     if in_port not in fibers:
         _require_classical(mod.instructions.outputs, fibers)

@@ -190,10 +190,20 @@ class FlowMod:
         return self.command in (ofp.OFPFC_MODIFY_STRICT, ofp.OFPFC_DELETE_STRICT)
 
     def marked(self, mark: Mark) -> "FlowMod":
-        """Return what the bridge is told: the mark instead of the idle time-out."""
-        outputs = self.instructions.outputs
-        data = light_instructions(mark, outputs[0] if outputs else None)
-        return replace(self, idle_timeout_s=0, instructions=Instructions(data))
+        """Return what the bridge is told: the mark instead of the idle time-out.
+
+        The match is written as the bridge reports it, so that both are one entry to the agent.
+        """
+        outputs, in_port = self.instructions.outputs, matches.in_port(self.fields)
+        assert in_port is not None
+        return replace(
+            self,
+            idle_timeout_s=0,
+            match=matches.of_port(in_port),
+            instructions=Instructions(
+                light_instructions(mark, outputs[0] if outputs else None),
+            ),
+        )
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,12 @@ from wire.metadata import MalformedPacket
 OXM = struct.Struct("!HBB")  # class, field << 1 | has_mask, length of the value
 MATCH = struct.Struct("!HH")  # type, length without the padding
 NXM_IN_PORT = (0x0000, 0, 2)  # Open vSwitch takes its older name, too
+EXPERIMENTER = struct.Struct("!I")  # before the value of a field of class OFPXMC_EXPERIMENTER
 IN_PORT = (ofp.OFPXMC_OPENFLOW_BASIC, ofp.OFPXMT_OFB_IN_PORT, 4)
 ETH_TYPE = (ofp.OFPXMC_OPENFLOW_BASIC, ofp.OFPXMT_OFB_ETH_TYPE, 2)
 LLDP = bytes.fromhex("88cc")
 
-Field = tuple[int, int, int]  # class, number, length of the value without a mask
+Field = tuple[int, int, int]  # class (and experimenter), number, length of the value
 Fields = Mapping[Field, tuple[bytes, bytes]]  # value and mask
 
 
@@ -38,30 +39,55 @@ def join(fields: bytes) -> bytes:
 @lru_cache(maxsize=4096)
 @strict
 def parse(data: bytes) -> Fields:
-    """Return the fields with their values and masks."""
+    """Return the fields with their values and masks, but those that ask for nothing.
+
+    Like the bridge, take a field whose mask is zero for one that is not there.
+    """
     fields: dict[Field, tuple[bytes, bytes]] = {}
     offset = 0
     while offset < len(data):
         oxm_class, number, length = OXM.unpack_from(data, offset)
-        offset += OXM.size
-        body = data[offset : offset + length]
+        body = data[offset + OXM.size : offset + OXM.size + length]
         if len(body) < length:
             raise MalformedPacket(f"match field {oxm_class:#x}/{number >> 1} is cut short")
-        width = length // 2 if number & 1 else length
-        mask = body[width:] if number & 1 else b"\xff" * width
-        key = oxm_class, number >> 1, width
-        if key == NXM_IN_PORT:
-            key, body, width, mask = IN_PORT, bytes(2) + body, 4, b"\xff" * 4
+        key, value, mask = _field(oxm_class, number >> 1, bool(number & 1), body)
         if key in fields:
             raise MalformedPacket(f"match field {oxm_class:#x}/{number >> 1} is there twice")
-        fields[key] = body[:width], mask
-        offset += length
+        if any(mask) or not mask:
+            fields[key] = value, mask
+        offset += OXM.size + length
     return fields
+
+
+def _field(oxm_class: int, number: int, masked: bool, body: bytes) -> tuple[Field, bytes, bytes]:
+    """Return what a field is, its value and its mask."""
+    if oxm_class == ofp.OFPXMC_EXPERIMENTER:
+        oxm_class = oxm_class << 32 | EXPERIMENTER.unpack_from(body)[0]
+        body = body[EXPERIMENTER.size :]
+    if masked and len(body) % 2:
+        raise MalformedPacket(f"match field {oxm_class:#x}/{number} has half a mask")
+    width = len(body) // 2 if masked else len(body)
+    value, mask = body[:width], body[width:] if masked else b"\xff" * width
+    key = oxm_class, number, width
+    if key == NXM_IN_PORT:
+        return IN_PORT, bytes(2) + value, mask[:1] * 2 + mask
+    return key, value, mask
+
+
+def of_port(number: int) -> bytes:
+    """Return the OXM field that asks for a port, as the bridge writes it."""
+    oxm_class, field, width = IN_PORT
+    return OXM.pack(oxm_class, field << 1, width) + number.to_bytes(width, "big")
 
 
 def in_port(fields: Fields) -> int | None:
     """Return the port that a match asks for, None if any will do."""
     return int.from_bytes(fields[IN_PORT][0], "big") if IN_PORT in fields else None
+
+
+def in_port_is_masked(fields: Fields) -> bool:
+    """Tell whether a match asks for some bits of the port alone, which no bridge does."""
+    return IN_PORT in fields and fields[IN_PORT][1] != b"\xff" * 4
 
 
 def is_lldp(fields: Fields) -> bool:

@@ -100,11 +100,17 @@ def each_part(data: bytes, header: int, what: str) -> Iterator[tuple[int, bytes]
     """
     offset = 0
     while offset < len(data):
-        kind, length = struct.unpack_from("!HH", data, offset)
+        kind, length = _part_header(data, offset)
         if not header <= length <= len(data) - offset:
             raise MalformedPacket(f"{what} with length {length}")
         yield kind, data[offset : offset + length]
         offset += length
+
+
+@strict
+def _part_header(data: bytes, offset: int) -> tuple[int, int]:
+    kind, length = struct.unpack_from("!HH", data, offset)
+    return kind, length
 
 
 def hello() -> bytes:

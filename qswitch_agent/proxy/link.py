@@ -46,9 +46,10 @@ class Link:
         self.is_slave = False
         self.bundles = Bundles()
         self.aggregates: dict[int, tuple[int, int, int]] = {}  # packets, bytes, flows by xid
-        self._deletions: deque[tuple[int, FlowMod]] = deque()  # sent, not confirmed: number, what
+        self._deletions: deque[tuple[int, FlowMod]] = deque()  # number, what: not reported yet
         self._changes = 0  # of the flow table, sent to the bridge
-        self._confirmed = 0  # that it has certainly made, or refused
+        self.confirmed = 0  # that it has certainly made, or refused
+        self._reported = 0  # that the flow monitor has certainly reported
         self._barriers: deque[Barrier] = deque()
         self._refused: dict[int, bool] = {}  # by xid: whether an error came for what is watched
         self._discarding: set[int] = set()  # xids of our own
@@ -73,11 +74,14 @@ class Link:
         self.change(request)
 
     @property
-    def deletions(self) -> list[FlowMod] | None:
-        """What has been sent since the last confirmed change, None if not only deletions."""
-        if len(self._deletions) < self._changes - self._confirmed:
-            return None
+    def deletions(self) -> list[FlowMod]:
+        """What has been asked to be deleted, and may not have been reported yet."""
         return [mod for _number, mod in self._deletions]
+
+    @property
+    def only_deletes(self) -> bool:
+        """Whether all changes that may not have been reported yet are deletions."""
+        return len(self._deletions) >= self._changes - self._reported
 
     def change(self, *requests: bytes) -> None:
         """Send what changes the flow table."""
@@ -91,11 +95,16 @@ class Link:
         self.to_bridge(request)
 
     async def confirm(self) -> bool:
-        """Wait until the bridge has made all changes; tell whether any was still to be made."""
-        if self._confirmed >= self._changes:
-            return False
-        await self._own_barrier()
-        return True
+        """Wait until the bridge has made all changes; tell whether any may be unreported yet."""
+        if self.confirmed < self._changes:
+            await self._own_barrier()
+        return self._reported < self.confirmed
+
+    def reported(self, confirmed: int) -> None:
+        """Note that the flow monitor has reported so many changes."""
+        self._reported = max(self._reported, confirmed)
+        while self._deletions and self._deletions[0][0] <= self._reported:
+            self._deletions.popleft()
 
     async def accepted(self, *requests: bytes) -> bool:
         """Send requests of one xid and tell whether the bridge took them without an error."""
@@ -149,9 +158,7 @@ class Link:
         if not self._barriers:
             return False
         barrier = self._barriers.popleft()
-        self._confirmed = max(self._confirmed, barrier.changes)
-        while self._deletions and self._deletions[0][0] <= self._confirmed:
-            self._deletions.popleft()
+        self.confirmed = max(self.confirmed, barrier.changes)
         if barrier.passed is None:
             return False
         if not barrier.passed.done():
@@ -181,4 +188,4 @@ class Link:
         for barrier in self._barriers:
             if barrier.passed is not None and not barrier.passed.done():
                 barrier.passed.set_result(None)
-        self._confirmed = self._changes
+        self.confirmed = self._changes

@@ -10,7 +10,7 @@ from qswitch_agent.bridge import BridgeFault
 from qswitch_agent.hardware.optics import HardwareFault, HardwareRefusal, Readings
 from qswitch_agent.light_paths import NotReady
 from qswitch_agent.openflow import flows, messages, multipart, packets, ports
-from qswitch_agent.openflow.flows import FlowRemoved
+from qswitch_agent.openflow.flows import FlowEntry, FlowRemoved, Mark
 from qswitch_agent.openflow.messages import message_type, transaction_id
 from qswitch_agent.proxy.link import Link
 from qswitch_agent.switch import Switch
@@ -59,8 +59,10 @@ class Replies:
     async def _barrier(self, message: bytes) -> bytes:
         """Hold the reply until light passes as was asked for before the barrier."""
         try:
+            confirmed = self._link.confirmed
             async with asyncio.timeout(self._hold_deadline_s):
                 await self._switch.ready()
+            self._link.reported(confirmed)
         except (NotReady, BridgeFault, HardwareFault, TimeoutError) as error:
             reason = str(error) or f"light paths were not ready in {self._hold_deadline_s} s"
             log.error("barrier refused: %s", reason)
@@ -104,12 +106,14 @@ class Replies:
 
     async def _flow_statistics(self, message: bytes) -> bytes:
         statistics = flows.flow_statistics(message)
-        if any(entry.instructions.mark for entry in statistics):
+        marks = [self._mark(one.entry) for one in statistics]
+        if any(marks):
             circuits = (await self._switch.read()).circuits
-            for number, entry in enumerate(statistics):
-                if mark := entry.instructions.mark:
+            for number, mark in enumerate(marks):
+                if mark:
                     reading = circuits.get(mark.circuit)
-                    statistics[number] = entry.shown(mark, reading.photons if reading else 0)
+                    photons = reading.photons if reading else 0
+                    statistics[number] = statistics[number].shown(mark, photons)
         xid = transaction_id(message)
         if xid not in self._link.aggregates:
             return multipart.rebuilt(message, [entry.encode() for entry in statistics])
@@ -123,6 +127,10 @@ class Replies:
         del self._link.aggregates[xid]
         total = AGGREGATE.pack(counted, octets, count)
         return multipart.reply(ofp.OFPMP_AGGREGATE, xid, [total])
+
+    def _mark(self, entry: FlowEntry) -> Mark | None:
+        """Return the mark of a light entry; what a controller noted elsewhere is its own."""
+        return entry.mark if entry.in_port in self._switch.fibers else None
 
     async def _flow_removed(self, message: bytes, since_ns: int) -> bytes:
         gone = FlowRemoved.decode(message)

@@ -10,7 +10,7 @@ from collections.abc import Awaitable, Callable
 from os_ken.ofproto import ofproto_v1_4 as ofp
 
 from qswitch_agent.hardware.optics import HardwareRefusal
-from qswitch_agent.middleware.flow_table import FlowTable
+from qswitch_agent.middleware.flow_table import FlowTable, concerns
 from qswitch_agent.middleware.light import MODIFYING, is_light, require_no_fiber
 from qswitch_agent.openflow import messages, multipart, packets
 from qswitch_agent.openflow.flows import NICIRA, FlowMod, Mark
@@ -24,7 +24,8 @@ from wire.metadata import MalformedPacket
 from wire.optical import encode_path_optics
 
 CHANGEABLE = ofp.OFPPC_PORT_DOWN | ofp.OFPPC_NO_PACKET_IN
-UNJUDGED = {13: "NXT_FLOW_MOD", 28: "NXT_RESUME"}  # of Nicira: they would pass by unseen
+# Of Nicira: they would pass by unseen.
+UNJUDGED = {13: "NXT_FLOW_MOD", 28: "NXT_RESUME", 31: "NXT_GROUP_MOD"}
 log = logging.getLogger(__name__)
 
 
@@ -86,7 +87,14 @@ class Requests:
             self._link.change(*(one.encode(xid) for one in told))
 
     def _marked(self, mod: FlowMod) -> FlowMod:
-        return mod.marked(Mark(mod.idle_timeout_s, self._switch.new_circuit()))
+        """Return an ADD with a mark; an entry that takes another's place counts on from there."""
+        before = self._switch.paths.table.find(mod.priority, mod.match)
+        if mod.flags & ofp.OFPFF_RESET_COUNTS or any(
+            before and concerns(deletion, before) for deletion in self._link.deletions
+        ):
+            before = None
+        known = before.mark.circuit if before and before.mark else 0
+        return mod.marked(Mark(mod.idle_timeout_s, known or self._switch.new_circuit()))
 
     async def _port_mod(self, message: bytes) -> None:
         mod, tunings = self._checked_port_mod(message)
@@ -143,6 +151,12 @@ class Requests:
 
     async def _bundle_add(self, message: bytes) -> None:
         bundle, inner = self._link.bundles.of(message)
+        if transaction_id(inner) != transaction_id(message):  # the bridge would leave it out
+            raise Refusal(
+                ofp.OFPET_BUNDLE_FAILED,
+                ofp.OFPBFC_MSG_BAD_XID,
+                "the xids of a bundle message and of the message in it differ",
+            )
         member = Member(inner, message)
         try:
             told = self._judge_member(bundle, member)
@@ -203,12 +217,13 @@ class Requests:
             assert refused.refusal is not None
             await self._fail(number, message, refused, refused.refusal)
             return
-        self._link.bundles.committing[transaction_id(message)] = bundle.tunings
         if not bundle.concerns_light:
+            self._link.bundles.committing[transaction_id(message)] = bundle.tunings
             self._link.change(message)
             return
         async with self._switch.trial(self._link) as trial:
             if await self._fits(number, message, bundle, trial):
+                self._link.bundles.committing[transaction_id(message)] = bundle.tunings
                 self._link.change(message)
 
     async def _fits(self, number: int, commit: bytes, bundle: Bundle, trial: FlowTable) -> bool:
@@ -264,6 +279,8 @@ class Requests:
             self._link.to_bridge(message)
 
     async def _barrier(self, message: bytes) -> None:
+        if len(message) != HEADER.size:  # the bridge would answer it by an error, not in turn
+            raise MalformedPacket(f"BARRIER_REQUEST of {len(message)} bytes")
         self._link.barrier(message)
 
     async def _role(self, message: bytes) -> None:
@@ -278,7 +295,7 @@ class Requests:
             raise Refusal(
                 ofp.OFPET_BAD_REQUEST,
                 ofp.OFPBRC_BAD_EXP_TYPE,
-                f"{UNJUDGED[kind]} is not offered: use FLOW_MOD",
+                f"{UNJUDGED[kind]} is not offered: use OpenFlow's own messages",
             )
         self._link.to_bridge(message)
 

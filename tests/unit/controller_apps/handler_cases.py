@@ -522,7 +522,7 @@ def test_a_bundle_is_open_adds_commit_barrier_in_one_write(ready: Scene) -> None
     assert paths == [(4, [("output", 1)]), (1, [("output", 3)]), (5, [("output", 2)])]
     for entry in entries:
         assert (entry.command, entry.table_id, entry.priority) == (ofproto.OFPFC_ADD, 0, 100)
-        assert (entry.cookie, entry.flags) == (FRAMED.session, ofproto.OFPFF_SEND_FLOW_REM)
+        assert (entry.cookie, entry.flags) == (FRAMED.session, 0)
         assert (entry.idle_timeout, entry.hard_timeout) == (0, 0)
     assert len({message.xid for message in (opening, *adds, commit, barrier)}) == 6
     assert ready.s1.take() == []  # still held
