@@ -9,6 +9,7 @@ from typing import Any
 from controller_apps.actions import OpenPaths
 from controller_apps.datagrams import IP_UDP
 from controller_apps.framework import ofproto, parser
+from controller_apps.optical_messages import is_fiber
 from controller_apps.paths import Hop
 from controller_apps.segments import FIN, IP_TCP, PSH, RST, FiveTuple
 from wire.device import DEVICE_PORT
@@ -17,6 +18,7 @@ from wire.metadata import METADATA_PORT
 METADATA_TABLE, LEARNING_TABLE = 0, 1
 CLOSE_PRIORITY, BYPASS_PRIORITY, METADATA_PRIORITY, PATH_PRIORITY = 400, 300, 200, 100
 LLDP_PRIORITY = 65000
+LEARNING_PRIORITY = 1
 ETH_TYPE_IPV4, ETH_TYPE_LLDP = 0x0800, 0x88CC
 ALL_BITS = (1 << 64) - 1
 BUNDLE_FLAGS = ofproto.OFPBF_ATOMIC | ofproto.OFPBF_ORDERED
@@ -94,8 +96,19 @@ def metadata_entries(datapath: Any) -> list[Any]:
 
 
 def discovery_entry(datapath: Any) -> Any:
-    """Return what a quantum switch needs: LLDP goes up, everything else is dark."""
+    """Return what the fibres of a quantum switch need: LLDP goes up, all else is dark."""
     return add(datapath, 0, LLDP_PRIORITY, {"eth_type": ETH_TYPE_LLDP}, to_controller())
+
+
+def classical_entries(datapath: Any) -> list[Any]:
+    """Return what lets the classical ports of a quantum switch forward as any switch does."""
+    ports = list(datapath.ports.values())
+    classical = [port.port_no for port in ports if not is_fiber(port)]
+    if len(classical) == len(ports):  # nothing tells which are fibres
+        return []
+    return [
+        add(datapath, 0, LEARNING_PRIORITY, {"in_port": port}, to_learning()) for port in classical
+    ]
 
 
 def ask_entries(datapath: Any) -> Any:

@@ -121,6 +121,8 @@ class QuantumMetadata(App):
             self._ready(datapath.id, "classical")
             return
         datapath.send_msg(flow_entries.discovery_entry(datapath))
+        for message in flow_entries.classical_entries(datapath):
+            datapath.send_msg(message)
         question = flow_entries.ask_entries(datapath)
         datapath.send_msg(question)
         self._listed[datapath.id, question.xid] = []
@@ -169,9 +171,11 @@ class QuantumMetadata(App):
         self.packet_in_count += 1
         message = event.msg
         dpid, in_port, frame = message.datapath.id, message.match["in_port"], bytes(message.data)
+        if message.table_id == flow_entries.LEARNING_TABLE:
+            return
         if dpid in self.quantum_switches:
             self._fiber_spoke(SwitchPort(dpid, in_port), frame, now)
-        elif message.table_id == flow_entries.METADATA_TABLE and is_tcp(frame):
+        elif is_tcp(frame):
             self._do(self.arbiter.segment_arrived(dpid, in_port, frame, now))
 
     def _fiber_spoke(self, at: SwitchPort, frame: bytes, now: float) -> None:

@@ -258,9 +258,11 @@ class OpticalSwitch(ClassicalSwitch):
             ),
         )
         super().start([])
+        self.cmd(f"sysctl -qw net.ipv6.conf.{self.name}.disable_ipv6=1")
         self.program = launch(network, f"{self.name}-agent", "qswitch_agent", config)
         self.program.wait_for("ready", READY_TIMEOUT_S)
-        openvswitch.vsctl("set-controller", self.name, f"tcp:{config.listen}")
+        targets = [f"tcp:127.0.0.1:{port + number}" for number in range(len(controllers))]
+        openvswitch.vsctl("set-controller", self.name, *targets)
 
     def terminate(self) -> None:
         """End the agent, then the switch."""

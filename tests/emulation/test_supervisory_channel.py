@@ -1,4 +1,4 @@
-"""The veth behind a fibre carries the fibre's supervisory channel, and that is LLDP alone."""
+"""Packets at a quantum switch: LLDP alone on a fibre, ordinary traffic on its copper."""
 
 import select
 import socket
@@ -31,3 +31,14 @@ def test_nothing_but_lldp_passes_a_fibre(tmp_path: Path) -> None:
                 heard[int.from_bytes(frame[12:14], "big")] += address[0] in fibers
         assert len(fibers) == 5
         assert {kind for kind, count in heard.items() if count} == {LLDP}
+
+
+def test_quantum_switch_forwards_its_own_classical_traffic(network: Network) -> None:
+    alice, q1 = network.net.get("alice", "q1")
+    q1.cmd("ip address add 10.0.0.9/24 dev q1")
+    try:
+        assert " 0% packet loss" in alice.cmd("ping -c 3 -W 2 10.0.0.9")
+    finally:
+        q1.cmd("ip address del 10.0.0.9/24 dev q1")
+    entries = q1.cmd("ovs-ofctl -O OpenFlow14 dump-flows q1")
+    assert "priority=1,in_port=LOCAL actions=goto_table:1" in entries

@@ -142,7 +142,7 @@ class Scene:
             "127.0.0.1:6653", framework.NAME, [Q1], HOLD_S, 30, str(self.record_path)
         )
         mac_table, record = MacTable(), Record(str(self.record_path))
-        self.learning = LearningSwitch(config, mac_table, record=record)
+        self.learning = LearningSwitch(mac_table, record=record)
         self.quantum = QuantumMetadata(config, mac_table, record)
         self.s1, self.q1 = Datapath(S1), Datapath(Q1)
         self.connect(self.s1)
@@ -276,12 +276,26 @@ def test_a_classical_switch_gets_its_two_tables(scene: Scene) -> None:
                 assert instruction.actions[0].max_len == ofproto.OFPCML_NO_BUFFER
 
 
-def test_a_quantum_switch_is_dark_but_for_lldp(scene: Scene) -> None:
-    entry, *questions = scene.q1.take()
+def test_fibres_of_a_quantum_switch_are_dark_but_for_lldp(scene: Scene) -> None:
+    wiped, miss, entry, *questions = scene.q1.take()
+    assert (wiped.table_id, miss.table_id) == (1, 1)
+    assert entry.table_id == 0
     assert dict(entry.match.items()) == {"eth_type": 0x88CC}
     assert instructions(entry) == [("output", ofproto.OFPP_CONTROLLER)]
     asked = [question.multipart for question in questions]
     assert asked == [ofproto.OFPMP_FLOW, ofproto.OFPMP_EXPERIMENTER, ofproto.OFPMP_PORT_STATS]
+
+
+def test_copper_of_a_quantum_switch_learns_like_any_other(scene: Scene) -> None:
+    copper = fiber_port(7, optics=None)
+    q1 = reconnect(scene, fiber_port(1), copper, fiber_port(2))
+    entries = [m for m in q1.take() if m.kind == ofproto.OFPT_FLOW_MOD and m.priority == 1]
+    assert [dict(entry.match.items()) for entry in entries] == [{"in_port": 7}]
+    assert [instructions(entry) for entry in entries] == [[("goto", 1)]]
+    frame = bytes.fromhex("ffffffffffff0200000000aa0800") + bytes(46)
+    scene.packet_in(q1, 7, frame, table=1)
+    (out,) = [m for m in q1.take() if m.kind == ofproto.OFPT_PACKET_OUT]
+    assert (out.in_port, out.port, out.frame) == (7, ofproto.OFPP_FLOOD, frame)
 
 
 def test_lldp_tells_where_hosts_are(ready: Scene) -> None:
@@ -338,7 +352,6 @@ def spoken(messages: list[Any]) -> dict[int, bytes]:
 def second_switch(scene: Scene, *ports: int) -> Datapath:
     """Connect a further quantum switch with fibres at the given ports."""
     scene.quantum.quantum_switches |= {Q1 + 1}
-    scene.learning.quantum_switches |= {Q1 + 1}
     q2 = Datapath(Q1 + 1)
     q2.ports = {number: fiber_port(number) for number in ports}
     scene.connect(q2)
