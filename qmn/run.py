@@ -71,6 +71,14 @@ def add_parser(verbs: Any) -> None:
     add("--contention", choices=["refuse", "queue"], default="refuse", help="if light is taken")
     add("--policy", type=Path, metavar="FILE", help="who may do what, in TOML (allow everything)")
     add("--rest", default="", metavar="ADDRESS", help="serve what c0 knows there, over HTTP")
+    add(
+        "--app",
+        dest="apps",
+        action="append",
+        default=[],
+        metavar="MODULE",
+        help="load a controller app beside ours, such as ryu.app.ofctl_rest (more than once)",
+    )
     add("--history-depth", type=int, default=10_000, metavar="N", help="events kept (10000)")
     add("--runs", type=Path, default=Path("runs"), metavar="DIR", help="what runs leave (runs)")
     add("--no-capture", action="store_true", help="do not capture packets")
@@ -241,6 +249,7 @@ def run_network(
         log_folder=folder,
         policy=str(arguments.policy.resolve()) if arguments.policy else "",
         rest=arguments.rest,
+        apps=arguments.apps,
     )
     order = Transfer(
         Path(facts["file"]),

@@ -272,10 +272,27 @@ class OpticalSwitch(ClassicalSwitch):
 
 
 class QuantumController(ShellWatcher, Controller):
-    """`c0`: our controller apps on Ryu or os-ken."""
+    """`c0`: our controller apps on Ryu or os-ken.
 
-    def __init__(self, name: str, **params: object) -> None:
-        self.network = runtime.current()
+    Mininet's own command line sets it up so: --controller quantum,rest=127.0.0.1:8080,
+    apps=ryu.app.ofctl_rest (further modules behind a +).
+    """
+
+    def __init__(
+        self,
+        name: str,
+        framework: str = "",
+        policy: str = "",
+        rest: str = "",
+        apps: str = "",
+        **params: object,
+    ) -> None:
+        network = runtime.current()
+        network.framework = framework or network.framework
+        network.policy = str(Path(policy).resolve()) if policy else network.policy
+        network.rest = rest or network.rest
+        network.apps += [module for module in apps.split("+") if module]
+        self.network = network
         self.program: Program | None = None
         super().__init__(name, **{**params, "port": self.network.openflow_port})
 

@@ -55,3 +55,14 @@ def test_its_command_line_sends_by_superdense_coding(tmp_path: Path) -> None:
     assert '"event": "done"' in output
     assert "alice-q0<->q1-eth2 (OK OK)" in output
     assert got.read_text() == "hello\n"
+
+
+def test_its_command_line_sets_up_the_controller() -> None:
+    address = "127.0.0.1:18089"
+    apps = "ryu.app.ofctl_rest"
+    fetch = "import sys, urllib.request; print(urllib.request.urlopen(sys.argv[1]).read().decode())"
+    output = mn(
+        *("--controller", f"quantum,rest={address},apps={apps}"),
+        commands=f'sh python3 -c "{fetch}" http://{address}/stats/portdesc/4097\nexit\n',
+    )
+    assert output.count('"tx_grid_freq_lmda": 50000') == 5
