@@ -17,14 +17,14 @@ PORTS = (0, 1, 2, 3, 4, 9, *range(ofp.OFPP_MAX, ofp.OFPP_ANY + 1, 0xF8), ofp.OFP
 MARK = Mark(30, 4711)
 
 
-def spoiled(message: bytes, random: Random) -> bytes:
-    """Return the message with one to three faults; its header mostly tells the true length."""
+def spoiled(message: bytes, random: Random, framed: float = 0.98) -> bytes:
+    """Return the message with one to three faults; `framed`: how often its header is right."""
     data = bytearray(message)
     for _fault in range(random.choice((1, 1, 1, 2, 3))):
         random.choice((_flip, _flip, _resize, _cut, _extend, _number, _repeat))(data, random)
     data += bytes(max(0, HEADER.size - len(data)))
     del data[messages.MAX_LENGTH :]
-    if random.random() < 0.98:
+    if random.random() < framed:
         data[0] = ofp.OFP_VERSION
         struct.pack_into("!H", data, 2, len(data))
     return bytes(data)
