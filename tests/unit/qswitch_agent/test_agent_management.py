@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 from os_ken.ofproto import ofproto_v1_4 as ofp
-
 from qswitch_agent.management import BridgeFault, Management
+
 from qswitch_agent.openflow import (
     HEADER,
     MULTIPART,

@@ -31,9 +31,10 @@ def test_truncated_message_is_not_given_out() -> None:
         assert Framer().feed(STREAM[1][:size]) == []
 
 
-def test_hello_of_any_version_passes() -> None:
-    hello = bytes.fromhex("0600000800000001")
-    assert Framer().feed(hello) == [hello]
+@pytest.mark.parametrize("header", ["0600000800000001", "0101000800000001"])
+def test_hello_and_error_of_any_version_pass(header: str) -> None:
+    message = bytes.fromhex(header)
+    assert Framer().feed(message) == [message]
 
 
 @pytest.mark.parametrize("header", ["0115000800000001", "0515000700000001", "0400000000000000"])

@@ -109,7 +109,12 @@ def test_os_ken_reads_the_description_of_a_port() -> None:
     read = parser.OFPPortDescPropOptical.parser(OPTICS_BYTES)
     assert (read.type, read.length) == (ofp.OFPPDPT_OPTICAL, 40)
     ours = [unsigned(16 if number > 6 else 32, one) for number, one in enumerate(astuple(OPTICS))]
-    names = ("supported", "tx_min_freq_lmda", "tx_max_freq_lmda", "tx_grid_freq_lmda")
+    names: tuple[str, ...] = (
+        "supported",
+        "tx_min_freq_lmda",
+        "tx_max_freq_lmda",
+        "tx_grid_freq_lmda",
+    )
     names += ("rx_min_freq_lmda", "rx_max_freq_lmda", "rx_grid_freq_lmda")
     names += ("tx_pwr_min", "tx_pwr_max")
     assert [getattr(read, name) for name in names] == ours
@@ -118,7 +123,14 @@ def test_os_ken_reads_the_description_of_a_port() -> None:
 def test_os_ken_reads_the_statistics_of_a_port() -> None:
     read = parser.OFPPortStatsPropOptical.parser(LIGHT_BYTES)
     assert (read.type, read.length) == (ofp.OFPPSPT_OPTICAL, 44)
-    names = ("flags", "tx_freq_lmda", "tx_offset", "tx_grid_span", "rx_freq_lmda", "rx_offset")
+    names: tuple[str, ...] = (
+        "flags",
+        "tx_freq_lmda",
+        "tx_offset",
+        "tx_grid_span",
+        "rx_freq_lmda",
+        "rx_offset",
+    )
     names += ("rx_grid_span", "tx_pwr", "rx_pwr", "bias_current", "temperature")
     widths = [32] * 7 + [16] * 4
     ours = [unsigned(width, one) for width, one in zip(widths, astuple(LIGHT), strict=True)]
@@ -144,7 +156,7 @@ def tuning_of_os_ken(tuning: PortTuning) -> bytes:
         TUNING,
         PortTuning(0, 0, 0, 0, 0),
         replace(TUNING, offset=2**31 - 1, tx_power=-(2**31)),
-        PortTuning(*[2**32 - 1] * 2, -1, 2**32 - 1, -1),
+        PortTuning(2**32 - 1, 2**32 - 1, -1, 2**32 - 1, -1),
     ],
 )
 def test_tuning_is_what_os_ken_encodes(tuning: PortTuning) -> None:
