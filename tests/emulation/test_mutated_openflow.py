@@ -143,9 +143,8 @@ def test_no_match_modifies_light_in_disguise(tmp_path: Path, nothing: str) -> No
         match = matches.join(bytes.fromhex(nothing))
         disguised = encode(message[1], xid, message[8:48] + match + message[56:])
         switch.controller.socket.sendall(disguised + of.barrier_request(91))
-        while (answer := switch.controller.next()).xid not in (90, 91):
+        while switch.controller.next().xid not in (90, 91):
             pass
-        print(nothing, answer)
         assert flows("dump-flows", "--no-stats") == before
         assert refused(switch.controller, light(3, 2))[0] == ofp.OFPET_FLOW_MOD_FAILED
         switch.connects((1, 2))
