@@ -117,7 +117,7 @@ def require_judged(switch: Switch) -> None:
     for entry in table():
         if set(entry.outputs) & set(FIBER_PORTS):
             assert entry.is_light
-            assert entry.in_port in map(str, FIBER_PORTS)
+            assert entry.in_port in [str(port) for port in FIBER_PORTS]
             assert len(entry.outputs) == 1
             assert entry.in_port != str(entry.outputs[0])
     wait_until(lambda: switch.dispatcher.sets[-1] == paths(table()), "what the table says")
