@@ -145,7 +145,7 @@ class Requests:
             raise Refusal(
                 ofp.OFPET_BUNDLE_FAILED,
                 ofp.OFPBFC_MSG_BAD_XID,
-                f"xid {transaction_id(inner):#x} in a bundle's message {transaction_id(message):#x}",
+                "a message in a bundle has the xid of the message that brings it",
             )
         member = Member(inner, message)
         try:
