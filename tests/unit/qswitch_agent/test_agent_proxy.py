@@ -1,6 +1,8 @@
 """The proxy between a bridge and a controller: order, barriers, refusals, the end of either."""
 
 import asyncio
+import gc
+import warnings
 
 import openflow_messages as of
 import pytest
@@ -9,8 +11,10 @@ from proxy_scene import End, Listener, Stage, free_port, play, running_switch, s
 
 from qswitch_agent.hardware.optics import (
     CircuitReading,
+    Condition,
     HardwareFault,
     HardwareRefusal,
+    Path,
     PortReading,
     Readings,
 )
@@ -430,6 +434,16 @@ def test_paths_are_told_to_who_asks_for_them() -> None:
     play(scene())
 
 
+def test_path_that_passes_no_light_is_told_as_such() -> None:
+    async def scene() -> None:
+        async with stage() as now:
+            now.switch.condition_changed(Condition(others=Path(float("inf"))))
+            (others,) = now.switch.path_optics()
+            assert others.loss_mdb == 0xFFFFFFFF
+
+    play(scene())
+
+
 def test_error_in_another_version_is_dropped_and_the_connection_stays() -> None:
     async def scene() -> None:
         async with stage() as now:
@@ -515,6 +529,18 @@ def test_bridge_that_leaves_is_not_connected_later() -> None:
             await proxy.close()
 
     play(scene())
+
+
+def test_proxy_that_ends_while_it_connects_leaves_nothing_open() -> None:
+    async def scene() -> None:
+        async with stage():
+            pass
+
+    with warnings.catch_warnings(record=True) as warned:
+        warnings.simplefilter("always", ResourceWarning)
+        play(scene())
+        gc.collect()
+    assert [str(one.message) for one in warned] == []
 
 
 def test_held_reply_is_decided_before_the_end() -> None:
