@@ -69,6 +69,7 @@ def is_gone(message: bytes) -> bool:
     return bool(message[HEADER.size] == ofp.OFPPR_DELETE)
 
 
+@strict
 def with_ports(message: bytes, ports: list[Port]) -> bytes:
     """Return a PORT_STATUS or a reply to OFPMP_PORT_DESC like this one with these ports."""
     parts = [port.encode() for port in ports]

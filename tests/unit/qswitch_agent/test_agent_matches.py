@@ -111,3 +111,10 @@ def test_mask_decides_what_is_covered() -> None:
     assert not covers(group, fields(eth_dst="01:80:c3:00:00:0e"))
     assert not covers(fields(eth_dst="01:80:c2:00:00:00"), group)
     assert covers(group, fields(eth_dst=("01:80:c2:00:00:00", "ff:ff:ff:ff:00:00")))
+
+
+def test_long_match_is_read_as_well_as_a_short_one() -> None:
+    many = b"".join(bytes([0x80, 1, number << 1, 4, 0, 0, 0, number]) for number in range(100))
+    assert len(parse(many)) == 100
+    with pytest.raises(MalformedPacket, match="twice"):
+        parse(many + many[:8])

@@ -138,3 +138,11 @@ def test_every_truncated_statistic_is_malformed() -> None:
     for size in range(17, len(message)):
         with pytest.raises(MalformedPacket):
             ports.port_statistics(message[:size])
+
+
+def test_description_that_has_no_room_for_its_optics_is_malformed() -> None:
+    message = of.port_status(of.port(1, properties=bytes(65_472)))
+    (described,) = ports.described_ports(message)
+    crowded = of.port(1, properties=described.properties + OPTICS.encode())
+    with pytest.raises(MalformedPacket):
+        ports.with_ports(message, [crowded])
