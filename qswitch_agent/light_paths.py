@@ -131,7 +131,11 @@ class LightPaths:
             if not waiting:
                 active.clear()
                 continue
-            circuits = (await self._hardware.read()).circuits
+            try:
+                circuits = (await self._hardware.read()).circuits
+            except HardwareRefusal as refusal:
+                log.error("no idle path can be found: %s", refusal)
+                continue
             now_ns = time.time_ns()
             active = {mark.circuit: active.get(mark.circuit, now_ns) for _, mark in waiting}
             active |= {name: circuits[name].last_ns for name in active if name in circuits}

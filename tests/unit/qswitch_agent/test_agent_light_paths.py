@@ -254,6 +254,23 @@ def test_photons_keep_an_entry(monkeypatch: pytest.MonkeyPatch) -> None:
     play(scene())
 
 
+def test_refused_reading_expires_nothing_and_is_asked_for_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async def scene() -> None:
+        async with expiring(monkeypatch) as expiry:
+            one = expiry.add(5)
+            expiry.read(c5=2)
+            expiry.optics.failure = HardwareRefusal("not now")
+            await several_polls()
+            assert expiry.deleted == []
+            expiry.optics.failure = None
+            await several_polls()
+            assert expiry.deleted == [one]
+
+    play(scene())
+
+
 def test_entry_without_an_idle_time_out_stays(monkeypatch: pytest.MonkeyPatch) -> None:
     async def scene() -> None:
         async with expiring(monkeypatch) as expiry:
