@@ -136,7 +136,11 @@ class LightPaths:
             if not waiting:
                 active.clear()
                 continue
-            readings = await self._hardware.read()
+            try:
+                readings = await self._hardware.read()
+            except HardwareRefusal as refusal:
+                log.error("no idle path can be found: %s", refusal)
+                continue
             if Quantity.PHOTONS in readings.not_measured:
                 log.warning("this hardware counts no photons: idle time-outs have no effect")
                 return

@@ -31,6 +31,7 @@ from wire import optical
 from wire.optical import PathOptics, PortLight, PortOptics, PortTuning
 
 MIN_CIRCUIT, MAX_CIRCUIT = 1, (1 << 31) - 1
+MAX_LOSS_MDB = 0xFFFFFFFF  # a path that passes no light at all
 
 
 class Unconfirmed(Protocol):
@@ -262,7 +263,8 @@ def port_optics(condition: Condition) -> PortOptics:
 
 
 def _path_optics(ports: tuple[int, int], path: Path, stuck: bool) -> PathOptics:
-    return PathOptics(*ports, round(path.loss_db * 1000), path.rotation, stuck)
+    loss_mdb = round(min(path.loss_db * 1000, MAX_LOSS_MDB))
+    return PathOptics(*ports, loss_mdb, path.rotation, stuck)
 
 
 def _on_grid(frequency_mhz: int, tuning: Tuning) -> bool:

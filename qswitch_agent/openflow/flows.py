@@ -103,6 +103,10 @@ class Instructions:
         """The mark among the actions, None if there is none."""
         return next((mark for _, one in self.actions if (mark := Mark.decode(one))), None)
 
+    def require_whole(self) -> None:
+        """Raise MalformedPacket unless all that is read of them is there."""
+        output_ports(self.actions)
+
     def without_mark(self) -> bytes:
         """Return the instructions as a controller gave them."""
         return b"".join(self._clean(kind, body) for kind, body in self._parts)
@@ -161,12 +165,15 @@ class FlowMod:
     @classmethod
     @strict
     def decode(cls, message: bytes) -> "FlowMod":
-        """Read a FLOW_MOD."""
+        """Read a FLOW_MOD, its match and its instructions included."""
         fixed: dict[str, Any] = dict(
             zip(MOD_FIELDS, MOD.unpack_from(message, HEADER.size), strict=True)
         )
         match, instructions = matches.split(message[HEADER.size + MOD.size :])
-        return FlowMod(**fixed, match=match, instructions=Instructions(instructions))
+        mod = FlowMod(**fixed, match=match, instructions=Instructions(instructions))
+        matches.parse(mod.match)
+        mod.instructions.require_whole()
+        return mod
 
     def encode(self, xid: int) -> bytes:
         """Return the FLOW_MOD as a message."""

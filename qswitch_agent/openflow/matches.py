@@ -15,6 +15,7 @@ NXM_IN_PORT = (0x0000, 0, 2)  # Open vSwitch takes its older name, too
 EXPERIMENTER = struct.Struct("!I")  # before the value of a field of class OFPXMC_EXPERIMENTER
 IN_PORT = (ofp.OFPXMC_OPENFLOW_BASIC, ofp.OFPXMT_OFB_IN_PORT, 4)
 ETH_TYPE = (ofp.OFPXMC_OPENFLOW_BASIC, ofp.OFPXMT_OFB_ETH_TYPE, 2)
+MAX_REMEMBERED = 256  # bytes of a match; longer ones would fill the memory
 LLDP = bytes.fromhex("88cc")
 
 Field = tuple[int, int, int]  # class (and experimenter), number, length of the value
@@ -36,13 +37,16 @@ def join(fields: bytes) -> bytes:
     return MATCH.pack(ofp.OFPMT_OXM, length) + fields + b"\0" * (-length % 8)
 
 
-@lru_cache(maxsize=4096)
 @strict
 def parse(data: bytes) -> Fields:
     """Return the fields with their values and masks, but those that ask for nothing.
 
     Like the bridge, take a field whose mask is zero for one that is not there.
     """
+    return _remembered(data) if len(data) <= MAX_REMEMBERED else _fields(data)
+
+
+def _fields(data: bytes) -> Fields:
     fields: dict[Field, tuple[bytes, bytes]] = {}
     offset = 0
     while offset < len(data):
@@ -57,6 +61,9 @@ def parse(data: bytes) -> Fields:
             fields[key] = value, mask
         offset += OXM.size + length
     return fields
+
+
+_remembered = lru_cache(maxsize=4096)(_fields)
 
 
 def _field(oxm_class: int, number: int, masked: bool, body: bytes) -> tuple[Field, bytes, bytes]:

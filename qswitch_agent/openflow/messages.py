@@ -13,6 +13,7 @@ HEADER = struct.Struct(ofp.OFP_HEADER_PACK_STR)  # version, type, length, xid
 ERROR = struct.Struct("!HH")  # type, code
 ERROR_DATA = 64  # bytes of the message that is answered, at least those it has
 MAX_LENGTH = 0xFFFF
+ANY_VERSION = (ofp.OFPT_HELLO, ofp.OFPT_ERROR)  # of a message that may not be of version 1.4
 ROLE = struct.Struct(ofp.OFP_ROLE_REQUEST_PACK_STR)
 
 P = ParamSpec("P")
@@ -63,7 +64,7 @@ class Framer:
 
 def _checked_length(buffer: bytes, start: int) -> int:
     version, kind, length, _xid = HEADER.unpack_from(buffer, start)
-    if version != ofp.OFP_VERSION and kind != ofp.OFPT_HELLO:
+    if version != ofp.OFP_VERSION and kind not in ANY_VERSION:
         raise MalformedPacket(
             f"OpenFlow version {version:#x}, not 1.4 ({ofp.OFP_VERSION:#x}), "
             f"in a message of type {kind}"

@@ -1,5 +1,6 @@
 """Ports as bytes: descriptions, states, statistics, PORT_MOD."""
 
+import os
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -37,7 +38,7 @@ class Port:
 
     def encode(self) -> bytes:
         """Return the description as it goes onto the wire."""
-        fixed = self.address, self.name.encode(), self.config, self.state
+        fixed = self.address, os.fsencode(self.name), self.config, self.state
         length = PORT.size + len(self.properties)
         return PORT.pack(self.number, length, *fixed) + self.properties
 
@@ -50,7 +51,7 @@ def _ports(data: bytes) -> Iterator[Port]:
         if not PORT.size <= length <= len(data) - offset:
             raise MalformedPacket(f"description of port {number} with length {length}")
         properties = data[offset + PORT.size : offset + length]
-        text = name.rstrip(b"\0").decode("ascii", errors="replace")
+        text = os.fsdecode(name.partition(b"\0")[0])
         yield Port(number, address, text, config, state, properties)
         offset += length
 
@@ -68,6 +69,7 @@ def is_gone(message: bytes) -> bool:
     return bool(message[HEADER.size] == ofp.OFPPR_DELETE)
 
 
+@strict
 def with_ports(message: bytes, ports: list[Port]) -> bytes:
     """Return a PORT_STATUS or a reply to OFPMP_PORT_DESC like this one with these ports."""
     parts = [port.encode() for port in ports]

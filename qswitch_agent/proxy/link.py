@@ -1,6 +1,7 @@
 """One connection between the bridge and a controller: what its two directions share."""
 
 import asyncio
+import logging
 import time
 from asyncio import StreamWriter
 from collections import deque
@@ -17,6 +18,7 @@ from qswitch_agent.proxy.bundles import Bundles
 
 PRIVATE_XID = 0x514D0000
 MAX_SAID = 10_000  # messages that wait for their turn; more wait in the connection
+log = logging.getLogger(__name__)
 
 
 @dataclass
@@ -166,6 +168,10 @@ class Link:
         return True
 
     def _error(self, message: bytes) -> bool:
+        if message[0] != ofp.OFP_VERSION:
+            # So Open vSwitch 3.1 answers a bad request for a flow monitor, and with any xid.
+            log.warning("an error of OpenFlow version %#x: dropped", message[0])
+            return True
         xid = transaction_id(message)
         if xid in self._refused:
             self._refused[xid] = True

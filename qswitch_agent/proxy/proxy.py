@@ -109,6 +109,10 @@ class Proxy:
                 if not dial.done() and (bridge.at_eof() or bridge.exception()):
                     return None
             return said, *dial.result()
+        except asyncio.CancelledError:
+            if dial.done():
+                dial.result()[1].close()
+            raise
         finally:
             dial.cancel()
 

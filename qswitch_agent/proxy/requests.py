@@ -201,6 +201,8 @@ class Requests:
 
     async def _bundle_control(self, message: bytes) -> None:
         number, kind, _flags = packets.bundle_control(message)
+        # Nothing behind may make the bridge refuse what the agent has taken in.
+        message = messages.with_body(message, message[HEADER.size :][: packets.BUNDLE.size])
         if kind == ofp.OFPBCT_OPEN_REQUEST:
             self._link.bundles.begin(number)
         elif kind == ofp.OFPBCT_DISCARD_REQUEST:
