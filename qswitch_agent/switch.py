@@ -269,7 +269,8 @@ def _path_optics(ports: tuple[int, int], path: Path, stuck: bool) -> PathOptics:
 
 def _on_grid(frequency_mhz: int, tuning: Tuning) -> bool:
     within = tuning.min_mhz <= frequency_mhz <= tuning.max_mhz
-    return within and (frequency_mhz - tuning.min_mhz) % tuning.grid_mhz == 0
+    step = tuning.grid_mhz or 1
+    return within and (frequency_mhz - tuning.min_mhz) % step == 0
 
 
 def _bad_value(reason: str) -> Refusal:

@@ -145,11 +145,16 @@ class Requests:
                 ofp.OFPBAC_BAD_OUT_PORT,
                 f"into the fibre at port {min(fibers)} goes LLDP alone, by one output action",
             )
-        if self._link.is_slave:
-            raise Refusal(ofp.OFPET_BAD_REQUEST, ofp.OFPBRC_IS_SLAVE, "PACKET_OUT of a slave")
+        self._require_not_slave("PACKET_OUT")
         self._switch.send_lldp(packet.outputs[0], packet.frame)
 
+    def _require_not_slave(self, request: str) -> None:
+        """Raise Refusal for what the bridge would refuse as well, before it is taken in here."""
+        if self._link.is_slave:
+            raise Refusal(ofp.OFPET_BAD_REQUEST, ofp.OFPBRC_IS_SLAVE, f"{request} of a slave")
+
     async def _bundle_add(self, message: bytes) -> None:
+        self._require_not_slave("BUNDLE_ADD_MESSAGE")
         bundle, inner = self._link.bundles.of(message)
         if transaction_id(inner) != transaction_id(message):  # the bridge would leave it out
             raise Refusal(
@@ -200,6 +205,7 @@ class Requests:
         return b""
 
     async def _bundle_control(self, message: bytes) -> None:
+        self._require_not_slave("BUNDLE_CONTROL")
         number, kind, _flags = packets.bundle_control(message)
         # Nothing behind may make the bridge refuse what the agent has taken in.
         message = messages.with_body(message, message[HEADER.size :][: packets.BUNDLE.size])

@@ -251,10 +251,12 @@ def test_slave_is_refused_as_such() -> None:
         async with stage() as now:
             bad = of.flow_mod({"in_port": 1}, of.outputs(1), xid=9)
             lldp = of.packet_out(of.LLDP, 1, xid=10)
+            member = of.bundle_add(5, of.light(1, 2, 11))
+            discard = of.bundle_control(5, ofp.OFPBCT_DISCARD_REQUEST, 12)
             now.bridge.says(encode(ofp.OFPT_ROLE_REPLY, 1, messages.ROLE.pack(3, 1)))
             await now.controller.next()
-            now.controller.says(bad, lldp)
-            for request in (bad, lldp):
+            now.controller.says(bad, lldp, member, discard)
+            for request in (bad, lldp, member, discard):
                 slave = error(ofp.OFPET_BAD_REQUEST, ofp.OFPBRC_IS_SLAVE, request)
                 await now.controller.hears(slave)
             master = encode(ofp.OFPT_ROLE_REQUEST, 1, messages.ROLE.pack(2, 2))
