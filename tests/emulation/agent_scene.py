@@ -236,16 +236,17 @@ class Controller:
 class Switch:
     """A bridge with its agent, and all that they talk to."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, controllers: int) -> None:
         self.dispatcher = Dispatcher(folder / "dispatcher.sock")
-        self.controller = Controller()
+        self.controllers = [Controller() for _ in range(controllers)]
+        self.controller = self.controllers[0]
         with socket.create_server(("127.0.0.1", 0)) as probe:
             self.port = probe.getsockname()[1]
         self.config = folder / "agent.json"
         AgentConfig(
             switch="q1",
             listen=f"127.0.0.1:{self.port}",
-            controllers=[f"127.0.0.1:{self.controller.port}"],
+            controllers=[f"127.0.0.1:{controller.port}" for controller in self.controllers],
             management=f"/var/run/openvswitch/{BRIDGE}.mgmt",
             dispatcher=str(self.dispatcher.path),
             token=TOKEN,
@@ -293,8 +294,9 @@ class Switch:
                 self.ended()
         self.dispatcher.open.set()
         self.dispatcher.stop()
-        self.controller.socket.close()
-        self.controller.listener.close()
+        for controller in self.controllers:
+            controller.socket.close()
+            controller.listener.close()
 
     def connects(self, *paths: tuple[int, int]) -> None:
         """Wait until these are the cross-connects."""
@@ -307,14 +309,14 @@ def veth_names() -> list[str]:
 
 
 @contextmanager
-def running_switch(folder: Path) -> Iterator[Switch]:
-    """A bridge of four fibre ports whose agent is ready and whose controller is connected."""
+def running_switch(folder: Path, controllers: int = 1) -> Iterator[Switch]:
+    """A bridge of four fibre ports whose agent is ready, and its controllers are connected."""
     names = veth_names()
     for near, far in zip(names[::2], names[1::2], strict=True):
         run("ip", "link", "add", near, "type", "veth", "peer", "name", far)
         for name in (near, far):
             run("ip", "link", "set", name, "up")
-    switch = Switch(folder)
+    switch = Switch(folder, controllers)
     try:
         bridge = [f"add-br {BRIDGE}", f"set bridge {BRIDGE} datapath_type=netdev"]
         bridge += [f"set bridge {BRIDGE} protocols=OpenFlow14 fail_mode=secure"]
@@ -322,8 +324,10 @@ def running_switch(folder: Path) -> Iterator[Switch]:
             bridge += [f"add-port {BRIDGE} {name}", f"set interface {name} ofport_request={port}"]
         run("ovs-vsctl", *" -- ".join(bridge).split())
         switch.start_agent()
-        run("ovs-vsctl", "set-controller", BRIDGE, f"tcp:127.0.0.1:{switch.port}")
-        switch.controller.accept()
+        targets = [f"tcp:127.0.0.1:{switch.port + number}" for number in range(controllers)]
+        run("ovs-vsctl", "set-controller", BRIDGE, *targets)
+        for controller in switch.controllers:
+            controller.accept()
         yield switch
         if switch.agent.poll() is None:
             assert switch.end_agent() == 0, switch.log.read_text()
