@@ -11,8 +11,9 @@ from dataclasses import replace
 
 from os_ken.ofproto import ofproto_v1_4 as ofp
 
-from qswitch_agent.openflow import flows, messages, multipart, ports
-from qswitch_agent.openflow.flows import FlowEntry, FlowUpdate
+from qswitch_agent.openflow import flow_reports, flows, messages, multipart, ports
+from qswitch_agent.openflow.flow_reports import FlowUpdate
+from qswitch_agent.openflow.flows import FlowEntry
 from qswitch_agent.openflow.messages import Framer
 from qswitch_agent.openflow.ports import Port, PortMod
 from wire.metadata import MalformedPacket
@@ -124,7 +125,7 @@ class Monitor(Connection):
     async def open(self) -> None:
         """Connect and ask for flow table and ports; raise BridgeFault if no bridge is there."""
         await super().open()
-        self._writer.write(flows.flow_monitor_request(1) + ports.port_watch(2))
+        self._writer.write(flow_reports.flow_monitor_request(1) + ports.port_watch(2))
 
     async def synchronise(self) -> None:
         """Return when every change up to now has been handed over.
@@ -160,12 +161,12 @@ class Monitor(Connection):
             )
 
     def _take_updates(self, message: bytes) -> None:
-        updates = flows.flow_updates(message)
+        updates = flow_reports.flow_updates(message)
         for update in updates:
-            if update.event == flows.PAUSED:
+            if update.event == flow_reports.PAUSED:
                 log.warning("the bridge pauses its flow monitor: too many changes at once")
                 self._complete.clear()
-            elif update.event == flows.RESUMED:
+            elif update.event == flow_reports.RESUMED:
                 self._complete.set()
         self._batch += updates
         if self._batch and not multipart.more_follows(message):

@@ -15,7 +15,9 @@ from qswitch_agent.hardware.optics import (
     Quantity,
 )
 from qswitch_agent.middleware.flow_table import FlowTable
-from qswitch_agent.openflow.flows import ADDED, REMOVED, FlowEntry, FlowUpdate, Mark
+from qswitch_agent.openflow.flow_reports import ADDED, REMOVED, FlowUpdate
+from qswitch_agent.openflow.flows import FlowEntry
+from qswitch_agent.openflow.instructions import Mark
 from qswitch_agent.openflow.ports import Port
 
 MAX_REMOVED = 4096

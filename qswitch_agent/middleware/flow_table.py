@@ -13,7 +13,9 @@ from os_ken.ofproto import ofproto_v1_4 as ofp
 
 from qswitch_agent.hardware.optics import CrossConnect
 from qswitch_agent.openflow import flows, matches
-from qswitch_agent.openflow.flows import REMOVED, FlowEntry, FlowMod, FlowUpdate, Mark
+from qswitch_agent.openflow.flow_reports import REMOVED, FlowUpdate
+from qswitch_agent.openflow.flows import FlowEntry, FlowMod
+from qswitch_agent.openflow.instructions import Mark
 from qswitch_agent.openflow.messages import Refusal
 
 ALL_TABLES = (0, ofp.OFPTT_ALL)

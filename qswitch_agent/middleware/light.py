@@ -8,7 +8,8 @@ On a fibre's supervisory channel LLDP passes, and only to the controller.
 from os_ken.ofproto import ofproto_v1_4 as ofp
 
 from qswitch_agent.openflow import matches
-from qswitch_agent.openflow.flows import ACTION_LISTS, FlowMod, Instructions
+from qswitch_agent.openflow.flows import FlowMod
+from qswitch_agent.openflow.instructions import ACTION_LISTS, Instructions
 from qswitch_agent.openflow.messages import Refusal
 
 MODIFYING = (ofp.OFPFC_MODIFY, ofp.OFPFC_MODIFY_STRICT)

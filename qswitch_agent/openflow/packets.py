@@ -7,7 +7,7 @@ from typing import Self
 from os_ken.ofproto import ofproto_v1_4 as ofp
 
 from qswitch_agent.openflow import matches
-from qswitch_agent.openflow.flows import output_ports
+from qswitch_agent.openflow.instructions import output_ports
 from qswitch_agent.openflow.messages import HEADER, each_part, strict, with_body
 from wire.metadata import MalformedPacket
 

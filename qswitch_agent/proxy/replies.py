@@ -9,8 +9,10 @@ from os_ken.ofproto import ofproto_v1_4 as ofp
 from qswitch_agent.bridge import BridgeFault
 from qswitch_agent.hardware.optics import HardwareFault, HardwareRefusal, Readings
 from qswitch_agent.light_paths import NotReady
-from qswitch_agent.openflow import flows, messages, multipart, packets, ports
-from qswitch_agent.openflow.flows import FlowEntry, FlowRemoved, Mark
+from qswitch_agent.openflow import flow_reports, messages, multipart, packets, ports
+from qswitch_agent.openflow.flow_reports import FlowRemoved
+from qswitch_agent.openflow.flows import FlowEntry
+from qswitch_agent.openflow.instructions import Mark
 from qswitch_agent.openflow.messages import message_type, transaction_id
 from qswitch_agent.proxy.link import Link
 from qswitch_agent.switch import Switch
@@ -78,7 +80,7 @@ class Replies:
         if kind == ofp.OFPMP_FLOW:
             return await self._flow_statistics(message)
         if kind == ofp.OFPMP_FLOW_MONITOR:
-            return flows.monitor_shown(message)
+            return flow_reports.monitor_shown(message)
         return message
 
     def _ports(self, message: bytes) -> bytes:
@@ -105,7 +107,7 @@ class Replies:
         return port.shown(photons, self._switch.light(port.number, readings).encode())
 
     async def _flow_statistics(self, message: bytes) -> bytes:
-        statistics = flows.flow_statistics(message)
+        statistics = flow_reports.flow_statistics(message)
         marks = [self._mark(one.entry) for one in statistics]
         if any(marks):
             circuits = (await self._switch.read()).circuits

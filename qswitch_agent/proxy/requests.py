@@ -13,7 +13,8 @@ from qswitch_agent.hardware.optics import HardwareRefusal
 from qswitch_agent.middleware.flow_table import FlowTable, concerns
 from qswitch_agent.middleware.light import MODIFYING, is_light, require_no_fiber
 from qswitch_agent.openflow import messages, multipart, packets
-from qswitch_agent.openflow.flows import NICIRA, FlowMod, Mark
+from qswitch_agent.openflow.flows import FlowMod
+from qswitch_agent.openflow.instructions import NICIRA, Mark
 from qswitch_agent.openflow.messages import HEADER, Refusal, transaction_id
 from qswitch_agent.openflow.packets import PacketOut
 from qswitch_agent.openflow.ports import PortMod

@@ -7,8 +7,8 @@ import openflow_messages as of
 from os_ken.ofproto import ofproto_v1_4 as ofp
 from os_ken.ofproto import ofproto_v1_4_parser as parser
 
-from qswitch_agent.openflow import flows, messages, multipart
-from qswitch_agent.openflow.flows import Mark
+from qswitch_agent.openflow import flow_reports, messages, multipart
+from qswitch_agent.openflow.instructions import Mark
 from qswitch_agent.openflow.messages import HEADER, encode
 from wire import optical
 
@@ -111,7 +111,7 @@ def requests() -> list[list[bytes]]:
         of.flow_request(9),
         of.flow_request(10, aggregate=True),
         multipart.request(ofp.OFPMP_PORT_DESC, 11),
-        flows.flow_monitor_request(12),
+        flow_reports.flow_monitor_request(12),
         multipart.request(
             ofp.OFPMP_EXPERIMENTER,
             13,
@@ -131,8 +131,10 @@ def replies() -> list[bytes]:
     """Return what a bridge may say."""
     path = of.light(1, 2, cookie=5, priority=7)
     classical = of.flow_mod({"in_port": 9}, of.outputs(ofp.OFPP_LOCAL))
-    updates = [of.flow_update(event, path, MARK) for event in (flows.ADDED, ofp.OFPFME_MODIFIED)]
-    updates += [of.flow_update(flows.REMOVED, classical), bytes.fromhex("0008000500000000")]
+    updates = [
+        of.flow_update(event, path, MARK) for event in (flow_reports.ADDED, ofp.OFPFME_MODIFIED)
+    ]
+    updates += [of.flow_update(flow_reports.REMOVED, classical), bytes.fromhex("0008000500000000")]
     entries = [of.flow_entry(path, MARK), of.flow_entry(classical, packet_count=4)]
     described = [of.port(number).encode() for number in (1, 2, 9)]
     counted = [of.port_statistics(1), of.port_statistics(9)]

@@ -7,8 +7,9 @@ from os_ken.ofproto import ofproto_v1_4_parser as parser
 from os_ken.ofproto.ofproto_parser import msg as parse
 from os_ken.ofproto.ofproto_protocol import ProtocolDesc
 
-from qswitch_agent.openflow import flows, matches, multipart, packets, ports
-from qswitch_agent.openflow.flows import FlowMod, Mark
+from qswitch_agent.openflow import flow_reports, matches, multipart, packets, ports
+from qswitch_agent.openflow.flows import FlowMod
+from qswitch_agent.openflow.instructions import Mark
 from qswitch_agent.openflow.messages import HEADER, encode
 from wire import optical
 
@@ -140,9 +141,9 @@ def flow_update(event: int, message: bytes, mark: Mark | None = None) -> bytes:
     """Return one update of a flow monitor about the entry that a FLOW_MOD adds."""
     told = FlowMod.decode(message)
     match, instructions = entry_bytes(message, mark)
-    length = flows.UPDATE.size + len(match) + len(instructions)
+    length = flow_reports.UPDATE.size + len(match) + len(instructions)
     fixed = (length, event, 0, 0, 0, told.hard_timeout_s, told.priority, told.cookie)
-    return flows.UPDATE.pack(*fixed) + match + instructions
+    return flow_reports.UPDATE.pack(*fixed) + match + instructions
 
 
 def monitor_reply(*updates: bytes, more: bool = False) -> bytes:
@@ -154,17 +155,19 @@ def flow_entry(message: bytes, mark: Mark | None = None, packet_count: int = 0) 
     """Return the part of a FLOW reply about the entry that a FLOW_MOD adds."""
     told = FlowMod.decode(message)
     match, instructions = entry_bytes(message, mark)
-    length = flows.STATISTICS.size + len(match) + len(instructions)
+    length = flow_reports.STATISTICS.size + len(match) + len(instructions)
     fixed = (length, told.table, 5, 0, told.priority, 0, told.hard_timeout_s, told.flags, 0)
     counted = (told.cookie, packet_count, packet_count * 60)
-    return flows.STATISTICS.pack(*fixed, *counted) + match + instructions
+    return flow_reports.STATISTICS.pack(*fixed, *counted) + match + instructions
 
 
 def flow_removed(message: bytes, reason: int = ofp.OFPRR_DELETE) -> bytes:
     """Return the FLOW_REMOVED of the entry that a FLOW_MOD adds."""
     told = FlowMod.decode(message)
     fixed = (told.cookie, told.priority, reason, 0, 5, 0, 0, told.hard_timeout_s, 0, 0)
-    return encode(ofp.OFPT_FLOW_REMOVED, 0, flows.GONE.pack(*fixed) + matches.join(told.match))
+    return encode(
+        ofp.OFPT_FLOW_REMOVED, 0, flow_reports.GONE.pack(*fixed) + matches.join(told.match)
+    )
 
 
 def port(number: int, config: int = 0, state: int = 0, properties: bytes = b"") -> ports.Port:

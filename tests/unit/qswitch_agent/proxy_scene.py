@@ -18,7 +18,7 @@ from qswitch_agent.bridge import NO_PACKETS, Commands
 from qswitch_agent.hardware import optics
 from qswitch_agent.hardware.optics import Condition, CrossConnect, Readings, Tuning
 from qswitch_agent.light_paths import LightPaths
-from qswitch_agent.openflow.flows import FlowUpdate
+from qswitch_agent.openflow.flow_reports import FlowUpdate
 from qswitch_agent.openflow.messages import Framer
 from qswitch_agent.proxy.proxy import Proxy
 from qswitch_agent.supervision import SupervisoryChannels

@@ -18,11 +18,12 @@ from os_ken.ofproto import ofproto_v1_4 as ofp
 from proxy_scene import End, play
 
 from qswitch_agent.bridge import NO_PACKETS, BridgeFault, Commands, Monitor
-from qswitch_agent.openflow import flows, matches, multipart, ports
-from qswitch_agent.openflow.flows import ADDED, PAUSED, RESUMED, FlowEntry, FlowUpdate
+from qswitch_agent.openflow import flow_reports, matches, multipart, ports
+from qswitch_agent.openflow.flow_reports import ADDED, PAUSED, RESUMED, FlowUpdate
+from qswitch_agent.openflow.flows import FlowEntry
 from qswitch_agent.openflow.messages import HEADER, encode, hello
 
-START = hello() + flows.flow_monitor_request(1) + ports.port_watch(2)
+START = hello() + flow_reports.flow_monitor_request(1) + ports.port_watch(2)
 
 
 class Bridge:

@@ -9,8 +9,10 @@ from os_ken.ofproto import ofproto_v1_4_parser as parser
 from proxy_scene import Stage, play, stage
 
 from qswitch_agent.hardware.optics import HardwareRefusal
-from qswitch_agent.openflow import flows, matches, messages, packets
-from qswitch_agent.openflow.flows import ADDED, FlowEntry, FlowMod, FlowUpdate, Mark
+from qswitch_agent.openflow import instructions, matches, messages, packets
+from qswitch_agent.openflow.flow_reports import ADDED, FlowUpdate
+from qswitch_agent.openflow.flows import FlowEntry, FlowMod
+from qswitch_agent.openflow.instructions import Mark
 from qswitch_agent.openflow.messages import Refusal, encode
 from qswitch_agent.proxy import bundles
 from qswitch_agent.proxy.bundles import Bundles, require_supported
@@ -183,7 +185,7 @@ def test_modification_waits_for_commit_and_names_each_entry() -> None:
             await now.bridge.hears(ECHO)
             told = await member_mod(now)
             assert (told.command, told.priority) == (ofp.OFPFC_MODIFY_STRICT, 0x8000)
-            assert told.instructions.data == flows.light_instructions(MARK, 3)
+            assert told.instructions.data == instructions.light_instructions(MARK, 3)
             await now.bridge.hears(OWN_BARRIER)
             now.bridge.says(OWN_REPLY)
             assert (await member_mod(now)).instructions.outputs == [4]

@@ -7,15 +7,10 @@ import pytest
 from os_ken.ofproto import ofproto_v1_4 as ofp
 from os_ken.ofproto import ofproto_v1_4_parser as parser
 
-from qswitch_agent.openflow import flows, matches, multipart
-from qswitch_agent.openflow.flows import (
-    FlowEntry,
-    FlowMod,
-    FlowRemoved,
-    FlowUpdate,
-    Instructions,
-    Mark,
-)
+from qswitch_agent.openflow import flow_reports, flows, instructions, matches, multipart
+from qswitch_agent.openflow.flow_reports import FlowRemoved, FlowUpdate
+from qswitch_agent.openflow.flows import FlowEntry, FlowMod
+from qswitch_agent.openflow.instructions import Instructions, Mark
 from qswitch_agent.openflow.messages import encode
 from wire.metadata import MalformedPacket
 
@@ -39,19 +34,21 @@ MARK = Mark(30, 0x01020304)
 
 
 def entry_of(fields: dict[str, Any], *instructions: Any) -> FlowEntry:
-    message = of.monitor_reply(of.flow_update(flows.ADDED, of.flow_mod(fields, *instructions)))
-    (update,) = flows.flow_updates(message)
+    message = of.monitor_reply(
+        of.flow_update(flow_reports.ADDED, of.flow_mod(fields, *instructions))
+    )
+    (update,) = flow_reports.flow_updates(message)
     assert update.entry is not None
     return update.entry
 
 
 def test_recorded_path_is_decoded() -> None:
-    assert flows.flow_updates(ADDED) == [FlowUpdate(flows.ADDED, PATH)]
+    assert flow_reports.flow_updates(ADDED) == [FlowUpdate(flow_reports.ADDED, PATH)]
 
 
 def test_entry_with_other_actions_has_no_output() -> None:
-    (update,) = flows.flow_updates(REMOVED)
-    assert update.event == flows.REMOVED
+    (update,) = flow_reports.flow_updates(REMOVED)
+    assert update.event == flow_reports.REMOVED
     assert update.entry is not None
     assert (update.entry.in_port, update.entry.out_port) == (2, None)
 
@@ -59,19 +56,19 @@ def test_entry_with_other_actions_has_no_output() -> None:
 def test_several_updates_in_one_message_keep_their_order() -> None:
     both = ADDED[16:] + bytes.fromhex("0008000500000000") + REMOVED[16:]
     message = encode(ofp.OFPT_MULTIPART_REPLY, 0, ADDED[8:16] + both)
-    events = [update.event for update in flows.flow_updates(message)]
-    assert events == [flows.ADDED, flows.PAUSED, flows.REMOVED]
+    events = [update.event for update in flow_reports.flow_updates(message)]
+    assert events == [flow_reports.ADDED, flow_reports.PAUSED, flow_reports.REMOVED]
 
 
 @pytest.mark.parametrize("message", [ADDED, REMOVED])
 def test_every_truncated_update_is_malformed(message: bytes) -> None:
     for size in [*range(8, 16), *range(17, len(message))]:
         with pytest.raises(MalformedPacket):
-            flows.flow_updates(message[:size])
+            flow_reports.flow_updates(message[:size])
 
 
 def test_other_multipart_replies_hold_no_updates() -> None:
-    assert flows.flow_updates(multipart.reply(ofp.OFPMP_DESC, 0, [bytes(1056)])) == []
+    assert flow_reports.flow_updates(multipart.reply(ofp.OFPMP_DESC, 0, [bytes(1056)])) == []
 
 
 def test_match_for_more_than_the_port_is_seen() -> None:
@@ -105,7 +102,7 @@ def test_monitor_request_is_what_os_ken_encodes() -> None:
     request = parser.OFPFlowMonitorRequest(
         of.DATAPATH, monitor_id=1, monitor_flags=0x1F, table_id=0
     )
-    assert flows.flow_monitor_request(5) == of.encoded(request, 5)
+    assert flow_reports.flow_monitor_request(5) == of.encoded(request, 5)
 
 
 def test_mark_is_a_note_of_open_vswitch() -> None:
@@ -190,12 +187,12 @@ def test_older_name_of_the_port_is_told_as_the_bridge_reports_it() -> None:
 def test_dark_entry_has_its_mark_alone() -> None:
     marked = of.mod({"in_port": 1}).marked(MARK)
     assert marked.instructions.outputs == []
-    assert marked.instructions.data == flows.light_instructions(MARK, None)
+    assert marked.instructions.data == instructions.light_instructions(MARK, None)
 
 
 def test_controllers_see_no_mark() -> None:
     plain = of.mod({"in_port": 1}, of.outputs(2)).instructions
-    marked = flows.light_instructions(MARK, 2)
+    marked = instructions.light_instructions(MARK, 2)
     assert Instructions(marked).without_mark()[:8] == plain.data[:8]
     assert Instructions(Instructions(marked).without_mark()).outputs == [2]
     assert Instructions(plain.data).without_mark() == plain.data
@@ -204,7 +201,7 @@ def test_controllers_see_no_mark() -> None:
 def test_flow_statistics_show_photons_and_the_idle_time_out_that_was_asked_for() -> None:
     parts = [of.flow_entry(of.light(1, 2, cookie=8), MARK, 5)]
     parts.append(of.flow_entry(of.light(9, 10), packet_count=6))
-    light, other = flows.flow_statistics(multipart.reply(ofp.OFPMP_FLOW, 4, parts))
+    light, other = flow_reports.flow_statistics(multipart.reply(ofp.OFPMP_FLOW, 4, parts))
     assert (light.entry.mark, light.packets, other.entry.mark, other.packets) == (MARK, 5, None, 6)
     shown = [light.shown(MARK, 77).encode(), other.encode()]
     first, second = of.decoded(multipart.reply(ofp.OFPMP_FLOW, 4, shown)).body
@@ -215,15 +212,15 @@ def test_flow_statistics_show_photons_and_the_idle_time_out_that_was_asked_for()
 
 
 def test_monitors_of_controllers_see_no_mark() -> None:
-    update = of.flow_update(flows.ADDED, of.light(1, 2, hard_timeout=4), MARK)
+    update = of.flow_update(flow_reports.ADDED, of.light(1, 2, hard_timeout=4), MARK)
     pause = bytes.fromhex("0008000500000000")
-    plain = of.flow_update(flows.ADDED, of.light(9, 10))
-    shown = flows.monitor_shown(of.monitor_reply(update, pause, plain))
+    plain = of.flow_update(flow_reports.ADDED, of.light(9, 10))
+    shown = flow_reports.monitor_shown(of.monitor_reply(update, pause, plain))
     assert shown.endswith(pause + plain)
-    added = flows.flow_updates(shown)[0].entry
+    added = flow_reports.flow_updates(shown)[0].entry
     assert added is not None
     assert (added.mark, added.in_port, added.out_port) == (None, 1, 2)
-    assert flows.UPDATE.unpack_from(shown, multipart.BODY)[4:6] == (30, 4)
+    assert flow_reports.UPDATE.unpack_from(shown, multipart.BODY)[4:6] == (30, 4)
 
 
 def test_removal_is_shown_as_light_knows_it() -> None:
@@ -245,7 +242,7 @@ def test_every_truncated_removal_or_statistic_is_malformed() -> None:
             FlowRemoved.decode(removed[:size])
     for size in range(17, len(statistics)):
         with pytest.raises(MalformedPacket):
-            flows.flow_statistics(statistics[:size])
+            flow_reports.flow_statistics(statistics[:size])
 
 
 def test_strict_delete_names_one_entry() -> None:

@@ -21,7 +21,9 @@ from qswitch_agent.hardware.optics import (
 )
 from qswitch_agent.light_paths import LightPaths, NotReady, Removed
 from qswitch_agent.openflow import matches
-from qswitch_agent.openflow.flows import ADDED, REMOVED, FlowEntry, FlowUpdate, Mark
+from qswitch_agent.openflow.flow_reports import ADDED, REMOVED, FlowUpdate
+from qswitch_agent.openflow.flows import FlowEntry
+from qswitch_agent.openflow.instructions import Mark
 
 SECOND_NS = 1_000_000_000
 

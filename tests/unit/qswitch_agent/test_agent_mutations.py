@@ -18,8 +18,18 @@ from proxy_scene import End, Stage, play, stage
 
 from qswitch_agent.middleware.flow_table import FlowTable
 from qswitch_agent.middleware.light import is_light
-from qswitch_agent.openflow import flows, matches, messages, multipart, packets, ports
-from qswitch_agent.openflow.flows import ADDED, FlowEntry, FlowMod, FlowRemoved, FlowUpdate
+from qswitch_agent.openflow import (
+    flow_reports,
+    flows,
+    instructions,
+    matches,
+    messages,
+    multipart,
+    packets,
+    ports,
+)
+from qswitch_agent.openflow.flow_reports import ADDED, FlowRemoved, FlowUpdate
+from qswitch_agent.openflow.flows import FlowEntry, FlowMod
 from qswitch_agent.openflow.messages import HEADER, Refusal, transaction_id
 from qswitch_agent.openflow.packets import PacketOut
 from qswitch_agent.openflow.ports import PortMod
@@ -68,7 +78,7 @@ def counted(message: bytes) -> None:
 
 
 def flows_shown(message: bytes) -> None:
-    for one in flows.flow_statistics(message):
+    for one in flow_reports.flow_statistics(message):
         if mark := one.entry.mark:
             assert not one.shown(mark, 7).instructions.mark
 
@@ -83,20 +93,20 @@ def plan_is_sound(table: FlowTable) -> None:
 
 def updated(message: bytes) -> None:
     table = FlowTable(FIBERS)
-    for update in flows.flow_updates(message):
+    for update in flow_reports.flow_updates(message):
         table.apply(update)
         plan_is_sound(table)
     assert not any(update.entry and update.entry.mark for update in shown_updates(message))
 
 
 def shown_updates(message: bytes) -> list[FlowUpdate]:
-    shown = flows.monitor_shown(message)
-    return flows.flow_updates(shown)
+    shown = flow_reports.monitor_shown(message)
+    return flow_reports.flow_updates(shown)
 
 
 def removed(message: bytes) -> None:
     gone = FlowRemoved.decode(message)
-    assert FlowRemoved.decode(gone.shown(message, flows.Mark(3, 4), 5, True)).key == gone.key
+    assert FlowRemoved.decode(gone.shown(message, instructions.Mark(3, 4), 5, True)).key == gone.key
 
 
 def packet(message: bytes) -> None:
@@ -236,7 +246,7 @@ class Bridge:
         for key, entry in list(self._entries.items()):
             if table.find(*key) is None:
                 del self._entries[key]
-                self._now.reports.waiting.append(FlowUpdate(flows.REMOVED, entry))
+                self._now.reports.waiting.append(FlowUpdate(flow_reports.REMOVED, entry))
 
 
 def parts(data: bytes) -> list[tuple[int, bytes]]:

@@ -18,8 +18,10 @@ from qswitch_agent.hardware.optics import (
     PortReading,
     Readings,
 )
-from qswitch_agent.openflow import flows, matches, messages, multipart
-from qswitch_agent.openflow.flows import ADDED, REMOVED, FlowEntry, FlowMod, FlowUpdate, Mark
+from qswitch_agent.openflow import flow_reports, matches, messages, multipart
+from qswitch_agent.openflow.flow_reports import ADDED, REMOVED, FlowUpdate
+from qswitch_agent.openflow.flows import FlowEntry, FlowMod
+from qswitch_agent.openflow.instructions import Mark, light_instructions
 from qswitch_agent.openflow.messages import encode, hello
 from qswitch_agent.proxy.link import PRIVATE_XID
 from qswitch_agent.proxy.proxy import Proxy
@@ -377,13 +379,13 @@ def test_photons_are_the_packets_of_light_alone() -> None:
             noted = of.flow_mod({"in_port": 9}, of.outputs(10))
             match, instructions = of.entry_bytes(noted)
             note = Mark(0, 7).encode()
-            instructions = flows.light_instructions(Mark(0, 7), 10)
-            length = flows.STATISTICS.size + len(match) + len(instructions)
-            head = flows.STATISTICS.pack(length, 0, 5, 0, 0, 0, 0, 0, 0, 0, 4, 240)
+            instructions = light_instructions(Mark(0, 7), 10)
+            length = flow_reports.STATISTICS.size + len(match) + len(instructions)
+            head = flow_reports.STATISTICS.pack(length, 0, 5, 0, 0, 0, 0, 0, 0, 0, 4, 240)
             parts = [of.flow_entry(of.light(1, 2), Mark(30, 7)), head + match + instructions]
             now.bridge.says(multipart.reply(ofp.OFPMP_FLOW, 5, parts))
             shown = await now.controller.next()
-            light, classical = flows.flow_statistics(shown)
+            light, classical = flow_reports.flow_statistics(shown)
             assert (light.packets, light.fixed[5]) == (99, 30)
             assert (classical.packets, classical.octets) == (4, 240)
             assert note in shown
