@@ -192,14 +192,24 @@ class Controller:
         self.socket.sendall(bytes(message.buf))
 
     def next(self) -> Any:
-        """Return the next message, decoded by os_ken."""
+        """Return the next message but echo requests, decoded by os_ken."""
         while not self.received:
-            data = self.socket.recv(65536)
-            assert data, "the agent closed the connection"
-            self.received = self.framer.feed(data)
+            self._receive()
         message = self.received.pop(0)
         version, kind, length, xid = HEADER.unpack_from(message)
         return parse(DATAPATH, version, kind, length, xid, message)
+
+    def _receive(self) -> None:
+        data = self.socket.recv(65536)
+        assert data, "the agent closed the connection"
+        self.received = [one for one in self.framer.feed(data) if not self._echoed(one)]
+
+    def _echoed(self, message: bytes) -> bool:
+        """Answer an echo request, which the bridge sends when it has heard nothing for long."""
+        if message[1] != ofp.OFPT_ECHO_REQUEST:
+            return False
+        self.socket.sendall(message[:1] + bytes([ofp.OFPT_ECHO_REPLY]) + message[2:])
+        return True
 
     def answer(self, xid: int) -> Any:
         """Return the next message with this xid."""
@@ -209,7 +219,9 @@ class Controller:
 
     def silent(self) -> bool:
         """Say that nothing comes within a tenth of a second."""
-        return not self.received and not select.select([self.socket], [], [], 0.1)[0]
+        while not self.received and select.select([self.socket], [], [], 0.1)[0]:
+            self._receive()
+        return not self.received
 
     def add_paths(self, xid: int, *paths: tuple[int, int], hard_timeout: int = 0) -> None:
         """Send a bundle that adds these paths, and then a barrier with this xid."""

@@ -6,7 +6,10 @@ import time
 from collections import Counter
 from pathlib import Path
 
+from mininet.node import Node
+
 from topologies.network import Network, Signals
+from topologies.nodes import ClassicalHost
 from topologies.runtime import Runtime
 from topologies.sdc import SdcTopo
 
@@ -33,12 +36,26 @@ def test_nothing_but_lldp_passes_a_fibre(tmp_path: Path) -> None:
         assert {kind for kind, count in heard.items() if count} == {LLDP}
 
 
-def test_quantum_switch_forwards_its_own_classical_traffic(network: Network) -> None:
-    alice, q1 = network.net.get("alice", "q1")
-    q1.cmd("ip address add 10.0.0.9/24 dev q1")
-    try:
-        assert " 0% packet loss" in alice.cmd("ping -c 3 -W 2 10.0.0.9")
-    finally:
-        q1.cmd("ip address del 10.0.0.9/24 dev q1")
-    entries = q1.cmd("ovs-ofctl -O OpenFlow14 dump-flows q1")
-    assert "priority=1,in_port=LOCAL actions=goto_table:1" in entries
+class CopperTopo(SdcTopo):
+    """A host without light behind the quantum switch."""
+
+    def build(self) -> None:
+        super().build()
+        self.addHost("dave", cls=ClassicalHost, ip="10.0.0.5/24")
+        self.addLink("dave", "q1")
+
+
+def test_quantum_switch_forwards_its_own_classical_traffic(tmp_path: Path) -> None:
+    settings = Runtime(log_folder=tmp_path)
+    with Signals() as signals, Network(CopperTopo, settings, signals) as network:
+        dave, q1 = network.net.get("dave", "q1")
+        assert " 0% packet loss" in dave.cmd("ping -c 3 -i 0.2 -W 2 10.0.0.1")
+        learned = [line for line in flows(q1) if "dl_dst=" in line]
+        assert len(learned) == 2
+        assert all("in_port" in line and " n_packets=0" not in line for line in learned)
+
+
+def flows(switch: Node) -> list[str]:
+    """Return the entries of a switch's learning table."""
+    listing: str = switch.cmd(f"ovs-ofctl -O OpenFlow14 dump-flows {switch} table=1")
+    return listing.splitlines()

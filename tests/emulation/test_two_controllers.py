@@ -34,7 +34,9 @@ def switch(tmp_path: Path) -> Iterator[Switch]:
 def test_neither_takes_an_output_that_the_other_has(switch: Switch) -> None:
     one, other = switch.controllers
     for turn in range(20):
-        one.send(light(1, 3), 2 * turn + 100)  # nobody waits for it
+        one.send(light(1, 3), 2 * turn + 100)
+        one.send(parser.OFPEchoRequest(DATAPATH), 2 * turn + 101)
+        one.answer(2 * turn + 101)  # the bridge has it; whether the agent knows is another matter
         assert refused(other, light(2, 3)) == OVERLAP
         bundle(other, 50, light(2, 3))
         assert other.answer(51).code == ofp.OFPFMFC_OVERLAP
