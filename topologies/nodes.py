@@ -26,6 +26,7 @@ from wire.config import (
 )
 
 READY_TIMEOUT_S = 20.0
+STATE = "state"  # folder in which the controller keeps what its successor must know
 DEFAULT_PREFIX_LENGTH = 8  # Mininet's
 SHELL_POLL_MS = 50
 
@@ -296,6 +297,7 @@ class QuantumController(ShellWatcher, Controller):
             console=network.socket(CONSOLE),
             rest=network.rest,
             apps=network.apps,
+            state=str(network.folder / STATE),
         )
         self.program = launch(network, self.name, "controller_apps", config)
         self.program.wait_for("ready", READY_TIMEOUT_S)

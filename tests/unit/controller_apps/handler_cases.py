@@ -32,6 +32,7 @@ from controller_apps.optics import SwitchPort
 from controller_apps.paths import HostPort
 from controller_apps.quantum_metadata import QuantumMetadata
 from controller_apps.record import Record
+from controller_apps.state_folder import StateFolder
 from wire.config import ControllerConfig
 from wire.device import DEVICE_PORT
 from wire.metadata import (
@@ -136,14 +137,14 @@ def packet_out(data: bytes, xid: int) -> SimpleNamespace:
 class Scene:
     """Both apps, a classical and a quantum switch, all fibres announced."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, state: str = "") -> None:
         self.record_path = folder / "record.jsonl"
         config = ControllerConfig(
             "127.0.0.1:6653", framework.NAME, [Q1], HOLD_S, 30, str(self.record_path)
         )
         mac_table, record = MacTable(), Record(str(self.record_path))
         self.learning = LearningSwitch(config, mac_table, record=record)
-        self.quantum = QuantumMetadata(config, mac_table, record)
+        self.quantum = QuantumMetadata(config, mac_table, record, StateFolder(state))
         self.s1, self.q1 = Datapath(S1), Datapath(Q1)
         self.connect(self.s1)
         self.connect(self.q1)
@@ -664,7 +665,7 @@ def test_the_deadline_of_the_hold(ready: Scene, monkeypatch: pytest.MonkeyPatch)
 
 def stats(scene: Scene, *entries: tuple[int, int, int]) -> None:
     """Answer the question for entries: cookie, in_port and out_port of each."""
-    (_dpid, xid), *_ = scene.quantum._listed
+    (xid,) = (xid for dpid, xid in scene.quantum._listed if dpid == scene.q1.id)
     for more, part in ((1, entries[:2]), (0, entries[2:])):
         body = [
             SimpleNamespace(

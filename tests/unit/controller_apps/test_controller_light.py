@@ -29,8 +29,9 @@ from metadata_scene import (
 from scapy.layers.inet import IP, TCP
 from scapy.layers.l2 import Ether
 
-from controller_apps.actions import Action, ClosePaths, Forward, Note, OpenPaths
+from controller_apps.actions import Action, ClosePaths, Forget, Forward, Note, OpenPaths
 from controller_apps.arbiter import Arbiter
+from controller_apps.kept import keep
 from controller_apps.optics import SwitchPort
 from controller_apps.paths import Hop, HostPort, Network, directions
 from wire.metadata import METADATA_PORT, SETUP_LENGTH, Reason, Setup, Verdict, decode
@@ -103,6 +104,7 @@ def test_a_cut_moves_the_path_by_one_bundle_a_switch_and_leaves_the_others() -> 
     actions = cut(state, Q2, FIRST)
     number = opened(actions)[0].transaction
     assert actions == [
+        keep(state.sessions.by_number[7]),  # first: what a switch may do is known to a successor
         OpenPaths(Q1, (Hop(Q1, 1, THIRD),), 7, number),  # in place of the entry for in_port 1
         OpenPaths(Q2, (Hop(Q2, THIRD, 3),), 7, number, closed=(Hop(Q2, FIRST, 3),)),
     ]
@@ -167,7 +169,7 @@ def test_a_switch_that_refuses_the_move_ends_the_session() -> None:
     granted(state)
     (one, _other) = opened(cut(state, Q2, FIRST))
     actions = state.switch_refused(one.transaction, 1.5)
-    assert actions[:2] == [ClosePaths(Q1, 7), ClosePaths(Q2, 7)]
+    assert actions[:3] == [Forget(7), ClosePaths(Q1, 7), ClosePaths(Q2, 7)]
     assert notes(actions) == ["torn_down"]
     assert state.switch_refused(one.transaction, 1.6) == []
 
