@@ -29,7 +29,7 @@ from controller_apps.framework import CONFIG, DEAD, MAIN, App, Event, hub, ofp_e
 from controller_apps.kept import decode_hosts, decode_session, encode_hosts
 from controller_apps.mac_table import MacTable
 from controller_apps.optics import SwitchPort
-from controller_apps.paths import HostPort, Network
+from controller_apps.paths import Network
 from controller_apps.permission import Permission
 from controller_apps.policy import DEFAULT, BadPolicy, read_policy
 from controller_apps.questions import EventQuestion, Refused, reply
@@ -87,7 +87,6 @@ class QuantumMetadata(App):
         self._listed: dict[tuple[int, int], list[Any]] = {}
         self._transactions: dict[tuple[int, int], int] = {}
         self.state = state
-        self._hosts_kept: dict[SwitchPort, HostPort] = {}
         self._take_over(time.monotonic())
 
     def start(self) -> Any:
@@ -104,6 +103,7 @@ class QuantumMetadata(App):
                 self.network.attach(at, host_port)
         except MalformedPacket as error:
             self.logger.warning("hosts that were kept: %s", error)
+        self._keep_hosts()
         for number, data in list(self.state.sessions()):
             try:
                 session = decode_session(data, now)
@@ -113,6 +113,10 @@ class QuantumMetadata(App):
                 self.state.forget_session(number)
             else:
                 self._note(Note("resumed", session.number))
+
+    def _keep_hosts(self) -> None:
+        self._hosts_kept = self.network.hosts
+        self.state.keep_hosts(encode_hosts(self._hosts_kept))
 
     def _tick_for_ever(self) -> None:
         while True:
@@ -124,9 +128,6 @@ class QuantumMetadata(App):
         """Do what is due."""
         now = time.monotonic()
         self.fibers.time_passed(now)
-        if self.network.hosts != self._hosts_kept or not self.state.inherited:
-            self._hosts_kept = dict(self.network.hosts)
-            self.state.keep_hosts(encode_hosts(self._hosts_kept))
         self._do(self.arbiter.tick(now))
 
     @on(ofp_event.EventOFPStateChange, MAIN, DEAD)
@@ -235,6 +236,8 @@ class QuantumMetadata(App):
         except MalformedPacket as error:
             self._drop(Drop("lldp", f"switch {at.dpid:#x} port {at.port}: {error}"))
             return
+        if self.network.hosts is not self._hosts_kept:
+            self._keep_hosts()
         if news:
             self._do(self.arbiter.network_changed(now))
 

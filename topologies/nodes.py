@@ -29,6 +29,7 @@ READY_TIMEOUT_S = 20.0
 STATE = "state"  # folder in which the controller keeps what its successor must know
 DEFAULT_PREFIX_LENGTH = 8  # Mininet's
 SHELL_POLL_MS = 50
+RECONNECT_MS = 1000  # between a bridge's attempts to find its controller, at most
 
 
 def launch(
@@ -177,7 +178,7 @@ class ClassicalSwitch(ShellWatcher, OVSSwitch):
             "datapath": openvswitch.datapath(),
             "protocols": "OpenFlow14",
             "failMode": "secure",
-            "reconnectms": 1000,
+            "reconnectms": RECONNECT_MS,
         }
         super().__init__(name, **{**params, **settings})
 
@@ -261,7 +262,11 @@ class OpticalSwitch(ClassicalSwitch):
         super().start([])
         self.program = launch(network, f"{self.name}-agent", "qswitch_agent", config)
         self.program.wait_for("ready", READY_TIMEOUT_S)
-        openvswitch.vsctl("set-controller", self.name, f"tcp:{config.listen}")
+        patience = f"max_backoff={RECONNECT_MS}"  # Open vSwitch's own is 8 s
+        target = f"tcp:{config.listen}"
+        openvswitch.vsctl(
+            "set-controller", self.name, target, "--", "set", "controller", self.name, patience
+        )
 
     def terminate(self) -> None:
         """End the agent, then the switch."""

@@ -806,3 +806,14 @@ def test_the_end_is_recorded_with_all_packets_counted(ready: Scene) -> None:
     ready.quantum.close()
     last = ready.recorded()[-1]
     assert (last["event"], last["packet_in_count"]) == ("stopped", len(FIBERS) + 1)
+
+
+def test_a_second_controller_begins_with_what_the_first_has_kept(tmp_path: Path) -> None:
+    first = Scene(tmp_path, str(tmp_path / "state"))
+    first.announce()
+    grant(first)
+    second = Scene(tmp_path, str(tmp_path / "state"))
+    assert second.quantum.network.hosts == first.quantum.network.hosts
+    assert second.quantum.arbiter.is_live(FRAMED.session)
+    resumed = [fact for fact in second.recorded() if fact["event"] == "resumed"]
+    assert [fact["session"] for fact in resumed] == [f"{FRAMED.session:016x}"]
