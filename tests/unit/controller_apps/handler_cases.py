@@ -32,6 +32,7 @@ from controller_apps.optics import SwitchPort
 from controller_apps.paths import HostPort
 from controller_apps.quantum_metadata import QuantumMetadata
 from controller_apps.record import Record
+from controller_apps.segments import FiveTuple
 from controller_apps.state_folder import StateFolder
 from wire.config import ControllerConfig
 from wire.device import DEVICE_PORT
@@ -817,3 +818,44 @@ def test_a_second_controller_begins_with_what_the_first_has_kept(tmp_path: Path)
     assert second.quantum.arbiter.is_live(FRAMED.session)
     resumed = [fact for fact in second.recorded() if fact["event"] == "resumed"]
     assert [fact["session"] for fact in resumed] == [f"{FRAMED.session:016x}"]
+
+
+def list_bypasses(scene: Scene, *entries: Any) -> None:
+    """Answer the question for the entries of the classical switch."""
+    (xid,) = (xid for dpid, xid in scene.quantum._listed if dpid == S1)
+    reply = SimpleNamespace(datapath=scene.s1, body=list(entries), xid=xid, flags=0)
+    scene.quantum.flows_listed(SimpleNamespace(msg=reply))
+
+
+def classical_entry(cookie: int, priority: int = 300, **match: Any) -> Any:
+    fields = flow_entries._connection(FiveTuple(ALICE, 40000, BOB, METADATA_PORT)) | match
+    return SimpleNamespace(
+        cookie=cookie, priority=priority, match=parser.OFPMatch(**fields), instructions=[]
+    )
+
+
+def test_of_a_classical_switch_bypasses_of_live_sessions_stay(ready: Scene) -> None:
+    grant(ready)
+    ready.s1.take()
+    list_bypasses(
+        ready,
+        classical_entry(FRAMED.session),
+        classical_entry(0, priority=200),  # one of the standing entries
+        classical_entry(99),
+        classical_entry(FRAMED.session, tcp_src=40001),
+        classical_entry(98, priority=500),  # somebody else's
+    )
+    deleted = ready.s1.take()
+    assert [(m.cookie, m.priority, m.match["tcp_src"]) for m in deleted] == [
+        (98, 500, 40000),
+        (99, 300, 40000),
+        (FRAMED.session, 300, 40001),
+    ]
+    assert all(m.command == ofproto.OFPFC_DELETE_STRICT for m in deleted)
+    assert ready.quantum.arbiter.sessions.by_number[FRAMED.session].bypassed
+
+
+def test_no_entry_of_a_session_is_wiped(scene: Scene) -> None:
+    wiped = [m for m in flow_mods(scene.s1.take()) if m.command == ofproto.OFPFC_DELETE]
+    cookies = [(m.cookie, m.cookie_mask) for m in wiped if m.table_id == 0]
+    assert cookies == [(0, (1 << 64) - 1)]
