@@ -217,8 +217,7 @@ def bypassed(entry: Any) -> FiveTuple | None:
     fields = dict(entry.match.items())
     if entry.priority != BYPASS_PRIORITY or fields.keys() != BYPASS_FIELDS:
         return None
-    connection = five_tuple_of(fields)
-    return connection if _connection(connection) == fields else None
+    return five_tuple_of(fields)
 
 
 def delete_entry(datapath: Any, table: int, entry: Any) -> Any:

@@ -4,6 +4,7 @@ One file a session, one for the hosts. A file is replaced whole, so that a contr
 killed at any moment, and deleted with its session, so that the folder does not grow.
 """
 
+import errno
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -64,9 +65,16 @@ class StateFolder:
     def _replace(self, name: str, data: bytes) -> None:
         if self._folder is None:
             return
-        new = self._folder / f"{name}.new"
-        new.write_bytes(data)
-        new.replace(self._folder / name)
+        # By plain system calls: a set-up message waits for it.
+        new = f"{self._folder}/{name}.new"
+        file = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+        try:
+            written = os.write(file, data)
+        finally:
+            os.close(file)
+        if written < len(data):
+            raise OSError(errno.ENOSPC, "written in part only", new)
+        os.replace(new, f"{self._folder}/{name}")
 
 
 def is_number(name: str) -> bool:

@@ -129,6 +129,24 @@ def test_a_per_pair_session_outlives_the_controller(tmp_path: Path, framework: s
         assert {fact["detail"] for fact in facts(network, "torn_down")} <= {"FIN", "RST"}
 
 
+def test_a_framed_session_outlives_an_agent_that_is_killed(tmp_path: Path, framework: str) -> None:
+    with (
+        running(SdcTopo, tmp_path, framework=framework) as network,
+        session(network, "alice", "bob") as opened,
+    ):
+        agent, before = network.net.get("q1").program, light_paths("q1")
+        switches = len(facts(network, "switch"))
+        opened.start(DATA)
+        wait_until(lambda: len(bypasses(network)) == 2, "data has followed the set-up")
+        agent.kill()
+        config = network.runtime.folder / "q1-agent.json"
+        agent.start([python(), "-m", "qswitch_agent", "--config", str(config)])
+        wait_until(lambda: len(facts(network, "switch")) > switches, "q1 is here again")
+        assert light_paths("q1") == before
+        assert opened.finish(len(DATA)) == DATA
+        assert facts(network, "torn_down") == []
+
+
 def test_between_two_sessions_a_controller_may_be_away(tmp_path: Path, framework: str) -> None:
     with running(SdcTopo, tmp_path, framework=framework) as network:
         with session(network, "alice", "bob") as first:
