@@ -26,7 +26,7 @@ from controller_apps.admission import Admission
 from controller_apps.arbiter import Arbiter
 from controller_apps.fibers import Fibers
 from controller_apps.framework import CONFIG, DEAD, MAIN, App, Event, hub, ofp_event, ofproto, on
-from controller_apps.kept import decode_hosts, decode_session, encode_hosts
+from controller_apps.kept import encode_hosts
 from controller_apps.mac_table import MacTable
 from controller_apps.optics import SwitchPort
 from controller_apps.paths import Network
@@ -36,6 +36,7 @@ from controller_apps.questions import EventQuestion, Refused, reply
 from controller_apps.record import Record
 from controller_apps.segments import FiveTuple, is_tcp
 from controller_apps.state_folder import StateFolder
+from controller_apps.takeover import take_over
 from controller_apps.views import fibers_view, name_of, paths_view, sessions_view
 from wire.config import ControllerConfig
 from wire.metadata import MalformedPacket, Reason, Setup
@@ -87,32 +88,14 @@ class QuantumMetadata(App):
         self._listed: dict[tuple[int, int], list[Any]] = {}
         self._transactions: dict[tuple[int, int], int] = {}
         self.state = state
-        self._take_over(time.monotonic())
+        for number in take_over(state, self.arbiter, self.logger, time.monotonic()):
+            self._note(Note("resumed", number))
+        self._keep_hosts()
 
     def start(self) -> Any:
         """Begin to handle events; called by the framework."""
         super().start()
         hub.spawn(self._tick_for_ever)
-
-    def _take_over(self, now: float) -> None:
-        """Begin with what a controller before this one has kept, and drop what it could not."""
-        if self.state.inherited:
-            self.arbiter.inheritance.begun = now
-        try:
-            for at, host_port in decode_hosts(self.state.hosts()).items():
-                self.network.attach(at, host_port)
-        except MalformedPacket as error:
-            self.logger.warning("hosts that were kept: %s", error)
-        self._keep_hosts()
-        for number, data in list(self.state.sessions()):
-            try:
-                session = decode_session(data, now)
-                self.arbiter.resume(session, now)
-            except MalformedPacket as error:
-                self.logger.warning("session %016x that was kept: %s", number, error)
-                self.state.forget_session(number)
-            else:
-                self._note(Note("resumed", session.number))
 
     def _keep_hosts(self) -> None:
         self._hosts_kept = self.network.hosts

@@ -15,6 +15,7 @@ from hosts.software import QuantumSocketError
 from topologies.network import Network
 from topologies.nodes import READY_TIMEOUT_S
 from topologies.programs import python
+from topologies.ring import RingTopo
 from topologies.sdc import SdcTopo
 from wire.metadata import Reason
 
@@ -110,6 +111,20 @@ def test_a_framed_session_outlives_the_controller_in_full_light(
         assert kept(network) == []
         with session(network, "alice", "bob", port=9) as third:
             assert third.carry(LESS) == LESS
+
+
+def test_light_over_several_switches_stays_where_it_is(tmp_path: Path, framework: str) -> None:
+    with (
+        running(RingTopo, tmp_path, framework=framework) as network,
+        session(network, "alice", "bob") as opened,
+    ):
+        assert opened.carry(LESS) == LESS
+        before = {name: light_paths(name) for name in network.runtime.switches}
+        kill(network)
+        start_again(network)
+        assert opened.carry(LESS) == LESS
+        assert {name: light_paths(name) for name in network.runtime.switches} == before
+        assert facts(network, "moved") == facts(network, "stranded") == []
 
 
 def test_a_per_pair_session_outlives_the_controller(tmp_path: Path, framework: str) -> None:

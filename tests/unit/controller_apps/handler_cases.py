@@ -859,3 +859,18 @@ def test_no_entry_of_a_session_is_wiped(scene: Scene) -> None:
     wiped = [m for m in flow_mods(scene.s1.take()) if m.command == ofproto.OFPFC_DELETE]
     cookies = [(m.cookie, m.cookie_mask) for m in wiped if m.table_id == 0]
     assert cookies == [(0, (1 << 64) - 1)]
+
+
+def test_what_was_kept_and_cannot_be_read_is_dropped(tmp_path: Path) -> None:
+    state = StateFolder(str(tmp_path / "state"))
+    first = Scene(tmp_path, str(tmp_path / "state"))
+    first.announce()
+    grant(first)
+    ((_number, data),) = state.sessions()
+    state.keep_session(8, data)  # another session's
+    state.keep_session(9, data[:-1])
+    state.keep_hosts(b"?")
+    second = Scene(tmp_path, str(tmp_path / "state"))
+    assert [number for number, _data in state.sessions()] == [FRAMED.session]
+    assert list(second.quantum.arbiter.sessions.by_number) == [FRAMED.session]
+    assert second.quantum.network.hosts == {}
