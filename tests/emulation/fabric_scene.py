@@ -75,6 +75,11 @@ class Session:
         self._sending = threading.Thread(target=self._sender.sendall, args=(data,))
         self._sending.start()
 
+    @property
+    def sending(self) -> bool:
+        """Whether not all that was started has been sent."""
+        return self._sending.is_alive()
+
     def finish(self, size: int) -> bytes:
         """Receive so many bytes and wait until the sender has sent them all."""
         received = bytearray()

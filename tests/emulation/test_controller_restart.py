@@ -94,6 +94,7 @@ def test_a_framed_session_outlives_the_controller_in_full_light(
                 with pytest.raises(QuantumSocketError, match="another session uses") as caught:
                     second.open()
                 second.close()
+            assert opened.sending
             assert caught.value.reason == Reason.BUSY
             assert len(before) == 3
             assert watch.seen
@@ -158,6 +159,7 @@ def test_a_framed_session_outlives_an_agent_that_is_killed(tmp_path: Path, frame
         agent.start([python(), "-m", "qswitch_agent", "--config", str(config)])
         wait_until(lambda: len(facts(network, "switch")) > switches, "q1 is here again")
         assert light_paths("q1") == before
+        assert opened.sending
         assert opened.finish(len(DATA)) == DATA
         assert facts(network, "torn_down") == []
 
