@@ -106,7 +106,12 @@ def start_apps(framework: Any, config: ControllerConfig) -> Any:
     from controller_apps.facts import Facts
     from controller_apps.mac_table import MacTable
     from controller_apps.record import Record
+    from controller_apps.state_folder import StateFolder
 
+    try:
+        state = StateFolder(config.state)
+    except OSError as error:
+        raise Fatal(f"cannot use the state folder {config.state!r}: {error.strerror}") from error
     try:
         record = Record(config.record)
     except OSError as error:
@@ -118,7 +123,7 @@ def start_apps(framework: Any, config: ControllerConfig) -> Any:
     modules = [f"controller_apps.{name}" for name in APPS]
     modules += ["controller_apps.rest"] if config.rest else []
     apps = framework.start(
-        modules + config.apps, config=config, mac_table=MacTable(), record=record
+        modules + config.apps, config=config, mac_table=MacTable(), record=record, state=state
     )
     if console is not None:
         console.start(Facts(apps["QuantumMetadata"], apps["DeviceMonitor"]))

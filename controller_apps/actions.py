@@ -59,6 +59,21 @@ class RemoveBypass:
 
 
 @dataclass(frozen=True)
+class Keep:
+    """Keep a session for the controller that may come after this one."""
+
+    session: int
+    data: bytes
+
+
+@dataclass(frozen=True)
+class Forget:
+    """Keep nothing of a session any more."""
+
+    session: int
+
+
+@dataclass(frozen=True)
 class Note:
     """A fact for the log and the record."""
 
@@ -76,4 +91,4 @@ class Drop:
     detail: str
 
 
-Action = Forward | OpenPaths | ClosePaths | AddBypass | RemoveBypass | Note | Drop
+Action = Forward | OpenPaths | ClosePaths | AddBypass | RemoveBypass | Keep | Forget | Note | Drop

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 
 from controller_apps.actions import Action, AddBypass, Drop, Forward, Note
 from controller_apps.admission import Admission, admit, find_light
+from controller_apps.inheritance import Inheritance
 from controller_apps.light import Light
 from controller_apps.paths import Hop, Network, switches
 from controller_apps.segments import RST, FiveTuple, parse
@@ -39,6 +40,7 @@ class Arbiter:
         self.budget_mdb = round(self.loss_budget_db * 1000)
         self.light = Light(self.network, self.sessions, self.budget_mdb)
         self.verdicts = Verdicts(self.sessions, self.light)
+        self.inheritance = Inheritance(self.sessions, self.light)
 
     def segment_arrived(self, dpid: int, in_port: int, frame: bytes, now: float) -> list[Action]:
         """Decide on a segment to or from the metadata port that a classical switch sent up."""
@@ -75,6 +77,8 @@ class Arbiter:
         admission = self.forbid(setup, request.five_tuple) or admit(
             setup, request.five_tuple, self.sessions, self.network, self.budget_mdb
         )
+        if self.inheritance.is_premature(admission.reason, now):
+            return [Drop("premature", f"{admission.reason.name} may change soon; TCP repeats it")]
         waits = admission.waits_for_light and self.queues
         if admission.reason != Reason.OK and not waits:
             return self.verdicts.refuse(request, admission.reason, now)
@@ -123,7 +127,7 @@ class Arbiter:
         session = self.sessions.of(request)
         if session is None:
             return [forward]
-        session.seen = now
+        session.heard(now)
         if not request.lasts or arrival.dpid in request.bypassed:
             return [forward]
         # Not earlier: until data follows, a repeated set-up message must still come by.
@@ -201,8 +205,12 @@ class Arbiter:
         return moved or []
 
     def _mend(self, session: Session, now: float) -> list[Action]:
+        if self.network.connected.issuperset(switches(session.hops)):
+            session.lost_since = None
+        elif session.resumed is not None:
+            return []  # its switches have yet to find this controller
         if not self.light.is_broken(session):
-            session.stranded, session.lost_since = False, None
+            session.stranded = False
             return []
         if self._holds_light(session).held is not None:
             return []  # not before it is granted
@@ -220,6 +228,14 @@ class Arbiter:
     def entries_found(self, dpid: int, entries: Iterable[tuple[int, Hop | None]]) -> list[Action]:
         """Make what a switch has kept (session and hop of each entry) what it shall have."""
         return self.light.entries_found(dpid, entries)
+
+    def resume(self, session: Session, now: float) -> None:
+        """Take over what another controller has kept; raise MalformedPacket if that cannot be."""
+        self.inheritance.resume(session, now)
+
+    def bypasses_found(self, dpid: int, entries: Iterable[tuple[int, FiveTuple]]) -> list[Action]:
+        """Take what a classical switch lets pass (session and connection of each entry)."""
+        return self.inheritance.bypasses_found(dpid, entries)
 
     def bypass_expired(self, dpid: int, five_tuple: FiveTuple, now: float) -> list[Action]:
         """Note that a connection has been silent; end its session if all of it has been."""
@@ -243,8 +259,14 @@ class Arbiter:
             if session.lost_since is not None and now - session.lost_since >= SWITCH_GRACE_S:
                 actions += self.verdicts.tear_down(session, "switch gone", now)
                 continue
+            if session.resumed is not None and now - session.resumed < SWITCH_GRACE_S:
+                continue  # a switch may yet tell that it is alive
+            session.resumed = None
+            if not session.confirmed:
+                actions += self.verdicts.tear_down(session, "no switch has kept it", now)
+                continue
             silent = now - session.seen >= self.idle_timeout_s
             if silent and session.open and not session.bypassed:
                 actions += self.verdicts.tear_down(session, "idle", now)
         self.sessions.forget_retired_before(now - self.idle_timeout_s)
-        return [*actions, *self._serve_queue(now)]
+        return [*actions, *self.inheritance.restored(), *self._serve_queue(now)]

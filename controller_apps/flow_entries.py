@@ -70,6 +70,7 @@ def delete(datapath: Any, table: int, strict: bool = False, **more: Any) -> Any:
 def metadata_entries(datapath: Any) -> list[Any]:
     """Return what makes table 0 of a classical switch pick quantum metadata out.
 
+    Bypasses, which carry the cookie of their session, stay: see ask_entries.
     A set-up message is one short write, so its segment carries PSH; SYN and bare ACK stay
     in the switch. A segment without PSH is not arbitrated, and the receiver refuses what
     the controller has not granted.
@@ -86,7 +87,7 @@ def metadata_entries(datapath: Any) -> list[Any]:
     to_agents = {"eth_type": ETH_TYPE_IPV4, "ip_proto": IP_UDP, "udp_dst": DEVICE_PORT}
     pushed = {**to_port, "tcp_flags": (PSH, PSH)}
     return [
-        delete(datapath, METADATA_TABLE),
+        delete(datapath, METADATA_TABLE, cookie=0, cookie_mask=ALL_BITS),
         add(datapath, METADATA_TABLE, 0, {}, to_learning()),
         add(datapath, METADATA_TABLE, METADATA_PRIORITY, pushed, to_controller()),
         # Of the node agents: to the controller and to nobody else.
@@ -189,6 +190,9 @@ def _connection(five_tuple: FiveTuple) -> dict[str, Any]:
     }
 
 
+BYPASS_FIELDS = set(_connection(FiveTuple("", 0, "", 0)))
+
+
 def bypass(datapath: Any, five_tuple: FiveTuple, session: int, idle_timeout_s: int) -> Any:
     """Return the entry that lets a connection pass without the controller."""
     return add(
@@ -219,6 +223,27 @@ def delete_bypass(datapath: Any, five_tuple: FiveTuple, session: int) -> Any:
 def five_tuple_of(match: Any) -> FiveTuple:
     """Read back what bypass matched on."""
     return FiveTuple(match["ipv4_src"], match["tcp_src"], match["ipv4_dst"], match["tcp_dst"])
+
+
+def bypassed(entry: Any) -> FiveTuple | None:
+    """Read back which connection a bypass lets pass, None if an entry is none."""
+    fields = dict(entry.match.items())
+    if entry.priority != BYPASS_PRIORITY or fields.keys() != BYPASS_FIELDS:
+        return None
+    return five_tuple_of(fields)
+
+
+def delete_entry(datapath: Any, table: int, entry: Any) -> Any:
+    """Return the message that deletes one entry, as flow statistics describe it."""
+    return delete(
+        datapath,
+        table,
+        strict=True,
+        priority=entry.priority,
+        match=entry.match,
+        cookie=entry.cookie,
+        cookie_mask=ALL_BITS,
+    )
 
 
 def packet_out(datapath: Any, in_port: int, port: int | None, frame: bytes) -> Any:

@@ -13,6 +13,7 @@ from itertools import count
 
 from controller_apps.actions import Action, ClosePaths, Note, OpenPaths
 from controller_apps.admission import limits_of
+from controller_apps.kept import keep
 from controller_apps.optics import SwitchPort
 from controller_apps.paths import Hop, Network, switches
 from controller_apps.routing import LightPath, rotation_of, route
@@ -84,6 +85,8 @@ class Light:
         actions = self._program(session, before, session.hops, transaction)
         waiting = {action.dpid for action in actions if isinstance(action, OpenPaths)}
         self.moves[transaction] = Move(session.number, now, waiting)
+        if session.light_owner == session.owner:
+            actions.insert(0, keep(session))
         return actions
 
     def _program(
@@ -169,13 +172,30 @@ class Light:
     def _reconcile(self, dpid: int, number: int, kept: set[Hop | None]) -> list[Action]:
         session = self.sessions.by_number.get(number)
         wanted = [hop for hop in session.hops if hop.dpid == dpid] if session else []
-        if not wanted:
+        if session is None or not wanted:
             return [ClosePaths(dpid, number)] if kept else []
         lost = tuple(hop for hop in wanted if hop not in kept)
+        session.confirmed |= len(lost) < len(wanted)
+        if not session.confirmed:
+            session.missing += lost
+            lost = ()
         stale = tuple(sorted(hop for hop in kept if hop is not None and hop not in wanted))
         if not lost and not stale:
             return []
         return [OpenPaths(dpid, lost, number, next(self._transactions), stale)]
+
+    def restore(self, session: Session) -> list[Action]:
+        """Open what switches that are here have lost of a session."""
+        missing, session.missing = session.missing, ()
+        return [
+            OpenPaths(
+                dpid,
+                tuple(hop for hop in missing if hop.dpid == dpid),
+                session.number,
+                next(self._transactions),
+            )
+            for dpid in switches(missing)
+        ]
 
     def _forget_moves(self, over: Callable[[Move], bool]) -> None:
         self.moves = {number: move for number, move in self.moves.items() if not over(move)}

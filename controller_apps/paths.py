@@ -64,7 +64,7 @@ class Network:
     """Quantum switches that are connected, hosts at their ports, fibres between them."""
 
     connected: set[int] = field(default_factory=set)
-    hosts: dict[SwitchPort, HostPort] = field(default_factory=dict)
+    hosts: dict[SwitchPort, HostPort] = field(default_factory=dict)  # another one if it changes
     links: dict[SwitchPort, SwitchPort] = field(default_factory=dict)
     cut: set[SwitchPort] = field(default_factory=set)  # ports whose fibre is down
     optics: Optics = field(default_factory=Optics)
@@ -84,7 +84,10 @@ class Network:
 
     def detach(self, at: SwitchPort) -> bool:
         """Forget what a fibre leads to; tell whether anything was known."""
-        return self.hosts.pop(at, None) is not None
+        known = at in self.hosts
+        if known:
+            self.hosts = {place: host for place, host in self.hosts.items() if place != at}
+        return known
 
     def set_fiber(self, at: SwitchPort, whole: bool) -> bool:
         """Note whether the fibre at a port is whole; tell whether that is news."""

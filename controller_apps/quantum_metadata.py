@@ -15,7 +15,9 @@ from controller_apps.actions import (
     AddBypass,
     ClosePaths,
     Drop,
+    Forget,
     Forward,
+    Keep,
     Note,
     OpenPaths,
     RemoveBypass,
@@ -24,14 +26,17 @@ from controller_apps.admission import Admission
 from controller_apps.arbiter import Arbiter
 from controller_apps.fibers import Fibers
 from controller_apps.framework import CONFIG, DEAD, MAIN, App, Event, hub, ofp_event, ofproto, on
+from controller_apps.kept import encode_hosts
 from controller_apps.mac_table import MacTable
 from controller_apps.optics import SwitchPort
-from controller_apps.paths import Hop, Network
+from controller_apps.paths import Network
 from controller_apps.permission import Permission
 from controller_apps.policy import DEFAULT, BadPolicy, read_policy
 from controller_apps.questions import EventQuestion, Refused, reply
 from controller_apps.record import Record
 from controller_apps.segments import FiveTuple, is_tcp
+from controller_apps.state_folder import StateFolder
+from controller_apps.takeover import take_over
 from controller_apps.views import fibers_view, name_of, paths_view, sessions_view
 from wire.config import ControllerConfig
 from wire.metadata import MalformedPacket, Reason, Setup
@@ -49,7 +54,12 @@ class QuantumMetadata(App):
     OFP_VERSIONS = (ofproto.OFP_VERSION,)
 
     def __init__(
-        self, config: ControllerConfig, mac_table: MacTable, record: Record, **contexts: Any
+        self,
+        config: ControllerConfig,
+        mac_table: MacTable,
+        record: Record,
+        state: StateFolder,
+        **contexts: Any,
     ) -> None:
         super().__init__(**contexts)
         self.quantum_switches = frozenset(config.quantum_switches)
@@ -75,13 +85,21 @@ class QuantumMetadata(App):
         self.dropped: Counter[str] = Counter()
         self._xids = count(1)
         # By switch and xid: entries of unfinished replies, transactions of the arbiter.
-        self._listed: dict[tuple[int, int], list[tuple[int, Hop | None]]] = {}
+        self._listed: dict[tuple[int, int], list[Any]] = {}
         self._transactions: dict[tuple[int, int], int] = {}
+        self.state = state
+        for number in take_over(state, self.arbiter, self.logger, time.monotonic()):
+            self._note(Note("resumed", number))
+        self._keep_hosts()
 
     def start(self) -> Any:
         """Begin to handle events; called by the framework."""
         super().start()
         hub.spawn(self._tick_for_ever)
+
+    def _keep_hosts(self) -> None:
+        self._hosts_kept = self.network.hosts
+        self.state.keep_hosts(encode_hosts(self._hosts_kept))
 
     def _tick_for_ever(self) -> None:
         while True:
@@ -118,15 +136,19 @@ class QuantumMetadata(App):
         if datapath.id not in self.quantum_switches:
             for message in flow_entries.metadata_entries(datapath):
                 datapath.send_msg(message)
+            self._ask_entries(datapath)
             self._ready(datapath.id, "classical")
             return
         datapath.send_msg(flow_entries.discovery_entry(datapath))
         for message in flow_entries.classical_entries(datapath):
             datapath.send_msg(message)
+        self._ask_entries(datapath)
+        self.fibers.switch_here(datapath, time.monotonic())  # of use when it has told its optics
+
+    def _ask_entries(self, datapath: Any) -> None:
         question = flow_entries.ask_entries(datapath)
         datapath.send_msg(question)
         self._listed[datapath.id, question.xid] = []
-        self.fibers.switch_here(datapath, time.monotonic())  # of use when it has told its optics
 
     def _ready(self, dpid: int, kind: str) -> None:
         self.logger.info("switch %#x is here: %s", dpid, kind)
@@ -156,13 +178,30 @@ class QuantumMetadata(App):
         dpid, xid = event.msg.datapath.id, event.msg.xid
         if (dpid, xid) not in self._listed:
             return  # somebody else has asked
-        self._listed[dpid, xid] += [
-            (entry.cookie, flow_entries.hop_of(dpid, entry))
-            for entry in event.msg.body
-            if flow_entries.is_path(entry)
-        ]
-        if not event.msg.flags & ofproto.OFPMPF_REPLY_MORE:
-            self._do(self.arbiter.entries_found(dpid, self._listed.pop((dpid, xid))))
+        self._listed[dpid, xid] += event.msg.body
+        if event.msg.flags & ofproto.OFPMPF_REPLY_MORE:
+            return
+        entries = self._listed.pop((dpid, xid))
+        if dpid in self.quantum_switches:
+            found = [
+                (entry.cookie, flow_entries.hop_of(dpid, entry))
+                for entry in entries
+                if flow_entries.is_path(entry)
+            ]
+            self._do(self.arbiter.entries_found(dpid, found))
+        else:
+            self._bypasses_listed(event.msg.datapath, [entry for entry in entries if entry.cookie])
+
+    def _bypasses_listed(self, datapath: Any, entries: list[Any]) -> None:
+        found = []
+        for entry in entries:
+            connection = flow_entries.bypassed(entry)
+            if connection is not None:
+                found.append((entry.cookie, connection))
+            else:  # of somebody else; this table is ours
+                table = flow_entries.METADATA_TABLE
+                datapath.send_msg(flow_entries.delete_entry(datapath, table, entry))
+        self._do(self.arbiter.bypasses_found(datapath.id, found))
 
     @on(ofp_event.EventOFPPacketIn, MAIN)
     def packet_arrived(self, event: Any) -> None:
@@ -184,6 +223,8 @@ class QuantumMetadata(App):
         except MalformedPacket as error:
             self._drop(Drop("lldp", f"switch {at.dpid:#x} port {at.port}: {error}"))
             return
+        if self.network.hosts is not self._hosts_kept:
+            self._keep_hosts()
         if news:
             self._do(self.arbiter.network_changed(now))
 
@@ -273,6 +314,10 @@ class QuantumMetadata(App):
                 self._note(action)
             elif isinstance(action, Drop):
                 self._drop(action)
+            elif isinstance(action, Keep):
+                self.state.keep_session(action.session, action.data)
+            elif isinstance(action, Forget):
+                self.state.forget_session(action.session)
             elif action.dpid in self.datapaths:  # what is gone needs nothing
                 datapath = self.datapaths[action.dpid]
                 flow_entries.send(datapath, self._messages(datapath, action))

@@ -101,6 +101,10 @@ class Session:
     light_owner: FiveTuple | None = None  # whose connection keeps the paths open
     stranded: bool = False  # its light is lost, and there is no other way
     lost_since: float | None = None  # when a switch that it cannot do without has gone
+    kept: bool = False  # for another controller
+    resumed: float | None = None  # when it was taken over from another controller; None: judged
+    confirmed: bool = True  # by a switch, since it was taken over
+    missing: tuple[Hop, ...] = ()  # that switches have lost, to be opened when it is confirmed
 
     @property
     def hops(self) -> tuple[Hop, ...]:
@@ -111,6 +115,10 @@ class Session:
     def frequency_mhz(self) -> int:
         """The frequency of its light; the set-up has been checked to name one."""
         return frequency_mhz(self.setup.wavelength_pm)
+
+    def heard(self, now: float) -> None:
+        """Note that one of its connections has spoken."""
+        self.seen, self.confirmed = now, True
 
     @property
     def bypassed(self) -> bool:
@@ -154,7 +162,7 @@ class Sessions:
         if number not in self.by_number:
             self.by_number[number] = Session(number, request.setup, request.five_tuple, now)
         session = self.by_number[number]
-        session.seen = now
+        session.heard(now)
         session.requests[request.five_tuple] = request
         self.requests[request.five_tuple] = request
         return session
@@ -172,7 +180,7 @@ class Sessions:
         for direction in directions(session.hops):
             del self.occupied[direction]
         session.paths, session.light_owner = (), None
-        session.stranded, session.lost_since = False, None
+        session.stranded, session.lost_since, session.missing = False, None, ()
 
     def blocks(self, way: Direction, session: int, frequency_mhz: int) -> bool:
         """Tell whether others keep a session's light of this frequency out of a port.

@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass
 
-from controller_apps.actions import Action, Forward, Note, RemoveBypass
+from controller_apps.actions import Action, Forget, Forward, Note, RemoveBypass
+from controller_apps.kept import keep
 from controller_apps.light import Light
 from controller_apps.sessions import Arrival, Request, Session, Sessions
 from wire.metadata import Reason, Verdict
@@ -21,7 +22,9 @@ class Verdicts:
         assert session is not None
         session.open = True
         answer = self.answer(request, Verdict.GRANTED, Reason.OK)
-        return [*answer, *notes, Note("granted", session.number)]
+        # Kept first: what the hosts know of must not be lost.
+        kept = [keep(session)] if request.lasts else []
+        return [*kept, *answer, *notes, Note("granted", session.number)]
 
     def refuse(self, request: Request, reason: Reason, now: float) -> list[Action]:
         """Let a request on with a refusal, and undo what was done for it."""
@@ -53,19 +56,27 @@ class Verdicts:
         if session is not None and session.owner == request.five_tuple:
             actions = self._end(session, now)
         elif session is not None:
-            session.seen = now
-            actions = self._punt_again(request)
-            if session.light_owner == request.five_tuple:
-                actions += self.light.close(session)
+            actions = self._leave_others(session, request, now)
         self.sessions.retire(request, now)
         return actions
+
+    def _leave_others(self, session: Session, request: Request, now: float) -> list[Action]:
+        session.heard(now)
+        actions = self._punt_again(request)
+        if session.light_owner == request.five_tuple:
+            actions += self.light.close(session)
+        self.sessions.retire(request, now)
+        kept = [keep(session)] if session.kept and request.lasts else []
+        return [*kept, *actions]
 
     def tear_down(self, session: Session, cause: str, now: float) -> list[Action]:
         """End a session, and say why."""
         return [*self._end(session, now), Note("torn_down", session.number, detail=cause)]
 
     def _end(self, session: Session, now: float) -> list[Action]:
-        actions = self.light.close(session)
+        # Forgotten first: nothing may be opened again for what has ended.
+        forgotten = [Forget(session.number)] if session.kept else []
+        actions = [*forgotten, *self.light.close(session)]
         members = list(session.requests.values())
         del self.sessions.by_number[session.number]
         for request in members:

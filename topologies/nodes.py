@@ -26,8 +26,10 @@ from wire.config import (
 )
 
 READY_TIMEOUT_S = 20.0
+STATE = "state"  # folder in which the controller keeps what its successor must know
 DEFAULT_PREFIX_LENGTH = 8  # Mininet's
 SHELL_POLL_MS = 50
+RECONNECT_MS = 1000  # between a bridge's attempts to find its controller, at most
 
 
 def launch(
@@ -176,7 +178,7 @@ class ClassicalSwitch(ShellWatcher, OVSSwitch):
             "datapath": openvswitch.datapath(),
             "protocols": "OpenFlow14",
             "failMode": "secure",
-            "reconnectms": 1000,
+            "reconnectms": RECONNECT_MS,
         }
         super().__init__(name, **{**params, **settings})
 
@@ -261,8 +263,17 @@ class OpticalSwitch(ClassicalSwitch):
         self.cmd(f"sysctl -qw net.ipv6.conf.{self.name}.disable_ipv6=1")
         self.program = launch(network, f"{self.name}-agent", "qswitch_agent", config)
         self.program.wait_for("ready", READY_TIMEOUT_S)
-        targets = [f"tcp:127.0.0.1:{port + number}" for number in range(len(controllers))]
-        openvswitch.vsctl("set-controller", self.name, *targets)
+        create = [
+            word
+            for number in range(len(controllers))
+            for word in (
+                *("--", f"--id=@c{number}", "create", "Controller"),
+                f'target="tcp:127.0.0.1:{port + number}"',
+                f"max_backoff={RECONNECT_MS}",  # Open vSwitch's own is 8 s
+            )
+        ]
+        rows = ",".join(f"@c{number}" for number in range(len(controllers)))
+        openvswitch.vsctl(*create[1:], "--", "set", "bridge", self.name, f"controller=[{rows}]")
 
     def terminate(self) -> None:
         """End the agent, then the switch."""
@@ -315,6 +326,7 @@ class QuantumController(ShellWatcher, Controller):
             console=network.socket(CONSOLE),
             rest=network.rest,
             apps=network.apps,
+            state=str(network.folder / STATE),
         )
         self.program = launch(network, self.name, "controller_apps", config)
         self.program.wait_for("ready", READY_TIMEOUT_S)

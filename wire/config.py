@@ -172,6 +172,7 @@ class ControllerConfig(Config):
     console: str = ""  # path of the unix socket of the console; empty: none
     rest: str = ""  # "127.0.0.1:8080": serve the same there, on Ryu only; empty: not at all
     apps: list[str] = field(default_factory=list)  # modules of further apps to load
+    state: str = ""  # path of a private folder for what a restarted one must know; empty: none
 
     def __post_init__(self) -> None:
         if self.contention not in CONTENTION:

@@ -55,15 +55,18 @@ def switches_on_the_way(network: Network, interface: str) -> list[str]:
 class Session:
     """A session between two hosts, with an application at each end."""
 
-    def __init__(self, network: Network, sender: str, receiver: str, port: int = 7) -> None:
+    def __init__(
+        self, network: Network, sender: str, receiver: str, port: int = 7, **options: object
+    ) -> None:
         self._listener = QuantumSocket(network.runtime.socket(receiver))
         self._listener.listen(port)
         self._sender = QuantumSocket(network.runtime.socket(sender))
         self._to = receiver, port
+        self._options = options  # of QuantumSocket.connect
 
     def open(self) -> "Session":
         """Connect; raise QuantumSocketError if that is refused."""
-        self._sender.connect(self._to)
+        self._sender.connect(self._to, **self._options)
         self._receiver, _peer = self._listener.accept()
         return self
 
@@ -71,6 +74,11 @@ class Session:
         """Begin to send."""
         self._sending = threading.Thread(target=self._sender.sendall, args=(data,))
         self._sending.start()
+
+    @property
+    def sending(self) -> bool:
+        """Whether not all that was started has been sent."""
+        return self._sending.is_alive()
 
     def finish(self, size: int) -> bytes:
         """Receive so many bytes and wait until the sender has sent them all."""
@@ -95,9 +103,11 @@ class Session:
 
 
 @contextmanager
-def session(network: Network, sender: str, receiver: str, port: int = 7) -> Iterator[Session]:
+def session(
+    network: Network, sender: str, receiver: str, port: int = 7, **options: object
+) -> Iterator[Session]:
     """Keep a session open."""
-    made = Session(network, sender, receiver, port)
+    made = Session(network, sender, receiver, port, **options)
     try:
         yield made.open()
     finally:

@@ -39,8 +39,8 @@ def test_nothing_but_lldp_passes_a_fibre(tmp_path: Path) -> None:
 class CopperTopo(SdcTopo):
     """A host without light behind the quantum switch."""
 
-    def build(self) -> None:
-        super().build()
+    def build(self, **parameters: float) -> None:
+        super().build(**parameters)
         self.addHost("dave", cls=ClassicalHost, ip="10.0.0.5/24")
         self.addLink("dave", "q1")
 

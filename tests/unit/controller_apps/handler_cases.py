@@ -32,6 +32,8 @@ from controller_apps.optics import SwitchPort
 from controller_apps.paths import HostPort
 from controller_apps.quantum_metadata import QuantumMetadata
 from controller_apps.record import Record
+from controller_apps.segments import FiveTuple
+from controller_apps.state_folder import StateFolder
 from wire.config import ControllerConfig
 from wire.device import DEVICE_PORT
 from wire.metadata import (
@@ -136,14 +138,14 @@ def packet_out(data: bytes, xid: int) -> SimpleNamespace:
 class Scene:
     """Both apps, a classical and a quantum switch, all fibres announced."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, state: str = "") -> None:
         self.record_path = folder / "record.jsonl"
         config = ControllerConfig(
             "127.0.0.1:6653", framework.NAME, [Q1], HOLD_S, 30, str(self.record_path)
         )
         mac_table, record = MacTable(), Record(str(self.record_path))
         self.learning = LearningSwitch(mac_table, record=record)
-        self.quantum = QuantumMetadata(config, mac_table, record)
+        self.quantum = QuantumMetadata(config, mac_table, record, StateFolder(state))
         self.s1, self.q1 = Datapath(S1), Datapath(Q1)
         self.connect(self.s1)
         self.connect(self.q1)
@@ -677,7 +679,7 @@ def test_the_deadline_of_the_hold(ready: Scene, monkeypatch: pytest.MonkeyPatch)
 
 def stats(scene: Scene, *entries: tuple[int, int, int]) -> None:
     """Answer the question for entries: cookie, in_port and out_port of each."""
-    (_dpid, xid), *_ = scene.quantum._listed
+    (xid,) = (xid for dpid, xid in scene.quantum._listed if dpid == scene.q1.id)
     for more, part in ((1, entries[:2]), (0, entries[2:])):
         body = [
             SimpleNamespace(
@@ -818,3 +820,70 @@ def test_the_end_is_recorded_with_all_packets_counted(ready: Scene) -> None:
     ready.quantum.close()
     last = ready.recorded()[-1]
     assert (last["event"], last["packet_in_count"]) == ("stopped", len(FIBERS) + 1)
+
+
+def test_a_second_controller_begins_with_what_the_first_has_kept(tmp_path: Path) -> None:
+    first = Scene(tmp_path, str(tmp_path / "state"))
+    first.announce()
+    grant(first)
+    second = Scene(tmp_path, str(tmp_path / "state"))
+    assert second.quantum.network.hosts == first.quantum.network.hosts
+    assert second.quantum.arbiter.is_live(FRAMED.session)
+    resumed = [fact for fact in second.recorded() if fact["event"] == "resumed"]
+    assert [fact["session"] for fact in resumed] == [f"{FRAMED.session:016x}"]
+
+
+def list_bypasses(scene: Scene, *entries: Any) -> None:
+    """Answer the question for the entries of the classical switch."""
+    (xid,) = (xid for dpid, xid in scene.quantum._listed if dpid == S1)
+    reply = SimpleNamespace(datapath=scene.s1, body=list(entries), xid=xid, flags=0)
+    scene.quantum.flows_listed(SimpleNamespace(msg=reply))
+
+
+def classical_entry(cookie: int, priority: int = 300, **match: Any) -> Any:
+    fields = flow_entries._connection(FiveTuple(ALICE, 40000, BOB, METADATA_PORT)) | match
+    return SimpleNamespace(
+        cookie=cookie, priority=priority, match=parser.OFPMatch(**fields), instructions=[]
+    )
+
+
+def test_of_a_classical_switch_bypasses_of_live_sessions_stay(ready: Scene) -> None:
+    grant(ready)
+    ready.s1.take()
+    list_bypasses(
+        ready,
+        classical_entry(FRAMED.session),
+        classical_entry(0, priority=200),  # one of the standing entries
+        classical_entry(99),
+        classical_entry(FRAMED.session, tcp_src=40001),
+        classical_entry(98, priority=500),  # somebody else's
+    )
+    deleted = ready.s1.take()
+    assert [(m.cookie, m.priority, m.match["tcp_src"]) for m in deleted] == [
+        (98, 500, 40000),
+        (99, 300, 40000),
+        (FRAMED.session, 300, 40001),
+    ]
+    assert all(m.command == ofproto.OFPFC_DELETE_STRICT for m in deleted)
+    assert ready.quantum.arbiter.sessions.by_number[FRAMED.session].bypassed
+
+
+def test_no_entry_of_a_session_is_wiped(scene: Scene) -> None:
+    wiped = [m for m in flow_mods(scene.s1.take()) if m.command == ofproto.OFPFC_DELETE]
+    cookies = [(m.cookie, m.cookie_mask) for m in wiped if m.table_id == 0]
+    assert cookies == [(0, (1 << 64) - 1)]
+
+
+def test_what_was_kept_and_cannot_be_read_is_dropped(tmp_path: Path) -> None:
+    state = StateFolder(str(tmp_path / "state"))
+    first = Scene(tmp_path, str(tmp_path / "state"))
+    first.announce()
+    grant(first)
+    ((_number, data),) = state.sessions()
+    state.keep_session(8, data)  # another session's
+    state.keep_session(9, data[:-1])
+    state.keep_hosts(b"?")
+    second = Scene(tmp_path, str(tmp_path / "state"))
+    assert [number for number, _data in state.sessions()] == [FRAMED.session]
+    assert list(second.quantum.arbiter.sessions.by_number) == [FRAMED.session]
+    assert second.quantum.network.hosts == {}

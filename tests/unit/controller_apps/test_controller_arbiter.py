@@ -28,7 +28,9 @@ from controller_apps.actions import (
     AddBypass,
     ClosePaths,
     Drop,
+    Forget,
     Forward,
+    Keep,
     Note,
     OpenPaths,
     RemoveBypass,
@@ -298,6 +300,7 @@ def test_fin_tears_everything_down() -> None:
     connection = FiveTuple(ALICE, 40000, BOB, METADATA_PORT)
     actions = arrive(state, fin(LATER + 5))
     assert actions == [
+        Forget(7),
         ClosePaths(Q1, 7),
         RemoveBypass(S1, connection, 7),
         Note("torn_down", 7, detail="FIN"),
@@ -349,7 +352,8 @@ def test_a_reused_port_is_a_new_connection() -> None:
     state = arbiter()
     granted(state)
     actions = ask(state, replace(FRAMED, session=8), 0.5, seq=900_000)
-    assert actions[:2] == [ClosePaths(Q1, 7), Note("torn_down", 7, detail="port reused")]
+    note = Note("torn_down", 7, detail="port reused")
+    assert actions[:3] == [Forget(7), ClosePaths(Q1, 7), note]
     assert opened(actions).session == 8
     assert list(state.sessions.by_number) == [8]
 
@@ -358,7 +362,7 @@ def test_silence_tears_down() -> None:
     state = arbiter()
     granted(state, now=1.0)
     assert state.tick(1.0 + IDLE_S - 0.1) == []
-    assert state.tick(1.0 + IDLE_S)[0] == ClosePaths(Q1, 7)
+    assert state.tick(1.0 + IDLE_S)[:2] == [Forget(7), ClosePaths(Q1, 7)]
     assert not state.sessions.by_number
 
 
@@ -369,7 +373,7 @@ def test_a_bypassed_session_lives_until_its_bypass_expires() -> None:
     assert state.tick(500.0) == []
     connection = FiveTuple(ALICE, 40000, BOB, METADATA_PORT)
     actions = state.bypass_expired(S1, connection, 501.0)
-    assert actions[0] == ClosePaths(Q1, 7)
+    assert actions[:2] == [Forget(7), ClosePaths(Q1, 7)]
     assert notes(actions) == ["torn_down"]
 
 
@@ -391,7 +395,7 @@ def test_a_pair_source_connection_belongs_to_its_session() -> None:
     later = frame(b"emit", seq=LATER, destination=CHARLIE, sport=41000)
     assert isinstance(arrive(state, later)[0], AddBypass)
     actions = arrive(state, fin(LATER + 4, 41000, CHARLIE))
-    assert isinstance(actions[0], RemoveBypass)
+    assert [type(action) for action in actions[:2]] == [Keep, RemoveBypass]
     assert state.is_live(7)  # the session stays
 
 

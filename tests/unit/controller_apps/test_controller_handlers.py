@@ -54,6 +54,7 @@ def test_an_unusable_address_is_named_with_its_remedy(tmp_path: Path) -> None:
         ("ryu", {"apps": ["ryu.app.ofctl_rest"]}, "serve HTTP: say where, by `rest`"),
         ("ryu", {"apps": ["ryu.app.none"]}, "apps: cannot load 'ryu.app.none' on ryu"),
         ("os-ken", {"policy": "/nowhere.toml"}, "cannot read the policy /nowhere.toml"),
+        ("os-ken", {"state": "/nowhere/state"}, "cannot use the state folder '/nowhere/state'"),
         ("os-ken", {"console": "/nowhere/x.sock"}, "cannot open the console '/nowhere/x.sock'"),
     ],
 )

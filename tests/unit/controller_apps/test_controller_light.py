@@ -29,8 +29,9 @@ from metadata_scene import (
 from scapy.layers.inet import IP, TCP
 from scapy.layers.l2 import Ether
 
-from controller_apps.actions import Action, ClosePaths, Forward, Note, OpenPaths
+from controller_apps.actions import Action, ClosePaths, Forget, Forward, Keep, Note, OpenPaths
 from controller_apps.arbiter import Arbiter
+from controller_apps.kept import decode_session, keep
 from controller_apps.optics import SwitchPort
 from controller_apps.paths import Hop, HostPort, Network, directions
 from wire.metadata import METADATA_PORT, SETUP_LENGTH, Reason, Setup, Verdict, decode
@@ -103,6 +104,7 @@ def test_a_cut_moves_the_path_by_one_bundle_a_switch_and_leaves_the_others() -> 
     actions = cut(state, Q2, FIRST)
     number = opened(actions)[0].transaction
     assert actions == [
+        keep(state.sessions.by_number[7]),  # first: what a switch may do is known to a successor
         OpenPaths(Q1, (Hop(Q1, 1, THIRD),), 7, number),  # in place of the entry for in_port 1
         OpenPaths(Q2, (Hop(Q2, THIRD, 3),), 7, number, closed=(Hop(Q2, FIRST, 3),)),
     ]
@@ -167,7 +169,7 @@ def test_a_switch_that_refuses_the_move_ends_the_session() -> None:
     granted(state)
     (one, _other) = opened(cut(state, Q2, FIRST))
     actions = state.switch_refused(one.transaction, 1.5)
-    assert actions[:2] == [ClosePaths(Q1, 7), ClosePaths(Q2, 7)]
+    assert actions[:3] == [Forget(7), ClosePaths(Q1, 7), ClosePaths(Q2, 7)]
     assert notes(actions) == ["torn_down"]
     assert state.switch_refused(one.transaction, 1.6) == []
 
@@ -322,6 +324,7 @@ class FlowTables:
     def __init__(self, state: Arbiter) -> None:
         self.state = state
         self.hops: dict[Hop, int] = {}
+        self.kept: dict[int, bytes] = {}
         self.events: Counter[str] = Counter()
 
     def do(self, actions: list[Action], now: float) -> None:
@@ -330,6 +333,10 @@ class FlowTables:
                 self._close(action.dpid, action.session)
             elif isinstance(action, OpenPaths):
                 self._change(action)
+            elif isinstance(action, Keep):
+                self.kept[action.session] = action.data
+            elif isinstance(action, Forget):
+                del self.kept[action.session]
             elif isinstance(action, Note):
                 self.events[action.event] += 1
         ways = [way for hop in self.hops for way in directions([hop])]
@@ -379,15 +386,35 @@ def between(number: int, payload: bytes, sport: int, flags: str = "PA") -> bytes
     return bytes(Ether(src=MACS[ALICE], dst=MACS[BOB]) / ip / tcp / payload)
 
 
+def restarted(tables: FlowTables, now: float) -> Arbiter:
+    """Let another arbiter take over; switches find it one after the other."""
+    before, hops = tables.state, dict(tables.hops)
+    before.network.connected.clear()
+    tables.state = Arbiter(before.network, HOLD_S, IDLE_S, queues=before.queues)
+    for data in tables.kept.values():
+        tables.state.resume(decode_session(data, now), now)
+    for dpid in RIM:
+        found = [(session, hop) for hop, session in tables.hops.items() if hop.dpid == dpid]
+        tables.do(tables.state.entries_found(dpid, found), now)
+        before.network.connected.add(dpid)
+        tables.do(tables.state.network_changed(now), now)
+    assert tables.hops == hops
+    assert tables.state.sessions.occupied == before.sessions.occupied
+    return tables.state
+
+
 @pytest.mark.parametrize("queues", [False, True])
 def test_many_sessions_at_once_never_share_light(queues: bool) -> None:
-    """Set-ups, ends and cuts in random order; what the switches hold is what is accounted."""
+    """Set-ups, ends, cuts and restarts of the controller in random order.
+
+    What the switches hold is what is accounted.
+    """
     draw = random.Random(5)
     network = ring_of_triples(draw, 8)
     state = Arbiter(network, HOLD_S, IDLE_S, queues=queues)
     tables = FlowTables(state)
     live: dict[int, int] = {}
-    for step in range(400):
+    for step in range(600):
         now, number, choice = step * 0.5, draw.randrange(8), draw.random()
         if choice < 0.4 and number not in live:
             live[number] = 2000 + step
@@ -397,6 +424,8 @@ def test_many_sessions_at_once_never_share_light(queues: bool) -> None:
         elif choice < 0.7 and number in live:
             over = between(number, b"", live.pop(number), "FA")
             tables.do(state.segment_arrived(S1, 1, over, now), now)
+        elif 0.7 <= choice < 0.72:
+            state = restarted(tables, now)
         elif choice > 0.8:
             at = SwitchPort(draw.choice(RIM), 100 + draw.randrange(FIBERS_EACH))
             far = network.links[at]
