@@ -3,6 +3,8 @@
 learning    packet-in, entry, packet-out, until the switch has done it (a barrier)
 bundle      three paths in one bundle, and a barrier
 full        every port's path replaced by another, in one bundle, and a barrier
+
+Turns come at a given rate: what rests between two of them finds its processor cold.
 """
 
 import time
@@ -27,11 +29,12 @@ class Floor(App):
 
     OFP_VERSIONS = (ofproto.OFP_VERSION,)
 
-    def __init__(self, what: str, count: int, ports: int, **contexts: Any) -> None:
+    def __init__(self, what: str, count: int, ports: int, period_s: float, **contexts: Any) -> None:
         super().__init__(**contexts)
         self._turns = {"learning": self._learning, "bundle": self._bundle, "full": self._full}[what]
         self._count = count
         self._ports = ports
+        self._period_s = period_s
         self._numbers = iter(range(1, 1 << 31))
         self._datapath: Any = None
         self._awaited = 0  # xid
@@ -75,7 +78,12 @@ class Floor(App):
 
     def _measure(self) -> None:
         with EndOnFault(self.name):
-            self.times_ms.put(list(self._turns()))
+            times_ms, due = [], time.monotonic()
+            for turn_ms in self._turns():
+                times_ms.append(turn_ms)
+                due += self._period_s
+                hub.sleep(max(0.0, due - time.monotonic()))
+            self.times_ms.put(times_ms)
 
     def _learning(self) -> Iterator[float]:
         miss = flow_entries.add(self._datapath, 0, 0, {}, flow_entries.to_controller(), cookie=MISS)

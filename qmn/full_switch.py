@@ -6,7 +6,7 @@ from pathlib import Path
 from mininet.topo import Topo
 
 from qmn.measurement import Times
-from qmn.path_setups import floor_times, start_floor, times_of
+from qmn.path_setups import Floor, floor_times, start_floor, times_of
 from topologies.fabric import FIRST_DPID
 from topologies.fiber import FiberLink
 from topologies.network import Network, Signals
@@ -39,5 +39,6 @@ def full_switch(folder: Path, signals: Signals, count: int) -> tuple[Times, Time
     port = free_port()
     topo = partial(FullSwitchTopo, controller_port=port)
     with Network(topo, Runtime(log_folder=folder), signals) as network:
-        agent = times_of(network, start_floor(network, "full", count, port, PORTS))
-        return agent, floor_times(network, "full", count, PORTS)
+        floor = Floor("full", count, ports=PORTS)
+        agent = times_of(network, start_floor(network, floor, port))
+        return agent, floor_times(network, floor)

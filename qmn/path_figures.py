@@ -6,7 +6,7 @@ from pathlib import Path
 
 from qmn.full_switch import PORTS, full_switch
 from qmn.measurement import Times
-from qmn.path_setups import floor_times, path_setups
+from qmn.path_setups import Floor, floor_times, path_setups
 from topologies.chain import ChainTopo
 from topologies.network import Network, Signals
 from topologies.runtime import Runtime
@@ -44,12 +44,14 @@ def path_figures(folder: Path, count: int, signals: Signals) -> Iterator[tuple[s
 
 
 def beside_floors(network: Network, count: int) -> tuple[Times, Times, Times]:
-    """Return the times of paths, of a learning switch and of bundles, of as many each."""
+    """Return the times of paths, of a learning switch and of bundles, as many each and as often."""
     setups, learning, bundle = Times(), Times(), Times()
     for part in parts(count, ROUNDS):
-        setups += path_setups(network, part)
-        learning += floor_times(network, "learning", part)
-        bundle += floor_times(network, "bundle", part)
+        paths = path_setups(network, part)
+        period_s = paths.seconds / part
+        setups += paths
+        learning += floor_times(network, Floor("learning", part, period_s))
+        bundle += floor_times(network, Floor("bundle", part, period_s))
     return setups, learning, bundle
 
 

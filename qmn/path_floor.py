@@ -1,6 +1,6 @@
 """A controller that times the one switch that connects to it, and prints milliseconds as JSON.
 
-python -m qmn.path_floor FRAMEWORK ADDRESS:PORT learning|bundle|full COUNT [--ports N]
+python -m qmn.path_floor FRAMEWORK ADDRESS:PORT learning|bundle|full COUNT [OPTION…]
 
 See qmn/floor_app.py for what is timed.
 """
@@ -23,12 +23,17 @@ def main() -> None:
     parser.add_argument("what", choices=WHAT)
     parser.add_argument("count", type=int)
     parser.add_argument("--ports", type=int, default=0, help="of the switch, numbered from 1")
+    parser.add_argument("--period-s", type=float, default=0.0, help="from turn to turn at least")
     arguments = parser.parse_args()
     framework = load_framework(arguments.framework)
     host, port = read_address("listen", arguments.listen)
     framework.serve_on(host, port)
     apps = framework.start(
-        ["qmn.floor_app"], what=arguments.what, count=arguments.count, ports=arguments.ports
+        ["qmn.floor_app"],
+        what=arguments.what,
+        count=arguments.count,
+        ports=arguments.ports,
+        period_s=arguments.period_s,
     )
     wait_until_listening(framework, host, port)
     print("ready", flush=True)

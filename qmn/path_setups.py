@@ -3,6 +3,7 @@
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 
 from qmn.measurement import Times, finish, seconds_of
 from topologies import openvswitch
@@ -13,6 +14,16 @@ from topologies.runtime import free_port
 
 READY_TIMEOUT_S = 20.0
 BRIDGE = "qmn-floor"
+
+
+@dataclass(frozen=True)
+class Floor:
+    """A measurement of qmn.floor_app."""
+
+    what: str  # learning, bundle or full
+    count: int
+    period_s: float = 0.0  # from turn to turn at least
+    ports: int = 0
 
 
 def path_setups(network: Network, count: int) -> Times:
@@ -34,19 +45,20 @@ def path_setups(network: Network, count: int) -> Times:
     return Times(ready, seconds)
 
 
-def floor_times(network: Network, what: str, count: int, ports: int = 0) -> Times:
+def floor_times(network: Network, floor: Floor) -> Times:
     """Time a bare bridge of Open vSwitch under the framework that c0 uses."""
     port = free_port()
-    program = start_floor(network, what, count, port, ports)
+    program = start_floor(network, floor, port)
     with bare_bridge(network.runtime.name, port):
         return times_of(network, program)
 
 
-def start_floor(network: Network, what: str, count: int, port: int, ports: int = 0) -> Program:
+def start_floor(network: Network, floor: Floor, port: int) -> Program:
     """Start the controller that measures, and wait until switches can connect."""
     command = [python(), "-m", "qmn.path_floor", network.runtime.framework, f"127.0.0.1:{port}"]
-    command += [what, str(count), "--ports", str(ports)]
-    program = network.run_beside(f"floor-{what}-{port}", command)
+    command += [floor.what, str(floor.count)]
+    command += ["--ports", str(floor.ports), "--period-s", str(floor.period_s)]
+    program = network.run_beside(f"floor-{floor.what}-{port}", command)
     program.wait_for("ready", READY_TIMEOUT_S)
     return program
 
