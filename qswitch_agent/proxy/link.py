@@ -142,6 +142,11 @@ class Link:
         self.to_bridge(messages.encode(ofp.OFPT_BUNDLE_CONTROL, xid, body))
         await self._own_barrier()
 
+    async def settle(self) -> None:
+        """Return when all that was asked for up to now is answered."""
+        await self._own_barrier()  # the bridge answers barriers in their order
+        await self.said.join()
+
     async def _own_barrier(self) -> None:
         passed = asyncio.get_running_loop().create_future()
         self._barriers.append(Barrier(self._changes, passed))

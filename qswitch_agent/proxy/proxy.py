@@ -57,7 +57,7 @@ class Proxy:
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(CLOSE_DEADLINE_S):
                 for link in list(self._links):
-                    await link.said.join()
+                    await link.settle()
         for connection in self._connections:
             connection.cancel()
         await asyncio.gather(*self._connections, return_exceptions=True)
