@@ -53,14 +53,16 @@ class Signals:
             raise Interrupted(self._received)
 
     @contextmanager
-    def ignored(self) -> Iterator[None]:
-        """Let nothing cut a piece of work short, nor the commands that it runs."""
-        handlers = {number: signal.signal(number, signal.SIG_IGN) for number in self.NUMBERS}
+    def deferred(self) -> Iterator[None]:
+        """Let nothing cut a piece of work short, nor the commands that it runs.
+
+        What comes meanwhile is noted at the end: another network may be about to start.
+        """
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, self.NUMBERS)
         try:
             yield
         finally:
-            for number, handler in handlers.items():
-                signal.signal(number, handler)
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
     def __exit__(
         self,
@@ -110,7 +112,7 @@ class Network:
         self._clean_up()
 
     def _clean_up(self) -> None:
-        with self._signals.ignored():
+        with self._signals.deferred():
             self._cleanup.close()
 
     def _start(self) -> None:
