@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import NamedTuple
 
 from controller_apps.optics import Optics
@@ -53,10 +54,11 @@ def switches(hops: Iterable[Hop]) -> list[int]:
     return list(dict.fromkeys(hop.dpid for hop in hops))
 
 
-def natural_order(name: str) -> list[tuple[int, str]]:
+@lru_cache(MAX_PORTS)
+def natural_order(name: str) -> tuple[tuple[int, str], ...]:
     """Return a key that sorts alice-q2 before alice-q10."""
     parts = re.split(r"([0-9]+)", name)
-    return [(int(part), "") if part.isdecimal() else (0, part) for part in parts]
+    return tuple((int(part), "") if part.isdecimal() else (0, part) for part in parts)
 
 
 @dataclass

@@ -5,6 +5,7 @@ in_port 1   ====2====|  dark  |=====3=====...
 """
 
 from bisect import bisect_right
+from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
@@ -58,6 +59,8 @@ class Timeline:
         self._switching_time_ns = switching_time_ns
         self._intervals: dict[int, list[Interval]] = {}
         self._circuits: dict[int, Circuit] = {}
+        self._lit: dict[int, Circuit] = {}  # of those, the ones that are not closed
+        self._dark: deque[tuple[int, Circuit]] = deque()  # when each closed; may be lit again
 
     def connect(
         self, connections: dict[int, int], now_ns: int, circuits: Mapping[int, int] | None = None
@@ -142,7 +145,10 @@ class Timeline:
                 yield in_port, intervals[-1]
 
     def _circuit(self, number: int, since_ns: int) -> Circuit:
-        return self._circuits.setdefault(number, Circuit(number, since_ns, since_ns))
+        circuit = self._circuits.setdefault(number, Circuit(number, since_ns, since_ns))
+        circuit.closed_ns = NEVER_NS
+        self._lit[number] = circuit
+        return circuit
 
     def _rename(self, in_port: int, number: int, now_ns: int) -> None:
         """Let an open connection go on as a circuit of this number."""
@@ -168,11 +174,10 @@ class Timeline:
 
     def _close_circuits(self, now_ns: int) -> None:
         open_numbers = set(self.open_circuits.values())
-        for number, circuit in self._circuits.items():
-            if number in open_numbers:
-                circuit.closed_ns = NEVER_NS
-            elif circuit.closed_ns == NEVER_NS:
-                circuit.closed_ns = now_ns
+        for number in self._lit.keys() - open_numbers:
+            circuit = self._lit.pop(number)
+            circuit.closed_ns = now_ns
+            self._dark.append((now_ns, circuit))
 
     def _forget(self, before_ns: int) -> None:
         for in_port, intervals in list(self._intervals.items()):
@@ -182,6 +187,7 @@ class Timeline:
             del intervals[:stale]
             if not intervals:
                 del self._intervals[in_port]
-        for number, circuit in list(self._circuits.items()):
-            if circuit.closed_ns < before_ns:
-                del self._circuits[number]
+        while self._dark and self._dark[0][0] < before_ns:
+            closed_ns, circuit = self._dark.popleft()
+            if circuit.closed_ns == closed_ns:
+                self._circuits.pop(circuit.number, None)

@@ -35,6 +35,7 @@ class Connection:
         self._path = path
         self._barriers: dict[int, asyncio.Future[None]] = {}
         self._xids = itertools.count(3)
+        self._ended = ""  # why nothing is read any more
 
     async def open(self) -> None:
         """Connect; raise BridgeFault if no bridge is there."""
@@ -51,10 +52,18 @@ class Connection:
         try:
             await self._read()
         except BridgeFault as fault:
-            for reply in self._barriers.values():
-                if not reply.done():
-                    reply.set_exception(BridgeFault(str(fault)))
+            self._end(str(fault))
             raise
+        except asyncio.CancelledError:
+            self._end("the agent ends")
+            raise
+
+    def _end(self, reason: str) -> None:
+        """Let nobody wait for barriers any more."""
+        self._ended = reason
+        for reply in self._barriers.values():
+            if not reply.done():
+                reply.set_exception(BridgeFault(reason))
 
     async def _read(self) -> None:
         framer = Framer()
@@ -68,6 +77,8 @@ class Connection:
 
     async def barrier(self) -> None:
         """Return when the bridge has done all that was asked for up to now."""
+        if self._ended:
+            raise BridgeFault(self._ended)
         xid = next(self._xids)
         reply = asyncio.get_running_loop().create_future()
         self._barriers[xid] = reply

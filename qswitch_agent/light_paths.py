@@ -48,6 +48,7 @@ class LightPaths:
         self._answered = -1  # up to which of them the hardware has answered
         self._problem = ""  # why the hardware differs from the table, as of the last answer
         self._fault: HardwareFault | None = None  # what ended run
+        self._news = ""  # what was made, and is not in the log yet
         self._changed = asyncio.Event()
         self._progress = asyncio.Condition()
         self._removed: OrderedDict[tuple[int, bytes, int], Removed] = OrderedDict()
@@ -115,6 +116,7 @@ class LightPaths:
             if problem and problem != self._problem:
                 log.error("%s", problem)
             await self._answer(asked, problem)
+            await self._tell()
 
     async def ready(self) -> None:
         """Return when the hardware is as the flow table is now.
@@ -164,6 +166,13 @@ class LightPaths:
         async with self._progress:
             self._progress.notify_all()
 
+    async def _tell(self) -> None:
+        """Log what was made; those that waited for it go on first."""
+        if self._news:
+            news, self._news = self._news, ""
+            await asyncio.sleep(0)
+            log.info("%s", news)
+
     async def _bring_up_to_date(self) -> str:
         """Return what of the table the hardware cannot do, empty if it does it all."""
         plan = self.table.plan()
@@ -176,7 +185,7 @@ class LightPaths:
                 return f"the hardware refuses {_text(plan.cross_connects)}: {refusal}"
             self._made = plan.cross_connects
             elapsed_ms = (time.monotonic() - started) * 1e3
-            log.info("%s, ready in %.2f ms", _text(plan.cross_connects), elapsed_ms)
+            self._news = f"{_text(plan.cross_connects)}, ready in {elapsed_ms:.2f} ms"
         return "; ".join(plan.conflicts)
 
 

@@ -53,14 +53,16 @@ class Signals:
             raise Interrupted(self._received)
 
     @contextmanager
-    def ignored(self) -> Iterator[None]:
-        """Let nothing cut a piece of work short, nor the commands that it runs."""
-        handlers = {number: signal.signal(number, signal.SIG_IGN) for number in self.NUMBERS}
+    def deferred(self) -> Iterator[None]:
+        """Let nothing cut a piece of work short, nor the commands that it runs.
+
+        What comes meanwhile is noted at the end: another network may be about to start.
+        """
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, self.NUMBERS)
         try:
             yield
         finally:
-            for number, handler in handlers.items():
-                signal.signal(number, handler)
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
     def __exit__(
         self,
@@ -110,7 +112,7 @@ class Network:
         self._clean_up()
 
     def _clean_up(self) -> None:
-        with self._signals.ignored():
+        with self._signals.deferred():
             self._cleanup.close()
 
     def _start(self) -> None:
@@ -160,8 +162,13 @@ class Network:
 
     def _expected(self) -> set[str]:
         """Return what the controller must know before light can be asked for."""
-        switches = {f"switch {int(switch.dpid, 16):#x}" for switch in self.net.switches}
-        return switches | {self._named(fiber) for fiber in self.runtime.fibers}
+        others = self.runtime.programmed_elsewhere
+        switches = [switch for switch in self.net.switches if switch.name not in others]
+        fibers = [f for f in self.runtime.fibers if not others & {f.a.node, f.b.node}]
+        return {
+            *(f"switch {int(switch.dpid, 16):#x}" for switch in switches),
+            *(self._named(fiber) for fiber in fibers),
+        }
 
     def _named(self, fiber: Fiber) -> str:
         """Return a fibre's name: the host's interface, or both ends between switches."""
@@ -188,9 +195,16 @@ class Network:
 
     def run_on(self, host: str, name: str, command: list[str]) -> Program:
         """Start an application on a host; it ends with the network at the latest."""
+        return self._run(name, command, self.host(host).pid)
+
+    def run_beside(self, name: str, command: list[str]) -> Program:
+        """Start a program on this machine itself; it ends with the network at the latest."""
+        return self._run(name, command)
+
+    def _run(self, name: str, command: list[str], namespace_pid: int | None = None) -> Program:
         program = Program(name, self.runtime.logs / f"{name}.log")
         self._cleanup.callback(program.stop)
-        program.start(command, self.host(host).pid)
+        program.start(command, namespace_pid)
         return program
 
     def capture(self, switch: str) -> list[Path]:

@@ -17,6 +17,7 @@ from wire import switch_check
 from wire.config import (
     DISPATCHER_PORT,
     AgentConfig,
+    BadConfig,
     Config,
     ControllerConfig,
     DispatcherConfig,
@@ -196,6 +197,8 @@ class OpticalSwitch(ClassicalSwitch):
 
     Optics go by keyword, as the fields of wire.config.QuantumSwitch; paths that differ from
     the others are wire.config.PathOptics. Raise BadConfig for what no switch can have.
+    `controller_port` names another controller than c0, at this TCP port of 127.0.0.1, that
+    programs the switch alone; c0 does not know of it then, nor of its fibres.
     """
 
     def __init__(
@@ -213,6 +216,7 @@ class OpticalSwitch(ClassicalSwitch):
         max_frequency_mhz: int = 196_100_000,
         grid_mhz: int = 50_000,
         min_power_dbm: float = -20.0,
+        controller_port: int | None = None,
         **params: object,
     ) -> None:
         optics = QuantumSwitch(
@@ -231,10 +235,15 @@ class OpticalSwitch(ClassicalSwitch):
             min_power_dbm=min_power_dbm,
         )
         switch_check.check(optics)
+        if controller_port is not None and not 0 < controller_port < 1 << 16:
+            raise BadConfig(f"{name}: controller_port {controller_port} is not 1 to 65535")
         super().__init__(name, **params)
         self.network.switches[name] = optics
         self.network.datapath_ids[name] = int(self.dpid, 16)
         self.network.token(name)
+        self.controller_port = controller_port
+        if controller_port is not None:
+            self.network.programmed_elsewhere.add(name)
         self.program: Program | None = None
 
     def start(self, controllers: list[Controller]) -> None:
@@ -248,7 +257,7 @@ class OpticalSwitch(ClassicalSwitch):
         config = AgentConfig(
             switch=self.name,
             listen=f"127.0.0.1:{port}",
-            controllers=[f"{controller.IP()}:{controller.port}" for controller in controllers],
+            controllers=self._controllers(controllers),
             management=str(openvswitch.RUN_FOLDER / f"{self.name}.mgmt"),
             dispatcher=network.socket(DISPATCHER),
             token=network.token(self.name),
@@ -265,15 +274,20 @@ class OpticalSwitch(ClassicalSwitch):
         self.program.wait_for("ready", READY_TIMEOUT_S)
         create = [
             word
-            for number in range(len(controllers))
+            for number in range(len(config.controllers))
             for word in (
                 *("--", f"--id=@c{number}", "create", "Controller"),
                 f'target="tcp:127.0.0.1:{port + number}"',
                 f"max_backoff={RECONNECT_MS}",  # Open vSwitch's own is 8 s
             )
         ]
-        rows = ",".join(f"@c{number}" for number in range(len(controllers)))
+        rows = ",".join(f"@c{number}" for number in range(len(config.controllers)))
         openvswitch.vsctl(*create[1:], "--", "set", "bridge", self.name, f"controller=[{rows}]")
+
+    def _controllers(self, given: list[Controller]) -> list[str]:
+        if self.controller_port is not None:
+            return [f"127.0.0.1:{self.controller_port}"]
+        return [f"{controller.IP()}:{controller.port}" for controller in given]
 
     def terminate(self) -> None:
         """End the agent, then the switch."""

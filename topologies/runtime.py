@@ -39,6 +39,7 @@ class Runtime:
     fibers: list[Fiber] = field(default_factory=list)
     switches: dict[str, QuantumSwitch] = field(default_factory=dict)
     datapath_ids: dict[str, int] = field(default_factory=dict)  # of the quantum switches
+    programmed_elsewhere: set[str] = field(default_factory=set)  # by other controllers than c0
     source: str = ""
     dispatcher: str = ""  # "10.0.0.4:50051"
     programs: list[Program] = field(default_factory=list)

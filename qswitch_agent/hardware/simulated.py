@@ -29,7 +29,12 @@ REFUSALS = (
     grpc.StatusCode.RESOURCE_EXHAUSTED,
 )
 
+STATUS = {status.value[0]: status for status in grpc.StatusCode}
+
 Reply = TypeVar("Reply")
+CrossConnects = grpc.aio.StreamStreamCall[
+    messages.CrossConnectRequest, messages.CrossConnectOutcome
+]
 
 
 class SimulatedSwitch:
@@ -41,11 +46,12 @@ class SimulatedSwitch:
         self._socket = socket
         self._metadata = service.metadata(token)
         self._channel = grpc.aio.insecure_channel(f"unix:{socket}", service.CHANNEL_OPTIONS)
-        self._cross_connect = self._channel.unary_unary(
-            "/qmn.Dispatcher/CrossConnect",
+        self._cross_connects = self._channel.stream_stream(
+            "/qmn.Dispatcher/CrossConnects",
             request_serializer=messages.CrossConnectRequest.SerializeToString,
-            response_deserializer=messages.CrossConnectReply.FromString,
+            response_deserializer=messages.CrossConnectOutcome.FromString,
         )
+        self._crossing: CrossConnects | None = None  # open, and nothing asked that is unanswered
         self._tune_port = self._channel.unary_unary(
             "/qmn.Dispatcher/TunePort",
             request_serializer=messages.TunePortRequest.SerializeToString,
@@ -69,10 +75,36 @@ class SimulatedSwitch:
             request.connections.add(
                 in_port=path.in_port, out_port=path.out_port, circuit=path.circuit
             )
-        reply = await self._answer(
-            self._cross_connect(request, timeout=CALL_DEADLINE_S, metadata=self._metadata)
-        )
-        await self._wait_until(reply.ready_ns)
+        outcome = await self._outcome(request)
+        if outcome.code:
+            raise self._meaning(STATUS[outcome.code], outcome.text)
+        await self._wait_until(outcome.ready_ns)
+
+    async def _outcome(self, request: messages.CrossConnectRequest) -> messages.CrossConnectOutcome:
+        """Ask over the open stream, or over another one; a stream that has failed is left."""
+        call, self._crossing = self._crossing, None
+        if call is None or call.done():
+            call = self._cross_connects(None, metadata=self._metadata)
+        answered = False
+        try:
+            async with asyncio.timeout(CALL_DEADLINE_S):
+                await call.write(request)
+                outcome = await call.read()
+            answered = isinstance(outcome, messages.CrossConnectOutcome)
+        except TimeoutError as error:
+            late = grpc.StatusCode.DEADLINE_EXCEEDED
+            raise self._meaning(late, f"no outcome in {CALL_DEADLINE_S} s") from error
+        except grpc.aio.AioRpcError as error:
+            raise self._meaning(error.code(), error.details()) from error
+        except asyncio.InvalidStateError as error:  # it ended between two requests
+            raise self._meaning(await call.code(), await call.details()) from error
+        finally:
+            if not answered:
+                call.cancel()
+        if not isinstance(outcome, messages.CrossConnectOutcome):
+            raise self._meaning(grpc.StatusCode.UNAVAILABLE, "the stream has ended")
+        self._crossing = call
+        return outcome
 
     async def tune(self, port: int, frequency_mhz: int | None, power_dbm: float | None) -> None:
         """Tune a port's filter and its attenuator; None leaves a value as it is."""
@@ -108,7 +140,7 @@ class SimulatedSwitch:
                 on_condition(_condition(condition))
         except grpc.aio.AioRpcError as error:
             if not heard:
-                meaning = self._meaning(error)
+                meaning = self._meaning(error.code(), error.details())
                 raise HardwareFault(str(meaning)) from error
         finally:
             call.cancel()
@@ -125,7 +157,7 @@ class SimulatedSwitch:
         try:
             return await call
         except grpc.aio.AioRpcError as error:
-            raise self._meaning(error) from error
+            raise self._meaning(error.code(), error.details()) from error
 
     async def _wait_until(self, ready_ns: int) -> None:
         remaining_s = (ready_ns - time.time_ns()) / 1e9
@@ -137,11 +169,11 @@ class SimulatedSwitch:
         if remaining_s > 0:
             await asyncio.sleep(remaining_s)
 
-    def _meaning(self, error: grpc.aio.AioRpcError) -> Exception:
-        cause = f"{error.code().name}: {error.details()}"
-        if error.code() in REFUSALS:
+    def _meaning(self, code: grpc.StatusCode, details: str | None) -> Exception:
+        cause = f"{code.name}: {details}"
+        if code in REFUSALS:
             return HardwareRefusal(cause)
-        if error.code() in (grpc.StatusCode.UNAUTHENTICATED, grpc.StatusCode.PERMISSION_DENIED):
+        if code in (grpc.StatusCode.UNAUTHENTICATED, grpc.StatusCode.PERMISSION_DENIED):
             return HardwareFault(
                 f"dispatcher at {self._socket} does not accept the token of {self._switch}: {cause}"
             )

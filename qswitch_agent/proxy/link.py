@@ -45,6 +45,7 @@ class Link:
         self.controller = controller
         self.said: asyncio.Queue[Said] = asyncio.Queue(MAX_SAID)
         self._requests: list[bytes] = []  # for the bridge, in one write
+        self._shown: list[bytes] = []  # for the controller, in one write
         self.is_slave = False
         self.bundles = Bundles()
         self.aggregates: dict[int, tuple[int, int, int]] = {}  # packets, bytes, flows by xid
@@ -65,6 +66,19 @@ class Link:
         if self._requests:
             self.bridge.write(b"".join(self._requests))
             self._requests.clear()
+
+    def to_controller(self, message: bytes) -> None:
+        """Send what was said last to the controller (nothing, if empty), at the next show."""
+        self._shown.append(message)
+
+    def show(self) -> None:
+        """Write what there is for the controller."""
+        message = b"".join(self._shown)
+        if message:
+            self.controller.write(message)
+        for _ in self._shown:
+            self.said.task_done()
+        self._shown.clear()
 
     async def answer(self, message: bytes) -> None:
         """Send an answer of the agent's own to the controller, behind what the bridge has said."""
@@ -129,6 +143,11 @@ class Link:
         body = packets.BUNDLE.pack(bundle, ofp.OFPBCT_DISCARD_REQUEST, 0)
         self.to_bridge(messages.encode(ofp.OFPT_BUNDLE_CONTROL, xid, body))
         await self._own_barrier()
+
+    async def settle(self) -> None:
+        """Return when all that was asked for up to now is answered."""
+        await self._own_barrier()  # the bridge answers barriers in their order
+        await self.said.join()
 
     async def _own_barrier(self) -> None:
         passed = asyncio.get_running_loop().create_future()

@@ -57,7 +57,7 @@ class Proxy:
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(CLOSE_DEADLINE_S):
                 for link in list(self._links):
-                    await link.said.join()
+                    await link.settle()
         for connection in self._connections:
             connection.cancel()
         await asyncio.gather(*self._connections, return_exceptions=True)
@@ -159,17 +159,22 @@ class Proxy:
         return "the bridge closed it"
 
     async def _show(self, link: Link) -> str:
-        """Pass on what the bridge has said, as soon as it is true of light, too."""
+        """Pass on what the bridge has said, as soon as it is true of light, too.
+
+        What is there to be said at once goes in one write, which costs more than the rest.
+        """
         replies = Replies(self._switch, link, self._hold_deadline_s)
         try:
             while True:
                 message, since_ns, by_agent = await link.said.get()
                 if not by_agent:
+                    if replies.may_wait(message):
+                        link.show()
                     message = await replies.shown(message, since_ns)
-                if message:
-                    link.controller.write(message)
-                link.said.task_done()
-                await link.controller.drain()
+                link.to_controller(message)
+                if link.said.empty():
+                    link.show()
+                    await link.controller.drain()
         except (MalformedPacket, OSError) as error:
             return f"messages to the controller: {error}"
         except (BridgeFault, HardwareFault) as fault:

@@ -27,6 +27,7 @@ CHANGED = (
     ofp.OFPT_PACKET_IN,
     ofp.OFPT_BUNDLE_CONTROL,
 )
+WAITING = ofp.OFPT_BARRIER_REPLY, ofp.OFPT_MULTIPART_REPLY, ofp.OFPT_FLOW_REMOVED
 log = logging.getLogger(__name__)
 
 
@@ -37,6 +38,13 @@ class Replies:
         self._switch = switch
         self._link = link
         self._hold_deadline_s = hold_deadline_s
+
+    def may_wait(self, message: bytes) -> bool:
+        """Tell whether it may take time until a message is to be shown."""
+        kind = message_type(message)
+        if kind == ofp.OFPT_BUNDLE_CONTROL:  # ports are tuned
+            return bool(self._link.bundles.committing.get(transaction_id(message)))
+        return kind in WAITING
 
     async def shown(self, message: bytes, since_ns: int) -> bytes:
         """Return what the controller gets for a message of the bridge; it may be nothing.

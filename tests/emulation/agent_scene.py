@@ -95,7 +95,6 @@ class Dispatcher:
         self.conditions: queue.Queue[pb.SwitchCondition] = queue.Queue()
         self.ended = threading.Event()
         unary: dict[str, tuple[Any, Any]] = {
-            "CrossConnect": (self._cross_connect, pb.CrossConnectRequest),
             "TunePort": (self._tune, pb.TunePortRequest),
             "SwitchStatistics": (self._statistics, pb.SwitchStatisticsRequest),
         }
@@ -112,13 +111,18 @@ class Dispatcher:
             request_deserializer=pb.WatchSwitchRequest.FromString,
             response_serializer=pb.SwitchCondition.SerializeToString,
         )
+        handlers["CrossConnects"] = grpc.stream_stream_rpc_method_handler(
+            lambda requests, context: (self._cross_connect(one, context) for one in requests),
+            request_deserializer=pb.CrossConnectRequest.FromString,
+            response_serializer=pb.CrossConnectOutcome.SerializeToString,
+        )
         handler = grpc.method_handlers_generic_handler("qmn.Dispatcher", handlers)
         self.server = grpc.server(ThreadPoolExecutor(8))
         self.server.add_generic_rpc_handlers((handler,))
         self.server.add_insecure_port(f"unix:{path}")
         self.server.start()
 
-    def _cross_connect(self, request: Any, context: Any) -> pb.CrossConnectReply:
+    def _cross_connect(self, request: Any, context: Any) -> pb.CrossConnectOutcome:
         self.asked += 1
         self.tokens.add(dict(context.invocation_metadata())[TOKEN_KEY])
         assert self.open.wait(DEADLINE_S)
@@ -126,7 +130,7 @@ class Dispatcher:
             context.abort(self.failure, "the mirror is stuck")
         self.circuits = {(one.in_port, one.out_port): one.circuit for one in request.connections}
         self.sets.append(sorted(self.circuits))
-        return pb.CrossConnectReply(ready_ns=time.time_ns())
+        return pb.CrossConnectOutcome(ready_ns=time.time_ns())
 
     def _tune(self, request: pb.TunePortRequest, _context: Any) -> pb.TunePortReply:
         self.tuned.append(request)

@@ -122,6 +122,18 @@ def test_a_circuit_that_opens_again_soon_goes_on_counting() -> None:
     assert (circuit.photons, circuit.since_ns) == (5, 1100)
 
 
+def test_a_circuit_that_opens_again_keeps_no_other_from_being_forgotten() -> None:
+    timeline = Timeline(SWITCHING_NS)
+    timeline.connect({1: 2, 3: 4}, 1000, {1: 7, 3: 8})
+    timeline.connect({3: 4}, 2000, {3: 8})
+    timeline.connect({1: 2}, 3000, {1: 7})
+    timeline.connect({1: 2}, 3001 + REMEMBERED_NS, {1: 7})
+    assert list(timeline._circuits) == [7]
+    timeline.connect({}, 4000 + REMEMBERED_NS)
+    timeline.connect({}, 4001 + 2 * REMEMBERED_NS)
+    assert not timeline._circuits
+
+
 def test_outputs_in_use_are_those_of_open_paths() -> None:
     timeline = Timeline(SWITCHING_NS)
     timeline.connect({1: 2}, 1000)

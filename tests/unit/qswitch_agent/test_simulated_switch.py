@@ -156,6 +156,33 @@ def test_a_switching_time_longer_than_a_call_is_a_fault(
     play(scene())
 
 
+def test_a_request_that_nobody_waits_for_any_more_does_not_answer_the_next(tmp_path: Path) -> None:
+    async def scene() -> None:
+        async with simulation(tmp_path, switching_time_s=0.2) as bench:
+            with pytest.raises(TimeoutError):
+                await asyncio.wait_for(bench.switch.set_cross_connects([CrossConnect(1, 2)]), 0.05)
+            begin_s = time.monotonic()
+            await bench.switch.set_cross_connects([CrossConnect(3, 4)])
+            assert time.monotonic() - begin_s >= 0.2
+            assert bench.connections == {3: 4}
+
+    play(scene())
+
+
+def test_the_token_of_another_switch_is_a_fault(tmp_path: Path) -> None:
+    async def scene() -> None:
+        async with simulation(tmp_path) as bench:
+            socket = str(tmp_path / "ed")
+            for token in ("token of alice", "no token"):
+                other = SimulatedSwitch("q1", socket, token)
+                with pytest.raises(HardwareFault, match="does not accept the token of q1"):
+                    await other.set_cross_connects([CrossConnect(1, 2)])
+                await other.close()
+            assert bench.connections == {}
+
+    play(scene())
+
+
 def test_photons_are_read_by_port_and_circuit(tmp_path: Path) -> None:
     async def scene() -> None:
         async with simulation(tmp_path) as bench:

@@ -31,6 +31,8 @@ def test_a_command_in_whose_middle_the_shell_ends_returns() -> None:
         ({"paths": [PathOptics(1, 2, -1.0)]}, "path 1 -> 2: insertion_loss_db -1.0"),
         ({"max_temperature_c": float("nan")}, "max_temperature_c nan"),
         ({"grid_mhz": 0}, "grid_mhz 0"),
+        ({"controller_port": 0}, "q1: controller_port 0 is not 1 to 65535"),
+        ({"controller_port": 65536}, "q1: controller_port 65536 is not 1 to 65535"),
     ],
 )
 def test_optics_that_cannot_be_are_refused_before_a_switch_is_made(
