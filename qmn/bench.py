@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from hosts.software import QuantumSocket
-from qmn.live_pairs import BLOCK_PAIRS, cost_by_live_pairs
-from qmn.measurement import seconds_of
-from qmn.path_figures import path_figures
+from qmn.measure.live_pairs import BLOCK_PAIRS, cost_by_live_pairs
+from qmn.measure.measurement import seconds_of
+from qmn.measure.path_figures import path_figures
 from topologies.network import Interrupted, Network, Signals, require_root
 from topologies.programs import NetworkError, python
 from topologies.runtime import Runtime
@@ -129,7 +129,7 @@ def _read_all(listener: QuantumSocket) -> None:
 def floor(network: Network, count: int) -> tuple[float, float]:
     """Return the seconds of one TCP connect and of one packet-in, alice to bob."""
     bob = network.runtime.addresses["bob"]
-    server = network.run_on("bob", "floor", [python(), "-m", "qmn.floor", "serve", bob])
+    server = network.run_on("bob", "floor", [python(), "-m", "qmn.measure.floor", "serve", bob])
     server.wait_for("ready", MEASURE_TIMEOUT_S)
     connect_s = measure(network, "connects", count, bob)
     return connect_s, measure(network, "packet-ins", count, BROADCAST)
@@ -137,6 +137,6 @@ def floor(network: Network, count: int) -> tuple[float, float]:
 
 def measure(network: Network, what: str, count: int, address: str) -> float:
     """Run one measurement on alice to its end."""
-    command = [python(), "-m", "qmn.floor", what, str(count), address]
+    command = [python(), "-m", "qmn.measure.floor", what, str(count), address]
     program = network.run_on("alice", what, command)
     return seconds_of(network, program)

@@ -16,7 +16,7 @@ from topologies.sdc import SdcTopo
 
 ROOT = Path(__file__).resolve().parents[2]
 # What the command line of a program of Mininet or of ours contains.
-OURS = (str(RUNTIME_ROOT), "mininet:", "tcpdump ", "hosts.applications", "qmn.floor")
+OURS = (str(RUNTIME_ROOT), "mininet:", "tcpdump ", "hosts.applications", "qmn.measure.floor")
 
 
 def wait_until(condition: Callable[[], object], what: str, timeout_s: float = 10.0) -> None:

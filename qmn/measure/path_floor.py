@@ -1,6 +1,6 @@
 """A controller that times the one switch that connects to it, and prints milliseconds as JSON.
 
-python -m qmn.path_floor FRAMEWORK ADDRESS:PORT learning|bundle|full COUNT [OPTION…]
+python -m qmn.measure.path_floor FRAMEWORK ADDRESS:PORT learning|bundle|full COUNT [OPTION…]
 
 See qmn/floor_app.py for what is timed.
 """
@@ -17,7 +17,7 @@ TIMEOUT_S = 60.0
 
 def main() -> None:
     """Serve one switch until all is measured."""
-    parser = argparse.ArgumentParser(prog="python -m qmn.path_floor", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m qmn.measure.path_floor", description=__doc__)
     parser.add_argument("framework")
     parser.add_argument("listen")
     parser.add_argument("what", choices=WHAT)
@@ -29,7 +29,7 @@ def main() -> None:
     host, port = read_address("listen", arguments.listen)
     framework.serve_on(host, port)
     apps = framework.start(
-        ["qmn.floor_app"],
+        ["qmn.measure.floor_app"],
         what=arguments.what,
         count=arguments.count,
         ports=arguments.ports,

@@ -4,9 +4,9 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
-from qmn.full_switch import PORTS, full_switch
-from qmn.measurement import Times
-from qmn.path_setups import Floor, floor_times, path_setups
+from qmn.measure.full_switch import PORTS, full_switch
+from qmn.measure.measurement import Times
+from qmn.measure.path_setups import Floor, floor_times, path_setups
 from topologies.chain import ChainTopo
 from topologies.network import Network, Signals
 from topologies.runtime import Runtime

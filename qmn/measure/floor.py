@@ -1,8 +1,8 @@
 """What the same network costs without light: TCP connects and packet-ins, timed on a host.
 
-python -m qmn.floor serve ADDRESS
-python -m qmn.floor connects COUNT ADDRESS      seconds for one TCP connect and close
-python -m qmn.floor packet-ins COUNT BROADCAST  seconds for one packet-in and packet-out
+python -m qmn.measure.floor serve ADDRESS
+python -m qmn.measure.floor connects COUNT ADDRESS      seconds for one TCP connect and close
+python -m qmn.measure.floor packet-ins COUNT BROADCAST  seconds for one packet-in and packet-out
 """
 
 import argparse
@@ -58,7 +58,7 @@ def packet_ins(count: int, broadcast: str) -> float:
 
 def main() -> None:
     """Serve or measure."""
-    parser = argparse.ArgumentParser(prog="python -m qmn.floor", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m qmn.measure.floor", description=__doc__)
     verbs = parser.add_subparsers(dest="verb", required=True)
     verbs.add_parser("serve").add_argument("address")
     for verb in ("connects", "packet-ins"):

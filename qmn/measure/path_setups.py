@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from qmn.measurement import Times, finish, seconds_of
+from qmn.measure.measurement import Times, finish, seconds_of
 from topologies import openvswitch
 from topologies.network import Network
 from topologies.programs import NetworkError, Program, python
@@ -18,7 +18,7 @@ BRIDGE = "qmn-floor"
 
 @dataclass(frozen=True)
 class Floor:
-    """A measurement of qmn.floor_app."""
+    """A measurement of qmn.measure.floor_app."""
 
     what: str  # learning, bundle or full
     count: int
@@ -30,7 +30,7 @@ def path_setups(network: Network, count: int) -> Times:
     """Have alice ask for paths to bob, one after the other, each closed before the next."""
     runtime = network.runtime
     before = len(read_record(runtime.logs))
-    command = [python(), "-m", "qmn.path_requests", str(count)]
+    command = [python(), "-m", "qmn.measure.path_requests", str(count)]
     command += [runtime.addresses["bob"], runtime.addresses[runtime.source]]
     command += [str(runtime.logs / "quantum.log")]
     seconds = seconds_of(network, network.run_on("alice", "path-requests", command))
@@ -55,7 +55,13 @@ def floor_times(network: Network, floor: Floor) -> Times:
 
 def start_floor(network: Network, floor: Floor, port: int) -> Program:
     """Start the controller that measures, and wait until switches can connect."""
-    command = [python(), "-m", "qmn.path_floor", network.runtime.framework, f"127.0.0.1:{port}"]
+    command = [
+        python(),
+        "-m",
+        "qmn.measure.path_floor",
+        network.runtime.framework,
+        f"127.0.0.1:{port}",
+    ]
     command += [floor.what, str(floor.count)]
     command += ["--ports", str(floor.ports), "--period-s", str(floor.period_s)]
     program = network.run_beside(f"floor-{floor.what}-{port}", command)

@@ -5,8 +5,8 @@ from pathlib import Path
 
 from mininet.topo import Topo
 
-from qmn.measurement import Times
-from qmn.path_setups import Floor, floor_times, start_floor, times_of
+from qmn.measure.measurement import Times
+from qmn.measure.path_setups import Floor, floor_times, start_floor, times_of
 from topologies.fabric import FIRST_DPID
 from topologies.fiber import FiberLink
 from topologies.network import Network, Signals

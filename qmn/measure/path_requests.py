@@ -1,6 +1,6 @@
 """Light paths asked for one after the other, by a host, without any light.
 
-python -m qmn.path_requests COUNT RECEIVER SOURCE LOG
+python -m qmn.measure.path_requests COUNT RECEIVER SOURCE LOG
 
 Prints the seconds of all. LOG is the dispatcher's: it proves that cross-connects opened
 before the receiver answered, and tells when they are closed, so that each set-up is for
@@ -109,7 +109,9 @@ def requests(count: int, receiver: str, source: str, openings: Openings) -> floa
 
 def main() -> None:
     """Ask, and print the time."""
-    parser = argparse.ArgumentParser(prog="python -m qmn.path_requests", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m qmn.measure.path_requests", description=__doc__
+    )
     parser.add_argument("count", type=int)
     parser.add_argument("receiver", help="its IPv4 address")
     parser.add_argument("source", help="the pair source's")
