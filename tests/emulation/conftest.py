@@ -66,9 +66,9 @@ def our_processes() -> set[str]:
     return found
 
 
-@pytest.fixture(autouse=True)
+@pytest.fixture(scope="session", autouse=True)
 def _open_vswitch() -> Iterator[None]:
-    """Let Open vSwitch run, so that the bridges before and after can be compared."""
+    """Let Open vSwitch run, so that the bridges before and after a test can be compared."""
     started = not openvswitch.running()
     if started:
         openvswitch.start("tests")

@@ -19,7 +19,8 @@ from topologies.ring import RingTopo
 from topologies.sdc import SdcTopo
 from wire.metadata import Reason
 
-pytestmark = pytest.mark.parametrize("framework", ["ryu", "os-ken"])
+BOTH = pytest.mark.parametrize("framework", ["ryu", "os-ken"])
+RYU = pytest.mark.parametrize("framework", ["ryu"])
 DATA = hashlib.shake_256(b"light").digest(3 << 20)  # some seconds of light
 LESS = DATA[: 1 << 14]
 SILENCE_S = 40.0  # 30 of them are the idle time-out of a bypass
@@ -79,6 +80,7 @@ class Watch:
         self._thread.join(10)
 
 
+@BOTH
 def test_a_framed_session_outlives_the_controller_in_full_light(
     tmp_path: Path, framework: str
 ) -> None:
@@ -114,6 +116,7 @@ def test_a_framed_session_outlives_the_controller_in_full_light(
             assert third.carry(LESS) == LESS
 
 
+@RYU
 def test_light_over_several_switches_stays_where_it_is(tmp_path: Path, framework: str) -> None:
     with (
         running(RingTopo, tmp_path, framework=framework) as network,
@@ -128,6 +131,7 @@ def test_light_over_several_switches_stays_where_it_is(tmp_path: Path, framework
         assert facts(network, "moved") == facts(network, "stranded") == []
 
 
+@BOTH
 def test_a_per_pair_session_outlives_the_controller(tmp_path: Path, framework: str) -> None:
     with running(SdcTopo, tmp_path, framework=framework) as network:
         with session(network, "alice", "bob", handshake="per-pair") as opened:
@@ -145,6 +149,7 @@ def test_a_per_pair_session_outlives_the_controller(tmp_path: Path, framework: s
         assert {fact["detail"] for fact in facts(network, "torn_down")} <= {"FIN", "RST"}
 
 
+@RYU
 def test_a_framed_session_outlives_an_agent_that_is_killed(tmp_path: Path, framework: str) -> None:
     with (
         running(SdcTopo, tmp_path, framework=framework) as network,
@@ -164,6 +169,7 @@ def test_a_framed_session_outlives_an_agent_that_is_killed(tmp_path: Path, frame
         assert facts(network, "torn_down") == []
 
 
+@RYU
 def test_between_two_sessions_a_controller_may_be_away(tmp_path: Path, framework: str) -> None:
     with running(SdcTopo, tmp_path, framework=framework) as network:
         with session(network, "alice", "bob") as first:
@@ -178,6 +184,7 @@ def test_between_two_sessions_a_controller_may_be_away(tmp_path: Path, framework
         assert facts(network, "resumed") == []
 
 
+@RYU
 def test_a_session_that_ends_unseen_ends_by_silence(tmp_path: Path, framework: str) -> None:
     with running(SdcTopo, tmp_path, framework=framework) as network:
         with session(network, "alice", "bob") as opened:
