@@ -1,6 +1,7 @@
 """The optical switch as its controllers see it: bridge, light paths and hardware together."""
 
 import asyncio
+import logging
 import secrets
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable
@@ -30,6 +31,7 @@ from qswitch_agent.supervision import SupervisoryChannels
 from wire import optical
 from wire.optical import PathOptics, PortLight, PortOptics, PortTuning
 
+log = logging.getLogger(__name__)
 MIN_CIRCUIT, MAX_CIRCUIT = 1, (1 << 31) - 1
 MAX_LOSS_MDB = 0xFFFFFFFF  # a path that passes no light at all
 
@@ -175,6 +177,7 @@ class Switch:
         if before.hot != condition.hot:
             affected |= self.fibers
         if self._known.is_set():
+            log.info("another condition; it concerns ports %s", sorted(affected) or "none")
             self._channels.announce(affected & self.fibers)
         self._known.set()
         self.paths.retry()

@@ -330,7 +330,7 @@ def port_status(controller: Controller, *states: int) -> set[int]:
 
 
 def test_stuck_cross_connect_is_told(switch: Switch) -> None:
-    assert port_status(switch.controller) == set()
+    accepted(switch.controller, parser.OFPBarrierRequest(DATAPATH))  # the bridge knows us
     stuck = pb.SwitchCondition()
     stuck.CopyFrom(switch.dispatcher.condition)
     stuck.stuck.add(in_port=1, out_port=3)
