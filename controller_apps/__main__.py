@@ -11,8 +11,11 @@ import time
 from pathlib import Path
 from typing import Any
 
+from controller_apps.policy import BadPolicy, read_policy
 from wire.config import BadConfig, ControllerConfig
 
+APPS = ("learning_switch", "quantum_metadata", "device_monitor")
+WSGI_APPS = {"ryu.app.ofctl_rest", "ryu.app.rest_topology"}
 READY_TIMEOUT_S = 10.0
 
 
@@ -29,7 +32,7 @@ def main() -> int:
     )
     try:
         run(ControllerConfig.read(options.parse_args().config))
-    except (BadConfig, Fatal) as error:
+    except (BadConfig, BadPolicy, Fatal) as error:
         print(f"controller: {error}", file=sys.stderr)
         return 1
     return 0
@@ -37,10 +40,11 @@ def main() -> int:
 
 def run(config: ControllerConfig) -> None:
     """Serve until SIGTERM or SIGINT."""
+    read_policy(config.policy)  # the apps read it; what is wrong is said before they start
     framework = load_framework(config.framework)
-    host, port = read_address(config.listen)
-    check_free(host, port)
-    framework.serve_on(host, port)
+    host, port = read_address("listen", config.listen)
+    check_free("listen", host, port)
+    prepare(framework, config, host, port)
     app = start_apps(framework, config)
     wait_until_listening(framework, host, port)
     stop = stop_socket()
@@ -60,15 +64,29 @@ def load_framework(name: str) -> Any:
     return framework
 
 
-def read_address(listen: str) -> tuple[str, int]:
+def prepare(framework: Any, config: ControllerConfig, host: str, port: int) -> None:
+    """Load what is not ours and set where everything listens."""
+    rest = read_address("rest", config.rest) if config.rest else None
+    if rest is not None:
+        check_free("rest", *rest)
+    elif WSGI_APPS.intersection(config.apps):
+        raise Fatal(f"apps {', '.join(config.apps)} serve HTTP: say where, by `rest`")
+    try:
+        framework.load_stock_apps(config.apps)
+        framework.serve_on(host, port, rest)
+    except ValueError as error:
+        raise Fatal(str(error)) from error
+
+
+def read_address(name: str, address: str) -> tuple[str, int]:
     """Split "127.0.0.1:6653"."""
-    host, _, port = listen.rpartition(":")
+    host, _, port = address.rpartition(":")
     if not host or not port.isdecimal() or not 0 < int(port) < 1 << 16:
-        raise Fatal(f"listen {listen!r} is not an address and a port, such as 127.0.0.1:6653")
+        raise Fatal(f"{name} {address!r} is not an address and a port, such as 127.0.0.1:6653")
     return host, int(port)
 
 
-def check_free(host: str, port: int) -> None:
+def check_free(name: str, host: str, port: int) -> None:
     """Fail now if the address cannot be had: the framework would only log it and go on."""
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -78,21 +96,37 @@ def check_free(host: str, port: int) -> None:
         except OSError as error:
             raise Fatal(
                 f"cannot listen on {host}:{port}: {error.strerror}; "
-                "end the other controller or set another `listen`"
+                f"end the other controller or set another `{name}`"
             ) from error
 
 
 def start_apps(framework: Any, config: ControllerConfig) -> Any:
-    """Start both apps and the OpenFlow server; return the quantum-metadata app."""
+    """Start the apps, the OpenFlow server and the console; return the quantum-metadata app."""
+    from controller_apps.console import Console
+    from controller_apps.facts import Facts
     from controller_apps.mac_table import MacTable
     from controller_apps.record import Record
+    from controller_apps.state_folder import StateFolder
 
+    try:
+        state = StateFolder(config.state)
+    except OSError as error:
+        raise Fatal(f"cannot use the state folder {config.state!r}: {error.strerror}") from error
     try:
         record = Record(config.record)
     except OSError as error:
         raise Fatal(f"cannot write the record {config.record!r}: {error.strerror}") from error
-    modules = ["controller_apps.learning_switch", "controller_apps.quantum_metadata"]
-    apps = framework.start(modules, config=config, mac_table=MacTable(), record=record)
+    try:
+        console = Console(config.console) if config.console else None
+    except OSError as error:
+        raise Fatal(f"cannot open the console {config.console!r}: {error.strerror}") from error
+    modules = [f"controller_apps.{name}" for name in APPS]
+    modules += ["controller_apps.rest"] if config.rest else []
+    apps = framework.start(
+        modules + config.apps, config=config, mac_table=MacTable(), record=record, state=state
+    )
+    if console is not None:
+        console.start(Facts(apps["QuantumMetadata"], apps["DeviceMonitor"]))
     return apps["QuantumMetadata"]
 
 

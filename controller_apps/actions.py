@@ -17,12 +17,19 @@ class Forward:
 
 @dataclass(frozen=True)
 class OpenPaths:
-    """Program the hops of one quantum switch in one bundle, then ask for a barrier."""
+    """Program the hops of one quantum switch in one bundle, then ask for a barrier.
+
+    In this order: hops of the session that it no longer takes are closed, ports are tuned,
+    hops are opened.
+    """
 
     dpid: int
     hops: tuple[Hop, ...]
     session: int
     transaction: int  # to be given back with the barrier reply or the error
+    closed: tuple[Hop, ...] = ()
+    tuned: tuple[int, ...] = ()  # ports
+    frequency_mhz: int = 0  # to which they are tuned
 
 
 @dataclass(frozen=True)
@@ -52,6 +59,21 @@ class RemoveBypass:
 
 
 @dataclass(frozen=True)
+class Keep:
+    """Keep a session for the controller that may come after this one."""
+
+    session: int
+    data: bytes
+
+
+@dataclass(frozen=True)
+class Forget:
+    """Keep nothing of a session any more."""
+
+    session: int
+
+
+@dataclass(frozen=True)
 class Note:
     """A fact for the log and the record."""
 
@@ -69,4 +91,4 @@ class Drop:
     detail: str
 
 
-Action = Forward | OpenPaths | ClosePaths | AddBypass | RemoveBypass | Note | Drop
+Action = Forward | OpenPaths | ClosePaths | AddBypass | RemoveBypass | Keep | Forget | Note | Drop

@@ -4,17 +4,21 @@ Classical switches: table 0 picks quantum metadata out, table 1 learns and forwa
 Quantum switches: table 0 holds light paths and nothing else, but for LLDP.
 """
 
-from collections.abc import Iterable
 from typing import Any
 
+from controller_apps.actions import OpenPaths
+from controller_apps.datagrams import IP_UDP
 from controller_apps.framework import ofproto, parser
+from controller_apps.optical_messages import is_fiber
 from controller_apps.paths import Hop
 from controller_apps.segments import FIN, IP_TCP, PSH, RST, FiveTuple
+from wire.device import DEVICE_PORT
 from wire.metadata import METADATA_PORT
 
 METADATA_TABLE, LEARNING_TABLE = 0, 1
 CLOSE_PRIORITY, BYPASS_PRIORITY, METADATA_PRIORITY, PATH_PRIORITY = 400, 300, 200, 100
 LLDP_PRIORITY = 65000
+LEARNING_PRIORITY = 1
 ETH_TYPE_IPV4, ETH_TYPE_LLDP = 0x0800, 0x88CC
 ALL_BITS = (1 << 64) - 1
 BUNDLE_FLAGS = ofproto.OFPBF_ATOMIC | ofproto.OFPBF_ORDERED
@@ -66,6 +70,7 @@ def delete(datapath: Any, table: int, strict: bool = False, **more: Any) -> Any:
 def metadata_entries(datapath: Any) -> list[Any]:
     """Return what makes table 0 of a classical switch pick quantum metadata out.
 
+    Bypasses, which carry the cookie of their session, stay: see ask_entries.
     A set-up message is one short write, so its segment carries PSH; SYN and bare ACK stay
     in the switch. A segment without PSH is not arbitrated, and the receiver refuses what
     the controller has not granted.
@@ -79,43 +84,77 @@ def metadata_entries(datapath: Any) -> list[Any]:
             to_controller(), to_learning())
         for ends, flag in closing
     ]  # fmt: skip
+    to_agents = {"eth_type": ETH_TYPE_IPV4, "ip_proto": IP_UDP, "udp_dst": DEVICE_PORT}
     pushed = {**to_port, "tcp_flags": (PSH, PSH)}
     return [
-        delete(datapath, METADATA_TABLE),
+        delete(datapath, METADATA_TABLE, cookie=0, cookie_mask=ALL_BITS),
         add(datapath, METADATA_TABLE, 0, {}, to_learning()),
         add(datapath, METADATA_TABLE, METADATA_PRIORITY, pushed, to_controller()),
+        # Of the node agents: to the controller and to nobody else.
+        add(datapath, METADATA_TABLE, METADATA_PRIORITY, to_agents, to_controller()),
         *copies,
     ]
 
 
-def discovery_entries(datapath: Any) -> list[Any]:
-    """Return what a quantum switch needs: LLDP goes up, everything else is dark.
+def discovery_entry(datapath: Any) -> Any:
+    """Return what the fibres of a quantum switch need: LLDP goes up, all else is dark."""
+    return add(datapath, 0, LLDP_PRIORITY, {"eth_type": ETH_TYPE_LLDP}, to_controller())
 
-    Flows of its past are asked for; those that belong to no session are deleted then.
-    """
-    ask = parser.OFPFlowStatsRequest(
+
+def classical_entries(datapath: Any) -> list[Any]:
+    """Return what lets the classical ports of a quantum switch forward as any switch does."""
+    ports = list(datapath.ports.values())
+    classical = [port.port_no for port in ports if not is_fiber(port)]
+    if len(classical) == len(ports):  # nothing tells which are fibres
+        return []
+    return [
+        add(datapath, 0, LEARNING_PRIORITY, {"in_port": port}, to_learning()) for port in classical
+    ]
+
+
+def ask_entries(datapath: Any) -> Any:
+    """Return the request for all entries of a switch, those of its past included."""
+    return parser.OFPFlowStatsRequest(
         datapath, 0, 0, ofproto.OFPP_ANY, ofproto.OFPG_ANY, 0, 0, parser.OFPMatch()
     )
-    return [add(datapath, 0, LLDP_PRIORITY, {"eth_type": ETH_TYPE_LLDP}, to_controller()), ask]
 
 
-def path_bundle(datapath: Any, transaction: int, hops: Iterable[Hop], session: int) -> list[Any]:
-    """Return one bundle with all hops through a switch, and a barrier behind it.
+def path_bundle(datapath: Any, paths: OpenPaths, tuning: list[Any]) -> list[Any]:
+    """Return one bundle that changes the hops through a switch, and a barrier behind it.
 
     No time-outs: light moves no packets, so an entry would expire while in use.
     """
-    entries = [
-        add(datapath, 0, PATH_PRIORITY, {"in_port": hop.in_port}, output(hop.out_port),
-            cookie=session, flags=ofproto.OFPFF_SEND_FLOW_REM)
-        for hop in hops
+    members = [
+        *(delete_hop(datapath, hop, paths.session) for hop in paths.closed),
+        *tuning,
+        *(
+            add(datapath, 0, PATH_PRIORITY, {"in_port": hop.in_port}, output(hop.out_port),
+                cookie=paths.session)
+            for hop in paths.hops
+        ),
     ]  # fmt: skip
-    bundle = transaction & 0xFFFFFFFF
+    bundle = paths.transaction & 0xFFFFFFFF
     return [
         parser.OFPBundleCtrlMsg(datapath, bundle, ofproto.OFPBCT_OPEN_REQUEST, BUNDLE_FLAGS, []),
-        *(parser.OFPBundleAddMsg(datapath, bundle, BUNDLE_FLAGS, entry, []) for entry in entries),
+        *(parser.OFPBundleAddMsg(datapath, bundle, BUNDLE_FLAGS, member, []) for member in members),
         parser.OFPBundleCtrlMsg(datapath, bundle, ofproto.OFPBCT_COMMIT_REQUEST, BUNDLE_FLAGS, []),
         parser.OFPBarrierRequest(datapath),
     ]
+
+
+def delete_hop(datapath: Any, hop: Hop, session: int) -> Any:
+    """Return the message that deletes one hop of a session, not what has taken its place."""
+    message = delete(
+        datapath,
+        0,
+        strict=True,
+        priority=PATH_PRIORITY,
+        match=parser.OFPMatch(in_port=hop.in_port),
+        cookie=session,
+        cookie_mask=ALL_BITS,
+    )
+    message.out_port = hop.out_port
+    return message
 
 
 def delete_paths(datapath: Any, session: int) -> Any:
@@ -128,6 +167,18 @@ def is_path(entry: Any) -> bool:
     return bool(entry.cookie and entry.priority == PATH_PRIORITY)
 
 
+def hop_of(dpid: int, entry: Any) -> Hop | None:
+    """Read back what path_bundle made, None if somebody has made it something else."""
+    outputs = [
+        action.port
+        for instruction in entry.instructions
+        for action in getattr(instruction, "actions", ())
+        if isinstance(action, parser.OFPActionOutput)
+    ]
+    in_port = dict(entry.match.items()).get("in_port")
+    return Hop(dpid, in_port, outputs[0]) if in_port is not None and outputs else None
+
+
 def _connection(five_tuple: FiveTuple) -> dict[str, Any]:
     return {
         "eth_type": ETH_TYPE_IPV4,
@@ -137,6 +188,9 @@ def _connection(five_tuple: FiveTuple) -> dict[str, Any]:
         "tcp_src": five_tuple.source_port,
         "tcp_dst": five_tuple.destination_port,
     }
+
+
+BYPASS_FIELDS = set(_connection(FiveTuple("", 0, "", 0)))
 
 
 def bypass(datapath: Any, five_tuple: FiveTuple, session: int, idle_timeout_s: int) -> Any:
@@ -169,6 +223,27 @@ def delete_bypass(datapath: Any, five_tuple: FiveTuple, session: int) -> Any:
 def five_tuple_of(match: Any) -> FiveTuple:
     """Read back what bypass matched on."""
     return FiveTuple(match["ipv4_src"], match["tcp_src"], match["ipv4_dst"], match["tcp_dst"])
+
+
+def bypassed(entry: Any) -> FiveTuple | None:
+    """Read back which connection a bypass lets pass, None if an entry is none."""
+    fields = dict(entry.match.items())
+    if entry.priority != BYPASS_PRIORITY or fields.keys() != BYPASS_FIELDS:
+        return None
+    return five_tuple_of(fields)
+
+
+def delete_entry(datapath: Any, table: int, entry: Any) -> Any:
+    """Return the message that deletes one entry, as flow statistics describe it."""
+    return delete(
+        datapath,
+        table,
+        strict=True,
+        priority=entry.priority,
+        match=entry.match,
+        cookie=entry.cookie,
+        cookie_mask=ALL_BITS,
+    )
 
 
 def packet_out(datapath: Any, in_port: int, port: int | None, frame: bytes) -> Any:

@@ -8,8 +8,8 @@ import logging
 import os
 import sys
 import warnings
-from collections.abc import Callable
-from functools import wraps
+from collections.abc import Callable, Iterable
+from functools import cache, wraps
 from importlib import import_module
 from types import ModuleType
 from typing import Any, TypeVar, cast
@@ -98,11 +98,34 @@ def on(event: Any, *states: str) -> Callable[[Handler], Handler]:
     return cast(Callable[[Handler], Handler], _handler.set_ev_cls(event, list(states)))
 
 
-def serve_on(host: str, port: int) -> None:
+@cache
+def wsgi() -> Any:
+    """Return Ryu's WSGI server; raise ValueError on os-ken, which has none."""
+    if NAME != "ryu":
+        raise ValueError(f"rest: the framework {NAME} has no WSGI server; use ryu, or the console")
+    return _load("app.wsgi")
+
+
+def load_stock_apps(modules: Iterable[str]) -> None:
+    """Import apps that are not ours, before serve_on: they declare options.
+
+    Raise ValueError naming a module that is not there.
+    """
+    for module in modules:
+        try:
+            _import(module)
+        except ImportError as error:
+            raise ValueError(f"apps: cannot load {module!r} on {NAME}: {error}") from error
+
+
+def serve_on(host: str, port: int, rest: tuple[str, int] | None = None) -> None:
     """Set where switches connect, and how soon a silent one counts as gone.
 
     On native threads only the unanswered echo ends a connection that its switch closed.
+    What is loaded of Ryu's WSGI serves on `rest`, which the stock apps may share.
     """
+    if rest is not None:
+        wsgi()
     cfg.CONF(args=[], project="qmn", default_config_files=[])
     options = {
         "ofp_listen_host": host,
@@ -110,6 +133,10 @@ def serve_on(host: str, port: int) -> None:
         "echo_request_interval": 1.0,
         "maximum_unreplied_echo_requests": 10,
     }
+    if rest is not None:
+        options |= {"wsapi_host": rest[0], "wsapi_port": rest[1]}
+    if "observe_links" in cfg.CONF:  # of topology.switches, which finds no links without it
+        options["observe_links"] = True
     for option, value in options.items():
         cfg.CONF.set_override(option, value)
 
@@ -119,4 +146,7 @@ def start(modules: list[str], **contexts: Any) -> dict[str, Any]:
     manager = app_manager.AppManager.get_instance()
     manager.load_apps(modules)
     manager.instantiate_apps(**manager.create_contexts(), **contexts)
+    server = wsgi().start_service(manager) if wsgi.cache_info().currsize else None
+    if server is not None:
+        hub.spawn(server)
     return dict(manager.applications)

@@ -1,4 +1,4 @@
-"""MAC learning on classical switches: every switch that is not a quantum switch.
+"""MAC learning on every switch; at a quantum switch between its classical ports alone.
 
 Like the frameworks' simple_switch_14, in table 1, with entries that expire.
 """
@@ -9,7 +9,6 @@ from controller_apps import flow_entries
 from controller_apps.flow_entries import LEARNING_TABLE
 from controller_apps.framework import DEAD, MAIN, App, ofp_event, ofproto, on, parser
 from controller_apps.mac_table import MacTable
-from wire.config import ControllerConfig
 
 IDLE_TIMEOUT_S = 60
 LINK_LOCAL = bytes.fromhex("0180c20000")  # and one byte below 0x10: never forwarded (802.1D)
@@ -20,16 +19,15 @@ class LearningSwitch(App):
 
     OFP_VERSIONS = (ofproto.OFP_VERSION,)
 
-    def __init__(self, config: ControllerConfig, mac_table: MacTable, **contexts: Any) -> None:
+    def __init__(self, mac_table: MacTable, **contexts: Any) -> None:
         super().__init__(**contexts)
-        self.quantum_switches = frozenset(config.quantum_switches)
         self.mac_table = mac_table
 
     @on(ofp_event.EventOFPStateChange, MAIN, DEAD)
     def switch_changed(self, event: Any) -> None:
         """Begin anew at a switch that has come or gone."""
         datapath = event.datapath
-        if datapath.id is None or datapath.id in self.quantum_switches:
+        if datapath.id is None:
             return
         self.mac_table.forget(datapath.id)
         if event.state == MAIN:
@@ -42,7 +40,7 @@ class LearningSwitch(App):
         """Learn the sender's port, and forward to the receiver's or to all others."""
         message = event.msg
         datapath, frame, in_port = message.datapath, bytes(message.data), message.match["in_port"]
-        if message.table_id != LEARNING_TABLE or datapath.id in self.quantum_switches:
+        if message.table_id != LEARNING_TABLE:
             return
         destination, source = frame[:6], frame[6:12]
         if len(source) < 6 or (destination[:5] == LINK_LOCAL and destination[5] < 0x10):

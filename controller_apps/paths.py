@@ -1,19 +1,15 @@
-"""The optical network as discovered, and shortest paths through it."""
+"""The optical network as discovered: switches, hosts at their ports, fibres between them."""
 
 import re
-from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import NamedTuple
 
+from controller_apps.optics import Optics
+from controller_apps.optics import SwitchPort as SwitchPort
+
 MAX_PORTS = 4096
-
-
-class SwitchPort(NamedTuple):
-    """A port of a quantum switch."""
-
-    dpid: int
-    port: int
 
 
 class Hop(NamedTuple):
@@ -58,10 +54,11 @@ def switches(hops: Iterable[Hop]) -> list[int]:
     return list(dict.fromkeys(hop.dpid for hop in hops))
 
 
-def natural_order(name: str) -> list[tuple[int, str]]:
+@lru_cache(MAX_PORTS)
+def natural_order(name: str) -> tuple[tuple[int, str], ...]:
     """Return a key that sorts alice-q2 before alice-q10."""
     parts = re.split(r"([0-9]+)", name)
-    return [(int(part), "") if part.isdecimal() else (0, part) for part in parts]
+    return tuple((int(part), "") if part.isdecimal() else (0, part) for part in parts)
 
 
 @dataclass
@@ -69,9 +66,10 @@ class Network:
     """Quantum switches that are connected, hosts at their ports, fibres between them."""
 
     connected: set[int] = field(default_factory=set)
-    hosts: dict[SwitchPort, HostPort] = field(default_factory=dict)
+    hosts: dict[SwitchPort, HostPort] = field(default_factory=dict)  # another one if it changes
     links: dict[SwitchPort, SwitchPort] = field(default_factory=dict)
     cut: set[SwitchPort] = field(default_factory=set)  # ports whose fibre is down
+    optics: Optics = field(default_factory=Optics)
 
     def attach(self, at: SwitchPort, host_port: HostPort) -> bool:
         """Note which host's port a fibre leads to; tell whether that is news."""
@@ -83,59 +81,61 @@ class Network:
             if (other.host, other.name) != (host_port.host, host_port.name)
         }
         self.hosts[at] = host_port
+        self.remove_link(at)
         return True
 
     def detach(self, at: SwitchPort) -> bool:
         """Forget what a fibre leads to; tell whether anything was known."""
-        return self.hosts.pop(at, None) is not None
+        known = at in self.hosts
+        if known:
+            self.hosts = {place: host for place, host in self.hosts.items() if place != at}
+        return known
 
     def set_fiber(self, at: SwitchPort, whole: bool) -> bool:
         """Note whether the fibre at a port is whole; tell whether that is news."""
         if whole != (at in self.cut):
             return False
         self.cut ^= {at}
+        self.optics.forget_light(at)
+        if not whole:
+            self.remove_link(at)
         return True
 
-    def add_link(self, one: SwitchPort, other: SwitchPort) -> None:
-        """Note a fibre between two switches."""
+    def add_link(self, one: SwitchPort, other: SwitchPort) -> bool:
+        """Note a fibre between two switches; tell whether that is news.
+
+        A port that a host has announced is no end of such a fibre.
+        """
+        if one == other or {one, other} & self.hosts.keys() or self.links.get(one) == other:
+            return False
+        for end in (one, other):
+            self.remove_link(end)
         self.links[one] = other
         self.links[other] = one
+        return True
+
+    def remove_link(self, end: SwitchPort) -> SwitchPort | None:
+        """Forget the fibre between switches that ends here; return its other end if known."""
+        other = self.links.pop(end, None)
+        if other is not None:
+            del self.links[other]
+        return other
 
     def ports_of(self, address: str) -> list[SwitchPort]:
         """Return where the ports of a host are, in order of their names; empty if unknown."""
         found = [(at, host) for at, host in self.hosts.items() if host.address == address]
         return [at for at, _ in sorted(found, key=lambda item: natural_order(item[1].name))]
 
-    def path(
-        self, start: SwitchPort, end: SwitchPort, blocked: Callable[[Direction], bool]
-    ) -> tuple[Hop, ...] | None:
-        """Return a shortest path of free ports between two host ports, None if there is none."""
-        ends = Direction(*start, True), Direction(*end, False)
-        if start == end or not {start.dpid, end.dpid} <= self.connected:
-            return None
-        if self.cut & {start, end} or any(map(blocked, ends)):
-            return None
-        queue: deque[tuple[SwitchPort, tuple[Hop, ...]]] = deque([(start, ())])
-        seen = {start.dpid}
-        while queue:
-            at, before = queue.popleft()
-            if at.dpid == end.dpid:
-                return (*before, Hop(at.dpid, at.port, end.port))
-            for out, far in self._free_links(at.dpid, blocked):
-                if far.dpid not in seen:
-                    seen.add(far.dpid)
-                    queue.append((far, (*before, Hop(at.dpid, at.port, out.port))))
-        return None
-
-    def _free_links(
-        self, dpid: int, blocked: Callable[[Direction], bool]
-    ) -> list[tuple[SwitchPort, SwitchPort]]:
+    def links_from(self, dpid: int) -> list[tuple[SwitchPort, SwitchPort]]:
+        """Return the whole fibres from a switch to others: its port, and the far port."""
         return [
             (near, far)
             for near, far in self.links.items()
-            if near.dpid == dpid
-            and far.dpid in self.connected
-            and not self.cut & {near, far}
-            and not blocked(Direction(*near, False))
-            and not blocked(Direction(*far, True))
+            if near.dpid == dpid and far.dpid in self.connected and not self.cut & {near, far}
         ]
+
+    def is_whole(self, hops: Iterable[Hop]) -> bool:
+        """Tell whether light can take these hops: switches there, fibres not cut."""
+        hops = list(hops)
+        ports = {SwitchPort(hop.dpid, port) for hop in hops for port in hop[1:]}
+        return self.connected.issuperset(switches(hops)) and not self.cut & ports

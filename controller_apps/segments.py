@@ -66,6 +66,11 @@ class Segment:
         return self.frame[:ETHERNET_LENGTH] + bytes(ip + tcp)
 
 
+def is_tcp(frame: bytes) -> bool:
+    """Tell whether an IPv4 frame says that it carries TCP."""
+    return frame[23:24] == bytes([IP_TCP])
+
+
 def parse(frame: bytes) -> Segment:
     """Read a frame; raise MalformedPacket if it is not one whole segment over IPv4."""
     try:

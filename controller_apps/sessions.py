@@ -7,6 +7,7 @@ session (FRAMED or PER_PAIR) owns it; others belong to it (ONE_PAIR, PAIR_SOURCE
 from dataclasses import dataclass, field, replace
 
 from controller_apps.paths import Direction, Hop, directions
+from controller_apps.routing import LightPath
 from controller_apps.segments import FiveTuple, Segment
 from wire.metadata import (
     SETUP_LENGTH,
@@ -19,6 +20,7 @@ from wire.metadata import (
     decode,
     message_length,
 )
+from wire.optical import frequency_mhz
 
 MAX_SESSIONS = 4096
 MAX_REQUESTS = 4 * MAX_SESSIONS
@@ -95,8 +97,28 @@ class Session:
     seen: float
     open: bool = False  # its owner has been granted
     requests: dict[FiveTuple, Request] = field(default_factory=dict)
-    hops: tuple[Hop, ...] = ()
-    light_owner: FiveTuple | None = None  # whose connection keeps the hops open
+    paths: tuple[LightPath, ...] = ()
+    light_owner: FiveTuple | None = None  # whose connection keeps the paths open
+    stranded: bool = False  # its light is lost, and there is no other way
+    lost_since: float | None = None  # when a switch that it cannot do without has gone
+    kept: bool = False  # for another controller
+    resumed: float | None = None  # when it was taken over from another controller; None: judged
+    confirmed: bool = True  # by a switch, since it was taken over
+    missing: tuple[Hop, ...] = ()  # that switches have lost, to be opened when it is confirmed
+
+    @property
+    def hops(self) -> tuple[Hop, ...]:
+        """The cross-connects of all its paths."""
+        return tuple(hop for path in self.paths for hop in path.hops)
+
+    @property
+    def frequency_mhz(self) -> int:
+        """The frequency of its light; the set-up has been checked to name one."""
+        return frequency_mhz(self.setup.wavelength_pm)
+
+    def heard(self, now: float) -> None:
+        """Note that one of its connections has spoken."""
+        self.seen, self.confirmed = now, True
 
     @property
     def bypassed(self) -> bool:
@@ -115,6 +137,7 @@ class Sessions:
     by_number: dict[int, Session] = field(default_factory=dict)
     requests: dict[FiveTuple, Request] = field(default_factory=dict)
     held: dict[int, Request] = field(default_factory=dict)  # by transaction
+    queue: dict[FiveTuple, Request] = field(default_factory=dict)  # that wait for light, in order
     retired: dict[FiveTuple, float] = field(default_factory=dict)  # since when
     occupied: dict[Direction, int] = field(default_factory=dict)
     max_sessions: int = MAX_SESSIONS
@@ -139,21 +162,35 @@ class Sessions:
         if number not in self.by_number:
             self.by_number[number] = Session(number, request.setup, request.five_tuple, now)
         session = self.by_number[number]
-        session.seen = now
+        session.heard(now)
         session.requests[request.five_tuple] = request
         self.requests[request.five_tuple] = request
         return session
 
-    def occupy(self, session: Session, hops: tuple[Hop, ...], owner: FiveTuple) -> None:
-        """Give hops to a session that has no others, and to the connection it serves."""
-        session.hops, session.light_owner = hops, owner
-        self.occupied.update(dict.fromkeys(directions(hops), session.number))
+    def occupy(
+        self, session: Session, paths: tuple[LightPath, ...], owner: FiveTuple | None
+    ) -> None:
+        """Give paths to a session in place of those it has, and to the connection it serves."""
+        self.vacate(session)
+        session.paths, session.light_owner = paths, owner
+        self.occupied.update(dict.fromkeys(directions(session.hops), session.number))
 
     def vacate(self, session: Session) -> None:
         """Free whatever a session occupies."""
         for direction in directions(session.hops):
             del self.occupied[direction]
-        session.hops, session.light_owner = (), None
+        session.paths, session.light_owner = (), None
+        session.stranded, session.lost_since, session.missing = False, None, ()
+
+    def blocks(self, way: Direction, session: int, frequency_mhz: int) -> bool:
+        """Tell whether others keep a session's light of this frequency out of a port.
+
+        Nobody shares a direction, and both directions of a port have one tuning.
+        """
+        if self.occupied.get(way, session) != session:
+            return True
+        other = self.occupied.get(way._replace(inward=not way.inward), session)
+        return other != session and self.by_number[other].frequency_mhz != frequency_mhz
 
     def retire(self, request: Request, now: float) -> None:
         """Keep a request that is over, and forget the oldest of such if there are many."""

@@ -8,6 +8,7 @@ from dispatcher.operations import Operations
 from dispatcher.refusal import invalid
 from dispatcher.transport import Transport
 from wire import dispatcher_pb2 as messages
+from wire.optical import DEFAULT_FREQUENCY_MHZ
 
 Act = Callable[[str, Any], Awaitable[messages.Feedback]]
 
@@ -24,7 +25,8 @@ def acts(operations: Operations, transport: Transport) -> dict[str, Act]:
 
     async def send(node: str, request: messages.SendRequest) -> messages.Feedback:
         launches = [(block_name(launch.block), launch.port) for launch in request.launches]
-        return await transport.send(node, launches, request.rate_hz)
+        frequency_mhz = request.frequency_mhz or DEFAULT_FREQUENCY_MHZ
+        return await transport.send(node, launches, request.rate_hz, frequency_mhz)
 
     async def receive(node: str, request: messages.ReceiveRequest) -> messages.Feedback:
         name = block_name(request.block)

@@ -36,10 +36,10 @@ class Callers:
         if node == RUNNER or node in self._switches:
             raise denied(f"{node} is no host; only hosts act on qubits")
 
-    def require_runner(self, node: str) -> None:
+    def require_runner(self, node: str, act: str) -> None:
         """Refuse all but the runner."""
         if node != RUNNER:
-            raise denied(f"{node} may not ask for the status; only {RUNNER} may")
+            raise denied(f"{node} may not {act}; only {RUNNER} may")
 
     def watched_by(self, node: str, wanted: str) -> str:
         """Return which node's events a caller hears; only the runner hears those of others."""
@@ -47,13 +47,23 @@ class Callers:
             raise denied(f"{node} may not watch {wanted}; only {RUNNER} may")
         return wanted if node == RUNNER else node
 
-    def require_switch(self, node: str, switch: str) -> None:
+    def require_agent(self, node: str, switch: str, act: str) -> None:
         """Refuse all but the switch's own agent."""
+        self.require_known(switch)
+        if node != switch:
+            raise denied(f"{node} may not {act} {switch}; only its own agent may")
+
+    def require_reader(self, node: str, switch: str) -> None:
+        """Refuse all but the switch's own agent and the runner."""
+        self.require_known(switch)
+        if node not in (switch, RUNNER):
+            raise denied(f"{node} may not read {switch}; only its own agent and {RUNNER} may")
+
+    def require_known(self, switch: str) -> None:
+        """Refuse the name of a switch that there is not."""
         if switch not in self._switches:
             known = ", ".join(sorted(self._switches)) or "none"
             raise not_found(f"no quantum switch {switch}; there is {known}")
-        if node != switch:
-            raise denied(f"{node} may not cross-connect {switch}; only its own agent may")
 
 
 def _digest(token: str) -> bytes:

@@ -5,21 +5,21 @@ clock has passed its last photon, so what the switches did meanwhile is known.
 """
 
 import heapq
-from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cache, partial
 from itertools import count
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dispatcher.clock import Clock
-from dispatcher.network import Line, Network, Switch
+from dispatcher.network import Line, Network
 from dispatcher.noise import NoiseModel
+from dispatcher.optical_switch import Light, OpticalSwitch
 from dispatcher.ownership import Block
 from dispatcher.sabot.draws import Draws
 from dispatcher.sabot.manager import Sabot
 from dispatcher.sabot.registers import Mask
-from dispatcher.timeline import DARK
 from wire.config import FiberEnd
 
 MAX_FIBERS = 64  # light in a ring of cross-connects has faded by then
@@ -27,11 +27,12 @@ MAX_FIBERS = 64  # light in a ring of cross-connects has faded by then
 
 @dataclass(frozen=True)
 class Departure:
-    """When photons leave: photon k at start_ns + k / rate_hz."""
+    """When photons leave (photon k at start_ns + k / rate_hz), and their colour."""
 
     start_ns: int
     rate_hz: int
     photons: int
+    frequency_mhz: int
 
     @property
     def last_ns(self) -> int:
@@ -90,7 +91,7 @@ class Flight:
         while self._queue:
             time_ns, _number, beam = heapq.heappop(self._queue)
             await clock.wait_until(time_ns)
-            self._pass(beam, beam.line.noise, "fiber")
+            self._pass(beam, beam.line.noise)
             if not self._lit(beam.members):
                 continue
             switch = self._network.switches.get(beam.line.far.node)
@@ -102,21 +103,26 @@ class Flight:
             self._cross(beam, switch)
         return None
 
-    def _cross(self, beam: Beam, switch: Switch) -> None:
+    def _cross(self, beam: Beam, switch: OpticalSwitch) -> None:
         """Send a beam on through the switch that it has come to."""
+        in_port = int(beam.line.far.port)
+        members = beam.members & self._block.register.present
+        if beam.fibers_passed >= MAX_FIBERS:
+            switch.lose(in_port, int(np.count_nonzero(members)))
+            self._lose(members)
+            return
         times_ns = self._departure.times_ns(beam.delay_ns)
-        out_ports = switch.timeline.path(int(beam.line.far.port), times_ns)
-        for out_port in _values(out_ports):
-            members = beam.members & (out_ports == out_port)
+        light = Light(members, times_ns, self._departure.frequency_mhz)
+        # Photons of one block that leave by several ports share their draws.
+        uniform = cache(partial(self._uniform, "switch", beam.fibers_passed))
+        for out_port, leaving in switch.cross(in_port, light, uniform).items():
+            members &= ~leaving
+            if rotation := switch.rotation(in_port, out_port):
+                self._sabot.pauli(self._block.register, leaving * np.uint8(rotation))
             end = FiberEnd(switch.name, str(out_port))
-            if out_port == DARK or beam.fibers_passed >= MAX_FIBERS:
-                self._lose(members)
-                continue
-            part = Beam(beam.line, beam.delay_ns, members, beam.fibers_passed, beam.errors)
-            self._pass(part, switch.noise, "switch")
-            if switch.rotation:
-                self._sabot.pauli(self._block.register, members * np.uint8(switch.rotation))
-            self._enter(end, members, beam.delay_ns, beam.fibers_passed, beam.errors)
+            self._enter(end, leaving, beam.delay_ns, beam.fibers_passed, beam.errors)
+        if members.any():
+            self._lose(members)
 
     def _enter(
         self,
@@ -136,16 +142,11 @@ class Flight:
         time_ns = self._departure.last_ns + beam.delay_ns
         heapq.heappush(self._queue, (time_ns, next(self._number), beam))
 
-    def _pass(self, beam: Beam, noise: tuple[NoiseModel, ...], where: str) -> None:
-        """Apply what a device does to the photons of a beam."""
+    def _pass(self, beam: Beam, noise: tuple[NoiseModel, ...]) -> None:
+        """Apply what a fibre does to the photons of a beam."""
         block = self._block
-
-        def uniform(purpose: str) -> NDArray[np.float64]:
-            key = f"{where} {beam.fibers_passed} {purpose}"
-            return self._draws.uniform(block.name, key, self._departure.photons)
-
         for model in noise:
-            effect = model.effect(uniform)
+            effect = model.effect(partial(self._uniform, "fiber", beam.fibers_passed))
             if effect.lost is not None:
                 self._lose(effect.lost & beam.members)
             if effect.paulis is not None:
@@ -153,15 +154,13 @@ class Flight:
                 beam.errors += np.bincount(paulis, minlength=4)
                 self._sabot.pauli(block.register, paulis)
 
+    def _uniform(self, where: str, fibers_passed: int, purpose: str) -> NDArray[np.float64]:
+        """Draw a number for each photon of the block, for a purpose at one point of its way."""
+        key = f"{where} {fibers_passed} {purpose}"
+        return self._draws.uniform(self._block.name, key, self._departure.photons)
+
     def _lose(self, members: Mask) -> None:
         self.lost += self._sabot.lose(self._block.register, members)
 
     def _lit(self, members: Mask) -> bool:
         return bool((members & self._block.register.present).any())
-
-
-def _values(ports: NDArray[np.int64]) -> Iterator[int]:
-    """Return the different ports; nearly always there is one, which takes no sorting."""
-    if (ports == ports[0]).all():
-        return iter((int(ports[0]),))
-    return iter(np.unique(ports).tolist())

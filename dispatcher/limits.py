@@ -4,9 +4,12 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from dispatcher.optical_switch import MAX_POWER_DBM
 from dispatcher.refusal import invalid
 from dispatcher.sabot.backend import Bytes
+from wire.config import QuantumSwitch
 from wire.dispatcher_pb2 import Connection
+from wire.switch_check import TEMPERATURE_C
 
 MAX_COUNT = 4_000_000
 MAX_BLOCKS = 100_000
@@ -77,3 +80,27 @@ def cross_connects(connections: Iterable[Connection]) -> dict[int, int]:
         outputs[in_port] = out_port
         inputs[out_port] = in_port
     return outputs
+
+
+def require_tuning(switch: QuantumSwitch, frequency_mhz: int, power_dbm: float | None) -> None:
+    """Refuse what a switch's ports cannot be tuned to; frequency 0 and power None ask nothing."""
+    least, most, grid = switch.min_frequency_mhz, switch.max_frequency_mhz, switch.grid_mhz
+    if frequency_mhz and not least <= frequency_mhz <= most:
+        raise invalid(f"frequency_mhz {frequency_mhz} is not between {least} and {most}")
+    if frequency_mhz and (frequency_mhz - least) % grid:
+        below = frequency_mhz - (frequency_mhz - least) % grid
+        raise invalid(
+            f"frequency_mhz {frequency_mhz} is between channels of the grid of {grid} MHz; "
+            f"tune to {below}" + (f" or {below + grid}" if below + grid <= most else "")
+        )
+    if power_dbm is not None and not switch.min_power_dbm <= power_dbm <= MAX_POWER_DBM:
+        raise invalid(
+            f"power_dbm {power_dbm:g} is not between {switch.min_power_dbm:g} and {MAX_POWER_DBM:g}"
+        )
+
+
+def require_temperature(temperature_c: float) -> None:
+    """Refuse a temperature that no switch survives."""
+    least, most = TEMPERATURE_C
+    if not least <= temperature_c <= most:
+        raise invalid(f"temperature_c {temperature_c:g} is not between {least:g} and {most:g}")

@@ -3,8 +3,9 @@
 from dataclasses import dataclass
 
 from dispatcher.noise import Depolarizing, Loss, NoiseModel
+from dispatcher.optical_switch import OpticalSwitch
 from dispatcher.refusal import denied, not_found
-from dispatcher.timeline import Timeline
+from wire import switch_check
 from wire.config import BadConfig, Fiber, FiberEnd, QuantumSwitch
 
 SPEED_IN_FIBER_M_PER_S = 2.04e8
@@ -17,17 +18,8 @@ class Line:
 
     far: FiberEnd
     delay_ns: int
+    loss_db: float
     noise: tuple[NoiseModel, ...]
-
-
-@dataclass(frozen=True)
-class Switch:
-    """The optics of a quantum switch."""
-
-    name: str
-    timeline: Timeline
-    noise: tuple[NoiseModel, ...]
-    rotation: int
 
 
 class Network:
@@ -36,9 +28,10 @@ class Network:
     def __init__(self, fibers: list[Fiber], switches: list[QuantumSwitch]) -> None:
         """Lay the fibres; raise BadConfig where they cannot be."""
         self._lines: dict[FiberEnd, Line] = {}
-        self.switches = {switch.name: _switch(switch) for switch in switches}
+        names = {switch.name for switch in switches}
         for fiber in fibers:
-            self._lay(fiber)
+            self._lay(fiber, names)
+        self.switches = {switch.name: self._switch(switch) for switch in switches}
 
     def line(self, end: FiberEnd) -> Line | None:
         """Return the fibre that begins at a port, None if there is none."""
@@ -55,25 +48,33 @@ class Network:
             raise denied(f"port {port} belongs to {owners[0]}; {node} has {own}")
         raise not_found(f"{node} has no port {port} with a fibre; it has {own}")
 
-    def _lay(self, fiber: Fiber) -> None:
+    def power_at(self, end: FiberEnd) -> float:
+        """Return the power (dBm) that comes out of the fibre at a port that has one.
+
+        It is that of the supervisory light, which a host launches with 0 dBm.
+        """
+        line = self._lines[end]
+        switch = self.switches.get(line.far.node)
+        launched_dbm = switch.ports[int(line.far.port)].power_dbm.now if switch else 0.0
+        return launched_dbm - line.loss_db
+
+    def _lay(self, fiber: Fiber, switches: set[str]) -> None:
         _check(fiber)
         delay_ns = round(fiber.length_km * 1e3 / SPEED_IN_FIBER_M_PER_S * 1e9)
-        noise = (Loss(fiber.loss_db_per_km * fiber.length_km), Depolarizing(fiber.depolarizing))
+        loss_db = fiber.loss_db_per_km * fiber.length_km
+        noise = (Loss(loss_db), Depolarizing(fiber.depolarizing))
         for near, far in ((fiber.a, fiber.b), (fiber.b, fiber.a)):
             if near in self._lines:
                 raise BadConfig(f"two fibres end in port {near.port} of {near.node}")
-            if near.node in self.switches and not near.port.isdecimal():
+            if near.node in switches and not near.port.isdecimal():
                 raise BadConfig(f"port {near.port} of switch {near.node} is not a port number")
-            self._lines[near] = Line(far, delay_ns, noise)
+            self._lines[near] = Line(far, delay_ns, loss_db, noise)
 
-
-def _switch(switch: QuantumSwitch) -> Switch:
-    if not 0 <= switch.switching_time_s <= 60 or switch.insertion_loss_db < 0:
-        raise BadConfig(f"{switch}: switching time must be 0 to 60 s, loss at least 0 dB")
-    if switch.rotation not in range(4):
-        raise BadConfig(f"{switch}: rotation must be 0 (I), 1 (X), 2 (Z) or 3 (XZ)")
-    timeline = Timeline(round(switch.switching_time_s * 1e9))
-    return Switch(switch.name, timeline, (Loss(switch.insertion_loss_db),), switch.rotation)
+    def _switch(self, config: QuantumSwitch) -> OpticalSwitch:
+        switch_check.check(config)
+        ports = {int(end.port) for end in self._lines if end.node == config.name}
+        switch_check.check_ports(config, ports)
+        return OpticalSwitch(config, ports)
 
 
 def _check(fiber: Fiber) -> None:

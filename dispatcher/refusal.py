@@ -30,3 +30,8 @@ def not_found(message: str) -> Refusal:
 def exhausted(message: str) -> Refusal:
     """Return the refusal of what would go beyond a limit."""
     return Refusal(grpc.StatusCode.RESOURCE_EXHAUSTED, message)
+
+
+def precondition(message: str) -> Refusal:
+    """Return the refusal of what cannot be done as things are."""
+    return Refusal(grpc.StatusCode.FAILED_PRECONDITION, message)

@@ -15,6 +15,7 @@ from dispatcher.layer import PhysicalLayer
 from dispatcher.operations import Operations
 from dispatcher.orders import Orders
 from dispatcher.refusal import Refusal
+from dispatcher.switching import Switching
 from dispatcher.transport import Transport
 from wire import dispatcher_pb2 as messages
 from wire.dispatcher_pb2_grpc import DispatcherServicer
@@ -55,6 +56,7 @@ class Service(DispatcherServicer):
         self.callers, self.failed = callers, failed
         self.layer = layer
         self.transport = Transport(layer, failed)
+        self.switching = Switching(layer)
         self._operations = Operations(layer)
         self._acts = acts(self._operations, self.transport)
 
@@ -131,16 +133,70 @@ class Service(DispatcherServicer):
         self, request: messages.CrossConnectRequest, node: str, _context: Context
     ) -> messages.CrossConnectReply:
         """Set a switch's cross-connects."""
-        self.callers.require_switch(node, request.switch)
-        ready_ns = await self.transport.cross_connect(request.switch, request.connections)
-        return messages.CrossConnectReply(ready_ns=ready_ns)
+        return messages.CrossConnectReply(ready_ns=await self._connect(request, node))
+
+    @call
+    async def CrossConnects(
+        self, requests: AsyncIterator[messages.CrossConnectRequest], node: str, context: Context
+    ) -> None:
+        """Set a switch's cross-connects each time the agent asks for it."""
+        async for request in requests:
+            try:
+                outcome = messages.CrossConnectOutcome(ready_ns=await self._connect(request, node))
+            except Refusal as refusal:
+                code, text = refusal.code.value[0], str(refusal)
+                outcome = messages.CrossConnectOutcome(code=code, text=text)
+            await context.write(outcome)
+
+    async def _connect(self, request: messages.CrossConnectRequest, node: str) -> int:
+        self.callers.require_agent(node, request.switch, "cross-connect")
+        return await self.switching.cross_connect(request.switch, request.connections)
+
+    @call
+    async def TunePort(
+        self, request: messages.TunePortRequest, node: str, _context: Context
+    ) -> messages.TunePortReply:
+        """Tune a port of a switch."""
+        self.callers.require_agent(node, request.switch, "tune a port of")
+        return messages.TunePortReply(ready_ns=self.switching.tune(request))
+
+    @call
+    async def SwitchStatistics(
+        self, request: messages.SwitchStatisticsRequest, node: str, _context: Context
+    ) -> messages.SwitchStatisticsReply:
+        """Tell what a switch has counted."""
+        self.callers.require_reader(node, request.switch)
+        return self.switching.statistics(request.switch)
+
+    @call
+    async def WatchSwitch(
+        self, request: messages.WatchSwitchRequest, node: str, context: Context
+    ) -> None:
+        """Tell a switch's condition whenever it changes, until the caller goes away."""
+        self.callers.require_reader(node, request.switch)
+        with self.switching.watching(request.switch) as conditions:
+            async for condition in conditions:
+                try:
+                    await context.write(condition)
+                except grpc.aio.InternalError:
+                    return  # the watcher went away
+
+    @call
+    async def InjectFault(
+        self, request: messages.InjectFaultRequest, node: str, _context: Context
+    ) -> messages.InjectFaultReply:
+        """Make a switch faulty, or whole again."""
+        self.callers.require_runner(node, "inject faults")
+        self.callers.require_known(request.switch)
+        await self.switching.inject(request)
+        return messages.InjectFaultReply()
 
     @call
     async def Status(
         self, _request: messages.StatusRequest, node: str, _context: Context
     ) -> messages.StatusReply:
         """Tell the runner how much there is."""
-        self.callers.require_runner(node)
+        self.callers.require_runner(node, "ask for the status")
         return messages.StatusReply(
             live_qubits=self.layer.sabot.live_qubits,
             live_bytes=self.layer.sabot.live_bytes,

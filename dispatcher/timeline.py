@@ -5,6 +5,8 @@ in_port 1   ====2====|  dark  |=====3=====...
 """
 
 from bisect import bisect_right
+from collections import deque
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,13 +17,38 @@ DARK = 0  # OpenFlow has no port 0
 NEVER_NS = 1 << 62
 
 
+@dataclass(eq=False)
+class Circuit:
+    """A caller's name for a cross-connect, and how much light has passed under it."""
+
+    number: int
+    since_ns: int  # when light could first pass
+    last_ns: int  # when the last photon passed, or since_ns
+    photons: int = 0
+    closed_ns: int = NEVER_NS
+
+    def count(self, passed: NDArray[np.bool_], times_ns: NDArray[np.int64]) -> None:
+        """Count the photons that passed at these ascending times."""
+        photons = int(np.count_nonzero(passed))
+        if photons:
+            self.photons += photons
+            last = len(passed) - 1 - int(passed[::-1].argmax())
+            self.last_ns = max(self.last_ns, int(times_ns[last]))
+
+
 @dataclass
 class Interval:
     """Light passes to out_port from opens_ns on, until just before closes_ns."""
 
     opens_ns: int
     out_port: int
+    circuit: Circuit
     closes_ns: int = NEVER_NS
+
+    def part(self, times_ns: NDArray[np.int64]) -> slice:
+        """Return which of these ascending times lie in it."""
+        begin, end = np.searchsorted(times_ns, (self.opens_ns, self.closes_ns))
+        return slice(int(begin), int(end))
 
 
 class Timeline:
@@ -31,47 +58,110 @@ class Timeline:
         """Begin with no connection; a new one takes the switching time to open."""
         self._switching_time_ns = switching_time_ns
         self._intervals: dict[int, list[Interval]] = {}
+        self._circuits: dict[int, Circuit] = {}
+        self._lit: dict[int, Circuit] = {}  # of those, the ones that are not closed
+        self._dark: deque[tuple[int, Circuit]] = deque()  # when each closed; may be lit again
 
     def connect(
-        self, connections: dict[int, int], now_ns: int
+        self, connections: dict[int, int], now_ns: int, circuits: Mapping[int, int] | None = None
     ) -> tuple[int, dict[int, int], dict[int, int]]:
         """Replace the set of connections (in_port to out_port) from now on.
 
-        Those that stay are not interrupted. Return when all are open, those that are new and
-        those that are closed.
+        Those that stay are not interrupted, also if their circuit (by in_port; 0 if it is
+        not given) is another one from now on. Return when all are open, those that are new
+        and those that are closed.
         """
-        before = {
-            in_port: intervals[-1].out_port
-            for in_port, intervals in self._intervals.items()
-            if intervals[-1].closes_ns == NEVER_NS
-        }
+        self._forget(now_ns - REMEMBERED_NS)
+        numbers = circuits or {}
+        before = self.connections
         closed = {i: o for i, o in before.items() if connections.get(i) != o}
         opened = {i: o for i, o in connections.items() if before.get(i) != o}
         for in_port in closed:
             self._close(in_port, now_ns)
         opens_ns = now_ns + self._switching_time_ns
-        for in_port, out_port in opened.items():
-            self._intervals.setdefault(in_port, []).append(Interval(opens_ns, out_port))
-        self._forget(now_ns - REMEMBERED_NS)
+        for in_port, out_port in connections.items():
+            number = numbers.get(in_port, 0)
+            if in_port in opened:
+                interval = Interval(opens_ns, out_port, self._circuit(number, opens_ns))
+                self._intervals.setdefault(in_port, []).append(interval)
+            else:
+                self._rename(in_port, number, now_ns)
+        self._close_circuits(now_ns)
         newest = max((self._intervals[i][-1].opens_ns for i in connections), default=now_ns)
         return max(newest, now_ns), opened, closed
 
-    def path(self, in_port: int, times_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the output that light took at each of these ascending times, DARK for none.
+    @property
+    def connections(self) -> dict[int, int]:
+        """The connections that are open or about to open, in_port to out_port."""
+        return {in_port: interval.out_port for in_port, interval in self._open()}
+
+    @property
+    def open_circuits(self) -> dict[int, int]:
+        """The number of each open connection's circuit, by in_port."""
+        return {in_port: interval.circuit.number for in_port, interval in self._open()}
+
+    def circuits(self, now_ns: int) -> list[Circuit]:
+        """Return the circuits that are open or were not long ago."""
+        recent = [c for c in self._circuits.values() if c.closed_ns >= now_ns - REMEMBERED_NS]
+        return sorted(recent, key=lambda circuit: circuit.number)
+
+    def passages(
+        self, in_port: int, times_ns: NDArray[np.int64]
+    ) -> Iterator[tuple[slice, Interval]]:
+        """Return the intervals that light met at these ascending times, each with its part.
 
         Times must have passed, and by less than what is remembered.
         """
-        out_ports = np.full(len(times_ns), DARK, dtype=np.int64)
         if not len(times_ns):
-            return out_ports
+            return
         intervals = self._intervals.get(in_port, [])
         first = bisect_right(intervals, int(times_ns[0]), key=lambda i: i.opens_ns) - 1
         for interval in intervals[max(first, 0) :]:
             if interval.opens_ns > times_ns[-1]:
                 break
-            begin, end = np.searchsorted(times_ns, (interval.opens_ns, interval.closes_ns))
-            out_ports[begin:end] = interval.out_port
+            part = interval.part(times_ns)
+            if part.start < part.stop:
+                yield part, interval
+
+    def path(self, in_port: int, times_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the output that light took at each of these times, DARK for none."""
+        out_ports = np.full(len(times_ns), DARK, dtype=np.int64)
+        for part, interval in self.passages(in_port, times_ns):
+            out_ports[part] = interval.out_port
         return out_ports
+
+    def outputs_in_use(self, times_ns: NDArray[np.int64]) -> dict[int, NDArray[np.bool_]]:
+        """Return for each output when a path to it was open, shape (k,)."""
+        in_use: dict[int, NDArray[np.bool_]] = {}
+        for in_port in self._intervals:
+            for part, interval in self.passages(in_port, times_ns):
+                mask = in_use.setdefault(interval.out_port, np.zeros(len(times_ns), dtype=bool))
+                mask[part] = True
+        return in_use
+
+    def _open(self) -> Iterator[tuple[int, Interval]]:
+        for in_port, intervals in self._intervals.items():
+            if intervals[-1].closes_ns == NEVER_NS:
+                yield in_port, intervals[-1]
+
+    def _circuit(self, number: int, since_ns: int) -> Circuit:
+        circuit = self._circuits.setdefault(number, Circuit(number, since_ns, since_ns))
+        circuit.closed_ns = NEVER_NS
+        self._lit[number] = circuit
+        return circuit
+
+    def _rename(self, in_port: int, number: int, now_ns: int) -> None:
+        """Let an open connection go on as a circuit of this number."""
+        interval = self._intervals[in_port][-1]
+        if interval.circuit.number == number:
+            return
+        since_ns = max(interval.opens_ns, now_ns)
+        circuit = self._circuit(number, since_ns)
+        if interval.opens_ns >= now_ns:
+            interval.circuit = circuit
+        else:
+            interval.closes_ns = now_ns
+            self._intervals[in_port].append(Interval(now_ns, interval.out_port, circuit))
 
     def _close(self, in_port: int, now_ns: int) -> None:
         intervals = self._intervals[in_port]
@@ -82,6 +172,13 @@ class Timeline:
         if not intervals:
             del self._intervals[in_port]
 
+    def _close_circuits(self, now_ns: int) -> None:
+        open_numbers = set(self.open_circuits.values())
+        for number in self._lit.keys() - open_numbers:
+            circuit = self._lit.pop(number)
+            circuit.closed_ns = now_ns
+            self._dark.append((now_ns, circuit))
+
     def _forget(self, before_ns: int) -> None:
         for in_port, intervals in list(self._intervals.items()):
             stale = 0
@@ -90,3 +187,7 @@ class Timeline:
             del intervals[:stale]
             if not intervals:
                 del self._intervals[in_port]
+        while self._dark and self._dark[0][0] < before_ns:
+            closed_ns, circuit = self._dark.popleft()
+            if circuit.closed_ns == closed_ns:
+                self._circuits.pop(circuit.number, None)

@@ -1,4 +1,4 @@
-"""Light on its way: launching blocks, receiving them, and the switches in between."""
+"""Light on its way: launching blocks and receiving them."""
 
 import asyncio
 from collections.abc import Callable, Sequence
@@ -10,9 +10,10 @@ from dispatcher import limits
 from dispatcher.flight import Arrival, Departure, Flight
 from dispatcher.layer import PhysicalLayer
 from dispatcher.ownership import Block, BlockName
-from dispatcher.refusal import Refusal, invalid, not_found
+from dispatcher.refusal import Refusal, invalid
 from wire.config import FiberEnd
-from wire.dispatcher_pb2 import Connection, Feedback
+from wire.dispatcher_pb2 import Feedback
+from wire.optical import DEFAULT_FREQUENCY_MHZ
 
 Place = tuple[BlockName, str, str]  # a block at a port of a node
 
@@ -28,7 +29,11 @@ class Transport:
         self._waiting: dict[Place, list[asyncio.Future[None]]] = {}
 
     async def send(
-        self, node: str, launches: Sequence[tuple[BlockName, str]], rate_hz: int
+        self,
+        node: str,
+        launches: Sequence[tuple[BlockName, str]],
+        rate_hz: int,
+        frequency_mhz: int = DEFAULT_FREQUENCY_MHZ,
     ) -> Feedback:
         """Launch blocks together; return when the last photon has come to the far end."""
         layer = self._layer
@@ -40,7 +45,9 @@ class Transport:
         ends = [layer.network.require_port(node, port) for _name, port in launches]
         limits.require_rate(rate_hz, max(block.register.size for block in blocks))
         start_ns = layer.clock.now_ns()
-        departures = [Departure(start_ns, rate_hz, block.register.size) for block in blocks]
+        departures = [
+            Departure(start_ns, rate_hz, block.register.size, frequency_mhz) for block in blocks
+        ]
         flights = [self._launch(*way) for way in zip(blocks, ends, departures, strict=True)]
         # A caller that goes away cancels this wait; its photons fly on.
         await asyncio.wait(flights)
@@ -66,23 +73,6 @@ class Transport:
         self._bring(block, node, "")
         layer.record(node, "receive", block, port=port)
         return feedback
-
-    async def cross_connect(self, switch: str, connections: Sequence[Connection]) -> int:
-        """Replace a switch's cross-connects; return when all were open, once they are."""
-        layer = self._layer
-        wanted = limits.cross_connects(connections)
-        for port in (port for connection in wanted.items() for port in connection):
-            if layer.network.line(FiberEnd(switch, str(port))) is None:
-                raise not_found(f"port {port} of {switch} has no fibre; connect fibre ports")
-        now_ns = layer.clock.now_ns()
-        timeline = layer.network.switches[switch].timeline
-        ready_ns, opened, closed = timeline.connect(wanted, now_ns)
-        for kind, ports, time_ns in (("close", closed, now_ns), ("open", opened, ready_ns)):
-            for in_port, out_port in sorted(ports.items()):
-                detail = f"{in_port} -> {out_port}"
-                layer.record(switch, kind, port=str(in_port), detail=detail, time_ns=time_ns)
-        await layer.clock.wait_until(ready_ns)
-        return ready_ns
 
     def _launch(self, block: Block, end: FiberEnd, departure: Departure) -> asyncio.Task[None]:
         layer = self._layer

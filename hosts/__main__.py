@@ -11,6 +11,7 @@ import uvloop
 
 from hosts.hardware.announce import announce
 from hosts.hardware.simulated import SimulatedQnic
+from hosts.node_agent import start_node_agent
 from hosts.stack import Stack
 from wire.config import BadConfig, HostConfig
 from wire.metadata import METADATA_PORT
@@ -25,13 +26,17 @@ async def run(config: HostConfig) -> None:
         asyncio.get_running_loop().add_signal_handler(number, stopped.set)
     metadata = await asyncio.start_server(stack.serve, config.address, METADATA_PORT)
     local = await asyncio.start_unix_server(stack.applications.serve, config.socket)
-    announcing = asyncio.create_task(announce(config.name, config.address, config.qnics))
+    speaking = [asyncio.create_task(announce(config.name, config.address, config.qnics))]
+    if config.device_key:
+        agent = await start_node_agent(config, stack.device)
+        speaking.append(asyncio.create_task(agent.run()))
     print("ready", flush=True)
     stopping = asyncio.create_task(stopped.wait())
-    await asyncio.wait([stopping, announcing], return_when=asyncio.FIRST_COMPLETED)
-    if announcing.done():
-        announcing.result()
-    announcing.cancel()
+    await asyncio.wait([stopping, *speaking], return_when=asyncio.FIRST_COMPLETED)
+    for task in speaking:
+        if task.done():
+            task.result()
+        task.cancel()
     metadata.close()
     local.close()
     await qnic.close()

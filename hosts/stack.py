@@ -10,8 +10,10 @@ from collections.abc import Awaitable, Callable
 from hashlib import blake2b
 
 from hosts.applications_port import ApplicationsPort, Incoming
+from hosts.hardware.ports import read_ports
 from hosts.hardware.qnic import HardwareError, Qnic
 from hosts.middleware.channel import ANSWER_TIMEOUT_S, MetadataChannel, SessionError
+from hosts.middleware.device import Device
 from hosts.middleware.options import HANDSHAKES, SessionOptions
 from hosts.middleware.receiver import ReceivingSession
 from hosts.middleware.sender import SendingSession
@@ -32,6 +34,7 @@ class Stack:
         self._qnic = qnic
         self._sessions_made = 0
         self._receiving: dict[int, ReceivingSession] = {}
+        self.device = Device(lambda: read_ports(config.qnics))
         self.applications = ApplicationsPort(self.connect)
 
     def connect(self, options: SessionOptions) -> SendingSession:
@@ -47,7 +50,8 @@ class Stack:
             rate_hz=options.rate_hz,
             port=options.port,
         )
-        return SendingSession(self._qnic, setup, peer, self._config.source)
+        setup = self.device.override(setup)
+        return self.device.sends(SendingSession(self._qnic, setup, peer, self._config.source))
 
     async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Serve one connection on the quantum-metadata port."""
@@ -75,7 +79,8 @@ class Stack:
         return self._receive
 
     async def _emit_pairs(self, channel: MetadataChannel, setup: Setup) -> None:
-        await serve_pairs(self._qnic, channel, setup)
+        with self.device.serves(setup):
+            await serve_pairs(self._qnic, channel, setup, self.device.made)
 
     async def _receive_pair(self, channel: MetadataChannel, setup: Setup) -> None:
         session = self._receiving.get(setup.session)
@@ -89,6 +94,7 @@ class Stack:
         session = ReceivingSession(self._qnic, channel, setup)
         incoming = self.applications.incoming(setup.port, channel.peer)
         self._receiving[setup.session] = session
+        self.device.receives(session)
         try:
             await self._deliver(session, incoming)
         finally:

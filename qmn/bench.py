@@ -13,9 +13,11 @@ from pathlib import Path
 from typing import Any
 
 from hosts.software import QuantumSocket
-from qmn.live_pairs import BLOCK_PAIRS, cost_by_live_pairs
+from qmn.measure.live_pairs import BLOCK_PAIRS, cost_by_live_pairs
+from qmn.measure.measurement import seconds_of
+from qmn.measure.path_figures import path_figures
 from topologies.network import Interrupted, Network, Signals, require_root
-from topologies.programs import POLL_S, NetworkError, Program, python
+from topologies.programs import NetworkError, python
 from topologies.runtime import Runtime
 from topologies.sdc import SdcTopo
 
@@ -31,6 +33,7 @@ def add_parser(verbs: Any) -> None:
     """Describe the verb."""
     parser = verbs.add_parser("bench", help="measure this machine", description=__doc__)
     parser.add_argument("--pairs", type=int, default=256, help="of the per-pair handshake (256)")
+    parser.add_argument("--setups", type=int, default=500, help="light paths to set up (500)")
     parser.set_defaults(call=call)
 
 
@@ -40,6 +43,8 @@ def call(arguments: argparse.Namespace) -> int:
         require_root()
         with Signals() as signals, tempfile.TemporaryDirectory(prefix="qmn-bench-") as folder:
             run(Path(folder), arguments.pairs, signals)
+            for name, figure in path_figures(Path(folder), arguments.setups, signals):
+                show(name, figure)
     except Interrupted as error:
         print(f"qmn: {error}; everything is cleaned up", file=sys.stderr)
         return error.status
@@ -124,7 +129,7 @@ def _read_all(listener: QuantumSocket) -> None:
 def floor(network: Network, count: int) -> tuple[float, float]:
     """Return the seconds of one TCP connect and of one packet-in, alice to bob."""
     bob = network.runtime.addresses["bob"]
-    server = network.run_on("bob", "floor", [python(), "-m", "qmn.floor", "serve", bob])
+    server = network.run_on("bob", "floor", [python(), "-m", "qmn.measure.floor", "serve", bob])
     server.wait_for("ready", MEASURE_TIMEOUT_S)
     connect_s = measure(network, "connects", count, bob)
     return connect_s, measure(network, "packet-ins", count, BROADCAST)
@@ -132,20 +137,6 @@ def floor(network: Network, count: int) -> tuple[float, float]:
 
 def measure(network: Network, what: str, count: int, address: str) -> float:
     """Run one measurement on alice to its end."""
-    command = [python(), "-m", "qmn.floor", what, str(count), address]
+    command = [python(), "-m", "qmn.measure.floor", what, str(count), address]
     program = network.run_on("alice", what, command)
-    deadline = time.monotonic() + MEASURE_TIMEOUT_S
-    while program.running:
-        network.check()
-        if time.monotonic() > deadline:
-            raise NetworkError(f"{what} did not end in {MEASURE_TIMEOUT_S:g} s")
-        time.sleep(POLL_S)
-    return seconds_in(program)
-
-
-def seconds_in(program: Program) -> float:
-    """Return the figure that a measurement has printed."""
-    name, _space, figure = program.last_words().partition(" ")
-    if program.status or name != "seconds":
-        raise NetworkError(f"{program.name} failed: {program.end()}")
-    return float(figure)
+    return seconds_of(network, program)

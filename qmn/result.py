@@ -24,6 +24,8 @@ def complete(facts: dict[str, Any], folder: Path) -> None:
         facts[name] = sender.get(name, 0)
     symbols = sender.get("received_symbols", 0)
     facts["symbol_error_rate"] = facts["symbol_errors"] / symbols if symbols else None
+    names = ("rate_hz", "frame_bytes", "fec", "wavelength_pm")
+    facts["in_use"] = {name: sender.get(name) for name in names} if sender else None
     facts["elapsed_s"] = sender.get("elapsed_s", 0.0)
     facts["pairs_per_s"] = facts["bell_pairs"] / facts["elapsed_s"] if sender else 0.0
     facts.update(controller_facts(read_record(folder)))

@@ -9,10 +9,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from mininet.topo import Topo
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from controller_apps.policy import BadPolicy, read_policy
 from qmn import result
+from qmn.networks import TOPOLOGIES, BadTopology, topology
 from qmn.run_folder import give_to_invoker, make_folder, point_latest
 from qmn.transfer import Transfer, TransferError, dispatcher_backend, transfer
 from topologies.fiber import RANGES
@@ -20,7 +23,6 @@ from topologies.network import Interrupted, Network, Signals, require_root
 from topologies.nodes import QuantumHost
 from topologies.programs import NetworkError
 from topologies.runtime import OPENFLOW_PORT, Runtime
-from topologies.sdc import SdcTopo
 
 MESSAGE = Path(__file__).with_name("message.txt")
 PAIRS_PER_BYTE = 4
@@ -39,7 +41,8 @@ def add_parser(verbs: Any) -> None:
     """Describe the verb."""
     parser = verbs.add_parser("run", help="start a network and do its job", description=__doc__)
     add = partial(parser.add_argument)
-    add("topology", choices=["sdc"], help="sdc: superdense coding from alice to bob")
+    names = ", ".join(f"{name}: {what}" for name, (_topo, what) in TOPOLOGIES.items())
+    add("topology", choices=sorted(TOPOLOGIES), help=f"superdense coding over {names}")
     what = parser.add_mutually_exclusive_group()
     what.add_argument("--message", help="text to send (default: a short text of ours)")
     what.add_argument("--file", type=Path, help="file to send")
@@ -61,6 +64,21 @@ def add_parser(verbs: Any) -> None:
         metavar="P",
         help="of every fibre: X, Y and Z each with probability P/4 (0)",
     )
+    add("--switches", type=int, metavar="N", help="quantum switches of a chain or ring")
+    add("--leaves", type=int, metavar="N", help="switches of leaf-spine with hosts (3)")
+    add("--spines", type=int, metavar="N", help="switches of leaf-spine between leaves (2)")
+    add("--loss-budget-db", type=float, default=30.0, metavar="DB", help="of a light path (30)")
+    add("--contention", choices=["refuse", "queue"], default="refuse", help="if light is taken")
+    add("--policy", type=Path, metavar="FILE", help="who may do what, in TOML (allow everything)")
+    add("--rest", default="", metavar="ADDRESS", help="serve what c0 knows there, over HTTP")
+    add(
+        "--app",
+        dest="apps",
+        action="append",
+        default=[],
+        metavar="MODULE",
+        help="load a controller app beside ours, such as ryu.app.ofctl_rest (more than once)",
+    )
     add("--history-depth", type=int, default=10_000, metavar="N", help="events kept (10000)")
     add("--runs", type=Path, default=Path("runs"), metavar="DIR", help="what runs leave (runs)")
     add("--no-capture", action="store_true", help="do not capture packets")
@@ -72,7 +90,7 @@ def call(arguments: argparse.Namespace) -> int:
     try:
         with Signals() as signals:
             return run(arguments, signals, Console(highlight=False))
-    except (BadInput, NetworkError, TransferError) as error:
+    except (BadInput, BadTopology, NetworkError, TransferError) as error:
         print(f"qmn: {error}", file=sys.stderr)
         return 1
     except Interrupted as error:
@@ -105,7 +123,7 @@ def run(arguments: argparse.Namespace, signals: Signals, console: Console) -> in
 
 def check_input(arguments: argparse.Namespace) -> int:
     """Return the size of the message; raise BadInput before anything is started."""
-    check_hosts(arguments.sender, arguments.receiver)
+    check_hosts(arguments.sender, arguments.receiver, topology(arguments)())
     size = message_size(arguments)
     limit = SIZE_LIMIT[arguments.handshake]
     if size > limit:
@@ -113,6 +131,7 @@ def check_input(arguments: argparse.Namespace) -> int:
             f"{size:,} bytes: with the handshake {arguments.handshake} at most {limit:,} can be "
             "sent" + ("; use --handshake framed" if arguments.handshake == "per-pair" else "")
         )
+    check_controller(arguments)
     for name, least, most in (
         *((name, *limits) for name, limits in RANGES.items()),
         ("frame_bytes", 1, 65_536),
@@ -120,6 +139,7 @@ def check_input(arguments: argparse.Namespace) -> int:
         ("rate_hz", 1, 4_000_000_000),
         ("openflow_port", 1, 65_535),
         ("history_depth", 0, 10_000_000),
+        ("loss_budget_db", 0, 1_000),
     ):
         value = getattr(arguments, name)
         if not least <= value <= most:
@@ -127,9 +147,19 @@ def check_input(arguments: argparse.Namespace) -> int:
     return size
 
 
-def check_hosts(sender: str, receiver: str) -> None:
+def check_controller(arguments: argparse.Namespace) -> None:
+    """Raise BadInput for a policy or an address that the controller would not take."""
+    if arguments.policy is not None:
+        try:
+            read_policy(arguments.policy)
+        except BadPolicy as error:
+            raise BadInput(str(error)) from error
+    if arguments.rest and arguments.controller != "ryu":
+        raise BadInput(f"--rest needs --controller ryu: {arguments.controller} has no HTTP server")
+
+
+def check_hosts(sender: str, receiver: str, topo: Topo) -> None:
     """Raise BadInput unless both are hosts of the topology with light, and not the same."""
-    topo = SdcTopo()
     hosts = [name for name in topo.hosts() if topo.nodeInfo(name)["cls"] is QuantumHost]
     for name in (sender, receiver):
         if name not in hosts:
@@ -187,7 +217,13 @@ def beginning(arguments: argparse.Namespace, folder: Path) -> dict[str, Any]:
                 "length_km",
                 "loss_db_per_km",
                 "depolarizing",
+                "switches",
+                "leaves",
+                "spines",
+                "loss_budget_db",
+                "contention",
             )
+            if getattr(arguments, name) is not None
         },
         "file": str(file.resolve()),
         "captures": [],
@@ -208,13 +244,12 @@ def run_network(
         framework=arguments.controller,
         openflow_port=arguments.openflow_port,
         history_depth=arguments.history_depth,
+        loss_budget_db=arguments.loss_budget_db,
+        contention=arguments.contention,
         log_folder=folder,
-    )
-    topo = partial(
-        SdcTopo,
-        length_km=arguments.length_km,
-        loss_db_per_km=arguments.loss_db_per_km,
-        depolarizing=arguments.depolarizing,
+        policy=str(arguments.policy.resolve()) if arguments.policy else "",
+        rest=arguments.rest,
+        apps=arguments.apps,
     )
     order = Transfer(
         Path(facts["file"]),
@@ -227,7 +262,7 @@ def run_network(
         arguments.rate_hz,
     )
     console.print(f"starting the network ({arguments.controller}, seed {arguments.seed}) ...")
-    with Network(topo, settings, signals) as network:
+    with Network(topology(arguments), settings, signals) as network:
         facts["backend"] = dispatcher_backend(network)
         if not arguments.no_capture:
             facts["captures"] = [str(file) for file in network.capture("s1")]

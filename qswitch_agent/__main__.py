@@ -10,21 +10,22 @@ from pathlib import Path
 import uvloop
 
 from qswitch_agent.agent import Agent
-from qswitch_agent.hardware import HardwareFault, SimulatedSwitch
-from qswitch_agent.management import BridgeFault
+from qswitch_agent.bridge import BridgeFault
+from qswitch_agent.hardware.choice import hardware
+from qswitch_agent.hardware.optics import HardwareFault
 from wire.config import AgentConfig, BadConfig
 
 
 async def serve(config: AgentConfig) -> None:
-    """Run the agent over the simulated switch until SIGTERM or SIGINT."""
+    """Run the agent over the hardware that its configuration names, until SIGTERM or SIGINT."""
     stop = asyncio.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         asyncio.get_running_loop().add_signal_handler(number, stop.set)
-    hardware = SimulatedSwitch(config.switch, config.dispatcher, config.token)
+    optics = hardware(config)
     try:
-        await Agent(config, hardware).run(stop)
+        await Agent(config, optics).run(stop)
     finally:
-        await hardware.close()
+        await optics.close()
 
 
 def main() -> int:

@@ -3,10 +3,13 @@
 import asyncio
 import contextlib
 
-from qswitch_agent.hardware import HardwareFault, OpticalHardware
+from qswitch_agent.bridge import Commands, Monitor
+from qswitch_agent.hardware.optics import OpticalHardware
 from qswitch_agent.light_paths import LightPaths, NotReady
-from qswitch_agent.management import BridgeFault, Management
-from qswitch_agent.proxy import Address, Proxy
+from qswitch_agent.openflow.ports import Port
+from qswitch_agent.proxy.proxy import Address, Proxy
+from qswitch_agent.supervision import SupervisoryChannels
+from qswitch_agent.switch import Switch
 from wire.config import AgentConfig, BadConfig
 
 
@@ -16,10 +19,13 @@ class Agent:
     def __init__(self, config: AgentConfig, hardware: OpticalHardware) -> None:
         self._hardware = hardware
         self._paths = LightPaths(config.fiber_ports, hardware)
-        self._bridge = Management(config.management, self._paths.update, self._paths.update_ports)
+        self._monitor = Monitor(config.management, self._paths.update, self._ports_changed)
+        self._commands = Commands(config.management)
+        self._channels = SupervisoryChannels(self._paths.table.fibers, self._commands)
+        self._switch = Switch(self._paths, self._channels, hardware, self._monitor.synchronise)
         host, port = address(config.listen)
         self._proxies = [
-            (Proxy(address(controller), self._paths_ready), (host, port + number))
+            (Proxy(address(controller), self._switch), (host, port + number))
             for number, controller in enumerate(config.controllers)
         ]
 
@@ -30,8 +36,16 @@ class Agent:
         exception group with a BridgeFault, HardwareFault or BadConfig if the agent cannot
         go on; held replies are answered before.
         """
-        await self._bridge.open()
-        layers = [self._bridge.run(), self._paths.run(), self._hardware.watch(), self._start()]
+        await self._monitor.open()
+        await self._commands.open()
+        layers = [
+            self._monitor.run(),
+            self._commands.run(),
+            self._hardware.watch(self._switch.condition_changed),
+            self._paths.run(),
+            self._paths.expire(self._commands.delete),
+            self._start(),
+        ]
         try:
             async with asyncio.TaskGroup() as group:
                 tasks = [group.create_task(layer) for layer in layers]
@@ -41,11 +55,15 @@ class Agent:
         finally:
             for proxy, _listen in self._proxies:
                 await proxy.close()
-            self._bridge.close()
+            self._monitor.close()
+            self._commands.close()
+            self._channels.close()
 
     async def _start(self) -> None:
         """Make the cross-connects of the table as it is, then let the bridge connect."""
-        await self._bridge.synchronise()
+        await self._switch.started()
+        await self._monitor.synchronise()
+        await self._commands.barrier()  # no packet goes into a fibre from here on
         with contextlib.suppress(NotReady):  # logged, and the controller may change the table
             await self._paths.ready()
         for proxy, listen in self._proxies:
@@ -58,12 +76,9 @@ class Agent:
                 ) from error
         print("ready", flush=True)
 
-    async def _paths_ready(self) -> None:
-        try:
-            await self._bridge.synchronise()
-            await self._paths.ready()
-        except (BridgeFault, HardwareFault) as fault:
-            raise NotReady(str(fault)) from fault
+    def _ports_changed(self, ports: list[Port]) -> None:
+        self._paths.update_ports(ports)
+        self._channels.update(ports)
 
 
 def address(text: str) -> Address:

@@ -3,12 +3,25 @@
 import asyncio
 import logging
 import time
-from collections.abc import Iterable
+from collections import OrderedDict
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 
-from qswitch_agent.hardware import HardwareFault, HardwareRefusal, OpticalHardware
-from qswitch_agent.middleware import CrossConnect, FlowTable
-from qswitch_agent.openflow import FlowUpdate, PortState
+from qswitch_agent.hardware.optics import (
+    CrossConnect,
+    HardwareFault,
+    HardwareRefusal,
+    OpticalHardware,
+    Quantity,
+)
+from qswitch_agent.middleware.flow_table import FlowTable
+from qswitch_agent.openflow.flow_reports import ADDED, REMOVED, FlowUpdate
+from qswitch_agent.openflow.flows import FlowEntry
+from qswitch_agent.openflow.instructions import Mark
+from qswitch_agent.openflow.ports import Port
 
+MAX_REMOVED = 4096
+IDLE_POLL_S = 0.25
 log = logging.getLogger(__name__)
 
 
@@ -16,37 +29,76 @@ class NotReady(Exception):
     """The hardware does not do what the flow table asks for; the message says why."""
 
 
+@dataclass
+class Removed:
+    """A light entry that is no more."""
+
+    mark: Mark
+    idle: bool = False  # the agent has removed it, because no photon passed
+
+
 class LightPaths:
     """The flow table on one side, the hardware on the other, and how far they agree."""
 
     def __init__(self, fiber_ports: Iterable[int], hardware: OpticalHardware) -> None:
-        self._table = FlowTable(fiber_ports)
+        self.table = FlowTable(fiber_ports)
         self._hardware = hardware
         self._made: frozenset[CrossConnect] | None = None  # None: unknown
         self._asked = 0  # counts the changes of the table
         self._answered = -1  # up to which of them the hardware has answered
         self._problem = ""  # why the hardware differs from the table, as of the last answer
         self._fault: HardwareFault | None = None  # what ended run
+        self._news = ""  # what was made, and is not in the log yet
         self._changed = asyncio.Event()
         self._progress = asyncio.Condition()
+        self._removed: OrderedDict[tuple[int, bytes, int], Removed] = OrderedDict()
+        self._added_ns: dict[int, int] = {}  # when entries came, by circuit
+        self._idle: set[tuple[int, bytes, int]] = set()  # asked to be removed
 
     def update(self, updates: Iterable[FlowUpdate]) -> None:
         """Take changes of the flow table; the hardware follows as soon as it can."""
         for update in updates:
-            if self._table.is_foreign(update):
+            if self.table.is_foreign(update):
                 log.warning("not a path between two fibres, ignored: %s", update.entry)
-            self._table.apply(update)
+            if update.event == REMOVED and update.entry is not None:
+                self._remember(update.entry)
+            elif update.event == ADDED and update.entry is not None and update.entry.mark:
+                self._added_ns[update.entry.mark.circuit] = time.time_ns()
+            self.table.apply(update)
+        self._ask()
+
+    def update_ports(self, ports: Iterable[Port]) -> None:
+        """Take the state of ports: no light passes a fibre that is cut."""
+        for port in ports:
+            if self.table.set_fiber(port.number, port.up):
+                condition = "whole again" if port.up else "cut"
+                log.info("the fibre at port %d is %s", port.number, condition)
+                self._ask()
+
+    def retry(self) -> None:
+        """Ask the hardware again for what it has refused: it may be able to by now."""
+        if self._problem:
+            self._ask()
+
+    def _ask(self) -> None:
         self._asked += 1
         self._changed.set()
 
-    def update_ports(self, states: Iterable[PortState]) -> None:
-        """Take the state of ports: no light passes a fibre that is cut."""
-        for state in states:
-            if self._table.set_fiber(state.number, state.up):
-                condition = "whole again" if state.up else "cut"
-                log.info("the fibre at port %d is %s", state.number, condition)
-                self._asked += 1
-                self._changed.set()
+    def _remember(self, entry: FlowEntry) -> None:
+        known = self.table.find(*entry.key)
+        if known is None or known.mark is None:
+            return
+        name = (*known.key, known.cookie)
+        self._added_ns.pop(known.mark.circuit, None)
+        self._removed[name] = Removed(known.mark, name in self._idle)
+        self._removed.move_to_end(name)
+        self._idle.discard(name)
+        if len(self._removed) > MAX_REMOVED:
+            self._removed.popitem(last=False)
+
+    def removed(self, priority: int, match: bytes, cookie: int) -> Removed | None:
+        """Return what is known of a light entry that was removed a short while ago."""
+        return self._removed.get((priority, match, cookie))
 
     async def run(self) -> None:
         """Bring the hardware up to date, at the start and after each change; never returns."""
@@ -64,6 +116,7 @@ class LightPaths:
             if problem and problem != self._problem:
                 log.error("%s", problem)
             await self._answer(asked, problem)
+            await self._tell()
 
     async def ready(self) -> None:
         """Return when the hardware is as the flow table is now.
@@ -78,23 +131,61 @@ class LightPaths:
         if self._problem:
             raise NotReady(self._problem)
 
+    async def expire(self, delete: Callable[[FlowEntry], None]) -> None:
+        """Delete entries through which no photon has passed for their idle time-out, for ever."""
+        active: dict[int, int] = {}  # when a photon passed, or an entry was first seen, by circuit
+        while True:
+            await asyncio.sleep(IDLE_POLL_S)
+            waiting = [(e, e.mark) for e in self.table.marked() if e.mark and e.mark.idle_timeout_s]
+            if not waiting:
+                active.clear()
+                continue
+            try:
+                readings = await self._hardware.read()
+            except HardwareRefusal as refusal:
+                log.error("no idle path can be found: %s", refusal)
+                continue
+            if Quantity.PHOTONS in readings.not_measured:
+                log.warning("this hardware counts no photons: idle time-outs have no effect")
+                return
+            now_ns = time.time_ns()
+            circuits = readings.circuits
+            active = {mark.circuit: active.get(mark.circuit, now_ns) for _, mark in waiting}
+            active |= {name: circuits[name].last_ns for name in active if name in circuits}
+            for entry, mark in waiting:
+                name = (*entry.key, entry.cookie)
+                last_ns = max(active[mark.circuit], self._added_ns.get(mark.circuit, 0))
+                if now_ns - last_ns >= mark.idle_timeout_s * 1_000_000_000:
+                    if name not in self._idle:
+                        log.info("no photon for %d s: %s", mark.idle_timeout_s, entry)
+                    self._idle.add(name)
+                    delete(entry)
+
     async def _answer(self, asked: int, problem: str) -> None:
         self._answered, self._problem = asked, problem
         async with self._progress:
             self._progress.notify_all()
 
+    async def _tell(self) -> None:
+        """Log what was made; those that waited for it go on first."""
+        if self._news:
+            news, self._news = self._news, ""
+            await asyncio.sleep(0)
+            log.info("%s", news)
+
     async def _bring_up_to_date(self) -> str:
         """Return what of the table the hardware cannot do, empty if it does it all."""
-        plan = self._table.plan()
+        plan = self.table.plan()
         if plan.cross_connects != self._made:
             started = time.monotonic()
             try:
                 await self._hardware.set_cross_connects(plan.cross_connects)
             except HardwareRefusal as refusal:
+                self._made = None
                 return f"the hardware refuses {_text(plan.cross_connects)}: {refusal}"
             self._made = plan.cross_connects
             elapsed_ms = (time.monotonic() - started) * 1e3
-            log.info("%s, ready in %.2f ms", _text(plan.cross_connects), elapsed_ms)
+            self._news = f"{_text(plan.cross_connects)}, ready in {elapsed_ms:.2f} ms"
         return "; ".join(plan.conflicts)
 
 

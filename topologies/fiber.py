@@ -37,8 +37,27 @@ class FiberLink(Link):
             if not isinstance(node, Switch):
                 params[key] = qnic_name(node)
         super().__init__(node1, node2, **params)
+        for end in (self.intf1, self.intf2):
+            _silence(end)
         ends = (_end(self.intf1), _end(self.intf2))
         network.fibers.append(Fiber(*ends, length_km, loss_db_per_km, depolarizing))
+
+    @classmethod
+    def makeIntfPair(  # noqa: N802 (Mininet's name)
+        cls,
+        intfname1: str,
+        intfname2: str,
+        addr1: str | None = None,
+        addr2: str | None = None,
+        node1: Node | None = None,
+        node2: Node | None = None,
+        deleteIntfs: bool = True,  # noqa: N803
+    ) -> None:
+        """Make the veth pair, and silence IPv6 before an end is up: on a fibre is LLDP alone."""
+        super().makeIntfPair(intfname1, intfname2, addr1, addr2, node1, node2, deleteIntfs)
+        for node, name in ((node1, intfname1), (node2, intfname2)):
+            assert node is not None  # Mininet's `fast` links name them
+            node.cmd(f"sysctl -qw net.ipv6.conf.{name}.disable_ipv6=1")
 
 
 def qnic_name(host: Node) -> str:
@@ -56,6 +75,12 @@ def _end(interface: object) -> FiberEnd:
     node = interface.node  # type: ignore[attr-defined]
     port = str(node.ports[interface]) if isinstance(node, Switch) else str(interface)
     return FiberEnd(node.name, port)
+
+
+def _silence(interface: object) -> None:
+    """Switch IPv6 off, whose chatter would count as packets of the light's flow entry."""
+    node = interface.node  # type: ignore[attr-defined]
+    node.cmd(f"sysctl -qw net.ipv6.conf.{interface}.disable_ipv6=1")
 
 
 def _check(name: str, value: float) -> None:

@@ -4,7 +4,7 @@ import os
 import shutil
 import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import FrameType, TracebackType
@@ -19,6 +19,7 @@ from topologies.nodes import READY_TIMEOUT_S, QuantumController
 from topologies.programs import POLL_S, NetworkError, Program, stop_all
 from topologies.record import read_record
 from topologies.runtime import DISPATCHER, RUNTIME_ROOT, Runtime, alive, only_run
+from wire.config import Fiber
 
 DISCOVERY_TIMEOUT_S = 20.0
 CAPTURE_SETTLE_S = 1.0
@@ -52,14 +53,16 @@ class Signals:
             raise Interrupted(self._received)
 
     @contextmanager
-    def ignored(self) -> Iterator[None]:
-        """Let nothing cut a piece of work short, nor the commands that it runs."""
-        handlers = {number: signal.signal(number, signal.SIG_IGN) for number in self.NUMBERS}
+    def deferred(self) -> Iterator[None]:
+        """Let nothing cut a piece of work short, nor the commands that it runs.
+
+        What comes meanwhile is noted at the end: another network may be about to start.
+        """
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, self.NUMBERS)
         try:
             yield
         finally:
-            for number, handler in handlers.items():
-                signal.signal(number, handler)
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
     def __exit__(
         self,
@@ -109,7 +112,7 @@ class Network:
         self._clean_up()
 
     def _clean_up(self) -> None:
-        with self._signals.ignored():
+        with self._signals.deferred():
             self._cleanup.close()
 
     def _start(self) -> None:
@@ -159,15 +162,29 @@ class Network:
 
     def _expected(self) -> set[str]:
         """Return what the controller must know before light can be asked for."""
-        switches = {f"switch {int(switch.dpid, 16):#x}" for switch in self.net.switches}
-        ends = {end.port for fiber in self.runtime.fibers for end in (fiber.a, fiber.b)}
-        return switches | {port for port in ends if not port.isdigit()}
+        others = self.runtime.programmed_elsewhere
+        switches = [switch for switch in self.net.switches if switch.name not in others]
+        fibers = [f for f in self.runtime.fibers if not others & {f.a.node, f.b.node}]
+        return {
+            *(f"switch {int(switch.dpid, 16):#x}" for switch in switches),
+            *(self._named(fiber) for fiber in fibers),
+        }
+
+    def _named(self, fiber: Fiber) -> str:
+        """Return a fibre's name: the host's interface, or both ends between switches."""
+        dpids = self.runtime.datapath_ids
+        for end in (fiber.a, fiber.b):
+            if end.node not in dpids:
+                return end.port
+        return link_name((dpids[end.node], int(end.port)) for end in (fiber.a, fiber.b))
 
     def _discovered(self) -> set[str]:
-        """Return the switches and fibre ends in the controller's record."""
+        """Return the switches and fibres in the controller's record."""
         facts = read_record(self.runtime.logs)
         switches = {f"switch {fact['dpid']:#x}" for fact in facts if fact["event"] == "switch"}
-        return switches | {fact["port"] for fact in facts if fact["event"] == "fiber"}
+        hosts = {fact["port"] for fact in facts if fact["event"] == "fiber"}
+        links = {link_name(fact["ends"]) for fact in facts if fact["event"] == "link"}
+        return switches | hosts | links
 
     def host(self, name: str) -> Host:
         """Return a host; raise NetworkError if there is none of that name."""
@@ -178,9 +195,16 @@ class Network:
 
     def run_on(self, host: str, name: str, command: list[str]) -> Program:
         """Start an application on a host; it ends with the network at the latest."""
+        return self._run(name, command, self.host(host).pid)
+
+    def run_beside(self, name: str, command: list[str]) -> Program:
+        """Start a program on this machine itself; it ends with the network at the latest."""
+        return self._run(name, command)
+
+    def _run(self, name: str, command: list[str], namespace_pid: int | None = None) -> Program:
         program = Program(name, self.runtime.logs / f"{name}.log")
         self._cleanup.callback(program.stop)
-        program.start(command, self.host(host).pid)
+        program.start(command, namespace_pid)
         return program
 
     def capture(self, switch: str) -> list[Path]:
@@ -207,6 +231,11 @@ class Network:
         for node in (*self.net.hosts, *self.net.switches, *self.net.controllers):
             if node.shell_ended:
                 raise NetworkError(f"{node.name} died in mid-run: its shell was ended")
+
+
+def link_name(ends: Iterable[Sequence[int]]) -> str:
+    """Return the name of a fibre between two switches, by datapath id and port of each end."""
+    return " to ".join(f"{dpid:#x}:{port}" for dpid, port in sorted(map(tuple, ends)))
 
 
 def capture_command(interface: str, file: Path) -> list[str]:

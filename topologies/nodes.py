@@ -2,27 +2,35 @@
 
 import select
 import shlex
+from collections.abc import Iterable
 from pathlib import Path
 
 from mininet.node import Controller, Host, Node, OVSSwitch
 
 from topologies import openvswitch, runtime
+from topologies.addresses import broadcast, free_address
 from topologies.fiber import qnics
 from topologies.programs import ROOT, Program, python
 from topologies.record import RECORD
-from topologies.runtime import DISPATCHER, Runtime
+from topologies.runtime import CONSOLE, DISPATCHER, Runtime
+from wire import switch_check
 from wire.config import (
     DISPATCHER_PORT,
     AgentConfig,
+    BadConfig,
     Config,
     ControllerConfig,
     DispatcherConfig,
     HostConfig,
+    PathOptics,
     QuantumSwitch,
 )
 
 READY_TIMEOUT_S = 20.0
+STATE = "state"  # folder in which the controller keeps what its successor must know
+DEFAULT_PREFIX_LENGTH = 8  # Mininet's
 SHELL_POLL_MS = 50
+RECONNECT_MS = 1000  # between a bridge's attempts to find its controller, at most
 
 
 def launch(
@@ -75,7 +83,8 @@ class ClassicalHost(ShellWatcher, Host):
         self.network = runtime.current()
         self.program: Program | None = None
         super().__init__(name, **params)
-        self.network.addresses[name] = str(params["ip"]).split("/")[0]
+        self.network.addresses[name], _, bits = str(params["ip"]).partition("/")
+        self.network.prefix_length = int(bits or DEFAULT_PREFIX_LENGTH)
 
     def config(self, **params: object) -> dict[str, object]:
         """Configure the interfaces."""
@@ -118,11 +127,18 @@ class DispatcherHost(ClassicalHost):
 
 
 class QuantumHost(ClassicalHost):
-    """A host with a QNIC: runs the three-layer stack. `source=True` makes pairs."""
+    """A host with a QNIC: runs the three-layer stack.
 
-    def __init__(self, name: str, source: bool = False, **params: object) -> None:
+    `source=True` makes pairs, for all hosts that do not name another by `pairs_from`.
+    """
+
+    def __init__(
+        self, name: str, source: bool = False, pairs_from: str = "", **params: object
+    ) -> None:
         super().__init__(name, **params)
         self.network.token(name)
+        self.pairs_from = pairs_from
+        self.network.device_key(name)
         if source:
             self.network.source = name
 
@@ -138,8 +154,10 @@ class QuantumHost(ClassicalHost):
             token=network.token(self.name),
             socket=network.socket(self.name),
             hosts=network.addresses,
-            source=network.source,
+            source=self.pairs_from or network.source,
             seed=network.seed,
+            report_to=broadcast(network.addresses.values(), network.prefix_length),
+            device_key=network.device_key(self.name),
         )
         self.program = launch(network, self.name, "hosts", config, self)
         environment = {
@@ -161,7 +179,7 @@ class ClassicalSwitch(ShellWatcher, OVSSwitch):
             "datapath": openvswitch.datapath(),
             "protocols": "OpenFlow14",
             "failMode": "secure",
-            "reconnectms": 1000,
+            "reconnectms": RECONNECT_MS,
         }
         super().__init__(name, **{**params, **settings})
 
@@ -175,7 +193,13 @@ class ClassicalSwitch(ShellWatcher, OVSSwitch):
 
 
 class OpticalSwitch(ClassicalSwitch):
-    """A quantum switch: a bridge with its agent between it and the controller."""
+    """A quantum switch: a bridge with its agent between it and the controller.
+
+    Optics go by keyword, as the fields of wire.config.QuantumSwitch; paths that differ from
+    the others are wire.config.PathOptics. Raise BadConfig for what no switch can have.
+    `controller_port` names another controller than c0, at this TCP port of 127.0.0.1, that
+    programs the switch alone; c0 does not know of it then, nor of its fibres.
+    """
 
     def __init__(
         self,
@@ -183,13 +207,43 @@ class OpticalSwitch(ClassicalSwitch):
         switching_time_s: float = 100e-9,
         insertion_loss_db: float = 0.0,
         rotation: int = 0,
+        paths: Iterable[PathOptics] = (),
+        crosstalk_db: float | None = None,
+        temperature_c: float = 25.0,
+        max_temperature_c: float = 60.0,
+        hot_loss_db: float = 3.0,
+        min_frequency_mhz: int = 191_350_000,
+        max_frequency_mhz: int = 196_100_000,
+        grid_mhz: int = 50_000,
+        min_power_dbm: float = -20.0,
+        controller_port: int | None = None,
         **params: object,
     ) -> None:
+        optics = QuantumSwitch(
+            name=name,
+            switching_time_s=switching_time_s,
+            insertion_loss_db=insertion_loss_db,
+            rotation=rotation,
+            paths=list(paths),
+            crosstalk_db=crosstalk_db,
+            temperature_c=temperature_c,
+            max_temperature_c=max_temperature_c,
+            hot_loss_db=hot_loss_db,
+            min_frequency_mhz=min_frequency_mhz,
+            max_frequency_mhz=max_frequency_mhz,
+            grid_mhz=grid_mhz,
+            min_power_dbm=min_power_dbm,
+        )
+        switch_check.check(optics)
+        if controller_port is not None and not 0 < controller_port < 1 << 16:
+            raise BadConfig(f"{name}: controller_port {controller_port} is not 1 to 65535")
         super().__init__(name, **params)
-        optics = QuantumSwitch(name, switching_time_s, insertion_loss_db, rotation)
         self.network.switches[name] = optics
         self.network.datapath_ids[name] = int(self.dpid, 16)
         self.network.token(name)
+        self.controller_port = controller_port
+        if controller_port is not None:
+            self.network.programmed_elsewhere.add(name)
         self.program: Program | None = None
 
     def start(self, controllers: list[Controller]) -> None:
@@ -203,7 +257,7 @@ class OpticalSwitch(ClassicalSwitch):
         config = AgentConfig(
             switch=self.name,
             listen=f"127.0.0.1:{port}",
-            controllers=[f"{controller.IP()}:{controller.port}" for controller in controllers],
+            controllers=self._controllers(controllers),
             management=str(openvswitch.RUN_FOLDER / f"{self.name}.mgmt"),
             dispatcher=network.socket(DISPATCHER),
             token=network.token(self.name),
@@ -215,9 +269,25 @@ class OpticalSwitch(ClassicalSwitch):
             ),
         )
         super().start([])
+        self.cmd(f"sysctl -qw net.ipv6.conf.{self.name}.disable_ipv6=1")
         self.program = launch(network, f"{self.name}-agent", "qswitch_agent", config)
         self.program.wait_for("ready", READY_TIMEOUT_S)
-        openvswitch.vsctl("set-controller", self.name, f"tcp:{config.listen}")
+        create = [
+            word
+            for number in range(len(config.controllers))
+            for word in (
+                *("--", f"--id=@c{number}", "create", "Controller"),
+                f'target="tcp:127.0.0.1:{port + number}"',
+                f"max_backoff={RECONNECT_MS}",  # Open vSwitch's own is 8 s
+            )
+        ]
+        rows = ",".join(f"@c{number}" for number in range(len(config.controllers)))
+        openvswitch.vsctl(*create[1:], "--", "set", "bridge", self.name, f"controller=[{rows}]")
+
+    def _controllers(self, given: list[Controller]) -> list[str]:
+        if self.controller_port is not None:
+            return [f"127.0.0.1:{self.controller_port}"]
+        return [f"{controller.IP()}:{controller.port}" for controller in given]
 
     def terminate(self) -> None:
         """End the agent, then the switch."""
@@ -227,10 +297,27 @@ class OpticalSwitch(ClassicalSwitch):
 
 
 class QuantumController(ShellWatcher, Controller):
-    """`c0`: our controller apps on Ryu or os-ken."""
+    """`c0`: our controller apps on Ryu or os-ken.
 
-    def __init__(self, name: str, **params: object) -> None:
-        self.network = runtime.current()
+    Mininet's own command line sets it up so: --controller quantum,rest=127.0.0.1:8080,
+    apps=ryu.app.ofctl_rest (further modules behind a +).
+    """
+
+    def __init__(
+        self,
+        name: str,
+        framework: str = "",
+        policy: str = "",
+        rest: str = "",
+        apps: str = "",
+        **params: object,
+    ) -> None:
+        network = runtime.current()
+        network.framework = framework or network.framework
+        network.policy = str(Path(policy).resolve()) if policy else network.policy
+        network.rest = rest or network.rest
+        network.apps += [module for module in apps.split("+") if module]
+        self.network = network
         self.program: Program | None = None
         super().__init__(name, **{**params, "port": self.network.openflow_port})
 
@@ -244,11 +331,16 @@ class QuantumController(ShellWatcher, Controller):
             listen=f"127.0.0.1:{self.port}",
             framework=network.framework,
             quantum_switches=list(network.datapath_ids.values()),
-            rotations={
-                str(network.datapath_ids[name]): optics.rotation
-                for name, optics in network.switches.items()
-            },
             record=str(network.logs / RECORD),
+            loss_budget_db=network.loss_budget_db,
+            contention=network.contention,
+            policy=network.policy,
+            address=free_address(network.addresses.values(), network.prefix_length),
+            device_keys=network.device_keys,
+            console=network.socket(CONSOLE),
+            rest=network.rest,
+            apps=network.apps,
+            state=str(network.folder / STATE),
         )
         self.program = launch(network, self.name, "controller_apps", config)
         self.program.wait_for("ready", READY_TIMEOUT_S)

@@ -70,6 +70,14 @@ def owner_of(bridge: str) -> str:
     return vsctl("--if-exists", "get", "Bridge", bridge, OWNER).strip('"\n ')
 
 
+def add(bridge: str, owner: str, controller: str) -> None:
+    """Make a bridge of ours without ports, for a controller such as "tcp:127.0.0.1:6653"."""
+    kind = "netdev" if datapath() == "user" else "system"
+    settings = [f"datapath_type={kind}", "protocols=OpenFlow14", "fail_mode=secure"]
+    made = ["add-br", bridge, "--", "set", "bridge", bridge, *settings, f"{OWNER}={owner}"]
+    vsctl(*made, "--", "set-controller", bridge, controller)
+
+
 def delete(bridge: str) -> None:
     """Delete a bridge of ours, if it is there."""
     vsctl("--if-exists", "del-br", bridge)

@@ -96,6 +96,12 @@ class Program:
         if self._process is not None and self._process.poll() is None:
             self._process.send_signal(signal.SIGTERM)
 
+    def kill(self) -> None:
+        """End it at once, as a crash would."""
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait(STOP_TIMEOUT_S)
+
     def stop(self) -> None:
         """End it: politely, then by force after STOP_TIMEOUT_S."""
         if self._process is None:
@@ -104,8 +110,7 @@ class Program:
         try:
             self._process.wait(STOP_TIMEOUT_S)
         except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait(STOP_TIMEOUT_S)
+            self.kill()
 
 
 def stop_all(programs: Sequence[Program]) -> None:

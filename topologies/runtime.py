@@ -21,6 +21,7 @@ from wire.service import RUNNER
 RUNTIME_ROOT = Path("/run/qmn")
 OPENFLOW_PORT = 6653
 DISPATCHER = "dispatcher"  # the program, and its socket
+CONSOLE = "console"  # the controller's socket
 
 
 @dataclass
@@ -31,15 +32,23 @@ class Runtime:
     framework: str = "ryu"
     openflow_port: int = OPENFLOW_PORT
     history_depth: int = 10_000  # events that the dispatcher remembers
+    loss_budget_db: float = 30.0  # that one light path may lose
+    contention: str = "refuse"  # or "queue": what becomes of a request for light that is taken
     log_folder: Path | None = None  # where logs and records go; default: the private folder
     addresses: dict[str, str] = field(default_factory=dict)  # of the hosts
     fibers: list[Fiber] = field(default_factory=list)
     switches: dict[str, QuantumSwitch] = field(default_factory=dict)
     datapath_ids: dict[str, int] = field(default_factory=dict)  # of the quantum switches
+    programmed_elsewhere: set[str] = field(default_factory=set)  # by other controllers than c0
     source: str = ""
     dispatcher: str = ""  # "10.0.0.4:50051"
     programs: list[Program] = field(default_factory=list)
     tokens: dict[str, str] = field(default_factory=dict)
+    policy: str = ""  # path of the controller's policy file; empty: the shipped one
+    rest: str = ""  # where the controller serves HTTP; empty: nowhere
+    apps: list[str] = field(default_factory=list)  # further apps in the controller
+    prefix_length: int = 24  # of the hosts' network
+    device_keys: dict[str, str] = field(default_factory=dict)  # of the hosts' node agents
 
     def __post_init__(self) -> None:
         self.name = str(os.getpid())
@@ -52,6 +61,10 @@ class Runtime:
     def token(self, node: str) -> str:
         """Return the secret that names a node to the dispatcher."""
         return self.tokens.setdefault(node, secrets.token_hex(16))
+
+    def device_key(self, host: str) -> str:
+        """Return the secret that a host's node agent shares with the controller."""
+        return self.device_keys.setdefault(host, secrets.token_hex(16))
 
     def socket(self, name: str) -> str:
         """Return the path of a Unix socket (they cross network namespaces)."""

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Self
 
 DISPATCHER_PORT = 50051
+CONTENTION = ("refuse", "queue")
 
 
 class BadConfig(ValueError):
@@ -64,6 +65,16 @@ class Fiber:
 
 
 @dataclass(frozen=True)
+class PathOptics:
+    """A path of a quantum switch whose optics differ from those of the others."""
+
+    in_port: int
+    out_port: int
+    insertion_loss_db: float = 0.0
+    rotation: int = 0  # wire.metadata.Pauli
+
+
+@dataclass(frozen=True)
 class QuantumSwitch:
     """The optics of a quantum switch, as the dispatcher models them."""
 
@@ -71,6 +82,21 @@ class QuantumSwitch:
     switching_time_s: float = 100e-9
     insertion_loss_db: float = 0.0
     rotation: int = 0  # wire.metadata.Pauli that every path applies
+    paths: list[PathOptics] = field(default_factory=list)  # that differ from the rest
+    crosstalk_db: float | None = None  # None: none; else a photon strays with 10^(-dB/10)
+    temperature_c: float = 25.0
+    max_temperature_c: float = 60.0
+    hot_loss_db: float = 3.0  # more on every path while it is hotter than that
+    min_frequency_mhz: int = 191_350_000  # C band
+    max_frequency_mhz: int = 196_100_000
+    grid_mhz: int = 50_000
+    min_power_dbm: float = -20.0
+
+    @classmethod
+    def from_dict(cls, fields: dict[str, Any]) -> "QuantumSwitch":
+        """Build the switch from decoded JSON."""
+        paths = [PathOptics(**path) for path in fields.get("paths", [])]
+        return cls(**{**fields, "paths": paths})
 
 
 @dataclass(frozen=True)
@@ -91,7 +117,7 @@ class DispatcherConfig(Config):
     def from_dict(cls, fields: dict[str, Any]) -> "DispatcherConfig":
         """Build the configuration from decoded JSON."""
         fibers = [Fiber.from_dict(fiber) for fiber in fields["fibers"]]
-        switches = [QuantumSwitch(**switch) for switch in fields["switches"]]
+        switches = [QuantumSwitch.from_dict(switch) for switch in fields["switches"]]
         return cls(**{**fields, "fibers": fibers, "switches": switches})
 
 
@@ -108,6 +134,8 @@ class HostConfig(Config):
     hosts: dict[str, str]  # name to address, as /etc/hosts would have it
     source: str  # name of the host that makes pairs
     seed: int
+    report_to: str = ""  # address that the node agent reports to (the subnet's broadcast)
+    device_key: str = ""  # that the node agent shares with the controller; empty: no node agent
 
 
 @dataclass(frozen=True)
@@ -121,6 +149,9 @@ class AgentConfig(Config):
     dispatcher: str  # path of the dispatcher's unix socket
     token: str
     fiber_ports: list[int]  # OpenFlow numbers of the ports that are fibres
+    hardware: str = ""  # empty: the simulated switch; or "scpi://192.0.2.7:5025"
+    # scpi: OpenFlow port number to the numbers of its [ingress, egress] at the instrument
+    hardware_ports: dict[str, list[int]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -130,7 +161,21 @@ class ControllerConfig(Config):
     listen: str  # "127.0.0.1:6653"
     framework: str  # "ryu" or "os-ken"
     quantum_switches: list[int] = field(default_factory=list)  # their datapath ids
-    rotations: dict[str, int] = field(default_factory=dict)  # datapath id to known rotation
     hold_timeout_s: float = 5.0
     idle_timeout_s: int = 30
     record: str = ""  # path of a JSON-lines file for measurements; empty: none
+    loss_budget_db: float = 30.0  # that one light path may lose
+    contention: str = "refuse"  # or "queue": what becomes of a request for light that is taken
+    policy: str = ""  # path of the policy file; empty: the shipped one, which allows the demo
+    address: str = ""  # IPv4, in the hosts' network, that its datagrams to node agents come from
+    device_keys: dict[str, str] = field(default_factory=dict)  # of each host's node agent
+    console: str = ""  # path of the unix socket of the console; empty: none
+    rest: str = ""  # "127.0.0.1:8080": serve the same there, on Ryu only; empty: not at all
+    apps: list[str] = field(default_factory=list)  # modules of further apps to load
+    state: str = ""  # path of a private folder for what a restarted one must know; empty: none
+
+    def __post_init__(self) -> None:
+        if self.contention not in CONTENTION:
+            raise ValueError(
+                f"contention {self.contention!r}: choose one of {', '.join(CONTENTION)}"
+            )

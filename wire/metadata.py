@@ -71,6 +71,9 @@ class Reason(IntEnum):
     WRONG_DIGEST = 12
     HARDWARE = 13
     PROTOCOL = 14
+    NOT_ALLOWED = 15
+    LOSS_TOO_HIGH = 16
+    NO_WAVELENGTH = 17
 
 
 class Pauli(IntEnum):

@@ -51,7 +51,13 @@ class Qnic(Protocol):
         """Interface names of the fibres, in order."""
 
     async def emit_pairs(
-        self, session: int, number: int, count: int, ports: tuple[str, str], rate_hz: int
+        self,
+        session: int,
+        number: int,
+        count: int,
+        ports: tuple[str, str],
+        rate_hz: int,
+        wavelength_pm: int,
     ) -> None:
         """Make count Bell pairs Phi+ and send their halves 0 and 1 into two ports.
 
@@ -59,7 +65,13 @@ class Qnic(Protocol):
         """
 
     async def modulate(
-        self, block: BlockName, paulis: Symbols, port: str, rate_hz: int, timeout_s: float
+        self,
+        block: BlockName,
+        paulis: Symbols,
+        port: str,
+        rate_hz: int,
+        wavelength_pm: int,
+        timeout_s: float,
     ) -> int:
         """Apply one Pauli operator (two bits: X, Z) to each photon that arrives; shape (k,).
 

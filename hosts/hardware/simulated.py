@@ -19,6 +19,7 @@ from wire.dispatcher_pb2 import (
     Step,
 )
 from wire.dispatcher_pb2_grpc import DispatcherStub
+from wire.optical import frequency_mhz
 from wire.service import CHANNEL_OPTIONS
 
 
@@ -37,24 +38,36 @@ class SimulatedQnic:
         return self._ports
 
     async def emit_pairs(
-        self, session: int, number: int, count: int, ports: tuple[str, str], rate_hz: int
+        self,
+        session: int,
+        number: int,
+        count: int,
+        ports: tuple[str, str],
+        rate_hz: int,
+        wavelength_pm: int,
     ) -> None:
         """Make Bell pairs and send their halves into two ports."""
         create = CreateRequest(session=session, number=number, count=count)
         halves = enumerate(ports)
         launches = [Launch(block=_half(session, number, half), port=port) for half, port in halves]
-        send = SendRequest(launches=launches, rate_hz=rate_hz)
+        send = _send(launches, rate_hz, wavelength_pm)
         await self._orders.perform(Step(create=create), Step(send=send))
 
     async def modulate(
-        self, block: BlockName, paulis: Symbols, port: str, rate_hz: int, timeout_s: float
+        self,
+        block: BlockName,
+        paulis: Symbols,
+        port: str,
+        rate_hz: int,
+        wavelength_pm: int,
+        timeout_s: float,
     ) -> int:
         """Apply Pauli operators to the photons that arrive and send them back."""
         name = _half(block.session, block.number, block.half)
         feedbacks = await self._orders.perform(
             Step(receive=ReceiveRequest(block=name, port=port, timeout_s=timeout_s)),
             Step(apply=ApplyRequest(block=name, paulis=paulis.tobytes())),
-            Step(send=SendRequest(launches=[Launch(block=name, port=port)], rate_hz=rate_hz)),
+            Step(send=_send([Launch(block=name, port=port)], rate_hz, wavelength_pm)),
         )
         return int(feedbacks[-1].first_ns)
 
@@ -91,6 +104,11 @@ class SimulatedQnic:
         """Close the connection to the dispatcher."""
         await self._orders.close()
         await self._channel.close(None)
+
+
+def _send(launches: list[Launch], rate_hz: int, wavelength_pm: int) -> SendRequest:
+    frequency = frequency_mhz(wavelength_pm)
+    return SendRequest(launches=launches, rate_hz=rate_hz, frequency_mhz=frequency)
 
 
 def _half(session: int, number: int, half: int) -> BlockId:

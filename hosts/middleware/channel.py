@@ -30,6 +30,13 @@ REMEDIES = {
     Reason.NO_PATH: "no light path joins sender, receiver and source; the receiver and the "
     "source need two fibres each, the sender one of its own, and none of them cut",
     Reason.BUSY: "another session uses these fibres; try again when it has ended",
+    Reason.NOT_ALLOWED: "the controller's policy does not allow this service between these "
+    "hosts, or not at this rate, frame size or number of sessions; ask who runs the network to "
+    "change its policy file (`qmn run --policy`)",
+    Reason.LOSS_TOO_HIGH: "every free light path loses more than the controller's loss budget; "
+    "raise the budget, or use shorter or better fibres",
+    Reason.NO_WAVELENGTH: "no light path can be tuned to this wavelength from end to end; choose "
+    "one that every port on the way offers (`wavelength_pm`; the default is 1550120)",
     Reason.UNKNOWN_SESSION: "the controller knows no such session",
     Reason.UNSUPPORTED: "the other end does not offer what was asked for",
     Reason.SWITCH_FAILED: "the quantum switch refused the light path; see its agent's log",

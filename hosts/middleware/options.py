@@ -1,12 +1,13 @@
 """What an application may choose for a session, checked before anything is sent."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from hosts.middleware.channel import SessionError
 from hosts.middleware.encoding import SYMBOLS_PER_BYTE
 from hosts.middleware.receiver import MAX_BLOCK_PAIRS, MAX_FRAME_BYTES
-from wire.metadata import Handshake, Reason
+from wire.device import DeviceSettings
+from wire.metadata import Handshake, Reason, Setup
 
 HANDSHAKES = {"framed": Handshake.FRAMED, "per-pair": Handshake.PER_PAIR}
 
@@ -61,3 +62,14 @@ class SessionOptions:
             )
         if not isinstance(self.host, str):
             raise SessionError(Reason.UNSUPPORTED, f"host {self.host!r} is not a name")
+
+
+def overridden(setup: Setup, settings: DeviceSettings) -> Setup:
+    """Return a set-up with what the controller has set, in place of what was asked for.
+
+    Blocks are made smaller where a lower rate would make them last too long.
+    """
+    given = {name: value for name, value in vars(settings).items() if value is not None}
+    setup = replace(setup, **given)
+    longest = max(SYMBOLS_PER_BYTE, int(MAX_BLOCK_S * setup.rate_hz))
+    return replace(setup, pairs=min(setup.pairs, longest))

@@ -11,6 +11,7 @@ from hosts.middleware.channel import MetadataChannel, SessionError
 from hosts.middleware.encoding import from_bell_states
 from hosts.middleware.framing import FramingError, Inbox
 from wire.metadata import Answer, Block, Finish, Handshake, Reason, Report, Setup
+from wire.optical import frequency_mhz
 
 ARRIVAL_TIMEOUT_S = 0.1  # the sender speaks of a block only when its light has arrived
 SETTLE_TIMEOUT_S = 30.0
@@ -32,12 +33,21 @@ def check_offer(setup: Setup) -> None:
     for name, value in wanted.items():
         if value:
             raise SessionError(Reason.UNSUPPORTED, f"{name} {value}: only 0 is offered yet")
+    check_wavelength(setup)
     if setup.frame_bytes > MAX_FRAME_BYTES or setup.pairs > MAX_BLOCK_PAIRS:
         raise SessionError(
             Reason.UNSUPPORTED,
             f"frames of {setup.frame_bytes} bytes in blocks of {setup.pairs} pairs; at most "
             f"{MAX_FRAME_BYTES} and {MAX_BLOCK_PAIRS}",
         )
+
+
+def check_wavelength(setup: Setup) -> None:
+    """Raise SessionError for a wavelength that is none of light."""
+    try:
+        frequency_mhz(setup.wavelength_pm)
+    except ValueError as error:
+        raise SessionError(Reason.UNSUPPORTED, str(error)) from error
 
 
 class ReceivingSession:
@@ -50,11 +60,17 @@ class ReceivingSession:
         self._qnic = qnic
         self._channel = channel
         self._setup = setup
+        self.closed = False
         self._inbox = Inbox(setup.frame_bytes)
         self._singles: dict[int, asyncio.Task[Symbols]] = {}
         self._singles_used = 0
         self._digest = sha256()
         self.size = 0
+
+    @property
+    def setup(self) -> Setup:
+        """What was agreed on in the handshake."""
+        return self._setup
 
     @property
     def statistics(self) -> dict[str, int]:
@@ -89,6 +105,7 @@ class ReceivingSession:
 
     async def close(self) -> None:
         """Let go of photons and of handshakes under way."""
+        self.closed = True
         for task in self._singles.values():
             task.cancel()
         await release(self._qnic, self._setup.session)

@@ -60,6 +60,10 @@ class Statistics:
     symbol_errors: int = 0
     repeated_frames: int = 0
     delivered_bytes: int = 0
+    rate_hz: int = 0  # what the session uses; the controller may have overridden it
+    frame_bytes: int = 0
+    fec: int = 0
+    wavelength_pm: int = 0
 
 
 class SendingSession:
@@ -76,7 +80,13 @@ class SendingSession:
         self._one_by_one = OneByOne(self._shake_hands, self._light)
         self._source_turn = asyncio.Lock()
         self._size = 0
-        self.statistics = Statistics()
+        self.closed = False
+        self.statistics = Statistics(
+            rate_hz=setup.rate_hz,
+            frame_bytes=setup.frame_bytes,
+            fec=setup.fec,
+            wavelength_pm=setup.wavelength_pm,
+        )
 
     async def open(self) -> None:
         """Arrange light paths and pair source; raise SessionError if they cannot be had."""
@@ -120,6 +130,7 @@ class SendingSession:
 
     async def close(self) -> None:
         """Let go of connections and photons."""
+        self.closed = True
         for name in ("_channel", "_pairs"):
             if hasattr(self, name):
                 getattr(self, name).close()
@@ -151,10 +162,10 @@ class SendingSession:
     async def _light(self, number: int, paulis: Symbols) -> int:
         """Have pairs made, modulate this host's halves and send them on."""
         half = BlockName(self._setup.session, number, 0)
-        rate_hz = self._setup.rate_hz
+        rate_hz, wavelength_pm = self._setup.rate_hz, self._setup.wavelength_pm
         port = self._qnic.ports[0]
         light = asyncio.create_task(
-            self._qnic.modulate(half, paulis, port, rate_hz, LIGHT_TIMEOUT_S)
+            self._qnic.modulate(half, paulis, port, rate_hz, wavelength_pm, LIGHT_TIMEOUT_S)
         )
         try:
             async with self._source_turn:  # its answers carry no number

@@ -1,33 +1,44 @@
 """The service of a pair source: makes Bell pairs and sends both halves into its fibres."""
 
+from collections.abc import Callable
+
 from hosts.hardware.qnic import HardwareError, Qnic, release
 from hosts.middleware.channel import MetadataChannel, SessionError
-from hosts.middleware.receiver import MAX_BLOCK_PAIRS
+from hosts.middleware.receiver import MAX_BLOCK_PAIRS, check_wavelength
 from wire.metadata import Answer, Emit, Reason, Setup
 
 
-async def serve_pairs(qnic: Qnic, channel: MetadataChannel, setup: Setup) -> None:
-    """Answer Emit requests of one session until its connection ends."""
+async def serve_pairs(
+    qnic: Qnic, channel: MetadataChannel, setup: Setup, made: Callable[[int], None]
+) -> None:
+    """Answer Emit requests of one session until its connection ends; count the pairs made."""
     if len(qnic.ports) < 2:
         raise SessionError(Reason.UNSUPPORTED, "a pair source needs two fibres")
+    check_wavelength(setup)
     channel.send(Answer(setup.session, Reason.OK))
     try:
         while (request := await channel.next()) is not None:
             if not isinstance(request, Emit):
                 raise SessionError(Reason.PROTOCOL, f"{type(request).__name__}, not Emit")
-            await _emit(qnic, setup.session, request)
+            await _emit(qnic, setup, request)
+            made(request.pairs)
             channel.send(Answer(setup.session, Reason.OK))
     finally:
         await release(qnic, setup.session)
 
 
-async def _emit(qnic: Qnic, session: int, request: Emit) -> None:
+async def _emit(qnic: Qnic, setup: Setup, request: Emit) -> None:
     if not 0 < request.pairs <= MAX_BLOCK_PAIRS or request.rate_hz == 0:
         raise SessionError(Reason.UNSUPPORTED, f"{request.pairs} pairs at {request.rate_hz} Hz")
     first, second = qnic.ports[:2]
     try:
         await qnic.emit_pairs(
-            session, request.block, request.pairs, (first, second), request.rate_hz
+            setup.session,
+            request.block,
+            request.pairs,
+            (first, second),
+            request.rate_hz,
+            setup.wavelength_pm,
         )
     except HardwareError as error:
         raise SessionError(Reason.HARDWARE, str(error)) from error

@@ -16,7 +16,7 @@ from topologies.sdc import SdcTopo
 
 ROOT = Path(__file__).resolve().parents[2]
 # What the command line of a program of Mininet or of ours contains.
-OURS = (str(RUNTIME_ROOT), "mininet:", "tcpdump ", "hosts.applications", "qmn.floor")
+OURS = (str(RUNTIME_ROOT), "mininet:", "tcpdump ", "hosts.applications", "qmn.measure.floor")
 
 
 def wait_until(condition: Callable[[], object], what: str, timeout_s: float = 10.0) -> None:
@@ -66,9 +66,9 @@ def our_processes() -> set[str]:
     return found
 
 
-@pytest.fixture(autouse=True)
+@pytest.fixture(scope="session", autouse=True)
 def _open_vswitch() -> Iterator[None]:
-    """Let Open vSwitch run, so that the bridges before and after can be compared."""
+    """Let Open vSwitch run, so that the bridges before and after a test can be compared."""
     started = not openvswitch.running()
     if started:
         openvswitch.start("tests")

@@ -51,7 +51,7 @@ def test_a_set_up_opens_light_paths_and_a_fin_closes_them(
 ) -> None:
     connect(controller)
     answer = set_up(controller, bridges)
-    assert (answer.verdict, answer.rotation) == (Verdict.GRANTED, 1)
+    assert (answer.verdict, answer.rotation) == (Verdict.GRANTED, 0)
     entries = flows(QUANTUM)
     assert entries.count(f"cookie={SESSION:#x}") == 3
     for in_port, out_port in ((6, 3), (3, 5), (7, 4)):

@@ -1,16 +1,18 @@
 """The topology in Mininet's own program."""
 
 import os
+import re
 import subprocess
 from pathlib import Path
 
+import pytest
 from conftest import ROOT
 
 
-def mn(*arguments: str, commands: str = "") -> str:
+def mn(*arguments: str, commands: str = "", file: str = "sdc", topo: str = "sdc") -> str:
     """Run `mn` to its end; return what it printed."""
     done = subprocess.run(
-        ["mn", "--custom", "topologies/sdc.py", "--topo", "sdc", *arguments],
+        ["mn", "--custom", f"topologies/{file}.py", "--topo", topo, *arguments],
         cwd=ROOT,
         env={**os.environ, "PYTHONPATH": "."},
         input=commands,
@@ -27,6 +29,20 @@ def test_all_hosts_reach_each_other() -> None:
     assert "0% dropped (12/12 received)" in mn("--test", "pingall")
 
 
+@pytest.mark.parametrize(
+    ("file", "topo", "fibers"),
+    [
+        ("chain", "chain,switches=2", 2),
+        ("ring", "ring,switches=3,length_km=0.5", 6),
+        ("leaf_spine", "leaf_spine,leaves=2,spines=2", 4),
+    ],
+)
+def test_it_takes_larger_networks_with_parameters(file: str, topo: str, fibers: int) -> None:
+    output = mn(commands="pingall\nlinks\nexit\n", file=file, topo=topo)
+    assert "0% dropped (12/12 received)" in output
+    assert len(re.findall(r"q\d-eth\d+<->q\d-eth\d+ \(OK OK\)", output)) == fibers
+
+
 def test_its_command_line_sends_by_superdense_coding(tmp_path: Path) -> None:
     got = tmp_path / "got"
     commands = [
@@ -39,3 +55,14 @@ def test_its_command_line_sends_by_superdense_coding(tmp_path: Path) -> None:
     assert '"event": "done"' in output
     assert "alice-q0<->q1-eth2 (OK OK)" in output
     assert got.read_text() == "hello\n"
+
+
+def test_its_command_line_sets_up_the_controller() -> None:
+    address = "127.0.0.1:18089"
+    apps = "ryu.app.ofctl_rest"
+    fetch = "import sys, urllib.request; print(urllib.request.urlopen(sys.argv[1]).read().decode())"
+    output = mn(
+        *("--controller", f"quantum,rest={address},apps={apps}"),
+        commands=f'sh python3 -c "{fetch}" http://{address}/stats/portdesc/4097\nexit\n',
+    )
+    assert output.count('"tx_grid_freq_lmda": 50000') == 5

@@ -19,7 +19,7 @@ def flows(bridge: str) -> list[str]:
 def light_paths() -> set[tuple[int, int]]:
     """Return (in_port, out_port) of the light entries of q1."""
     found = (
-        re.search(r"in_port=\"?(?:q1-eth)?(\d+)\"? actions=output:\"?(?:q1-eth)?(\d+)", line)
+        re.search(r"in_port=\"?(?:q1-eth)?(\d+)\"? actions=\S*output:\"?(?:q1-eth)?(\d+)", line)
         for line in flows("q1")
     )
     return {(int(match[1]), int(match[2])) for match in found if match}

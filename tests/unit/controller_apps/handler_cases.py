@@ -5,6 +5,8 @@ Messages are encoded by the framework and read back with its own parser where it
 """
 
 import json
+import random
+import struct
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -22,14 +24,18 @@ from scapy.contrib.lldp import (
 )
 from scapy.layers.l2 import Ether
 
-from controller_apps import discovery, framework
+from controller_apps import discovery, flow_entries, framework
 from controller_apps.framework import ProtocolDesc, ofp_event, ofproto, parser
 from controller_apps.learning_switch import LearningSwitch
 from controller_apps.mac_table import MacTable
+from controller_apps.optics import SwitchPort
 from controller_apps.paths import HostPort
 from controller_apps.quantum_metadata import QuantumMetadata
 from controller_apps.record import Record
+from controller_apps.segments import FiveTuple
+from controller_apps.state_folder import StateFolder
 from wire.config import ControllerConfig
+from wire.device import DEVICE_PORT
 from wire.metadata import (
     METADATA_PORT,
     SETUP_LENGTH,
@@ -38,6 +44,20 @@ from wire.metadata import (
     Setup,
     Verdict,
     decode,
+)
+from wire.optical import (
+    ANY_PORT,
+    EXPERIMENTER,
+    PATH_OPTICS,
+    RX_TUNE,
+    TUNABLE,
+    TX_TUNE,
+    USE_FREQ,
+    PathOptics,
+    PortLight,
+    PortOptics,
+    PortTuning,
+    encode_path_optics,
 )
 
 
@@ -85,6 +105,10 @@ class Datapath(ProtocolDesc):  # type: ignore[misc]
             return SimpleNamespace(kind=kind, xid=xid, inner=inner)
         if kind == ofproto.OFPT_PACKET_OUT:
             return packet_out(data, xid)
+        if kind == ofproto.OFPT_MULTIPART_REQUEST:
+            return SimpleNamespace(kind=kind, xid=xid, multipart=int.from_bytes(data[8:10], "big"))
+        if kind == ofproto.OFPT_PORT_MOD:
+            return SimpleNamespace(kind=kind, xid=xid, data=data)
         if kind not in decoders:
             return SimpleNamespace(kind=kind, xid=xid)
         message = decoders[kind].parser(self, data[0], kind, len(data), xid, bytearray(data))
@@ -114,22 +138,44 @@ def packet_out(data: bytes, xid: int) -> SimpleNamespace:
 class Scene:
     """Both apps, a classical and a quantum switch, all fibres announced."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, state: str = "") -> None:
         self.record_path = folder / "record.jsonl"
         config = ControllerConfig(
-            "127.0.0.1:6653", framework.NAME, [Q1], {"2": 2}, HOLD_S, 30, str(self.record_path)
+            "127.0.0.1:6653", framework.NAME, [Q1], HOLD_S, 30, str(self.record_path)
         )
         mac_table, record = MacTable(), Record(str(self.record_path))
-        self.learning = LearningSwitch(config, mac_table, record=record)
-        self.quantum = QuantumMetadata(config, mac_table, record)
+        self.learning = LearningSwitch(mac_table, record=record)
+        self.quantum = QuantumMetadata(config, mac_table, record, StateFolder(state))
         self.s1, self.q1 = Datapath(S1), Datapath(Q1)
         self.connect(self.s1)
         self.connect(self.q1)
+        self.tell_optics(self.q1, PathOptics(ANY_PORT, ANY_PORT, 500, 2))
 
     def connect(self, datapath: Datapath, state: str = framework.MAIN) -> None:
         event = SimpleNamespace(datapath=datapath, state=state)
         self.learning.switch_changed(event)
         self.quantum.switch_changed(event)
+
+    def tell_optics(self, datapath: Datapath, *paths: PathOptics, more: bool = False) -> None:
+        """Answer the last question about optics, as the framework decodes it."""
+        body = struct.pack("!II", EXPERIMENTER, PATH_OPTICS) + encode_path_optics(paths)
+        reply = self.reply(datapath, asked_optics(datapath), ofproto.OFPMP_EXPERIMENTER, body, more)
+        self.quantum.optics_told(SimpleNamespace(msg=reply))
+
+    def measure(self, datapath: Datapath, port: int, light: PortLight) -> None:
+        """Tell the statistics of a port."""
+        prop = light.encode()
+        body = struct.pack("!H2xI", 80 + len(prop), port) + bytes(72) + prop
+        reply = self.reply(datapath, 1, ofproto.OFPMP_PORT_STATS, body)
+        self.quantum.ports_measured(SimpleNamespace(msg=reply))
+
+    def reply(
+        self, datapath: Datapath, xid: int, kind: int, body: bytes, more: bool = False
+    ) -> Any:
+        """Return a multipart reply as the framework decodes it from bytes."""
+        header = (5, ofproto.OFPT_MULTIPART_REPLY, 16 + len(body), xid)
+        raw = struct.pack("!BBHIHH4x", *header, kind, more) + body
+        return parser.OFPMultipartReply.parser(datapath, *header, bytearray(raw))
 
     def packet_in(self, datapath: Datapath, port: int, data: bytes, table: int = 0) -> None:
         message = parser.OFPPacketIn(
@@ -166,6 +212,12 @@ def scene(tmp_path: Path) -> Scene:
 def ready(scene: Scene) -> Scene:
     scene.announce()
     return scene
+
+
+def asked_optics(datapath: Datapath) -> int:
+    """Return the transaction id of the last question for optics."""
+    kind = ofproto.OFPMP_EXPERIMENTER
+    return int([m.xid for m in datapath.sent if getattr(m, "multipart", None) == kind][-1])
 
 
 def announcement(host_port: HostPort, ttl: int = 120, subtype: int = 7) -> bytes:
@@ -210,6 +262,7 @@ def test_a_classical_switch_gets_its_two_tables(scene: Scene) -> None:
         (1, 0, {}, [up]),
         (0, 0, {}, [on]),
         (0, 200, {**to_port, "tcp_flags": (8, 8)}, [up]),
+        (0, 200, {"eth_type": 0x0800, "ip_proto": 17, "udp_dst": DEVICE_PORT}, [up]),
         (0, 400, {**to_port, "tcp_flags": (1, 1)}, [up, on]),
         (0, 400, {**to_port, "tcp_flags": (4, 4)}, [up, on]),
         (0, 400, {**from_port, "tcp_flags": (4, 4)}, [up, on]),
@@ -225,11 +278,26 @@ def test_a_classical_switch_gets_its_two_tables(scene: Scene) -> None:
                 assert instruction.actions[0].max_len == ofproto.OFPCML_NO_BUFFER
 
 
-def test_a_quantum_switch_is_dark_but_for_lldp(scene: Scene) -> None:
-    entry, ask = scene.q1.take()
+def test_fibres_of_a_quantum_switch_are_dark_but_for_lldp(scene: Scene) -> None:
+    wiped, miss, entry, *questions = scene.q1.take()
+    assert (wiped.table_id, miss.table_id) == (1, 1)
+    assert entry.table_id == 0
     assert dict(entry.match.items()) == {"eth_type": 0x88CC}
     assert instructions(entry) == [("output", ofproto.OFPP_CONTROLLER)]
-    assert ask.kind == ofproto.OFPT_MULTIPART_REQUEST
+    asked = [question.multipart for question in questions]
+    assert asked == [ofproto.OFPMP_FLOW, ofproto.OFPMP_EXPERIMENTER, ofproto.OFPMP_PORT_STATS]
+
+
+def test_copper_of_a_quantum_switch_learns_like_any_other(scene: Scene) -> None:
+    copper = fiber_port(7, optics=None)
+    q1 = reconnect(scene, fiber_port(1), copper, fiber_port(2))
+    entries = [m for m in q1.take() if m.kind == ofproto.OFPT_FLOW_MOD and m.priority == 1]
+    assert [dict(entry.match.items()) for entry in entries] == [{"in_port": 7}]
+    assert [instructions(entry) for entry in entries] == [[("goto", 1)]]
+    frame = bytes.fromhex("ffffffffffff0200000000aa0800") + bytes(46)
+    scene.packet_in(q1, 7, frame, table=1)
+    (out,) = [m for m in q1.take() if m.kind == ofproto.OFPT_PACKET_OUT]
+    assert (out.in_port, out.port, out.frame) == (7, ofproto.OFPP_FLOOD, frame)
 
 
 def test_lldp_tells_where_hosts_are(ready: Scene) -> None:
@@ -240,10 +308,12 @@ def test_lldp_tells_where_hosts_are(ready: Scene) -> None:
 
 def test_fibres_are_cut_and_mended_as_their_ports_go_down_and_up(ready: Scene) -> None:
     def port(number: int, config: int = 0, state: int = 0) -> Any:
-        return SimpleNamespace(port_no=number, config=config, state=state)
+        return SimpleNamespace(
+            port_no=number, config=config, state=state, properties=[], hw_addr=MACS[ALICE]
+        )
 
     def status(desc: Any, datapath: Datapath = ready.q1) -> None:
-        message = SimpleNamespace(datapath=datapath, desc=desc)
+        message = SimpleNamespace(datapath=datapath, desc=desc, reason=ofproto.OFPPR_MODIFY)
         ready.quantum.port_changed(SimpleNamespace(msg=message))
 
     cut = ready.quantum.network.cut
@@ -261,6 +331,173 @@ def test_fibres_are_cut_and_mended_as_their_ports_go_down_and_up(ready: Scene) -
     assert told == [(1, False), (1, True), (3, False)]
 
 
+BAND = PortOptics(
+    TUNABLE, 191_350_000, 196_100_000, 50_000, 191_350_000, 196_100_000, 50_000, -200, 0
+)
+LIGHT = PortLight(TUNABLE, 193_500_000, 0, 0, 193_500_000, 0, 0, -30, -42, 500, 250)
+
+
+def fiber_port(number: int, optics: PortOptics | None = BAND, up: bool = True) -> Any:
+    """Return a port description as the framework decodes it."""
+    prop = b"" if optics is None else optics.encode()
+    state = 0 if up else ofproto.OFPPS_LINK_DOWN
+    address = bytes([2, 0, 0, 0, 9, number])
+    description = struct.pack("!IH2x6s2x16sII", number, 40 + len(prop), address, b"p", 0, state)
+    return parser.OFPPort.parser(bytearray(description + prop), 0)
+
+
+def spoken(messages: list[Any]) -> dict[int, bytes]:
+    """Return the frames sent out, by port."""
+    return {m.port: m.frame for m in messages if m.kind == ofproto.OFPT_PACKET_OUT}
+
+
+def second_switch(scene: Scene, *ports: int) -> Datapath:
+    """Connect a further quantum switch with fibres at the given ports."""
+    scene.quantum.quantum_switches |= {Q1 + 1}
+    q2 = Datapath(Q1 + 1)
+    q2.ports = {number: fiber_port(number) for number in ports}
+    scene.connect(q2)
+    scene.tell_optics(q2)
+    return q2
+
+
+def reconnect(scene: Scene, *ports: Any) -> Datapath:
+    """Connect the quantum switch again, with these ports."""
+    scene.connect(scene.q1, framework.DEAD)
+    scene.q1 = Datapath(Q1)
+    scene.q1.ports = {port.port_no: port for port in ports}
+    scene.connect(scene.q1)
+    scene.tell_optics(scene.q1)
+    return scene.q1
+
+
+def test_lldp_goes_out_of_fibres_that_are_up_as_the_framework_writes_it(scene: Scene) -> None:
+    q1 = reconnect(scene, fiber_port(1), fiber_port(2, up=False), fiber_port(9, None))
+    scene.quantum.time_passed(None)
+    ((port, frame_out),) = spoken(q1.take()).items()
+    assert port == 1
+    topology = framework._load("topology.switches")
+    assert topology.LLDPPacket.lldp_parse(frame_out) == (Q1, 1)
+    assert frame_out[6:12] == bytes([2, 0, 0, 0, 9, 1])
+
+
+def test_without_optical_ports_every_port_may_be_a_fibre(scene: Scene) -> None:
+    q1 = reconnect(scene, fiber_port(1, None), fiber_port(9, None))
+    scene.quantum.time_passed(None)
+    assert spoken(q1.take()).keys() == {1, 9}
+
+
+def test_a_fibre_between_switches_is_found_cut_and_found_again(scene: Scene) -> None:
+    q1, q2 = reconnect(scene, fiber_port(6)), second_switch(scene, 7)
+    scene.quantum.time_passed(None)
+    one, other = spoken(q1.take())[6], spoken(q2.take())[7]
+    links = scene.quantum.network.links
+
+    def hear_each_other() -> None:
+        scene.packet_in(q2, 7, one)
+        scene.packet_in(q1, 6, other)
+
+    hear_each_other()
+    assert links == {(Q1, 6): (Q1 + 1, 7), (Q1 + 1, 7): (Q1, 6)}
+    assert [fact["ends"] for fact in scene.recorded() if fact["event"] == "link"] == [
+        [[Q1, 6], [Q1 + 1, 7]]
+    ]
+    down = SimpleNamespace(datapath=q1, desc=fiber_port(6, up=False), reason=ofproto.OFPPR_MODIFY)
+    scene.quantum.port_changed(SimpleNamespace(msg=down))
+    assert links == {}
+    hear_each_other()  # what was still on its way
+    assert links == {}
+    up = SimpleNamespace(datapath=q1, desc=fiber_port(6), reason=ofproto.OFPPR_MODIFY)
+    scene.quantum.port_changed(SimpleNamespace(msg=up))
+    hear_each_other()
+    assert len(links) == 2
+    gone = SimpleNamespace(datapath=q2, desc=fiber_port(7), reason=ofproto.OFPPR_DELETE)
+    scene.quantum.port_changed(SimpleNamespace(msg=gone))
+    assert links == {}
+
+
+def test_a_host_cannot_claim_a_fibre_between_switches(scene: Scene) -> None:
+    q1, q2 = reconnect(scene, fiber_port(6)), second_switch(scene, 7)
+    scene.quantum.time_passed(None)
+    genuine = spoken(q1.take())[6]
+    draw = random.Random(3)
+    forged = [
+        discovery.switch_message(SwitchPort(Q1, 6), bytes(6), b"a guess"),
+        genuine.replace(b"dpid:%016x" % Q1, b"dpid:%016x" % (Q1 + 1)),
+        genuine.replace(b"dpid:%016x" % Q1, b"dpid:%016x" % (1 << 63)),
+        genuine.replace(struct.pack("!I", 6), struct.pack("!I", 8)),
+    ]
+    for _ in range(3000):
+        data = bytearray(genuine)
+        data[draw.randrange(14, len(data))] ^= 1 << draw.randrange(8)
+        forged.append(bytes(data[: draw.randrange(14, len(data) + 1)]))
+    heard = scene.quantum.fibers._links._heard
+    for attempt in forged:
+        scene.packet_in(q2, 7, attempt)
+        # What a changed bit leaves whole is still no more than what (Q1, 6) has said.
+        assert {speaker for speaker, _ in heard.values()} <= {SwitchPort(Q1, 6)}
+    assert scene.quantum.network.links == {}
+    assert scene.quantum.dropped["lldp"] > 1000
+    stock = genuine[: genuine.index(discovery.OUI) - 2] + b"\0\0"
+    before = scene.quantum.dropped["lldp"]
+    scene.packet_in(q2, 7, stock)  # another controller's: neither believed nor complained of
+    assert scene.quantum.dropped["lldp"] == before
+
+
+def test_ports_tell_how_they_can_be_tuned_and_what_they_measure(scene: Scene) -> None:
+    q1 = reconnect(scene, fiber_port(6))
+    optics = scene.quantum.network.optics
+    assert optics.ranges == {(Q1, 6): BAND}
+    scene.measure(q1, 6, LIGHT)
+    assert optics.lights == {(Q1, 6): LIGHT}
+    assert optics.tuned_mhz == {(Q1, 6): 193_500_000}
+
+
+def test_optics_that_come_in_parts_are_taken_whole(scene: Scene) -> None:
+    scene.connect(scene.q1, framework.DEAD)
+    q1 = scene.q1 = Datapath(Q1)
+    scene.connect(q1)
+    one, two, others = (
+        PathOptics(1, 2, 5, 1),
+        PathOptics(2, 1, 6, 2),
+        PathOptics(ANY_PORT, ANY_PORT, 7, 3),
+    )
+    scene.tell_optics(q1, one, two, more=True)
+    assert Q1 not in scene.quantum.network.connected
+    scene.tell_optics(q1, others)
+    assert Q1 in scene.quantum.network.connected
+    told = scene.quantum.network.optics.path
+    assert [told(Q1, 1, 2), told(Q1, 2, 1), told(Q1, 3, 4)] == [one, two, others]
+
+
+def test_a_switch_that_knows_nothing_of_optics_is_of_use_all_the_same(scene: Scene) -> None:
+    scene.connect(scene.q1, framework.DEAD)
+    q1 = scene.q1 = Datapath(Q1)
+    scene.connect(q1)
+    assert Q1 not in scene.quantum.network.connected
+    error = parser.OFPErrorMsg(q1, ofproto.OFPET_BAD_REQUEST, ofproto.OFPBRC_BAD_EXPERIMENTER, b"")
+    error.xid = asked_optics(q1)
+    scene.quantum.switch_refused(SimpleNamespace(msg=error))
+    assert Q1 in scene.quantum.network.connected
+
+
+def test_ports_are_tuned_first_in_the_bundle(scene: Scene) -> None:
+    q1 = reconnect(scene, *(fiber_port(number) for number in FIBERS))
+    scene.announce()
+    for number in (2, 3, 4, 5):
+        scene.measure(q1, number, replace(LIGHT, tx_mhz=193_400_000))
+    scene.measure(q1, 1, LIGHT)
+    scene.packet_in(scene.s1, 1, frame(FRAMED.encode()))
+    _opening, tuning, *adds, _commit, _barrier = q1.take()
+    assert len(adds) == 3
+    message = tuning.inner
+    assert message.kind == ofproto.OFPT_PORT_MOD
+    assert struct.unpack_from("!I4x6s", message.data, 8) == (1, bytes([2, 0, 0, 0, 9, 1]))
+    assert PortTuning.decode(message.data[32:]) == PortTuning(
+        RX_TUNE | TX_TUNE | USE_FREQ, 193_400_000, 0, 0, 0
+    )
+
+
 def test_malformed_lldp_is_counted_and_changes_nothing(scene: Scene) -> None:
     good = announcement(FIBERS[1])
     no_address = bytes(
@@ -273,7 +510,7 @@ def test_malformed_lldp_is_counted_and_changes_nothing(scene: Scene) -> None:
     odd_name = announcement(replace(FIBERS[1], host="al\x07ice"))
     mac_address = announcement(FIBERS[1], subtype=6)
     end = good.index(b"\x0c\x05") + 15  # of the last TLV; the rest is padding
-    assert discovery.parse(good[:end]).host_port == FIBERS[1]
+    assert discovery.parse(good[:end]) == discovery.Announcement(FIBERS[1], leaving=False)
     rubbish = [good[:length] for length in range(14, end)]
     rubbish += [no_address, odd_name, mac_address, good[:14] + b"\xff" * 40]
     for data in rubbish:
@@ -302,7 +539,7 @@ def test_a_bundle_is_open_adds_commit_barrier_in_one_write(ready: Scene) -> None
     assert paths == [(4, [("output", 1)]), (1, [("output", 3)]), (5, [("output", 2)])]
     for entry in entries:
         assert (entry.command, entry.table_id, entry.priority) == (ofproto.OFPFC_ADD, 0, 100)
-        assert (entry.cookie, entry.flags) == (FRAMED.session, ofproto.OFPFF_SEND_FLOW_REM)
+        assert (entry.cookie, entry.flags) == (FRAMED.session, 0)
         assert (entry.idle_timeout, entry.hard_timeout) == (0, 0)
     assert len({message.xid for message in (opening, *adds, commit, barrier)}) == 6
     assert ready.s1.take() == []  # still held
@@ -429,50 +666,96 @@ def test_the_deadline_of_the_hold(ready: Scene, monkeypatch: pytest.MonkeyPatch)
     ready.packet_in(ready.s1, 1, frame(FRAMED.encode()))
     ready.q1.take()
     ready.quantum.time_passed(None)
-    assert ready.q1.take() == ready.s1.take() == []
+    assert flow_mods(ready.q1.take()) == ready.s1.take() == []
     shift_clock(monkeypatch, HOLD_S)
     ready.quantum.time_passed(None)
     (sent,) = ready.s1.take()
     answer = decode(payload_of(sent.frame))
     assert isinstance(answer, Setup)
     assert answer.reason == Reason.SWITCH_TIMEOUT
-    assert [message.command for message in ready.q1.take()] == [ofproto.OFPFC_DELETE]
+    dark = [message.command for message in flow_mods(ready.q1.take())]
+    assert dark == [ofproto.OFPFC_DELETE]
 
 
-def stats(scene: Scene, *cookies: int) -> None:
-    body = [SimpleNamespace(cookie=cookie, priority=100 if cookie else 65000) for cookie in cookies]
-    reply = SimpleNamespace(datapath=scene.q1, body=body)
-    scene.quantum.flows_listed(SimpleNamespace(msg=reply))
+def stats(scene: Scene, *entries: tuple[int, int, int]) -> None:
+    """Answer the question for entries: cookie, in_port and out_port of each."""
+    (xid,) = (xid for dpid, xid in scene.quantum._listed if dpid == scene.q1.id)
+    for more, part in ((1, entries[:2]), (0, entries[2:])):
+        body = [
+            SimpleNamespace(
+                cookie=cookie,
+                priority=100 if cookie else 65000,
+                match=parser.OFPMatch(in_port=in_port),
+                instructions=[flow_entries.output(out_port)],
+            )
+            for cookie, in_port, out_port in part
+        ]
+        reply = SimpleNamespace(datapath=scene.q1, body=body, xid=xid, flags=more)
+        scene.quantum.flows_listed(SimpleNamespace(msg=reply))
+
+
+OWN = [(FRAMED.session, 4, 1), (FRAMED.session, 1, 3), (FRAMED.session, 5, 2)]
 
 
 def test_paths_of_dead_sessions_are_deleted(ready: Scene) -> None:
     grant(ready)
-    stats(ready, 0, FRAMED.session, 99, 99, 98)
+    stats(ready, (0, 4, 1), *OWN, (99, 4, 1), (99, 1, 2), (98, 1, 2))
     deleted = ready.q1.take()
     assert [message.cookie for message in deleted] == [98, 99]
     assert all(message.cookie_mask == (1 << 64) - 1 for message in deleted)
 
 
-def test_a_switch_that_is_gone_gets_nothing_and_ends_its_sessions(ready: Scene) -> None:
+def test_one_entry_of_a_live_session_is_deleted_by_all_that_identifies_it(ready: Scene) -> None:
+    grant(ready)
+    stats(ready, *OWN, (FRAMED.session, 2, 9))
+    _opening, deletion, _commit, _barrier = ready.q1.take()
+    entry = deletion.inner
+    assert (entry.command, entry.priority) == (ofproto.OFPFC_DELETE_STRICT, 100)
+    assert (entry.match["in_port"], entry.out_port) == (2, 9)
+    assert (entry.cookie, entry.cookie_mask) == (FRAMED.session, (1 << 64) - 1)
+
+
+def test_entries_that_somebody_else_asked_for_are_not_judged(ready: Scene) -> None:
+    body = [SimpleNamespace(cookie=99, priority=100)]
+    reply = SimpleNamespace(datapath=ready.q1, body=body, xid=1, flags=0)
+    ready.quantum.flows_listed(SimpleNamespace(msg=reply))
+    assert ready.q1.take() == []
+
+
+def test_a_switch_that_stays_away_gets_nothing_and_ends_its_sessions(
+    ready: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
     grant(ready)
     ready.connect(ready.q1, framework.DEAD)
     assert ready.q1.take() == []
-    assert ready.recorded()[-1]["detail"] == "switch gone"
-    ready.packet_in(ready.s1, 1, frame(FRAMED.encode(), sport=41000))
+    assert ready.quantum.arbiter.is_live(FRAMED.session)
+    other = replace(FRAMED, session=8)
+    ready.packet_in(ready.s1, 1, frame(other.encode(), sport=41000))
     (sent,) = ready.s1.take()
     answer = decode(payload_of(sent.frame))
     assert isinstance(answer, Setup)
     assert answer.reason == Reason.NO_PATH
+    shift_clock(monkeypatch, 10.0)
+    ready.quantum.time_passed(None)
+    assert ready.q1.take() == []
+    assert ready.recorded()[-1]["detail"] == "switch gone"
 
 
-def test_a_second_connection_of_a_switch_replaces_the_first(ready: Scene) -> None:
+def test_a_switch_that_is_soon_back_keeps_its_sessions_and_gets_what_it_lost(ready: Scene) -> None:
     grant(ready)
     again = Datapath(Q1)
     ready.connect(again)
-    assert ready.recorded()[-2]["detail"] == "switch gone"
     ready.connect(ready.q1, framework.DEAD)  # noticed only now
     assert ready.quantum.datapaths[Q1] is again
-    assert Q1 in ready.quantum.network.connected
+    ready.q1 = again
+    ready.tell_optics(again)
+    again.take()
+    stats(ready, OWN[0], (99, 3, 4))
+    messages = again.take()
+    added = [m.inner for m in messages if m.kind == ofproto.OFPT_BUNDLE_ADD_MESSAGE]
+    assert [(e.cookie, e.match["in_port"]) for e in added] == [(7, 1), (7, 5)]
+    assert [m.cookie for m in flow_mods(messages)] == [99]
+    assert ready.quantum.arbiter.is_live(FRAMED.session)
 
 
 def test_a_connection_without_features_is_no_switch(ready: Scene) -> None:
@@ -537,3 +820,70 @@ def test_the_end_is_recorded_with_all_packets_counted(ready: Scene) -> None:
     ready.quantum.close()
     last = ready.recorded()[-1]
     assert (last["event"], last["packet_in_count"]) == ("stopped", len(FIBERS) + 1)
+
+
+def test_a_second_controller_begins_with_what_the_first_has_kept(tmp_path: Path) -> None:
+    first = Scene(tmp_path, str(tmp_path / "state"))
+    first.announce()
+    grant(first)
+    second = Scene(tmp_path, str(tmp_path / "state"))
+    assert second.quantum.network.hosts == first.quantum.network.hosts
+    assert second.quantum.arbiter.is_live(FRAMED.session)
+    resumed = [fact for fact in second.recorded() if fact["event"] == "resumed"]
+    assert [fact["session"] for fact in resumed] == [f"{FRAMED.session:016x}"]
+
+
+def list_bypasses(scene: Scene, *entries: Any) -> None:
+    """Answer the question for the entries of the classical switch."""
+    (xid,) = (xid for dpid, xid in scene.quantum._listed if dpid == S1)
+    reply = SimpleNamespace(datapath=scene.s1, body=list(entries), xid=xid, flags=0)
+    scene.quantum.flows_listed(SimpleNamespace(msg=reply))
+
+
+def classical_entry(cookie: int, priority: int = 300, **match: Any) -> Any:
+    fields = flow_entries._connection(FiveTuple(ALICE, 40000, BOB, METADATA_PORT)) | match
+    return SimpleNamespace(
+        cookie=cookie, priority=priority, match=parser.OFPMatch(**fields), instructions=[]
+    )
+
+
+def test_of_a_classical_switch_bypasses_of_live_sessions_stay(ready: Scene) -> None:
+    grant(ready)
+    ready.s1.take()
+    list_bypasses(
+        ready,
+        classical_entry(FRAMED.session),
+        classical_entry(0, priority=200),  # one of the standing entries
+        classical_entry(99),
+        classical_entry(FRAMED.session, tcp_src=40001),
+        classical_entry(98, priority=500),  # somebody else's
+    )
+    deleted = ready.s1.take()
+    assert [(m.cookie, m.priority, m.match["tcp_src"]) for m in deleted] == [
+        (98, 500, 40000),
+        (99, 300, 40000),
+        (FRAMED.session, 300, 40001),
+    ]
+    assert all(m.command == ofproto.OFPFC_DELETE_STRICT for m in deleted)
+    assert ready.quantum.arbiter.sessions.by_number[FRAMED.session].bypassed
+
+
+def test_no_entry_of_a_session_is_wiped(scene: Scene) -> None:
+    wiped = [m for m in flow_mods(scene.s1.take()) if m.command == ofproto.OFPFC_DELETE]
+    cookies = [(m.cookie, m.cookie_mask) for m in wiped if m.table_id == 0]
+    assert cookies == [(0, (1 << 64) - 1)]
+
+
+def test_what_was_kept_and_cannot_be_read_is_dropped(tmp_path: Path) -> None:
+    state = StateFolder(str(tmp_path / "state"))
+    first = Scene(tmp_path, str(tmp_path / "state"))
+    first.announce()
+    grant(first)
+    ((_number, data),) = state.sessions()
+    state.keep_session(8, data)  # another session's
+    state.keep_session(9, data[:-1])
+    state.keep_hosts(b"?")
+    second = Scene(tmp_path, str(tmp_path / "state"))
+    assert [number for number, _data in state.sessions()] == [FRAMED.session]
+    assert list(second.quantum.arbiter.sessions.by_number) == [FRAMED.session]
+    assert second.quantum.network.hosts == {}

@@ -7,8 +7,10 @@ from scapy.layers.inet import IP, TCP
 from scapy.layers.l2 import Ether
 
 from controller_apps.arbiter import Arbiter
-from controller_apps.paths import HostPort, Network, SwitchPort
+from controller_apps.optics import SwitchOptics, SwitchPort
+from controller_apps.paths import HostPort, Network
 from wire.metadata import METADATA_PORT, Handshake, Service, Setup
+from wire.optical import ANY_PORT, PathOptics
 
 S1, Q1 = 1, 2
 ALICE, BOB, CHARLIE = "10.0.0.1", "10.0.0.2", "10.0.0.3"
@@ -35,9 +37,16 @@ def network() -> Network:
     return discovered
 
 
-def arbiter(rotation: int = 0) -> Arbiter:
+def rotating(rotation: int, loss_mdb: int = 0) -> SwitchOptics:
+    """Return the optics of a switch whose paths are all alike."""
+    return SwitchOptics(PathOptics(ANY_PORT, ANY_PORT, loss_mdb, rotation))
+
+
+def arbiter(rotation: int = 0, queues: bool = False) -> Arbiter:
     """Return an arbiter for it that has seen nothing yet."""
-    return Arbiter(network(), {Q1: rotation}, HOLD_S, IDLE_S)
+    discovered = network()
+    discovered.optics.switches[Q1] = rotating(rotation)
+    return Arbiter(discovered, HOLD_S, IDLE_S, queues=queues)
 
 
 def frame(

@@ -20,6 +20,7 @@ from metadata_scene import (
     arbiter,
     frame,
     payload_of,
+    rotating,
 )
 
 from controller_apps.actions import (
@@ -27,13 +28,17 @@ from controller_apps.actions import (
     AddBypass,
     ClosePaths,
     Drop,
+    Forget,
     Forward,
+    Keep,
     Note,
     OpenPaths,
     RemoveBypass,
 )
-from controller_apps.arbiter import Arbiter
-from controller_apps.paths import Hop, SwitchPort
+from controller_apps.arbiter import SWITCH_GRACE_S, Arbiter
+from controller_apps.optics import SwitchPort
+from controller_apps.paths import Hop
+from controller_apps.routing import Leg, Limits, cheapest_path
 from controller_apps.segments import FiveTuple
 from wire.metadata import (
     METADATA_PORT,
@@ -111,7 +116,7 @@ def test_the_message_is_released_only_after_the_barrier_reply() -> None:
 
 def test_with_two_switches_the_last_barrier_reply_counts() -> None:
     state = arbiter()
-    state.rotations = {Q1: 1, 3: 2}
+    state.network.optics.switches = {Q1: rotating(1), 3: rotating(2)}
     state.network.connected.add(3)
     state.network.add_link(SwitchPort(Q1, 90), SwitchPort(3, 91))
     state.network.add_link(SwitchPort(Q1, 92), SwitchPort(3, 93))
@@ -249,8 +254,10 @@ def test_the_other_direction_of_a_fibre_is_free() -> None:
     granted(state)
     in_use = state.sessions.occupied
     assert len(in_use) == 6
-    path = state.network.path(SwitchPort(Q1, 2), SwitchPort(Q1, 4), in_use.__contains__)
-    assert path == (Hop(Q1, 2, 4),)
+    leg = Leg(SwitchPort(Q1, 2), SwitchPort(Q1, 4))
+    path = cheapest_path(state.network, leg, Limits(in_use.__contains__))
+    assert path is not None
+    assert path.hops == (Hop(Q1, 2, 4),)
 
 
 def test_a_full_table_refuses_with_busy() -> None:
@@ -293,6 +300,7 @@ def test_fin_tears_everything_down() -> None:
     connection = FiveTuple(ALICE, 40000, BOB, METADATA_PORT)
     actions = arrive(state, fin(LATER + 5))
     assert actions == [
+        Forget(7),
         ClosePaths(Q1, 7),
         RemoveBypass(S1, connection, 7),
         Note("torn_down", 7, detail="FIN"),
@@ -344,7 +352,8 @@ def test_a_reused_port_is_a_new_connection() -> None:
     state = arbiter()
     granted(state)
     actions = ask(state, replace(FRAMED, session=8), 0.5, seq=900_000)
-    assert actions[:2] == [ClosePaths(Q1, 7), Note("torn_down", 7, detail="port reused")]
+    note = Note("torn_down", 7, detail="port reused")
+    assert actions[:3] == [Forget(7), ClosePaths(Q1, 7), note]
     assert opened(actions).session == 8
     assert list(state.sessions.by_number) == [8]
 
@@ -353,7 +362,7 @@ def test_silence_tears_down() -> None:
     state = arbiter()
     granted(state, now=1.0)
     assert state.tick(1.0 + IDLE_S - 0.1) == []
-    assert state.tick(1.0 + IDLE_S)[0] == ClosePaths(Q1, 7)
+    assert state.tick(1.0 + IDLE_S)[:2] == [Forget(7), ClosePaths(Q1, 7)]
     assert not state.sessions.by_number
 
 
@@ -364,7 +373,7 @@ def test_a_bypassed_session_lives_until_its_bypass_expires() -> None:
     assert state.tick(500.0) == []
     connection = FiveTuple(ALICE, 40000, BOB, METADATA_PORT)
     actions = state.bypass_expired(S1, connection, 501.0)
-    assert actions[0] == ClosePaths(Q1, 7)
+    assert actions[:2] == [Forget(7), ClosePaths(Q1, 7)]
     assert notes(actions) == ["torn_down"]
 
 
@@ -386,7 +395,7 @@ def test_a_pair_source_connection_belongs_to_its_session() -> None:
     later = frame(b"emit", seq=LATER, destination=CHARLIE, sport=41000)
     assert isinstance(arrive(state, later)[0], AddBypass)
     actions = arrive(state, fin(LATER + 4, 41000, CHARLIE))
-    assert isinstance(actions[0], RemoveBypass)
+    assert [type(action) for action in actions[:2]] == [Keep, RemoveBypass]
     assert state.is_live(7)  # the session stays
 
 
@@ -448,15 +457,27 @@ def test_closing_the_session_refuses_the_pair_that_waits() -> None:
     assert not state.sessions.held
 
 
-def test_a_switch_that_leaves_ends_sessions_and_refuses_set_ups() -> None:
+def test_a_switch_that_stays_away_ends_sessions_and_refuses_set_ups() -> None:
     state = arbiter()
     granted(state)
-    assert notes(state.switch_left(Q1, 1.0)) == ["torn_down"]
+    assert state.switch_left(Q1, 1.0) == []
     assert answer(ask(state, replace(FRAMED, session=8), sport=1)).reason == Reason.NO_PATH
+    assert state.tick(0.9 + SWITCH_GRACE_S) == []
+    assert notes(state.tick(1.0 + SWITCH_GRACE_S)) == ["torn_down"]
     state = arbiter()
     ask(state, FRAMED)
     assert answer(state.switch_left(Q1, 1.0)).reason == Reason.SWITCH_FAILED
     assert not state.sessions.occupied
+
+
+def test_a_switch_that_is_soon_back_keeps_its_sessions() -> None:
+    state = arbiter()
+    granted(state)
+    state.switch_left(Q1, 1.0)
+    state.network.connected.add(Q1)
+    assert state.network_changed(2.0) == []
+    assert state.tick(2.0 + SWITCH_GRACE_S) == []
+    assert state.is_live(7)
 
 
 def test_a_classical_switch_that_leaves_forgets_its_bypasses() -> None:

@@ -1,23 +1,26 @@
-"""The handlers on each framework, in a process of its own: see handler_cases.py."""
+"""The handlers on each framework, in a process of its own: see CASES."""
 
 import os
 import socket
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from wire.config import ControllerConfig
 
-CASES = Path(__file__).with_name("handler_cases.py")
+CASES = ("handler_cases.py", "device_cases.py")
 ROOT = Path(__file__).parents[3]
 
 
+@pytest.mark.parametrize("cases", CASES)
 @pytest.mark.parametrize("framework", ["ryu", "os-ken"])
-def test_handlers(framework: str) -> None:
+def test_handlers(framework: str, cases: str) -> None:
+    file = str(Path(__file__).with_name(cases))
     done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(CASES)],
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", file],
         env={**os.environ, "QMN_CONTROLLER_FRAMEWORK": framework},
         cwd=ROOT,
         capture_output=True,
@@ -43,6 +46,29 @@ def test_an_unusable_address_is_named_with_its_remedy(tmp_path: Path) -> None:
     assert "listen 'localhost' is not an address and a port" in refused(config)
 
 
+@pytest.mark.parametrize(
+    ("framework", "fields", "words"),
+    [
+        ("os-ken", {"rest": "127.0.0.1:8080"}, "os-ken has no WSGI server; use ryu"),
+        ("ryu", {"rest": "8080"}, "rest '8080' is not an address and a port"),
+        ("ryu", {"apps": ["ryu.app.ofctl_rest"]}, "serve HTTP: say where, by `rest`"),
+        ("ryu", {"apps": ["ryu.app.none"]}, "apps: cannot load 'ryu.app.none' on ryu"),
+        ("os-ken", {"policy": "/nowhere.toml"}, "cannot read the policy /nowhere.toml"),
+        ("os-ken", {"state": "/nowhere/state"}, "cannot use the state folder '/nowhere/state'"),
+        ("os-ken", {"console": "/nowhere/x.sock"}, "cannot open the console '/nowhere/x.sock'"),
+    ],
+)
+def test_what_a_framework_cannot_do_is_named_at_the_start(
+    tmp_path: Path, framework: str, fields: dict[str, Any], words: str
+) -> None:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    config = tmp_path / "config.json"
+    ControllerConfig(f"127.0.0.1:{port}", framework, **fields).write(config)
+    assert words in refused(config)
+
+
 def test_a_missing_configuration_is_named(tmp_path: Path) -> None:
     assert str(tmp_path / "none.json") in refused(tmp_path / "none.json")
 
@@ -65,6 +91,7 @@ def refused(config: Path) -> str:
 BROKEN = """
 import sys
 from pathlib import Path
+from typing import Any
 from controller_apps import __main__ as launcher, arbiter
 from wire.config import ControllerConfig
 

@@ -26,12 +26,18 @@ from wire.dispatcher_pb2 import (
     CrossConnectRequest,
     DiscardRequest,
     Feedback,
+    InjectFaultRequest,
     Launch,
     MeasureRequest,
     ReceiveRequest,
     SendRequest,
     StatusReply,
     StatusRequest,
+    SwitchStatisticsReply,
+    SwitchStatisticsRequest,
+    TunePortReply,
+    TunePortRequest,
+    WatchSwitchRequest,
 )
 from wire.dispatcher_pb2_grpc import DispatcherStub
 from wire.service import CHANNEL_OPTIONS, metadata
@@ -120,10 +126,13 @@ class Client:
         """Apply Paulis."""
         return await self.feedback("Apply", ApplyRequest(block=name, paulis=paulis))
 
-    async def send(self, *launches: tuple[BlockId, str], rate_hz: int = FAST_HZ) -> Feedback:
+    async def send(
+        self, *launches: tuple[BlockId, str], rate_hz: int = FAST_HZ, frequency_mhz: int = 0
+    ) -> Feedback:
         """Launch blocks."""
         ways = [Launch(block=name, port=port) for name, port in launches]
-        return await self.feedback("Send", SendRequest(launches=ways, rate_hz=rate_hz))
+        request = SendRequest(launches=ways, rate_hz=rate_hz, frequency_mhz=frequency_mhz)
+        return await self.feedback("Send", request)
 
     async def receive(self, name: BlockId, port: str, timeout_s: float = 5) -> Feedback:
         """Receive a block."""
@@ -144,11 +153,36 @@ class Client:
         """Discard."""
         return await self.feedback("Discard", request)
 
-    async def connect(self, *connections: tuple[int, int]) -> int:
+    async def connect(self, *connections: tuple[int, int], circuit: int = 0) -> int:
         """Set the cross-connects of q1."""
-        ports = [Connection(in_port=i, out_port=o) for i, o in connections]
+        ports = [Connection(in_port=i, out_port=o, circuit=circuit) for i, o in connections]
         reply = await self.call("CrossConnect", CrossConnectRequest(switch="q1", connections=ports))
         return int(reply.ready_ns)
+
+    async def tune(
+        self, port: int, frequency_mhz: int = 0, power_dbm: float | None = None
+    ) -> TunePortReply:
+        """Tune a port of q1."""
+        request = TunePortRequest(
+            switch="q1", port=port, frequency_mhz=frequency_mhz, power_dbm=power_dbm
+        )
+        reply: TunePortReply = await self.call("TunePort", request)
+        return reply
+
+    async def statistics(self) -> SwitchStatisticsReply:
+        """Ask what q1 has counted."""
+        request = SwitchStatisticsRequest(switch="q1")
+        reply: SwitchStatisticsReply = await self.call("SwitchStatistics", request)
+        return reply
+
+    async def inject(self, **fault: Any) -> None:
+        """Make q1 faulty, or whole again."""
+        await self.call("InjectFault", InjectFaultRequest(switch="q1", **fault))
+
+    def watch_switch(self) -> Any:
+        """Open a stream of q1's conditions."""
+        request = WatchSwitchRequest(switch="q1")
+        return self.stub.WatchSwitch(request, metadata=self.metadata, timeout=DEADLINE_S)
 
     async def status(self) -> StatusReply:
         """Ask for the status."""
@@ -164,6 +198,7 @@ class Bench:
     ) -> None:
         """Make the clients."""
         self.layer, self.transport, self.stub = service.layer, service.transport, stub
+        self.switching = service.switching
         self.errors = errors
         clients = {node: Client(stub, f"token of {node}") for node in nodes}
         self.alice, self.bob, self.charlie = (clients[n] for n in ("alice", "bob", "charlie"))

@@ -33,6 +33,13 @@ def test_what_is_not_offered_is_refused_by_name(field: str, words: str) -> None:
     assert caught.value.reason == Reason.UNSUPPORTED
 
 
+@pytest.mark.parametrize("wavelength_pm", [0, 99_999, 10_000_001])
+def test_what_is_no_wavelength_of_light_is_refused(wavelength_pm: int) -> None:
+    with pytest.raises(SessionError, match=f"wavelength {wavelength_pm} pm") as caught:
+        check_offer(replace(PLAIN, wavelength_pm=wavelength_pm))
+    assert caught.value.reason == Reason.UNSUPPORTED
+
+
 @pytest.mark.parametrize("field", ["pairs", "frame_bytes"])
 def test_what_is_too_large_is_refused_with_the_limit(field: str) -> None:
     change: dict[str, Any] = {field: getattr(PLAIN, field) + 1}

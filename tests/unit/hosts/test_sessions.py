@@ -13,18 +13,30 @@ from pathlib import Path
 from typing import Any
 
 import grpc
+import numpy as np
 import pytest
 
 from dispatcher.clock import CaptureClock
 from dispatcher.server import build_layer, build_server, build_service
+from hosts.hardware.qnic import BlockName
 from hosts.hardware.simulated import SimulatedQnic
+from hosts.middleware import sender
 from hosts.software import QuantumSocket, QuantumSocketError
 from hosts.stack import Stack
 from wire import service
 from wire.config import DispatcherConfig, Fiber, FiberEnd, HostConfig, QuantumSwitch
-from wire.dispatcher_pb2 import Connection, CrossConnectRequest
+from wire.dispatcher_pb2 import Connection, CrossConnectRequest, SwitchStatisticsRequest
 from wire.dispatcher_pb2_grpc import DispatcherStub
-from wire.metadata import METADATA_PORT, SETUP_LENGTH, Pauli, Reason, Setup, Verdict, decode
+from wire.metadata import (
+    METADATA_PORT,
+    SETUP_LENGTH,
+    Pauli,
+    Reason,
+    Service,
+    Setup,
+    Verdict,
+    decode,
+)
 
 QNICS = {
     "alice": ["alice-q0"],
@@ -216,6 +228,66 @@ def test_losses_and_errors_are_repaired(tmp_path: Path, handshake: str) -> None:
     )
     assert got == b"twelve bytes"
     assert statistics["lost_pairs"] > 0
+
+
+def test_light_of_another_wavelength_than_the_switch_is_tuned_to_is_lost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sender, "DARK_LIMIT_S", 0.5)
+
+    def another_wavelength(setup: Setup) -> Setup:
+        source = setup.service == Service.PAIR_SOURCE
+        wavelength_pm = 1_549_720 if source else setup.wavelength_pm
+        return replace(setup, verdict=Verdict.GRANTED, wavelength_pm=wavelength_pm)
+
+    with pytest.raises(QuantumSocketError, match="no light from charlie") as caught:
+        exchange(tmp_path, b"x", another_wavelength)
+    assert caught.value.reason == Reason.NO_LIGHT
+
+
+def test_a_source_refuses_what_is_no_wavelength_of_light(tmp_path: Path) -> None:
+    def no_wavelength(setup: Setup) -> Setup:
+        source = setup.service == Service.PAIR_SOURCE
+        wavelength_pm = 0 if source else setup.wavelength_pm
+        return replace(setup, verdict=Verdict.GRANTED, wavelength_pm=wavelength_pm)
+
+    with pytest.raises(QuantumSocketError, match="wavelength 0 pm is not"):
+        exchange(tmp_path, b"x", no_wavelength)
+
+
+def test_modulated_light_leaves_with_the_wavelength_of_its_session(tmp_path: Path) -> None:
+    paulis, rate_hz = np.zeros(100, np.uint8), 50_000_000
+
+    async def lost_at_alices_port(wavelength_pm: int) -> int:
+        folder = tmp_path / str(wavelength_pm)
+        folder.mkdir()
+        dispatcher = str(folder / "dispatcher.sock")
+        async with network(folder):
+            charlie, alice = (
+                SimulatedQnic(f"unix:{dispatcher}", f"token of {name}", QNICS[name])
+                for name in ("charlie", "alice")
+            )
+            light = ("charlie-q0", "charlie-q1")
+            await charlie.emit_pairs(9, 0, 100, light, rate_hz, 1_550_120)
+            name = BlockName(9, 0, 0)
+            await alice.modulate(name, paulis, "alice-q0", rate_hz, wavelength_pm, 5.0)
+            await alice.close()
+            await charlie.close()
+            return await photons_lost(dispatcher, PORTS["alice-q0"])
+
+    assert asyncio.run(lost_at_alices_port(1_550_120)) == 0
+    assert asyncio.run(lost_at_alices_port(1_549_720)) == 100
+
+
+async def photons_lost(dispatcher: str, port: int) -> int:
+    """Return how many photons the switch has lost of those that came by a port."""
+    async with grpc.aio.insecure_channel(f"unix:{dispatcher}") as channel:
+        stub: Any = DispatcherStub(channel)  # type: ignore[no-untyped-call]
+        request = SwitchStatisticsRequest(switch="q1")
+        metadata = service.metadata("token of runner")
+        reply = await stub.SwitchStatistics(request, metadata=metadata)
+    lost: int = next(one.photons_lost for one in reply.ports if one.port == port)
+    return lost
 
 
 def test_a_sender_that_gives_up_in_mid_send_ends_the_session_at_once(tmp_path: Path) -> None:

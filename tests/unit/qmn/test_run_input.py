@@ -7,13 +7,15 @@ from pathlib import Path
 import pytest
 
 from qmn import run
+from qmn.networks import TOPOLOGIES, BadTopology, topology
 from qmn.run_folder import make_folder, point_latest
 
 
 def parse(*words: str) -> argparse.Namespace:
     parser = argparse.ArgumentParser()
     run.add_parser(parser.add_subparsers())
-    return parser.parse_args(["run", "sdc", *words])
+    topology = [] if words[:1] and words[0] in TOPOLOGIES else ["sdc"]
+    return parser.parse_args(["run", *topology, *words])
 
 
 @pytest.mark.parametrize(
@@ -25,11 +27,20 @@ def parse(*words: str) -> argparse.Namespace:
         (["--rate-hz", "0"], "--rate-hz 0"),
         (["--to", "ed"], "unknown host 'ed': choose one of alice, bob, charlie"),
         (["--from", "bob"], "--from and --to are both bob"),
+        (["--policy", "/nowhere.toml"], "cannot read the policy /nowhere.toml: No such file"),
+        (["--rest", "127.0.0.1:8080", "--controller", "os-ken"], "--rest needs --controller ryu"),
+        (["chain", "--switches", "0"], "0 quantum switches: choose 1 to 32"),
+        (["ring", "--switches", "2"], "2 quantum switches: choose 3 to 32"),
+        (["leaf-spine", "--leaves", "0"], "0 leaves and 2 spines: choose 1 or more"),
+        (["leaf-spine", "--leaves", "31"], "33 quantum switches"),
+        (["ring", "--spines", "2"], "--spines is of leaf-spine, not of ring: leave it out"),
+        (["--switches", "2"], "--switches is of chain, ring, not of sdc"),
+        (["--loss-budget-db", "-1"], "--loss-budget-db -1.0: choose 0 to 1000"),
         (["--handshake", "per-pair", "--message", "x" * 70_000], "use --handshake framed"),
     ],
 )
 def test_bad_input_names_the_value_and_what_to_choose(words: list[str], text: str) -> None:
-    with pytest.raises(run.BadInput) as caught:
+    with pytest.raises((run.BadInput, BadTopology)) as caught:
         run.check_input(parse(*words))
     assert text in str(caught.value)
 
@@ -41,6 +52,12 @@ def test_the_size_is_that_of_the_bytes(words: list[str], size: int) -> None:
 
 def test_there_is_a_message_without_being_asked() -> None:
     assert run.check_input(parse()) > 0
+
+
+def test_sizes_reach_the_topology() -> None:
+    chain = topology(parse("chain", "--switches", "5", "--length-km", "2"))()
+    assert len([name for name in chain.switches() if name.startswith("q")]) == 5
+    assert {info.get("length_km") for *_, info in chain.links(withInfo=True)} == {None, 2.0}
 
 
 def test_two_runs_in_one_second_have_folders_of_their_own(tmp_path: Path) -> None:

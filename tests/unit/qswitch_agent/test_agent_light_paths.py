@@ -1,44 +1,55 @@
 """The hardware follows the flow table: with an optical switch that the tests hold in hand."""
 
 import asyncio
-from collections.abc import Coroutine, Iterable
-from typing import Any
+import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import replace
 
 import pytest
+from openflow_messages import port
+from os_ken.ofproto import ofproto_v1_4 as ofp
+from proxy_scene import Optics, play
 
-from qswitch_agent.hardware import HardwareFault, HardwareRefusal
-from qswitch_agent.light_paths import LightPaths, NotReady
-from qswitch_agent.middleware import CrossConnect
-from qswitch_agent.openflow import ADDED, REMOVED, FlowEntry, FlowUpdate
+from qswitch_agent import light_paths
+from qswitch_agent.hardware.optics import (
+    CircuitReading,
+    HardwareFault,
+    HardwareRefusal,
+    Quantity,
+    Readings,
+)
+from qswitch_agent.light_paths import LightPaths, NotReady, Removed
+from qswitch_agent.openflow import matches
+from qswitch_agent.openflow.flow_reports import ADDED, REMOVED, FlowUpdate
+from qswitch_agent.openflow.flows import FlowEntry
+from qswitch_agent.openflow.instructions import Mark
 
-DEADLINE_S = 5.0
+SECOND_NS = 1_000_000_000
 
 
-class Mirrors:
-    """Optical hardware; each call takes until `free` is set."""
-
-    def __init__(self) -> None:
-        self.calls: list[set[tuple[int, int]]] = []
-        self.failure: Exception | None = None
-        self.free = asyncio.Event()
-        self.free.set()
-
-    async def set_cross_connects(self, cross_connects: Iterable[CrossConnect]) -> None:
-        self.calls.append(set(cross_connects))
-        await self.free.wait()
-        if self.failure:
-            raise self.failure
-
-    async def watch(self) -> None:
-        await asyncio.Event().wait()
+def entry(in_port: int, out_port: int, mark: Mark | None = None) -> FlowEntry:
+    return FlowEntry(1, matches.of_port(in_port), in_port, False, out_port, 7, mark)
 
 
 def path(in_port: int, out_port: int, event: int = ADDED) -> FlowUpdate:
-    return FlowUpdate(event, FlowEntry(1, bytes([in_port]), in_port, False, out_port))
+    return FlowUpdate(event, entry(in_port, out_port))
 
 
-def play(scene: Coroutine[Any, Any, None]) -> None:
-    asyncio.run(asyncio.wait_for(scene, DEADLINE_S))
+@asynccontextmanager
+async def running(*ports: int) -> AsyncIterator[tuple[LightPaths, Optics]]:
+    """Light paths over hardware that is up to date."""
+    optics = Optics()
+    paths = LightPaths(ports, optics)
+    task = asyncio.create_task(paths.run())
+    await paths.ready()
+    yield paths, optics
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)
+
+
+def made(optics: Optics) -> list[set[tuple[int, int]]]:
+    return [{(one.in_port, one.out_port) for one in call} for call in optics.calls]
 
 
 async def settle() -> None:
@@ -49,113 +60,308 @@ async def settle() -> None:
 
 def test_start_sets_the_hardware_even_to_nothing() -> None:
     async def scene() -> None:
-        mirrors = Mirrors()
-        paths = LightPaths([1, 2], mirrors)
-        running = asyncio.create_task(paths.run())
-        await paths.ready()
-        assert mirrors.calls == [set()]
-        running.cancel()
+        async with running(1, 2) as (_paths, optics):
+            assert optics.calls == [set()]
 
     play(scene())
 
 
 def test_changes_of_one_batch_are_one_call() -> None:
     async def scene() -> None:
-        mirrors = Mirrors()
-        paths = LightPaths([1, 2, 3, 4], mirrors)
-        running = asyncio.create_task(paths.run())
-        await paths.ready()
-        paths.update([path(1, 2), path(3, 4)])
-        await paths.ready()
-        assert mirrors.calls[1:] == [{(1, 2), (3, 4)}]
-        running.cancel()
+        async with running(1, 2, 3, 4) as (paths, optics):
+            paths.update([path(1, 2), path(3, 4)])
+            await paths.ready()
+            assert made(optics)[1:] == [{(1, 2), (3, 4)}]
 
     play(scene())
 
 
 def test_unchanged_set_is_not_asked_for_again() -> None:
     async def scene() -> None:
-        mirrors = Mirrors()
-        paths = LightPaths([1, 2], mirrors)
-        running = asyncio.create_task(paths.run())
-        paths.update([path(1, 2)])
-        await paths.ready()
-        paths.update([path(1, 2), path(2, 9)])
-        await paths.ready()
-        assert mirrors.calls == [{(1, 2)}]
-        running.cancel()
+        async with running(1, 2) as (paths, optics):
+            paths.update([path(1, 2)])
+            await paths.ready()
+            paths.update([path(1, 2), path(2, 9)])
+            await paths.ready()
+            assert made(optics) == [set(), {(1, 2)}]
 
     play(scene())
 
 
 def test_ready_waits_for_the_change_before_it_not_for_later_ones() -> None:
     async def scene() -> None:
-        mirrors = Mirrors()
-        paths = LightPaths([1, 2, 3, 4], mirrors)
-        running = asyncio.create_task(paths.run())
-        await paths.ready()
-        mirrors.free.clear()
-        paths.update([path(1, 2)])
-        first = asyncio.create_task(paths.ready())
-        await settle()
-        paths.update([path(3, 4)])
-        second = asyncio.create_task(paths.ready())
-        await settle()
-        assert not first.done()
-        assert mirrors.calls == [set(), {(1, 2)}]
-        mirrors.free.set()
-        await asyncio.wait([first, second], return_when=asyncio.ALL_COMPLETED)
-        assert mirrors.calls == [set(), {(1, 2)}, {(1, 2), (3, 4)}]
-        running.cancel()
+        async with running(1, 2, 3, 4) as (paths, optics):
+            optics.free.clear()
+            paths.update([path(1, 2)])
+            first = asyncio.create_task(paths.ready())
+            await settle()
+            paths.update([path(3, 4)])
+            second = asyncio.create_task(paths.ready())
+            await settle()
+            assert not first.done()
+            assert made(optics) == [set(), {(1, 2)}]
+            optics.free.set()
+            await asyncio.gather(first, second)
+            assert made(optics) == [set(), {(1, 2)}, {(1, 2), (3, 4)}]
 
     play(scene())
 
 
 def test_refusal_is_told_until_the_table_changes() -> None:
     async def scene() -> None:
-        mirrors = Mirrors()
-        paths = LightPaths([1, 2], mirrors)
-        running = asyncio.create_task(paths.run())
-        await paths.ready()
-        mirrors.failure = HardwareRefusal("the mirror is stuck")
-        paths.update([path(1, 2)])
-        for _time in range(2):
-            with pytest.raises(NotReady, match="1->2: the mirror is stuck"):
+        async with running(1, 2) as (paths, optics):
+            optics.failure = HardwareRefusal("the mirror is stuck")
+            paths.update([path(1, 2)])
+            for _time in range(2):
+                with pytest.raises(NotReady, match="1->2: the mirror is stuck"):
+                    await paths.ready()
+            optics.failure = None
+            paths.update([path(1, 2, REMOVED)])
+            await paths.ready()
+            assert made(optics) == [set(), {(1, 2)}, set()]
+
+    play(scene())
+
+
+def test_hardware_that_has_refused_is_asked_again_when_it_may_have_changed() -> None:
+    async def scene() -> None:
+        async with running(1, 2) as (paths, optics):
+            paths.retry()
+            optics.failure = HardwareRefusal("the mirror is stuck")
+            paths.update([path(1, 2)])
+            with pytest.raises(NotReady):
                 await paths.ready()
-        mirrors.failure = None
-        paths.update([path(1, 2, REMOVED)])
-        await paths.ready()
-        assert mirrors.calls == [set(), {(1, 2)}]
-        running.cancel()
+            optics.failure = None
+            paths.retry()
+            await paths.ready()
+            assert made(optics) == [set(), {(1, 2)}, {(1, 2)}]
 
     play(scene())
 
 
 def test_fault_is_told_to_all_and_ends_the_run() -> None:
     async def scene() -> None:
-        mirrors = Mirrors()
-        paths = LightPaths([1, 2], mirrors)
-        running = asyncio.create_task(paths.run())
+        optics = Optics()
+        paths = LightPaths([1, 2], optics)
+        task = asyncio.create_task(paths.run())
         await paths.ready()
-        mirrors.failure = HardwareFault("the laser is off")
+        optics.failure = HardwareFault("the laser is off")
         paths.update([path(1, 2)])
         with pytest.raises(HardwareFault, match="the laser is off"):
             await paths.ready()
         with pytest.raises(HardwareFault):
-            await running
+            await task
 
     play(scene())
 
 
 def test_conflict_is_not_ready_though_the_other_path_is_made() -> None:
     async def scene() -> None:
-        mirrors = Mirrors()
-        paths = LightPaths([1, 2, 3], mirrors)
-        running = asyncio.create_task(paths.run())
-        paths.update([path(1, 3), path(2, 3)])
-        with pytest.raises(NotReady, match="from port 2 to port 3"):
-            await paths.ready()
-        assert mirrors.calls == [{(1, 3)}]
-        running.cancel()
+        async with running(1, 2, 3) as (paths, optics):
+            paths.update([path(1, 3), path(2, 3)])
+            with pytest.raises(NotReady, match="from port 2 to port 3"):
+                await paths.ready()
+            assert optics.paths == {(1, 3)}
+
+    play(scene())
+
+
+def test_cut_fibre_has_no_path_until_it_is_whole_again() -> None:
+    async def scene() -> None:
+        async with running(1, 2) as (paths, optics):
+            paths.update([path(1, 2)])
+            for state, expected in ((ofp.OFPPS_LINK_DOWN, set()), (0, {(1, 2)})):
+                paths.update_ports([port(2, state=state), port(9, state=state)])
+                await paths.ready()
+                assert optics.paths == expected
+
+    play(scene())
+
+
+def test_removed_light_entry_is_remembered_for_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(light_paths, "MAX_REMOVED", 2)
+    paths = LightPaths([1, 2, 3], Optics())
+    entries = [entry(number, 4 - number, Mark(5, number)) for number in (1, 3)]
+    entries.append(entry(2, 1, Mark(5, 2)))
+    plain = entry(1, 2)
+    for one in (*entries, plain):
+        paths.update([FlowUpdate(ADDED, one)])
+        paths.update([FlowUpdate(REMOVED, one)])
+    known = [paths.removed(*one.key, one.cookie) for one in entries]
+    assert known == [None, Removed(Mark(5, 3)), Removed(Mark(5, 2))]
+    assert paths.removed(*entries[1].key, 8) is None
+
+
+INITIAL = ofp.OFPFME_INITIAL
+
+
+class Expiry:
+    """Light paths whose idle entries are deleted, as the bridge would do it at once."""
+
+    def __init__(self, paths: LightPaths, optics: Optics) -> None:
+        self.paths, self.optics = paths, optics
+        self.deleted: list[FlowEntry] = []
+
+    def add(self, circuit: int, idle_timeout_s: int = 1, event: int = INITIAL) -> FlowEntry:
+        """Add an entry, unless told otherwise one that was there before the agent."""
+        one = entry(1, 2, Mark(idle_timeout_s, circuit))
+        self.paths.update([FlowUpdate(event, one)])
+        return one
+
+    def read(self, **last_s_ago: float) -> None:
+        """Say how long ago the last photon of circuits passed."""
+        now_ns = time.time_ns()
+        readings = {
+            int(name.strip("c")): CircuitReading(1, 0, now_ns - int(ago * SECOND_NS))
+            for name, ago in last_s_ago.items()
+        }
+        self.optics.readings = Readings(circuits=readings)
+
+    def delete(self, one: FlowEntry) -> None:
+        self.deleted.append(one)
+        self.paths.update([FlowUpdate(REMOVED, one)])
+
+
+@asynccontextmanager
+async def expiring(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Expiry]:
+    monkeypatch.setattr(light_paths, "IDLE_POLL_S", 0.002)
+    optics = Optics()
+    paths = LightPaths([1, 2], optics)
+    expiry = Expiry(paths, optics)
+    task = asyncio.create_task(paths.expire(expiry.delete))
+    yield expiry
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)
+
+
+async def several_polls() -> None:
+    await asyncio.sleep(0.03)
+
+
+def test_entry_without_photons_expires_and_is_known_as_idle(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async def scene() -> None:
+        async with expiring(monkeypatch) as expiry:
+            one = expiry.add(5)
+            expiry.read(c5=0.9)
+            await several_polls()
+            assert expiry.deleted == []
+            expiry.read(c5=1.1)
+            await several_polls()
+            assert expiry.deleted == [one]
+            assert expiry.paths.removed(*one.key, one.cookie) == Removed(Mark(1, 5), idle=True)
+
+    play(scene())
+
+
+def test_photons_keep_an_entry(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def scene() -> None:
+        async with expiring(monkeypatch) as expiry:
+            expiry.add(5)
+            for _time in range(5):
+                expiry.read(c5=0.5)
+                await several_polls()
+            assert expiry.deleted == []
+
+    play(scene())
+
+
+def test_refused_reading_expires_nothing_and_is_asked_for_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async def scene() -> None:
+        async with expiring(monkeypatch) as expiry:
+            one = expiry.add(5)
+            expiry.read(c5=2)
+            expiry.optics.failure = HardwareRefusal("not now")
+            await several_polls()
+            assert expiry.deleted == []
+            expiry.optics.failure = None
+            await several_polls()
+            assert expiry.deleted == [one]
+
+    play(scene())
+
+
+def test_entry_without_an_idle_time_out_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def scene() -> None:
+        async with expiring(monkeypatch) as expiry:
+            expiry.add(5, idle_timeout_s=0)
+            expiry.read(c5=1000)
+            await several_polls()
+            assert expiry.deleted == []
+
+    play(scene())
+
+
+def test_entry_that_takes_the_place_of_its_like_starts_anew(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async def scene() -> None:
+        async with expiring(monkeypatch) as expiry:
+            expiry.add(5)
+            expiry.add(5, event=ADDED)
+            expiry.read(c5=2)
+            await several_polls()
+            assert expiry.deleted == []
+
+    play(scene())
+
+
+def test_hardware_that_counts_no_photons_expires_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def scene() -> None:
+        async with expiring(monkeypatch) as expiry:
+            expiry.add(5)
+            expiry.read(c5=2)
+            readings = expiry.optics.readings
+            expiry.optics.readings = replace(readings, not_measured=frozenset({Quantity.PHOTONS}))
+            await several_polls()
+            assert expiry.deleted == []
+
+    play(scene())
+
+
+def test_entry_that_is_added_again_starts_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def scene() -> None:
+        async with expiring(monkeypatch) as expiry:
+            expiry.add(5)
+            expiry.read(c5=0.9)
+            await several_polls()
+            again = expiry.add(6)
+            expiry.read(c5=2, c6=0.1)
+            await several_polls()
+            assert expiry.deleted == []
+            expiry.delete(again)
+            removed = expiry.paths.removed(*again.key, again.cookie)
+            assert removed == Removed(Mark(1, 6), idle=False)
+
+    play(scene())
+
+
+def test_entry_that_no_light_meets_expires_after_its_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def scene() -> None:
+        async with expiring(monkeypatch) as expiry:
+            one = expiry.add(5)
+            await asyncio.sleep(0.5)
+            assert expiry.deleted == []
+            await asyncio.sleep(0.7)
+            assert expiry.deleted == [one]
+
+    play(scene())
+
+
+def test_time_counts_from_the_last_photon_though_the_hardware_has_forgotten_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async def scene() -> None:
+        async with expiring(monkeypatch) as expiry:
+            expiry.add(5)
+            await asyncio.sleep(0.8)
+            expiry.read(c5=0.0)
+            await several_polls()
+            expiry.read()
+            await asyncio.sleep(0.4)
+            assert expiry.deleted == []
 
     play(scene())

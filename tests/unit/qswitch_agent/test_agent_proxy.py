@@ -1,113 +1,92 @@
-"""The proxy between a bridge and a controller that are plain loopback sockets."""
+"""The proxy between a bridge and a controller: order, barriers, refusals, the end of either."""
 
 import asyncio
-from asyncio import StreamReader, StreamWriter
-from collections.abc import AsyncIterator, Coroutine
-from contextlib import asynccontextmanager
-from dataclasses import dataclass
-from typing import Any
+import gc
+import warnings
 
+import openflow_messages as of
 import pytest
 from os_ken.ofproto import ofproto_v1_4 as ofp
+from proxy_scene import End, Listener, Stage, free_port, play, running_switch, stage
 
-from qswitch_agent.light_paths import NotReady
-from qswitch_agent.openflow import barrier_error, encode, hello
-from qswitch_agent.proxy import Proxy
+from qswitch_agent.hardware.optics import (
+    CircuitReading,
+    Condition,
+    HardwareFault,
+    HardwareRefusal,
+    Path,
+    PortReading,
+    Readings,
+)
+from qswitch_agent.openflow import flow_reports, matches, messages, multipart
+from qswitch_agent.openflow.flow_reports import ADDED, REMOVED, FlowUpdate
+from qswitch_agent.openflow.flows import FlowEntry, FlowMod
+from qswitch_agent.openflow.instructions import Mark, light_instructions
+from qswitch_agent.openflow.messages import encode, hello
+from qswitch_agent.proxy.link import PRIVATE_XID
+from qswitch_agent.proxy.proxy import Proxy
+from wire import optical
 
-DEADLINE_S = 5.0
 ECHO = encode(ofp.OFPT_ECHO_REQUEST, 3, b"are you there?")
-PACKET_IN = encode(ofp.OFPT_PACKET_IN, 0, bytes(100))
-BARRIER = encode(ofp.OFPT_BARRIER_REPLY, 7)
+FLOOD = of.flow_mod({"in_port": 9}, of.outputs(ofp.OFPP_FLOOD), xid=4)
+OWN_BARRIER = encode(ofp.OFPT_BARRIER_REQUEST, PRIVATE_XID)
+NICIRA = bytes.fromhex("00002320 000000")
+OWN_REPLY = encode(ofp.OFPT_BARRIER_REPLY, PRIVATE_XID)
 
 
-def play(scene: Coroutine[Any, Any, None]) -> None:
-    asyncio.run(asyncio.wait_for(scene, DEADLINE_S))
+def error(kind: int, code: int, request: bytes) -> bytes:
+    return messages.error(kind, code, request)
 
 
-class Paths:
-    """Light paths that get ready when the test says so."""
-
-    def __init__(self) -> None:
-        self.go = asyncio.Event()
-        self.asked = 0
-        self.problem = ""
-
-    async def ready(self) -> None:
-        self.asked += 1
-        await self.go.wait()
-        if self.problem:
-            raise NotReady(self.problem)
+def path(in_port: int, out_port: int, mark: Mark | None = None, event: int = ADDED) -> FlowUpdate:
+    entry = FlowEntry(0x8000, matches.of_port(in_port), in_port, False, out_port, 0, mark)
+    return FlowUpdate(event, entry)
 
 
-@dataclass
-class End:
-    """One end of a connection."""
-
-    reader: StreamReader
-    writer: StreamWriter
-
-    async def hears(self, expected: bytes) -> None:
-        assert await self.reader.readexactly(len(expected)) == expected
-
-    async def hears_the_end(self) -> None:
-        assert await self.reader.read() == b""
+async def heard_light(end: End) -> FlowMod:
+    """Return the FLOW_MOD of a light entry that comes next, and check that it is marked."""
+    mod = FlowMod.decode(await end.next())
+    assert mod.instructions.mark
+    return mod
 
 
-class Listener:
-    """A controller: each connection to it comes out of `connections`."""
-
-    def __init__(self) -> None:
-        self.connections: asyncio.Queue[End] = asyncio.Queue()
-
-    async def start(self, port: int = 0) -> int:
-        self.server = await asyncio.start_server(self._accept, "127.0.0.1", port)
-        return int(self.server.sockets[0].getsockname()[1])
-
-    def _accept(self, reader: StreamReader, writer: StreamWriter) -> None:
-        self.connections.put_nowait(End(reader, writer))
-
-
-async def free_port() -> int:
-    listener = Listener()
-    port = await listener.start()
-    listener.server.close()
-    await listener.server.wait_closed()
-    return port
-
-
-@dataclass
-class Stage:
-    """A proxy with its bridge's and its controller's end."""
-
-    proxy: Proxy
-    port: int
-    paths: Paths
-    controllers: Listener
-    bridge: End
-    controller: End
-
-
-@asynccontextmanager
-async def stage(hold_deadline_s: float = DEADLINE_S) -> AsyncIterator[Stage]:
-    paths, controllers, port = Paths(), Listener(), await free_port()
-    proxy = Proxy(("127.0.0.1", await controllers.start()), paths.ready, hold_deadline_s)
-    await proxy.serve(("127.0.0.1", port))
-    bridge = End(*await asyncio.open_connection("127.0.0.1", port))
-    controller = await controllers.connections.get()
-    yield Stage(proxy, port, paths, controllers, bridge, controller)
-    await proxy.close()
-    for end in (bridge, controller):
-        end.writer.close()
-    controllers.server.close()
+async def pass_light(now: Stage, in_port: int, out_port: int, xid: int = 1) -> None:
+    """Let a path be added and confirmed by the controller's barrier."""
+    now.controller.says(of.light(in_port, out_port, xid), of.barrier_request(xid + 1))
+    mod = await heard_light(now.bridge)
+    await now.bridge.hears(of.barrier_request(xid + 1))
+    now.reports.waiting.append(path(in_port, out_port, mod.instructions.mark))
+    now.bridge.says(of.barrier_reply(xid + 1))
+    await now.controller.hears(of.barrier_reply(xid + 1))
 
 
 def test_messages_pass_both_ways_unchanged() -> None:
     async def scene() -> None:
         async with stage() as now:
+            both = [hello(), ECHO, of.packet_in(9, of.PING)]
             for one, other in ((now.bridge, now.controller), (now.controller, now.bridge)):
-                one.writer.write(hello() + ECHO + PACKET_IN)
-                await other.hears(hello() + ECHO + PACKET_IN)
-            assert now.paths.asked == 0
+                one.says(*both)
+                await other.hears(*both)
+            requests = [FLOOD, of.group_mod(9), of.packet_out(of.PING, 9), of.port_mod(9)]
+            now.controller.says(*requests)
+            await now.bridge.hears(*requests)
+            assert now.reports.asked == 0
+
+    play(scene())
+
+
+def test_light_is_added_with_a_mark_of_its_own() -> None:
+    async def scene() -> None:
+        async with stage() as now:
+            now.controller.says(of.light(1, 2, idle_timeout=30, hard_timeout=9), of.light(3, 4))
+            first = await heard_light(now.bridge)
+            now.bridge.says(OWN_REPLY)
+            await now.bridge.hears(OWN_BARRIER)
+            second = await heard_light(now.bridge)
+            marks = [mod.instructions.mark for mod in (first, second)]
+            assert [mark.idle_timeout_s for mark in marks if mark] == [30, 0]
+            assert len({mark.circuit for mark in marks if mark}) == 2
+            assert (first.idle_timeout_s, first.hard_timeout_s) == (0, 9)
 
     play(scene())
 
@@ -115,26 +94,67 @@ def test_messages_pass_both_ways_unchanged() -> None:
 def test_held_reply_keeps_its_place() -> None:
     async def scene() -> None:
         async with stage() as now:
-            now.bridge.writer.write(PACKET_IN + BARRIER + ECHO + BARRIER + PACKET_IN)
-            await now.controller.hears(PACKET_IN)
-            now.controller.writer.write(ECHO)
+            now.optics.free.clear()
+            now.reports.waiting.append(path(1, 2))
+            now.controller.says(of.barrier_request(7), of.barrier_request(8))
+            await now.bridge.hears(of.barrier_request(7), of.barrier_request(8))
+            packet = of.packet_in(9, of.PING)
+            now.bridge.says(packet, of.barrier_reply(7), ECHO, of.barrier_reply(8), packet)
+            await now.controller.hears(packet)
+            now.controller.says(ECHO)
             await now.bridge.hears(ECHO)
-            early = asyncio.create_task(now.controller.reader.read(1))
-            await asyncio.wait({early}, timeout=0.05)
-            assert not early.done()
-            now.paths.go.set()
-            assert await early == BARRIER[:1]
-            await now.controller.hears(BARRIER[1:] + ECHO + BARRIER + PACKET_IN)
-            assert now.paths.asked == 1
+            await now.controller.hears_nothing()
+            now.optics.free.set()
+            await now.controller.hears(of.barrier_reply(7), ECHO, of.barrier_reply(8), packet)
+            assert now.optics.paths == {(1, 2)}
 
     play(scene())
 
 
-def test_barrier_request_is_not_held() -> None:
+def test_reply_waits_for_a_barrier_on_the_agents_own_connection() -> None:
     async def scene() -> None:
         async with stage() as now:
-            now.controller.writer.write(encode(ofp.OFPT_BARRIER_REQUEST, 7))
-            await now.bridge.hears(encode(ofp.OFPT_BARRIER_REQUEST, 7))
+            now.reports.open.clear()
+            now.controller.says(of.barrier_request(7))
+            await now.bridge.hears(of.barrier_request(7))
+            assert now.reports.asked == 0
+            now.bridge.says(of.barrier_reply(7))
+            await now.controller.hears_nothing()
+            assert now.reports.asked == 1
+            now.reports.waiting.append(path(1, 2))
+            now.reports.open.set()
+            await now.controller.hears(of.barrier_reply(7))
+            assert now.optics.paths == {(1, 2)}
+
+    play(scene())
+
+
+def test_own_barriers_are_not_for_the_controller() -> None:
+    async def scene() -> None:
+        async with stage() as now:
+            now.controller.says(of.light(1, 2), of.barrier_request(PRIVATE_XID), of.light(3, 4))
+            await heard_light(now.bridge)
+            await now.bridge.hears(of.barrier_request(PRIVATE_XID), OWN_BARRIER)
+            now.bridge.says(OWN_REPLY, OWN_REPLY)
+            await heard_light(now.bridge)
+            now.bridge.says(ECHO)
+            await now.controller.hears(of.barrier_reply(PRIVATE_XID), ECHO)
+
+    play(scene())
+
+
+def test_malformed_barrier_is_not_waited_for() -> None:
+    async def scene() -> None:
+        async with stage() as now:
+            bad = encode(ofp.OFPT_BARRIER_REQUEST, 7, b"more")
+            now.controller.says(bad, of.light(1, 2), of.light(3, 4))
+            await now.controller.hears(error(ofp.OFPET_BAD_REQUEST, ofp.OFPBRC_BAD_LEN, bad))
+            await heard_light(now.bridge)
+            await now.bridge.hears(OWN_BARRIER)
+            now.bridge.says(OWN_REPLY)
+            await heard_light(now.bridge)
+            now.bridge.says(ECHO)
+            await now.controller.hears(ECHO)
 
     play(scene())
 
@@ -142,10 +162,10 @@ def test_barrier_request_is_not_held() -> None:
 def test_problem_is_an_error_in_the_replys_place() -> None:
     async def scene() -> None:
         async with stage() as now:
-            now.paths.problem = "the mirror is stuck"
-            now.paths.go.set()
-            now.bridge.writer.write(BARRIER + ECHO)
-            await now.controller.hears(barrier_error(BARRIER) + ECHO)
+            now.optics.failure = HardwareRefusal("the mirror is stuck")
+            now.reports.waiting.append(path(1, 2))
+            now.bridge.says(of.barrier_reply(7), ECHO)
+            await now.controller.hears(messages.barrier_error(of.barrier_reply(7)), ECHO)
 
     play(scene())
 
@@ -153,11 +173,299 @@ def test_problem_is_an_error_in_the_replys_place() -> None:
 def test_hold_has_a_deadline(caplog: pytest.LogCaptureFixture) -> None:
     async def scene() -> None:
         async with stage(hold_deadline_s=0.05) as now:
-            now.bridge.writer.write(BARRIER)
-            await now.controller.hears(barrier_error(BARRIER))
+            now.reports.open.clear()
+            now.bridge.says(of.barrier_reply(7))
+            await now.controller.hears(messages.barrier_error(of.barrier_reply(7)))
 
     play(scene())
     assert "light paths were not ready in 0.05 s" in caplog.text
+
+
+def test_taken_output_is_refused_before_the_bridge_hears_of_it() -> None:
+    async def scene() -> None:
+        async with stage() as now:
+            await pass_light(now, 1, 2)
+            second = of.light(3, 2, xid=9)
+            now.controller.says(second, ECHO)
+            taken = error(ofp.OFPET_FLOW_MOD_FAILED, ofp.OFPFMFC_OVERLAP, second)
+            await now.controller.hears(taken)
+            await now.bridge.hears(ECHO)
+
+    play(scene())
+
+
+def test_change_that_the_monitor_has_not_reported_yet_is_judged_too() -> None:
+    async def scene() -> None:
+        async with stage() as now:
+            bridge, other = await now.connect()
+            now.reports.open.clear()
+            now.controller.says(of.light(1, 2), of.barrier_request(7))
+            mod = await heard_light(now.bridge)
+            await now.bridge.hears(of.barrier_request(7))
+            now.bridge.says(of.barrier_reply(7))
+            while not now.reports.asked:
+                await asyncio.sleep(0)
+            second = of.light(3, 2, xid=9)
+            other.says(second)
+            await other.hears_nothing()
+            now.reports.waiting.append(path(1, 2, mod.instructions.mark))
+            now.reports.open.set()
+            await other.hears(error(ofp.OFPET_FLOW_MOD_FAILED, ofp.OFPFMFC_OVERLAP, second))
+            await now.controller.hears(of.barrier_reply(7))
+            for end in (bridge, other):
+                end.writer.close()
+
+    play(scene())
+
+
+def test_change_that_is_reported_is_not_asked_for_again() -> None:
+    async def scene() -> None:
+        async with stage() as now:
+            await pass_light(now, 1, 2)
+            asked = now.reports.asked
+            now.controller.says(of.light(3, 4))
+            await heard_light(now.bridge)
+            assert now.reports.asked == asked
+
+    play(scene())
+
+
+def test_answer_of_the_agent_comes_behind_what_the_bridge_has_said() -> None:
+    async def scene() -> None:
+        async with stage() as now:
+            now.optics.free.clear()
+            now.reports.waiting.append(path(1, 2))
+            now.bridge.says(of.barrier_reply(7), ECHO)
+            while not now.reports.asked:
+                await asyncio.sleep(0)
+            bad = of.flow_mod({"in_port": 1}, of.outputs(1), xid=9)
+            now.controller.says(bad)
+            await now.controller.hears_nothing()
+            now.optics.free.set()
+            refused = error(ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_OUT_PORT, bad)
+            await now.controller.hears(of.barrier_reply(7), ECHO, refused)
+
+    play(scene())
+
+
+def test_slave_is_refused_as_such() -> None:
+    async def scene() -> None:
+        async with stage() as now:
+            bad = of.flow_mod({"in_port": 1}, of.outputs(1), xid=9)
+            lldp = of.packet_out(of.LLDP, 1, xid=10)
+            member = of.bundle_add(5, of.light(1, 2, 11))
+            discard = of.bundle_control(5, ofp.OFPBCT_DISCARD_REQUEST, 12)
+            now.bridge.says(encode(ofp.OFPT_ROLE_REPLY, 1, messages.ROLE.pack(3, 1)))
+            await now.controller.next()
+            now.controller.says(bad, lldp, member, discard)
+            for request in (bad, lldp, member, discard):
+                slave = error(ofp.OFPET_BAD_REQUEST, ofp.OFPBRC_IS_SLAVE, request)
+                await now.controller.hears(slave)
+            master = encode(ofp.OFPT_ROLE_REQUEST, 1, messages.ROLE.pack(2, 2))
+            now.controller.says(master, bad, lldp, ECHO)
+            await now.bridge.hears(master, ECHO)
+            await now.controller.hears(error(ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_OUT_PORT, bad))
+
+    play(scene())
+
+
+@pytest.mark.parametrize(
+    ("request_", "kind", "code"),
+    [
+        (of.group_mod(9, 2), ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_OUT_PORT),
+        (of.packet_out(of.PING, 2), ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_OUT_PORT),
+        (of.packet_out(of.LLDP, 2, 9), ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_OUT_PORT),
+        (of.port_mod(9, of.tuning(1)), ofp.OFPET_BAD_PROPERTY, ofp.OFPBPC_BAD_TYPE),
+        (of.port_mod(2, of.tuning(1)), ofp.OFPET_BAD_PROPERTY, ofp.OFPBPC_BAD_VALUE),
+        (
+            of.port_mod(2, of.tuning(193_400_000, configure=optical.TX_TUNE)),
+            ofp.OFPET_BAD_PROPERTY,
+            ofp.OFPBPC_BAD_VALUE,
+        ),
+        (
+            of.port_mod(2, of.tuning(193_400_000, power=1)),
+            ofp.OFPET_BAD_PROPERTY,
+            ofp.OFPBPC_BAD_VALUE,
+        ),
+        (of.port_mod(2, mask=ofp.OFPPC_NO_FWD), ofp.OFPET_PORT_MOD_FAILED, ofp.OFPPMFC_BAD_CONFIG),
+        *(
+            (
+                encode(
+                    ofp.OFPT_EXPERIMENTER, 1, bytes.fromhex("00002320") + bytes([0, 0, 0, kind])
+                ),
+                ofp.OFPET_BAD_REQUEST,
+                ofp.OFPBRC_BAD_EXP_TYPE,
+            )
+            for kind in (13, 28, 31)
+        ),
+        (encode(ofp.OFPT_PORT_MOD, 1, b"abc"), ofp.OFPET_BAD_REQUEST, ofp.OFPBRC_BAD_LEN),
+        (encode(ofp.OFPT_MULTIPART_REQUEST, 1), ofp.OFPET_BAD_REQUEST, ofp.OFPBRC_BAD_LEN),
+    ],
+)
+def test_request_that_is_refused_does_not_reach_the_bridge(
+    request_: bytes, kind: int, code: int
+) -> None:
+    async def scene() -> None:
+        async with stage() as now:
+            now.controller.says(request_, ECHO)
+            await now.controller.hears(error(kind, code, request_))
+            await now.bridge.hears(ECHO)
+            assert now.optics.tuned == []
+
+    play(scene())
+
+
+def test_port_is_tuned_when_the_bridge_has_taken_the_rest() -> None:
+    async def scene() -> None:
+        async with stage() as now:
+            request = of.port_mod(2, of.tuning(193_400_000, -50), xid=9)
+            now.controller.says(request)
+            await now.bridge.hears(of.port_mod(2, xid=9), OWN_BARRIER)
+            assert now.optics.tuned == []
+            now.bridge.says(OWN_REPLY)
+            while not now.optics.tuned:
+                await asyncio.sleep(0)
+            assert now.optics.tuned == [(2, 193_400_000, -5.0)]
+            now.controller.says(request)
+            await now.bridge.hears(of.port_mod(2, xid=9), OWN_BARRIER)
+            wrong = error(ofp.OFPET_PORT_MOD_FAILED, ofp.OFPPMFC_BAD_HW_ADDR, request)
+            now.bridge.says(wrong, OWN_REPLY)
+            await now.controller.hears(wrong)
+            now.controller.says(ECHO)
+            await now.bridge.hears(ECHO)
+            assert len(now.optics.tuned) == 1
+
+    play(scene())
+
+
+def test_bridge_is_shown_as_an_optical_switch() -> None:
+    async def scene() -> None:
+        async with stage() as now:
+            parts = [of.port(1).encode(), of.port(9).encode()]
+            now.bridge.says(
+                multipart.reply(ofp.OFPMP_PORT_DESC, 1, parts), of.port_status(of.port(2))
+            )
+            fiber, other = of.decoded(await now.controller.next()).body
+            (optics,) = fiber.properties
+            assert (optics.tx_min_freq_lmda, optics.tx_grid_freq_lmda) == (191_350_000, 50_000)
+            assert (fiber.state & ofp.OFPPS_LIVE, other.properties) == (ofp.OFPPS_LIVE, [])
+            (optics,) = of.decoded(await now.controller.next()).desc.properties
+            assert optics.supported == optical.TUNABLE
+
+    play(scene())
+
+
+def test_readings_beyond_their_fields_are_shown_as_the_nearest_value() -> None:
+    async def scene() -> None:
+        async with stage() as now:
+            dark = PortReading(5, 6, 7, 193_400_000, -float("inf"), -float("inf"), -1.0)
+            now.optics.readings = Readings({1: dark}, temperature_c=1e9)
+            parts = [of.port_statistics(1), of.port_statistics(9)]
+            now.bridge.says(multipart.reply(ofp.OFPMP_PORT_STATS, 1, parts))
+            fiber, other = of.decoded(await now.controller.next()).body
+            assert (fiber.rx_packets, fiber.tx_packets, fiber.rx_dropped) == (5, 6, 7)
+            assert (other.rx_packets, other.properties) == (11, [])
+            (light,) = fiber.properties
+            assert (light.tx_pwr, light.rx_pwr) == (0x8000, 0x8000)
+            assert (light.bias_current, light.temperature) == (0, 0x7FFF)
+
+    play(scene())
+
+
+def test_photons_are_the_packets_of_light_alone() -> None:
+    async def scene() -> None:
+        async with stage() as now:
+            now.optics.readings = Readings(circuits={7: CircuitReading(99, 0, 0)})
+            noted = of.flow_mod({"in_port": 9}, of.outputs(10))
+            match, instructions = of.entry_bytes(noted)
+            note = Mark(0, 7).encode()
+            instructions = light_instructions(Mark(0, 7), 10)
+            length = flow_reports.STATISTICS.size + len(match) + len(instructions)
+            head = flow_reports.STATISTICS.pack(length, 0, 5, 0, 0, 0, 0, 0, 0, 0, 4, 240)
+            parts = [of.flow_entry(of.light(1, 2), Mark(30, 7)), head + match + instructions]
+            now.bridge.says(multipart.reply(ofp.OFPMP_FLOW, 5, parts))
+            shown = await now.controller.next()
+            light, classical = flow_reports.flow_statistics(shown)
+            assert (light.packets, light.fixed[5]) == (99, 30)
+            assert (classical.packets, classical.octets) == (4, 240)
+            assert note in shown
+
+            now.controller.says(of.flow_request(6, aggregate=True))
+            await now.bridge.hears(of.flow_request(6))
+            more = multipart.reply(ofp.OFPMP_FLOW, 6, parts[:1], more=True)
+            now.bridge.says(more, multipart.reply(ofp.OFPMP_FLOW, 6, parts[1:]))
+            total = of.decoded(await now.controller.next()).body
+            assert (total.packet_count, total.byte_count, total.flow_count) == (103, 240, 2)
+
+    play(scene())
+
+
+def test_path_that_has_gone_is_shown_with_its_photons() -> None:
+    async def scene() -> None:
+        async with stage() as now:
+            now.optics.readings = Readings(circuits={7: CircuitReading(99, 0, 0)})
+            now.switch.paths.update([path(1, 2, Mark(30, 7))])
+            now.reports.waiting.append(path(1, 2, Mark(30, 7), REMOVED))
+            unknown = of.flow_removed(of.light(9, 10))
+            now.bridge.says(of.flow_removed(of.light(1, 2)), unknown)
+            gone = of.decoded(await now.controller.next())
+            assert (gone.idle_timeout, gone.packet_count) == (30, 99)
+            assert gone.reason == ofp.OFPRR_DELETE
+            await now.controller.hears(unknown)
+
+    play(scene())
+
+
+def test_packets_from_a_fibre_are_lldp_alone() -> None:
+    async def scene() -> None:
+        async with stage() as now:
+            lldp, other = of.packet_in(1, of.LLDP), of.packet_in(9, of.PING)
+            now.bridge.says(of.packet_in(1, of.PING), lldp, other)
+            await now.controller.hears(lldp, other)
+
+    play(scene())
+
+
+def test_paths_are_told_to_who_asks_for_them() -> None:
+    async def scene() -> None:
+        async with stage() as now:
+            body = multipart.EXPERIMENT.pack(optical.EXPERIMENTER, optical.PATH_OPTICS)
+            now.controller.says(multipart.request(ofp.OFPMP_EXPERIMENTER, 4, body))
+            answer = of.decoded(await now.controller.next())
+            (others,) = optical.decode_path_optics(bytes(answer.body.data))
+            assert (others.in_port, others.loss_mdb, others.rotation) == (optical.ANY_PORT, 500, 1)
+
+    play(scene())
+
+
+def test_path_that_passes_no_light_is_told_as_such() -> None:
+    async def scene() -> None:
+        async with stage() as now:
+            now.switch.condition_changed(Condition(others=Path(float("inf"))))
+            (others,) = now.switch.path_optics()
+            assert others.loss_mdb == 0xFFFFFFFF
+
+    play(scene())
+
+
+def test_error_in_another_version_is_dropped_and_the_connection_stays() -> None:
+    async def scene() -> None:
+        async with stage() as now:
+            now.bridge.says(bytes.fromhex("0101000c00000009 00010002"), ECHO)
+            await now.controller.hears(ECHO)
+
+    play(scene())
+
+
+@pytest.mark.parametrize("failure", [HardwareFault("it burns"), HardwareRefusal("not now")])
+def test_hardware_that_cannot_be_read_ends_the_connection(failure: Exception) -> None:
+    async def scene() -> None:
+        async with stage() as now:
+            now.optics.failure = failure
+            now.bridge.says(multipart.reply(ofp.OFPMP_PORT_STATS, 1, [of.port_statistics(1)]))
+            await now.controller.hears_the_end()
+
+    play(scene())
 
 
 @pytest.mark.parametrize("rubbish", ["0115000800000001", "0515000000000001"])
@@ -165,12 +473,11 @@ def test_hold_has_a_deadline(caplog: pytest.LogCaptureFixture) -> None:
 def test_rubbish_closes_its_connection_alone(rubbish: str, talker: str) -> None:
     async def scene() -> None:
         async with stage() as now:
-            other = End(*await asyncio.open_connection("127.0.0.1", now.port))
-            other_controller = await now.controllers.connections.get()
-            getattr(now, talker).writer.write(bytes.fromhex(rubbish))
+            other, other_controller = await now.connect()
+            getattr(now, talker).says(bytes.fromhex(rubbish))
             await now.bridge.hears_the_end()
             await now.controller.hears_the_end()
-            other.writer.write(ECHO)
+            other.says(ECHO)
             await other_controller.hears(ECHO)
             other.writer.close()
             await other_controller.hears_the_end()
@@ -186,6 +493,8 @@ def test_end_of_one_side_ends_the_other(leaver: str) -> None:
             getattr(now, leaver).writer.close()
             stayer = now.controller if leaver == "bridge" else now.bridge
             await stayer.hears_the_end()
+            while now.switch.connections:
+                await asyncio.sleep(0)
 
     play(scene())
 
@@ -193,18 +502,19 @@ def test_end_of_one_side_ends_the_other(leaver: str) -> None:
 def test_bridge_is_connected_when_the_controller_comes_up() -> None:
     async def scene() -> None:
         port, controller_port = await free_port(), await free_port()
-        proxy = Proxy(("127.0.0.1", controller_port), Paths().ready)
-        await proxy.serve(("127.0.0.1", port))
-        bridge = End(*await asyncio.open_connection("127.0.0.1", port))
-        bridge.writer.write(hello())
-        late = Listener()
-        await late.start(controller_port)
-        controller = await late.connections.get()
-        await controller.hears(hello())
-        await proxy.close()
-        for end in (bridge, controller):
-            end.writer.close()
-        late.server.close()
+        async with running_switch() as (switch, *_rest):
+            proxy = Proxy(("127.0.0.1", controller_port), switch)
+            await proxy.serve(("127.0.0.1", port))
+            bridge = End(*await asyncio.open_connection("127.0.0.1", port))
+            bridge.says(hello())
+            late = Listener()
+            await late.start(controller_port)
+            controller = await late.connections.get()
+            await controller.hears(hello())
+            await proxy.close()
+            for end in (bridge, controller):
+                end.writer.close()
+            late.server.close()
 
     play(scene())
 
@@ -212,29 +522,42 @@ def test_bridge_is_connected_when_the_controller_comes_up() -> None:
 def test_bridge_that_leaves_is_not_connected_later() -> None:
     async def scene() -> None:
         port, controller_port = await free_port(), await free_port()
-        proxy = Proxy(("127.0.0.1", controller_port), Paths().ready)
-        await proxy.serve(("127.0.0.1", port))
-        bridge = End(*await asyncio.open_connection("127.0.0.1", port))
-        bridge.writer.write(hello())
-        bridge.writer.write_eof()
-        await bridge.hears_the_end()
-        bridge.writer.close()
-        await proxy.close()
+        async with running_switch() as (switch, *_rest):
+            proxy = Proxy(("127.0.0.1", controller_port), switch)
+            await proxy.serve(("127.0.0.1", port))
+            bridge = End(*await asyncio.open_connection("127.0.0.1", port))
+            bridge.says(hello())
+            bridge.writer.write_eof()
+            await bridge.hears_the_end()
+            bridge.writer.close()
+            await proxy.close()
 
     play(scene())
+
+
+def test_proxy_that_ends_while_it_connects_leaves_nothing_open() -> None:
+    async def scene() -> None:
+        async with stage():
+            pass
+
+    with warnings.catch_warnings(record=True) as warned:
+        warnings.simplefilter("always", ResourceWarning)
+        play(scene())
+        gc.collect()
+    assert [str(one.message) for one in warned] == []
 
 
 def test_held_reply_is_decided_before_the_end() -> None:
     async def scene() -> None:
         async with stage() as now:
-            now.paths.problem = "the dispatcher is gone"
-            now.bridge.writer.write(BARRIER)
-            while not now.paths.asked:
+            now.reports.open.clear()
+            now.bridge.says(of.barrier_reply(7))
+            while not now.reports.asked:
                 await asyncio.sleep(0)
             closing = asyncio.create_task(now.proxy.close())
             await asyncio.sleep(0)
-            now.paths.go.set()
+            now.reports.open.set()
             await closing
-            await now.controller.hears(barrier_error(BARRIER))
+            await now.controller.hears(of.barrier_reply(7))
 
     play(scene())

@@ -41,12 +41,11 @@ def test_what_fails_without_a_signal_stays_what_it_is() -> None:
         raise OSError("the disk is full")
 
 
-def test_nothing_cuts_short_what_ignores_signals_nor_its_commands() -> None:
+def test_nothing_cuts_short_what_defers_signals_nor_its_commands() -> None:
     with Signals() as signals:
-        with signals.ignored():
+        with signals.deferred():
             subprocess.run(["sh", "-c", "kill -INT $$"], check=True)
-            os.kill(os.getpid(), signal.SIGINT)
-        signals.check()
-        os.kill(os.getpid(), signal.SIGTERM)
+            os.kill(os.getpid(), signal.SIGTERM)
+            signals.check()
         with pytest.raises(Interrupted, match="SIGTERM"):
             signals.check()

@@ -6,6 +6,7 @@ import pytest
 
 from wire.config import (
     BadConfig,
+    ControllerConfig,
     DispatcherConfig,
     Fiber,
     FiberEnd,
@@ -40,3 +41,10 @@ def test_a_file_of_another_kind_is_named(tmp_path: Path, text: str) -> None:
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(BadConfig, match="nowhere"):
         HostConfig.read(tmp_path / "nowhere")
+
+
+def test_an_unknown_policy_of_contention_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "controller.json"
+    path.write_text('{"listen": "127.0.0.1:1", "framework": "ryu", "contention": "quue"}')
+    with pytest.raises(BadConfig, match="contention 'quue': choose one of refuse, queue"):
+        ControllerConfig.read(path)

@@ -1,0 +1,118 @@
+"""What the controller knows and wants of the hosts' devices: reports in, datagrams out.
+
+Datagrams may be lost, so nothing here is sent once: a report that does not show what is
+wanted (the overrides, the subscription) is answered by asking again. No socket, no clock:
+`now` is in seconds of one steady clock, `number` in nanoseconds of one that never goes back
+between two lives of the controller.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from controller_apps.policy import Reporting
+from wire.device import (
+    Datagram,
+    DeviceReport,
+    DeviceSettings,
+    SetDevice,
+    Subscribe,
+    host_of,
+    open_sealed,
+)
+from wire.metadata import Answer, MalformedPacket, Message, Reason
+
+SILENT_AFTER = 3.5  # periods without a word
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a host was heard: behind which port of which classical switch."""
+
+    dpid: int
+    port: int
+    mac: bytes
+    address: str
+
+
+@dataclass
+class HostState:
+    """One host as it was heard last."""
+
+    place: Place
+    report: DeviceReport
+    heard: float
+    number: int  # of its last datagram
+
+
+@dataclass(frozen=True)
+class Told:
+    """What a datagram has told: anything that changed, and the answer to which request."""
+
+    host: str
+    changed: bool = False
+    first: bool = False
+    answer: Answer | None = None
+
+
+@dataclass
+class Hosts:
+    """All hosts that have a device key."""
+
+    keys: dict[str, str]  # by host name
+    wanted: dict[str, DeviceSettings] = field(default_factory=dict)  # overrides, by host name
+    reporting: Reporting = field(default_factory=Reporting)
+    states: dict[str, HostState] = field(default_factory=dict)
+
+    def heard(self, data: bytes, place: Place, now: float) -> Told:
+        """Take a host's datagram; raise MalformedPacket, and change nothing, for any other."""
+        host = host_of(data)
+        if host not in self.keys:
+            raise MalformedPacket(f"no device key for {host!r}")
+        datagram = open_sealed(data, self.keys[host], Datagram.FROM_HOST)
+        known = self.states.get(host)
+        if known is not None and datagram.number <= known.number:
+            raise MalformedPacket(f"{host}: number {datagram.number} was used before")
+        message = datagram.message
+        if isinstance(message, DeviceReport):
+            self.states[host] = HostState(place, message, now, datagram.number)
+            changed = known is None or _facts(known.report) != _facts(message)
+            return Told(host, changed, known is None)
+        if known is None or not isinstance(message, Answer):
+            raise MalformedPacket(f"{host} sent {type(message).__name__} unasked")
+        known.number, known.heard, known.place = datagram.number, now, place
+        if message.reason != Reason.OK:  # it will not: want what is
+            self.wanted[host] = known.report.settings
+        return Told(host, answer=message)
+
+    def due(self, host: str) -> list[Callable[[int], Message]]:
+        """Return what to send to a host that it is not set to yet; each takes its number."""
+        report = self.states[host].report
+        messages: list[Callable[[int], Message]] = []
+        wanted = self.wanted.get(host, DeviceSettings())
+        if report.settings != wanted:
+            messages.append(lambda number: SetDevice(number, wanted))
+        subscription = self._subscription()
+        if (report.period_ms, report.lost_ppm, report.symbol_error_ppm) != subscription:
+            messages.append(lambda number: Subscribe(number, *subscription))
+        return messages
+
+    def seal(self, host: str, message: Message, number: int) -> bytes:
+        """Return the datagram that carries a message to a host."""
+        return Datagram(message, host, number).seal(self.keys[host], Datagram.FROM_CONTROLLER)
+
+    def silent(self, host: str, now: float) -> bool:
+        """Whether a host has not been heard for longer than it should."""
+        return now - self.states[host].heard > SILENT_AFTER * self.reporting.period_s
+
+    def _subscription(self) -> tuple[int, int, int]:
+        reporting = self.reporting
+        return (
+            round(reporting.period_s * 1e3),
+            round(reporting.lost_share * 1e6),
+            round(reporting.symbol_error_share * 1e6),
+        )
+
+
+def _facts(report: DeviceReport) -> tuple[object, ...]:
+    """Return what is worth a line when it changes: not the counters."""
+    return report.settings, report.ports, report.sending, report.receiving, report.serving

@@ -1,0 +1,50 @@
+"""Holds a set-up against the policy: turns addresses into names, and counts what is open."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from controller_apps.paths import Network
+from controller_apps.policy import Party, Policy, Wish
+from controller_apps.segments import FiveTuple
+from controller_apps.sessions import Sessions
+from wire.metadata import Handshake, Service, Setup
+
+
+@dataclass
+class Permission:
+    """The policy in force; it may be replaced, and sessions that are open then stay."""
+
+    policy: Policy
+    network: Network
+    sessions: Sessions
+
+    def objection(self, setup: Setup, five_tuple: FiveTuple) -> str:
+        """Return why the policy forbids a set-up, "" if it does not.
+
+        A pair source is asked for a session that is open already. A host that has not been
+        discovered has no name; admission refuses it for that.
+        """
+        if setup.service == Service.PAIR_SOURCE:
+            return ""
+        wish = self._wish(setup, five_tuple)
+        return self.policy.objection(wish, self._open(setup.session)) if wish else ""
+
+    def _open(self, but: int) -> Iterator[Wish]:
+        for session in self.sessions.by_number.values():
+            wish = self._wish(session.setup, session.owner)
+            if session.number != but and wish is not None:
+                yield wish
+
+    def _wish(self, setup: Setup, five_tuple: FiveTuple) -> Wish | None:
+        sender, receiver = self._party(five_tuple.source), self._party(five_tuple.destination)
+        source = self._party(setup.source)
+        if sender is None or receiver is None or source is None:
+            return None
+        pairs = 1 if setup.handshake == Handshake.PER_PAIR else setup.pairs
+        service = Service(setup.service).name.lower()
+        return Wish(service, sender, receiver, source, setup.rate_hz, pairs, setup.frame_bytes)
+
+    def _party(self, address: str) -> Party | None:
+        """Return a host that has announced a fibre, by the address it has announced."""
+        ports = self.network.ports_of(address)
+        return Party(self.network.hosts[ports[0]].host, address) if ports else None

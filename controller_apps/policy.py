@@ -1,0 +1,259 @@
+"""Who may open which service to whom, and how devices are set: a policy file in TOML.
+
+default = "deny"            # or "allow": what no rule fits
+
+[[rule]]                    # tried in order, the first that fits decides
+action = "allow"
+service = "sdc"             # left out, or "*": any
+from = "alice"              # a host's name, its address, or "*"
+to = "bob"
+source = "charlie"
+max_sessions = 2            # limits, of rules that allow
+max_rate_hz = 1_000_000
+max_block_pairs = 65_536
+min_frame_bytes = 16
+max_frame_bytes = 1024
+
+[device.alice]              # overrides what applications on alice ask for
+rate_hz = 1_000_000
+
+[report]                    # when devices tell their state: see wire.device.Subscribe
+period_s = 1.0
+"""
+
+import tomllib
+from collections.abc import Iterable
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any, TypeVar
+
+from wire.device import MAX_SHARE, PERIODS_S, DeviceSettings, check_settings
+
+SHIPPED = Path(__file__).with_name("policies")
+DEFAULT = SHIPPED / "demo.toml"
+ACTIONS = ("allow", "deny")
+SERVICES = ("*", "sdc")
+WHO = {"from": "sender", "to": "receiver", "source": "source"}
+LIMITS = {
+    "max_sessions": (1, 4096),
+    "max_rate_hz": (1, 4_000_000_000),
+    "max_block_pairs": (1, 1 << 18),
+    "min_frame_bytes": (1, 1 << 16),
+    "max_frame_bytes": (1, 1 << 16),
+}
+MAX_RULES = 1024
+
+T = TypeVar("T")
+
+
+class BadPolicy(ValueError):
+    """A policy file that cannot be used; the message names file, rule, value and remedy."""
+
+
+@dataclass(frozen=True)
+class Party:
+    """A host as rules see it."""
+
+    name: str
+    address: str
+
+
+@dataclass(frozen=True)
+class Wish:
+    """What a set-up asks for."""
+
+    service: str
+    sender: Party
+    receiver: Party
+    source: Party
+    rate_hz: int
+    block_pairs: int
+    frame_bytes: int
+
+
+@dataclass(frozen=True)
+class Rule:
+    """One rule; "*" fits every host, a limit of None none."""
+
+    action: str
+    service: str = "*"
+    sender: str = "*"
+    receiver: str = "*"
+    source: str = "*"
+    max_sessions: int | None = None
+    max_rate_hz: int | None = None
+    max_block_pairs: int | None = None
+    min_frame_bytes: int | None = None
+    max_frame_bytes: int | None = None
+
+    def fits(self, wish: Wish) -> bool:
+        """Whether the rule speaks of such a wish."""
+        return self.service in ("*", wish.service) and all(
+            getattr(self, who) in ("*", party.name, party.address)
+            for who in WHO.values()
+            for party in [getattr(wish, who)]
+        )
+
+    def excess(self, wish: Wish) -> str:
+        """Return which limit a wish breaks, "" if it keeps them all."""
+        asked = {
+            "max_rate_hz": wish.rate_hz,
+            "max_block_pairs": wish.block_pairs,
+            "max_frame_bytes": wish.frame_bytes,
+        }
+        for name, value in asked.items():
+            limit = getattr(self, name)
+            if limit is not None and value > limit:
+                return f"{name} is {limit}, asked for is {value}"
+        least = self.min_frame_bytes
+        if least is not None and wish.frame_bytes < least:
+            return f"min_frame_bytes is {least}, asked for is {wish.frame_bytes}"
+        return ""
+
+
+@dataclass(frozen=True)
+class Reporting:
+    """When devices tell their state."""
+
+    period_s: float = 1.0
+    lost_share: float = 1.0  # of the pairs that were sent; 1: never
+    symbol_error_share: float = 1.0  # of the symbols that were received; 1: never
+
+
+@dataclass(frozen=True)
+class Policy:
+    """What a policy file says."""
+
+    default: str = "allow"
+    rules: tuple[Rule, ...] = ()
+    devices: dict[str, DeviceSettings] = field(default_factory=dict)  # overrides, by host name
+    reporting: Reporting = Reporting()
+
+    def objection(self, wish: Wish, open_wishes: Iterable[Wish]) -> str:
+        """Return why a wish is not allowed beside those already granted, "" if it is."""
+        rule, name = self._rule(wish)
+        if rule is None:
+            return "" if self.default == "allow" else "no rule allows it, and the default denies"
+        if rule.action == "deny":
+            return f"{name} denies it"
+        excess = rule.excess(wish)
+        if not excess and rule.max_sessions is not None:
+            count = sum(self._rule(other)[0] is rule for other in open_wishes)
+            if count >= rule.max_sessions:
+                excess = f"max_sessions is {rule.max_sessions}, and as many are open"
+        return excess and f"{name}: {excess}"
+
+    def _rule(self, wish: Wish) -> tuple[Rule | None, str]:
+        for number, rule in enumerate(self.rules, 1):
+            if rule.fits(wish):
+                return rule, f"rule {number}"
+        return None, ""
+
+
+def read_policy(path: str | Path) -> Policy:
+    """Read a policy file, the shipped default if the path is empty; raise BadPolicy."""
+    file = Path(path) if str(path) else DEFAULT
+    try:
+        return parse_policy(file.read_bytes().decode())
+    except OSError as error:
+        raise BadPolicy(f"cannot read the policy {file}: {error.strerror}") from error
+    except tomllib.TOMLDecodeError as error:  # it names the line
+        raise BadPolicy(f"policy {file} is not TOML: {error}") from error
+    except ValueError as error:  # UnicodeDecodeError is one
+        raise BadPolicy(f"policy {file}: {error}") from error
+
+
+def parse_policy(text: str) -> Policy:
+    """Build the policy from its text; raise ValueError naming place, value and choices."""
+    content = tomllib.loads(text)
+    _only(content, "the file", {"default", "rule", "device", "report"})
+    rules: list[Any] = _typed(content.get("rule", []), list, "rule", "write it as [[rule]]")
+    if len(rules) > MAX_RULES:
+        raise ValueError(f"{len(rules)} rules: at most {MAX_RULES}")
+    devices = _table(content.get("device", {}), "device")
+    return Policy(
+        _one_of(content.get("default", "allow"), ACTIONS, "default"),
+        tuple(_parse_rule(rule, f"rule {number}") for number, rule in enumerate(rules, 1)),
+        {name: _parse_settings(device, f"device {name}") for name, device in devices.items()},
+        _parse_reporting(_table(content.get("report", {}), "report")),
+    )
+
+
+def _parse_rule(given: object, place: str) -> Rule:
+    table = _table(given, place)
+    _only(table, place, {"action", "service", *WHO, *LIMITS})
+    if "action" not in table:
+        raise ValueError(f'{place} has no action: write action = "allow" or action = "deny"')
+    who: dict[str, Any] = {
+        field_name: _typed(table.get(key, "*"), str, f"{place}: {key}", 'a host, or "*"')
+        for key, field_name in WHO.items()
+    }
+    rule = Rule(
+        action=_one_of(table["action"], ACTIONS, f"{place}: action"),
+        service=_one_of(table.get("service", "*"), SERVICES, f"{place}: service"),
+        **who,
+        **{
+            name: _number(table[name], *LIMITS[name], f"{place}: {name}")
+            for name in LIMITS
+            if name in table
+        },
+    )
+    if rule.action == "deny" and any(name in table for name in LIMITS):
+        raise ValueError(f"{place} denies and has limits: only rules that allow have them")
+    return rule
+
+
+def _parse_settings(given: object, place: str) -> DeviceSettings:
+    table = _table(given, place)
+    _only(table, place, {item.name for item in fields(DeviceSettings)})
+    try:
+        settings = DeviceSettings(**table)
+        check_settings(settings)
+    except ValueError as error:
+        raise ValueError(f"{place}: {error}") from error
+    return settings
+
+
+def _parse_reporting(table: dict[str, Any]) -> Reporting:
+    _only(table, "report", {item.name for item in fields(Reporting)})
+    ranges = {"period_s": PERIODS_S, "lost_share": MAX_SHARE, "symbol_error_share": MAX_SHARE}
+    return Reporting(
+        **{
+            name: float(_number(value, *ranges[name], f"report: {name}", (int, float)))
+            for name, value in table.items()
+        }
+    )
+
+
+def _only(table: dict[str, Any], place: str, known: set[str]) -> None:
+    for name in table:
+        if name not in known:
+            raise ValueError(f"{place}: unknown {name!r}; known are {', '.join(sorted(known))}")
+
+
+def _table(value: object, place: str) -> dict[str, Any]:
+    return _typed(value, dict, place, "a table")
+
+
+def _typed(value: object, kind: type[T], place: str, remedy: str) -> T:
+    if not isinstance(value, kind):
+        raise ValueError(f"{place} is {value!r}: {remedy}")
+    return value
+
+
+def _one_of(value: object, choices: tuple[str, ...], place: str) -> str:
+    if not isinstance(value, str) or value not in choices:
+        raise ValueError(f"{place} is {value!r}: choose one of {', '.join(choices)}")
+    return value
+
+
+def _number(
+    value: object,
+    least: float,
+    most: float,
+    place: str,
+    kinds: type | tuple[type, ...] = int,
+) -> Any:
+    if not isinstance(value, kinds) or isinstance(value, bool) or not least <= value <= most:  # type: ignore[operator]
+        raise ValueError(f"{place} is {value!r}: choose {least:g} to {most:g}")
+    return value

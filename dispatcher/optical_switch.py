@@ -1,0 +1,191 @@
+"""The optics of one quantum switch: what becomes of the light that comes to one of its ports.
+
+    in_port: filter -> path that was open then (or, by crosstalk, another output in use)
+             -> loss of the path, more if hot -> attenuator and filter of the output
+
+Everything that changes is kept over time, because light is resolved when it has passed.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dispatcher.noise import Uniform
+from dispatcher.sabot.registers import Mask
+from dispatcher.steps import Steps
+from dispatcher.timeline import Circuit, Timeline
+from wire.config import PathOptics, QuantumSwitch
+from wire.optical import DEFAULT_FREQUENCY_MHZ
+
+Times = NDArray[np.int64]  # ascending, shape (k,)
+MAX_POWER_DBM = 0.0
+BIAS_AT_THRESHOLD_MA = 10.0
+BIAS_PER_MW_MA = 10.0
+
+
+@dataclass(frozen=True)
+class Light:
+    """Photons that come to a port: which of a block they are, when, and their colour."""
+
+    members: Mask
+    times_ns: Times
+    frequency_mhz: int
+
+
+class Port:
+    """A fibre port: its filter, its attenuator and what it has counted."""
+
+    def __init__(self, frequency_mhz: int) -> None:
+        """Begin with this filter, full power and no photons."""
+        self.frequency_mhz = Steps(frequency_mhz)
+        self.power_dbm = Steps(MAX_POWER_DBM)
+        self.photons_in = self.photons_out = self.photons_lost = 0
+
+    @property
+    def bias_ma(self) -> float:
+        """Bias current of the supervisory laser: threshold, and then linear in its power."""
+        power_mw = 10 ** (self.power_dbm.now / 10)
+        return BIAS_AT_THRESHOLD_MA + BIAS_PER_MW_MA * float(power_mw)
+
+
+class OpticalSwitch:
+    """An N x N cross-connect of linear optics; it never measures what passes."""
+
+    def __init__(self, config: QuantumSwitch, ports: Iterable[int]) -> None:
+        """Build the switch with these fibre ports, all dark."""
+        self.config, self.name = config, config.name
+        self.timeline = Timeline(round(config.switching_time_s * 1e9))
+        frequency_mhz = nearest_channel(config, DEFAULT_FREQUENCY_MHZ)
+        self.ports = {port: Port(frequency_mhz) for port in sorted(ports)}
+        self.stuck: dict[int, int] = {}  # in_port to out_port
+        self.temperature_c = config.temperature_c
+        self._hot = Steps(self._is_hot)
+        self._paths = {(path.in_port, path.out_port): path for path in config.paths}
+
+    @property
+    def hot(self) -> bool:
+        """Whether the switch is above its limit, so that every path loses more."""
+        return bool(self._hot.now)
+
+    @property
+    def hot_loss_db(self) -> float:
+        """What every path loses more just now."""
+        return self.config.hot_loss_db if self.hot else 0.0
+
+    @property
+    def paths(self) -> list[PathOptics]:
+        """The paths that differ from the rest, as they are just now."""
+        more = self.hot_loss_db
+        return [
+            replace(path, insertion_loss_db=path.insertion_loss_db + more)
+            for path in self._paths.values()
+        ]
+
+    def set_temperature(self, temperature_c: float, now_ns: int) -> None:
+        """Have this temperature from now on; light that has passed already lost no more."""
+        self.temperature_c = temperature_c
+        self._hot.set(self._is_hot, now_ns)
+
+    def rotation(self, in_port: int, out_port: int) -> int:
+        """Return the Pauli that a path applies."""
+        path = self._paths.get((in_port, out_port))
+        return self.config.rotation if path is None else path.rotation
+
+    def cross(self, in_port: int, light: Light, uniform: Uniform) -> dict[int, Mask]:
+        """Return which photons leave by which port, and count them; the others are lost."""
+        times_ns = light.times_ns
+        entered = light.members & self._passes_filter(in_port, light)
+        leaving = self._route(in_port, entered, times_ns)
+        if self.config.crosstalk_db is not None:
+            leaving = self._stray(leaving, times_ns, uniform)
+        for out_port, photons in leaving.items():
+            photons &= self._passes_filter(out_port, light)
+            loss_db = self._loss_db(in_port, out_port, times_ns)
+            if np.any(loss_db):
+                photons &= uniform("loss") < 10 ** (-loss_db / 10)
+        self._count(in_port, light, leaving)
+        return leaving
+
+    def lose(self, in_port: int, photons: int) -> None:
+        """Count photons that came by a port and go nowhere."""
+        self.ports[in_port].photons_in += photons
+        self.ports[in_port].photons_lost += photons
+
+    def circuits(self, now_ns: int) -> list[Circuit]:
+        """Return the circuits that are open or were not long ago."""
+        return self.timeline.circuits(now_ns)
+
+    @property
+    def _is_hot(self) -> bool:
+        return self.temperature_c > self.config.max_temperature_c
+
+    def _passes_filter(self, port: int, light: Light) -> Mask | np.bool_:
+        """Say for which photons a port is tuned to within half the grid of their colour."""
+        offset_mhz = np.abs(self.ports[port].frequency_mhz.at(light.times_ns) - light.frequency_mhz)
+        passes: Mask | np.bool_ = offset_mhz < self.config.grid_mhz / 2
+        return passes
+
+    def _route(self, in_port: int, photons: Mask, times_ns: Times) -> dict[int, Mask]:
+        """Send photons by the paths that were open."""
+        leaving: dict[int, Mask] = {}
+        for part, interval in self.timeline.passages(in_port, times_ns):
+            mask = leaving.setdefault(interval.out_port, np.zeros(len(photons), dtype=bool))
+            mask[part] = photons[part]
+        return leaving
+
+    def _stray(
+        self, leaving: dict[int, Mask], times_ns: Times, uniform: Uniform
+    ) -> dict[int, Mask]:
+        """Let some photons leave by another output that was in use just then, any alike."""
+        assert self.config.crosstalk_db is not None
+        drawn = uniform("crosstalk") < 10 ** (-self.config.crosstalk_db / 10)
+        in_use = self.timeline.outputs_in_use(times_ns)
+        outputs = sorted(in_use)
+        open_then = np.array([in_use[port] for port in outputs]).reshape(len(outputs), -1)
+        result = {port: photons.copy() for port, photons in leaving.items()}
+        for out_port, photons in leaving.items():
+            strays = np.flatnonzero(photons & drawn)
+            wrong = open_then[:, strays]
+            wrong[outputs.index(out_port)] = False
+            strays, wrong = strays[wrong.any(axis=0)], wrong[:, wrong.any(axis=0)]
+            chosen = _choose(wrong, uniform("wrong output")[strays])
+            result[out_port][strays] = False
+            for row in np.unique(chosen):
+                mask = result.setdefault(outputs[row], np.zeros(len(photons), dtype=bool))
+                mask[strays[chosen == row]] = True
+        return result
+
+    def _loss_db(self, in_port: int, out_port: int, times_ns: Times) -> float | NDArray[np.float64]:
+        path = self._paths.get((in_port, out_port), self.config)
+        attenuation_db = -self.ports[out_port].power_dbm.at(times_ns)
+        hot = self._hot.at(times_ns)
+        return path.insertion_loss_db + self.config.hot_loss_db * hot + attenuation_db
+
+    def _count(self, in_port: int, light: Light, leaving: dict[int, Mask]) -> None:
+        came = int(np.count_nonzero(light.members))
+        left = 0
+        for out_port, photons in leaving.items():
+            passed = int(np.count_nonzero(photons))
+            self.ports[out_port].photons_out += passed
+            left += passed
+        self.ports[in_port].photons_in += came
+        self.ports[in_port].photons_lost += came - left
+        # In an interval a photon of this input by this output has not strayed.
+        for part, interval in self.timeline.passages(in_port, light.times_ns):
+            interval.circuit.count(leaving[interval.out_port][part], light.times_ns[part])
+
+
+def nearest_channel(config: QuantumSwitch, frequency_mhz: int) -> int:
+    """Return the frequency of a switch's grid that is nearest to this one."""
+    highest = (config.max_frequency_mhz - config.min_frequency_mhz) // config.grid_mhz
+    step = round((frequency_mhz - config.min_frequency_mhz) / config.grid_mhz)
+    return config.min_frequency_mhz + min(max(step, 0), highest) * config.grid_mhz
+
+
+def _choose(possible: NDArray[np.bool_], draws: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return for each column one of its true rows, uniformly by a draw from [0, 1)."""
+    rank = (draws * possible.sum(axis=0)).astype(np.int64)
+    chosen: NDArray[np.int64] = (possible.cumsum(axis=0) > rank).argmax(axis=0)
+    return chosen

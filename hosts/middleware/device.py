@@ -1,0 +1,159 @@
+"""What a host's device has done and is set to: counts over all sessions, and overrides.
+
+No socket and no clock. Sessions that have ended are added up and forgotten.
+"""
+
+import logging
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+from hosts.middleware.channel import SessionError
+from hosts.middleware.options import overridden
+from hosts.middleware.receiver import ReceivingSession
+from hosts.middleware.sender import SendingSession
+from wire.device import DevicePort, DeviceReport, DeviceSettings, Subscribe
+from wire.metadata import Reason, Setup
+
+log = logging.getLogger("device")
+
+PARTS_PER_MILLION = 1_000_000
+
+
+@dataclass
+class Device:
+    """The device of one host."""
+
+    read_ports: Callable[[], tuple[DevicePort, ...]]
+    settings: DeviceSettings = field(default_factory=DeviceSettings)
+    subscription: Subscribe = field(default_factory=lambda: Subscribe(0, 0, 0, 0))
+    _sending: list[SendingSession] = field(default_factory=list)
+    _receiving: list[ReceivingSession] = field(default_factory=list)
+    _serving: int = 0
+    _ended: Counter[str] = field(default_factory=Counter)
+    _in_use: dict[str, int] = field(default_factory=dict)
+
+    def set(self, settings: DeviceSettings) -> None:
+        """Override what sessions use that begin from now on; SessionError if it cannot be had."""
+        if settings.fec:
+            text = f"fec {settings.fec}: only 0 (none) is offered yet"
+            raise SessionError(Reason.UNSUPPORTED, text)
+        self.settings = settings
+
+    def override(self, setup: Setup) -> Setup:
+        """Return the set-up of a new session as this device is set."""
+        used = overridden(setup, self.settings)
+        if used != setup:
+            changes = [
+                f"{name} {asked} to {getattr(used, name)}"
+                for name, asked in vars(setup).items()
+                if asked != getattr(used, name)
+            ]
+            log.info("session %016x, overridden: %s", setup.session, ", ".join(changes))
+        self._note(used)
+        return used
+
+    def sends(self, session: SendingSession) -> SendingSession:
+        """Count a session from this host until it is closed."""
+        self._fold()
+        self._sending.append(session)
+        return session
+
+    def receives(self, session: ReceivingSession) -> None:
+        """Count a session to this host until it is closed."""
+        self._fold()
+        self._note(session.setup)
+        self._receiving.append(session)
+
+    @contextmanager
+    def serves(self, setup: Setup) -> Iterator[None]:
+        """Count a session that this host makes pairs for."""
+        self._note(setup)
+        self._serving += 1
+        try:
+            yield
+        finally:
+            self._serving -= 1
+
+    def made(self, pairs: int) -> None:
+        """Count pairs that this host has made."""
+        self._ended["pairs_made"] += pairs
+
+    def report(self, session: int = 0) -> DeviceReport:
+        """Return the state now, as the answer to a request or, with 0, unasked."""
+        self._fold()
+        counts = self._ended.copy()
+        for sending in self._sending:
+            counts.update(_sent(sending))
+        for receiving in self._receiving:
+            counts.update(_received(receiving))
+        return DeviceReport(
+            session,
+            sending=len(self._sending),
+            receiving=len(self._receiving),
+            serving=self._serving,
+            period_ms=self.subscription.period_ms,
+            lost_ppm=self.subscription.lost_ppm,
+            symbol_error_ppm=self.subscription.symbol_error_ppm,
+            settings=self.settings,
+            ports=self.read_ports(),
+            **counts,
+            **self._in_use,
+        )
+
+    def alarming(self, before: DeviceReport, now: DeviceReport) -> bool:
+        """Whether more was lost or wrong between two reports than the subscription puts up with."""
+        lost = now.pairs_lost - before.pairs_lost
+        errors = now.symbol_errors - before.symbol_errors
+        pairs = now.pairs_sent - before.pairs_sent + now.pairs_received - before.pairs_received
+        return _exceeds(lost, max(pairs, lost), self.subscription.lost_ppm) or _exceeds(
+            errors, max(pairs - lost, errors), self.subscription.symbol_error_ppm
+        )
+
+    def _note(self, setup: Setup) -> None:
+        names = "rate_hz", "frame_bytes", "fec", "wavelength_pm"
+        self._in_use = {name: getattr(setup, name) for name in names}
+
+    def _fold(self) -> None:
+        for sending in [session for session in self._sending if session.closed]:
+            self._sending.remove(sending)
+            self._ended.update(_sent(sending))
+        for receiving in [session for session in self._receiving if session.closed]:
+            self._receiving.remove(receiving)
+            self._ended.update(_received(receiving))
+
+
+def changed(before: DeviceReport, now: DeviceReport) -> bool:
+    """Whether two reports differ in more than counts."""
+    return _facts(before) != _facts(now)
+
+
+def _facts(report: DeviceReport) -> tuple[object, ...]:
+    sessions = report.sending, report.receiving, report.serving
+    subscription = report.period_ms, report.lost_ppm, report.symbol_error_ppm
+    return sessions, subscription, report.settings, report.ports
+
+
+def _exceeds(part: int, whole: int, ppm: int) -> bool:
+    return part > 0 and part * PARTS_PER_MILLION > whole * ppm
+
+
+def _sent(session: SendingSession) -> dict[str, int]:
+    statistics = session.statistics
+    return {
+        "pairs_sent": statistics.bell_pairs,
+        "pairs_lost": statistics.lost_pairs,
+        "symbol_errors": statistics.symbol_errors,
+        "repeated_frames": statistics.repeated_frames,
+    }
+
+
+def _received(session: ReceivingSession) -> dict[str, int]:
+    statistics = session.statistics
+    return {
+        "pairs_received": statistics["symbols"],
+        "pairs_lost": statistics["lost_pairs"],
+        "symbol_errors": statistics["symbol_errors"],
+        "repeated_frames": statistics["repeated_frames"],
+    }

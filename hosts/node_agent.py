@@ -1,0 +1,124 @@
+"""The node agent: answers the controller about this host's device, and lets it be set.
+
+Datagrams of wire.device on a UDP port of the host's CNIC. Only the controller can speak to
+it: it knows the device key, and the classical switch passes nobody else's datagrams on.
+"""
+
+import asyncio
+import logging
+import time
+from typing import cast
+
+from hosts.middleware.channel import SessionError
+from hosts.middleware.device import Device, changed
+from wire.config import HostConfig
+from wire.device import (
+    DEVICE_PORT,
+    Datagram,
+    DeviceQuery,
+    DeviceReport,
+    SetDevice,
+    Subscribe,
+    open_sealed,
+)
+from wire.metadata import Answer, MalformedPacket, Message, Reason
+
+log = logging.getLogger("node-agent")
+
+CHECK_S = 0.2  # how soon a change is reported
+UNSUBSCRIBED_PERIOD_S = 1.0
+UNASKED_AFTER = 3  # periods without a request: report, so that a new controller finds the host
+
+
+class NodeAgent(asyncio.DatagramProtocol):
+    """Speaks for one device."""
+
+    def __init__(self, config: HostConfig, device: Device) -> None:
+        self._name = config.name
+        self._key = config.device_key
+        self._report_to = config.report_to
+        self._device = device
+        self._heard = 0  # number of the last datagram that was taken
+        self._number = 0
+        self._last = device.report()
+        self._sent_s = self._asked_s = 0.0
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Keep what to send through; called by asyncio."""
+        self._transport = cast(asyncio.DatagramTransport, transport)
+
+    def datagram_received(self, data: bytes, address: tuple[str, int]) -> None:
+        """Do what the controller asks; drop what is not from it, or was sent before."""
+        try:
+            message = self._open(data)
+        except MalformedPacket as error:
+            log.warning("dropped, from %s: %s", address[0], error)
+            return
+        self._asked_s = time.monotonic()
+        if isinstance(message, SetDevice):
+            self._set(message)
+        elif isinstance(message, Subscribe):
+            self._device.subscription = message
+            self._report(message.session)
+        elif isinstance(message, DeviceQuery):
+            self._report(message.session)
+        else:
+            log.warning("dropped: %s is not for a node agent", type(message).__name__)
+
+    def error_received(self, error: Exception) -> None:
+        """Go on: a report that could not be sent is followed by the next."""
+        log.info("a report was not sent: %s", error)
+
+    def _open(self, data: bytes) -> Message:
+        datagram = open_sealed(data, self._key, Datagram.FROM_CONTROLLER)
+        if datagram.host != self._name or datagram.number <= self._heard:
+            raise MalformedPacket(
+                f"for {datagram.host}, number {datagram.number}: not new, or not ours"
+            )
+        self._heard = datagram.number
+        return datagram.message
+
+    def _set(self, message: SetDevice) -> None:
+        try:
+            self._device.set(message.settings)
+        except SessionError as error:
+            self._send(Answer(message.session, error.reason, str(error)))
+            return
+        log.info("the controller has set %s", message.settings)
+        self._send(Answer(message.session, Reason.OK))
+        self._report()
+
+    async def run(self) -> None:
+        """Report what changes or alarms, for ever; and now and then if nobody asks."""
+        while True:
+            await asyncio.sleep(CHECK_S)
+            now = time.monotonic()
+            period_s = self._device.subscription.period_ms / 1e3 or UNSUBSCRIBED_PERIOD_S
+            report = self._device.report()
+            alone = now - max(self._asked_s + UNASKED_AFTER * period_s, self._sent_s + period_s) > 0
+            if changed(self._last, report) or alone or self._alarms(report, now - period_s):
+                self._report()
+
+    def _alarms(self, report: DeviceReport, since: float) -> bool:
+        return self._sent_s <= since and self._device.alarming(self._last, report)
+
+    def _report(self, session: int = 0) -> None:
+        self._last = self._device.report(session)
+        self._sent_s = time.monotonic()
+        self._send(self._last)
+
+    def _send(self, message: Message) -> None:
+        self._number = max(self._number + 1, time.time_ns())
+        datagram = Datagram(message, self._name, self._number)
+        data = datagram.seal(self._key, Datagram.FROM_HOST)
+        self._transport.sendto(data, (self._report_to, DEVICE_PORT))
+
+
+async def start_node_agent(config: HostConfig, device: Device) -> NodeAgent:
+    """Open the port; raise OSError if it is taken."""
+    _transport, agent = await asyncio.get_running_loop().create_datagram_endpoint(
+        lambda: NodeAgent(config, device),
+        local_addr=(config.address, DEVICE_PORT),
+        allow_broadcast=True,
+    )
+    return agent

@@ -1,0 +1,62 @@
+"""Asks the controller of the network that runs on this machine, over its console."""
+
+import json
+import socket
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from topologies.runtime import CONSOLE, RUNTIME_ROOT, alive
+
+ANSWER_TIMEOUT_S = 10.0
+CHUNK = 1 << 16
+WIDTH = 200  # where it is not a terminal's
+
+
+class NoAnswer(Exception):
+    """The controller cannot be asked, or refuses; the text says why and what to do."""
+
+
+def ask(command: str, **fields: Any) -> Any:
+    """Return the controller's answer; raise NoAnswer if there is none."""
+    path = find_console()
+    try:
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as console:
+            console.settimeout(ANSWER_TIMEOUT_S)
+            console.connect(str(path))
+            console.sendall(json.dumps({"command": command, **fields}).encode() + b"\n")
+            answer = json.loads(b"".join(iter(lambda: console.recv(CHUNK), b"")))
+    except PermissionError as error:
+        raise NoAnswer("the network belongs to root: run it with sudo") from error
+    except (OSError, ValueError) as error:
+        raise NoAnswer(f"the controller does not answer at {path} ({error})") from error
+    if "error" in answer:
+        raise NoAnswer(str(answer["error"]))
+    return answer["result"]
+
+
+def find_console() -> Path:
+    """Return the socket of the controller of the network that runs."""
+    folders = RUNTIME_ROOT.iterdir() if RUNTIME_ROOT.exists() else iter(())
+    running = sorted(path for path in folders if path.is_dir() and alive(path.name))
+    if not running:
+        raise NoAnswer("no network runs on this machine; start one, for example `qmn run sdc`")
+    return running[0] / f"{CONSOLE}.sock"
+
+
+def answered(show: Callable[[], None]) -> int:
+    """Show something; turn a missing answer into one line and an exit status."""
+    try:
+        show()
+    except NoAnswer as error:
+        print(f"qmn: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def wide_console() -> Console:
+    """Return where tables go: a file or a pipe takes lines as long as they are."""
+    return Console(highlight=False, width=None if sys.stdout.isatty() else WIDTH)

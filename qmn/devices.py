@@ -1,0 +1,110 @@
+"""qmn devices: what the controller knows of every device of the running network."""
+
+import argparse
+import json
+from typing import Any
+
+from rich.table import Table
+
+from qmn.controller_console import answered, ask, wide_console
+
+OPTICS = {
+    "frequency_mhz": "MHz",
+    "tx_power_dbm": "dBm out",
+    "rx_power_dbm": "dBm in",
+    "temperature_c": "deg C",
+}
+
+
+def add_parser(verbs: Any) -> None:
+    """Describe the verb."""
+    parser = verbs.add_parser("devices", help="show the state of all devices", description=__doc__)
+    parser.add_argument("--json", action="store_true", help="print everything, for programs")
+    parser.set_defaults(call=call)
+
+
+def call(arguments: argparse.Namespace) -> int:
+    """Ask and print."""
+    return answered(lambda: show(ask("devices"), arguments.json))
+
+
+def show(devices: list[dict[str, Any]], as_json: bool) -> None:
+    """Print devices as JSON or as tables."""
+    if as_json:
+        print(json.dumps(devices, indent=2))
+        return
+    console = wide_console()
+    hosts = [device for device in devices if device["kind"] == "host"]
+    for switch in [device for device in devices if device["kind"] == "quantum-switch"]:
+        console.print(switch_table(switch))
+    console.print(hosts_table(hosts))
+
+
+def switch_table(switch: dict[str, Any]) -> Table:
+    """Return the ports of a quantum switch, one a line."""
+    title = f"{switch['name']}: quantum switch {switch['dpid']}, {state(switch)}"
+    table = Table(title=title, title_justify="left", box=None, padding=(0, 2, 0, 0))
+    for column in ("port", "", "photons in", "out", "lost", *OPTICS.values(), "to"):
+        table.add_column(column)
+    leads_to = {path["in_port"]: path["out_port"] for path in switch["paths"]}
+    for port in switch["ports"]:
+        counts = [figure(port.get(f"photons_{way}")) for way in ("in", "out", "lost")]
+        light = port.get("light") or {}
+        optics = [figure(light.get(name)) for name in OPTICS]
+        out = leads_to.get(port["port"])
+        up = "up" if port["up"] else "cut"
+        table.add_row(f"{port['port']} {port['name']}", up, *counts, *optics, figure(out))
+    return table
+
+
+def hosts_table(hosts: list[dict[str, Any]]) -> Table:
+    """Return hosts, one a line."""
+    table = Table(title="hosts", title_justify="left", box=None, padding=(0, 2, 0, 0))
+    columns = ("host", "state", "fibres", "sessions", "pairs sent", "made", "received", "lost")
+    for column in (*columns, "wrong", "in use", "overridden"):
+        table.add_column(column)
+    for host in hosts:
+        table.add_row(*host_row(host))
+    return table
+
+
+def host_row(host: dict[str, Any]) -> list[str]:
+    """Return the line of one host."""
+    if "ports" not in host:
+        return [host["name"], host["state"]]
+    fibers = " ".join(f"{port['name']}{'' if port['up'] else ' (cut)'}" for port in host["ports"])
+    counts = [figure(host[f"pairs_{what}"]) for what in ("sent", "made", "received", "lost")]
+    used = settings(host["in_use"]) if host["in_use"]["rate_hz"] else "-"
+    return [
+        host["name"],
+        state(host),
+        fibers,
+        figure(sum(host["sessions"].values())),
+        *counts,
+        figure(host["symbol_errors"]),
+        used,
+        settings(host["overrides"]) or "-",
+    ]
+
+
+def state(device: dict[str, Any]) -> str:
+    """Return "up", or since when nothing was heard."""
+    if device["state"] == "up":
+        return "up"
+    return f"{device['state']} since {device['heard_s_ago']:.0f} s"
+
+
+def settings(values: dict[str, int]) -> str:
+    """Return settings in short."""
+    texts = {
+        "rate_hz": "{:,} Hz",
+        "frame_bytes": "{} B",
+        "fec": "FEC {}",
+        "wavelength_pm": "{:,} pm",
+    }
+    return ", ".join(texts[name].format(value) for name, value in values.items())
+
+
+def figure(value: float | None) -> str:
+    """Return a number for a person, "-" where there is none."""
+    return "-" if value is None else f"{value:,}"

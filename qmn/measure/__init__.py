@@ -1,0 +1,1 @@
+"""What `qmn bench` measures, each beside the floor that the same machine sets."""

@@ -1,0 +1,1 @@
+"""Hardware layer: the optics behind the switch, whatever they are."""

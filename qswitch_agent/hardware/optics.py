@@ -1,0 +1,123 @@
+"""What the agent asks of any optical switch: the interface that each driver implements."""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import NamedTuple, Protocol
+
+CALL_DEADLINE_S = 4.0
+
+
+class HardwareRefusal(Exception):
+    """The hardware cannot do this; it goes on as before and can be asked for something else."""
+
+
+class HardwareFault(Exception):
+    """The hardware does not work (any more); the message names cause and remedy."""
+
+
+class CrossConnect(NamedTuple):
+    """A way for light through the switch, by OpenFlow port numbers."""
+
+    in_port: int
+    out_port: int
+    circuit: int = 0  # name under which photons are counted; a new one begins at 0
+
+
+@dataclass(frozen=True)
+class Path:
+    """What light undergoes on its way through the switch."""
+
+    loss_db: float = 0.0
+    rotation: int = 0  # wire.metadata.Pauli
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """How far each port can be tuned, and in which steps."""
+
+    min_mhz: int
+    max_mhz: int
+    grid_mhz: int
+    min_dbm: float
+    max_dbm: float
+
+
+@dataclass(frozen=True)
+class Condition:
+    """What the switch is and how it is, apart from what it counts and measures."""
+
+    tuning: Tuning | None = None  # None: ports cannot be tuned
+    others: Path = Path()  # every path that is not in `paths`
+    paths: Mapping[tuple[int, int], Path] = field(default_factory=dict)  # by in_port, out_port
+    stuck: frozenset[tuple[int, int]] = frozenset()  # paths that cannot be changed
+    hot: bool = False  # above its limit: its paths lose more than they did
+
+
+@dataclass(frozen=True)
+class PortReading:
+    """What a port has counted and measures."""
+
+    photons_in: int = 0  # came from the fibre
+    photons_out: int = 0  # went into the fibre
+    photons_lost: int = 0  # of those that came in, did not leave anywhere
+    frequency_mhz: int = 0  # to which it is tuned
+    tx_dbm: float = 0.0  # launched into the fibre
+    rx_dbm: float = 0.0  # from the fibre
+    bias_ma: float = 0.0
+
+
+@dataclass(frozen=True)
+class CircuitReading:
+    """How much light a cross-connect has passed."""
+
+    photons: int
+    since_ns: int  # when it was made, on the clock of time.time_ns
+    last_ns: int  # when the last photon passed; since_ns if none has
+
+
+class Quantity(Enum):
+    """What a switch may lack the means to count or measure."""
+
+    PHOTONS = "photons"  # of ports and circuits: light may pass all the same
+    FREQUENCY = "frequency"
+    TX_POWER = "tx power"
+    RX_POWER = "rx power"
+    BIAS = "bias current"
+    TEMPERATURE = "temperature"
+
+
+@dataclass(frozen=True)
+class Readings:
+    """All of them at one moment; what is not measured is 0 and says nothing."""
+
+    ports: Mapping[int, PortReading] = field(default_factory=dict)  # by OpenFlow port number
+    circuits: Mapping[int, CircuitReading] = field(default_factory=dict)  # by name
+    temperature_c: float = 0.0
+    not_measured: frozenset[Quantity] = frozenset()
+
+
+class OpticalHardware(Protocol):
+    """An N x N cross-connect for light; it never measures what passes.
+
+    Every call raises HardwareRefusal or HardwareFault, and none but watch takes longer
+    than CALL_DEADLINE_S.
+    """
+
+    async def set_cross_connects(self, cross_connects: Iterable[CrossConnect]) -> None:
+        """Make exactly these cross-connects, all at once, and return when light passes.
+
+        Those that were there before, by in_port and out_port, are not interrupted.
+        """
+
+    async def tune(self, port: int, frequency_mhz: int | None, power_dbm: float | None) -> None:
+        """Tune a port, within the condition's `tuning`; None leaves a value as it is."""
+
+    async def read(self) -> Readings:
+        """Return what the hardware counts and measures."""
+
+    async def watch(self, on_condition: Callable[[Condition], None]) -> None:
+        """Report the condition at once and after each change; raise HardwareFault at the end."""
+
+    async def close(self) -> None:
+        """Let go of the hardware; its cross-connects stay."""

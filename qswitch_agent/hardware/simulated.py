@@ -1,0 +1,224 @@
+"""The simulated switch: every call is a request to the dispatcher."""
+
+import asyncio
+import time
+from collections.abc import Awaitable, Callable, Iterable
+from typing import TypeVar
+
+import grpc
+
+from qswitch_agent.hardware.optics import (
+    CALL_DEADLINE_S,
+    CircuitReading,
+    Condition,
+    CrossConnect,
+    HardwareFault,
+    HardwareRefusal,
+    Path,
+    PortReading,
+    Readings,
+    Tuning,
+)
+from wire import dispatcher_pb2 as messages
+from wire import service
+
+REFUSALS = (
+    grpc.StatusCode.INVALID_ARGUMENT,
+    grpc.StatusCode.NOT_FOUND,
+    grpc.StatusCode.FAILED_PRECONDITION,
+    grpc.StatusCode.RESOURCE_EXHAUSTED,
+)
+
+STATUS = {status.value[0]: status for status in grpc.StatusCode}
+
+Reply = TypeVar("Reply")
+CrossConnects = grpc.aio.StreamStreamCall[
+    messages.CrossConnectRequest, messages.CrossConnectOutcome
+]
+
+
+class SimulatedSwitch:
+    """The switch that the dispatcher simulates."""
+
+    def __init__(self, switch: str, socket: str, token: str) -> None:
+        """Name the switch, the dispatcher's unix socket and the switch's token."""
+        self._switch = switch
+        self._socket = socket
+        self._metadata = service.metadata(token)
+        self._channel = grpc.aio.insecure_channel(f"unix:{socket}", service.CHANNEL_OPTIONS)
+        self._cross_connects = self._channel.stream_stream(
+            "/qmn.Dispatcher/CrossConnects",
+            request_serializer=messages.CrossConnectRequest.SerializeToString,
+            response_deserializer=messages.CrossConnectOutcome.FromString,
+        )
+        self._crossing: CrossConnects | None = None  # open, and nothing asked that is unanswered
+        self._tune_port = self._channel.unary_unary(
+            "/qmn.Dispatcher/TunePort",
+            request_serializer=messages.TunePortRequest.SerializeToString,
+            response_deserializer=messages.TunePortReply.FromString,
+        )
+        self._statistics = self._channel.unary_unary(
+            "/qmn.Dispatcher/SwitchStatistics",
+            request_serializer=messages.SwitchStatisticsRequest.SerializeToString,
+            response_deserializer=messages.SwitchStatisticsReply.FromString,
+        )
+        self._watch = self._channel.unary_stream(
+            "/qmn.Dispatcher/WatchSwitch",
+            request_serializer=messages.WatchSwitchRequest.SerializeToString,
+            response_deserializer=messages.SwitchCondition.FromString,
+        )
+
+    async def set_cross_connects(self, cross_connects: Iterable[CrossConnect]) -> None:
+        """Tell the dispatcher, and wait until the switching time has passed."""
+        request = messages.CrossConnectRequest(switch=self._switch)
+        for path in sorted(cross_connects):
+            request.connections.add(
+                in_port=path.in_port, out_port=path.out_port, circuit=path.circuit
+            )
+        outcome = await self._outcome(request)
+        if outcome.code:
+            raise self._meaning(STATUS[outcome.code], outcome.text)
+        await self._wait_until(outcome.ready_ns)
+
+    async def _outcome(self, request: messages.CrossConnectRequest) -> messages.CrossConnectOutcome:
+        """Ask over the open stream, or over another one; a stream that has failed is left."""
+        call, self._crossing = self._crossing, None
+        if call is None or call.done():
+            call = self._cross_connects(None, metadata=self._metadata)
+        answered = False
+        try:
+            async with asyncio.timeout(CALL_DEADLINE_S):
+                await call.write(request)
+                outcome = await call.read()
+            answered = isinstance(outcome, messages.CrossConnectOutcome)
+        except TimeoutError as error:
+            late = grpc.StatusCode.DEADLINE_EXCEEDED
+            raise self._meaning(late, f"no outcome in {CALL_DEADLINE_S} s") from error
+        except grpc.aio.AioRpcError as error:
+            raise self._meaning(error.code(), error.details()) from error
+        except asyncio.InvalidStateError as error:  # it ended between two requests
+            raise self._meaning(await call.code(), await call.details()) from error
+        finally:
+            if not answered:
+                call.cancel()
+        if not isinstance(outcome, messages.CrossConnectOutcome):
+            raise self._meaning(grpc.StatusCode.UNAVAILABLE, "the stream has ended")
+        self._crossing = call
+        return outcome
+
+    async def tune(self, port: int, frequency_mhz: int | None, power_dbm: float | None) -> None:
+        """Tune a port's filter and its attenuator; None leaves a value as it is."""
+        request = messages.TunePortRequest(switch=self._switch, port=port, power_dbm=power_dbm)
+        if frequency_mhz is not None:
+            if not 0 < frequency_mhz < 1 << 32:
+                raise HardwareRefusal(f"port {port} cannot be tuned to {frequency_mhz} MHz")
+            request.frequency_mhz = frequency_mhz
+        reply = await self._answer(
+            self._tune_port(request, timeout=CALL_DEADLINE_S, metadata=self._metadata)
+        )
+        await self._wait_until(reply.ready_ns)
+
+    async def read(self) -> Readings:
+        """Return what the dispatcher has counted."""
+        request = messages.SwitchStatisticsRequest(switch=self._switch)
+        reply = await self._answer(
+            self._statistics(request, timeout=CALL_DEADLINE_S, metadata=self._metadata)
+        )
+        return _readings(reply)
+
+    async def watch(self, on_condition: Callable[[Condition], None]) -> None:
+        """Report the condition at once and after each change; raise HardwareFault at the end.
+
+        The stream's end tells at once that the dispatcher is gone.
+        """
+        request = messages.WatchSwitchRequest(switch=self._switch)
+        call = self._watch(request, metadata=self._metadata)
+        heard = False
+        try:
+            async for condition in call:
+                heard = True
+                on_condition(_condition(condition))
+        except grpc.aio.AioRpcError as error:
+            if not heard:
+                meaning = self._meaning(error.code(), error.details())
+                raise HardwareFault(str(meaning)) from error
+        finally:
+            call.cancel()
+        raise HardwareFault(
+            f"dispatcher at {self._socket} does not answer; its connection ended and its "
+            "quantum state is lost: start the network again"
+        )
+
+    async def close(self) -> None:
+        """Close the channel."""
+        await self._channel.close(None)
+
+    async def _answer(self, call: Awaitable[Reply]) -> Reply:
+        try:
+            return await call
+        except grpc.aio.AioRpcError as error:
+            raise self._meaning(error.code(), error.details()) from error
+
+    async def _wait_until(self, ready_ns: int) -> None:
+        remaining_s = (ready_ns - time.time_ns()) / 1e9
+        if remaining_s > CALL_DEADLINE_S:
+            raise HardwareFault(
+                f"dispatcher at {self._socket} says that {self._switch} needs {remaining_s:.1f} s "
+                f"to switch; lower its switching time to {CALL_DEADLINE_S} s at most"
+            )
+        if remaining_s > 0:
+            await asyncio.sleep(remaining_s)
+
+    def _meaning(self, code: grpc.StatusCode, details: str | None) -> Exception:
+        cause = f"{code.name}: {details}"
+        if code in REFUSALS:
+            return HardwareRefusal(cause)
+        if code in (grpc.StatusCode.UNAUTHENTICATED, grpc.StatusCode.PERMISSION_DENIED):
+            return HardwareFault(
+                f"dispatcher at {self._socket} does not accept the token of {self._switch}: {cause}"
+            )
+        return HardwareFault(
+            f"dispatcher at {self._socket} does not answer; start it before the agents, "
+            f"and the network again if it ended ({cause})"
+        )
+
+
+def _readings(reply: messages.SwitchStatisticsReply) -> Readings:
+    return Readings(
+        ports={
+            port.port: PortReading(
+                photons_in=port.photons_in,
+                photons_out=port.photons_out,
+                photons_lost=port.photons_lost,
+                frequency_mhz=port.frequency_mhz,
+                tx_dbm=port.power_dbm,
+                rx_dbm=port.rx_power_dbm,
+                bias_ma=port.bias_ma,
+            )
+            for port in reply.ports
+        },
+        circuits={
+            circuit.circuit: CircuitReading(circuit.photons, circuit.since_ns, circuit.last_ns)
+            for circuit in reply.circuits
+        },
+        temperature_c=reply.temperature_c,
+    )
+
+
+def _condition(condition: messages.SwitchCondition) -> Condition:
+    return Condition(
+        tuning=Tuning(
+            min_mhz=condition.min_frequency_mhz,
+            max_mhz=condition.max_frequency_mhz,
+            grid_mhz=condition.grid_mhz,
+            min_dbm=condition.min_power_dbm,
+            max_dbm=condition.max_power_dbm,
+        ),
+        others=Path(condition.loss_db, condition.rotation),
+        paths={
+            (path.in_port, path.out_port): Path(path.loss_db, path.rotation)
+            for path in condition.paths
+        },
+        stuck=frozenset((one.in_port, one.out_port) for one in condition.stuck),
+        hot=condition.hot,
+    )

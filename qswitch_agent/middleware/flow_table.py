@@ -1,0 +1,216 @@
+"""Table 0 as the bridge reports it, and what would become of it.
+
+Of the entries whose match asks for its port or for nothing at all, light meets the one with
+the highest priority; if that entry is a path (in_port = one fibre port -> output: another),
+the hardware makes this cross-connect.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from zlib import crc32
+
+from os_ken.ofproto import ofproto_v1_4 as ofp
+
+from qswitch_agent.hardware.optics import CrossConnect
+from qswitch_agent.openflow import flows, matches
+from qswitch_agent.openflow.flow_reports import REMOVED, FlowUpdate
+from qswitch_agent.openflow.flows import FlowEntry, FlowMod
+from qswitch_agent.openflow.instructions import Mark
+from qswitch_agent.openflow.messages import Refusal
+
+ALL_TABLES = (0, ofp.OFPTT_ALL)
+UNMARKED = 1 << 31  # circuits of entries that came past the agent
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What the hardware shall do, and what of the table it cannot do."""
+
+    cross_connects: frozenset[CrossConnect] = frozenset()
+    conflicts: tuple[str, ...] = ()  # paths into a port that another path already ends in
+
+
+class FlowTable:
+    """The entries of table 0, and which fibres are whole."""
+
+    def __init__(self, fiber_ports: Iterable[int]) -> None:
+        self.fibers = frozenset(fiber_ports)
+        self._cut: set[int] = set()
+        self._entries: dict[tuple[int, bytes], FlowEntry] = {}
+        self._marked: set[tuple[int, bytes]] = set()  # keys of the entries with a mark
+
+    def copy(self) -> "FlowTable":
+        """Return a table in which a change can be tried."""
+        other = FlowTable(self.fibers)
+        other._cut = set(self._cut)
+        other._entries = dict(self._entries)
+        other._marked = set(self._marked)
+        return other
+
+    def apply(self, update: FlowUpdate) -> None:
+        """Take one event of the flow monitor into the table."""
+        entry = update.entry
+        if entry is None:
+            return
+        if update.event == REMOVED:
+            self._remove(entry.key)
+        else:
+            self._put(entry)
+
+    def _put(self, entry: FlowEntry) -> None:
+        self._entries[entry.key] = entry
+        light = entry.in_port in self.fibers and not entry.other_fields
+        (self._marked.add if light and entry.mark else self._marked.discard)(entry.key)
+
+    def _remove(self, key: tuple[int, bytes]) -> None:
+        self._entries.pop(key, None)
+        self._marked.discard(key)
+
+    def marked(self) -> list[FlowEntry]:
+        """Return the light entries that the agent has let in."""
+        return [self._entries[key] for key in self._marked]
+
+    def find(self, priority: int, match: bytes) -> FlowEntry | None:
+        """Return the entry of this priority and match, None if there is none."""
+        return self._entries.get((priority, match))
+
+    def set_fiber(self, port: int, whole: bool) -> bool:
+        """Note whether the fibre at a port is whole; tell whether that is news."""
+        if port not in self.fibers or whole != (port in self._cut):
+            return False
+        self._cut ^= {port}
+        return True
+
+    def is_foreign(self, update: FlowUpdate) -> bool:
+        """Say whether this puts an entry on a fibre port that light can do nothing with."""
+        entry = update.entry
+        return (
+            entry is not None
+            and update.event != REMOVED
+            and entry.in_port in self.fibers
+            and not entry.other_fields
+            and entry.mark is None
+            and self._path(entry) is None
+        )
+
+    def change(self, mod: FlowMod) -> list[FlowMod]:
+        """Do what a FLOW_MOD asks for; return what the bridge must be told to do the same.
+
+        MODIFY leaves time-outs and counters of an entry as they are. The mark that holds
+        them is among the actions, so each light entry is modified by a message of its own.
+        Raise Refusal if MODIFY would make something else of light entries.
+        """
+        if mod.table not in ALL_TABLES:
+            return [mod]
+        if mod.deletes:
+            for entry in self._affected(mod):
+                self._remove(entry.key)
+            return [mod]
+        if mod.command == ofp.OFPFC_ADD:
+            self._put(flows.entry(mod.priority, mod.match, mod.instructions, mod.cookie))
+            return [mod]
+        return self._modify(mod)
+
+    def _modify(self, mod: FlowMod) -> list[FlowMod]:
+        affected = [e for e in self._affected(mod) if e.in_port in self.fibers]
+        light = [entry for entry in affected if not entry.other_fields]
+        if light and set(mod.fields) != {matches.IN_PORT}:
+            raise Refusal(
+                ofp.OFPET_BAD_ACTION,
+                ofp.OFPBAC_BAD_OUT_PORT,
+                f"this would also modify the light of port {light[0].in_port}",
+            )
+        if not affected:
+            return [mod]
+        if len(light) < len(affected):
+            raise Refusal(
+                ofp.OFPET_BAD_MATCH,
+                ofp.OFPBMC_BAD_FIELD,
+                f"this would also modify what becomes of LLDP from port {affected[0].in_port}",
+            )
+        changed = [
+            replace(
+                mod,
+                command=ofp.OFPFC_MODIFY_STRICT,
+                priority=entry.priority,
+                match=entry.match,
+                cookie=entry.cookie,
+            ).marked(entry.mark or Mark(0, 0))
+            for entry in light
+        ]
+        for one in changed:
+            self._put(flows.entry(one.priority, one.match, one.instructions, one.cookie))
+        return changed
+
+    def _affected(self, mod: FlowMod) -> list[FlowEntry]:
+        """Return the entries that MODIFY or DELETE is about."""
+        return [entry for entry in self._entries.values() if concerns(mod, entry)]
+
+    def plan(self) -> Plan:
+        """Return the cross-connects that the table asks for, between fibres that are whole.
+
+        Two paths cannot end in one port: the higher priority has it, then the lower
+        in_port; the other path is a conflict.
+        """
+        taken: dict[int, CrossConnect] = {}
+        conflicts = []
+        for entry in self._effective_entries():
+            path = self._path(entry)
+            if path is None or self._cut.intersection(path[:2]):
+                continue
+            first = taken.setdefault(path.out_port, path)
+            if first != path:
+                conflicts.append(
+                    f"no path from port {path.in_port} to port {path.out_port}: "
+                    f"the path from port {first.in_port} ends there"
+                )
+        return Plan(frozenset(taken.values()), tuple(conflicts))
+
+    def _effective_entries(self) -> list[FlowEntry]:
+        """Return, highest priority first, the entry that the light of each port meets."""
+        met: dict[int, FlowEntry] = {}
+        for entry in sorted(self._entries.values(), key=_precedence):
+            if entry.other_fields:
+                continue
+            ports = self.fibers if entry.in_port is None else {entry.in_port}
+            for port in ports:
+                met.setdefault(port, entry)
+        return list(dict.fromkeys(met.values()))
+
+    def _path(self, entry: FlowEntry) -> CrossConnect | None:
+        ports = (entry.in_port, entry.out_port)
+        if entry.other_fields or not self.fibers.issuperset(ports):
+            return None
+        assert entry.in_port is not None
+        assert entry.out_port is not None
+        if entry.in_port == entry.out_port:
+            return None
+        return CrossConnect(entry.in_port, entry.out_port, circuit_of(entry))
+
+
+def circuit_of(entry: FlowEntry) -> int:
+    """Return the number under which the photons of a light entry are counted."""
+    if entry.mark is not None and entry.mark.circuit:
+        return entry.mark.circuit
+    name = entry.cookie.to_bytes(8, "big") + entry.priority.to_bytes(2, "big") + entry.match
+    return UNMARKED | crc32(name) & UNMARKED - 1
+
+
+def concerns(mod: FlowMod, entry: FlowEntry) -> bool:
+    """Tell whether MODIFY or DELETE is about an entry."""
+    if (entry.cookie ^ mod.cookie) & mod.cookie_mask:
+        return False
+    if mod.deletes and not _filters_pass(mod, entry):
+        return False
+    if not mod.strict:
+        return not mod.fields or matches.covers(mod.fields, matches.parse(entry.match))
+    return entry.priority == mod.priority and matches.parse(entry.match) == mod.fields
+
+
+def _filters_pass(mod: FlowMod, entry: FlowEntry) -> bool:
+    # No light entry has a group; what else has one makes no path.
+    return mod.out_group == ofp.OFPG_ANY and mod.out_port in (ofp.OFPP_ANY, entry.out_port)
+
+
+def _precedence(entry: FlowEntry) -> tuple[int, bool, int]:
+    return (-entry.priority, entry.in_port is None, entry.in_port or 0)

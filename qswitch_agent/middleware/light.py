@@ -1,0 +1,117 @@
+"""What a FLOW_MOD may ask of light.
+
+Light carries no headers and cannot be copied: a light entry matches one fibre port and
+nothing else, in table 0, and sends what comes in there to one other fibre port, or nowhere.
+On a fibre's supervisory channel LLDP passes, and only to the controller.
+"""
+
+from os_ken.ofproto import ofproto_v1_4 as ofp
+
+from qswitch_agent.openflow import matches
+from qswitch_agent.openflow.flows import FlowMod
+from qswitch_agent.openflow.instructions import ACTION_LISTS, Instructions
+from qswitch_agent.openflow.messages import Refusal
+
+MODIFYING = (ofp.OFPFC_MODIFY, ofp.OFPFC_MODIFY_STRICT)
+PUTTING = (ofp.OFPFC_ADD, *MODIFYING)
+
+
+def is_light(mod: FlowMod, fibers: frozenset[int]) -> bool:
+    """Tell whether a FLOW_MOD adds or modifies light entries.
+
+    Raise Refusal, with the fitting OpenFlow error, if it asks for what light cannot do.
+    """
+    if mod.deletes:
+        return False
+    if mod.command not in PUTTING:
+        raise Refusal(
+            ofp.OFPET_FLOW_MOD_FAILED,
+            ofp.OFPFMFC_BAD_COMMAND,
+            f"there is no command {mod.command}",
+        )
+    if matches.in_port_is_masked(mod.fields):
+        raise Refusal(
+            ofp.OFPET_BAD_MATCH,
+            ofp.OFPBMC_BAD_MASK,
+            "in_port cannot be matched by some of its bits",
+        )
+    in_port = matches.in_port(mod.fields)
+    if in_port not in fibers:
+        _require_classical(mod.instructions.outputs, fibers)
+        return False
+    if matches.is_lldp(mod.fields):
+        _require_supervisory(mod.instructions)
+        return False
+    if mod.table != 0:
+        raise Refusal(
+            ofp.OFPET_FLOW_MOD_FAILED,
+            ofp.OFPFMFC_BAD_TABLE_ID,
+            f"light of port {in_port} in table {mod.table}; its entries are in table 0",
+        )
+    if set(mod.fields) != {matches.IN_PORT}:
+        raise Refusal(
+            ofp.OFPET_BAD_MATCH,
+            ofp.OFPBMC_BAD_FIELD,
+            f"light of port {in_port} carries no headers: match in_port alone",
+        )
+    _require_one_way(mod.instructions, in_port, fibers)
+    return True
+
+
+def require_no_fiber(ports: list[int], fibers: frozenset[int]) -> None:
+    """Raise Refusal if packets shall go into a fibre."""
+    _require_classical(ports, fibers)
+
+
+def _require_classical(outputs: list[int], fibers: frozenset[int]) -> None:
+    for port in outputs:
+        if port in fibers:
+            raise _bad_port(f"packets cannot go into the fibre at port {port}")
+
+
+def _require_supervisory(instructions: Instructions) -> None:
+    to_controller = set(instructions.outputs) <= {ofp.OFPP_CONTROLLER}
+    if not to_controller or any(kind != ofp.OFPAT_OUTPUT for kind, _ in instructions.actions):
+        raise _bad_port("LLDP of a fibre goes to the controller and nowhere else")
+    _require_action_lists(instructions)
+
+
+def _require_action_lists(instructions: Instructions) -> None:
+    for kind in instructions.kinds:
+        if kind not in ACTION_LISTS:
+            raise Refusal(
+                ofp.OFPET_BAD_INSTRUCTION,
+                ofp.OFPBIC_UNSUP_INST,
+                f"instruction {kind}: light is sent out of a port, no more",
+            )
+
+
+def _require_one_way(
+    instructions: Instructions, in_port: int | None, fibers: frozenset[int]
+) -> None:
+    _require_action_lists(instructions)
+    for kind, _action in instructions.actions:
+        if kind == ofp.OFPAT_GROUP:
+            raise Refusal(
+                ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_OUT_GROUP, "light cannot go to a group"
+            )
+        if kind != ofp.OFPAT_OUTPUT:
+            raise Refusal(
+                ofp.OFPET_BAD_ACTION,
+                ofp.OFPBAC_BAD_TYPE,
+                f"action {kind}: light carries nothing that could be changed",
+            )
+    outputs = instructions.outputs
+    for port in outputs:
+        if port not in fibers or port == in_port:
+            raise _bad_port(f"light of port {in_port} cannot leave by port {port:#x}")
+    if len(outputs) > 1:
+        raise Refusal(
+            ofp.OFPET_BAD_ACTION,
+            ofp.OFPBAC_TOO_MANY,
+            f"light of port {in_port} cannot be copied to {len(outputs)} ports",
+        )
+
+
+def _bad_port(reason: str) -> Refusal:
+    return Refusal(ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_OUT_PORT, reason)

@@ -1,0 +1,191 @@
+"""What the bridge reports of flow entries: monitor's updates, statistics, FLOW_REMOVED."""
+
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Self
+
+from os_ken.ofproto import ofproto_v1_4 as ofp
+
+from qswitch_agent.openflow import matches, multipart
+from qswitch_agent.openflow.flows import FlowEntry, entry
+from qswitch_agent.openflow.instructions import Instructions, Mark
+from qswitch_agent.openflow.messages import HEADER, strict, with_body
+from wire.metadata import MalformedPacket
+
+UPDATE = struct.Struct(ofp.OFP_FLOW_UPDATE_FULL_0_PACK_STR)
+STATISTICS = struct.Struct(ofp.OFP_FLOW_STATS_0_PACK_STR)
+GONE = struct.Struct(ofp.OFP_FLOW_REMOVED_PACK_STR0)
+ADDED, REMOVED, PAUSED, RESUMED = (
+    ofp.OFPFME_ADDED,
+    ofp.OFPFME_REMOVED,
+    ofp.OFPFME_PAUSED,
+    ofp.OFPFME_RESUMED,
+)
+
+
+@dataclass(frozen=True)
+class FlowUpdate:
+    """One event of a flow monitor; no entry comes with PAUSED and RESUMED."""
+
+    event: int
+    entry: FlowEntry | None = None
+
+
+def flow_monitor_request(xid: int) -> bytes:
+    """Return a request for table 0 as it is and for each change of it from then on.
+
+    Open vSwitch refuses OFPFMF_NO_ABBREV; only changes made on the same connection
+    would be abbreviated, and the agent makes none there.
+    """
+    flags = (
+        ofp.OFPFMF_INITIAL
+        | ofp.OFPFMF_ADD
+        | ofp.OFPFMF_REMOVED
+        | ofp.OFPFMF_MODIFY
+        | ofp.OFPFMF_INSTRUCTIONS
+    )
+    body = struct.pack(
+        ofp.OFP_FLOW_MONITOR_REQUEST_0_PACK_STR,
+        1,
+        ofp.OFPP_ANY,
+        ofp.OFPG_ANY,
+        flags,
+        0,
+        ofp.OFPFMC_ADD,
+    )
+    return multipart.request(ofp.OFPMP_FLOW_MONITOR, xid, body + matches.join(b""))
+
+
+@strict
+def flow_updates(message: bytes) -> list[FlowUpdate]:
+    """Return the flow monitor's events in a multipart reply, none if it is another reply."""
+    if multipart.multipart_type(message) != ofp.OFPMP_FLOW_MONITOR:
+        return []
+    return list(_each_update(message[multipart.BODY :]))
+
+
+def _each_update(data: bytes) -> Iterator[FlowUpdate]:
+    offset = 0
+    while offset < len(data):
+        length, event = struct.unpack_from("!HH", data, offset)
+        if not 8 <= length <= len(data) - offset:
+            raise MalformedPacket(f"flow update with length {length}")
+        update = data[offset : offset + length]
+        yield FlowUpdate(event, _flow_entry(update) if event <= ofp.OFPFME_MODIFIED else None)
+        offset += length
+
+
+def _flow_entry(update: bytes) -> FlowEntry:
+    fixed = UPDATE.unpack_from(update)
+    match, instructions = matches.split(update[UPDATE.size :])
+    return entry(fixed[6], match, Instructions(instructions), fixed[7])
+
+
+@strict
+def monitor_shown(message: bytes) -> bytes:
+    """Return a reply of a flow monitor as a controller sees it: without marks."""
+    body, data = b"", message[multipart.BODY :]
+    while data:
+        length, event = struct.unpack_from("!HH", data)
+        if not 8 <= length <= len(data):
+            raise MalformedPacket(f"flow update with length {length}")
+        body += _unmarked(data[:length]) if event <= ofp.OFPFME_MODIFIED else data[:length]
+        data = data[length:]
+    return with_body(message, message[HEADER.size : multipart.BODY] + body)
+
+
+def _unmarked(update: bytes) -> bytes:
+    fixed = list(UPDATE.unpack_from(update))
+    match, data = matches.split(update[UPDATE.size :])
+    instructions = Instructions(data)
+    if instructions.mark is None:
+        return update
+    rest = matches.join(match) + instructions.without_mark()
+    fixed[0], fixed[4] = UPDATE.size + len(rest), instructions.mark.idle_timeout_s
+    return UPDATE.pack(*fixed) + rest
+
+
+@dataclass(frozen=True)
+class FlowStatistics:
+    """One entry in a reply to OFPMP_FLOW."""
+
+    fixed: tuple[int, ...]  # as in STATISTICS
+    match: bytes
+    instructions: Instructions
+
+    @property
+    def entry(self) -> FlowEntry:
+        """The entry that is described."""
+        return entry(self.fixed[4], self.match, self.instructions, self.fixed[9])
+
+    @property
+    def packets(self) -> int:
+        """How many packets, or photons, it has passed."""
+        return self.fixed[10]
+
+    @property
+    def octets(self) -> int:
+        """How many bytes it has passed."""
+        return self.fixed[11]
+
+    def encode(self) -> bytes:
+        """Return the entry's part of a reply."""
+        rest = matches.join(self.match) + self.instructions.data
+        return STATISTICS.pack(STATISTICS.size + len(rest), *self.fixed[1:]) + rest
+
+    def shown(self, mark: Mark, photons: int) -> "FlowStatistics":
+        """Return what a controller sees of a light entry."""
+        fixed = list(self.fixed)
+        fixed[5], fixed[10], fixed[11] = mark.idle_timeout_s, photons, 0
+        return FlowStatistics(
+            tuple(fixed), self.match, Instructions(self.instructions.without_mark())
+        )
+
+
+@strict
+def flow_statistics(message: bytes) -> list[FlowStatistics]:
+    """Return the entries in a reply to OFPMP_FLOW."""
+    entries, offset = [], multipart.BODY
+    while offset < len(message):
+        fixed = STATISTICS.unpack_from(message, offset)
+        if not STATISTICS.size <= fixed[0] <= len(message) - offset:
+            raise MalformedPacket(f"flow statistics with length {fixed[0]}")
+        rest = message[offset + STATISTICS.size : offset + fixed[0]]
+        match, instructions = matches.split(rest)
+        entries.append(FlowStatistics(fixed, match, Instructions(instructions)))
+        offset += fixed[0]
+    return entries
+
+
+@dataclass(frozen=True)
+class FlowRemoved:
+    """A FLOW_REMOVED."""
+
+    fixed: tuple[int, ...]  # as in GONE
+    match: bytes
+
+    @classmethod
+    @strict
+    def decode(cls, message: bytes) -> Self:
+        """Read a FLOW_REMOVED."""
+        match, _rest = matches.split(message[HEADER.size + GONE.size :])
+        return cls(GONE.unpack_from(message, HEADER.size), match)
+
+    @property
+    def table(self) -> int:
+        """The table it was in."""
+        return self.fixed[3]
+
+    @property
+    def key(self) -> tuple[int, bytes, int]:
+        """Priority, match and cookie."""
+        return self.fixed[1], self.match, self.fixed[0]
+
+    def shown(self, message: bytes, mark: Mark, photons: int, idle: bool) -> bytes:
+        """Return the message as a controller sees it, if a light entry was removed."""
+        fixed = list(self.fixed)
+        if idle:
+            fixed[2] = ofp.OFPRR_IDLE_TIMEOUT
+        fixed[6], fixed[8], fixed[9] = mark.idle_timeout_s, photons, 0
+        return with_body(message, GONE.pack(*fixed) + matches.join(self.match))

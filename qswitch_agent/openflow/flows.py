@@ -1,0 +1,163 @@
+"""Flow entries as bytes: FLOW_MOD, and what the agent needs to know of an entry."""
+
+import struct
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+from os_ken.ofproto import ofproto_v1_4 as ofp
+
+from qswitch_agent.openflow import matches
+from qswitch_agent.openflow.instructions import (
+    ACTION_LISTS,
+    Instructions,
+    Mark,
+    light_instructions,
+)
+from qswitch_agent.openflow.messages import HEADER, encode, strict
+
+MOD = struct.Struct(ofp.OFP_FLOW_MOD_PACK_STR0)
+MOD_FIELDS = (
+    "cookie",
+    "cookie_mask",
+    "table",
+    "command",
+    "idle_timeout_s",
+    "hard_timeout_s",
+    "priority",
+    "buffer_id",
+    "out_port",
+    "out_group",
+    "flags",
+    "importance",
+)
+
+
+@dataclass(frozen=True)
+class FlowMod:
+    """A FLOW_MOD."""
+
+    cookie: int
+    cookie_mask: int
+    table: int
+    command: int
+    idle_timeout_s: int
+    hard_timeout_s: int
+    priority: int
+    buffer_id: int
+    out_port: int
+    out_group: int
+    flags: int
+    importance: int
+    match: bytes  # OXM fields
+    instructions: Instructions
+
+    @classmethod
+    @strict
+    def decode(cls, message: bytes) -> "FlowMod":
+        """Read a FLOW_MOD, its match and its instructions included."""
+        fixed: dict[str, Any] = dict(
+            zip(MOD_FIELDS, MOD.unpack_from(message, HEADER.size), strict=True)
+        )
+        match, instructions = matches.split(message[HEADER.size + MOD.size :])
+        mod = FlowMod(**fixed, match=match, instructions=Instructions(instructions))
+        matches.parse(mod.match)
+        mod.instructions.require_whole()
+        return mod
+
+    def encode(self, xid: int) -> bytes:
+        """Return the FLOW_MOD as a message."""
+        fixed = MOD.pack(*(getattr(self, name) for name in MOD_FIELDS))
+        body = fixed + matches.join(self.match) + self.instructions.data
+        return encode(ofp.OFPT_FLOW_MOD, xid, body)
+
+    @cached_property
+    def fields(self) -> matches.Fields:
+        """The match, taken apart."""
+        return matches.parse(self.match)
+
+    @property
+    def deletes(self) -> bool:
+        """Whether it is one of the two commands that delete."""
+        return self.command in (ofp.OFPFC_DELETE, ofp.OFPFC_DELETE_STRICT)
+
+    @property
+    def strict(self) -> bool:
+        """Whether it names one entry by priority and match."""
+        return self.command in (ofp.OFPFC_MODIFY_STRICT, ofp.OFPFC_DELETE_STRICT)
+
+    def marked(self, mark: Mark) -> "FlowMod":
+        """Return what the bridge is told: the mark instead of the idle time-out.
+
+        The match is written as the bridge reports it, so that both are one entry to the agent.
+        """
+        outputs, in_port = self.instructions.outputs, matches.in_port(self.fields)
+        assert in_port is not None
+        return replace(
+            self,
+            idle_timeout_s=0,
+            match=matches.of_port(in_port),
+            instructions=Instructions(
+                light_instructions(mark, outputs[0] if outputs else None),
+            ),
+        )
+
+
+@dataclass(frozen=True)
+class FlowEntry:
+    """What the agent needs to know of a flow entry; priority and match identify it."""
+
+    priority: int
+    match: bytes  # the OXM fields as they were sent
+    in_port: int | None  # None: any
+    other_fields: bool  # the match asks for more than the port
+    out_port: int | None  # None: the entry does anything but output to one port
+    cookie: int = 0
+    mark: Mark | None = None
+
+    @property
+    def key(self) -> tuple[int, bytes]:
+        """What tells the entry from all others."""
+        return self.priority, self.match
+
+    def __str__(self) -> str:
+        more = " and more" if self.other_fields else ""
+        action = "other actions" if self.out_port is None else f"output to {self.out_port:#x}"
+        return f"priority {self.priority}, in_port {self.in_port}{more} -> {action}"
+
+
+def entry(priority: int, match: bytes, instructions: Instructions, cookie: int) -> FlowEntry:
+    """Return the entry that has these properties."""
+    fields = matches.parse(match)
+    mark = instructions.mark
+    only = len(instructions.kinds) == 1 and instructions.kinds[0] in ACTION_LISTS
+    outputs = instructions.outputs
+    one = only and len(instructions.actions) - (mark is not None) == 1 == len(outputs)
+    return FlowEntry(
+        priority,
+        match,
+        matches.in_port(fields),
+        bool(fields.keys() - {matches.IN_PORT}),
+        outputs[0] if one else None,
+        cookie,
+        mark,
+    )
+
+
+def delete_strict(one: FlowEntry, xid: int) -> bytes:
+    """Return the FLOW_MOD that deletes this entry of table 0 and no other."""
+    fixed = MOD.pack(
+        one.cookie,
+        0xFFFFFFFFFFFFFFFF,
+        0,
+        ofp.OFPFC_DELETE_STRICT,
+        0,
+        0,
+        one.priority,
+        ofp.OFP_NO_BUFFER,
+        ofp.OFPP_ANY,
+        ofp.OFPG_ANY,
+        0,
+        0,
+    )
+    return encode(ofp.OFPT_FLOW_MOD, xid, fixed + matches.join(one.match))

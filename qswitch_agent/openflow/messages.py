@@ -1,0 +1,150 @@
+"""Framing, headers, and the messages that are alike for all: HELLO, ERROR, barriers."""
+
+import struct
+from collections.abc import Callable, Iterator
+from functools import wraps
+from typing import ParamSpec, TypeVar
+
+from os_ken.ofproto import ofproto_v1_4 as ofp
+
+from wire.metadata import MalformedPacket
+
+HEADER = struct.Struct(ofp.OFP_HEADER_PACK_STR)  # version, type, length, xid
+ERROR = struct.Struct("!HH")  # type, code
+ERROR_DATA = 64  # bytes of the message that is answered, at least those it has
+MAX_LENGTH = 0xFFFF
+ANY_VERSION = (ofp.OFPT_HELLO, ofp.OFPT_ERROR)  # of a message that may not be of version 1.4
+ROLE = struct.Struct(ofp.OFP_ROLE_REQUEST_PACK_STR)
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+class Refusal(Exception):
+    """A message that is answered with an OpenFlow error: its type, code and reason."""
+
+    def __init__(self, kind: int, code: int, reason: str) -> None:
+        super().__init__(reason)
+        self.kind = kind
+        self.code = code
+
+
+def strict(parse: Callable[P, T]) -> Callable[P, T]:
+    """Let a parser raise MalformedPacket where a structure is cut short."""
+
+    @wraps(parse)
+    def guarded(*arguments: P.args, **options: P.kwargs) -> T:
+        try:
+            return parse(*arguments, **options)
+        except (struct.error, IndexError) as error:
+            raise MalformedPacket(f"OpenFlow message is cut short: {error}") from error
+
+    return guarded
+
+
+class Framer:
+    """Cuts a byte stream into OpenFlow messages."""
+
+    def __init__(self) -> None:
+        self._buffer = b""
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """Return the messages that data completes; raise MalformedPacket at a bad header."""
+        self._buffer += data
+        messages, start = [], 0
+        while len(self._buffer) - start >= HEADER.size:
+            length = _checked_length(self._buffer, start)
+            if len(self._buffer) - start < length:
+                break
+            messages.append(self._buffer[start : start + length])
+            start += length
+        self._buffer = self._buffer[start:]
+        return messages
+
+
+def _checked_length(buffer: bytes, start: int) -> int:
+    version, kind, length, _xid = HEADER.unpack_from(buffer, start)
+    if version != ofp.OFP_VERSION and kind not in ANY_VERSION:
+        raise MalformedPacket(
+            f"OpenFlow version {version:#x}, not 1.4 ({ofp.OFP_VERSION:#x}), "
+            f"in a message of type {kind}"
+        )
+    if length < HEADER.size:
+        raise MalformedPacket(f"OpenFlow message of type {kind} with length {length}")
+    return int(length)
+
+
+def message_type(message: bytes) -> int:
+    """Return the type of a message."""
+    return message[1]
+
+
+def transaction_id(message: bytes) -> int:
+    """Return the transaction id (xid) of a message."""
+    return int.from_bytes(message[4:8], "big")
+
+
+def encode(kind: int, xid: int, body: bytes = b"") -> bytes:
+    """Return a message with the given type, transaction id and body."""
+    return HEADER.pack(ofp.OFP_VERSION, kind, HEADER.size + len(body), xid) + body
+
+
+def with_body(message: bytes, body: bytes) -> bytes:
+    """Return a message like this one, but for its body."""
+    return encode(message_type(message), transaction_id(message), body)
+
+
+def each_part(data: bytes, header: int, what: str) -> Iterator[tuple[int, bytes]]:
+    """Yield type and bytes of each part of a list of (u16 type, u16 length, …).
+
+    A length covers its part; raise MalformedPacket where it does not, or is under `header`.
+    """
+    offset = 0
+    while offset < len(data):
+        kind, length = _part_header(data, offset)
+        if not header <= length <= len(data) - offset:
+            raise MalformedPacket(f"{what} with length {length}")
+        yield kind, data[offset : offset + length]
+        offset += length
+
+
+@strict
+def _part_header(data: bytes, offset: int) -> tuple[int, int]:
+    kind, length = struct.unpack_from("!HH", data, offset)
+    return kind, length
+
+
+def hello() -> bytes:
+    """Return a HELLO that offers OpenFlow 1.4 alone."""
+    bitmap = struct.pack("!HHI", ofp.OFPHET_VERSIONBITMAP, 8, 1 << ofp.OFP_VERSION)
+    return encode(ofp.OFPT_HELLO, 0, bitmap)
+
+
+def error(kind: int, code: int, request: bytes) -> bytes:
+    """Return the error that answers a request."""
+    return encode(
+        ofp.OFPT_ERROR, transaction_id(request), ERROR.pack(kind, code) + request[:ERROR_DATA]
+    )
+
+
+def barrier_error(barrier_reply: bytes) -> bytes:
+    """Return the error that a controller gets in place of this reply to its barrier.
+
+    Type and code: the flow entries before the barrier failed, for a reason that
+    OpenFlow 1.4 has no code for.
+    """
+    request = encode(ofp.OFPT_BARRIER_REQUEST, transaction_id(barrier_reply))
+    return error(ofp.OFPET_FLOW_MOD_FAILED, ofp.OFPFMFC_UNKNOWN, request)
+
+
+@strict
+def error_code(message: bytes) -> tuple[int, int]:
+    """Return type and code of an ERROR message."""
+    kind, code = ERROR.unpack_from(message, HEADER.size)
+    return kind, code
+
+
+@strict
+def role(message: bytes) -> int:
+    """Return the role that a ROLE_REQUEST, ROLE_REPLY or ROLE_STATUS names."""
+    return int(ROLE.unpack_from(message, HEADER.size)[0])

@@ -1,0 +1,92 @@
+"""Packets and groups as bytes: PACKET_OUT, PACKET_IN, GROUP_MOD, bundles."""
+
+import struct
+from dataclasses import dataclass
+from typing import Self
+
+from os_ken.ofproto import ofproto_v1_4 as ofp
+
+from qswitch_agent.openflow import matches
+from qswitch_agent.openflow.instructions import output_ports
+from qswitch_agent.openflow.messages import HEADER, each_part, strict, with_body
+from wire.metadata import MalformedPacket
+
+PACKET_OUT = struct.Struct(ofp.OFP_PACKET_OUT_PACK_STR)  # buffer, in_port, length of actions
+PACKET_IN = struct.Struct(ofp.OFP_PACKET_IN_PACK_STR)
+GROUP_MOD = struct.Struct(ofp.OFP_GROUP_MOD_PACK_STR)  # command, type, group
+BUCKET = struct.Struct(ofp.OFP_BUCKET_PACK_STR)  # length, weight, port, group
+BUNDLE = struct.Struct(ofp.OFP_BUNDLE_CTRL_MSG_PACK_STR)  # bundle, type (or padding), flags
+ETHERTYPE = slice(12, 14)
+
+
+@dataclass(frozen=True)
+class PacketOut:
+    """A PACKET_OUT."""
+
+    in_port: int
+    actions: list[tuple[int, bytes]]
+    frame: bytes
+
+    @classmethod
+    @strict
+    def decode(cls, message: bytes) -> Self:
+        """Read a PACKET_OUT."""
+        _buffer, in_port, length = PACKET_OUT.unpack_from(message, HEADER.size)
+        rest = message[HEADER.size + PACKET_OUT.size :]
+        if length > len(rest):
+            raise MalformedPacket(f"PACKET_OUT with {length} bytes of actions in {len(rest)}")
+        return cls(in_port, list(each_part(rest[:length], 8, "action")), rest[length:])
+
+    @property
+    def outputs(self) -> list[int]:
+        """The ports it goes out of."""
+        return output_ports(self.actions)
+
+
+def is_lldp(frame: bytes) -> bool:
+    """Tell whether an Ethernet frame carries LLDP."""
+    return frame[ETHERTYPE] == matches.LLDP
+
+
+@strict
+def packet_in(message: bytes) -> tuple[int | None, bytes]:
+    """Return the port of a PACKET_IN, if it tells it, and the frame as far as it is there."""
+    match, rest = matches.split(message[HEADER.size + PACKET_IN.size :])
+    return matches.in_port(matches.parse(match)), rest[2:]
+
+
+@strict
+def group_outputs(message: bytes) -> list[int]:
+    """Return the ports that the buckets of a GROUP_MOD output to."""
+    data, ports = message[HEADER.size + GROUP_MOD.size :], []
+    while data:
+        length, _weight, _port, _group = BUCKET.unpack_from(data)
+        if not BUCKET.size <= length <= len(data):
+            raise MalformedPacket(f"bucket with length {length}")
+        ports += output_ports(list(each_part(data[BUCKET.size : length], 8, "action")))
+        data = data[length:]
+    return ports
+
+
+@strict
+def bundle_control(message: bytes) -> tuple[int, int, int]:
+    """Return the bundle, the type and the flags of a BUNDLE_CONTROL."""
+    bundle, kind, flags = BUNDLE.unpack_from(message, HEADER.size)
+    return bundle, kind, flags
+
+
+@strict
+def bundle_member(message: bytes) -> tuple[int, bytes]:
+    """Return the bundle of a BUNDLE_ADD_MESSAGE and the message in it."""
+    bundle, _pad, _flags = BUNDLE.unpack_from(message, HEADER.size)
+    data = message[HEADER.size + BUNDLE.size :]
+    length = int(HEADER.unpack_from(data)[2])
+    if data[0] != ofp.OFP_VERSION or not HEADER.size <= length <= len(data):
+        raise MalformedPacket(f"bundle member of version {data[0]} with length {length}")
+    return bundle, data[:length]
+
+
+def with_member(message: bytes, member: bytes) -> bytes:
+    """Return a BUNDLE_ADD_MESSAGE like this one that holds another message."""
+    head = message[HEADER.size : HEADER.size + BUNDLE.size]
+    return with_body(message, head + member)

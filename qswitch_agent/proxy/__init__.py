@@ -1,0 +1,1 @@
+"""The OpenFlow proxy: to controllers the bridge is an optical switch."""

@@ -1,0 +1,117 @@
+"""The bundles that a controller has open, as far as light is concerned.
+
+The bridge holds them, too, and commits them; the agent must know what is in them to judge
+it at COMMIT.
+"""
+
+from dataclasses import dataclass, field
+
+from os_ken.ofproto import ofproto_v1_4 as ofp
+
+from qswitch_agent.openflow import packets
+from qswitch_agent.openflow.flows import FlowMod
+from qswitch_agent.openflow.messages import Refusal
+
+MAX_BUNDLES = 256
+MAX_BYTES = 1 << 24
+
+Tunings = list[tuple[int, int | None, float | None]]  # port, frequency in MHz, power in dBm
+
+
+@dataclass
+class Member:
+    """One message in a bundle."""
+
+    message: bytes  # the message itself, as the controller sent it
+    envelope: bytes  # the BUNDLE_ADD_MESSAGE around it
+    mod: FlowMod | None = None  # as the bridge is told
+    light: bool = False  # it adds or modifies light entries
+    refusal: Refusal | None = None
+    sent: bool = True  # to the bridge; False: it depends on what the table is at COMMIT
+
+
+@dataclass
+class Bundle:
+    """What a controller has put into one bundle."""
+
+    members: list[Member] = field(default_factory=list)
+    tunings: Tunings = field(default_factory=list)
+
+    @property
+    def late(self) -> bool:
+        """Whether members wait for COMMIT; those behind them must wait, too."""
+        return bool(self.members) and not self.members[-1].sent
+
+    @property
+    def concerns_light(self) -> bool:
+        """Whether it matters to light what the table is at COMMIT."""
+        return any(member.light or not member.sent for member in self.members)
+
+    @property
+    def last_light(self) -> Member | None:
+        """The member to blame if the paths that the bundle makes do not go together."""
+        return next((member for member in reversed(self.members) if member.light), None)
+
+    @property
+    def first_refused(self) -> Member | None:
+        """The first member that light cannot do, whatever the table is."""
+        return next((member for member in self.members if member.refusal), None)
+
+
+class Bundles:
+    """All of one connection, by their ids."""
+
+    def __init__(self) -> None:
+        self._open: dict[int, Bundle] = {}
+        self._bytes = 0
+        self.committing: dict[int, Tunings] = {}  # until the bridge has answered
+
+    def begin(self, number: int) -> None:
+        """Note that a bundle is opened; the bridge drops an older one of this id."""
+        self.end(number)
+        if len(self._open) >= MAX_BUNDLES:
+            raise Refusal(
+                ofp.OFPET_BUNDLE_FAILED,
+                ofp.OFPBFC_OUT_OF_BUNDLES,
+                f"{MAX_BUNDLES} bundles are open: commit or discard some",
+            )
+        self._open[number] = Bundle()
+
+    def end(self, number: int) -> Bundle:
+        """Forget a bundle and return it; an empty one if there is none."""
+        bundle = self._open.pop(number, Bundle())
+        self._bytes -= sum(len(member.envelope) for member in bundle.members)
+        return bundle
+
+    def of(self, message: bytes) -> tuple[Bundle, bytes]:
+        """Return the bundle that a BUNDLE_ADD_MESSAGE is for and the message in it.
+
+        Like the bridge, open it if it is not yet. Raise Refusal if there is too much in all.
+        """
+        number, member = packets.bundle_member(message)
+        if number not in self._open:
+            self.begin(number)
+        if self._bytes + len(message) > MAX_BYTES:
+            raise Refusal(
+                ofp.OFPET_BUNDLE_FAILED,
+                ofp.OFPBFC_MSG_TOO_MANY,
+                f"more than {MAX_BYTES} bytes in bundles",
+            )
+        return self._open[number], member
+
+    def add(self, bundle: Bundle, member: Member) -> None:
+        """Put a message into a bundle."""
+        bundle.members.append(member)
+        self._bytes += len(member.envelope)
+
+
+def require_supported(member: bytes) -> int:
+    """Return the type of a message for a bundle; raise Refusal if none may hold it."""
+    kind = member[1]
+    if kind not in (ofp.OFPT_FLOW_MOD, ofp.OFPT_PORT_MOD, ofp.OFPT_GROUP_MOD):
+        raise Refusal(
+            ofp.OFPET_BUNDLE_FAILED,
+            ofp.OFPBFC_MSG_UNSUP,
+            f"a bundle cannot hold a message of type {kind}",
+        )
+    return kind

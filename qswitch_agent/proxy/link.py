@@ -1,0 +1,216 @@
+"""One connection between the bridge and a controller: what its two directions share."""
+
+import asyncio
+import logging
+import time
+from asyncio import StreamWriter
+from collections import deque
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from os_ken.ofproto import ofproto_v1_4 as ofp
+
+from qswitch_agent.bridge import BARRIER_DEADLINE_S, BridgeFault
+from qswitch_agent.openflow import messages, packets
+from qswitch_agent.openflow.flows import FlowMod
+from qswitch_agent.openflow.messages import message_type, transaction_id
+from qswitch_agent.proxy.bundles import Bundles
+
+PRIVATE_XID = 0x514D0000
+MAX_SAID = 10_000  # messages that wait for their turn; more wait in the connection
+log = logging.getLogger(__name__)
+
+
+@dataclass
+class Barrier:
+    """A barrier that the bridge has not answered yet; it answers them in their order."""
+
+    changes: int  # made before it
+    passed: asyncio.Future[None] | None  # of the agent's own; None: the controller's
+
+
+class Said(NamedTuple):
+    """A message on its way to the controller."""
+
+    message: bytes
+    since_ns: int  # time.monotonic_ns: the bridge has said it by then
+    by_agent: bool = False  # as it is to be; else the bridge said it
+
+
+class Link:
+    """Sends to both ends, and keeps account of what the bridge still owes."""
+
+    def __init__(self, bridge: StreamWriter, controller: StreamWriter) -> None:
+        self.bridge = bridge
+        self.controller = controller
+        self.said: asyncio.Queue[Said] = asyncio.Queue(MAX_SAID)
+        self._requests: list[bytes] = []  # for the bridge, in one write
+        self._shown: list[bytes] = []  # for the controller, in one write
+        self.is_slave = False
+        self.bundles = Bundles()
+        self.aggregates: dict[int, tuple[int, int, int]] = {}  # packets, bytes, flows by xid
+        self._deletions: deque[tuple[int, FlowMod]] = deque()  # number, what: not reported yet
+        self._changes = 0  # of the flow table, sent to the bridge
+        self.confirmed = 0  # that it has certainly made, or refused
+        self._reported = 0  # that the flow monitor has certainly reported
+        self._barriers: deque[Barrier] = deque()
+        self._refused: dict[int, bool] = {}  # by xid: whether an error came for what is watched
+        self._discarding: set[int] = set()  # xids of our own
+
+    def to_bridge(self, request: bytes) -> None:
+        """Send a request to the bridge, at the next flush."""
+        self._requests.append(request)
+
+    def flush(self) -> None:
+        """Write what there is for the bridge."""
+        if self._requests:
+            self.bridge.write(b"".join(self._requests))
+            self._requests.clear()
+
+    def to_controller(self, message: bytes) -> None:
+        """Send what was said last to the controller (nothing, if empty), at the next show."""
+        self._shown.append(message)
+
+    def show(self) -> None:
+        """Write what there is for the controller."""
+        message = b"".join(self._shown)
+        if message:
+            self.controller.write(message)
+        for _ in self._shown:
+            self.said.task_done()
+        self._shown.clear()
+
+    async def answer(self, message: bytes) -> None:
+        """Send an answer of the agent's own to the controller, behind what the bridge has said."""
+        await self.said.put(Said(message, time.monotonic_ns(), by_agent=True))
+
+    def delete(self, mod: FlowMod, request: bytes) -> None:
+        """Send a FLOW_MOD that deletes: what it will do is certain."""
+        self._deletions.append((self._changes + 1, mod))
+        self.change(request)
+
+    @property
+    def deletions(self) -> list[FlowMod]:
+        """What has been asked to be deleted, and may not have been reported yet."""
+        return [mod for _number, mod in self._deletions]
+
+    @property
+    def only_deletes(self) -> bool:
+        """Whether all changes that may not have been reported yet are deletions."""
+        return len(self._deletions) >= self._changes - self._reported
+
+    def change(self, *requests: bytes) -> None:
+        """Send what changes the flow table."""
+        self._changes += 1
+        for request in requests:
+            self.to_bridge(request)
+
+    def barrier(self, request: bytes) -> None:
+        """Send a barrier of the controller's."""
+        self._barriers.append(Barrier(self._changes, None))
+        self.to_bridge(request)
+
+    async def confirm(self) -> bool:
+        """Wait until the bridge has made all changes; tell whether any may be unreported yet."""
+        if self.confirmed < self._changes:
+            await self._own_barrier()
+        return self._reported < self.confirmed
+
+    def reported(self, confirmed: int) -> None:
+        """Note that the flow monitor has reported so many changes."""
+        self._reported = max(self._reported, confirmed)
+        while self._deletions and self._deletions[0][0] <= self._reported:
+            self._deletions.popleft()
+
+    async def accepted(self, *requests: bytes) -> bool:
+        """Send requests of one xid and tell whether the bridge took them without an error."""
+        xid = transaction_id(requests[0])
+        self._refused[xid] = False
+        try:
+            for request in requests:
+                self.to_bridge(request)
+            await self._own_barrier()
+            return not self._refused[xid]
+        finally:
+            del self._refused[xid]
+
+    async def discard(self, bundle: int, xid: int) -> None:
+        """Let the bridge forget a bundle; its reply is not for the controller.
+
+        Return when the bridge has answered what was asked before.
+        """
+        self._discarding.add(xid)
+        body = packets.BUNDLE.pack(bundle, ofp.OFPBCT_DISCARD_REQUEST, 0)
+        self.to_bridge(messages.encode(ofp.OFPT_BUNDLE_CONTROL, xid, body))
+        await self._own_barrier()
+
+    async def settle(self) -> None:
+        """Return when all that was asked for up to now is answered."""
+        await self._own_barrier()  # the bridge answers barriers in their order
+        await self.said.join()
+
+    async def _own_barrier(self) -> None:
+        passed = asyncio.get_running_loop().create_future()
+        self._barriers.append(Barrier(self._changes, passed))
+        self.to_bridge(messages.encode(ofp.OFPT_BARRIER_REQUEST, PRIVATE_XID))
+        self.flush()
+        try:
+            async with asyncio.timeout(BARRIER_DEADLINE_S):
+                await passed
+        except TimeoutError as error:
+            raise BridgeFault(
+                f"the bridge did not answer a barrier in {BARRIER_DEADLINE_S} s"
+            ) from error
+
+    def is_ours(self, message: bytes) -> bool:
+        """Take note of a message of the bridge; tell whether it answers the agent itself."""
+        kind = message_type(message)
+        if kind == ofp.OFPT_BARRIER_REPLY:
+            return self._barrier_passed()
+        if kind == ofp.OFPT_ERROR:
+            return self._error(message)
+        if kind == ofp.OFPT_BUNDLE_CONTROL:
+            return self._bundle_reply(message)
+        if kind in (ofp.OFPT_ROLE_REPLY, ofp.OFPT_ROLE_STATUS):
+            self.is_slave = messages.role(message) == ofp.OFPCR_ROLE_SLAVE
+        return False
+
+    def _barrier_passed(self) -> bool:
+        if not self._barriers:
+            return False
+        barrier = self._barriers.popleft()
+        self.confirmed = max(self.confirmed, barrier.changes)
+        if barrier.passed is None:
+            return False
+        if not barrier.passed.done():
+            barrier.passed.set_result(None)
+        return True
+
+    def _error(self, message: bytes) -> bool:
+        if message[0] != ofp.OFP_VERSION:
+            # So Open vSwitch 3.1 answers a bad request for a flow monitor, and with any xid.
+            log.warning("an error of OpenFlow version %#x: dropped", message[0])
+            return True
+        xid = transaction_id(message)
+        if xid in self._refused:
+            self._refused[xid] = True
+        self.bundles.committing.pop(xid, None)
+        self.aggregates.pop(xid, None)
+        if xid in self._discarding and messages.error_code(message)[0] == ofp.OFPET_BUNDLE_FAILED:
+            self._discarding.discard(xid)
+            return True
+        return False
+
+    def _bundle_reply(self, message: bytes) -> bool:
+        kind, xid = packets.bundle_control(message)[1], transaction_id(message)
+        if kind == ofp.OFPBCT_DISCARD_REPLY and xid in self._discarding:
+            self._discarding.discard(xid)
+            return True
+        return False
+
+    def close(self) -> None:
+        """Let nobody wait for a bridge that has left."""
+        for barrier in self._barriers:
+            if barrier.passed is not None and not barrier.passed.done():
+                barrier.passed.set_result(None)
+        self.confirmed = self._changes

@@ -1,0 +1,192 @@
+"""Serves the bridge's connections to one controller, message by message.
+
+    bridge --- agent --- controller
+
+Messages keep their order in each direction. A BARRIER_REPLY waits until the light paths are
+ready, and what the bridge says after it waits behind it. If they do not get ready, the
+controller gets an ERROR in its place.
+"""
+
+import asyncio
+import contextlib
+import logging
+import time
+from asyncio import StreamReader, StreamWriter
+from collections.abc import Coroutine
+from typing import Any
+
+from qswitch_agent.bridge import BridgeFault
+from qswitch_agent.hardware.optics import HardwareFault
+from qswitch_agent.openflow.messages import Framer
+from qswitch_agent.proxy.link import Link, Said
+from qswitch_agent.proxy.replies import HOLD_DEADLINE_S, Replies
+from qswitch_agent.proxy.requests import Requests
+from qswitch_agent.switch import Switch
+from wire.metadata import MalformedPacket
+
+CHUNK = 1 << 16
+FIRST_RETRY_S, LAST_RETRY_S = 0.05, 1.0
+CLOSE_DEADLINE_S = 0.5
+log = logging.getLogger(__name__)
+
+Address = tuple[str, int]
+
+
+class Proxy:
+    """Serves the bridge's connections for one controller."""
+
+    def __init__(
+        self, controller: Address, switch: Switch, hold_deadline_s: float = HOLD_DEADLINE_S
+    ) -> None:
+        """Hold each barrier's reply until the switch is ready, or the deadline has passed."""
+        self._controller = controller
+        self._switch = switch
+        self._hold_deadline_s = hold_deadline_s
+        self._server: asyncio.Server | None = None
+        self._connections: set[asyncio.Task[None]] = set()
+        self._links: set[Link] = set()
+
+    async def serve(self, listen: Address) -> None:
+        """Accept the bridge's connections from now on; raise OSError if the port is taken."""
+        self._server = await asyncio.start_server(self._accept, *listen)
+
+    async def close(self) -> None:
+        """Stop, after the replies that wait have had a moment to be decided."""
+        if self._server is not None:
+            self._server.close()
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(CLOSE_DEADLINE_S):
+                for link in list(self._links):
+                    await link.settle()
+        for connection in self._connections:
+            connection.cancel()
+        await asyncio.gather(*self._connections, return_exceptions=True)
+
+    def _accept(self, reader: StreamReader, writer: StreamWriter) -> None:
+        connection = asyncio.create_task(self._connect(reader, writer))
+        self._connections.add(connection)
+        connection.add_done_callback(self._connections.discard)
+
+    async def _connect(self, reader: StreamReader, writer: StreamWriter) -> None:
+        """Connect the bridge to the controller until either of them ends it."""
+        with contextlib.closing(writer):
+            reached = await self._reach_controller(reader)
+            if reached is None:
+                return
+            greeting, controller_reader, controller_writer = reached
+            with contextlib.closing(controller_writer):
+                log.info("bridge and controller %s:%d are connected", *self._controller)
+                link = Link(writer, controller_writer)
+                self._switch.connections.add(link)
+                self._links.add(link)
+                try:
+                    await _first_end(
+                        self._hear(link, greeting, reader),
+                        self._show(link),
+                        self._ask(link, controller_reader),
+                    )
+                finally:
+                    self._links.discard(link)
+                    self._switch.connections.discard(link)
+                    link.close()
+
+    async def _reach_controller(
+        self, bridge: StreamReader
+    ) -> tuple[bytes, StreamReader, StreamWriter] | None:
+        """Return what the bridge has said meanwhile, and the connection; None if it left."""
+        said = b""
+        dial = asyncio.create_task(self._dial())
+        try:
+            while not dial.done():
+                reading = asyncio.create_task(bridge.read(CHUNK))
+                try:
+                    await asyncio.wait({dial, reading}, return_when=asyncio.FIRST_COMPLETED)
+                finally:
+                    reading.cancel()
+                    await asyncio.wait({reading})
+                if not reading.cancelled() and reading.exception() is None:
+                    said += reading.result()
+                if not dial.done() and (bridge.at_eof() or bridge.exception()):
+                    return None
+            return said, *dial.result()
+        except asyncio.CancelledError:
+            if dial.done():
+                dial.result()[1].close()
+            raise
+        finally:
+            dial.cancel()
+
+    async def _dial(self) -> tuple[StreamReader, StreamWriter]:
+        """Connect to the controller, however long it takes to come up."""
+        pause_s = FIRST_RETRY_S
+        while True:
+            try:
+                return await asyncio.open_connection(*self._controller)
+            except OSError as error:
+                if pause_s == FIRST_RETRY_S:
+                    log.warning("waiting for controller %s:%d: %s", *self._controller, error)
+            await asyncio.sleep(pause_s)
+            pause_s = min(2 * pause_s, LAST_RETRY_S)
+
+    async def _ask(self, link: Link, reader: StreamReader) -> str:
+        """Handle what the controller asks for, one message after the other."""
+        requests, framer = Requests(self._switch, link), Framer()
+        try:
+            while data := await reader.read(CHUNK):
+                for message in framer.feed(data):
+                    await requests.take(message)
+                link.flush()
+                await link.bridge.drain()
+        except (MalformedPacket, OSError) as error:
+            return f"messages of the controller: {error}"
+        except (BridgeFault, HardwareFault) as fault:
+            return f"a request of the controller: {fault}"
+        return "the controller closed it"
+
+    async def _hear(self, link: Link, greeting: bytes, reader: StreamReader) -> str:
+        """Take in what the bridge says; what is for the controller waits for its turn."""
+        framer, data = Framer(), greeting
+        try:
+            while data or (data := await reader.read(CHUNK)):
+                now_ns = time.monotonic_ns()
+                for message in framer.feed(data):
+                    if not link.is_ours(message):
+                        await link.said.put(Said(message, now_ns))
+                data = b""
+        except (MalformedPacket, OSError) as error:
+            return f"messages of the bridge: {error}"
+        await link.said.join()
+        return "the bridge closed it"
+
+    async def _show(self, link: Link) -> str:
+        """Pass on what the bridge has said, as soon as it is true of light, too.
+
+        What is there to be said at once goes in one write, which costs more than the rest.
+        """
+        replies = Replies(self._switch, link, self._hold_deadline_s)
+        try:
+            while True:
+                message, since_ns, by_agent = await link.said.get()
+                if not by_agent:
+                    if replies.may_wait(message):
+                        link.show()
+                    message = await replies.shown(message, since_ns)
+                link.to_controller(message)
+                if link.said.empty():
+                    link.show()
+                    await link.controller.drain()
+        except (MalformedPacket, OSError) as error:
+            return f"messages to the controller: {error}"
+        except (BridgeFault, HardwareFault) as fault:
+            return f"what the bridge says: {fault}"
+
+
+async def _first_end(*directions: Coroutine[Any, Any, str]) -> None:
+    """Let all run until one of them ends."""
+    tasks = [asyncio.create_task(direction) for direction in directions]
+    try:
+        done, _pending = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        for task in tasks:
+            task.cancel()
+    log.info("connection ended: %s", " and ".join(sorted(task.result() for task in done)))

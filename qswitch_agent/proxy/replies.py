@@ -1,0 +1,177 @@
+"""What the bridge says, as the controller of an optical switch is to see it."""
+
+import asyncio
+import logging
+import struct
+
+from os_ken.ofproto import ofproto_v1_4 as ofp
+
+from qswitch_agent.bridge import BridgeFault
+from qswitch_agent.hardware.optics import HardwareFault, HardwareRefusal, Readings
+from qswitch_agent.light_paths import NotReady
+from qswitch_agent.openflow import flow_reports, messages, multipart, packets, ports
+from qswitch_agent.openflow.flow_reports import FlowRemoved
+from qswitch_agent.openflow.flows import FlowEntry
+from qswitch_agent.openflow.instructions import Mark
+from qswitch_agent.openflow.messages import message_type, transaction_id
+from qswitch_agent.proxy.link import Link
+from qswitch_agent.switch import Switch
+
+HOLD_DEADLINE_S = 5.0
+AGGREGATE = struct.Struct(ofp.OFP_AGGREGATE_STATS_REPLY_PACK_STR)
+CHANGED = (
+    ofp.OFPT_BARRIER_REPLY,
+    ofp.OFPT_MULTIPART_REPLY,
+    ofp.OFPT_PORT_STATUS,
+    ofp.OFPT_FLOW_REMOVED,
+    ofp.OFPT_PACKET_IN,
+    ofp.OFPT_BUNDLE_CONTROL,
+)
+WAITING = ofp.OFPT_BARRIER_REPLY, ofp.OFPT_MULTIPART_REPLY, ofp.OFPT_FLOW_REMOVED
+log = logging.getLogger(__name__)
+
+
+class Replies:
+    """One controller's view of what the bridge says."""
+
+    def __init__(self, switch: Switch, link: Link, hold_deadline_s: float) -> None:
+        self._switch = switch
+        self._link = link
+        self._hold_deadline_s = hold_deadline_s
+
+    def may_wait(self, message: bytes) -> bool:
+        """Tell whether it may take time until a message is to be shown."""
+        kind = message_type(message)
+        if kind == ofp.OFPT_BUNDLE_CONTROL:  # ports are tuned
+            return bool(self._link.bundles.committing.get(transaction_id(message)))
+        return kind in WAITING
+
+    async def shown(self, message: bytes, since_ns: int) -> bytes:
+        """Return what the controller gets for a message of the bridge; it may be nothing.
+
+        The bridge has said it at `since_ns` (time.monotonic_ns) or before.
+        """
+        kind = message_type(message)
+        if kind not in CHANGED:
+            return message
+        if kind == ofp.OFPT_BARRIER_REPLY:
+            return await self._barrier(message)
+        if kind == ofp.OFPT_MULTIPART_REPLY:
+            return await self._multipart(message)
+        if kind == ofp.OFPT_PORT_STATUS:
+            return self._ports(message)
+        if kind == ofp.OFPT_FLOW_REMOVED:
+            return await self._flow_removed(message, since_ns)
+        if kind == ofp.OFPT_PACKET_IN:
+            return self._packet_in(message)
+        return await self._bundle(message)
+
+    async def _barrier(self, message: bytes) -> bytes:
+        """Hold the reply until light passes as was asked for before the barrier."""
+        try:
+            confirmed = self._link.confirmed
+            async with asyncio.timeout(self._hold_deadline_s):
+                await self._switch.ready()
+            self._link.reported(confirmed)
+        except (NotReady, BridgeFault, HardwareFault, TimeoutError) as error:
+            reason = str(error) or f"light paths were not ready in {self._hold_deadline_s} s"
+            log.error("barrier refused: %s", reason)
+            return messages.barrier_error(message)
+        return message
+
+    async def _multipart(self, message: bytes) -> bytes:
+        kind = multipart.multipart_type(message)
+        if kind == ofp.OFPMP_PORT_DESC:
+            return self._ports(message)
+        if kind == ofp.OFPMP_PORT_STATS:
+            return await self._port_statistics(message)
+        if kind == ofp.OFPMP_FLOW:
+            return await self._flow_statistics(message)
+        if kind == ofp.OFPMP_FLOW_MONITOR:
+            return flow_reports.monitor_shown(message)
+        return message
+
+    def _ports(self, message: bytes) -> bytes:
+        described = ports.described_ports(message)
+        fibers = self._switch.fibers
+        if not any(port.number in fibers for port in described):
+            return message
+        shown = [self._switch.shown(port) if port.number in fibers else port for port in described]
+        return ports.with_ports(message, shown)
+
+    async def _port_statistics(self, message: bytes) -> bytes:
+        statistics = ports.port_statistics(message)
+        if not any(port.number in self._switch.fibers for port in statistics):
+            return message
+        readings = await self._switch.read()
+        parts = [self._photons(port, readings).encode() for port in statistics]
+        return multipart.rebuilt(message, parts)
+
+    def _photons(self, port: ports.PortStatistics, readings: Readings) -> ports.PortStatistics:
+        reading = readings.ports.get(port.number)
+        if port.number not in self._switch.fibers or reading is None:
+            return port
+        photons = reading.photons_in, reading.photons_out, reading.photons_lost
+        return port.shown(photons, self._switch.light(port.number, readings).encode())
+
+    async def _flow_statistics(self, message: bytes) -> bytes:
+        statistics = flow_reports.flow_statistics(message)
+        marks = [self._mark(one.entry) for one in statistics]
+        if any(marks):
+            circuits = (await self._switch.read()).circuits
+            for number, mark in enumerate(marks):
+                if mark:
+                    reading = circuits.get(mark.circuit)
+                    photons = reading.photons if reading else 0
+                    statistics[number] = statistics[number].shown(mark, photons)
+        xid = transaction_id(message)
+        if xid not in self._link.aggregates:
+            return multipart.rebuilt(message, [entry.encode() for entry in statistics])
+        counted, octets, count = self._link.aggregates[xid]
+        counted += sum(entry.packets for entry in statistics)
+        octets += sum(entry.octets for entry in statistics)
+        count += len(statistics)
+        self._link.aggregates[xid] = counted, octets, count
+        if multipart.more_follows(message):
+            return b""
+        del self._link.aggregates[xid]
+        total = AGGREGATE.pack(counted, octets, count)
+        return multipart.reply(ofp.OFPMP_AGGREGATE, xid, [total])
+
+    def _mark(self, entry: FlowEntry) -> Mark | None:
+        """Return the mark of a light entry; what a controller noted elsewhere is its own."""
+        return entry.mark if entry.in_port in self._switch.fibers else None
+
+    async def _flow_removed(self, message: bytes, since_ns: int) -> bytes:
+        gone = FlowRemoved.decode(message)
+        if gone.table != 0:
+            return message
+        await self._switch.synchronise(since_ns)
+        removed = self._switch.paths.removed(*gone.key)
+        if removed is None:
+            return message
+        reading = (await self._switch.read(since_ns)).circuits.get(removed.mark.circuit)
+        photons = reading.photons if reading else 0
+        return gone.shown(message, removed.mark, photons, removed.idle)
+
+    def _packet_in(self, message: bytes) -> bytes:
+        """From a fibre comes LLDP and nothing else."""
+        in_port, frame = packets.packet_in(message)
+        if in_port in self._switch.fibers and not packets.is_lldp(frame):
+            log.info("a packet from the fibre at port %d that is not LLDP: dropped", in_port)
+            return b""
+        return message
+
+    async def _bundle(self, message: bytes) -> bytes:
+        """Tune ports as a bundle said, now that the bridge has committed it."""
+        xid = transaction_id(message)
+        if packets.bundle_control(message)[1] != ofp.OFPBCT_COMMIT_REPLY:
+            return message
+        for port, frequency_mhz, power_dbm in self._link.bundles.committing.pop(xid, []):
+            try:
+                await self._switch.hardware.tune(port, frequency_mhz, power_dbm)
+            except HardwareRefusal as refusal:
+                log.error("port %d is not tuned: %s", port, refusal)
+                failed = ofp.OFPET_BUNDLE_FAILED, ofp.OFPBFC_MSG_FAILED
+                return messages.error(*failed, message)
+        return message

@@ -1,0 +1,285 @@
+"""The optical switch as its controllers see it: bridge, light paths and hardware together."""
+
+import asyncio
+import logging
+import secrets
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+from typing import Protocol
+
+from os_ken.ofproto import ofproto_v1_4 as ofp
+
+from qswitch_agent.hardware.optics import (
+    CALL_DEADLINE_S,
+    Condition,
+    HardwareFault,
+    HardwareRefusal,
+    OpticalHardware,
+    Path,
+    PortReading,
+    Quantity,
+    Readings,
+    Tuning,
+)
+from qswitch_agent.light_paths import LightPaths
+from qswitch_agent.middleware.flow_table import FlowTable
+from qswitch_agent.openflow.flows import FlowMod
+from qswitch_agent.openflow.messages import Refusal
+from qswitch_agent.openflow.ports import Port
+from qswitch_agent.supervision import SupervisoryChannels
+from wire import optical
+from wire.optical import PathOptics, PortLight, PortOptics, PortTuning
+
+log = logging.getLogger(__name__)
+MIN_CIRCUIT, MAX_CIRCUIT = 1, (1 << 31) - 1
+MAX_LOSS_MDB = 0xFFFFFFFF  # a path that passes no light at all
+
+
+class Unconfirmed(Protocol):
+    """A controller's connection, whose last changes the bridge may not have made yet."""
+
+    confirmed: int  # how many it has certainly made, or refused
+
+    @property
+    def deletions(self) -> list[FlowMod]:
+        """Those that the flow monitor may not have reported and that delete."""
+
+    @property
+    def only_deletes(self) -> bool:
+        """Whether it has certainly reported all others."""
+
+    async def confirm(self) -> bool:
+        """Wait until the bridge has made all; tell whether any may be unreported yet."""
+
+    def reported(self, confirmed: int) -> None:
+        """Note that the flow monitor has reported so many."""
+
+
+class Switch:
+    """What all connections of all controllers share."""
+
+    def __init__(
+        self,
+        paths: LightPaths,
+        channels: SupervisoryChannels,
+        hardware: OpticalHardware,
+        synchronise: Callable[[], Awaitable[None]],
+    ) -> None:
+        """`synchronise` returns when the table is what the bridge has reported up to now."""
+        self.paths = paths
+        self.fibers = paths.table.fibers
+        self.connections: set[Unconfirmed] = set()
+        self._synchronise = synchronise
+        self._synchronised_ns = 0  # when that was begun last, of those that are done
+        self.hardware = hardware
+        self._channels = channels
+        self._condition = Condition()
+        self._known = asyncio.Event()
+        self._judging = asyncio.Lock()
+        self._newest: tuple[int, Readings] = 0, Readings()  # when they were asked for
+
+    async def started(self) -> None:
+        """Return when the hardware has told its condition."""
+        try:
+            async with asyncio.timeout(CALL_DEADLINE_S):
+                await self._known.wait()
+        except TimeoutError as error:
+            raise HardwareFault(
+                f"the hardware did not tell its condition in {CALL_DEADLINE_S} s"
+            ) from error
+
+    async def synchronise(self, since_ns: int | None = None) -> None:
+        """Return when the table is what the bridge has reported up to now, or up to then."""
+        if since_ns is None or self._synchronised_ns <= since_ns:
+            begun_ns = time.monotonic_ns()
+            await self._synchronise()
+            self._synchronised_ns = max(self._synchronised_ns, begun_ns)
+
+    async def ready(self) -> None:
+        """Return when light passes as the bridge's table says now; raise NotReady if it cannot."""
+        await self.synchronise()
+        await self.paths.ready()
+
+    @asynccontextmanager
+    async def trial(self, connection: Unconfirmed) -> AsyncIterator[FlowTable]:
+        """Give a copy of the table in which a controller can try a change; one at a time.
+
+        What controllers have asked for before is in it, whether they waited for it or not.
+        """
+        async with self._judging:
+            waited = [
+                other
+                for other in list(self.connections)
+                if other is not connection or not other.only_deletes
+            ]
+            if any([await other.confirm() for other in waited]):
+                confirmed = [other.confirmed for other in waited]
+                await self.synchronise()
+                for other, changes in zip(waited, confirmed, strict=True):
+                    other.reported(changes)
+            table = self.paths.table.copy()
+            for mod in connection.deletions:
+                table.change(mod)
+            yield table
+
+    def require_free_outputs(self, trial: FlowTable) -> None:
+        """Raise Refusal if a change makes two paths end in one port."""
+        conflicts = trial.plan().conflicts
+        known = set(self.paths.table.plan().conflicts) if conflicts else ()
+        for conflict in conflicts:
+            if conflict not in known:
+                raise Refusal(ofp.OFPET_FLOW_MOD_FAILED, ofp.OFPFMFC_OVERLAP, conflict)
+
+    def new_circuit(self) -> int:
+        """Return a number under which the photons of a new light entry are counted."""
+        return secrets.randbelow(MAX_CIRCUIT) + MIN_CIRCUIT
+
+    async def read(self, since_ns: int | None = None) -> Readings:
+        """Return what the hardware counts and measures, now or at some time since then.
+
+        Raise HardwareFault if it does not.
+        """
+        asked_ns, readings = self._newest
+        if since_ns is None or asked_ns <= since_ns:
+            asked_ns = time.monotonic_ns()
+            try:
+                readings = await self.hardware.read()
+            except HardwareRefusal as refusal:
+                raise HardwareFault(f"the hardware refuses to be read: {refusal}") from refusal
+            self._newest = asked_ns, readings
+        return readings
+
+    def send_lldp(self, port: int, frame: bytes) -> None:
+        """Send a frame into a fibre's supervisory channel."""
+        if port not in self._channels.ports:
+            raise Refusal(ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_OUT_PORT, f"no port {port}")
+        self._channels.send(port, frame)
+
+    def require_address(self, number: int, address: bytes) -> None:
+        """Raise Refusal unless this is the hardware address of a port, as PORT_MOD must know."""
+        port = self._channels.ports.get(number)
+        if port is None:
+            raise Refusal(
+                ofp.OFPET_PORT_MOD_FAILED, ofp.OFPPMFC_BAD_PORT, f"there is no port {number}"
+            )
+        if port.address != address:
+            raise Refusal(
+                ofp.OFPET_PORT_MOD_FAILED,
+                ofp.OFPPMFC_BAD_HW_ADDR,
+                f"port {number} has the address {port.address.hex(':')}, not {address.hex(':')}",
+            )
+
+    def condition_changed(self, condition: Condition) -> None:
+        """Take the hardware's condition; controllers hear of the ports that it concerns."""
+        before, self._condition = self._condition, condition
+        affected = {port for path in before.stuck ^ condition.stuck for port in path}
+        if before.hot != condition.hot:
+            affected |= self.fibers
+        if self._known.is_set():
+            log.info("another condition; it concerns ports %s", sorted(affected) or "none")
+            self._channels.announce(affected & self.fibers)
+        self._known.set()
+        self.paths.retry()
+
+    def shown(self, port: Port) -> Port:
+        """Return a fibre port's description as a controller sees it.
+
+        OFPPS_BLOCKED: a cross-connect of the port is stuck. OFPPS_LIVE: light passes as it
+        should: the fibre is whole, and the hardware not too hot.
+        """
+        state = port.state
+        if any(port.number in path for path in self._condition.stuck):
+            state |= ofp.OFPPS_BLOCKED
+        healthy = port.up and not self._condition.hot
+        state = state | ofp.OFPPS_LIVE if healthy else state & ~ofp.OFPPS_LIVE
+        config = port.config & ~ofp.OFPPC_NO_FWD  # our own, not the controllers'
+        optics = port_optics(self._condition).encode()
+        return Port(port.number, port.address, port.name, config, state, port.properties + optics)
+
+    def path_optics(self) -> list[PathOptics]:
+        """Return what paths do to light: first all that are not named, then the others."""
+        condition = self._condition
+        paths = [_path_optics((optical.ANY_PORT, optical.ANY_PORT), condition.others, False)]
+        named = {**condition.paths}
+        for ports in condition.stuck:
+            named.setdefault(ports, condition.others)
+        return paths + [
+            _path_optics(ports, named[ports], ports in condition.stuck) for ports in sorted(named)
+        ]
+
+    def tuning(self, wanted: PortTuning) -> tuple[int | None, float | None]:
+        """Return frequency (MHz) and power (dBm) that a PORT_MOD asks for, None: as they are.
+
+        Raise Refusal for what the ports cannot be tuned to.
+        """
+        power_dbm = wanted.tx_power / 10 if wanted.configure & optical.TX_PWR else None
+        frequency_mhz = None
+        if wanted.configure & (optical.TX_TUNE | optical.RX_TUNE):
+            if not wanted.configure & optical.USE_FREQ:
+                raise _bad_value("give a frequency in MHz, with OFPOPF_USE_FREQ")
+            frequency_mhz = wanted.frequency + wanted.offset
+        tuning = self._condition.tuning
+        if tuning is None:
+            raise _bad_value("the ports of this switch cannot be tuned")
+        if frequency_mhz is not None and not _on_grid(frequency_mhz, tuning):
+            raise _bad_value(
+                f"{frequency_mhz} MHz: ports are tuned to {tuning.min_mhz} to {tuning.max_mhz} "
+                f"MHz in steps of {tuning.grid_mhz} MHz"
+            )
+        if power_dbm is not None and not tuning.min_dbm <= power_dbm <= tuning.max_dbm:
+            raise _bad_value(
+                f"{power_dbm} dBm: the power is {tuning.min_dbm} to {tuning.max_dbm} dBm"
+            )
+        return frequency_mhz, power_dbm
+
+    def light(self, port: int, readings: Readings) -> PortLight:
+        """Return the optical statistics of a port; its flags say which fields are measured."""
+        reading = readings.ports.get(port, PortReading())
+        missing = readings.not_measured
+        flags = optical.USE_FREQ
+        if Quantity.FREQUENCY not in missing:
+            flags |= optical.RX_TUNE | optical.TX_TUNE
+        if not missing & {Quantity.TX_POWER, Quantity.RX_POWER}:
+            flags |= optical.TX_PWR
+        tuning = self._condition.tuning
+        channel = reading.frequency_mhz, 0, tuning.grid_mhz if tuning else 0
+        return PortLight(
+            flags,
+            *channel,
+            *channel,
+            _signed(reading.tx_dbm * 10),
+            _signed(reading.rx_dbm * 10),
+            round(max(0.0, min(65535.0, reading.bias_ma * 10))),
+            _signed(readings.temperature_c * 10),
+        )
+
+
+def port_optics(condition: Condition) -> PortOptics:
+    """Return how far ports can be tuned, as their descriptions tell."""
+    tuning = condition.tuning
+    if tuning is None:
+        return PortOptics(0, 0, 0, 0, 0, 0, 0, 0, 0)
+    band = tuning.min_mhz, tuning.max_mhz, tuning.grid_mhz
+    power = round(tuning.min_dbm * 10), round(tuning.max_dbm * 10)
+    return PortOptics(optical.TUNABLE, *band, *band, *power)
+
+
+def _path_optics(ports: tuple[int, int], path: Path, stuck: bool) -> PathOptics:
+    loss_mdb = round(min(path.loss_db * 1000, MAX_LOSS_MDB))
+    return PathOptics(*ports, loss_mdb, path.rotation, stuck)
+
+
+def _on_grid(frequency_mhz: int, tuning: Tuning) -> bool:
+    within = tuning.min_mhz <= frequency_mhz <= tuning.max_mhz
+    step = tuning.grid_mhz or 1
+    return within and (frequency_mhz - tuning.min_mhz) % step == 0
+
+
+def _bad_value(reason: str) -> Refusal:
+    return Refusal(ofp.OFPET_BAD_PROPERTY, ofp.OFPBPC_BAD_VALUE, reason)
+
+
+def _signed(value: float) -> int:
+    """Return a number that fits 16 bits: no light at all is -infinity dBm."""
+    return round(max(-32768.0, min(32767.0, value)))

@@ -1,0 +1,114 @@
+"""Sessions over networks of several quantum switches, and the light paths in their bridges."""
+
+import re
+import subprocess
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from mininet.topo import Topo
+
+from hosts.software import QuantumSocket
+from topologies.network import Network, Signals
+from topologies.record import read_record
+from topologies.runtime import Runtime
+
+TIMEOUT_S = 40.0
+
+
+@contextmanager
+def running(topo: Callable[[], Topo], folder: Path, **settings: object) -> Iterator[Network]:
+    """Run a network in this process."""
+    runtime = Runtime(log_folder=folder / "run", **settings)  # type: ignore[arg-type]
+    with Signals() as signals, Network(topo, runtime, signals) as network:
+        yield network
+
+
+def light_paths(switch: str) -> dict[int, int]:
+    """Return the light entries of a bridge: in_port to out_port."""
+    command = ["ovs-ofctl", "-O", "OpenFlow14", "--no-names", "dump-flows", switch]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    found = re.findall(r"priority=100,in_port=(\d+) actions=\S*output:(\d+)", done.stdout)
+    return {int(in_port): int(out_port) for in_port, out_port in found}
+
+
+def facts(network: Network, event: str) -> list[dict[str, object]]:
+    """Return what the controller has recorded of one kind."""
+    return [fact for fact in read_record(network.runtime.logs) if fact["event"] == event]
+
+
+def switches_on_the_way(network: Network, interface: str) -> list[str]:
+    """Follow the entries of the bridges from a host's fibre on; return the switches passed."""
+    far = {}
+    for fiber in network.runtime.fibers:
+        far[fiber.a.node, fiber.a.port] = fiber.b
+        far[fiber.b.node, fiber.b.port] = fiber.a
+    end = far[interface.partition("-")[0], interface]
+    passed = []
+    while end.node in network.runtime.switches:
+        passed.append(end.node)
+        end = far[end.node, str(light_paths(end.node)[int(end.port)])]
+    return [*passed, end.node]
+
+
+class Session:
+    """A session between two hosts, with an application at each end."""
+
+    def __init__(
+        self, network: Network, sender: str, receiver: str, port: int = 7, **options: object
+    ) -> None:
+        self._listener = QuantumSocket(network.runtime.socket(receiver))
+        self._listener.listen(port)
+        self._sender = QuantumSocket(network.runtime.socket(sender))
+        self._to = receiver, port
+        self._options = options  # of QuantumSocket.connect
+
+    def open(self) -> "Session":
+        """Connect; raise QuantumSocketError if that is refused."""
+        self._sender.connect(self._to, **self._options)
+        self._receiver, _peer = self._listener.accept()
+        return self
+
+    def start(self, data: bytes) -> None:
+        """Begin to send."""
+        self._sending = threading.Thread(target=self._sender.sendall, args=(data,))
+        self._sending.start()
+
+    @property
+    def sending(self) -> bool:
+        """Whether not all that was started has been sent."""
+        return self._sending.is_alive()
+
+    def finish(self, size: int) -> bytes:
+        """Receive so many bytes and wait until the sender has sent them all."""
+        received = bytearray()
+        while len(received) < size:
+            received += self._receiver.recv(1 << 20)
+        self._sending.join(TIMEOUT_S)
+        assert not self._sending.is_alive()
+        return bytes(received)
+
+    def carry(self, data: bytes) -> bytes:
+        """Send and receive."""
+        self.start(data)
+        return self.finish(len(data))
+
+    def close(self) -> None:
+        """End the session."""
+        self._sender.close()
+        if hasattr(self, "_receiver"):
+            self._receiver.close()
+        self._listener.close()
+
+
+@contextmanager
+def session(
+    network: Network, sender: str, receiver: str, port: int = 7, **options: object
+) -> Iterator[Session]:
+    """Keep a session open."""
+    made = Session(network, sender, receiver, port, **options)
+    try:
+        yield made.open()
+    finally:
+        made.close()

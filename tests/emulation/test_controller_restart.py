@@ -1,0 +1,197 @@
+"""A controller that is killed and started again: what lives goes on, what is dead is removed."""
+
+import hashlib
+import re
+import subprocess
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from conftest import wait_until
+from fabric_scene import Session, facts, light_paths, running, session
+
+from hosts.software import QuantumSocketError
+from topologies.network import Network
+from topologies.nodes import READY_TIMEOUT_S
+from topologies.programs import python
+from topologies.ring import RingTopo
+from topologies.sdc import SdcTopo
+from wire.metadata import Reason
+
+BOTH = pytest.mark.parametrize("framework", ["ryu", "os-ken"])
+RYU = pytest.mark.parametrize("framework", ["ryu"])
+DATA = hashlib.shake_256(b"light").digest(3 << 20)  # some seconds of light
+LESS = DATA[: 1 << 14]
+SILENCE_S = 40.0  # 30 of them are the idle time-out of a bypass
+
+
+def start_again(network: Network) -> None:
+    """Start a controller like the one that has ended, and wait until both switches are here."""
+    (c0,) = network.net.controllers
+    before = len(facts(network, "switch"))
+    config = network.runtime.folder / "c0.json"
+    c0.program.start([python(), "-m", "controller_apps", "--config", str(config)])
+    switches = len(network.net.switches)
+    wait_until(
+        lambda: len(facts(network, "switch")) == before + switches,
+        "every switch is here again",
+        READY_TIMEOUT_S,
+    )
+
+
+def kill(network: Network) -> None:
+    """End the controller as a crash would."""
+    (c0,) = network.net.controllers
+    c0.program.kill()
+
+
+def bypasses(network: Network) -> list[str]:
+    """Return the cookies of the entries that let connections pass s1."""
+    command = ["ovs-ofctl", "-O", "OpenFlow14", "dump-flows", "s1", "table=0"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=30)
+    return re.findall(r"cookie=0x([0-9a-f]+).*priority=300,", done.stdout)
+
+
+def kept(network: Network) -> list[str]:
+    """Return the sessions that the controller has kept for its successor."""
+    files = (network.runtime.folder / "state").iterdir()
+    return sorted(file.name for file in files if file.name != "hosts")
+
+
+class Watch:
+    """Looks at the light entries of a switch all the time; notes all states they had."""
+
+    def __init__(self, switch: str) -> None:
+        self.seen: list[dict[int, int]] = []
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._look, args=(switch,))
+
+    def _look(self, switch: str) -> None:
+        while not self._over.wait(0.01):
+            self.seen.append(light_paths(switch))
+
+    def __enter__(self) -> "Watch":
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self._over.set()
+        self._thread.join(10)
+
+
+@BOTH
+def test_a_framed_session_outlives_the_controller_in_full_light(
+    tmp_path: Path, framework: str
+) -> None:
+    with running(SdcTopo, tmp_path, framework=framework) as network:
+        with session(network, "alice", "bob") as opened:
+            opened.start(DATA)
+            wait_until(lambda: len(bypasses(network)) == 2, "data has followed the set-up")
+            before = light_paths("q1")
+            with Watch("q1") as watch:
+                kill(network)
+                start_again(network)
+                second = Session(network, "alice", "bob", port=8)
+                with pytest.raises(QuantumSocketError, match="another session uses") as caught:
+                    second.open()
+                second.close()
+            assert opened.sending
+            assert caught.value.reason == Reason.BUSY
+            assert len(before) == 3
+            assert watch.seen
+            assert all(paths == before for paths in watch.seen)
+            assert len(set(bypasses(network))) == 1
+            received = opened.finish(len(DATA))
+            assert hashlib.sha256(received).digest() == hashlib.sha256(DATA).digest()
+            assert light_paths("q1") == before
+            assert facts(network, "torn_down") == []
+        (resumed,) = facts(network, "resumed")
+        wait_until(lambda: not light_paths("q1"), "the new controller closes the paths")
+        wait_until(lambda: not bypasses(network), "nothing passes s1 by itself")
+        over = {(fact["session"], fact["detail"]) for fact in facts(network, "torn_down")}
+        assert over == {(resumed["session"], "FIN")}  # of each of its connections
+        assert kept(network) == []
+        with session(network, "alice", "bob", port=9) as third:
+            assert third.carry(LESS) == LESS
+
+
+@RYU
+def test_light_over_several_switches_stays_where_it_is(tmp_path: Path, framework: str) -> None:
+    with (
+        running(RingTopo, tmp_path, framework=framework) as network,
+        session(network, "alice", "bob") as opened,
+    ):
+        assert opened.carry(LESS) == LESS
+        before = {name: light_paths(name) for name in network.runtime.switches}
+        kill(network)
+        start_again(network)
+        assert opened.carry(LESS) == LESS
+        assert {name: light_paths(name) for name in network.runtime.switches} == before
+        assert facts(network, "moved") == facts(network, "stranded") == []
+
+
+@BOTH
+def test_a_per_pair_session_outlives_the_controller(tmp_path: Path, framework: str) -> None:
+    with running(SdcTopo, tmp_path, framework=framework) as network:
+        with session(network, "alice", "bob", handshake="per-pair") as opened:
+            opened.start(LESS[:256])
+            wait_until(lambda: len(facts(network, "path_ready")) > 50, "pairs are on their way")
+            kill(network)
+            assert len(facts(network, "path_ready")) < 4 * 256
+            start_again(network)
+            assert opened.finish(256) == LESS[:256]
+            assert len(facts(network, "path_ready")) >= 4 * 256  # four pairs a byte
+        assert facts(network, "resumed")
+        assert facts(network, "refused") == []
+        wait_until(lambda: not light_paths("q1"), "the paths are closed")
+        wait_until(lambda: not kept(network), "the session is over")
+        assert {fact["detail"] for fact in facts(network, "torn_down")} <= {"FIN", "RST"}
+
+
+@RYU
+def test_a_framed_session_outlives_an_agent_that_is_killed(tmp_path: Path, framework: str) -> None:
+    with (
+        running(SdcTopo, tmp_path, framework=framework) as network,
+        session(network, "alice", "bob") as opened,
+    ):
+        agent, before = network.net.get("q1").program, light_paths("q1")
+        switches = len(facts(network, "switch"))
+        opened.start(DATA)
+        wait_until(lambda: len(bypasses(network)) == 2, "data has followed the set-up")
+        agent.kill()
+        config = network.runtime.folder / "q1-agent.json"
+        agent.start([python(), "-m", "qswitch_agent", "--config", str(config)])
+        wait_until(lambda: len(facts(network, "switch")) > switches, "q1 is here again")
+        assert light_paths("q1") == before
+        assert opened.sending
+        assert opened.finish(len(DATA)) == DATA
+        assert facts(network, "torn_down") == []
+
+
+@RYU
+def test_between_two_sessions_a_controller_may_be_away(tmp_path: Path, framework: str) -> None:
+    with running(SdcTopo, tmp_path, framework=framework) as network:
+        with session(network, "alice", "bob") as first:
+            assert first.carry(LESS) == LESS
+        wait_until(lambda: facts(network, "torn_down"), "the first is over")
+        (c0,) = network.net.controllers
+        c0.program.stop()
+        time.sleep(5.0)
+        start_again(network)
+        with session(network, "alice", "bob") as second:
+            assert second.carry(LESS) == LESS
+        assert facts(network, "resumed") == []
+
+
+@RYU
+def test_a_session_that_ends_unseen_ends_by_silence(tmp_path: Path, framework: str) -> None:
+    with running(SdcTopo, tmp_path, framework=framework) as network:
+        with session(network, "alice", "bob") as opened:
+            assert opened.carry(LESS) == LESS
+            kill(network)
+        start_again(network)
+        assert len(light_paths("q1")) == 3
+        wait_until(lambda: not light_paths("q1"), "the paths are closed", SILENCE_S)
+        assert [fact["detail"] for fact in facts(network, "torn_down")] == ["idle"]
+        assert bypasses(network) == kept(network) == []

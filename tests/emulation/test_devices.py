@@ -1,0 +1,166 @@
+"""What the controller knows of devices and paths, and how it sets hosts."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from conftest import ROOT, wait_until
+
+from hosts.software import QuantumSocket, QuantumSocketError
+from topologies.network import Network, Signals
+from topologies.runtime import Runtime
+from topologies.sdc import SdcTopo
+from wire.metadata import Reason
+
+FRAMEWORKS = ("ryu", "os-ken")
+
+
+@pytest.fixture(params=FRAMEWORKS)
+def either(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Network]:
+    """The network under each controller framework."""
+    settings = Runtime(framework=request.param, log_folder=tmp_path / "run")
+    with Signals() as signals, Network(SdcTopo, settings, signals) as running:
+        yield running
+
+
+def qmn(*words: str) -> subprocess.CompletedProcess[str]:
+    """Run the command to its end."""
+    command = [sys.executable, "-m", "qmn", *words]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=30)
+
+
+def devices() -> dict[str, Any]:
+    """Return what `qmn devices --json` says, by name."""
+    done = qmn("devices", "--json")
+    assert done.returncode == 0, done.stderr
+    return {device["name"]: device for device in json.loads(done.stdout)}
+
+
+def test_every_device_is_known_and_a_pulse_rate_is_overridden(either: Network) -> None:
+    wait_until(
+        lambda: all(device["state"] == "up" for device in devices().values()), "all devices heard"
+    )
+    assert set(devices()) == {"q1", "alice", "bob", "charlie"}
+    assert [port["up"] for port in devices()["bob"]["ports"]] == [True, True]
+    done = qmn("set", "alice", "rate-hz", "1000000")
+    assert (done.returncode, done.stdout) == (
+        0,
+        "alice: overridden in new sessions: rate_hz 1000000\n",
+    )
+    with QuantumSocket(either.runtime.socket("bob")) as listener:
+        listener.listen(7)
+        with QuantumSocket(either.runtime.socket("alice")) as sender:
+            sender.connect(("bob", 7), rate_hz=50_000_000)
+            assert sender.statistics["rate_hz"] == 1_000_000
+            paths = json.loads(qmn("paths", "--json").stdout)
+            ends = {(path["begin"], path["end"]) for path in paths["paths"]}
+            assert ends == {
+                ("charlie-q0", "alice-q0"),
+                ("alice-q0", "bob-q1"),
+                ("charlie-q1", "bob-q0"),
+            }
+            (session,) = paths["sessions"]
+            assert (session["from"], session["to"], session["source"]) == (
+                "alice",
+                "bob",
+                "charlie",
+            )
+            assert session["rate_hz"] == 1_000_000
+            receiver, _peer = listener.accept()
+            sender.sendall(b"counted")
+            wait_until(
+                lambda: devices()["alice"]["pairs_sent"] == 28, "alice has told of her pairs"
+            )
+            known = devices()
+            assert known["bob"]["pairs_received"] == known["charlie"]["pairs_made"] == 28
+            assert known["alice"]["in_use"]["rate_hz"] == 1_000_000
+            assert known["alice"]["sessions"] == {"sending": 1, "receiving": 0, "serving": 0}
+            wait_until(lambda: len(devices()["q1"]["paths"]) == 3, "q1 has told of its paths")
+            receiver.close()
+    wait_until(lambda: not devices()["q1"]["paths"], "q1 has told that they are gone")
+    assert qmn("set", "alice", "rate-hz", "default").stdout == (
+        "alice: overridden in new sessions: nothing\n"
+    )
+
+
+def test_a_refused_setting_a_cut_and_a_silent_host_are_told(network: Network) -> None:
+    wait_until(lambda: devices()["bob"]["state"] == "up", "bob is heard")
+    for words, text in (
+        (("alice", "fec", "3"), "alice: fec 3: only 0 (none) is offered yet"),
+        (("eve", "fec", "0"), "no device 'eve'; hosts with a node agent: alice, bob, charlie"),
+        (("q1", "fec", "0"), "q1 is a switch"),
+        (("alice", "rate-hz", "0"), "rate_hz is 0: choose 1 to 4000000000"),
+        (("alice", "rate-hz", "fast"), "rate-hz 'fast': give a whole number, or `default`"),
+    ):
+        done = qmn("set", *words)
+        assert done.returncode == 1
+        assert text in done.stderr
+    assert devices()["alice"]["overrides"] == {}
+    network.net.configLinkStatus("bob", "q1", "down")
+    wait_until(
+        lambda: [port["up"] for port in devices()["bob"]["ports"]] == [False, False],
+        "bob reports the cut",
+    )
+    wait_until(
+        lambda: sum(not port["up"] for port in devices()["q1"]["ports"]) == 2, "q1 reports the cut"
+    )
+    network.net.configLinkStatus("bob", "q1", "up")
+    network.net.configLinkStatus("charlie", "s1", "down")
+    wait_until(lambda: devices()["charlie"]["state"] == "silent", "charlie is silent")
+    assert "silent since" in qmn("devices").stdout
+    network.net.configLinkStatus("charlie", "s1", "up")
+    wait_until(lambda: devices()["charlie"]["state"] == "up", "charlie is heard again")
+
+
+def test_hosts_cannot_set_each_other(network: Network) -> None:
+    wait_until(lambda: devices()["bob"]["state"] == "up", "bob is heard")
+    send = (
+        "import socket; s = socket.socket(socket.AF_INET, socket.SOCK_DGRAM);"
+        "[s.sendto(bytes(200), ('10.0.0.2', 9012)) for _ in range(3)];"
+        # A fragment has no ports that a switch could see.
+        "s.sendto(bytes(4000), ('10.0.0.2', 9012))"
+    )
+    assert network.host("alice").cmd(f'{sys.executable} -c "{send}"') == ""
+    log = network.runtime.logs / "bob.log"
+    wait_until(lambda: "dropped, from 10.0.0.1" in log.read_text(), "the fragment is dropped")
+    assert log.read_text().count("dropped, from 10.0.0.1") == 1
+
+
+def test_without_a_network_the_command_says_so() -> None:
+    for words in (["devices"], ["paths"], ["set", "alice", "fec", "0"], ["policy", "reload"]):
+        done = qmn(*words)
+        assert done.returncode == 1
+        assert "no network runs on this machine" in done.stderr
+
+
+def connect(network: Network, sender: str, receiver: str) -> None:
+    """Open a session and end it."""
+    with QuantumSocket(network.runtime.socket(receiver)) as listener:
+        listener.listen(7)
+        with QuantumSocket(network.runtime.socket(sender)) as socket:
+            socket.connect((receiver, 7))
+
+
+@pytest.mark.parametrize("framework", FRAMEWORKS)
+def test_the_policy_decides_until_it_is_changed(tmp_path: Path, framework: str) -> None:
+    policy = tmp_path / "policy.toml"
+    policy.write_text((ROOT / "controller_apps/policies/deny.toml").read_text())
+    settings = Runtime(framework=framework, log_folder=tmp_path / "run", policy=str(policy))
+    with Signals() as signals, Network(SdcTopo, settings, signals) as network:
+        connect(network, "alice", "bob")
+        with pytest.raises(QuantumSocketError, match="policy does not allow") as caught:
+            connect(network, "bob", "alice")
+        assert caught.value.reason == Reason.NOT_ALLOWED
+        policy.write_text("default = 'deny'\n[[rule]]\naction = 'perhaps'")
+        done = qmn("policy", "reload")
+        assert "rule 1: action is 'perhaps'" in done.stderr
+        connect(network, "alice", "bob")
+        policy.write_text("default = 'deny'\n[device.bob]\nframe_bytes = 64")
+        assert qmn("policy", "reload").stdout == f"in force: {policy}\n"
+        with pytest.raises(QuantumSocketError, match="policy does not allow"):
+            connect(network, "alice", "bob")
+        wait_until(lambda: devices()["bob"].get("overrides") == {"frame_bytes": 64}, "bob is set")

@@ -1,0 +1,178 @@
+"""Light over several quantum switches: found, set up whole, moved when a fibre is cut."""
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import ClassVar
+
+import grpc
+import pytest
+from conftest import wait_until
+from fabric_scene import Session, facts, light_paths, running, session, switches_on_the_way
+from mininet.topo import Topo
+
+from hosts.software import QuantumSocketError
+from topologies.chain import ChainTopo
+from topologies.leaf_spine import LeafSpineTopo
+from topologies.network import Network
+from topologies.programs import python
+from topologies.ring import RingTopo
+from topologies.sdc import SdcTopo
+from wire.dispatcher_pb2 import TunePortRequest
+from wire.dispatcher_pb2_grpc import DispatcherStub
+from wire.metadata import Reason
+from wire.service import metadata
+
+DATA = bytes(range(256)) * 64
+
+
+class TurningRingTopo(RingTopo):
+    """A ring whose switches turn light, what they do to pairs being alike both ways round."""
+
+    ROTATIONS: ClassVar = {"q1": 1, "q2": 2, "q3": 2, "q4": 2}
+
+    def build(self, switches: int = 4, fibers: int = 2, **fiber: float) -> None:
+        """Lay the ring."""
+        super().build(switches, fibers, **fiber)
+        for name, rotation in self.ROTATIONS.items():
+            self.setNodeInfo(name, {**self.nodeInfo(name), "rotation": rotation})
+
+
+class UnevenRingTopo(TurningRingTopo):
+    """One whose ways differ."""
+
+    ROTATIONS: ClassVar = {"q1": 1, "q2": 2, "q3": 2, "q4": 3}
+
+
+@pytest.mark.parametrize("framework", ["ryu", "os-ken"])
+@pytest.mark.parametrize(
+    ("topo", "links", "way"),
+    [
+        (partial(ChainTopo, switches=3), 4, ["q1", "q2", "q3", "bob"]),
+        (partial(RingTopo, switches=4), 8, ["q1", "q2", "q3", "bob"]),
+        (partial(LeafSpineTopo, leaves=3, spines=2), 6, ["q1", "q4", "q3", "bob"]),
+    ],
+)
+def test_bytes_cross_several_switches(
+    tmp_path: Path, topo: Callable[[], Topo], links: int, way: list[str], framework: str
+) -> None:
+    with running(topo, tmp_path, framework=framework) as network:
+        assert len(facts(network, "link")) == links
+        with session(network, "alice", "bob") as opened:
+            # The set-up is answered: every switch on the way is ready.
+            assert switches_on_the_way(network, "alice-q0") == way
+            assert switches_on_the_way(network, "charlie-q0")[-1] == "alice"
+            assert switches_on_the_way(network, "charlie-q1")[-1] == "bob"
+            assert opened.carry(DATA) == DATA
+        wait_until(lambda: not any(map(light_paths, way[:-1])), "the paths are closed")
+
+
+@pytest.mark.parametrize("framework", ["ryu", "os-ken"])
+def test_a_session_goes_the_other_way_round_when_its_fibre_is_cut(
+    tmp_path: Path, framework: str
+) -> None:
+    data = DATA * 64
+    with (
+        running(TurningRingTopo, tmp_path, framework=framework) as network,
+        session(network, "alice", "bob") as opened,
+    ):
+        before = switches_on_the_way(network, "alice-q0")
+        opened.start(data)
+        log = network.runtime.logs / "quantum.log"
+        wait_until(lambda: " bell-measure " in log.read_text(), "light has arrived")
+        network.net.configLinkStatus(before[0], before[1], "down")  # both fibres
+        wait_until(lambda: facts(network, "moved"), "the session is moved")
+        assert opened.finish(len(data)) == data
+        after = switches_on_the_way(network, "alice-q0")
+        assert (before, after) == (["q1", "q2", "q3", "bob"], ["q1", "q4", "q3", "bob"])
+        assert facts(network, "stranded") == []
+
+
+def test_light_is_not_moved_to_where_it_is_turned_differently(tmp_path: Path) -> None:
+    data = DATA * 16
+    with (
+        running(UnevenRingTopo, tmp_path) as network,
+        session(network, "alice", "bob") as opened,
+    ):
+        way = switches_on_the_way(network, "alice-q0")
+        opened.start(data)
+        network.net.configLinkStatus(way[0], way[1], "down")
+        wait_until(lambda: facts(network, "stranded"), "there is no other way")
+        assert switches_on_the_way(network, "alice-q0") == way
+        network.net.configLinkStatus(way[0], way[1], "up")
+        assert opened.finish(len(data)) == data
+        assert switches_on_the_way(network, "alice-q0") == way
+
+
+@pytest.mark.parametrize("framework", ["ryu", "os-ken"])
+def test_a_session_outlives_the_agent_of_its_switch(tmp_path: Path, framework: str) -> None:
+    with (
+        running(SdcTopo, tmp_path, framework=framework) as network,
+        session(network, "alice", "bob") as opened,
+    ):
+        agent = network.net.get("q1").program
+        before = light_paths("q1")
+        agent.stop()
+        config = network.runtime.folder / "q1-agent.json"
+        agent.start([python(), "-m", "qswitch_agent", "--config", str(config)])
+        wait_until(lambda: len(facts(network, "switch")) == 3, "q1 is here again")
+        assert light_paths("q1") == before
+        assert opened.carry(DATA) == DATA
+        assert facts(network, "torn_down") == []
+
+
+@pytest.mark.parametrize(("budget_db", "fits"), [(20.1, True), (19.9, False)])
+def test_the_loss_of_a_path_is_measured_and_kept_within_the_budget(
+    tmp_path: Path, budget_db: float, fits: bool
+) -> None:
+    topo = partial(ChainTopo, switches=3, length_km=10.0, loss_db_per_km=0.5)
+    with running(topo, tmp_path, loss_budget_db=budget_db) as network:
+        asked = Session(network, "alice", "bob")
+        if fits:  # four fibres of 5 dB
+            asked.open()
+        else:
+            with pytest.raises(QuantumSocketError, match="loss budget") as caught:
+                asked.open()
+            assert caught.value.reason == Reason.LOSS_TOO_HIGH
+        asked.close()
+
+
+@pytest.mark.parametrize("framework", ["ryu", "os-ken"])
+def test_a_port_of_another_wavelength_is_tuned_before_light_comes(
+    tmp_path: Path, framework: str
+) -> None:
+    with running(SdcTopo, tmp_path, framework=framework) as network:
+        tune(network, "q1", "alice-q0", 194_000_000)
+        wait_until(lambda: tuned(network)[-1] == 194_000_000, "the controller knows")
+        with session(network, "alice", "bob") as opened:
+            assert opened.carry(DATA) == DATA
+
+
+def tune(network: Network, switch: str, interface: str, frequency_mhz: int) -> None:
+    """Tune a port of a switch behind the controller's back."""
+    runtime = network.runtime
+    (port,) = (int(fiber.b.port) for fiber in runtime.fibers if fiber.a.port == interface)
+    with grpc.insecure_channel(f"unix:{runtime.socket('dispatcher')}") as channel:
+        DispatcherStub(channel).TunePort(  # type: ignore[no-untyped-call]
+            TunePortRequest(switch=switch, port=port, frequency_mhz=frequency_mhz),
+            metadata=metadata(runtime.token(switch)),
+            timeout=10,
+        )
+
+
+def tuned(network: Network) -> list[object]:
+    """Return the frequencies that the controller has learned, in order."""
+    return [fact["mhz"] for fact in facts(network, "tuned")]
+
+
+def test_a_second_session_is_refused_what_the_first_has(tmp_path: Path) -> None:
+    with (
+        running(SdcTopo, tmp_path) as network,
+        session(network, "alice", "bob") as first,
+    ):
+        second = Session(network, "alice", "bob", port=8)
+        with pytest.raises(QuantumSocketError, match="another session uses") as caught:
+            second.open()
+        second.close()
+        assert caught.value.reason == Reason.BUSY
+        assert first.carry(DATA) == DATA

@@ -1,0 +1,108 @@
+"""What light cannot do is refused with the fitting OpenFlow error, alone and in a bundle."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from agent_scene import (
+    DATAPATH,
+    Switch,
+    accepted,
+    actions,
+    bundle,
+    flow_mod,
+    flows,
+    light,
+    needs_open_vswitch,
+    outputs,
+    refused,
+    running_switch,
+)
+from os_ken.ofproto import ofproto_v1_4 as ofp
+from os_ken.ofproto import ofproto_v1_4_parser as parser
+
+pytestmark = needs_open_vswitch
+NOTHING = "OFPST_FLOW reply (OF1.4) (xid=0x2):\n", "OFPST_GROUP_DESC reply (OF1.4) (xid=0x2):\n"
+
+
+def group(*ports: int) -> Any:
+    buckets = [parser.OFPBucket(actions=[parser.OFPActionOutput(port)]) for port in ports]
+    return parser.OFPGroupMod(DATAPATH, ofp.OFPGC_ADD, ofp.OFPGT_ALL, 1, buckets)
+
+
+BAD_PORT = ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_OUT_PORT
+WHAT_LIGHT_CANNOT_DO = {
+    "two outputs": (
+        flow_mod(1, outputs(2, 3)),
+        (ofp.OFPET_BAD_ACTION, ofp.OFPBAC_TOO_MANY),
+    ),
+    "flood": (light(1, ofp.OFPP_FLOOD), BAD_PORT),
+    "all": (light(1, ofp.OFPP_ALL), BAD_PORT),
+    "back": (light(1, ofp.OFPP_IN_PORT), BAD_PORT),
+    "to its own input": (light(1, 1), BAD_PORT),
+    "to the controller": (light(1, ofp.OFPP_CONTROLLER), BAD_PORT),
+    "to a classical port": (light(1, ofp.OFPP_LOCAL), BAD_PORT),
+    "to a port that is not there": (light(1, 9), BAD_PORT),
+    "from a classical port": (light(ofp.OFPP_LOCAL, 2), BAD_PORT),
+    "from anywhere": (flow_mod(None, outputs(2)), BAD_PORT),
+    "header rewriting": (
+        flow_mod(
+            1,
+            actions(
+                parser.OFPActionSetField(eth_dst="02:00:00:00:00:01"), parser.OFPActionOutput(2)
+            ),
+        ),
+        (ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_TYPE),
+    ),
+    "a group": (
+        flow_mod(1, actions(parser.OFPActionGroup(1))),
+        (ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_OUT_GROUP),
+    ),
+    "a group that goes into a fibre": (group(ofp.OFPP_LOCAL, 2), BAD_PORT),
+    "a meter": (
+        flow_mod(1, parser.OFPInstructionMeter(1), outputs(2)),
+        (ofp.OFPET_BAD_INSTRUCTION, ofp.OFPBIC_UNSUP_INST),
+    ),
+    "goto": (
+        flow_mod(1, parser.OFPInstructionGotoTable(1)),
+        (ofp.OFPET_BAD_INSTRUCTION, ofp.OFPBIC_UNSUP_INST),
+    ),
+    "headers in the match": (
+        light(1, 2, fields={"eth_type": 0x0800}),
+        (ofp.OFPET_BAD_MATCH, ofp.OFPBMC_BAD_FIELD),
+    ),
+    "another table": (
+        light(1, 2, table_id=3),
+        (ofp.OFPET_FLOW_MOD_FAILED, ofp.OFPFMFC_BAD_TABLE_ID),
+    ),
+    "LLDP into a fibre": (light(1, 2, fields={"eth_type": 0x88CC}), BAD_PORT),
+}
+
+
+@pytest.fixture
+def switch(tmp_path: Path) -> Iterator[Switch]:
+    """A switch of four fibre ports with its controller."""
+    with running_switch(tmp_path) as switch:
+        yield switch
+
+
+def test_what_light_cannot_do_is_refused(switch: Switch) -> None:
+    for name, (message, error) in WHAT_LIGHT_CANNOT_DO.items():
+        message.xid = None
+        assert refused(switch.controller, message) == error, name
+    assert (flows("dump-flows"), flows("dump-groups")) == NOTHING
+    assert switch.dispatcher.sets == [[]]
+
+
+def test_bundle_with_one_bad_member_changes_nothing(switch: Switch) -> None:
+    for name, (message, error) in WHAT_LIGHT_CANNOT_DO.items():
+        message.xid = None
+        bundle(switch.controller, 50, light(3, 4), message, light(4, 3))
+        wrong = switch.controller.answer(52)
+        assert (wrong.type, wrong.code) == error, name
+        failed = switch.controller.answer(50)
+        assert (failed.type, failed.code) == (ofp.OFPET_BUNDLE_FAILED, ofp.OFPBFC_MSG_FAILED), name
+    accepted(switch.controller, parser.OFPBarrierRequest(DATAPATH), 90)
+    assert (flows("dump-flows"), flows("dump-groups")) == NOTHING
+    assert switch.dispatcher.sets == [[]]

@@ -1,0 +1,49 @@
+"""`qmn fault` makes the quantum switch of a running network faulty, and whole again."""
+
+import subprocess
+import sys
+import threading
+
+from conftest import ROOT, wait_until
+
+from hosts.software import QuantumSocket
+from topologies.network import Network
+
+
+def fault(*words: str) -> tuple[int, str]:
+    """Run the verb; return its exit status and what it says."""
+    command = [sys.executable, "-m", "qmn", "fault", *words]
+    done = subprocess.run(
+        command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=30
+    )
+    return done.returncode, done.stdout + done.stderr
+
+
+def test_what_a_stuck_cross_connect_has_cost_is_sent_again(network: Network) -> None:
+    data = bytes(range(256)) * 4096
+    log = network.runtime.logs / "quantum.log"
+    with QuantumSocket(network.runtime.socket("bob")) as listener:
+        listener.listen(7)
+        with QuantumSocket(network.runtime.socket("alice")) as sender:
+            sender.connect(("bob", 7))
+            receiver, _peer = listener.accept()
+            # Light from charlie (port 5) goes to bob (port 4) and not to alice.
+            assert fault("q1", "stuck", "5", "4") == (0, "q1: cross-connect 5 -> 4 is stuck\n")
+            sending = threading.Thread(target=sender.sendall, args=(data,))
+            sending.start()
+            wait_until(lambda: " 5 -> 2" in log.read_text(), "there was a path to alice")
+            wait_until(lambda: "port=bob-q1" in log.read_text(), "light has come to bob instead")
+            assert fault("q1", "repair") == (0, "q1: repaired, 25 C\n")
+            with receiver:
+                received = bytearray()
+                while len(received) < len(data):
+                    received += receiver.recv(1 << 20)
+            sending.join(30)
+    assert not sending.is_alive()
+    assert received == data
+
+
+def test_a_fault_of_a_switch_that_there_is_not_is_refused(network: Network) -> None:
+    assert network.runtime.switches.keys() == {"q1"}
+    status, said = fault("q7", "repair")
+    assert (status, said) == (1, "qmn: unknown quantum switch 'q7': choose one of q1\n")

@@ -1,0 +1,400 @@
+"""The device monitor and the console on one framework: see test_controller_handlers.py."""
+
+import json
+import socket
+import threading
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from handler_cases import Datapath, packet_out
+from metadata_scene import Q1, S1
+from scapy.layers.inet import IP, UDP
+from scapy.layers.l2 import Ether
+
+from controller_apps import console, framework
+from controller_apps.console import Console
+from controller_apps.datagrams import Frame
+from controller_apps.device_monitor import SET_TIMEOUT_S, DeviceMonitor
+from controller_apps.facts import MAX_REQUEST, perform
+from controller_apps.framework import ofp_event, ofproto, parser
+from controller_apps.questions import EventQuestion, Refused
+from controller_apps.record import Record
+from wire.config import ControllerConfig
+from wire.device import (
+    DEVICE_PORT,
+    Datagram,
+    DevicePort,
+    DeviceQuery,
+    DeviceReport,
+    DeviceSettings,
+    SetDevice,
+    Subscribe,
+    open_sealed,
+)
+from wire.metadata import Answer, Message, Reason
+from wire.optical import TUNABLE, PortLight, PortOptics
+
+KEYS = {"alice": "aa" * 16, "bob": "bb" * 16}
+CONTROLLER, ALICE = "10.0.0.254", "10.0.0.1"
+SET = DeviceReport(0, period_ms=1000, lost_ppm=10_000, symbol_error_ppm=10_000)  # as the policy
+
+
+class Scene:
+    """The monitor, a classical and a quantum switch, and a clock that the test moves."""
+
+    def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.record_path = folder / "record.jsonl"
+        config = ControllerConfig(
+            "127.0.0.1:1", framework.NAME, [Q1], address=CONTROLLER, device_keys=KEYS
+        )
+        self.now = 100.0
+        clock = SimpleNamespace(monotonic=lambda: self.now, time_ns=lambda: 5_000)
+        monkeypatch.setattr("controller_apps.device_monitor.time", clock)
+        self.monitor = DeviceMonitor(config, Record(str(self.record_path)))
+        self.s1, self.q1 = Datapath(S1), Datapath(Q1)
+        self.number = 0
+        for datapath in (self.s1, self.q1):
+            state = SimpleNamespace(datapath=datapath, state=framework.MAIN)
+            self.monitor.switch_changed(state)
+
+    def says(self, message: Message, host: str = "alice", key: str = "", port: int = 3) -> None:
+        """Let a host say something behind a port of s1."""
+        self.number += 1
+        data = Datagram(message, host, self.number).seal(key or KEYS[host], Datagram.FROM_HOST)
+        self.hears(data, port)
+
+    def hears(self, data: bytes, port: int = 3) -> None:
+        frame = (
+            Ether(src="02:00:00:00:00:01", dst="ff:ff:ff:ff:ff:ff")
+            / IP(src=ALICE, dst="10.0.0.255")
+            / UDP(sport=DEVICE_PORT, dport=DEVICE_PORT)
+            / data
+        )
+        message = parser.OFPPacketIn(
+            self.s1, table_id=0, match=parser.OFPMatch(in_port=port), data=bytes(frame)
+        )
+        self.monitor.packet_arrived(ofp_event.EventOFPPacketIn(message))
+
+    def told(self, host: str = "alice") -> list[Message]:
+        """Return what s1 was told to send to a host, checked by scapy."""
+        messages = []
+        for sent in self.s1.take():
+            assert (sent.in_port, sent.port) == (ofproto.OFPP_CONTROLLER, 3)
+            packet = Ether(sent.frame)
+            assert (packet.dst, packet[IP].src, packet[IP].dst) == (
+                "02:00:00:00:00:01",
+                CONTROLLER,
+                ALICE,
+            )
+            data = bytes(packet[UDP].payload)
+            messages.append(open_sealed(data, KEYS[host], Datagram.FROM_CONTROLLER).message)
+        return messages
+
+    def ask(self, name: str, **fields: Any) -> Any:
+        """Ask, and return the question."""
+        question = EventQuestion(name, fields)
+        self.monitor.asked(question)
+        return question
+
+    def devices(self) -> dict[str, Any]:
+        return {device["name"]: device for device in self.ask("devices").wait()}
+
+    def tick(self, seconds: float) -> None:
+        self.now += seconds
+        self.monitor.time_passed(None)
+
+
+@pytest.fixture
+def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Scene:
+    return Scene(tmp_path, monkeypatch)
+
+
+def test_a_host_that_is_heard_is_subscribed_and_polled(scene: Scene) -> None:
+    assert scene.devices()["alice"] == {"name": "alice", "kind": "host", "state": "never heard"}
+    scene.says(DeviceReport(0, pairs_sent=7, ports=(DevicePort("alice-q0", True),)))
+    (subscribe,) = scene.told()
+    assert isinstance(subscribe, Subscribe)
+    assert (subscribe.period_ms, subscribe.lost_ppm) == (1000, 10_000)
+    scene.says(replace(SET, pairs_sent=8))
+    assert scene.told() == []
+    scene.tick(1.0)
+    (query,) = scene.told()
+    assert isinstance(query, DeviceQuery)
+    alice = scene.devices()["alice"]
+    assert (alice["state"], alice["pairs_sent"], alice["address"]) == ("up", 8, ALICE)
+
+
+def test_a_silent_host_is_shown_with_its_last_state(scene: Scene) -> None:
+    scene.says(replace(SET, pairs_sent=8))
+    scene.tick(3.4)
+    assert scene.devices()["alice"]["state"] == "up"
+    scene.tick(1.2)
+    alice = scene.devices()["alice"]
+    assert (alice["state"], alice["heard_s_ago"], alice["pairs_sent"]) == ("silent", 4.6, 8)
+    scene.says(SET)
+    assert scene.devices()["alice"]["state"] == "up"
+    states = [json.loads(line)["state"] for line in scene.record_path.read_text().splitlines()]
+    assert states == ["heard", "silent", "heard"]
+
+
+def test_forged_repeated_and_strange_datagrams_change_nothing(scene: Scene) -> None:
+    scene.says(replace(SET, pairs_sent=8))
+    before = scene.devices()
+    scene.says(replace(SET, pairs_sent=9), key=KEYS["bob"])
+    scene.number -= 2
+    scene.says(replace(SET, pairs_sent=9))  # a number that was used
+    scene.number += 5
+    scene.says(replace(SET, pairs_sent=9), host="eve", key=KEYS["bob"])
+    scene.says(DeviceQuery(1))
+    scene.says(Answer(1, Reason.OK), host="bob")  # never heard before
+    own = Datagram(SET, "alice", 99).seal(KEYS["alice"], Datagram.FROM_CONTROLLER)
+    scene.hears(own)
+    scene.hears(b"rubbish")
+    assert scene.devices() == before
+
+
+def test_an_override_is_sent_until_it_is_in_force(scene: Scene) -> None:
+    scene.says(SET)
+    question = scene.ask("set", device="alice", settings={"rate_hz": 1000})
+    assert [type(message) for message in scene.told()] == [DeviceQuery]
+    wanted = DeviceSettings(rate_hz=1000)
+    for _ in range(2):  # the first is lost
+        scene.says(SET)
+        (order,) = scene.told()
+        assert isinstance(order, SetDevice)
+        assert order.settings == wanted
+    scene.says(Answer(order.session, Reason.OK))
+    scene.says(replace(SET, settings=wanted))
+    assert scene.told() == []
+    assert question.wait()["overrides"] == {"rate_hz": 1000}
+    scene.says(SET)  # it has started anew
+    assert [type(message) for message in scene.told()] == [SetDevice]
+
+
+def test_a_host_that_refuses_is_left_as_it_is(scene: Scene) -> None:
+    scene.says(SET)
+    question = scene.ask("set", device="alice", settings={"fec": 3})
+    scene.says(Answer(1, Reason.UNSUPPORTED, "fec 3: only 0"))
+    with pytest.raises(Refused, match="alice: fec 3: only 0"):
+        question.wait()
+    scene.told()
+    scene.says(SET)
+    assert scene.told() == []
+
+
+def test_a_host_that_does_not_answer_is_named_in_time(scene: Scene) -> None:
+    scene.says(SET)
+    question = scene.ask("set", device="alice", settings={"fec": 0})
+    scene.tick(SET_TIMEOUT_S)
+    with pytest.raises(Refused, match="alice has not answered in 3 s"):
+        question.wait()
+
+
+@pytest.mark.parametrize(
+    ("device", "settings", "words"),
+    [
+        ("eve", {"fec": 0}, "no device 'eve'; hosts with a node agent: alice, bob"),
+        ("bob", {"fec": 0}, "bob has never been heard"),
+        ("alice", {"speed": 0}, "no setting 'speed'"),
+        ("alice", {"rate_hz": 0}, "rate_hz is 0: choose 1"),
+    ],
+)
+def test_what_cannot_be_set_is_named(
+    scene: Scene, device: str, settings: dict[str, int], words: str
+) -> None:
+    scene.says(SET)
+    with pytest.raises(Refused, match=words):
+        scene.ask("set", device=device, settings=settings).wait()
+    assert scene.told() == []
+
+
+def test_a_policy_that_sets_an_unknown_host_is_refused(scene: Scene, tmp_path: Path) -> None:
+    file = tmp_path / "policy.toml"
+    file.write_text("[device.alise]\nfec = 0")
+    scene.monitor.policy_path = str(file)
+    with pytest.raises(Refused, match="device 'alise' is no host; hosts are alice, bob"):
+        scene.ask("reload").wait()
+    file.write_text("[device.alice]\nfec = 0")
+    assert scene.ask("reload").wait() == str(file)
+    scene.says(SET)
+    assert [type(message) for message in scene.told()] == [SetDevice, Subscribe]
+
+
+def described(*properties: bytes, state: int = 0) -> bytes:
+    """Return the description of port 3 with properties, OpenFlow 1.4 section 7.2.1."""
+    body = b"".join(properties)
+    fixed = (3).to_bytes(4, "big") + (40 + len(body)).to_bytes(2, "big") + bytes(2)
+    return (
+        fixed + bytes(8) + b"q1-eth3".ljust(16, b"\0") + bytes(4) + state.to_bytes(4, "big") + body
+    )
+
+
+def test_optical_ports_counters_and_paths_are_read(scene: Scene) -> None:
+    scene.tick(0.0)
+    kinds = [int.from_bytes(bytes([message.kind]), "big") for message in scene.q1.take()]
+    assert kinds == [ofproto.OFPT_MULTIPART_REQUEST] * 3
+    optics = PortOptics(TUNABLE, 191_350_000, 196_100_000, 50_000, 1, 2, 3, -200, 0)
+    ethernet = bytes.fromhex("00000020") + bytes(28)
+    port = parser.OFPPort.parser(described(ethernet, optics.encode()), 0)
+    message = SimpleNamespace(datapath=scene.q1, body=[port])
+    scene.monitor.ports_described(SimpleNamespace(msg=message))
+    light = PortLight(15, 193_400_000, 0, 0, 193_400_000, 0, 0, -15, -234, 1234, 251)
+    counts = (3, 0, 0, 100, 90, 0, 0, 7, 0, 0, 0)
+    body = light.encode()
+    fixed = (80 + len(body)).to_bytes(2, "big") + bytes(2) + counts[0].to_bytes(4, "big") + bytes(8)
+    data = fixed + b"".join(count.to_bytes(8, "big") for count in counts[3:]) + body
+    statistics = parser.OFPPortStats.parser(data, 0)
+    scene.monitor.ports_counted(
+        SimpleNamespace(msg=SimpleNamespace(datapath=scene.q1, body=[statistics]))
+    )
+    (shown,) = scene.devices()[f"{Q1:016x}"]["ports"]
+    assert shown == {
+        "port": 3,
+        "name": "q1-eth3",
+        "up": True,
+        "tuning": {
+            "min_frequency_mhz": 191_350_000,
+            "max_frequency_mhz": 196_100_000,
+            "grid_mhz": 50_000,
+            "min_power_dbm": -20.0,
+            "max_power_dbm": 0.0,
+        },
+        "photons_in": 100,
+        "photons_out": 90,
+        "photons_lost": 7,
+        "light": {
+            "frequency_mhz": 193_400_000,
+            "tx_power_dbm": -1.5,
+            "rx_power_dbm": -23.4,
+            "bias_ma": 123.4,
+            "temperature_c": 25.1,
+        },
+    }
+    cut = parser.OFPPort.parser(described(state=1), 0)
+    status = SimpleNamespace(datapath=scene.q1, reason=ofproto.OFPPR_MODIFY, desc=cut)
+    scene.monitor.port_changed(SimpleNamespace(msg=status))
+    (shown,) = scene.devices()[f"{Q1:016x}"]["ports"]
+    assert (shown["up"], shown["photons_in"]) == (False, 100)
+
+
+def entry(in_port: int, out_port: int, cookie: int = 7, **match: int) -> SimpleNamespace:
+    actions = [parser.OFPActionOutput(out_port)]
+    return SimpleNamespace(
+        cookie=cookie,
+        packet_count=11,
+        duration_sec=2,
+        duration_nsec=500_000_000,
+        match=parser.OFPMatch(in_port=in_port, **match),
+        instructions=[parser.OFPInstructionActions(ofproto.OFPIT_APPLY_ACTIONS, actions)],
+    )
+
+
+def test_only_light_paths_are_shown_and_only_whole_replies(scene: Scene) -> None:
+    def reply(more: int, *entries: SimpleNamespace) -> None:
+        message = SimpleNamespace(datapath=scene.q1, flags=more, body=list(entries))
+        scene.monitor.flows_listed(SimpleNamespace(msg=message))
+
+    reply(ofproto.OFPMPF_REPLY_MORE, entry(1, 2))
+    assert scene.devices()[f"{Q1:016x}"]["paths"] == []
+    up = entry(3, ofproto.OFPP_CONTROLLER)
+    reply(0, entry(2, 4), up, entry(5, 6, eth_type=0x88CC))
+    paths = scene.devices()[f"{Q1:016x}"]["paths"]
+    assert [(path["in_port"], path["out_port"]) for path in paths] == [(1, 2), (2, 4)]
+    assert paths[0] == {
+        "in_port": 1,
+        "out_port": 2,
+        "session": f"{7:016x}",
+        "photons": 11,
+        "duration_s": 2.5,
+    }
+
+
+def test_a_switch_that_is_gone_or_silent_is_shown_so(scene: Scene) -> None:
+    scene.now += 5
+    assert scene.devices()[f"{Q1:016x}"]["state"] == "silent"
+    gone = SimpleNamespace(datapath=scene.q1, state=framework.DEAD)
+    scene.monitor.switch_changed(gone)
+    assert scene.devices()[f"{Q1:016x}"]["state"] == "disconnected"
+    scene.q1.take()
+    scene.tick(2.0)
+    assert scene.q1.take() == []
+
+
+class Known:
+    """Facts that need no apps."""
+
+    def devices(self) -> list[str]:
+        return ["q1"]
+
+    def set(self, device: str, settings: dict[str, int | None]) -> list[Any]:
+        return [device, settings]
+
+    sessions = paths = reload_policy = devices
+
+
+@pytest.mark.parametrize(
+    ("request_", "words"),
+    [
+        ([], "a request is an object"),
+        ({}, "no command None; choose one of devices"),
+        ({"command": ["devices"]}, "no command"),
+        ({"command": "devices", "more": 1}, "devices takes nothing, not more"),
+        ({"command": "set", "device": "alice"}, "set takes device, settings, not device"),
+        ({"command": "set", "device": 1, "settings": {"fec": 0}}, "device 1 is not a name"),
+        ({"command": "set", "device": "a", "settings": {}}, "settings are an object"),
+        ({"command": "set", "device": "a", "settings": {"fec": 0.5}}, "fec is 0.5: give a whole"),
+        ({"command": "set", "device": "a", "settings": {"fec": True}}, "fec is True"),
+    ],
+)
+def test_the_console_refuses_what_it_does_not_know(request_: Any, words: str) -> None:
+    with pytest.raises(Refused) as caught:
+        perform(Known(), request_)  # type: ignore[arg-type]
+    assert words in str(caught.value)
+
+
+def exchange(path: Path, sent: bytes) -> Any:
+    """Send bytes and the end of them; return the decoded answer."""
+    with socket.socket(socket.AF_UNIX) as client:
+        client.settimeout(5)
+        client.connect(str(path))
+        client.sendall(sent)
+        client.shutdown(socket.SHUT_WR)
+        return json.loads(b"".join(iter(lambda: client.recv(65536), b"")))
+
+
+def test_the_console_answers_lines_and_survives_rubbish(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(console, "REQUEST_TIMEOUT_S", 0.2)
+    path = tmp_path / "console.sock"
+    path.touch()  # left behind
+    served = Console(str(path))
+    assert path.stat().st_mode & 0o777 == 0o600
+    threading.Thread(target=served.serve, args=[Known()], daemon=True).start()
+    line = f"a request is one line of at most {MAX_REQUEST} bytes"
+    assert exchange(path, b"\n")["error"].startswith("the request is not JSON")
+    assert exchange(path, b"[" * 4000 + b"\n")["error"].startswith("the request is not JSON")
+    assert exchange(path, b"x" * (MAX_REQUEST + 1) + b"\n") == {"error": line}
+    assert exchange(path, b"{}") == {"error": line}
+    with socket.socket(socket.AF_UNIX) as idle:  # says nothing, and must not block the next
+        idle.connect(str(path))
+        assert exchange(path, b'{"command": "devices"}\n') == {"result": ["q1"]}
+    order = {"command": "set", "device": "a", "settings": {"fec": None}}
+    assert exchange(path, json.dumps(order).encode() + b"\n") == {"result": ["a", {"fec": None}]}
+
+
+def test_the_frame_that_is_sent_can_be_read_back() -> None:
+    frame = Frame(b"\2" * 6, b"\4" * 6, CONTROLLER, ALICE, 1, 2, b"x")
+    out = parser.OFPPacketOut(
+        Datapath(S1),
+        buffer_id=ofproto.OFP_NO_BUFFER,
+        in_port=ofproto.OFPP_CONTROLLER,
+        actions=[parser.OFPActionOutput(1)],
+        data=frame.encode(),
+    )
+    out.set_xid(1)
+    out.serialize()
+    assert Frame.decode(bytes(packet_out(bytes(out.buf), 1).frame)) == frame

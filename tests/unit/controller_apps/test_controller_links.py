@@ -1,0 +1,87 @@
+"""Fibres between switches as heard from both ends."""
+
+from controller_apps.links import EXPIRY_S, FAST_PERIOD_S, FAST_TIMES, PERIOD_S, Links
+from controller_apps.optics import SwitchPort
+from controller_apps.paths import HostPort, Network
+
+ONE, OTHER, THIRD = SwitchPort(1, 3), SwitchPort(2, 4), SwitchPort(3, 5)
+
+
+def links() -> Links:
+    found = Links(Network({1, 2, 3}))
+    for at in (ONE, OTHER, THIRD):
+        found.port_up(at, 0.0)
+    return found
+
+
+def joined() -> Links:
+    found = links()
+    assert not found.heard(ONE, OTHER, 0.0)
+    assert found.heard(OTHER, ONE, 0.0)
+    return found
+
+
+def test_a_link_is_what_both_ends_have_heard() -> None:
+    found = links()
+    assert not found.heard(ONE, OTHER, 0.0)
+    assert found.network.links == {}
+    assert found.heard(OTHER, ONE, 0.1)
+    assert found.network.links == {ONE: OTHER, OTHER: ONE}
+    assert not found.heard(OTHER, ONE, 0.2)  # no news
+
+
+def test_a_port_that_hears_two_has_the_last_of_them() -> None:
+    found = joined()
+    assert not found.heard(THIRD, ONE, 1.0)
+    assert found.heard(ONE, THIRD, 1.0)
+    assert found.network.links == {ONE: THIRD, THIRD: ONE}
+
+
+def test_the_port_of_an_announced_host_is_no_link() -> None:
+    found = links()
+    host = HostPort("mallory", "10.0.0.66", "mallory-q0")
+    found.network.attach(ONE, host)
+    found.heard(ONE, OTHER, 0.0)
+    assert not found.heard(OTHER, ONE, 0.0)
+    assert found.network.links == {}
+    later = joined()
+    later.network.attach(OTHER, host)
+    assert later.network.links == {}
+
+
+def test_ports_that_are_down_say_and_hear_nothing() -> None:
+    found = joined()
+    found.port_down(ONE)
+    assert found.network.links == {}
+    assert ONE not in found.due(0.0)
+    assert not found.heard(OTHER, ONE, 0.1)
+    found.port_up(ONE, 0.2)
+    assert not found.heard(ONE, OTHER, 0.3)
+    assert found.heard(OTHER, ONE, 0.3)
+
+
+def test_a_switch_that_leaves_takes_its_links_along() -> None:
+    found = joined()
+    found.switch_left(2)
+    assert found.network.links == {}
+    assert found.due(0.0) == [ONE, THIRD]
+
+
+def test_a_link_is_forgotten_when_one_end_hears_nothing() -> None:
+    found = joined()
+    found.heard(ONE, OTHER, 5.0)
+    assert found.expired(EXPIRY_S) == []
+    assert found.expired(EXPIRY_S + 0.1) == [ONE]
+    assert found.network.links == {}
+    assert found.heard(OTHER, ONE, EXPIRY_S + 0.2)
+
+
+def test_ports_speak_quickly_at_first() -> None:
+    found = Links(Network())
+    found.port_up(ONE, 0.0)
+    spoken = [step for step in range(100) if found.due(step * FAST_PERIOD_S / 2)]
+    assert spoken[:FAST_TIMES] == list(range(0, 2 * FAST_TIMES, 2))
+    assert spoken[FAST_TIMES] - spoken[FAST_TIMES - 1] == 2 * PERIOD_S / FAST_PERIOD_S
+    found.hurry(60.0)
+    assert found.due(60.0) == [ONE]
+    assert found.due(60.0 + FAST_PERIOD_S) == [ONE]

@@ -1,0 +1,71 @@
+"""Datagrams in frames, with scapy as the independent reader and writer."""
+
+import random
+
+import pytest
+from scapy.layers.inet import IP, UDP
+from scapy.layers.l2 import Ether
+
+from controller_apps.datagrams import Frame, is_udp
+from wire.metadata import MalformedPacket
+
+FRAME = Frame(
+    bytes.fromhex("020000000001"),
+    bytes.fromhex("020000000002"),
+    "10.0.0.254",
+    "10.0.0.1",
+    9012,
+    9013,
+    b"what it carries",
+)
+
+
+def test_scapy_reads_what_is_written() -> None:
+    data = FRAME.encode()
+    packet, again = Ether(data), Ether(data)
+    assert (packet.src, packet.dst) == ("02:00:00:00:00:01", "02:00:00:00:00:02")
+    assert (packet[IP].src, packet[IP].dst, packet[IP].proto) == ("10.0.0.254", "10.0.0.1", 17)
+    assert (packet[UDP].sport, packet[UDP].dport) == (9012, 9013)
+    assert bytes(packet[UDP].payload) == FRAME.payload
+    del again[IP].len, again[IP].chksum, again[UDP].len, again[UDP].chksum
+    assert bytes(again) == data
+
+
+def test_what_scapy_writes_is_read_with_options_and_padding() -> None:
+    packet = (
+        Ether(src="02:00:00:00:00:01", dst="02:00:00:00:00:02")
+        / IP(src=FRAME.source, dst=FRAME.destination, options=[b"\1\1\1\1"])
+        / UDP(sport=9012, dport=9013)
+        / FRAME.payload
+    )
+    assert Frame.decode(bytes(packet) + bytes(9)) == FRAME
+
+
+def test_every_truncation_and_a_fragment_are_malformed() -> None:
+    data = FRAME.encode()
+    for length in range(len(data)):
+        with pytest.raises(MalformedPacket):
+            Frame.decode(data[:length])
+    fragment = bytearray(data)
+    fragment[20] = 0x20  # more fragments
+    with pytest.raises(MalformedPacket, match="do not fit"):
+        Frame.decode(bytes(fragment))
+
+
+def test_random_bytes_never_do_worse_than_malformed() -> None:
+    generator = random.Random(3)
+    for _ in range(2000):
+        data = bytearray(FRAME.encode())
+        for _ in range(3):
+            data[generator.randrange(12, 42)] = generator.randrange(256)
+        try:
+            Frame.decode(bytes(data))
+        except MalformedPacket:
+            continue
+
+
+def test_other_traffic_is_not_taken_for_datagrams() -> None:
+    assert is_udp(FRAME.encode())
+    assert not is_udp(bytes(Ether(type=0x9999) / bytes(60)))
+    assert not is_udp(bytes(Ether() / IP(proto=6) / bytes(20)))
+    assert not is_udp(b"")

@@ -1,0 +1,138 @@
+"""Policy files: what they allow, and what is wrong with those that cannot be used."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from controller_apps.policy import (
+    SHIPPED,
+    BadPolicy,
+    Party,
+    Policy,
+    Reporting,
+    Wish,
+    parse_policy,
+    read_policy,
+)
+from wire.device import DeviceSettings
+
+ALICE, BOB, CHARLIE = (
+    Party(name, f"10.0.0.{number}") for number, name in enumerate(("alice", "bob", "charlie"), 1)
+)
+WISH = Wish("sdc", ALICE, BOB, CHARLIE, 1_000_000, 4096, 256)
+BACK = replace(WISH, sender=BOB, receiver=ALICE)
+
+
+def test_the_default_policy_allows_the_demo() -> None:
+    policy = read_policy("")
+    assert policy.objection(WISH, []) == policy.objection(BACK, []) == ""
+
+
+def test_the_example_denies_all_but_alice_to_bob() -> None:
+    policy = read_policy(SHIPPED / "deny.toml")
+    assert policy.objection(WISH, []) == ""
+    assert policy.objection(BACK, []) == "no rule allows it, and the default denies"
+    assert policy.objection(replace(WISH, source=ALICE), []) != ""
+    assert policy.objection(WISH, [WISH]) == ("rule 1: max_sessions is 1, and as many are open")
+
+
+def test_the_first_rule_that_fits_decides() -> None:
+    policy = parse_policy("""
+        [[rule]]
+        action = "allow"
+        from = "10.0.0.1"
+        to = "bob"
+        [[rule]]
+        action = "deny"
+        service = "sdc"
+    """)
+    assert policy.objection(WISH, []) == ""
+    assert policy.objection(BACK, []) == "rule 2 denies it"
+
+
+@pytest.mark.parametrize(
+    ("limit", "text"),
+    [
+        ("max_rate_hz = 999999", "max_rate_hz is 999999, asked for is 1000000"),
+        ("max_block_pairs = 4095", "max_block_pairs is 4095, asked for is 4096"),
+        ("max_frame_bytes = 255", "max_frame_bytes is 255, asked for is 256"),
+        ("min_frame_bytes = 257", "min_frame_bytes is 257, asked for is 256"),
+    ],
+)
+def test_a_limit_is_kept_to_the_last_unit(limit: str, text: str) -> None:
+    name, _, value = limit.partition(" = ")
+    policy = parse_policy(f'[[rule]]\naction = "allow"\n{limit}')
+    assert policy.objection(WISH, []) == f"rule 1: {text}"
+    edge = int(value) + (-1 if name.startswith("min") else 1)
+    assert parse_policy(f'[[rule]]\naction = "allow"\n{name} = {edge}').objection(WISH, []) == ""
+
+
+def test_sessions_count_against_the_rule_that_allowed_them() -> None:
+    policy = parse_policy("""
+        [[rule]]
+        action = "allow"
+        from = "alice"
+        max_sessions = 2
+        [[rule]]
+        action = "allow"
+        max_sessions = 1
+    """)
+    assert policy.objection(WISH, [BACK, WISH]) == ""
+    assert policy.objection(WISH, [WISH, WISH]).startswith("rule 1: max_sessions is 2")
+    assert policy.objection(BACK, [WISH, WISH]) == ""
+
+
+def test_overrides_and_reporting_are_read() -> None:
+    policy = parse_policy("""
+        [device.alice]
+        rate_hz = 1_000_000
+        fec = 0
+        [report]
+        period_s = 2
+        lost_share = 0.5
+    """)
+    assert policy == Policy(
+        devices={"alice": DeviceSettings(rate_hz=1_000_000, fec=0)},
+        reporting=Reporting(2.0, 0.5, 1.0),
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("default = 'maybe'", "default is 'maybe': choose one of allow, deny"),
+        ("[[rule]]\nfrom = 'a'", "rule 1 has no action"),
+        ("[[rule]]\naction = 'allow'\n[[rule]]\naction = 'no'", "rule 2: action is 'no'"),
+        ("[[rule]]\naction = 'deny'\nservice = 'ftp'", "service is 'ftp': choose one of *, sdc"),
+        ("[[rule]]\naction = 'deny'\nfrom = 7", "rule 1: from is 7: a host"),
+        ("[[rule]]\naction = 'deny'\nform = 'alice'", "rule 1: unknown 'form'; known are action"),
+        ("[[rule]]\naction = 'deny'\nmax_sessions = 1", "rule 1 denies and has limits"),
+        ("[[rule]]\naction = 'allow'\nmax_sessions = 0", "max_sessions is 0: choose 1 to 4096"),
+        ("[[rule]]\naction = 'allow'\nmax_rate_hz = true", "max_rate_hz is True"),
+        ("[rule]\naction = 'allow'", "rule is {'action': 'allow'}: write it as [[rule]]"),
+        ("[device.bob]\nrate_hz = 0", "device bob: rate_hz is 0: choose 1 to"),
+        ("[device.bob]\nspeed = 0", "device bob: unknown 'speed'"),
+        ("[report]\nperiod_s = 0.01", "report: period_s is 0.01: choose 0.1 to 3600"),
+        ("[report]\nlost_share = 1.5", "lost_share is 1.5: choose 0 to 1"),
+        ("defualt = 'deny'", "the file: unknown 'defualt'"),
+        ("default = deny", "is not TOML: Invalid value (at line 1, column 11)"),
+    ],
+)
+def test_a_bad_file_is_named_with_place_value_and_remedy(
+    tmp_path: Path, text: str, words: str
+) -> None:
+    file = tmp_path / "policy.toml"
+    file.write_text(text)
+    with pytest.raises(BadPolicy) as caught:
+        read_policy(file)
+    assert str(file) in str(caught.value)
+    assert words in str(caught.value)
+
+
+def test_a_file_that_is_not_there_or_not_text_is_named(tmp_path: Path) -> None:
+    with pytest.raises(BadPolicy, match="No such file"):
+        read_policy(tmp_path / "none.toml")
+    (tmp_path / "binary").write_bytes(b"\xff\xfe")
+    with pytest.raises(BadPolicy, match="binary"):
+        read_policy(tmp_path / "binary")

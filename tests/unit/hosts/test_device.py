@@ -1,0 +1,262 @@
+"""What a device counts and is set to, and its node agent over real datagrams."""
+
+import asyncio
+import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from hosts.middleware.channel import SessionError
+from hosts.middleware.device import Device, changed
+from hosts.middleware.options import overridden
+from hosts.node_agent import CHECK_S, start_node_agent
+from wire.config import HostConfig
+from wire.device import (
+    DEVICE_PORT,
+    Datagram,
+    DevicePort,
+    DeviceQuery,
+    DeviceReport,
+    DeviceSettings,
+    SetDevice,
+    Subscribe,
+    open_sealed,
+)
+from wire.metadata import Answer, Handshake, Message, Reason, Service, Setup
+
+KEY = "00112233445566778899aabbccddeeff"
+SETUP = Setup(7, Service.SDC, Handshake.FRAMED, "10.0.0.3", 65_536, 256, 50_000_000)
+CONTROLLER, HOST = "127.0.2.1", "127.0.2.2"
+DEADLINE_S = 5.0
+
+
+def sending(pairs: int, lost: int = 0, errors: int = 0, repeated: int = 0) -> Any:
+    statistics = SimpleNamespace(
+        bell_pairs=pairs, lost_pairs=lost, symbol_errors=errors, repeated_frames=repeated
+    )
+    return SimpleNamespace(statistics=statistics, closed=False)
+
+
+def receiving(symbols: int, lost: int) -> Any:
+    statistics = {
+        "symbols": symbols,
+        "lost_pairs": lost,
+        "symbol_errors": 1,
+        "repeated_frames": 2,
+    }
+    return SimpleNamespace(statistics=statistics, closed=False, setup=SETUP)
+
+
+class Fibers:
+    """Ports that the test can cut."""
+
+    def __init__(self) -> None:
+        self.up = True
+
+    def __call__(self) -> tuple[DevicePort, ...]:
+        return (DevicePort("bob-q0", self.up),)
+
+
+def test_overrides_take_the_place_of_what_was_asked_for() -> None:
+    settings = DeviceSettings(rate_hz=1_000_000, wavelength_pm=1_551_720)
+    assert overridden(SETUP, settings) == replace(SETUP, rate_hz=1_000_000, wavelength_pm=1_551_720)
+    assert overridden(SETUP, DeviceSettings()) == SETUP
+
+
+def test_a_low_rate_makes_blocks_smaller() -> None:
+    assert overridden(SETUP, DeviceSettings(rate_hz=1000)).pairs == 5000
+    assert overridden(SETUP, DeviceSettings(rate_hz=1)).pairs == 5
+
+
+def test_what_is_not_offered_is_refused_and_changes_nothing() -> None:
+    device = Device(Fibers())
+    with pytest.raises(SessionError, match="fec 3: only 0"):
+        device.set(DeviceSettings(fec=3))
+    assert device.settings == DeviceSettings()
+    device.set(DeviceSettings(fec=0))
+    assert device.report().settings == DeviceSettings(fec=0)
+
+
+def test_sessions_are_counted_while_they_run_and_after() -> None:
+    device = Device(Fibers())
+    one, two = sending(100, lost=3, errors=5, repeated=1), sending(10)
+    device.override(SETUP)
+    device.sends(one)
+    device.sends(two)
+    incoming = receiving(40, lost=4)
+    device.receives(incoming)
+    with device.serves(SETUP):
+        device.made(70)
+        report = device.report(9)
+    assert report == DeviceReport(
+        9,
+        sending=2,
+        receiving=1,
+        serving=1,
+        pairs_sent=110,
+        pairs_made=70,
+        pairs_received=40,
+        pairs_lost=7,
+        symbol_errors=6,
+        repeated_frames=3,
+        rate_hz=50_000_000,
+        frame_bytes=256,
+        wavelength_pm=1_550_120,
+        ports=(DevicePort("bob-q0", True),),
+    )
+    one.closed = incoming.closed = True
+    two.statistics.bell_pairs = 11
+    assert device.report(9) == replace(report, sending=1, receiving=0, serving=0, pairs_sent=111)
+
+
+def test_counts_alone_are_no_change_but_ports_and_settings_are() -> None:
+    fibers = Fibers()
+    device = Device(fibers)
+    before = device.report()
+    device.made(5)
+    assert not changed(before, device.report(3))
+    fibers.up = False
+    assert changed(before, device.report())
+
+
+@pytest.mark.parametrize(("lost", "errors", "alarming"), [(10, 0, False), (11, 0, True), (0, 21, True), (0, 20, False)])  # fmt: skip  # noqa: E501
+def test_losses_and_errors_alarm_above_their_thresholds(
+    lost: int, errors: int, alarming: bool
+) -> None:
+    device = Device(Fibers(), subscription=Subscribe(0, 1000, 10_000, 20_000))
+    before = DeviceReport(0, pairs_sent=500, pairs_lost=100)
+    now = DeviceReport(0, pairs_sent=1500, pairs_lost=100 + lost, symbol_errors=errors)
+    assert device.alarming(before, now) == alarming
+    assert not device.alarming(now, now)
+
+
+class Peer(asyncio.DatagramProtocol):
+    """The controller's end, on a loopback address of its own."""
+
+    def __init__(self) -> None:
+        self.heard: asyncio.Queue[Datagram] = asyncio.Queue()
+
+    def connection_made(self, transport: Any) -> None:
+        self.transport = transport
+
+    def datagram_received(self, data: bytes, _address: Any) -> None:
+        self.heard.put_nowait(open_sealed(data, KEY, Datagram.FROM_HOST))
+
+    def send(self, message: Message, number: int, host: str = "bob", key: str = KEY) -> None:
+        data = Datagram(message, host, number).seal(key, Datagram.FROM_CONTROLLER)
+        self.transport.sendto(data, (HOST, DEVICE_PORT))
+
+    async def next(self) -> Message:
+        async with asyncio.timeout(DEADLINE_S):
+            return (await self.heard.get()).message
+
+    async def silent(self) -> bool:
+        await asyncio.sleep(2 * CHECK_S)
+        return self.heard.empty()
+
+
+@asynccontextmanager
+async def agent(device: Device) -> AsyncIterator[Peer]:
+    """Run a node agent and the peer that it reports to."""
+    config = HostConfig(
+        name="bob",
+        address=HOST,
+        qnics=[],
+        dispatcher="",
+        token="",
+        socket="",
+        hosts={},
+        source="",
+        seed=1,
+        report_to=CONTROLLER,
+        device_key=KEY,
+    )
+    loop = asyncio.get_running_loop()
+    transport, peer = await loop.create_datagram_endpoint(
+        Peer, local_addr=(CONTROLLER, DEVICE_PORT)
+    )
+    node = await start_node_agent(config, device)
+    running = asyncio.create_task(node.run())
+    try:
+        yield peer
+        assert not running.done()
+    finally:
+        running.cancel()
+        node._transport.close()
+        transport.close()
+        await asyncio.sleep(0)
+
+
+def test_the_agent_answers_is_set_and_reports_changes() -> None:
+    async def scene() -> None:
+        fibers = Fibers()
+        device = Device(fibers)
+        async with agent(device) as peer:
+            assert (await peer.next()).session == 0  # by itself: nobody has asked
+            now = time.time_ns()
+            peer.send(DeviceQuery(41), now)
+            assert await peer.next() == device.report(41)
+            peer.send(Subscribe(42, 60_000, 10_000, 10_000), now + 1)
+            subscribed = await peer.next()
+            assert isinstance(subscribed, DeviceReport)
+            assert (subscribed.session, subscribed.period_ms) == (42, 60_000)
+            peer.send(SetDevice(43, DeviceSettings(rate_hz=1000)), now + 2)
+            assert await peer.next() == Answer(43, Reason.OK)
+            assert await peer.next() == device.report()
+            assert device.settings == DeviceSettings(rate_hz=1000)
+            peer.send(SetDevice(44, DeviceSettings(fec=9)), now + 3)
+            refused = await peer.next()
+            assert isinstance(refused, Answer)
+            assert (refused.session, refused.reason) == (44, Reason.UNSUPPORTED)
+            assert device.settings == DeviceSettings(rate_hz=1000)
+            assert await peer.silent()
+            fibers.up = False
+            cut = await peer.next()
+            assert isinstance(cut, DeviceReport)
+            assert cut.ports == (DevicePort("bob-q0", False),)
+
+    asyncio.run(scene())
+
+
+def test_the_agent_reports_losses_above_the_threshold_by_itself() -> None:
+    async def scene() -> None:
+        device = Device(Fibers())
+        session = device.sends(sending(1000))
+        async with agent(device) as peer:
+            await peer.next()
+            peer.send(Subscribe(1, 1000, 10_000, 1_000_000), time.time_ns())
+            await peer.next()
+            session.statistics.bell_pairs, session.statistics.lost_pairs = 2000, 10
+            assert await peer.silent()
+            session.statistics.lost_pairs = 11
+            async with asyncio.timeout(2.0):  # long before it would report unasked
+                alarm = await peer.next()
+            assert isinstance(alarm, DeviceReport)
+            assert (alarm.session, alarm.pairs_lost) == (0, 11)
+
+    asyncio.run(scene())
+
+
+def test_what_is_old_foreign_or_for_another_host_changes_nothing() -> None:
+    async def scene() -> None:
+        device = Device(Fibers())
+        async with agent(device) as peer:
+            await peer.next()
+            now = time.time_ns()
+            peer.send(Subscribe(1, 60_000, 0, 0), now)
+            await peer.next()
+            wanted = SetDevice(2, DeviceSettings(rate_hz=1000))
+            peer.send(wanted, now)  # the number was used
+            peer.send(wanted, now - 1)
+            peer.send(wanted, now + 1, key="ff" * 16)
+            peer.send(wanted, now + 1, host="alice")
+            peer.send(device.report(), now + 1)  # not for an agent
+            peer.transport.sendto(b"rubbish", (HOST, DEVICE_PORT))
+            assert await peer.silent()
+            assert device.settings == DeviceSettings()
+
+    asyncio.run(scene())

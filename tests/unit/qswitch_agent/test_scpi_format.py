@@ -1,0 +1,92 @@
+"""What a matrix switch says, read strictly."""
+
+import random
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+import pytest
+
+from qswitch_agent.hardware.scpi_format import (
+    GarbledReply,
+    channels,
+    is_error,
+    pairs,
+    read_connections,
+    read_error,
+    read_powers,
+    read_states,
+)
+
+Reader = Callable[[str], Any]
+
+
+def three_powers(text: str) -> list[float]:
+    return read_powers(text, 3)
+
+
+def three_states(text: str) -> list[str]:
+    return read_states(text, 3)
+
+
+GOOD: list[tuple[Reader, str, Any]] = [
+    (read_connections, "(@1,2),(@17,18)", {1: 17, 2: 18}),
+    (read_connections, "(@1, 2), (@17, 18)", {1: 17, 2: 18}),
+    (read_connections, "(@),(@)", {}),
+    (read_error, '0,"No error"', (0, "No error")),
+    (read_error, '-222, "Data out of range;port 99"', (-222, "Data out of range;port 99")),
+    (three_powers, "(-10.53,+0.0, -6.0e1)", [-10.53, 0.0, -60.0]),
+    (three_states, "(E, D,F)", ["E", "D", "F"]),
+]
+
+
+@pytest.mark.parametrize(("read", "text", "meaning"), GOOD)
+def test_a_reply_is_read(read: Reader, text: str, meaning: object) -> None:
+    assert read(text) == meaning
+
+
+@pytest.mark.parametrize(
+    ("read", "text"),
+    [
+        (three_powers, "(nan,0,0)"),
+        (three_powers, "(inf,0,0)"),
+        (three_powers, "(1_0,0,0)"),
+        (three_powers, "(0,0)"),
+        (three_powers, "0,0,0"),
+        (three_states, "(E,E)"),
+        (three_states, "(E,E,G)"),
+        (three_states, ""),
+        (read_error, "0"),
+        (read_error, '0,"No error'),
+        (read_error, "(@1),(@2)"),
+        (read_connections, f"(@{'9' * 5000}),(@1)"),
+    ],
+)
+def test_anything_else_is_garbled(read: Reader, text: str) -> None:
+    with pytest.raises(GarbledReply) as caught:
+        read(text)
+    assert len(str(caught.value)) < 120
+
+
+def test_connections_are_written_as_they_are_read() -> None:
+    connections = {3: 17, 1: 19}
+    assert pairs(connections) == "(@3,1),(@17,19)"
+    assert read_connections(pairs(connections)) == connections
+    assert channels([]) == "(@)"
+
+
+def test_only_errors_are_errors() -> None:
+    assert is_error('0,"No error"')
+    assert not any(map(is_error, ("16,16", "1", "(@),(@)", 'IP="192.0.2.1"')))
+
+
+def test_mutated_replies_are_read_or_garbled_and_nothing_else() -> None:
+    rng = random.Random(1)
+    for _ in range(5000):
+        read, text, _meaning = rng.choice(GOOD)
+        mutated = list(text)
+        for _change in range(rng.randint(1, 3)):
+            position = rng.randrange(len(mutated))
+            mutated[position : position + rng.randint(0, 1)] = rng.choice('(@),0179-+."eE _ F;')
+        with suppress(GarbledReply):
+            read("".join(mutated))

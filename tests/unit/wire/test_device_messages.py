@@ -1,0 +1,131 @@
+"""Device messages and their envelope."""
+
+import random
+from dataclasses import replace
+
+import pytest
+
+from wire.device import (
+    MAX_PORTS,
+    Datagram,
+    DevicePort,
+    DeviceQuery,
+    DeviceReport,
+    DeviceSettings,
+    SetDevice,
+    Subscribe,
+    open_sealed,
+)
+from wire.metadata import Answer, MalformedPacket, Message, Reason, Setup
+
+KEY, OTHER_KEY = "00112233445566778899aabbccddeeff", "ff" * 16
+HOST, CONTROLLER = Datagram.FROM_HOST, Datagram.FROM_CONTROLLER
+REPORT = DeviceReport(
+    5,
+    1,
+    2,
+    3,
+    1000,
+    2000,
+    3000,
+    40,
+    50,
+    60,
+    50_000_000,
+    256,
+    0,
+    1_550_120,
+    1000,
+    10_000,
+    20_000,
+    DeviceSettings(rate_hz=1_000_000, fec=0),
+    (DevicePort("bob-q0", True), DevicePort("bob-q1", False)),
+)
+GOLDEN = {
+    DeviceQuery(1): "514d 01 20 00000010 0000000000000001",
+    Subscribe(2, 1000, 10_000, 0): "514d 01 21 0000001c 0000000000000002000003e8 00002710 00000000",
+    SetDevice(3, DeviceSettings(1_000_000, None, 0, 1_551_720)): "514d 01 22 00000020"
+    "0000000000000003 000f4240 ffffffff 00000000 0017ad68",
+    REPORT: "514d 01 23 00000092 0000000000000005 0001 0002 0003"
+    "00000000000003e8 00000000000007d0 0000000000000bb8"
+    "0000000000000028 0000000000000032 000000000000003c"
+    "02faf080 00000100 00000000 0017a728 000003e8 00002710 00004e20"
+    "000f4240 ffffffff 00000000 ffffffff"
+    "626f622d7130000000000000000000 01 626f622d7131000000000000000000 00",
+}
+
+
+def opened(message: Message) -> Message:
+    """Return what becomes of a message on its way."""
+    return open_sealed(Datagram(message, "bob", 9).seal(KEY, HOST), KEY, HOST).message
+
+
+@pytest.mark.parametrize("message", GOLDEN, ids=lambda message: type(message).__name__)
+def test_bytes_are_golden_both_ways(message: Message) -> None:
+    assert message.encode() == bytes.fromhex(GOLDEN[message])
+    assert opened(message) == message
+
+
+def test_the_envelope_is_golden() -> None:
+    # The HMAC was computed by openssl over "controller" and what is before it.
+    sealed = Datagram(DeviceQuery(1), "bob", 0x0102030405060708).seal(KEY, CONTROLLER)
+    assert sealed == bytes.fromhex(
+        GOLDEN[DeviceQuery(1)] + "626f62" + "00" * 29 + "0102030405060708"
+        "858a767480a1593783109b7fb04c7858"
+    )
+    datagram = open_sealed(sealed, KEY, CONTROLLER)
+    assert datagram == Datagram(DeviceQuery(1), "bob", 0x0102030405060708)
+
+
+def test_every_truncation_and_every_flipped_bit_is_malformed() -> None:
+    sealed = Datagram(REPORT, "bob", 9).seal(KEY, HOST)
+    for length in range(len(sealed)):
+        with pytest.raises(MalformedPacket):
+            open_sealed(sealed[:length], KEY, HOST)
+    for bit in range(8 * len(sealed)):
+        changed = bytearray(sealed)
+        changed[bit // 8] ^= 1 << bit % 8
+        with pytest.raises(MalformedPacket):
+            open_sealed(bytes(changed), KEY, HOST)
+
+
+def test_another_key_and_the_other_direction_are_refused() -> None:
+    sealed = Datagram(DeviceQuery(1), "bob", 9).seal(KEY, CONTROLLER)
+    for key, speaker in ((OTHER_KEY, CONTROLLER), (KEY, HOST)):
+        with pytest.raises(MalformedPacket, match="HMAC is wrong"):
+            open_sealed(sealed, key, speaker)
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        SetDevice(1, DeviceSettings(rate_hz=0)),
+        SetDevice(1, DeviceSettings(frame_bytes=65_537)),
+        SetDevice(1, DeviceSettings(fec=256)),
+        SetDevice(1, DeviceSettings(wavelength_pm=10)),
+        replace(REPORT, ports=(DevicePort("q", True),) * (MAX_PORTS + 1)),
+        replace(REPORT, ports=(DevicePort("", True),)),
+        replace(REPORT, ports=(DevicePort("\n", True),)),
+        Setup(1, 1, 1, "10.0.0.3", 1, 1, 1),
+    ],
+)
+def test_what_a_speaker_with_the_key_may_not_say_is_malformed_too(message: Message) -> None:
+    with pytest.raises(MalformedPacket):
+        opened(message)
+
+
+def test_every_body_of_random_bytes_is_read_or_malformed() -> None:
+    generator = random.Random(5)
+    for _ in range(2000):
+        data = bytearray(generator.choice([REPORT.encode(), Answer(1, Reason.OK, "x").encode()]))
+        for _ in range(4):
+            data[generator.randrange(len(data))] = generator.randrange(256)
+
+        class Raw(DeviceQuery):
+            def encode(self, data: bytes = bytes(data)) -> bytes:
+                return data
+
+        try:
+            opened(Raw(0))
+        except MalformedPacket:
+            continue

@@ -1,0 +1,80 @@
+"""What topologies of several quantum switches share.
+
+Everything has copper to the classical switch s1; fibres join the quantum switches. Superdense
+coding takes one fibre to the sender, two to the receiver, two to the pair source, and three
+paths at once between them, two of which may go the same way: hence two fibres a neighbour.
+"""
+
+from mininet.topo import Topo
+
+from topologies.fiber import FiberLink
+from topologies.nodes import (
+    ClassicalSwitch,
+    DispatcherHost,
+    OpticalSwitch,
+    QuantumController,
+    QuantumHost,
+)
+
+FIRST_DPID = 0x1000  # q1 is 0x1001
+MOST_SWITCHES = 32
+
+
+class FabricTopo(Topo):
+    """alice, bob, charlie with his pairs, ed with the qubits; subclasses lay the fibres."""
+
+    def lay_copper(
+        self,
+        length_km: float = 0.01,
+        loss_db_per_km: float = 0.0,
+        depolarizing: float = 0.0,
+    ) -> None:
+        """Add s1 and the hosts, and note what every fibre will be like."""
+        self._fiber = {
+            "cls": FiberLink,
+            "length_km": float(length_km),
+            "loss_db_per_km": float(loss_db_per_km),
+            "depolarizing": float(depolarizing),
+        }
+        self.addSwitch("s1", cls=ClassicalSwitch, dpid="1")
+        self.add_host("alice", "10.0.0.1")
+        self.add_host("bob", "10.0.0.2")
+        self.add_host("charlie", "10.0.0.3", source=True)
+        self.addHost("ed", cls=DispatcherHost, ip="10.0.0.4/24")
+        self.addLink("ed", "s1")
+
+    def add_host(self, name: str, address: str, **params: object) -> None:
+        """Add a host with copper to s1."""
+        self.addHost(name, cls=QuantumHost, ip=f"{address}/24", **params)
+        self.addLink(name, "s1")
+
+    def add_quantum_switches(self, count: int, least: int = 1) -> list[str]:
+        """Add q1, q2, …, each with copper to s1; raise ValueError for a count out of range."""
+        if not least <= count <= MOST_SWITCHES:
+            raise ValueError(f"{count} quantum switches: choose {least} to {MOST_SWITCHES}")
+        names = [f"q{number}" for number in range(1, count + 1)]
+        for number, name in enumerate(names, 1):
+            self.addSwitch(name, cls=OpticalSwitch, dpid=f"{FIRST_DPID + number:x}")
+            self.addLink("s1", name)
+        return names
+
+    def place(self, alice_at: str, bob_at: str, charlie_at: str) -> None:
+        """Lay the fibres of sender, receiver and pair source to their switches."""
+        self.join("alice", alice_at, 1)
+        self.join("bob", bob_at, 2)
+        self.join("charlie", charlie_at, 2)
+
+    def join(self, one: str, other: str, fibers: int) -> None:
+        """Lay fibres between two nodes; raise ValueError for none."""
+        if fibers < 1:
+            raise ValueError(f"{fibers} fibres between {one} and {other}: choose 1 or more")
+        for _ in range(fibers):
+            self.addLink(one, other, **self._fiber)
+
+
+def findController() -> type[QuantumController]:  # noqa: N802
+    """Tell `mn` which controller is the default: it takes its own names from the file."""
+    return QuantumController
+
+
+controllers = {"quantum": QuantumController}

@@ -1,0 +1,241 @@
+"""How the controller asks hosts for their state and sets them: datagrams to the node agents.
+
+    +--------------------+---------------+-----------+---------------+
+    | a metadata message | host name, 32 | number, 8 | HMAC, 16 bytes |
+    +--------------------+---------------+-----------+---------------+
+
+controller                       node agent, UDP port DEVICE_PORT
+DeviceQuery, Subscribe, SetDevice ->
+                              <-  DeviceReport: asked for, or on its own (session 0)
+                              <-  Answer to SetDevice
+
+The header's session field numbers a request and its answer. The HMAC (SHA-256, cut to 16
+bytes) covers everything before it, and who speaks; its key is the device key that the
+runner gives to the host and to the controller alone. `number` is the speaker's clock in
+nanoseconds, and a listener takes only numbers that rise: what was heard once is no use.
+"""
+
+import hmac
+import struct
+from dataclasses import dataclass, fields, replace
+from typing import ClassVar
+
+from wire.metadata import (
+    HEADER,
+    MAGIC,
+    VERSION,
+    Answer,
+    MalformedPacket,
+    Message,
+)
+
+DEVICE_PORT = 9012
+MAX_DATAGRAM = 1400  # never a fragment: switches do not see the ports of those
+MAX_PORTS = 16
+PERIODS_S = (0.1, 3600.0)
+MAX_SHARE = (0.0, 1.0)
+RANGES = {
+    "rate_hz": (1, 4_000_000_000),
+    "frame_bytes": (1, 1 << 16),
+    "fec": (0, 255),
+    "wavelength_pm": (1_000_000, 2_000_000),
+}
+_TRAILER = struct.Struct("!32sQ")
+_TAG_BYTES = 16
+_UNSET = 0xFFFFFFFF
+_PORT = struct.Struct("!15s?")
+
+
+@dataclass(frozen=True)
+class DeviceSettings:
+    """What every session that begins on a host uses; None leaves it to the application."""
+
+    rate_hz: int | None = None  # pulse rate: pairs a second of the source
+    frame_bytes: int | None = None
+    fec: int | None = None  # number of the error-correction code; 0 is none
+    wavelength_pm: int | None = None
+
+
+def check_settings(settings: DeviceSettings) -> None:
+    """Raise ValueError naming value and range for a setting out of range."""
+    for name, (least, most) in RANGES.items():
+        value = getattr(settings, name)
+        if value is None:
+            continue
+        if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= most:
+            raise ValueError(f"{name} is {value!r}: choose {least} to {most}")
+
+
+def _pack_settings(settings: DeviceSettings) -> bytes:
+    values = (getattr(settings, item.name) for item in fields(settings))
+    return struct.pack("!4I", *(_UNSET if value is None else value for value in values))
+
+
+def _unpack_settings(data: bytes) -> DeviceSettings:
+    values = (None if value == _UNSET else value for value in struct.unpack("!4I", data))
+    settings = DeviceSettings(*values)
+    try:
+        check_settings(settings)
+    except ValueError as error:
+        raise MalformedPacket(f"device settings: {error}") from error
+    return settings
+
+
+@dataclass(frozen=True)
+class DeviceQuery(Message):
+    """Ask for a DeviceReport now."""
+
+    KIND = 32
+    FIELDS = struct.Struct("!")
+
+
+@dataclass(frozen=True)
+class Subscribe(Message):
+    """Ask for reports without asking: on every change, and when too much is lost or wrong.
+
+    A host that is not asked for longer than a few periods reports by itself, too.
+    """
+
+    KIND = 33
+    FIELDS = struct.Struct("!III")
+
+    period_ms: int
+    lost_ppm: int  # of the pairs since the last report, 1,000,000: never
+    symbol_error_ppm: int  # of the symbols received since then
+
+
+@dataclass(frozen=True)
+class SetDevice(Message):
+    """Override what the applications of a host ask for, in sessions that begin from now on."""
+
+    KIND = 34
+    FIELDS = struct.Struct("!16s")
+
+    settings: DeviceSettings = DeviceSettings()
+
+    def encode(self) -> bytes:
+        """Return the message as it goes onto the wire."""
+        return self._frame(_pack_settings(self.settings))
+
+    @classmethod
+    def parse(cls, session: int, body: bytes) -> "SetDevice":
+        """Build the message from its body; raise MalformedPacket if it does not fit."""
+        if len(body) != cls.FIELDS.size:
+            raise MalformedPacket(f"SetDevice: {len(body)} bytes, not {cls.FIELDS.size}")
+        return cls(session, _unpack_settings(body))
+
+
+@dataclass(frozen=True)
+class DevicePort:
+    """A fibre port of a host."""
+
+    name: str  # of its interface, at most 15 bytes
+    up: bool
+
+
+@dataclass(frozen=True)
+class DeviceReport(Message):
+    """The state of a host. Counts are since its stack started."""
+
+    KIND = 35
+    FIELDS = struct.Struct("!HHHQQQQQQIIIIIII16s")
+
+    sending: int = 0  # sessions that run
+    receiving: int = 0
+    serving: int = 0  # sessions that this host makes pairs for
+    pairs_sent: int = 0
+    pairs_made: int = 0
+    pairs_received: int = 0
+    pairs_lost: int = 0  # of those sent or received by this host
+    symbol_errors: int = 0
+    repeated_frames: int = 0
+    rate_hz: int = 0  # what the session used that began last; 0: there was none
+    frame_bytes: int = 0
+    fec: int = 0
+    wavelength_pm: int = 0
+    period_ms: int = 0  # the subscription in force; 0: none
+    lost_ppm: int = 0
+    symbol_error_ppm: int = 0
+    settings: DeviceSettings = DeviceSettings()  # the overrides in force
+    ports: tuple[DevicePort, ...] = ()
+
+    def encode(self) -> bytes:
+        """Return the message as it goes onto the wire."""
+        _session, *numbers, settings, ports = vars(self).values()
+        fixed = self.FIELDS.pack(*numbers, _pack_settings(settings))
+        named = (_PORT.pack(port.name.encode(), port.up) for port in ports)
+        return self._frame(fixed + b"".join(named))
+
+    @classmethod
+    def parse(cls, session: int, body: bytes) -> "DeviceReport":
+        """Build the message from its body; raise MalformedPacket if it does not fit."""
+        size = cls.FIELDS.size
+        count, rest = divmod(len(body) - size, _PORT.size)
+        if len(body) < size or rest or count > MAX_PORTS:
+            raise MalformedPacket(f"DeviceReport: {len(body)} bytes do not fit")
+        *numbers, settings = cls.FIELDS.unpack_from(body)
+        ports = tuple(DevicePort(_text(name), up) for name, up in _PORT.iter_unpack(body[size:]))
+        report = cls(session, *numbers)
+        return replace(report, settings=_unpack_settings(settings), ports=ports)
+
+
+KINDS: dict[int, type[Message]] = {
+    kind.KIND: kind for kind in (DeviceQuery, Subscribe, SetDevice, DeviceReport, Answer)
+}
+
+
+@dataclass(frozen=True)
+class Datagram:
+    """A message, which host it comes from or goes to, and its number."""
+
+    FROM_CONTROLLER: ClassVar[bytes] = b"controller"
+    FROM_HOST: ClassVar[bytes] = b"host"
+
+    message: Message
+    host: str
+    number: int
+
+    def seal(self, key: str, speaker: bytes) -> bytes:
+        """Return the datagram with the HMAC of its speaker."""
+        data = self.message.encode() + _TRAILER.pack(self.host.encode(), self.number)
+        return data + _tag(key, speaker, data)
+
+
+def host_of(data: bytes) -> str:
+    """Return which host a datagram speaks of, before its HMAC is checked."""
+    if not HEADER.size + _TRAILER.size + _TAG_BYTES <= len(data) <= MAX_DATAGRAM:
+        raise MalformedPacket(f"datagram of {len(data)} bytes")
+    name, _number = _TRAILER.unpack_from(data, len(data) - _TAG_BYTES - _TRAILER.size)
+    return _text(name)
+
+
+def open_sealed(data: bytes, key: str, speaker: bytes) -> Datagram:
+    """Read a datagram; raise MalformedPacket unless its speaker knows the key."""
+    host = host_of(data)
+    signed, tag = data[:-_TAG_BYTES], data[-_TAG_BYTES:]
+    if not hmac.compare_digest(tag, _tag(key, speaker, signed)):
+        raise MalformedPacket(f"datagram for {host}: its HMAC is wrong")
+    message = signed[: -_TRAILER.size]
+    _name, number = _TRAILER.unpack_from(signed, len(message))
+    return Datagram(_decode(message), host, number)
+
+
+def _tag(key: str, speaker: bytes, data: bytes) -> bytes:
+    return hmac.digest(bytes.fromhex(key), speaker + data, "sha256")[:_TAG_BYTES]
+
+
+def _decode(data: bytes) -> Message:
+    magic, version, kind, length, session = HEADER.unpack_from(data)
+    if (magic, version, length) != (MAGIC, VERSION, len(data)) or kind not in KINDS:
+        raise MalformedPacket(f"device message: header {data[: HEADER.size].hex()}")
+    return KINDS[kind].parse(session, data[HEADER.size :])
+
+
+def _text(padded: bytes) -> str:
+    try:
+        name = padded.rstrip(b"\0").decode("ascii")
+    except UnicodeDecodeError as error:
+        raise MalformedPacket(f"name {padded!r} is not ASCII") from error
+    if not name or not name.isprintable():
+        raise MalformedPacket(f"name {padded!r} is not a name")
+    return name
