@@ -18,8 +18,6 @@ from controller_apps.record import Record
 from wire.metadata import MalformedPacket
 from wire.optical import EXPERIMENTER, PATH_OPTICS, PathOptics, decode_path_optics
 
-POLL_S = 5.0  # between two questions for the statistics of ports
-
 
 class Fibers:
     """Fibres and optics of the switches that are connected."""
@@ -32,7 +30,6 @@ class Fibers:
         self._datapaths: dict[int, Any] = {}
         self._asked: dict[int, int] = {}  # by datapath id, the last question for optics
         self._told: defaultdict[int, list[PathOptics]] = defaultdict(list)  # parts of an answer
-        self._poll_due = 0.0
 
     def switch_here(self, datapath: Any, now: float) -> None:
         """Take in the ports of a switch, and ask for its optics; see `told` and `silent`."""
@@ -111,7 +108,7 @@ class Fibers:
         return True
 
     def measured(self, message: Any) -> None:
-        """Take the statistics of ports."""
+        """Take the statistics of ports, which the device monitor asks for all the time."""
         for statistics in message.body:
             light = optical_messages.port_light(statistics)
             if light is not None:
@@ -150,15 +147,11 @@ class Fibers:
         self._record.write(event, ends=sorted([one, other]))
 
     def time_passed(self, now: float) -> None:
-        """Speak where it is due, forget links that are silent, ask for statistics."""
+        """Speak where it is due, and forget links that are silent."""
         for at in self._links.expired(now):
             self._logger.info("nothing heard at %#x:%d any more", *at)
         for at in self._links.due(now):
             self._speak(at)
-        if now >= self._poll_due:
-            self._poll_due = now + POLL_S
-            for datapath in self._datapaths.values():
-                datapath.send_msg(optical_messages.ask_ports(datapath))
 
     def _speak(self, at: SwitchPort) -> None:
         datapath = self._datapaths[at.dpid]
