@@ -41,6 +41,7 @@ class Signals:
 
     def __enter__(self) -> Self:
         self._received: int | None = None
+        self._deferring = False
         self._previous = {number: signal.signal(number, self._note) for number in self.NUMBERS}
         return self
 
@@ -48,20 +49,23 @@ class Signals:
         self._received = self._received or number
 
     def check(self) -> None:
-        """Raise Interrupted if a signal has come."""
-        if self._received is not None:
+        """Raise Interrupted if a signal has come, unless signals are deferred."""
+        if self._received is not None and not self._deferring:
             raise Interrupted(self._received)
 
     @contextmanager
     def deferred(self) -> Iterator[None]:
         """Let nothing cut a piece of work short, nor the commands that it runs.
 
-        What comes meanwhile is noted at the end: another network may be about to start.
+        What comes meanwhile counts afterwards: another network may be about to start. The mask
+        is for the commands, which inherit it; other threads of this process still take signals.
         """
         mask = signal.pthread_sigmask(signal.SIG_BLOCK, self.NUMBERS)
+        self._deferring = True
         try:
             yield
         finally:
+            self._deferring = False
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
     def __exit__(

@@ -2,7 +2,9 @@
 
 import os
 import signal
+import socket
 import subprocess
+import threading
 
 import pytest
 
@@ -49,3 +51,29 @@ def test_nothing_cuts_short_what_defers_signals_nor_its_commands() -> None:
             signals.check()
         with pytest.raises(Interrupted, match="SIGTERM"):
             signals.check()
+
+
+def test_a_signal_that_another_thread_takes_is_deferred_too(
+    request: pytest.FixtureRequest,
+) -> None:
+    taken, arrives = socket.socketpair()
+    arrives.setblocking(False)
+    request.addfinalizer(taken.close)
+    request.addfinalizer(arrives.close)
+    done = threading.Event()
+    thread = threading.Thread(target=done.wait)
+    thread.start()
+    before = signal.set_wakeup_fd(arrives.fileno())
+    try:
+        with Signals() as signals:
+            with signals.deferred():
+                os.kill(os.getpid(), signal.SIGTERM)
+                taken.settimeout(10)
+                assert taken.recv(1) == bytes([signal.SIGTERM])
+                signals.check()
+            with pytest.raises(Interrupted, match="SIGTERM"):
+                signals.check()
+    finally:
+        signal.set_wakeup_fd(before)
+        done.set()
+        thread.join()
