@@ -19,6 +19,11 @@ class Effect(NamedTuple):
 
     lost: NDArray[np.bool_] | None = None
     paulis: NDArray[np.uint8] | None = None
+    # Coherent rotation about the Z axis. Angles add up and become a Pauli at the measurement.
+    angles_rad: NDArray[np.float64] | None = None
+    delays_ps: NDArray[np.float64] | None = None
+    transmission: float = 1.0  # how likely light that is in the same pulse comes through
+    exact: bool = True  # whether this is what the physics does, or an approximation of it
 
 
 class NoiseModel(Protocol):

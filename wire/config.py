@@ -8,6 +8,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
+from wire.physics import Device
+
 DISPATCHER_PORT = 50051
 CONTENTION = ("refuse", "queue")
 
@@ -110,6 +112,7 @@ class DispatcherConfig(Config):
     fibers: list[Fiber]
     switches: list[QuantumSwitch]
     event_log: str = ""  # path; empty: none
+    devices: dict[str, Device] = field(default_factory=dict)  # of hosts; ideal if not listed
     history_depth: int = 10_000
     max_live_qubits: int = 8_000_000
 
@@ -118,7 +121,9 @@ class DispatcherConfig(Config):
         """Build the configuration from decoded JSON."""
         fibers = [Fiber.from_dict(fiber) for fiber in fields["fibers"]]
         switches = [QuantumSwitch.from_dict(switch) for switch in fields["switches"]]
-        return cls(**{**fields, "fibers": fibers, "switches": switches})
+        given = fields.get("devices", {})
+        devices = {name: Device.from_dict(device) for name, device in given.items()}
+        return cls(**{**fields, "fibers": fibers, "switches": switches, "devices": devices})
 
 
 @dataclass(frozen=True)
