@@ -1,0 +1,58 @@
+"""From a text in OpenQASM 2.0 to its syntax tree, by the parser of the OpenQASM project.
+
+That parser is for OpenQASM 3, which kept what users write in OpenQASM 2.0; what 2.0 does not
+know is refused when the tree is read.
+"""
+
+import io
+import re
+from contextlib import redirect_stderr
+from typing import NoReturn
+
+from openqasm3 import ast
+from openqasm3.parser import QASM3ParsingError, parse
+
+from dispatcher.sabot.circuits.source import Source
+
+HEADER = 'begin with the lines OPENQASM 2.0; and include "qelib1.inc";'
+PLACE = re.compile(r"L(\d+):C(\d+): (.*)", re.DOTALL)
+LONGEST_TOKEN = 40
+COMMENT = re.compile(r"//[^\n]*|/\*.*?\*/", re.DOTALL)
+
+
+def parse_qasm(source: Source) -> ast.Program:
+    """Return the syntax tree; raise CircuitError with line and column of what is wrong."""
+    if not COMMENT.sub("", source.text).strip():
+        source.fail(1, 1, f"the program is empty; {HEADER}")
+    try:
+        # The parser also prints what it raises.
+        with redirect_stderr(io.StringIO()):
+            program = parse(source.text)
+    except QASM3ParsingError as error:
+        _fail(source, error)
+    except RecursionError:
+        source.fail(1, 1, "an expression or block is nested too deeply; write it in steps")
+    except ValueError:
+        source.fail(1, 1, "a number has thousands of digits; shorten it")
+    if program.version != "2.0":
+        found = f"this is OpenQASM {program.version}" if program.version else "no version line"
+        source.fail(1, 1, f"{found}; only OpenQASM 2.0 is read: {HEADER}")
+    return program
+
+
+def _fail(source: Source, error: QASM3ParsingError) -> NoReturn:
+    """Say where the parser stopped: it tells by its text, or by the token it could not take."""
+    told = PLACE.fullmatch(str(error))
+    if told:
+        source.fail(int(told[1]), int(told[2]) + 1, _shortened(told[3]))
+    cause = error.__cause__
+    token = getattr(cause.args[0] if cause and cause.args else None, "offendingToken", None)
+    if token is None:
+        source.fail(1, 1, f"not OpenQASM 2.0; {HEADER}")
+    remedy = "is a ';' missing before it?" if token.line > 1 else HEADER
+    what = "the end of the program" if token.type == -1 else repr(_shortened(token.text))
+    source.fail(token.line, token.column + 1, f"{what} is not expected here; {remedy}")
+
+
+def _shortened(text: str) -> str:
+    return text if len(text) <= LONGEST_TOKEN else text[:LONGEST_TOKEN] + "..."
