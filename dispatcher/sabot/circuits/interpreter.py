@@ -6,11 +6,12 @@ condition do not, because members may differ by them.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.sabot.backend import Backend, Bytes
+from dispatcher.sabot.backend import Backend, Bytes, GateName
 from dispatcher.sabot.circuits.circuit import (
     MAX_SHOTS,
     Barrier,
@@ -68,9 +69,7 @@ def _gates(operations: tuple[Operation, ...]) -> Iterator[Gate]:
             yield operation
 
 
-def _batches(
-    circuit: Circuit, backend: type[Backend], shots: int, draws: Draws
-) -> Iterator[Bytes]:
+def _batches(circuit: Circuit, backend: type[Backend], shots: int, draws: Draws) -> Iterator[Bytes]:
     size = LARGEST_BATCH
     if circuit.qubits <= 12:
         size = min(size, BATCH_AMPLITUDES >> circuit.qubits)
@@ -84,7 +83,7 @@ def _batches(
 class _Branch:
     """Shots that have had the same gates and measurements."""
 
-    members: NDArray[np.intp]  # ascending
+    members: NDArray[np.uint32]  # ascending
     state: Backend
 
 
@@ -96,7 +95,9 @@ class _Batch:
     ) -> None:
         self.bits: Bytes = np.zeros((circuit.bits, shots), dtype=np.uint8)
         self._shots, self._draws, self._number = shots, draws, number
-        self._branches = [_Branch(np.arange(shots), backend(circuit.qubits, shots))]
+        self._branches = [
+            _Branch(np.arange(shots, dtype=np.uint32), backend(circuit.qubits, shots))
+        ]
         self._measured = 0
 
     def run(self, operations: tuple[Operation, ...], where: Mask | None) -> None:
@@ -132,10 +133,7 @@ class _Batch:
 
     def _gate(self, gate: Gate, where: Mask | None) -> None:
         for branch in self._selected(where):
-            if gate.name in ROTATIONS:
-                branch.state.gate(gate.name, *gate.qubits, angle_rad=gate.angle_rad)
-            else:
-                branch.state.gate(gate.name, *gate.qubits)
+            branch.state.gate(cast(GateName, gate.name), *gate.qubits)
 
     def _measure(self, qubit: int, bit: int, where: Mask | None) -> None:
         for branch, outcomes in self._read(qubit, where):

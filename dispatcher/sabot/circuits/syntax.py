@@ -14,7 +14,10 @@ from openqasm3.parser import QASM3ParsingError, parse
 
 from dispatcher.sabot.circuits.source import Source
 
-HEADER = 'begin with the lines OPENQASM 2.0; and include "qelib1.inc";'
+HEADER = (
+    'begin with the lines OPENQASM 2.0; and include "qelib1.inc"; (or, for a .chp program, say '
+    "--format chp)"
+)
 PLACE = re.compile(r"L(\d+):C(\d+): (.*)", re.DOTALL)
 LONGEST_TOKEN = 40
 COMMENT = re.compile(r"//[^\n]*|/\*.*?\*/", re.DOTALL)
@@ -22,8 +25,8 @@ COMMENT = re.compile(r"//[^\n]*|/\*.*?\*/", re.DOTALL)
 
 def parse_qasm(source: Source) -> ast.Program:
     """Return the syntax tree; raise CircuitError with line and column of what is wrong."""
-    if not COMMENT.sub("", source.text).strip():
-        source.fail(1, 1, f"the program is empty; {HEADER}")
+    if not COMMENT.sub("", source.text).lstrip().startswith("OPENQASM"):
+        source.fail(1, 1, f"this is not OpenQASM; {HEADER}")
     try:
         # The parser also prints what it raises.
         with redirect_stderr(io.StringIO()):
@@ -35,8 +38,8 @@ def parse_qasm(source: Source) -> ast.Program:
     except ValueError:
         source.fail(1, 1, "a number has thousands of digits; shorten it")
     if program.version != "2.0":
-        found = f"this is OpenQASM {program.version}" if program.version else "no version line"
-        source.fail(1, 1, f"{found}; only OpenQASM 2.0 is read: {HEADER}")
+        problem = f"this is OpenQASM {program.version}; only 2.0 is read"
+        source.fail(1, 1, f"{problem}: begin with OPENQASM 2.0;")
     return program
 
 
@@ -48,10 +51,10 @@ def _fail(source: Source, error: QASM3ParsingError) -> NoReturn:
     cause = error.__cause__
     token = getattr(cause.args[0] if cause and cause.args else None, "offendingToken", None)
     if token is None:
-        source.fail(1, 1, f"not OpenQASM 2.0; {HEADER}")
-    remedy = "is a ';' missing before it?" if token.line > 1 else HEADER
+        source.fail(1, 1, f"this is not OpenQASM 2.0; {HEADER}")
     what = "the end of the program" if token.type == -1 else repr(_shortened(token.text))
-    source.fail(token.line, token.column + 1, f"{what} is not expected here; {remedy}")
+    problem = f"{what} is not expected here; is a ';' or a bracket missing before it?"
+    source.fail(token.line, token.column + 1, problem)
 
 
 def _shortened(text: str) -> str:
