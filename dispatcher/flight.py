@@ -18,8 +18,8 @@ from dispatcher.noise import NoiseModel
 from dispatcher.optical_switch import Light, OpticalSwitch
 from dispatcher.ownership import Block
 from dispatcher.sabot.draws import Draws
-from dispatcher.sabot.manager import Sabot
 from dispatcher.sabot.registers import Mask
+from dispatcher.sabot.simulation import Simulation
 from wire.config import FiberEnd
 
 MAX_FIBERS = 64  # light in a ring of cross-connects has faded by then
@@ -72,7 +72,7 @@ class Flight:
     """Takes one block from a port to all the ports where its light comes out."""
 
     def __init__(
-        self, block: Block, departure: Departure, network: Network, sabot: Sabot, draws: Draws
+        self, block: Block, departure: Departure, network: Network, sabot: Simulation, draws: Draws
     ) -> None:
         """Prepare the flight of a block that has left."""
         self._block, self._departure = block, departure

@@ -10,7 +10,7 @@ from dispatcher.history import History
 from dispatcher.network import Network
 from dispatcher.ownership import Block, BlockName, Ownership
 from dispatcher.sabot.draws import Draws
-from dispatcher.sabot.manager import Sabot
+from dispatcher.sabot.simulation import Simulation
 from wire.dispatcher_pb2 import BlockId, Event, Feedback
 
 
@@ -19,7 +19,7 @@ class PhysicalLayer:
     """Everything there is; touched on the event loop alone."""
 
     clock: Clock
-    sabot: Sabot
+    sabot: Simulation
     draws: Draws
     network: Network
     ownership: Ownership

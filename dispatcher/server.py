@@ -19,6 +19,8 @@ from dispatcher.ownership import Ownership
 from dispatcher.sabot.backends import BACKENDS
 from dispatcher.sabot.draws import Draws
 from dispatcher.sabot.manager import Sabot
+from dispatcher.sabot.remote.client import RemoteSabot
+from dispatcher.sabot.simulation import Simulation
 from dispatcher.service import Failed, Service
 from wire.config import BadConfig, DispatcherConfig
 from wire.dispatcher_pb2_grpc import add_DispatcherServicer_to_server
@@ -34,13 +36,19 @@ def build_layer(config: DispatcherConfig, clock: Clock, event_log: TextIO | None
     """Return the physical layer that the configuration describes."""
     return PhysicalLayer(
         clock=clock,
-        sabot=Sabot(BACKENDS[config.backend]),
+        sabot=_simulation(config),
         draws=Draws(config.seed),
         network=Network(config.fibers, config.switches),
         ownership=Ownership(),
         history=History(config.history_depth, event_log),
         max_live_qubits=config.max_live_qubits,
     )
+
+
+def _simulation(config: DispatcherConfig) -> Simulation:
+    if config.sabot:
+        return RemoteSabot(config.sabot, config.backend)
+    return Sabot(BACKENDS[config.backend])
 
 
 def build_service(config: DispatcherConfig, layer: PhysicalLayer, failed: Failed) -> Service:
@@ -81,6 +89,8 @@ async def serve(config: DispatcherConfig) -> None:
             stack.enter_context(Path(config.event_log).open("a")) if config.event_log else None
         )
         layer = build_layer(config, CaptureClock(), event_log)
+        if isinstance(layer.sabot, RemoteSabot):
+            stack.enter_context(layer.sabot)
         server = build_server(config, build_service(config, layer, failed))
         await server.start()
         for number in (signal.SIGTERM, signal.SIGINT):

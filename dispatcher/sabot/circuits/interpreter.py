@@ -11,7 +11,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.sabot.backend import Backend, Bytes, GateName
+from dispatcher.sabot.backend import Backend, Begin, Bytes, CliffordName, GateName
 from dispatcher.sabot.circuits.circuit import (
     MAX_SHOTS,
     Barrier,
@@ -25,8 +25,11 @@ from dispatcher.sabot.circuits.circuit import (
     Reset,
 )
 from dispatcher.sabot.circuits.gate_names import CLIFFORD, PAULIS, ROTATIONS
+from dispatcher.sabot.dense import MAX_QUBITS as MOST_DENSE
+from dispatcher.sabot.dense import Dense, TooLarge
 from dispatcher.sabot.draws import Draws
 from dispatcher.sabot.registers import Mask
+from dispatcher.sabot.room import require_amplitudes
 
 MAX_RESULT_BITS = 1 << 28  # shots times classical bits
 # Shots that are simulated at once, so that a state vector of each fits into 64 MB. It depends on
@@ -35,22 +38,26 @@ BATCH_AMPLITUDES = 1 << 22
 LARGEST_BATCH = 1 << 16
 
 
-def run_circuit(circuit: Circuit, backend: type[Backend], shots: int, seed: int) -> Iterator[Bytes]:
+def run_circuit(circuit: Circuit, backend: Begin, shots: int, seed: int) -> Iterator[Bytes]:
     """Yield what was measured, batch by batch: arrays of shape (bits, shots of the batch).
 
     Raise CircuitError, before anything runs, for what this backend cannot run.
     """
-    _check(circuit, backend, shots)
+    try:
+        _check(circuit, backend, shots)
+    except TooLarge as error:
+        raise CircuitError(f"the backend {backend.NAME}: {error}") from error
     return _batches(circuit, backend, shots, Draws(seed))
 
 
-def _check(circuit: Circuit, backend: type[Backend], shots: int) -> None:
+def _check(circuit: Circuit, backend: Begin, shots: int) -> None:
     if not 1 <= shots <= MAX_SHOTS:
         raise CircuitError(f"{shots} shots: choose 1 to {MAX_SHOTS:,}")
     if shots * circuit.bits > MAX_RESULT_BITS:
         most = MAX_RESULT_BITS // circuit.bits
         raise CircuitError(f"{shots} shots of {circuit.bits} bits: choose at most {most:,} shots")
-    if backend.NAME == "dense":
+    if backend.NAME == Dense.NAME:
+        require_amplitudes(circuit.qubits, 1, 0)
         return
     for gate in _gates(circuit.operations):
         if gate.name not in CLIFFORD and gate.name not in PAULIS:
@@ -69,9 +76,9 @@ def _gates(operations: tuple[Operation, ...]) -> Iterator[Gate]:
             yield operation
 
 
-def _batches(circuit: Circuit, backend: type[Backend], shots: int, draws: Draws) -> Iterator[Bytes]:
+def _batches(circuit: Circuit, backend: Begin, shots: int, draws: Draws) -> Iterator[Bytes]:
     size = LARGEST_BATCH
-    if circuit.qubits <= 12:
+    if circuit.qubits <= MOST_DENSE:
         size = min(size, BATCH_AMPLITUDES >> circuit.qubits)
     for number, first in enumerate(range(0, shots, size)):
         batch = _Batch(circuit, backend, min(size, shots - first), draws, number)
@@ -91,7 +98,7 @@ class _Batch:
     """Shots that are simulated together."""
 
     def __init__(
-        self, circuit: Circuit, backend: type[Backend], shots: int, draws: Draws, number: int
+        self, circuit: Circuit, backend: Begin, shots: int, draws: Draws, number: int
     ) -> None:
         self.bits: Bytes = np.zeros((circuit.bits, shots), dtype=np.uint8)
         self._shots, self._draws, self._number = shots, draws, number
@@ -133,7 +140,11 @@ class _Batch:
 
     def _gate(self, gate: Gate, where: Mask | None) -> None:
         for branch in self._selected(where):
-            branch.state.gate(cast(GateName, gate.name), *gate.qubits)
+            if isinstance(branch.state, Dense):
+                name = cast(GateName, gate.name)
+                branch.state.gate(name, *gate.qubits, angle_rad=gate.angle_rad)
+            else:
+                branch.state.gate(cast(CliffordName, gate.name), *gate.qubits)
 
     def _measure(self, qubit: int, bit: int, where: Mask | None) -> None:
         for branch, outcomes in self._read(qubit, where):

@@ -27,7 +27,7 @@ from wire.service import CHANNEL_OPTIONS
 DEADLINE_S = 60.0  # the largest blocks take seconds
 
 
-class SabotUnreachable(Exception):
+class SabotUnreachable(ConnectionError):
     """The Sabot server does not do what it should; the message names socket and remedy."""
 
 
@@ -86,9 +86,7 @@ class RemoteSabot:
             return self._backend
         names: set[str] = set()
         for register in registers:
-            request = messages.DumpRequest(
-                workspace=self._workspace, registers=[_number(register)]
-            )
+            request = messages.DumpRequest(workspace=self._workspace, registers=[_number(register)])
             names |= set(self._call(self._stub.Dump, request).backend.split("+"))
         return "+".join(sorted(names))
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from dispatcher import limits
 from dispatcher.refusal import invalid
-from dispatcher.sabot.backend import Bytes
+from dispatcher.sabot.backend import Bytes, GateName
 from dispatcher.sabot.draws import Draws, PhotonDraws
-from dispatcher.sabot.gates import ROTATIONS, TWO_QUBIT_GATES, GateName
+from dispatcher.sabot.gates import ROTATIONS, TWO_QUBIT_GATES
 from dispatcher.sabot.registers import Mask, Register
 from dispatcher.sabot.remote.workspace import Workspace
 from dispatcher.sabot.room import GateStep

@@ -7,8 +7,6 @@ import functools
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-import grpc
-
 from dispatcher import limits
 from dispatcher.refusal import Refusal, exhausted, invalid
 from dispatcher.sabot.backends import BACKENDS
@@ -194,5 +192,3 @@ class SabotService(SabotServicer):
 def _done(workspace: Workspace) -> messages.Done:
     sabot = workspace.sabot
     return messages.Done(live_qubits=sabot.live_qubits, live_bytes=sabot.live_bytes)
-
-

@@ -25,9 +25,7 @@ def dumped(
             yield _state(component, int(member), int(positions[member]), numbers)
 
 
-def _state(
-    component: Component, member: int, position: int, numbers: list[int]
-) -> DumpReply.State:
+def _state(component: Component, member: int, position: int, numbers: list[int]) -> DumpReply.State:
     state = component.state
     reply = DumpReply.State(position=position, registers=numbers, backend=state.NAME)
     if isinstance(state, Dense):

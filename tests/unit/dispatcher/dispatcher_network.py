@@ -14,6 +14,7 @@ from typing import Any
 import grpc
 
 from dispatcher.clock import Clock
+from dispatcher.sabot.remote.client import RemoteSabot
 from dispatcher.server import build_layer, build_server, build_service
 from dispatcher.service import Service
 from wire.config import DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
@@ -236,6 +237,8 @@ async def running(config: DispatcherConfig, clock: Clock) -> AsyncIterator[Bench
         if config.event_log:
             event_log = stack.enter_context(Path(config.event_log).open("a"))
         layer = build_layer(config, clock, event_log)
+        if isinstance(layer.sabot, RemoteSabot):
+            stack.enter_context(layer.sabot)
         errors: list[BaseException] = []
         service = build_service(config, layer, errors.append)
         server = build_server(config, service)
