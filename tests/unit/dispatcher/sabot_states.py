@@ -23,11 +23,8 @@ def given(*values: int) -> PhotonDraws:
 def canonical(state: Backend, member: int = 0) -> list[str]:
     """Return the reduced generators of a member's state, as stim writes them."""
     x, z, signs = state.generators()
-    letters = [
-        "".join("_XZY"[a + 2 * b] for a, b in zip(*rows, strict=True))
-        for rows in zip(x, z, strict=True)
-    ]
-    rows = ["+-"[signs[row, member]] + text for row, text in enumerate(letters)]
+    bits = zip((x + 2 * z).tolist(), signs[:, member].tolist(), strict=True)
+    rows = ["+-"[sign] + "".join("_XZY"[letter] for letter in row) for row, sign in bits]
     tableau = stim.Tableau.from_stabilizers([stim.PauliString(row) for row in rows])
     return [str(row) for row in tableau.to_stabilizers(canonicalize=True)]
 
