@@ -118,10 +118,14 @@ class Flight:
         for out_port, leaving in switch.cross(in_port, light, uniform).items():
             members &= ~leaving
             if rotation := switch.rotation(in_port, out_port):
-                self._sabot.pauli(self._block.register, leaving * np.uint8(rotation))
+                paulis = leaving * np.uint8(rotation)
+                place = f"rotation of {switch.name}, {in_port} -> {out_port}"
+                self._sabot.explain(self._block.register, place, paulis)
+                self._sabot.pauli(self._block.register, paulis)
             end = FiberEnd(switch.name, str(out_port))
             self._enter(end, leaving, beam.delay_ns, beam.fibers_passed, beam.errors)
         if members.any():
+            self._sabot.explain(self._block.register, f"in {switch.name}", members)
             self._lose(members)
 
     def _enter(
@@ -145,13 +149,17 @@ class Flight:
     def _pass(self, beam: Beam, noise: tuple[NoiseModel, ...]) -> None:
         """Apply what a fibre does to the photons of a beam."""
         block = self._block
+        way = f"{beam.line.far.port} of {beam.line.far.node}"
         for model in noise:
+            place = f"{type(model).__name__.lower()} in the fibre to {way}"
             effect = model.effect(partial(self._uniform, "fiber", beam.fibers_passed))
             if effect.lost is not None:
+                self._sabot.explain(block.register, place, effect.lost & beam.members)
                 self._lose(effect.lost & beam.members)
             if effect.paulis is not None:
                 paulis = effect.paulis * (beam.members & block.register.present)
                 beam.errors += np.bincount(paulis, minlength=4)
+                self._sabot.explain(block.register, place, paulis)
                 self._sabot.pauli(block.register, paulis)
 
     def _uniform(self, where: str, fibers_passed: int, purpose: str) -> NDArray[np.float64]:

@@ -22,6 +22,8 @@ from dispatcher.sabot.manager import Sabot
 from dispatcher.sabot.remote.client import RemoteSabot
 from dispatcher.sabot.simulation import Simulation
 from dispatcher.service import Failed, Service
+from dispatcher.tracing.traced import TracedSabot
+from dispatcher.tracing.writer import QasmWriter
 from wire.config import BadConfig, DispatcherConfig
 from wire.dispatcher_pb2_grpc import add_DispatcherServicer_to_server
 from wire.service import MESSAGE_LIMITS
@@ -91,6 +93,9 @@ async def serve(config: DispatcherConfig) -> None:
         layer = build_layer(config, CaptureClock(), event_log)
         if isinstance(layer.sabot, RemoteSabot):
             stack.enter_context(layer.sabot)
+        if config.qasm:
+            dump = stack.enter_context(Path(config.qasm).open("w", buffering=1))
+            layer.sabot = TracedSabot(layer.sabot, QasmWriter(dump))
         server = build_server(config, build_service(config, layer, failed))
         await server.start()
         for number in (signal.SIGTERM, signal.SIGINT):

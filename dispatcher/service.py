@@ -14,6 +14,7 @@ from dispatcher.callers import Callers
 from dispatcher.layer import PhysicalLayer
 from dispatcher.operations import Operations
 from dispatcher.orders import Orders
+from dispatcher.origin import because, told
 from dispatcher.refusal import Refusal, exhausted
 from dispatcher.sabot.dense import TooLarge
 from dispatcher.switching import Switching
@@ -128,7 +129,8 @@ class Service(DispatcherServicer):
     async def _act(self, node: str, kind: str, request: Any) -> messages.Feedback:
         self.callers.require_host(node)
         try:
-            return await self._acts[kind](node, request)
+            with because(told(node, kind, request)):
+                return await self._acts[kind](node, request)
         except TooLarge as error:
             raise exhausted(str(error)) from error
 

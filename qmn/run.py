@@ -83,6 +83,7 @@ def add_parser(verbs: Any) -> None:
     )
     add("--history-depth", type=int, default=10_000, metavar="N", help="events kept (10000)")
     add("--runs", type=Path, default=Path("runs"), metavar="DIR", help="what runs leave (runs)")
+    add("--qasm", action="store_true", help="write what is done to qubits to quantum.qasm")
     add("--no-capture", action="store_true", help="do not capture packets")
     parser.set_defaults(call=call)
 
@@ -245,6 +246,7 @@ def run_network(
     settings = Runtime(
         seed=arguments.seed,
         backend=arguments.backend,
+        qasm=arguments.qasm,
         framework=arguments.controller,
         openflow_port=arguments.openflow_port,
         history_depth=arguments.history_depth,

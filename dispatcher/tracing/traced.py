@@ -1,6 +1,8 @@
 """A simulation manager that passes everything on to another and writes it down."""
 
 from collections.abc import Iterator, Sequence
+from functools import reduce
+from operator import xor
 
 from dispatcher.origin import origin
 from dispatcher.sabot.backend import Bytes, GateName
@@ -14,9 +16,10 @@ from dispatcher.tracing.writer import Chunk, QasmWriter
 
 # As the file writes Paulis, bases and gates. XZ is Z first; its phase cannot be seen.
 PAULIS = ("", "x {0};", "z {0};", "z {0}; x {0};")
+NAMES = ("I", "X", "Z", "XZ")
 BASES = ("", "h {0}; ", "sdg {0}; h {0}; ")
 GATES: dict[GateName, str] = {
-    **{name: f"{name.lower()} {{0}};" for name in ("H", "S", "T")},  # type: ignore[misc]
+    **{name: f"{name.lower()} {{0}};" for name in ("H", "S", "T")},
     "S_DAG": "sdg {0};",
     "T_DAG": "tdg {0};",
     "CX": "cx {0}, {1};",
@@ -34,6 +37,8 @@ class TracedSabot:
         self._inner, self._writer = inner, writer
         # Which qubit of which chunk each photon is that is written, by its position.
         self._traced: dict[Register, dict[int, tuple[Chunk, int]]] = {}
+        # Where what will be done to photons comes from, and which Pauli that is.
+        self._places: dict[Register, dict[int, list[tuple[str, int]]]] = {}
 
     @property
     def backend(self) -> str:
@@ -77,9 +82,7 @@ class TracedSabot:
         """Apply Paulis."""
         self._inner.pauli(register, paulis)
         for position, qubit in self._present(register):
-            if paulis[position]:
-                text = PAULIS[paulis[position]].format(qubit)
-                self._writer.line(text, self._comment(position))
+            self._write_pauli(register, position, qubit, int(paulis[position]))
 
     def gate(
         self,
@@ -143,8 +146,17 @@ class TracedSabot:
         """Mark qubits as lost."""
         gone = [(position, q) for position, q in self._present(register) if lost[position]]
         for position, qubit in gone:
-            self._writer.line(f"reset {qubit};", f"lost: {self._comment(position)}")
+            places = self._places.get(register, {}).pop(position, [])
+            where = ", ".join(place for place, _pauli in places) or origin()
+            self._writer.line(f"reset {qubit};", f"photon {position}, lost: {where}")
         return self._inner.lose(register, lost)
+
+    def explain(self, register: Register, place: str, photons: Bytes | Mask) -> None:
+        """Note where what is done next to photons comes from."""
+        for position, _qubit in self._present(register):
+            if photons[position]:
+                places = self._places.setdefault(register, {})
+                places.setdefault(position, []).append((place, int(photons[position])))
 
     def part(self, register: Register, mask: Mask) -> Register:
         """Move qubits into a register of their own."""
@@ -152,6 +164,7 @@ class TracedSabot:
         if register in self._traced:
             own = self._traced[register]
             self._traced[part] = {p: own.pop(p) for p in list(own) if mask[p]}
+            self._places.pop(register, None)
         return part
 
     def unite(self, register: Register, other: Register) -> None:
@@ -167,6 +180,7 @@ class TracedSabot:
             self._traced[register] = {index: (chunk, index) for index in range(chunk.size)}
 
     def _end(self, register: Register) -> None:
+        self._places.pop(register, None)
         for chunk, index in self._traced.pop(register, {}).values():
             chunk.live.discard(index)
 
@@ -198,7 +212,21 @@ class TracedSabot:
         chunk, index = self._traced[register][position]
         return chunk.qubit(index)
 
+    def _write_pauli(self, register: Register, position: int, qubit: str, pauli: int) -> None:
+        """Write a Pauli with the places that it comes from, if they were explained."""
+        places = self._places.get(register, {})
+        explained = places.get(position, [])
+        if explained and pauli == reduce(xor, (value for _place, value in explained)):
+            del places[position]
+            text = ", ".join(f"{NAMES[value]}: {place}" for place, value in explained)
+            comment = f"photon {position}, {text}"
+        else:
+            comment = self._comment(position)
+        if pauli:
+            self._writer.line(PAULIS[pauli].format(qubit), comment)
+        elif explained and position not in places:
+            self._writer.comment(f"{comment}: nothing together")
+
     @staticmethod
     def _comment(position: int) -> str:
         return f"photon {position}, {origin()}"
-
