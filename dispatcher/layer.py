@@ -1,12 +1,13 @@
 """The physical layer as the operations share it: state, place, time and record."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from dispatcher.clock import Clock
 from dispatcher.history import History
+from dispatcher.journal import Journal
 from dispatcher.network import Network
 from dispatcher.ownership import Block, BlockName, Ownership
 from dispatcher.sabot.draws import Draws
@@ -26,6 +27,7 @@ class PhysicalLayer:
     history: History
     max_live_qubits: int
     photons_lost: int = 0
+    journal: Journal = field(default_factory=Journal)
     exact: bool = True  # False once an approximation has been in what was reported
 
     def record(

@@ -16,6 +16,7 @@ from dispatcher.history import History
 from dispatcher.layer import PhysicalLayer
 from dispatcher.network import Network
 from dispatcher.ownership import Ownership
+from dispatcher.recorder import RecordedClock, Recorder, open_private
 from dispatcher.sabot.backends import BACKENDS
 from dispatcher.sabot.draws import Draws
 from dispatcher.sabot.manager import Sabot
@@ -51,6 +52,18 @@ def _simulation(config: DispatcherConfig) -> Simulation:
     if config.sabot:
         return RemoteSabot(config.sabot, config.backend)
     return Sabot(BACKENDS[config.backend])
+
+
+def open_records(config: DispatcherConfig, layer: PhysicalLayer, stack: ExitStack) -> None:
+    """Let the layer write the dump and the record that are configured; the stack closes all."""
+    if isinstance(layer.sabot, RemoteSabot):
+        stack.enter_context(layer.sabot)
+    if config.record:
+        recorder = Recorder(stack.enter_context(open_private(config.record)), config)
+        layer.journal, layer.clock = recorder, RecordedClock(layer.clock, recorder)
+    if config.qasm:
+        dump = Path(config.qasm).open("w", buffering=1)  # noqa: SIM115
+        layer.sabot = TracedSabot(layer.sabot, QasmWriter(stack.enter_context(dump)))
 
 
 def build_service(config: DispatcherConfig, layer: PhysicalLayer, failed: Failed) -> Service:
@@ -91,11 +104,7 @@ async def serve(config: DispatcherConfig) -> None:
             stack.enter_context(Path(config.event_log).open("a")) if config.event_log else None
         )
         layer = build_layer(config, CaptureClock(), event_log)
-        if isinstance(layer.sabot, RemoteSabot):
-            stack.enter_context(layer.sabot)
-        if config.qasm:
-            dump = stack.enter_context(Path(config.qasm).open("w", buffering=1))
-            layer.sabot = TracedSabot(layer.sabot, QasmWriter(dump))
+        open_records(config, layer, stack)
         server = build_server(config, build_service(config, layer, failed))
         await server.start()
         for number in (signal.SIGTERM, signal.SIGINT):

@@ -5,12 +5,13 @@
 
 import functools
 from collections.abc import AsyncIterator, Awaitable, Callable
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import grpc
 
 from dispatcher.acts import acts
 from dispatcher.callers import Callers
+from dispatcher.changes import changes
 from dispatcher.layer import PhysicalLayer
 from dispatcher.operations import Operations
 from dispatcher.orders import Orders
@@ -61,6 +62,7 @@ class Service(DispatcherServicer):
         self.switching = Switching(layer)
         self._operations = Operations(layer)
         self._acts = acts(self._operations, self.transport)
+        self._changes = changes(self.switching)
 
     @call
     async def Create(
@@ -128,9 +130,17 @@ class Service(DispatcherServicer):
 
     async def _act(self, node: str, kind: str, request: Any) -> messages.Feedback:
         self.callers.require_host(node)
+        return cast(messages.Feedback, await self.change(node, kind, request))
+
+    async def change(self, node: str, kind: str, request: Any) -> Any:
+        """Do what a caller may ask for, and what may change something; return the answer."""
+        change = self._acts.get(kind) or self._changes[kind]
         try:
-            with because(told(node, kind, request)):
-                return await self._acts[kind](node, request)
+            with (
+                self.layer.journal.request(node, kind, request),
+                because(told(node, kind, request)),
+            ):
+                return await change(node, request)
         except TooLarge as error:
             raise exhausted(str(error)) from error
 
@@ -156,7 +166,7 @@ class Service(DispatcherServicer):
 
     async def _connect(self, request: messages.CrossConnectRequest, node: str) -> int:
         self.callers.require_agent(node, request.switch, "cross-connect")
-        return await self.switching.cross_connect(request.switch, request.connections)
+        return cast(int, await self.change(node, "cross_connect", request))
 
     @call
     async def TunePort(
@@ -164,7 +174,7 @@ class Service(DispatcherServicer):
     ) -> messages.TunePortReply:
         """Tune a port of a switch."""
         self.callers.require_agent(node, request.switch, "tune a port of")
-        return messages.TunePortReply(ready_ns=self.switching.tune(request))
+        return messages.TunePortReply(ready_ns=await self.change(node, "tune_port", request))
 
     @call
     async def SwitchStatistics(
@@ -194,7 +204,7 @@ class Service(DispatcherServicer):
         """Make a switch faulty, or whole again."""
         self.callers.require_runner(node, "inject faults")
         self.callers.require_known(request.switch)
-        await self.switching.inject(request)
+        await self.change(node, "inject_fault", request)
         return messages.InjectFaultReply()
 
     @call

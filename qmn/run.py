@@ -85,6 +85,7 @@ def add_parser(verbs: Any) -> None:
     add("--runs", type=Path, default=Path("runs"), metavar="DIR", help="what runs leave (runs)")
     add("--qasm", action="store_true", help="write what is done to qubits to quantum.qasm")
     add("--no-capture", action="store_true", help="do not capture packets")
+    add("--no-record", action="store_true", help="do not record what `qmn replay` needs")
     parser.set_defaults(call=call)
 
 
@@ -246,6 +247,7 @@ def run_network(
     settings = Runtime(
         seed=arguments.seed,
         backend=arguments.backend,
+        record=not arguments.no_record,
         qasm=arguments.qasm,
         framework=arguments.controller,
         openflow_port=arguments.openflow_port,

@@ -14,11 +14,8 @@ from typing import Any
 import grpc
 
 from dispatcher.clock import Clock
-from dispatcher.sabot.remote.client import RemoteSabot
-from dispatcher.server import build_layer, build_server, build_service
+from dispatcher.server import build_layer, build_server, build_service, open_records
 from dispatcher.service import Service
-from dispatcher.tracing.traced import TracedSabot
-from dispatcher.tracing.writer import QasmWriter
 from wire.config import DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
 from wire.dispatcher_pb2 import (
     ApplyRequest,
@@ -239,11 +236,7 @@ async def running(config: DispatcherConfig, clock: Clock) -> AsyncIterator[Bench
         if config.event_log:
             event_log = stack.enter_context(Path(config.event_log).open("a"))
         layer = build_layer(config, clock, event_log)
-        if isinstance(layer.sabot, RemoteSabot):
-            stack.enter_context(layer.sabot)
-        if config.qasm:
-            dump = stack.enter_context(Path(config.qasm).open("w"))
-            layer.sabot = TracedSabot(layer.sabot, QasmWriter(dump))
+        open_records(config, layer, stack)
         errors: list[BaseException] = []
         service = build_service(config, layer, errors.append)
         server = build_server(config, service)
