@@ -20,7 +20,7 @@ from dispatcher.refusal import Refusal
 from dispatcher.server import build_layer, build_service
 from dispatcher.service import Service
 from wire import record
-from wire.config import BadConfig, DispatcherConfig
+from wire.config import DispatcherConfig
 from wire.record import BadRecord
 from wire.record_pb2 import Entry, Request
 
@@ -103,7 +103,7 @@ async def _play(entries: Iterator[Entry], config: DispatcherConfig, event_log: T
         layer = build_layer(config, turns, event_log)
         layer.journal = turns
         service = build_service(config, layer, errors.append)
-    except BadConfig as error:
+    except (ValueError, TypeError, AttributeError, OverflowError) as error:
         raise BadRecord(f"its configuration is not of this version: {error}") from error
     count, tasks = 0, set[asyncio.Task[None]]()
     for stretch in _stretches(entries, turns):
@@ -118,7 +118,7 @@ async def _play(entries: Iterator[Entry], config: DispatcherConfig, event_log: T
         tasks -= ended
         errors += [wrong for task in ended if (wrong := task.exception()) is not None]
         if errors:
-            raise errors[0]
+            raise _unplayable(errors[0]) from errors[0]
     return count
 
 
@@ -132,6 +132,12 @@ def _stretches(entries: Iterator[Entry], turns: Turns) -> Iterator[Entry]:
         if begin is not None:
             yield begin
         begin = entry
+
+
+def _unplayable(error: BaseException) -> BadRecord:
+    if isinstance(error, BadRecord):
+        return error
+    return BadRecord(f"the dispatcher fails at it: {type(error).__name__}: {error}")
 
 
 async def _perform(service: Service, entry: Request) -> None:
