@@ -66,7 +66,7 @@ def stim_turn(circuits: Sequence[Sequence[Step]], qubits: int) -> tuple[float, f
 def chp_turn(circuits: Sequence[Sequence[Step]], qubits: int) -> tuple[float, float]:
     """Return gates/s and measurements/s of our tableau of one member."""
     state = BitColumns(qubits)
-    bits = cycle(np.random.default_rng(SEED).integers(0, 2, 10_000).tolist())
+    bits: Iterator[int] = cycle(np.random.default_rng(SEED).integers(0, 2, 10_000).tolist())
 
     def measure(qubit: int) -> int:
         if state.is_determined(qubit):
