@@ -154,8 +154,9 @@ class Flight:
             place = f"{type(model).__name__.lower()} in the fibre to {way}"
             effect = model.effect(partial(self._uniform, "fiber", beam.fibers_passed))
             if effect.lost is not None:
-                self._sabot.explain(block.register, place, effect.lost & beam.members)
-                self._lose(effect.lost & beam.members)
+                lost = effect.lost & beam.members
+                self._sabot.explain(block.register, place, lost)
+                self._lose(lost)
             if effect.paulis is not None:
                 paulis = effect.paulis * (beam.members & block.register.present)
                 beam.errors += np.bincount(paulis, minlength=4)

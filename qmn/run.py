@@ -52,6 +52,7 @@ def add_parser(verbs: Any) -> None:
     add("--handshake", choices=sorted(EXPECTED_RATE), default="framed", help="default: framed")
     add("--seed", type=int, default=1, help="of all quantum randomness (1)")
     add("--backend", choices=BACKENDS, default="chp", help="simulates quantum states (chp)")
+    add("--sabot", default="", metavar="SOCKET", help="simulate in a Sabot server (in ed itself)")
     add("--controller", choices=["ryu", "os-ken"], default="ryu", help="default: ryu")
     add("--openflow-port", type=int, default=OPENFLOW_PORT, metavar="PORT", help="of c0 (6653)")
     add("--frame-bytes", type=int, default=256, metavar="N", help="bytes under one check (256)")
@@ -158,6 +159,11 @@ def check_controller(arguments: argparse.Namespace) -> None:
             read_policy(arguments.policy)
         except BadPolicy as error:
             raise BadInput(str(error)) from error
+    if arguments.sabot and not Path(arguments.sabot).is_socket():
+        raise BadInput(
+            f"--sabot {arguments.sabot}: no server listens there; start one with "
+            f"python -m dispatcher.sabot --socket {arguments.sabot}"
+        )
     if arguments.rest and arguments.controller != "ryu":
         raise BadInput(f"--rest needs --controller ryu: {arguments.controller} has no HTTP server")
 
@@ -247,6 +253,7 @@ def run_network(
     settings = Runtime(
         seed=arguments.seed,
         backend=arguments.backend,
+        sabot=arguments.sabot and str(Path(arguments.sabot).resolve()),
         record=not arguments.no_record,
         qasm=arguments.qasm,
         framework=arguments.controller,

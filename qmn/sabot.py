@@ -24,6 +24,7 @@ from dispatcher.sabot.circuits.reading import Format, read_circuit
 from dispatcher.sabot.circuits.source import read_source
 
 MOST_ROWS = 32
+WIDEST = 100  # letters, of registers side by side
 LIMITS = (
     f"Limits: {MAX_SOURCE_BYTES:,} bytes, {MAX_QUBITS:,} qubits, {MAX_OPERATIONS:,} operations, "
     f"{MAX_SHOTS:,} shots."
@@ -89,14 +90,24 @@ def show(circuit: Circuit, counts: list[tuple[str, int]], arguments: argparse.Na
     if not circuit.bits:
         console.print("nothing is measured; add creg c[1]; and measure q[0] -> c[0];")
         return
+    if sum(max(len(r.name), r.size) + 2 for r in circuit.registers) > WIDEST:
+        for values, number in counts[:MOST_ROWS]:
+            console.print(f"{number:,} shots, {100 * number / arguments.shots:.2f} %")
+            for register, value in zip(circuit.registers, values.split(" "), strict=True):
+                console.print(f"  {register.name} {value}")
+    else:
+        console.print(table(circuit, counts[:MOST_ROWS], arguments.shots))
+    if len(counts) > MOST_ROWS:
+        console.print(f"and {len(counts) - MOST_ROWS:,} values more; --json prints all")
+
+
+def table(circuit: Circuit, counts: list[tuple[str, int]], shots: int) -> Table:
+    """Return counts with a column for each register."""
     table = Table(box=None, padding=(0, 2, 0, 0))
     for register in circuit.registers:
         table.add_column(register.name, no_wrap=True)
-    table.add_column("shots", justify="right")
-    table.add_column("%", justify="right")
-    for values, number in counts[:MOST_ROWS]:
-        share = f"{100 * number / arguments.shots:.2f}"
-        table.add_row(*values.split(" "), f"{number:,}", share)
-    console.print(table)
-    if len(counts) > MOST_ROWS:
-        console.print(f"and {len(counts) - MOST_ROWS:,} values more; --json prints all")
+    for heading in ("shots", "%"):
+        table.add_column(heading, justify="right")
+    for values, number in counts:
+        table.add_row(*values.split(" "), f"{number:,}", f"{100 * number / shots:.2f}")
+    return table

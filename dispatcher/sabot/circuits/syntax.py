@@ -19,7 +19,11 @@ HEADER = (
     "--format chp)"
 )
 PLACE = re.compile(r"L(\d+):C(\d+): (.*)", re.DOTALL)
-LONGEST_TOKEN = 40
+LONGEST_TOKEN = 40  # in an error message
+LONGEST_STATEMENT = 20_000
+LONGEST_BRACKET = 250
+DEEPEST = 30
+LANDMARK = re.compile(r"[();{}]|\Z")
 COMMENT = re.compile(r"//[^\n]*|/\*.*?\*/", re.DOTALL)
 
 
@@ -27,6 +31,7 @@ def parse_qasm(source: Source) -> ast.Program:
     """Return the syntax tree; raise CircuitError with line and column of what is wrong."""
     if not COMMENT.sub("", source.text).lstrip().startswith("OPENQASM"):
         source.fail(1, 1, f"this is not OpenQASM; {HEADER}")
+    _check_lengths(source)
     try:
         # The parser also prints what it raises.
         with redirect_stderr(io.StringIO()):
@@ -34,13 +39,47 @@ def parse_qasm(source: Source) -> ast.Program:
     except QASM3ParsingError as error:
         _fail(source, error)
     except RecursionError:
-        source.fail(1, 1, "an expression or block is nested too deeply; write it in steps")
+        source.fail(1, 1, "blocks are nested too deeply; write it in steps")
     except ValueError:
         source.fail(1, 1, "a number has thousands of digits; shorten it")
     if program.version != "2.0":
         problem = f"this is OpenQASM {program.version}; only 2.0 is read"
         source.fail(1, 1, f"{problem}: begin with OPENQASM 2.0;")
     return program
+
+
+def _check_lengths(source: Source) -> None:
+    """Refuse statements and brackets so long that the parser would take minutes for them."""
+    text = COMMENT.sub(_blank, source.text)
+    statement = bracket = depth = 0
+    for place in LANDMARK.finditer(text):
+        position = place.start()
+        if depth and position - bracket > LONGEST_BRACKET:
+            _fail_at(source, bracket, f"a bracket holds more than {LONGEST_BRACKET} characters")
+        match place[0]:
+            case "(":
+                bracket = position if not depth else bracket
+                depth += 1
+                if depth > DEEPEST:
+                    _fail_at(source, position, f"brackets are nested more than {DEEPEST} deep")
+            case ")":
+                depth = max(depth - 1, 0)
+            case _:
+                if position - statement > LONGEST_STATEMENT:
+                    statement += len(text[statement:]) - len(text[statement:].lstrip())
+                    problem = f"a statement has more than {LONGEST_STATEMENT:,} characters"
+                    _fail_at(source, statement, problem)
+                statement, depth = position + 1, 0
+
+
+def _blank(comment: re.Match[str]) -> str:
+    return "".join("\n" if letter == "\n" else " " for letter in comment[0])
+
+
+def _fail_at(source: Source, position: int, problem: str) -> NoReturn:
+    before = source.text[:position]
+    line, column = before.count("\n") + 1, position - (before.rfind("\n") + 1) + 1
+    source.fail(line, column, f"{problem}; write it in steps")
 
 
 def _fail(source: Source, error: QASM3ParsingError) -> NoReturn:

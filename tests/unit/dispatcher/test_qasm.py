@@ -1,7 +1,9 @@
 """OpenQASM 2.0 as users write it, and what is said of programs that are wrong."""
 
 import math
+from contextlib import suppress
 from pathlib import Path
+from random import Random
 from typing import Any
 
 import numpy as np
@@ -266,9 +268,11 @@ WRONG = [
     ("h q[0]", "5:7", "the end of the program is not expected here"),
     ("h % q;", "5:1", "OpenQASM 2.0 has no such statement"),
     ("h q[0]; \\", "5:9", "token recognition error"),
-    ("rx(" + "(" * 5000 + "1" + ")" * 5000 + ") q[0];", "1:1", "nested too deeply"),
-    ("rx(" + "-" * 3000 + "1) q[0];", "1:1", "nested too deeply"),
-    ("rx(" + "1" * 5000 + ") q[0];", "1:1", "thousands of digits"),
+    ("x q;\n rx(" + "(" * 31 + "1" + ")" * 31 + ") q[0];", "6:34", "more than 30 deep"),
+    ("x q;\n rx(" + "-" * 600 + "1) q[0];", "6:4", "more than 250 characters"),
+    ("x q;\nbarrier " + "q[0], " * 4000 + "q[1];", "6:1", "more than 20,000 characters"),
+    ("rx(1) q[" + "1" * 5000 + "];", "1:1", "thousands of digits"),
+    ("if(c==1) {" * 2000 + "}" * 2000, "1:1", "nested too deeply"),
 ]
 
 
@@ -307,6 +311,18 @@ def test_definitions_that_grow_without_end_are_refused_before_they_are_written_o
     chain += "".join(f"gate g{n} a {{ g{n - 1} a; }}\n" for n in range(1, 80))
     with pytest.raises(CircuitError, match="64 are allowed"):
         operations(chain)
+
+
+def test_spoiled_programs_are_refused_or_read() -> None:
+    random, letters = Random(1), 'qc[]();,->=+*/^0123456789. hxzif{}@$#"\\\0é'
+    program = REGISTERS + "gate g(a) p, s { rz(a) p; cx p, s; } g(pi/2) q[0], r[1]; if(c==1) x q;"
+    for _ in range(300):
+        spoiled = list(program)
+        for _ in range(random.randint(1, 4)):
+            place = random.randrange(len(spoiled))
+            spoiled[place : place + random.randint(0, 2)] = random.choice(letters)
+        with suppress(CircuitError):
+            assert read("".join(spoiled)).qubits
 
 
 def test_too_many_operations_are_refused() -> None:

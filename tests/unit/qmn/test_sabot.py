@@ -88,6 +88,12 @@ def test_an_error_is_one_line_and_a_status(words: list[str], program: str, text:
     assert done.stderr.count("\n") == 1
 
 
+def test_registers_that_are_too_wide_for_a_table_come_one_a_line() -> None:
+    program = "OPENQASM 2.0; qreg q[120]; creg c[120]; creg d[2]; measure q -> c;"
+    done = run("-", program=program)
+    assert done.stdout.splitlines()[1:] == ["1,000 shots, 100.00 %", f"  c {'0' * 120}", "  d 00"]
+
+
 def test_nothing_measured_says_so() -> None:
     done = run("-", program="OPENQASM 2.0; qreg q[1]; h q;")
     assert "nothing is measured" in done.stdout
