@@ -29,6 +29,7 @@ MESSAGE = Path(__file__).with_name("message.txt")
 PAIRS_PER_BYTE = 4
 # Bell pairs a second to expect on two cores, for the estimate before the start.
 EXPECTED_RATE = {"framed": 2_000_000, "per-pair": 200}
+RECORDED_BYTES_PER_PAIR = {"framed": 1.02, "per-pair": 900}
 CAPTURED_BYTES_PER_PAIR = {"framed": 4.4, "per-pair": 4_900}
 SIZE_LIMIT = {"framed": 1 << 30, "per-pair": 1 << 16}
 TELL_ESTIMATE_ABOVE_S = 10
@@ -202,6 +203,9 @@ def tell_estimate(arguments: argparse.Namespace, size: int, console: Console) ->
     if not arguments.no_capture:
         captured = pairs * CAPTURED_BYTES_PER_PAIR[arguments.handshake] / 1e6
         text += f", and {captured:,.0f} MB of captures (--no-capture saves these)"
+    if not arguments.no_record:
+        recorded = pairs * RECORDED_BYTES_PER_PAIR[arguments.handshake] / 1e6
+        text += f", {recorded:,.0f} MB of record (--no-record saves these)"
     console.print(f"{text}; losses take more. Ctrl-C ends it cleanly.")
 
 
