@@ -132,12 +132,12 @@ class RandomCircuit:
         operations = mixed + tuple(self._operation() for _ in range(length))
         self.circuit = Circuit(QUBITS, REGISTERS, operations)
 
-    def _operation(self, nested: bool = False) -> Operation:
+    def _operation(self, depth: int = 0) -> Operation:
         random, kind = self._random, self._random.integers(12)
         first, second = (int(qubit) for qubit in random.permutation(QUBITS)[:2])
-        if kind < 2 and not nested:
+        if kind < 2 and depth < 2:
             register = REGISTERS[random.integers(len(REGISTERS))]
-            inner = tuple(self._operation(True) for _ in range(random.integers(1, 3)))
+            inner = tuple(self._operation(depth + 1) for _ in range(random.integers(1, 3)))
             return If(register, int(random.integers(2**register.size)), inner)
         if kind < 4 and (bit := next(self._bits, None)) is not None:
             return Measure(first, bit)

@@ -5,6 +5,7 @@ import io
 import random
 import stat
 from collections.abc import Awaitable, Callable
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from typing import Any
 import grpc
 import pytest
 from dispatcher_network import (
+    START_NS,
     Bench,
     Client,
     JumpingClock,
@@ -23,6 +25,7 @@ from dispatcher_network import (
 
 from dispatcher.clock import CaptureClock, Clock
 from dispatcher.replay import replay
+from dispatcher.server import build_layer, build_service, open_records
 from wire import record
 from wire.dispatcher_pb2 import (
     ApplyRequest,
@@ -178,6 +181,55 @@ def test_what_happens_at_the_same_time_is_replayed_in_its_order(tmp_path: Path, 
     content, log = recorded(tmp_path, CaptureClock(), act)
     assert log.count("\n") > 100
     assert replayed(content) == log
+
+
+class TogetherClock:
+    """A clock on which all waits end at once."""
+
+    def __init__(self) -> None:
+        """Begin before the end of all waits."""
+        self.over = asyncio.Event()
+
+    def now_ns(self) -> int:
+        """Return the time."""
+        return START_NS
+
+    async def wait_until(self, _time_ns: int) -> None:
+        """Wait for the end of all waits."""
+        await self.over.wait()
+
+
+def test_waits_that_end_together_are_replayed_in_their_order(tmp_path: Path) -> None:
+    clock, file, log = TogetherClock(), tmp_path / "record", io.StringIO()
+    config = configuration(tmp_path, record=str(file))
+
+    async def run() -> None:
+        with ExitStack() as stack:
+            layer = build_layer(config, clock, log)
+            open_records(config, layer, stack)
+            service = build_service(config, layer, lambda error: None)
+            tasks = []
+            for number in range(2):
+                name = block(number)
+                create = CreateRequest(session=7, number=number, count=1)
+                send = SendRequest(launches=[Launch(block=name, port="alice-q9")], rate_hz=1)
+                receive = ReceiveRequest(block=name, port="bob-q9", timeout_s=5)
+                await service.change("alice", "create", create)
+                tasks += [
+                    asyncio.create_task(service.change(node, kind, request))
+                    for node, kind, request in (
+                        ("bob", "receive", receive),
+                        ("alice", "send", send),
+                    )
+                ]
+            await asyncio.sleep(0.01)
+            clock.over.set()
+            await asyncio.gather(*tasks)
+
+    asyncio.run(run())
+    kinds = [line.split()[2] for line in log.getvalue().splitlines()]
+    assert kinds[-4:] == ["arrive", "arrive", "receive", "receive"]
+    assert replayed(file.read_bytes()) == log.getvalue()
 
 
 def test_a_run_that_ends_while_light_is_on_its_way_is_replayed(tmp_path: Path) -> None:

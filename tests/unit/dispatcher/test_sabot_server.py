@@ -92,6 +92,7 @@ class Experiment:
             sabot.reset(register, values == 1, self.photons())
         elif kind == 5:
             part = sabot.part(register, values > 1)
+            self.found += [part.present.tolist(), register.present.tolist()]
             sabot.gate("H", part)
             sabot.unite(register, part)
         elif kind == 6:
