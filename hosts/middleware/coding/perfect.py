@@ -123,4 +123,4 @@ HAMMING = PerfectCode(
     np.array([[1, 1, 0], [1, 0, 1], [0, 1, 1], [1, 1, 1]], dtype=np.uint8),
     3,
 )
-GOLAY = PerfectCode(Fec.GOLAY, "golay", _cyclic(0b110001110101, 23), 7)
+GOLAY = PerfectCode(Fec.GOLAY, "golay", _cyclic(0b101011100011, 23), 7)
