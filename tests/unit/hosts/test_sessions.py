@@ -82,7 +82,11 @@ def relay(name: str, judge: Judge) -> Callable[..., Coroutine[Any, Any, None]]:
 
 @asynccontextmanager
 async def network(
-    folder: Path, judge: Judge = grant, rotation: int = 0, **fiber: float
+    folder: Path,
+    judge: Judge = grant,
+    rotation: int = 0,
+    analyser: str = "complete",
+    **fiber: float,
 ) -> AsyncIterator[Path]:
     """Run everything; the sockets of the stacks are in the folder."""
     config = DispatcherConfig(
