@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dispatcher import dead_time
-from dispatcher.sabot.draws import Mask, PhotonDraws
+from dispatcher.block_draws import BlockDraws
+from dispatcher.sabot.registers import Mask
 from wire.physics import Detectors
 
 Slots = NDArray[np.float64]  # counted from 0, with their fractions
@@ -61,7 +62,7 @@ class Detector:
     _last_ns: int | None = None
     _to_come_ns: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
 
-    def watch(self, candidates: Mask, train: Train, draws: PhotonDraws) -> Clicks:
+    def watch(self, candidates: Mask, train: Train, draws: BlockDraws) -> Clicks:
         """Return which of the candidates, shape (k,), and afterpulses click in a train."""
         like = self.like
         if not train.rate_hz or not (like.dead_time_s or like.afterpulse_probability):
@@ -95,7 +96,7 @@ class Detector:
                 asked[:first] = False
         return dead_time.seen(asked, dead_slots)
 
-    def _afterpulses(self, train: Train, draws: PhotonDraws) -> Afterpulses:
+    def _afterpulses(self, train: Train, draws: BlockDraws) -> Afterpulses:
         """Draw the afterpulses of the train, if there were clicks in all its slots."""
         causes = np.flatnonzero(draws.hits("afterpulse", self.like.afterpulse_probability))
         delays_s = draws.waits("afterpulse delay", causes.size) * self.like.afterpulse_s

@@ -12,9 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dispatcher.block_draws import BlockDraws
 from dispatcher.detector import Detector, Train
-from dispatcher.sabot.draws import Mask, PhotonDraws
 from dispatcher.sabot.manager import NO_CLICK
+from dispatcher.sabot.registers import Mask
 from wire.physics import Detectors
 
 Bits = NDArray[np.uint8]
@@ -57,9 +58,7 @@ class DetectorPair:
         """Return whether a detector clicks for every photon, and for nothing else."""
         return self._like.efficiency == 1 and not self._dark and not self._remembers
 
-    def detect(
-        self, bits: Bits, extras: Bits | None, train: Train, draws: PhotonDraws
-    ) -> Detection:
+    def detect(self, bits: Bits, extras: Bits | None, train: Train, draws: BlockDraws) -> Detection:
         """Look at photons with these bits (NO_CLICK: not there) and further ones; shape (k,)."""
         own = bits != NO_CLICK
         if self.ideal and extras is None:
@@ -71,7 +70,7 @@ class DetectorPair:
             self._add(light, extras, draws)
         return self._watch(light, own, train, draws)
 
-    def _add(self, light: list[Mask], extras: Bits, draws: PhotonDraws) -> None:
+    def _add(self, light: list[Mask], extras: Bits, draws: BlockDraws) -> None:
         """Draw the clicks of further photons, each in either detector."""
         pulses = np.flatnonzero(extras)
         drawn = draws.few("further photons", pulses.size)
@@ -82,9 +81,7 @@ class DetectorPair:
         light[0][pulses] |= both | ((drawn >= neither) & (drawn < neither + one))
         light[1][pulses] |= both | ((drawn >= neither + one) & ~both)
 
-    def _watch(
-        self, light: list[Mask], own: Mask, train: Train, draws: PhotonDraws
-    ) -> Detection:
+    def _watch(self, light: list[Mask], own: Mask, train: Train, draws: BlockDraws) -> Detection:
         """Add what detectors do without light, and read off the bits."""
         dark, asked = 0, light
         if self._dark:

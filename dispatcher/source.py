@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.sabot.draws import PhotonDraws
+from dispatcher.block_draws import BlockDraws
 from wire.physics import PairSource
 
 MOST_PAIRS = 255  # in a pulse: fits a byte; rarer than 1e-10 at the largest mean
@@ -26,7 +26,7 @@ class Emission(NamedTuple):
     exact: bool
 
 
-def emit(source: PairSource, draws: PhotonDraws) -> Emission:
+def emit(source: PairSource, draws: BlockDraws) -> Emission:
     """Draw what a source emits, one pulse for each photon of a half."""
     single = source.statistics == "single"
     return Emission(
@@ -46,7 +46,7 @@ def pair_probabilities(statistics: str, mean_pairs: float) -> NDArray[np.float64
     return np.cumprod(factors)
 
 
-def _bell_states(probabilities: tuple[float, ...], draws: PhotonDraws) -> NDArray[np.uint8] | None:
+def _bell_states(probabilities: tuple[float, ...], draws: BlockDraws) -> NDArray[np.uint8] | None:
     """Draw the Bell states: first which are not Phi+, then which of the others they are."""
     others = sum(probabilities[1:])
     if others == 0:
@@ -58,7 +58,7 @@ def _bell_states(probabilities: tuple[float, ...], draws: PhotonDraws) -> NDArra
     return states
 
 
-def _pairs(source: PairSource, draws: PhotonDraws) -> NDArray[np.uint8]:
+def _pairs(source: PairSource, draws: BlockDraws) -> NDArray[np.uint8]:
     """Draw the number of pairs in each pulse: first where there are any, then how many."""
     probabilities = pair_probabilities(source.statistics, source.mean_pairs)
     some = np.flatnonzero(draws.hits("light", 1 - float(probabilities[0])))

@@ -4,8 +4,10 @@ Each purpose of each block has a stream of its own, of which photon j takes the 
 So neither the order of arrival nor how a block was divided changes what a photon meets.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from functools import cache
 from hashlib import blake2b
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +15,38 @@ from numpy.typing import NDArray
 from dispatcher.sabot.backend import Bytes
 
 Key = tuple[int, int, int]  # session, block number, half
-Mask = NDArray[np.bool_]
+Uniform = NDArray[np.float64]
 
-BYTE = 256
+BYTE_VALUES = 256
+
+
+class PhotonDraws:
+    """The random numbers of k photons for one purpose, drawn when they are first asked for."""
+
+    def __init__(self, bits: Callable[[], Bytes], fractions: Callable[[], Uniform]) -> None:
+        """Draw by calling these; each returns an array of shape (k,)."""
+        self.bits = cache(bits)  # a fair bit for each photon
+        self._fractions = cache(fractions)
+
+    @classmethod
+    def by(cls, random: np.random.Generator, count: int) -> Self:
+        """Draw for `count` photons from a generator: for circuits that have no blocks."""
+        return cls(
+            lambda: random.integers(0, 2, count, dtype=np.uint8), lambda: random.random(count)
+        )
+
+    @classmethod
+    def given(cls, bits: Bytes) -> Self:
+        """Take these bits; uniform() gives a quarter or three."""
+        return cls(bits.copy, lambda: np.full(len(bits), 0.5))
+
+    def uniform(self) -> Uniform:
+        """Return a number from [0, 1) for each photon; bits() are their first binary digits."""
+        return (self.bits() + self._fractions()) / 2
+
+    def at(self, positions: NDArray[np.unsignedinteger] | slice) -> "PhotonDraws":
+        """Return the draws of these photons alone, which are those that they have in the whole."""
+        return PhotonDraws(lambda: self.bits()[positions], lambda: self._fractions()[positions])
 
 
 class Draws:
@@ -25,24 +56,31 @@ class Draws:
         """Use this seed, any integer."""
         self._seed = seed
 
+    def photons(self, key: Key, purpose: str, count: int) -> PhotonDraws:
+        """Return what the first `count` photons of a block draw for a measurement."""
+        return PhotonDraws(
+            lambda: self.bits(key, purpose, count),
+            lambda: self.uniform(key, f"{purpose} fraction", count),
+        )
+
     def bits(self, key: Key, purpose: str, count: int) -> Bytes:
         """Return a fair bit for each of the first `count` photons of a block."""
         packed = np.frombuffer(self._generator(key, purpose).bytes((count + 7) // 8), np.uint8)
         return np.unpackbits(packed, count=count, bitorder="little")
 
-    def uniform(self, key: Key, purpose: str, count: int) -> NDArray[np.float64]:
+    def uniform(self, key: Key, purpose: str, count: int) -> Uniform:
         """Return a number from [0, 1) for each of the first `count` photons of a block."""
         return self._generator(key, purpose).random(count)
 
     def normal(self, key: Key, purpose: str, count: int) -> NDArray[np.float64]:
-        """Return a number of mean 0 and variance 1 for each of `count` photons of a block."""
+        """Return a number of mean 0 and variance 1 for each of the first `count` photons."""
         return self._generator(key, purpose).standard_normal(count)
 
     def exponential(self, key: Key, purpose: str, count: int) -> NDArray[np.float64]:
-        """Return a number from the exponential distribution of mean 1 for each of `count`."""
+        """Return an exponential number of mean 1 for each of the first `count` photons."""
         return self._generator(key, purpose).standard_exponential(count)
 
-    def hits(self, key: Key, purpose: str, count: int, probability: float) -> Mask:
+    def hits(self, key: Key, purpose: str, count: int, probability: float) -> NDArray[np.bool_]:
         """Return which of the first `count` photons something of this probability happens to.
 
         A byte for each photon decides it, and a number where the byte is the one that the
@@ -50,13 +88,12 @@ class Draws:
         """
         if not 0 < probability < 1:
             return np.full(count, probability >= 1)
-        generator = self._generator(key, purpose)
-        whole, rest = divmod(probability * BYTE, 1.0)
-        drawn = np.frombuffer(generator.bytes(count), np.uint8)
-        hit = drawn < whole
-        undecided = np.flatnonzero(drawn == whole)
-        refining = self._generator(key, f"{purpose}, refined")
-        hit[undecided] = refining.random(undecided.size) < rest
+        whole, rest = divmod(probability * BYTE_VALUES, 1.0)
+        drawn = np.frombuffer(self._generator(key, purpose).bytes(count), np.uint8)
+        hit = drawn < int(whole)
+        undecided = np.flatnonzero(drawn == int(whole))
+        finer = self._generator(key, f"{purpose}, finer")
+        hit[undecided] = finer.random(undecided.size) < rest
         return hit
 
     def _generator(self, key: Key, purpose: str) -> np.random.Generator:
@@ -64,44 +101,3 @@ class Draws:
         identity = repr((self._seed, *key, purpose)).encode()
         digest = blake2b(identity, digest_size=16).digest()
         return np.random.Generator(np.random.Philox(key=np.frombuffer(digest, np.uint64)))
-
-
-@dataclass(frozen=True)
-class PhotonDraws:
-    """The random numbers of the photons of one block at one place."""
-
-    draws: Draws
-    key: Key
-    where: str
-    count: int  # photons of the block
-
-    def at(self, place: str) -> "PhotonDraws":
-        """Return others, for a place within this one."""
-        return replace(self, where=self._at(place))
-
-    def bits(self, purpose: str) -> Bytes:
-        """Return a fair bit for each photon."""
-        return self.draws.bits(self.key, self._at(purpose), self.count)
-
-    def uniform(self, purpose: str) -> NDArray[np.float64]:
-        """Return a number from [0, 1) for each photon."""
-        return self.draws.uniform(self.key, self._at(purpose), self.count)
-
-    def normal(self, purpose: str) -> NDArray[np.float64]:
-        """Return a number of mean 0 and variance 1 for each photon."""
-        return self.draws.normal(self.key, self._at(purpose), self.count)
-
-    def hits(self, purpose: str, probability: float) -> Mask:
-        """Return which photons something of this probability happens to."""
-        return self.draws.hits(self.key, self._at(purpose), self.count, probability)
-
-    def few(self, purpose: str, count: int) -> NDArray[np.float64]:
-        """Return a number from [0, 1) for each of the few photons that need one."""
-        return self.draws.uniform(self.key, self._at(purpose), count)
-
-    def waits(self, purpose: str, count: int) -> NDArray[np.float64]:
-        """Return an exponential number of mean 1 for each of the few photons that need one."""
-        return self.draws.exponential(self.key, self._at(purpose), count)
-
-    def _at(self, purpose: str) -> str:
-        return f"{self.where} {purpose}"
