@@ -41,9 +41,9 @@ def pair_probabilities(statistics: str, mean_pairs: float) -> NDArray[np.float64
     """Return how likely 0, 1, 2, … pairs are, up to MOST_PAIRS."""
     counts = np.arange(MOST_PAIRS + 1)
     if statistics == "thermal":
-        return (mean_pairs / (1 + mean_pairs)) ** counts / (1 + mean_pairs)
-    factors = np.concatenate(([math.exp(-mean_pairs)], mean_pairs / counts[1:]))
-    return np.cumprod(factors)
+        return np.array((mean_pairs / (1 + mean_pairs)) ** counts / (1 + mean_pairs))
+    factors = np.append(math.exp(-mean_pairs), mean_pairs / counts[1:])
+    return np.cumprod(factors, dtype=np.float64)
 
 
 def _bell_states(probabilities: tuple[float, ...], draws: BlockDraws) -> NDArray[np.uint8] | None:

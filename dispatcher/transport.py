@@ -44,6 +44,10 @@ class Transport:
         blocks = [layer.ownership.require(name, node) for name, _port in launches]
         ends = [layer.network.require_port(node, port) for _name, port in launches]
         limits.require_rate(rate_hz, max(block.register.size for block in blocks))
+        for block in blocks:
+            limits.require_source_rate(block, rate_hz)
+        for block in blocks:
+            layer.take_up(block)
         start_ns = layer.clock.now_ns()
         departures = [
             Departure(start_ns, rate_hz, block.register.size, frequency_mhz) for block in blocks
@@ -78,6 +82,7 @@ class Transport:
         layer = self._layer
         layer.record(end.node, "send", block, port=end.port, time_ns=departure.start_ns)
         layer.ownership.move(block, "")
+        block.rate_hz, block.source_rate_hz = departure.rate_hz, float("inf")
         flight = Flight(block, departure, layer.network, layer.sabot, layer.draws)
         task = asyncio.create_task(self._fly(block, end, flight))
         self._flights.add(task)
@@ -107,6 +112,7 @@ class Transport:
     def _part(self, block: Block, arrival: Arrival) -> Block:
         layer = self._layer
         part = Block(block.name, layer.sabot.part(block.register, arrival.members), "")
+        part.rate_hz, part.stores = block.rate_hz, block.stores
         layer.ownership.add(part)
         return part
 
@@ -114,6 +120,7 @@ class Transport:
         """Put what has arrived at the port, and tell those who wait for it."""
         layer, present = self._layer, block.register.present
         block.fibers_passed = arrival.fibers_passed
+        block.start_ns = int(arrival.times_ns[0])
         times_ns = arrival.times_ns[np.flatnonzero(present)[[0, -1]]]
         block.first_ns, block.last_ns = (int(time_ns) for time_ns in times_ns)
         end = arrival.end
@@ -136,6 +143,7 @@ class Transport:
         if there is None:
             layer.ownership.move(block, node, port)
             return
+        layer.take_up(there)
         layer.sabot.unite(there.register, block.register)
         there.first_ns = min(there.first_ns, block.first_ns)
         there.last_ns = max(there.last_ns, block.last_ns)
