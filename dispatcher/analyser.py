@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.block_draws import BlockDraws
+from dispatcher.chance import Chance
 from dispatcher.detector import Train
 from dispatcher.detectors import Detection, DetectorPair
 from dispatcher.sabot.manager import NO_CLICK
@@ -58,9 +58,9 @@ class Mismatch:
         """Compare the halves; `ps` is None if no photon differs from the others."""
         first, second = halves
         self.ps: Picoseconds | None = None
-        rates_hz = first.train.rate_hz, second.train.rate_hz
-        if all(rates_hz) and rates_hz[0] != rates_hz[1]:
-            slower_ps = 1e12 / rates_hz[0] - 1e12 / rates_hz[1]
+        intervals_ns = first.train.interval_ns, second.train.interval_ns
+        if all(intervals_ns) and intervals_ns[0] != intervals_ns[1]:
+            slower_ps = (intervals_ns[0] - intervals_ns[1]) * 1e3
             self.ps = np.arange(first.train.count, dtype=np.float64) * slower_ps
         for delays_ps, sign in ((first.delays_ps, 1), (second.delays_ps, -1)):
             if delays_ps is not None:
@@ -77,11 +77,11 @@ class Analyser:
         """Look with the detectors of these arms: phase, parity."""
         self._like, self._detectors, self._arms = device.analyser, device.detectors, arms
 
-    def analyse(self, states: Bytes, halves: tuple[Half, Half], draws: BlockDraws) -> Analysis:
+    def analyse(self, states: Bytes, halves: tuple[Half, Half], chance: Chance) -> Analysis:
         """Return what is told of pairs in these Bell states (NO_CLICK: not both are there)."""
         mismatch = Mismatch(halves)
         incidents = {}
-        flips = self._distinguished(mismatch, draws)
+        flips = self._distinguished(mismatch, chance)
         if flips.size:
             flips = flips[states[flips] != NO_CLICK]
             states = states.copy()
@@ -92,10 +92,10 @@ class Analyser:
             clicks = sum(int(np.count_nonzero(half.present)) for half in halves)
             found = None
         else:
-            found = self._look(states, halves, draws)
+            found = self._look(states, halves, chance)
             outcomes, told, clicks, more = _combine(found, states)
             incidents |= more
-        late = self._late(told, found, mismatch, draws)
+        late = self._late(told, found, mismatch, chance)
         if late.size:
             outcomes[late] = NO_CLICK
             incidents["late"] = late.size
@@ -103,17 +103,17 @@ class Analyser:
             outcomes[outcomes == PHI_MINUS] = PHI_PLUS
         return Analysis(outcomes, clicks, incidents)
 
-    def _distinguished(self, mismatch: Mismatch, draws: BlockDraws) -> NDArray[np.intp]:
+    def _distinguished(self, mismatch: Mismatch, chance: Chance) -> NDArray[np.intp]:
         """Draw which pairs show no interference, so that their phase is wrong."""
         least = float(self._wrong(np.float64(mismatch.most_ps)))
         if least == 0:
             return np.zeros(0, dtype=np.intp)
         # None is worse than the worst: draw by that, and then some of those photon by photon.
-        some = np.flatnonzero(draws.hits("interference", least))
+        some = chance.events("interference", least)
         if mismatch.ps is None or not self._like.bandwidth_rad_per_s:
             return some
         wrong = self._wrong(mismatch.ps[some])
-        return some[draws.few("visibility", some.size) * least < wrong]
+        return some[chance.generator("visibility").random(some.size) * least < wrong]
 
     def _wrong(self, mismatch_ps: Picoseconds | np.float64) -> Picoseconds | np.float64:
         """Return how likely a phase is wrong after a mismatch."""
@@ -123,18 +123,20 @@ class Analyser:
         return wrong
 
     def _look(
-        self, states: Bytes, halves: tuple[Half, Half], draws: BlockDraws
+        self, states: Bytes, halves: tuple[Half, Half], chance: Chance
     ) -> tuple[Detection, Detection]:
         """Let the detectors of both arms look at the pairs."""
         both = states != NO_CLICK
         found = []
         for arm, half in enumerate(halves):
-            inside = draws.at(f"arm {arm}")
+            inside = chance.at(f"arm {arm}")
             bits = (states & 1 if arm else states >> 1).astype(np.uint8)
             bits[~both] = NO_CLICK
             lone = np.flatnonzero(half.present & ~both)
             if lone.size:
-                bits[lone] = inside.bits("lone photon")[lone]
+                bits[lone] = inside.generator("lone photon").integers(
+                    0, 2, lone.size, dtype=np.uint8
+                )
             found.append(self._arms[arm].detect(bits, half.extras, half.train, inside))
         return found[0], found[1]
 
@@ -143,7 +145,7 @@ class Analyser:
         told: Mask,
         found: tuple[Detection, Detection] | None,
         mismatch: Mismatch,
-        draws: BlockDraws,
+        chance: Chance,
     ) -> NDArray[np.intp]:
         """Return the pairs whose clicks are too far apart."""
         window_ps = self._like.coincidence_window_s * 1e12
@@ -154,14 +156,14 @@ class Analyser:
         most_ps = mismatch.most_ps + SURE_SIGMAS * jitter_ps + gate_ps * dark
         if most_ps <= window_ps:
             return np.zeros(0, dtype=np.intp)
-        apart_ps = np.zeros(draws.count) if mismatch.ps is None else mismatch.ps.copy()
+        apart_ps = np.zeros(chance.photons) if mismatch.ps is None else mismatch.ps.copy()
         if jitter_ps:
-            apart_ps += draws.normal("jitter") * jitter_ps
+            apart_ps += chance.normal("jitter") * jitter_ps
         for arm, mask in enumerate(lightless):
             if mask is not None:
                 # A click without light comes at any time while the detector looks.
                 without = np.flatnonzero(mask)
-                moments = draws.few(f"moment in the gate {arm}", without.size) - 0.5
+                moments = chance.generator(f"moment in the gate {arm}").random(without.size) - 0.5
                 apart_ps[without] += moments * gate_ps
         return np.flatnonzero(told & (np.abs(apart_ps) > window_ps))
 

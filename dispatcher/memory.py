@@ -11,12 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dispatcher import drift
-from dispatcher.block_draws import BlockDraws
+from dispatcher import drift, pulses
+from dispatcher.chance import Chance
 from dispatcher.clock import Clock
 from dispatcher.devices import Devices
 from dispatcher.ownership import Block
-from dispatcher.pulses import thin
 from dispatcher.refusal import exhausted
 from dispatcher.sabot.draws import Draws
 from dispatcher.sabot.manager import Sabot
@@ -80,34 +79,35 @@ class Memories:
         block.last_ns += waited_ns
         memory = self._devices.of(block.node).memory
         where = f"memory of {block.node}, {block.fibers_passed}, {block.stores}"
-        draws = BlockDraws(self._draws, block.name, block.register.size, where)
-        counts = {"lost": self._lose(block, memory.efficiency, draws)}
-        counts |= self._decay(block, decay(memory, waited_ns / 1e9), draws)
+        chance = Chance(self._draws, block.name, where, block.register.size)
+        counts = {"lost": self._lose(block, memory.efficiency, chance)}
+        counts |= self._decay(block, decay(memory, waited_ns / 1e9), chance)
         told = "".join(f" {name}={count}" for name, count in counts.items() if count)
         return f"after {waited_ns / 1e9:.9f} s{told}"
 
-    def _lose(self, block: Block, efficiency: float, draws: BlockDraws) -> int:
+    def _lose(self, block: Block, efficiency: float, chance: Chance) -> int:
         if efficiency == 1:
             return 0
-        if block.pulses.extras is not None:
-            block.pulses.extras = thin(block.pulses.extras, efficiency, draws)
-        return self._sabot.lose(block.register, draws.hits("efficiency", 1 - efficiency))
+        everything = np.ones(chance.photons, dtype=bool)
+        pulses.thin(block.pulses, everything, efficiency, chance, "further photons")
+        return self._sabot.lose(block.register, chance.happens("efficiency", 1 - efficiency))
 
-    def _decay(self, block: Block, happened: Decay, draws: BlockDraws) -> dict[str, int]:
+    def _decay(self, block: Block, happened: Decay, chance: Chance) -> dict[str, int]:
         counts = {}
         present = block.register.present
         if happened.reset:
-            reset = draws.hits("reset", happened.reset) & present
+            reset = chance.happens("reset", happened.reset) & present
             counts["reset"] = int(np.count_nonzero(reset))
             if counts["reset"]:
-                self._sabot.reset(block.register, reset, draws.photons("reset to"))
+                purpose = f"reset {block.fibers_passed}, {block.stores}"
+                draws = self._draws.photons(block.name, purpose, chance.photons)
+                self._sabot.reset(block.register, reset, draws)
         errors = happened.x + happened.y + happened.z
         if errors:
             # A reset and a Pauli exclude each other, but Z does nothing to what has been reset.
-            met = np.flatnonzero(draws.hits("decay", errors / (1 - happened.reset)) & present)
-            bounds = np.cumsum((happened.x, happened.z)) / errors
-            paulis = np.zeros(draws.count, dtype=np.uint8)
-            paulis[met] = 1 + np.searchsorted(bounds, draws.few("Pauli", met.size), side="right")
+            met = np.flatnonzero(chance.happens("decay", errors / (1 - happened.reset)) & present)
+            paulis = np.zeros(chance.photons, dtype=np.uint8)
+            paulis[met] = 1 + chance.which("Pauli", met.size, (happened.x, happened.z, happened.y))
             self._sabot.pauli(block.register, paulis)
             drift.reflect(block.pulses, paulis)
             tally = np.bincount(paulis, minlength=4)

@@ -7,7 +7,7 @@ import numpy as np
 
 from dispatcher import drift, limits
 from dispatcher.analyser import Analyser, Half
-from dispatcher.block_draws import BlockDraws
+from dispatcher.chance import Chance
 from dispatcher.detector import Train
 from dispatcher.layer import PhysicalLayer, block_name, tally
 from dispatcher.ownership import Block, BlockName
@@ -75,7 +75,7 @@ class Operations:
         """Make new pairs what the node's source emits; return what that is, for the log."""
         layer, source = self._layer, self._layer.devices.of(node).source
         first, count = halves[0], halves[0].register.size
-        emission = emit(source, BlockDraws(layer.draws, first.name, count, "source"))
+        emission = emit(source, Chance(layer.draws, first.name, "source", count))
         told = ""
         if emission.paulis is not None:
             layer.sabot.pauli(first.register, emission.paulis)
@@ -130,9 +130,9 @@ class Operations:
         feedback = layer.feedback(block)
         bits = layer.sabot.measure(block.register, values, self._draws(block))
         layer.ownership.remove(block)
-        draws = BlockDraws(layer.draws, block.name, size, f"detectors of {node}")
+        chance = Chance(layer.draws, block.name, f"detectors of {node}", size)
         found = layer.devices.detectors(node, "measure").detect(
-            bits, block.pulses.extras, _train(block), draws
+            bits, block.pulses.extras, _train(block), chance
         )
         told = f"{tally(values, BASES)}: {tally(found.bits, ('0', '1'))}"
         layer.record(node, "measure", block, detail=told + _listed(found.incidents()))
@@ -150,8 +150,8 @@ class Operations:
             first.register, second.register, (self._draws(first), self._draws(second))
         )
         drift.twirl_pairs(first, second, states, layer.draws)
-        draws = BlockDraws(layer.draws, first.name, len(states), f"analyser of {node}")
-        found = self._analyser(node).analyse(states, halves, draws)
+        chance = Chance(layer.draws, first.name, f"analyser of {node}", len(states))
+        found = self._analyser(node).analyse(states, halves, chance)
         for block in pair:
             layer.ownership.remove(block)
         feedback = layer.feedback(first)
@@ -258,7 +258,7 @@ def _require_pairs(first: Block, second: Block) -> None:
 
 
 def _train(block: Block) -> Train:
-    return Train(block.start_ns, block.rate_hz, block.register.size)
+    return Train(block.start_ns, block.interval_ns, block.register.size)
 
 
 def _half(block: Block) -> Half:

@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 import grpc
 
 from dispatcher.acts import acts
+from dispatcher.adjustment import adjust
 from dispatcher.callers import Callers
 from dispatcher.layer import PhysicalLayer
 from dispatcher.operations import Operations
@@ -190,6 +191,14 @@ class Service(DispatcherServicer):
         self.callers.require_known(request.switch)
         await self.switching.inject(request)
         return messages.InjectFaultReply()
+
+    @call
+    async def AdjustFiber(
+        self, request: messages.AdjustFiberRequest, node: str, _context: Context
+    ) -> messages.AdjustFiberReply:
+        """Change something about fibres."""
+        self.callers.require_runner(node, "adjust fibres")
+        return messages.AdjustFiberReply(fibers=adjust(self.layer, request))
 
     @call
     async def Status(

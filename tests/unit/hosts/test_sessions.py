@@ -82,7 +82,7 @@ def relay(name: str, judge: Judge) -> Callable[..., Coroutine[Any, Any, None]]:
 
 @asynccontextmanager
 async def network(
-    folder: Path, judge: Judge = grant, rotation: int = 0, **fiber: float
+    folder: Path, judge: Judge = grant, rotation: int = 0, **fiber: Any
 ) -> AsyncIterator[Path]:
     """Run everything; the sockets of the stacks are in the folder."""
     config = DispatcherConfig(
