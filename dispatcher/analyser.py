@@ -134,9 +134,7 @@ class Analyser:
             bits[~both] = NO_CLICK
             lone = np.flatnonzero(half.present & ~both)
             if lone.size:
-                bits[lone] = inside.generator("lone photon").integers(
-                    0, 2, lone.size, dtype=np.uint8
-                )
+                bits[lone] = inside.coins("lone photon", lone.size)
             found.append(self._arms[arm].detect(bits, half.extras, half.train, inside))
         return found[0], found[1]
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, Self
 
-BELL_STATES = 4  # Phi+, Psi+, Phi-, Psi-
+BELL_STATES = ("Phi+", "Psi+", "Phi-", "Psi-")  # as Bell measurements number them
 ANALYSERS = ("complete", "linear")  # kinds of Bell analysers
 SUM_TOLERANCE = 1e-9  # by which probabilities may miss 1
 
@@ -67,7 +67,7 @@ class PairSource:
         if given is None:
             return
         numbers = isinstance(given, tuple) and all(_is_probability(value) for value in given)
-        if not numbers or len(given) != BELL_STATES or abs(sum(given) - 1) > SUM_TOLERANCE:
+        if not numbers or len(given) != len(BELL_STATES) or abs(sum(given) - 1) > SUM_TOLERANCE:
             raise BadParameter(
                 f"{where}: bell_diagonal {given!r} is not 4 probabilities that add up to 1"
             )
