@@ -88,6 +88,8 @@ class Memory:
 
     t1_s: float = parameter(float("inf"), 1e-12, float("inf"))
     t2_s: float = parameter(float("inf"), 1e-12, float("inf"))  # at most 2 T1
+    # Where T2 > T1: approximate relaxation by Paulis, or follow it in state vectors (small blocks).
+    damping: str = choice("twirl", "dense")
     efficiency: float = parameter(1.0, 0.0, 1.0)  # of storing and reading together
     capacity: int = parameter(4_000_000, 0, 4_000_000)  # qubits
 
