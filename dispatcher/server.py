@@ -12,13 +12,15 @@ import grpc
 
 from dispatcher.callers import Callers
 from dispatcher.clock import CaptureClock, Clock
+from dispatcher.devices import Devices
 from dispatcher.history import History
 from dispatcher.layer import PhysicalLayer
+from dispatcher.memory import Memories
 from dispatcher.network import Network
 from dispatcher.ownership import Ownership
+from dispatcher.sabot.backends import BACKENDS
 from dispatcher.sabot.draws import Draws
 from dispatcher.sabot.manager import Sabot
-from dispatcher.sabot.tableau import Tableau
 from dispatcher.service import Failed, Service
 from wire.config import BadConfig, DispatcherConfig
 from wire.dispatcher_pb2_grpc import add_DispatcherServicer_to_server
@@ -31,14 +33,23 @@ log = logging.getLogger("dispatcher")
 
 
 def build_layer(config: DispatcherConfig, clock: Clock, event_log: TextIO | None) -> PhysicalLayer:
-    """Return the physical layer that the configuration describes."""
+    """Return the physical layer that the configuration describes.
+
+    Raise BadConfig or BadParameter for what cannot be.
+    """
+    devices = Devices(config.devices)
+    if unknown := config.devices.keys() - config.tokens.keys():
+        raise BadConfig(f"devices of {', '.join(sorted(unknown))}: there are no such hosts")
+    sabot, draws = Sabot(BACKENDS[config.backend]), Draws(config.seed)
     return PhysicalLayer(
         clock=clock,
-        sabot=Sabot(Tableau),
-        draws=Draws(config.seed),
+        sabot=sabot,
+        draws=draws,
         network=Network(config.fibers, config.switches),
         ownership=Ownership(),
         history=History(config.history_depth, event_log),
+        devices=devices,
+        memories=Memories(devices, clock, sabot, draws),
         max_live_qubits=config.max_live_qubits,
     )
 

@@ -20,12 +20,14 @@ from hosts.middleware.frame_format import MAX_BLOCK_PAIRS, FrameFormat
 from qmn import result
 from qmn.networks import TOPOLOGIES, BadTopology, topology
 from qmn.run_folder import give_to_invoker, make_folder, point_latest
-from qmn.transfer import Transfer, TransferError, dispatcher_backend, transfer
-from topologies.fiber import RANGES
+from qmn.transfer import Transfer, TransferError, dispatcher_status, transfer
 from topologies.network import Interrupted, Network, Signals, require_root
 from topologies.nodes import QuantumHost
+from topologies.presets import PRESETS
 from topologies.programs import NetworkError
 from topologies.runtime import OPENFLOW_PORT, Runtime
+from wire.config import BACKENDS
+from wire.fiber import KINDS
 from wire.metadata import FEC_NAMES
 
 MESSAGE = Path(__file__).with_name("message.txt")
@@ -54,6 +56,7 @@ def add_parser(verbs: Any) -> None:
     add("--to", dest="receiver", default="bob", metavar="HOST", help="receiving host (bob)")
     add("--handshake", choices=sorted(EXPECTED_RATE), default="framed", help="default: framed")
     add("--seed", type=int, default=1, help="of all quantum randomness (1)")
+    add("--backend", choices=BACKENDS, default="chp", help="simulates quantum states (chp)")
     add("--controller", choices=["ryu", "os-ken"], default="ryu", help="default: ryu")
     add("--openflow-port", type=int, default=OPENFLOW_PORT, metavar="PORT", help="of c0 (6653)")
     add("--frame-bytes", type=int, default=256, metavar="N", help="bytes under one check (256)")
@@ -61,15 +64,16 @@ def add_parser(verbs: Any) -> None:
     add("--rate-hz", type=int, default=50_000_000, metavar="HZ", help="of the source (50000000)")
     add("--fec", choices=FEC_NAMES, default="none", help="error-correction code (none)")
     add("--interleave", action="store_true", help="spread the codewords of --fec over a frame")
-    add("--length-km", type=float, default=0.01, metavar="KM", help="of every fibre (0.01)")
-    add("--loss-db-per-km", type=float, default=0.0, metavar="DB", help="of every fibre (0)")
-    add(
-        "--depolarizing",
-        type=float,
-        default=0.0,
-        metavar="P",
-        help="of every fibre: X, Y and Z each with probability P/4 (0)",
-    )
+    what_of = "of every fibre"
+    add("--preset", choices=list(PRESETS), default="ideal", help="fibres and devices (ideal)")
+    add("--length-km", type=float, metavar="KM", help=f"{what_of} (0.01)")
+    add("--loss-db-per-km", type=float, metavar="DB", help=f"{what_of} (0)")
+    text = f"{what_of}: X, Y and Z each with probability P/4 (0)"
+    add("--depolarizing", type=float, metavar="P", help=text)
+    text = f"{what_of}: standard or polarisation-maintaining"
+    add("--kind", choices=list(KINDS), help=text)
+    text = f"a parameter {what_of}, as drift_time_s=10 (more than once; README.md has them)"
+    add("--fiber", action="append", default=[], metavar="NAME=VALUE", help=text)
     add("--switches", type=int, metavar="N", help="quantum switches of a chain or ring")
     add("--leaves", type=int, metavar="N", help="switches of leaf-spine with hosts (3)")
     add("--spines", type=int, metavar="N", help="switches of leaf-spine between leaves (2)")
@@ -139,7 +143,6 @@ def check_input(arguments: argparse.Namespace) -> int:
         )
     check_controller(arguments)
     for name, least, most in (
-        *((name, *limits) for name, limits in RANGES.items()),
         ("frame_bytes", 1, 65_536),
         ("block_pairs", MIN_BLOCK_PAIRS, MAX_BLOCK_PAIRS),
         ("rate_hz", 1, 4_000_000_000),
@@ -248,9 +251,12 @@ def beginning(arguments: argparse.Namespace, folder: Path) -> dict[str, Any]:
                 "rate_hz",
                 "fec",
                 "interleave",
+                "preset",
                 "length_km",
                 "loss_db_per_km",
                 "depolarizing",
+                "kind",
+                "fiber",
                 "switches",
                 "leaves",
                 "spines",
@@ -261,7 +267,8 @@ def beginning(arguments: argparse.Namespace, folder: Path) -> dict[str, Any]:
         },
         "file": str(file.resolve()),
         "captures": [],
-        "backend": None,
+        "backend": arguments.backend,
+        "exact": None,
     }
 
 
@@ -275,6 +282,7 @@ def run_network(
     """Start the network, send, and add to the facts."""
     settings = Runtime(
         seed=arguments.seed,
+        backend=arguments.backend,
         framework=arguments.controller,
         openflow_port=arguments.openflow_port,
         history_depth=arguments.history_depth,
@@ -299,7 +307,7 @@ def run_network(
     )
     console.print(f"starting the network ({arguments.controller}, seed {arguments.seed}) ...")
     with Network(topology(arguments), settings, signals) as network:
-        facts["backend"] = dispatcher_backend(network)
+        facts["backend"] = dispatcher_status(network).backend
         if not arguments.no_capture:
             facts["captures"] = [str(file) for file in network.capture("s1")]
         console.print(
@@ -309,6 +317,7 @@ def run_network(
         size = order.file.stat().st_size
         with progress_bar(console, facts, size, pairs_of(arguments, size)) as progress:
             progress(transfer(network, order, progress)[0])
+        facts["exact"] = dispatcher_status(network).exact
 
 
 @contextmanager
