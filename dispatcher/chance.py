@@ -5,6 +5,7 @@ when they are asked for nor on how the block was divided. Rare events cost only 
 are of them.
 """
 
+from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
@@ -30,6 +31,10 @@ class Chance:
         """Draw for a block of k photons at a place of its way."""
         self._draws, self._block, self._place = draws, block, place
         self.photons = photons
+
+    def at(self, place: str) -> "Chance":
+        """Return the draws for a place within this one."""
+        return Chance(self._draws, self._block, f"{self._place} {place}", self.photons)
 
     def generator(self, purpose: str) -> np.random.Generator:
         """Return the generator for a purpose, at its beginning."""
@@ -74,6 +79,12 @@ class Chance:
         undecided = np.flatnonzero(drawn == np.uint8(whole))
         mask[undecided] = generator.random(len(undecided)) < rest
         return mask
+
+    def which(self, purpose: str, count: int, weights: Sequence[float]) -> NDArray[np.uint8]:
+        """Choose one of several cases, `count` times; return their numbers, from 0."""
+        bounds = np.cumsum(weights)
+        drawn = self.generator(purpose).random(count) * bounds[-1]
+        return np.searchsorted(bounds[:-1], drawn, side="right").astype(np.uint8)
 
     def _gaps(
         self, generator: np.random.Generator, probability: float, size: int

@@ -5,7 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from dispatcher.clock import Clock
+from dispatcher.devices import Devices
 from dispatcher.history import History
+from dispatcher.memory import Memories
 from dispatcher.network import Network
 from dispatcher.ownership import Block, BlockName, Ownership
 from dispatcher.sabot.draws import Draws
@@ -23,6 +25,8 @@ class PhysicalLayer:
     network: Network
     ownership: Ownership
     history: History
+    devices: Devices
+    memories: Memories
     max_live_qubits: int
     photons_lost: int = 0
 
@@ -51,12 +55,22 @@ class PhysicalLayer:
             photons=block.register.size,
             first_ns=block.first_ns,
             last_ns=block.last_ns,
+            exact=block.pulses.exact,
         )
+
+    def take_up(self, block: Block) -> None:
+        """Take a block that is to be used out of its node's memory, if it is in there."""
+        before = block.register.remaining
+        detail = self.memories.read_out(block)
+        if detail is not None:
+            self.photons_lost += before - block.register.remaining
+            self.record(block.node, "recall", block, detail=detail)
 
     def drop(self, block: Block) -> None:
         """Discard a block whatever its state."""
-        bits = self.draws.bits(block.name, "discard", block.register.size)
-        self.sabot.drop(block.register, bits)
+        self.memories.forget(block)
+        draws = self.draws.photons(block.name, "discard", block.register.size)
+        self.sabot.drop(block.register, draws)
         self.ownership.remove(block)
 
 

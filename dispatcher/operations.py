@@ -5,12 +5,19 @@ from collections.abc import Sequence
 import grpc
 import numpy as np
 
-from dispatcher import limits
+from dispatcher import drift, limits
+from dispatcher.analyser import Analyser, Half
+from dispatcher.chance import Chance
+from dispatcher.detector import Train
 from dispatcher.layer import PhysicalLayer, block_name, tally
 from dispatcher.ownership import Block, BlockName
+from dispatcher.pulses import further
 from dispatcher.refusal import Refusal, exhausted, invalid
-from dispatcher.sabot.backend import Bytes, GateName
+from dispatcher.sabot.backend import GateName
+from dispatcher.sabot.draws import PhotonDraws
+from dispatcher.sabot.manager import NO_CLICK
 from dispatcher.sabot.registers import Register
+from dispatcher.source import emit
 from wire.dispatcher_pb2 import CreateRequest, Feedback, Gate, MeasureRequest
 
 PAULIS = ("I", "X", "Z", "XZ")
@@ -24,6 +31,9 @@ GATES: dict[int, GateName] = {
     Gate.CZ: "CZ",
 }
 STATES = {CreateRequest.BELL_PAIRS: ("Bell pairs", 2), CreateRequest.ZEROS: ("zeros", 1)}
+
+PAIRS = ("none", "1", "2", "more")
+COMMUTE_WITH_Z = ("S", "S_DAG", "CZ", "T", "T_DAG", "RZ")
 
 PlannedGate = tuple[GateName, Block | None]
 
@@ -49,16 +59,41 @@ class Operations:
             if halves == 1
             else (layer.sabot.bell_pairs(request.count))
         )
-        self.pairs_created += request.count * (halves - 1)
         now_ns = layer.clock.now_ns()
         blocks = [
-            Block(name, register, node, first_ns=now_ns, last_ns=now_ns)
+            Block(name, register, node, first_ns=now_ns, last_ns=now_ns, start_ns=now_ns)
             for name, register in zip(names, registers, strict=True)
         ]
         for block in blocks:
             layer.ownership.add(block)
+        if halves == 2:
+            text += self._emit(node, blocks)
         layer.record(node, "create", blocks[0], detail=text)
         return layer.feedback(blocks[0])
+
+    def _emit(self, node: str, halves: Sequence[Block]) -> str:
+        """Make new pairs what the node's source emits; return what that is, for the log."""
+        layer, source = self._layer, self._layer.devices.of(node).source
+        first, count = halves[0], halves[0].register.size
+        emission = emit(source, Chance(layer.draws, first.name, "source", count))
+        told = ""
+        if emission.paulis is not None:
+            layer.sabot.pauli(first.register, emission.paulis)
+            told += f": {tally(emission.paulis, BELL_STATES)}"
+        for half in halves:
+            half.source_rate_hz = source.max_rate_hz
+            half.pulses.exact = emission.exact
+            if emission.delays_ps is not None:
+                half.pulses.delays_ps = emission.delays_ps.copy()
+            if emission.pairs is not None:
+                layer.sabot.lose(half.register, emission.pairs == 0)
+                half.pulses.extras = further(emission.pairs)
+        if emission.pairs is None:
+            self.pairs_created += count
+        else:
+            self.pairs_created += int(emission.pairs.sum(dtype=np.int64))
+            told += f", in pulses: {tally(np.minimum(emission.pairs, 3), PAIRS)}"
+        return told
 
     def apply(self, node: str, name: BlockName, paulis: bytes, gates: Sequence[Gate]) -> Feedback:
         """Apply a Pauli to each photon, then Clifford gates to all of them."""
@@ -66,11 +101,15 @@ class Operations:
         block = layer.ownership.require(name, node)
         planned = self._plan(node, block, gates)
         details: list[str] = [gate for gate, _target in planned]
-        if paulis:
-            values = limits.packed("paulis", paulis, block.register.size, 3)
+        values = limits.packed("paulis", paulis, block.register.size, 3) if paulis else None
+        for used in {block: None} | {target: None for _gate, target in planned if target}:
+            layer.take_up(used)
+        if values is not None:
             layer.sabot.pauli(block.register, values)
+            drift.reflect(block.pulses, values)
             details.insert(0, tally(values, PAULIS))
         for gate, target in planned:
+            self._twirl(gate, block, target)
             layer.sabot.gate(gate, block.register, target.register if target else None)
         layer.record(node, "apply", block, detail=" ".join(details))
         return layer.feedback(block)
@@ -79,45 +118,57 @@ class Operations:
         """Measure and use up every photon, each in its basis."""
         layer = self._layer
         block = layer.ownership.require(name, node)
-        size, clicks = block.register.size, block.register.remaining
+        size = block.register.size
         if basis not in MeasureRequest.Basis.values():
             raise invalid(f"basis {basis} is unknown; use Z, X or Y")
         values = np.full(size, basis, np.uint8)
         if bases:
             values = limits.packed("bases", bases, size, 2)
+        layer.take_up(block)
+        if values.any():  # Z does not see the angles
+            drift.twirl(block, layer.sabot, layer.draws)
         feedback = layer.feedback(block)
-        outcomes = layer.sabot.measure(block.register, values, self._bits(block))
+        bits = layer.sabot.measure(block.register, values, self._draws(block))
         layer.ownership.remove(block)
-        detail = f"{tally(values, BASES)}: {tally(outcomes, ('0', '1'))}"
-        layer.record(node, "measure", block, detail=detail)
-        feedback.clicks, feedback.outcomes = clicks, outcomes.tobytes()
+        chance = Chance(layer.draws, block.name, f"detectors of {node}", size)
+        found = layer.devices.detectors(node, "measure").detect(
+            bits, block.pulses.extras, _train(block), chance
+        )
+        told = f"{tally(values, BASES)}: {tally(found.bits, ('0', '1'))}"
+        layer.record(node, "measure", block, detail=told + _listed(found.incidents()))
+        feedback.clicks, feedback.outcomes = found.clicks, found.bits.tobytes()
         return feedback
 
     def bell_measure(self, node: str, names: tuple[BlockName, BlockName]) -> Feedback:
         """Measure and use up pairs of photons, in the Bell basis."""
         layer = self._layer
-        first, second = (layer.ownership.require(name, node) for name in names)
-        _require_pairs(first, second)
+        first, second = pair = self._pair(node, names)
+        for block in pair:
+            layer.take_up(block)
+        halves = _half(first), _half(second)
+        states = layer.sabot.bell_measure(
+            first.register, second.register, (self._draws(first), self._draws(second))
+        )
+        drift.twirl_pairs(first, second, states, layer.draws)
+        chance = Chance(layer.draws, first.name, f"analyser of {node}", len(states))
+        found = self._analyser(node).analyse(states, halves, chance)
+        for block in pair:
+            layer.ownership.remove(block)
         feedback = layer.feedback(first)
         feedback.first_ns = min(first.first_ns, second.first_ns)
         feedback.last_ns = max(first.last_ns, second.last_ns)
-        feedback.clicks = first.register.remaining + second.register.remaining
-        feedback.coincidences = int(
-            np.count_nonzero(first.register.present & second.register.present)
-        )
-        outcomes = layer.sabot.bell_measure(
-            first.register, second.register, (self._bits(first), self._bits(second))
-        )
-        for block in (first, second):
-            layer.ownership.remove(block)
-        detail = f"with {second.name.number}/{second.name.half}: {tally(outcomes, BELL_STATES)}"
-        layer.record(node, "bell-measure", first, detail=detail)
-        feedback.outcomes = outcomes.tobytes()
+        feedback.exact = first.pulses.exact and second.pulses.exact
+        feedback.clicks = found.clicks
+        feedback.coincidences = int(np.count_nonzero(found.outcomes != NO_CLICK))
+        told = f"with {second.name.number}/{second.name.half}: {tally(found.outcomes, BELL_STATES)}"
+        layer.record(node, "bell-measure", first, detail=told + _listed(found.incidents))
+        feedback.outcomes = found.outcomes.tobytes()
         return feedback
 
     def store(self, node: str, name: BlockName) -> Feedback:
         """Keep a block in the node's memory."""
         block = self._layer.ownership.require(name, node)
+        self._layer.memories.store(block)
         self._layer.record(node, "store", block)
         return self._layer.feedback(block)
 
@@ -139,8 +190,27 @@ class Operations:
         photons = sum(block.register.size for block in blocks)
         return Feedback(time_ns=self._layer.clock.now_ns(), photons=photons)
 
-    def _bits(self, block: Block) -> Bytes:
-        return self._layer.draws.bits(block.name, "measure", block.register.size)
+    def _pair(self, node: str, names: tuple[BlockName, BlockName]) -> tuple[Block, Block]:
+        first, second = (self._layer.ownership.require(name, node) for name in names)
+        _require_pairs(first, second)
+        return first, second
+
+    def _analyser(self, node: str) -> Analyser:
+        devices = self._layer.devices
+        arms = devices.detectors(node, "phase"), devices.detectors(node, "parity")
+        return Analyser(devices.of(node), arms)
+
+    def _twirl(self, gate: str, block: Block, target: Block | None) -> None:
+        """Turn angles into Paulis before a gate that does not commute with them."""
+        if gate in COMMUTE_WITH_Z:
+            return
+        if gate != "CX":
+            drift.twirl(block, self._layer.sabot, self._layer.draws)
+        elif target is not None:
+            drift.twirl(target, self._layer.sabot, self._layer.draws)
+
+    def _draws(self, block: Block) -> PhotonDraws:
+        return self._layer.draws.photons(block.name, "measure", block.register.size)
 
     def _require_room(self, names: list[BlockName], count: int) -> None:
         """Refuse a block that would be too large or has a name that is taken."""
@@ -185,3 +255,18 @@ def _require_pairs(first: Block, second: Block) -> None:
             f"{first.name} has {first.register.size} photons and {second.name} "
             f"{second.register.size}; their photons must pair up"
         )
+
+
+def _train(block: Block) -> Train:
+    return Train(block.start_ns, block.interval_ns, block.register.size)
+
+
+def _half(block: Block) -> Half:
+    pulses = block.pulses
+    return Half(block.register.present, pulses.extras, pulses.delays_ps, _train(block))
+
+
+def _listed(incidents: dict[str, int]) -> str:
+    if not incidents:
+        return ""
+    return "; " + " ".join(f"{name}={count}" for name, count in incidents.items())

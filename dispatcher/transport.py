@@ -45,6 +45,10 @@ class Transport:
         blocks = [layer.ownership.require(name, node) for name, _port in launches]
         ends = [layer.network.require_port(node, port) for _name, port in launches]
         limits.require_rate(rate_hz, max(block.register.size for block in blocks))
+        for block in blocks:
+            limits.require_source_rate(block, rate_hz)
+        for block in blocks:
+            layer.take_up(block)
         start_ns = layer.clock.now_ns()
         departures = [
             Departure(start_ns, Pattern(1e9 / rate_hz, block.register.size), frequency_mhz)
@@ -80,6 +84,8 @@ class Transport:
         layer = self._layer
         layer.record(end.node, "send", block, port=end.port, time_ns=departure.start_ns)
         layer.ownership.move(block, "")
+        block.interval_ns = departure.pattern.interval_ns
+        block.source_rate_hz = float("inf")
         flight = Flight(block, departure, layer)
         task = asyncio.create_task(self._fly(block, end, flight))
         self._flights.add(task)
@@ -111,6 +117,7 @@ class Transport:
         register = layer.sabot.part(block.register, arrival.members)
         own = pulses.part(block.pulses, arrival.members)
         part = Block(block.name, register, "", pulses=own)
+        part.interval_ns, part.stores = block.interval_ns, block.stores
         layer.ownership.add(part)
         return part
 
@@ -118,6 +125,7 @@ class Transport:
         """Put what has arrived at the port, and tell those who wait for it."""
         layer = self._layer
         block.fibers_passed = arrival.fibers_passed
+        block.start_ns = int(arrival.times_ns[0])
         times_ns = arrival.times_ns[np.flatnonzero(pulses.lit(block))[[0, -1]]]
         block.first_ns, block.last_ns = (int(time_ns) for time_ns in times_ns)
         end = arrival.end
@@ -140,6 +148,7 @@ class Transport:
         if there is None:
             layer.ownership.move(block, node, port)
             return
+        layer.take_up(there)
         pulses.unite(there.pulses, block.pulses, pulses.lit(block))
         layer.sabot.unite(there.register, block.register)
         there.first_ns = min(there.first_ns, block.first_ns)
