@@ -5,6 +5,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from controller_apps.policy import BadPolicy, read_policy
 from qmn import result
-from qmn.networks import TOPOLOGIES, BadTopology, topology
+from qmn.networks import TOPOLOGIES, BadTopology, every_fiber, topology
 from qmn.run_folder import give_to_invoker, make_folder, point_latest
 from qmn.transfer import Transfer, TransferError, dispatcher_status, transfer
 from topologies.network import Interrupted, Network, Signals, require_root
@@ -231,6 +232,7 @@ def beginning(arguments: argparse.Namespace, folder: Path) -> dict[str, Any]:
             )
             if getattr(arguments, name) is not None
         },
+        "optics": asdict(every_fiber(arguments)),
         "file": str(file.resolve()),
         "captures": [],
         "backend": arguments.backend,
