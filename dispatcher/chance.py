@@ -5,11 +5,10 @@ when they are asked for nor on how the block was divided. Rare events cost only 
 are of them.
 """
 
-from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 RARE = 1 / 32  # below, gaps between events are drawn instead of a byte for each photon
 STEPS = 256  # of a byte
@@ -80,11 +79,16 @@ class Chance:
         mask[undecided] = generator.random(len(undecided)) < rest
         return mask
 
-    def which(self, purpose: str, count: int, weights: Sequence[float]) -> NDArray[np.uint8]:
+    def coins(self, purpose: str, count: int) -> NDArray[np.uint8]:
+        """Return `count` fair bits, for those photons that need one."""
+        return self.generator(purpose).integers(0, 2, count, dtype=np.uint8)
+
+    def which(self, purpose: str, count: int, weights: ArrayLike) -> NDArray[np.uint8]:
         """Choose one of several cases, `count` times; return their numbers, from 0."""
         bounds = np.cumsum(weights)
         drawn = self.generator(purpose).random(count) * bounds[-1]
-        return np.searchsorted(bounds[:-1], drawn, side="right").astype(np.uint8)
+        found: NDArray[np.uint8] = bounds[:-1].searchsorted(drawn, side="right").astype(np.uint8)
+        return found
 
     def _gaps(
         self, generator: np.random.Generator, probability: float, size: int

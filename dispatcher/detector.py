@@ -94,11 +94,8 @@ class Detector:
     def _afterpulses(self, train: Train, chance: Chance) -> Afterpulses:
         """Draw the afterpulses of the train, if there were clicks in all its slots."""
         causes = chance.events("afterpulse", self.like.afterpulse_probability)
-        delays_s = (
-            chance.generator("afterpulse delay").standard_exponential(causes.size)
-            * self.like.afterpulse_s
-        )
-        slots = causes + delays_s * 1e9 / train.interval_ns
+        waits = chance.generator("afterpulse delay").standard_exponential(causes.size)
+        slots = causes + waits * (self.like.afterpulse_s * 1e9 / train.interval_ns)
         later = np.rint(slots) > causes
         return Afterpulses(causes[later], slots[later])
 

@@ -96,7 +96,7 @@ class DetectorPair:
         bits = TOLD[zero.view(np.uint8) + 2 * one.view(np.uint8)]
         both = np.flatnonzero(zero & one)
         if both.size:
-            bits[both] = chance.generator("double click").integers(0, 2, both.size, dtype=np.uint8)
+            bits[both] = chance.coins("double click", both.size)
         told = int(np.count_nonzero(zero)) + int(np.count_nonzero(one))
         lightless = self._dark > 0 or self._like.afterpulse_probability > 0
         return Detection(

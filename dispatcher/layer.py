@@ -1,5 +1,6 @@
 """The physical layer as the operations share it: state, place, time and record."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +30,7 @@ class PhysicalLayer:
     memories: Memories
     max_live_qubits: int
     photons_lost: int = 0
+    exact: bool = True  # False once an approximation has been in what was reported
 
     def record(
         self,
@@ -48,23 +50,36 @@ class PhysicalLayer:
             event.lost = block.register.size - block.register.remaining
         self.history.record(event)
 
-    def feedback(self, block: Block) -> Feedback:
-        """Return the feedback that is common to all operations on a block."""
-        return Feedback(
+    def feedback(self, block: Block, *others: Block) -> Feedback:
+        """Return the feedback that is common to all operations on a block, with others if any."""
+        feedback = Feedback(
             time_ns=self.clock.now_ns(),
             photons=block.register.size,
             first_ns=block.first_ns,
             last_ns=block.last_ns,
-            exact=block.pulses.exact,
         )
+        return self.mark(feedback, (block, *others))
 
-    def take_up(self, block: Block) -> None:
-        """Take a block that is to be used out of its node's memory, if it is in there."""
-        before = block.register.remaining
-        detail = self.memories.read_out(block)
-        if detail is not None:
-            self.photons_lost += before - block.register.remaining
-            self.record(block.node, "recall", block, detail=detail)
+    def mark(self, feedback: Feedback, blocks: Sequence[Block]) -> Feedback:
+        """Say in the feedback what simulates the blocks, and whether that is exact."""
+        feedback.backend = self.sabot.simulated_by(*(block.register for block in blocks))
+        feedback.exact = self.count_exact(blocks)
+        return feedback
+
+    def count_exact(self, blocks: Sequence[Block]) -> bool:
+        """Return whether the blocks hold no approximation, which is then in what is reported."""
+        exact = all(block.pulses.exact for block in blocks)
+        self.exact &= exact
+        return exact
+
+    def take_up(self, *blocks: Block) -> None:
+        """Take blocks that are to be used out of their node's memory, if they are in there."""
+        for block in blocks:
+            before = block.register.remaining
+            detail = self.memories.read_out(block)
+            if detail is not None:
+                self.photons_lost += before - block.register.remaining
+                self.record(block.node, "recall", block, detail=detail)
 
     def drop(self, block: Block) -> None:
         """Discard a block whatever its state."""

@@ -1,43 +1,23 @@
 """Quantum memories: what waiting does to qubits, by the time that they really waited.
 
-Relaxation to |0> with T1 and decay of coherence with T2 are, for T2 <= T1, exactly a reset with
-probability 1 - e^(-t/T1) and a Z with (e^(-t/T1) - e^(-t/T2)) / 2. Beyond that, up to T2 = 2 T1,
-no mixture of resets and Paulis is the same; the Pauli twirl of it (Sarvepalli, Klappenecker,
-Roetteler, arXiv:0804.4316) is an approximation.
+A block that is used again has left its memory: to wait on it is stored again. Light that waits at
+a port, or is kept without being stored, is in an ideal delay line.
 """
 
-from math import expm1
-from typing import NamedTuple
+from math import asin, sqrt
 
 import numpy as np
 
 from dispatcher import drift, pulses
 from dispatcher.chance import Chance
 from dispatcher.clock import Clock
+from dispatcher.decay import Decay, decay
 from dispatcher.devices import Devices
 from dispatcher.ownership import Block
 from dispatcher.refusal import exhausted
 from dispatcher.sabot.draws import Draws
 from dispatcher.sabot.manager import Sabot
-from wire.physics import Memory
-
-
-class Decay(NamedTuple):
-    """How likely a qubit that has waited is reset, or else meets a Pauli."""
-
-    reset: float
-    x: float
-    y: float
-    z: float
-    exact: bool
-
-
-def decay(memory: Memory, waited_s: float) -> Decay:
-    """Return what has happened to a qubit in a memory for some time."""
-    relaxed, dephased = (-expm1(-waited_s / time_s) for time_s in (memory.t1_s, memory.t2_s))
-    if memory.t2_s <= memory.t1_s:
-        return Decay(relaxed, 0.0, 0.0, (dephased - relaxed) / 2, True)
-    return Decay(0.0, relaxed / 4, relaxed / 4, dephased / 2 - relaxed / 4, relaxed == 0)
+from dispatcher.sabot.room import GateStep
 
 
 class Memories:
@@ -72,16 +52,19 @@ class Memories:
         """Take a block out of the memory, if it is in one; return what has happened to it."""
         if block not in self._stored.get(block.node, {}):
             return None
-        self.forget(block)
         waited_ns = self._clock.now_ns() - block.stored_ns
+        memory = self._devices.of(block.node).memory
+        happened = decay(memory, waited_ns / 1e9)
+        if happened.damped:
+            self._damp(block, happened.damped)
+        self.forget(block)
         block.start_ns += waited_ns
         block.first_ns += waited_ns
         block.last_ns += waited_ns
-        memory = self._devices.of(block.node).memory
         where = f"memory of {block.node}, {block.fibers_passed}, {block.stores}"
         chance = Chance(self._draws, block.name, where, block.register.size)
         counts = {"lost": self._lose(block, memory.efficiency, chance)}
-        counts |= self._decay(block, decay(memory, waited_ns / 1e9), chance)
+        counts |= self._decay(block, happened, chance)
         told = "".join(f" {name}={count}" for name, count in counts.items() if count)
         return f"after {waited_ns / 1e9:.9f} s{told}"
 
@@ -91,6 +74,23 @@ class Memories:
         everything = np.ones(chance.photons, dtype=bool)
         pulses.thin(block.pulses, everything, efficiency, chance, "further photons")
         return self._sabot.lose(block.register, chance.happens("efficiency", 1 - efficiency))
+
+    def _damp(self, block: Block, share: float) -> None:
+        """Let so much of the excitation pass into qubits that nobody sees; or raise TooLarge."""
+        sabot, angle_rad = self._sabot, asin(sqrt(share))
+        unseen = sabot.zeros(block.register.size)
+        purpose = f"damped {block.fibers_passed}, {block.stores}"
+        draws = self._draws.photons(block.name, purpose, block.register.size)
+        try:
+            rotation = GateStep("RY", angle_rad=angle_rad)
+            sabot.require_room(unseen, [rotation, GateStep("CX", block.register)])
+            sabot.gate("RY", unseen, angle_rad=angle_rad)
+            sabot.gate("CX", block.register, unseen)
+            sabot.gate("RY", unseen, angle_rad=-angle_rad)
+            sabot.gate("CX", block.register, unseen)
+            sabot.gate("CX", unseen, block.register)
+        finally:
+            sabot.drop(unseen, draws)
 
     def _decay(self, block: Block, happened: Decay, chance: Chance) -> dict[str, int]:
         counts = {}

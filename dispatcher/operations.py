@@ -1,45 +1,71 @@
 """What a node does to blocks it holds: each operation checks, then acts, then records."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import grpc
-import numpy as np
 
 from dispatcher import drift, limits
-from dispatcher.analyser import Analyser, Half
-from dispatcher.chance import Chance
-from dispatcher.detector import Train
+from dispatcher.emission import emit_into
 from dispatcher.layer import PhysicalLayer, block_name, tally
 from dispatcher.ownership import Block, BlockName
-from dispatcher.pulses import further
 from dispatcher.refusal import Refusal, exhausted, invalid
 from dispatcher.sabot.backend import GateName
-from dispatcher.sabot.draws import PhotonDraws
-from dispatcher.sabot.manager import NO_CLICK
+from dispatcher.sabot.gates import ROTATIONS, TWO_QUBIT_GATES
 from dispatcher.sabot.registers import Register
-from dispatcher.source import emit
-from wire.dispatcher_pb2 import CreateRequest, Feedback, Gate, MeasureRequest
+from dispatcher.sabot.room import GateStep
+from wire.dispatcher_pb2 import CreateRequest, Feedback, Gate
 
 PAULIS = ("I", "X", "Z", "XZ")
-BELL_STATES = ("Phi+", "Psi+", "Phi-", "Psi-")
-BASES = ("Z", "X", "Y")
+DIAGONAL = ("S", "S_DAG", "CZ", "T", "T_DAG", "RZ")
 GATES: dict[int, GateName] = {
     Gate.H: "H",
     Gate.S: "S",
     Gate.S_DAG: "S_DAG",
     Gate.CX: "CX",
     Gate.CZ: "CZ",
+    Gate.T: "T",
+    Gate.T_DAG: "T_DAG",
+    Gate.RX: "RX",
+    Gate.RY: "RY",
+    Gate.RZ: "RZ",
 }
 STATES = {CreateRequest.BELL_PAIRS: ("Bell pairs", 2), CreateRequest.ZEROS: ("zeros", 1)}
 
-PAIRS = ("none", "1", "2", "more")
-COMMUTE_WITH_Z = ("S", "S_DAG", "CZ", "T", "T_DAG", "RZ")
 
-PlannedGate = tuple[GateName, Block | None]
+class PlannedGate(NamedTuple):
+    """A gate that can be done: every pair of photons is there, and its angle is a number."""
+
+    name: GateName
+    target: Block | None = None
+    angle_rad: float = 0.0
+
+    @property
+    def step(self) -> GateStep:
+        """Return what Sabot is asked."""
+        target = self.target.register if self.target else None
+        return GateStep(self.name, target, self.angle_rad)
+
+    @property
+    def detail(self) -> str:
+        """Return what the event log says."""
+        return f"{self.name}({self.angle_rad:g})" if self.name in ROTATIONS else self.name
+
+    def turned(self, block: Block) -> list[Block]:
+        """Return the blocks whose Z the gate does not commute with."""
+        if self.name in DIAGONAL:
+            return []
+        return [block] if self.target is None else [self.target]
+
+    def spread_approximation(self, block: Block) -> None:
+        """Let an approximation in one of the two blocks be in both."""
+        if self.target is not None:
+            exact = block.pulses.exact and self.target.pulses.exact
+            block.pulses.exact = self.target.pulses.exact = exact
 
 
 class Operations:
-    """Create, apply, measure, store and discard."""
+    """Create, apply, store and discard."""
 
     def __init__(self, layer: PhysicalLayer) -> None:
         """Act on this layer."""
@@ -67,103 +93,33 @@ class Operations:
         for block in blocks:
             layer.ownership.add(block)
         if halves == 2:
-            text += self._emit(node, blocks)
+            pairs, told = emit_into(blocks[0], blocks[1], layer)
+            self.pairs_created += pairs
+            text += told
         layer.record(node, "create", blocks[0], detail=text)
         return layer.feedback(blocks[0])
 
-    def _emit(self, node: str, halves: Sequence[Block]) -> str:
-        """Make new pairs what the node's source emits; return what that is, for the log."""
-        layer, source = self._layer, self._layer.devices.of(node).source
-        first, count = halves[0], halves[0].register.size
-        emission = emit(source, Chance(layer.draws, first.name, "source", count))
-        told = ""
-        if emission.paulis is not None:
-            layer.sabot.pauli(first.register, emission.paulis)
-            told += f": {tally(emission.paulis, BELL_STATES)}"
-        for half in halves:
-            half.source_rate_hz = source.max_rate_hz
-            half.pulses.exact = emission.exact
-            if emission.delays_ps is not None:
-                half.pulses.delays_ps = emission.delays_ps.copy()
-            if emission.pairs is not None:
-                layer.sabot.lose(half.register, emission.pairs == 0)
-                half.pulses.extras = further(emission.pairs)
-        if emission.pairs is None:
-            self.pairs_created += count
-        else:
-            self.pairs_created += int(emission.pairs.sum(dtype=np.int64))
-            told += f", in pulses: {tally(np.minimum(emission.pairs, 3), PAIRS)}"
-        return told
-
     def apply(self, node: str, name: BlockName, paulis: bytes, gates: Sequence[Gate]) -> Feedback:
-        """Apply a Pauli to each photon, then Clifford gates to all of them."""
+        """Apply a Pauli to each photon, then gates to all of them."""
         layer = self._layer
         block = layer.ownership.require(name, node)
         planned = self._plan(node, block, gates)
-        details: list[str] = [gate for gate, _target in planned]
+        details = [gate.detail for gate in planned]
         values = limits.packed("paulis", paulis, block.register.size, 3) if paulis else None
-        for used in {block: None} | {target: None for _gate, target in planned if target}:
-            layer.take_up(used)
+        layer.sabot.require_room(block.register, [gate.step for gate in planned])
+        layer.take_up(block, *(gate.target for gate in planned if gate.target is not None))
         if values is not None:
             layer.sabot.pauli(block.register, values)
             drift.reflect(block.pulses, values)
             details.insert(0, tally(values, PAULIS))
-        for gate, target in planned:
-            self._twirl(gate, block, target)
-            layer.sabot.gate(gate, block.register, target.register if target else None)
+        for gate in planned:
+            for turned in gate.turned(block):
+                drift.twirl(turned, layer.sabot, layer.draws)
+            step = gate.step
+            layer.sabot.gate(step.name, block.register, step.target, step.angle_rad)
+            gate.spread_approximation(block)
         layer.record(node, "apply", block, detail=" ".join(details))
         return layer.feedback(block)
-
-    def measure(self, node: str, name: BlockName, basis: int, bases: bytes) -> Feedback:
-        """Measure and use up every photon, each in its basis."""
-        layer = self._layer
-        block = layer.ownership.require(name, node)
-        size = block.register.size
-        if basis not in MeasureRequest.Basis.values():
-            raise invalid(f"basis {basis} is unknown; use Z, X or Y")
-        values = np.full(size, basis, np.uint8)
-        if bases:
-            values = limits.packed("bases", bases, size, 2)
-        layer.take_up(block)
-        if values.any():  # Z does not see the angles
-            drift.twirl(block, layer.sabot, layer.draws)
-        feedback = layer.feedback(block)
-        bits = layer.sabot.measure(block.register, values, self._draws(block))
-        layer.ownership.remove(block)
-        chance = Chance(layer.draws, block.name, f"detectors of {node}", size)
-        found = layer.devices.detectors(node, "measure").detect(
-            bits, block.pulses.extras, _train(block), chance
-        )
-        told = f"{tally(values, BASES)}: {tally(found.bits, ('0', '1'))}"
-        layer.record(node, "measure", block, detail=told + _listed(found.incidents()))
-        feedback.clicks, feedback.outcomes = found.clicks, found.bits.tobytes()
-        return feedback
-
-    def bell_measure(self, node: str, names: tuple[BlockName, BlockName]) -> Feedback:
-        """Measure and use up pairs of photons, in the Bell basis."""
-        layer = self._layer
-        first, second = pair = self._pair(node, names)
-        for block in pair:
-            layer.take_up(block)
-        halves = _half(first), _half(second)
-        states = layer.sabot.bell_measure(
-            first.register, second.register, (self._draws(first), self._draws(second))
-        )
-        drift.twirl_pairs(first, second, states, layer.draws)
-        chance = Chance(layer.draws, first.name, f"analyser of {node}", len(states))
-        found = self._analyser(node).analyse(states, halves, chance)
-        for block in pair:
-            layer.ownership.remove(block)
-        feedback = layer.feedback(first)
-        feedback.first_ns = min(first.first_ns, second.first_ns)
-        feedback.last_ns = max(first.last_ns, second.last_ns)
-        feedback.exact = first.pulses.exact and second.pulses.exact
-        feedback.clicks = found.clicks
-        feedback.coincidences = int(np.count_nonzero(found.outcomes != NO_CLICK))
-        told = f"with {second.name.number}/{second.name.half}: {tally(found.outcomes, BELL_STATES)}"
-        layer.record(node, "bell-measure", first, detail=told + _listed(found.incidents))
-        feedback.outcomes = found.outcomes.tobytes()
-        return feedback
 
     def store(self, node: str, name: BlockName) -> Feedback:
         """Keep a block in the node's memory."""
@@ -184,33 +140,13 @@ class Operations:
         return self._discard(self._layer.ownership.of_session(node, session))
 
     def _discard(self, blocks: list[Block]) -> Feedback:
+        photons = sum(block.register.size for block in blocks)
+        feedback = Feedback(time_ns=self._layer.clock.now_ns(), photons=photons)
+        self._layer.mark(feedback, blocks)
         for block in blocks:
             self._layer.drop(block)
             self._layer.record(block.node, "discard", block, port=block.port)
-        photons = sum(block.register.size for block in blocks)
-        return Feedback(time_ns=self._layer.clock.now_ns(), photons=photons)
-
-    def _pair(self, node: str, names: tuple[BlockName, BlockName]) -> tuple[Block, Block]:
-        first, second = (self._layer.ownership.require(name, node) for name in names)
-        _require_pairs(first, second)
-        return first, second
-
-    def _analyser(self, node: str) -> Analyser:
-        devices = self._layer.devices
-        arms = devices.detectors(node, "phase"), devices.detectors(node, "parity")
-        return Analyser(devices.of(node), arms)
-
-    def _twirl(self, gate: str, block: Block, target: Block | None) -> None:
-        """Turn angles into Paulis before a gate that does not commute with them."""
-        if gate in COMMUTE_WITH_Z:
-            return
-        if gate != "CX":
-            drift.twirl(block, self._layer.sabot, self._layer.draws)
-        elif target is not None:
-            drift.twirl(target, self._layer.sabot, self._layer.draws)
-
-    def _draws(self, block: Block) -> PhotonDraws:
-        return self._layer.draws.photons(block.name, "measure", block.register.size)
+        return feedback
 
     def _require_room(self, names: list[BlockName], count: int) -> None:
         """Refuse a block that would be too large or has a name that is taken."""
@@ -240,14 +176,16 @@ class Operations:
     def _plan_gate(self, node: str, block: Block, gate: Gate) -> PlannedGate:
         if gate.name not in GATES:
             raise invalid(f"gate {gate.name} is unknown; use {', '.join(GATES.values())}")
-        if gate.name not in (Gate.CX, Gate.CZ):
-            return GATES[gate.name], None
+        name = GATES[gate.name]
+        limits.require_angle(name, gate.angle_rad)
+        if name not in TWO_QUBIT_GATES:
+            return PlannedGate(name, None, gate.angle_rad)
         target = self._layer.ownership.require(block_name(gate.target), node)
-        _require_pairs(block, target)
-        return GATES[gate.name], target
+        require_pairs(block, target)
+        return PlannedGate(name, target)
 
 
-def _require_pairs(first: Block, second: Block) -> None:
+def require_pairs(first: Block, second: Block) -> None:
     if first is second:
         raise invalid(f"{first.name} is named twice; name two different blocks")
     if first.register.size != second.register.size:
@@ -255,18 +193,3 @@ def _require_pairs(first: Block, second: Block) -> None:
             f"{first.name} has {first.register.size} photons and {second.name} "
             f"{second.register.size}; their photons must pair up"
         )
-
-
-def _train(block: Block) -> Train:
-    return Train(block.start_ns, block.interval_ns, block.register.size)
-
-
-def _half(block: Block) -> Half:
-    pulses = block.pulses
-    return Half(block.register.present, pulses.extras, pulses.delays_ps, _train(block))
-
-
-def _listed(incidents: dict[str, int]) -> str:
-    if not incidents:
-        return ""
-    return "; " + " ".join(f"{name}={count}" for name, count in incidents.items())

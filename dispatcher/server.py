@@ -18,9 +18,9 @@ from dispatcher.layer import PhysicalLayer
 from dispatcher.memory import Memories
 from dispatcher.network import Network
 from dispatcher.ownership import Ownership
+from dispatcher.sabot.backends import BACKENDS
 from dispatcher.sabot.draws import Draws
 from dispatcher.sabot.manager import Sabot
-from dispatcher.sabot.tableau import Tableau
 from dispatcher.service import Failed, Service
 from wire.config import BadConfig, DispatcherConfig
 from wire.dispatcher_pb2_grpc import add_DispatcherServicer_to_server
@@ -37,10 +37,10 @@ def build_layer(config: DispatcherConfig, clock: Clock, event_log: TextIO | None
 
     Raise BadConfig or BadParameter for what cannot be.
     """
-    sabot, draws, devices = Sabot(Tableau), Draws(config.seed), Devices(config.devices)
-    unknown = config.devices.keys() - config.tokens.keys()
-    if unknown:
+    devices = Devices(config.devices)
+    if unknown := config.devices.keys() - config.tokens.keys():
         raise BadConfig(f"devices of {', '.join(sorted(unknown))}: there are no such hosts")
+    sabot, draws = Sabot(BACKENDS[config.backend]), Draws(config.seed)
     return PhysicalLayer(
         clock=clock,
         sabot=sabot,

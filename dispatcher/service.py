@@ -13,9 +13,11 @@ from dispatcher.acts import acts
 from dispatcher.adjustment import adjust
 from dispatcher.callers import Callers
 from dispatcher.layer import PhysicalLayer
+from dispatcher.measurements import Measurements
 from dispatcher.operations import Operations
 from dispatcher.orders import Orders
-from dispatcher.refusal import Refusal
+from dispatcher.refusal import Refusal, exhausted
+from dispatcher.sabot.dense import TooLarge
 from dispatcher.switching import Switching
 from dispatcher.transport import Transport
 from wire import dispatcher_pb2 as messages
@@ -59,7 +61,7 @@ class Service(DispatcherServicer):
         self.transport = Transport(layer, failed)
         self.switching = Switching(layer)
         self._operations = Operations(layer)
-        self._acts = acts(self._operations, self.transport)
+        self._acts = acts(self._operations, Measurements(layer), self.transport)
 
     @call
     async def Create(
@@ -127,7 +129,10 @@ class Service(DispatcherServicer):
 
     async def _act(self, node: str, kind: str, request: Any) -> messages.Feedback:
         self.callers.require_host(node)
-        return await self._acts[kind](node, request)
+        try:
+            return await self._acts[kind](node, request)
+        except TooLarge as error:
+            raise exhausted(str(error)) from error
 
     @call
     async def CrossConnect(
@@ -213,6 +218,7 @@ class Service(DispatcherServicer):
             photons_lost=self.layer.photons_lost,
             events=self.layer.history.count,
             backend=self.layer.sabot.backend,
+            exact=self.layer.exact,
         )
 
     @call

@@ -47,8 +47,7 @@ class Transport:
         limits.require_rate(rate_hz, max(block.register.size for block in blocks))
         for block in blocks:
             limits.require_source_rate(block, rate_hz)
-        for block in blocks:
-            layer.take_up(block)
+        layer.take_up(*blocks)
         start_ns = layer.clock.now_ns()
         departures = [
             Departure(start_ns, Pattern(1e9 / rate_hz, block.register.size), frequency_mhz)
@@ -57,12 +56,13 @@ class Transport:
         flights = [self._launch(*way) for way in zip(blocks, ends, departures, strict=True)]
         # A caller that goes away cancels this wait; its photons fly on.
         await asyncio.wait(flights)
-        return Feedback(
+        feedback = Feedback(
             time_ns=layer.clock.now_ns(),
             photons=sum(departure.pattern.photons for departure in departures),
             first_ns=start_ns,
             last_ns=max(departure.last_ns for departure in departures),
         )
+        return layer.mark(feedback, blocks)
 
     async def receive(self, node: str, name: BlockName, port: str, timeout_s: float) -> Feedback:
         """Wait for a block at a port of the node and take it from there."""
