@@ -54,12 +54,13 @@ def thin(
     """Let each further photon of the members' pulses through with this probability."""
     if pulses.extras is None:
         return
-    there = np.flatnonzero(pulses.extras)
-    there = there[members[there]]
+    there = np.flatnonzero((pulses.extras > 0) & members)
+    owners = np.repeat(there, pulses.extras[there])
     if isinstance(transmission, np.ndarray):
-        transmission = transmission[there]
+        transmission = transmission[owners]
+    lost = owners[chance.generator(purpose).random(owners.size) >= transmission]
     extras = pulses.extras.copy()
-    extras[there] = chance.generator(purpose).binomial(extras[there], transmission)
+    np.subtract.at(extras, lost, np.uint8(1))
     pulses.extras = extras
 
 

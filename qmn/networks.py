@@ -9,11 +9,14 @@ from typing import Any
 
 from mininet.topo import Topo
 
+from dispatcher import fiber_noise
 from topologies.chain import ChainTopo
+from topologies.fabric import fiber_of
+from topologies.fiber import resolved
 from topologies.leaf_spine import LeafSpineTopo
 from topologies.ring import RingTopo
 from topologies.sdc import SdcTopo
-from wire.fiber import FiberOptics
+from wire.fiber import FiberOptics, optics
 
 TOPOLOGIES: dict[str, tuple[Callable[..., Topo], str]] = {
     "sdc": (SdcTopo, "one quantum switch"),
@@ -49,9 +52,16 @@ def topology(arguments: argparse.Namespace) -> Callable[[], Topo]:
     )
     try:
         build()
+        # So that a noise model of the user's own is refused here, and not by the dispatcher.
+        fiber_noise.models(resolved(every_fiber(arguments)))
     except ValueError as error:
         raise BadTopology(str(error)) from error
     return build
+
+
+def every_fiber(arguments: argparse.Namespace) -> FiberOptics:
+    """Return the optics that all fibres have."""
+    return optics("every fibre", **fiber_of(arguments.preset, fiber_parameters(arguments)))
 
 
 def fiber_parameters(arguments: argparse.Namespace) -> dict[str, Any]:

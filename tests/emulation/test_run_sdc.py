@@ -1,16 +1,18 @@
 """`qmn run sdc` from outside, over the real components."""
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import qmn
+from conftest import ROOT, qmn
 from scapy.layers.inet import IP, TCP
 from scapy.utils import PcapReader
 
 from wire.metadata import METADATA_PORT, SETUP_LENGTH, MalformedPacket, Setup, Verdict, decode
 
+README = Path(ROOT) / "README.md"
 RESULT_KEYS = {
     "topology",
     "mode",
@@ -31,6 +33,7 @@ RESULT_KEYS = {
     "packet_in_count",
     "captures",
     "backend",
+    "exact",
 }
 
 
@@ -56,7 +59,7 @@ def test_bob_holds_exactly_what_alice_sent(tmp_path: Path, controller: str, hand
     assert (result["controller"], result["handshake"]) == (controller, handshake)
     assert (result["bell_pairs"], result["lost_pairs"]) == (4 * len(message), 0)
     assert result["symbol_error_rate"] == 0.0
-    assert result["backend"] == "chp"
+    assert (result["backend"], result["exact"]) == ("chp", True)
     set_ups = {"framed": 1, "per-pair": 4 * len(message)}[handshake]
     assert result["path_setup_ms"]["n"] == set_ups
 
@@ -75,6 +78,29 @@ def test_an_empty_file_arrives(tmp_path: Path) -> None:
     result = run(tmp_path, "--file", str(file))
     assert (result["message_bytes"], result["bell_pairs"]) == (0, 0)
     assert (tmp_path / "latest" / "received").read_bytes() == b""
+
+
+def test_the_experiment_of_2017_has_its_symbol_errors(tmp_path: Path) -> None:
+    result = run(tmp_path, "--preset", "fiber-2017", "--frame-bytes", "8")
+    pairs, expected = result["bell_pairs"], 0.75 * 0.0598
+    errors = result["symbol_errors"]
+    assert abs(errors - pairs * expected) < 5 * (pairs * expected * (1 - expected)) ** 0.5
+    assert result["lost_pairs"] == 0
+
+
+def test_a_noise_model_of_the_user_s_own_acts_on_every_fibre(tmp_path: Path) -> None:
+    (code,) = re.findall(r"```python\n(# my_noise\.py\n.*?)```", README.read_text(), re.DOTALL)
+    (tmp_path / "my_noise.py").write_text(code)
+    noise = f"noise={tmp_path / 'my_noise.py'}:Flicker"
+    parameters = 'noise_parameters={"flip": 0.005, "switched": 0}'
+    arguments = ["--fiber", noise, "--fiber", parameters, "--frame-bytes", "8"]
+    result = run(tmp_path, *arguments, "--message", "flicker " * 100)
+    pairs = result["bell_pairs"]
+    # Six fibres that flip: an odd number of times with (1 - .99^6) / 2.
+    expected = (1 - 0.99**6) / 2
+    errors = result["symbol_errors"]
+    assert abs(errors - pairs * expected) < 5 * (pairs * expected * (1 - expected)) ** 0.5
+    assert result["optics"]["noise_parameters"] == {"flip": 0.005, "switched": 0}
 
 
 def test_losses_and_errors_are_repaired_and_counted(tmp_path: Path) -> None:
@@ -133,6 +159,16 @@ def test_the_event_log_is_on_the_clock_of_the_captures(tmp_path: Path) -> None:
 
     moment = datetime.fromisoformat(measured[0][:26] + "+00:00").timestamp()
     assert times[0] < moment < times[-1]
+
+
+def test_every_backend_gives_the_same_losses_and_errors(tmp_path: Path) -> None:
+    options = ["--message", "x" * 500, "--loss-db-per-km", "50", "--depolarizing", "0.0005"]
+    options += ["--frame-bytes", "32"]
+    results = [run(tmp_path, *options, "--backend", name) for name in ("chp", "stim", "dense")]
+    assert [result["backend"] for result in results] == ["chp", "stim", "dense"]
+    assert results[0]["lost_pairs"] > 0
+    for name in ("lost_pairs", "symbol_error_rate", "repeated_frames", "exact"):
+        assert len({result[name] for result in results}) == 1
 
 
 def test_the_same_seed_gives_the_same_losses(tmp_path: Path) -> None:
