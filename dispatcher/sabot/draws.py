@@ -69,14 +69,14 @@ class Draws:
 
     def bits(self, key: Key, purpose: str, count: int) -> Bytes:
         """Return a fair bit for each of the first `count` photons of a block."""
-        packed = np.frombuffer(self._generator(key, purpose).bytes((count + 7) // 8), np.uint8)
+        packed = np.frombuffer(self.generator(key, purpose).bytes((count + 7) // 8), np.uint8)
         return np.unpackbits(packed, count=count, bitorder="little")
 
     def uniform(self, key: Key, purpose: str, count: int) -> Uniform:
         """Return a number from [0, 1) for each of the first `count` photons of a block."""
-        return self._generator(key, purpose).random(count)
+        return self.generator(key, purpose).random(count)
 
-    def _generator(self, key: Key, purpose: str) -> np.random.Generator:
+    def generator(self, key: Key, purpose: str) -> np.random.Generator:
         """Return a counter-based generator (Philox, Salmon et al. 2011) for the purpose."""
         identity = repr((self._seed, *key, purpose)).encode()
         digest = blake2b(identity, digest_size=16).digest()
