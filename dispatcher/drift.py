@@ -22,11 +22,8 @@ def reflect(pulses: Pulses, paulis: NDArray[np.uint8]) -> None:
     """Bring Paulis, shape (k,), in before the angles: X R(angle) = R(-angle) X."""
     if pulses.angles_rad is None:
         return
-    flipped = (paulis & FLIPS_BIT).view(np.bool_)
-    if flipped.any():
-        pulses.angles_rad = np.negative(
-            pulses.angles_rad, where=flipped, out=pulses.angles_rad.copy()
-        )
+    if (paulis & FLIPS_BIT).any():
+        pulses.angles_rad = _turned(pulses.angles_rad, paulis)
 
 
 def twirl(block: Block, sabot: Sabot, draws: Draws) -> None:
@@ -47,8 +44,7 @@ def twirl_pairs(first: Block, second: Block, outcomes: NDArray[np.uint8], draws:
     if pair[0] is None and pair[1] is None:
         return
     one, other = (np.zeros(len(outcomes)) if angles is None else angles for angles in pair)
-    signs = np.where(outcomes & FLIPS_BIT, -1.0, 1.0)
-    flips = _flips(first, one + signs * other, draws)
+    flips = _flips(first, one + _turned(other, outcomes), draws)
     np.bitwise_xor(outcomes, flips, out=outcomes, where=outcomes != NO_CLICK)
     _forget(first)
     _forget(second)
@@ -60,6 +56,12 @@ def _flips(block: Block, angles_rad: NDArray[np.float64], draws: Draws) -> NDArr
     drawn = draws.uniform(block.name, purpose, block.register.size)
     amplitudes = np.sin((angles_rad / 2).astype(np.float32))  # a tenth of the time of float64
     return (drawn < amplitudes * amplitudes) * FLIPS_PHASE
+
+
+def _turned(angles_rad: NDArray[np.float64], flips: NDArray[np.uint8]) -> NDArray[np.float64]:
+    """Negate those angles whose flips are odd, by their sign bits: a tenth of the time of where."""
+    signs = flips.astype(np.uint64) << np.uint64(63)
+    return (angles_rad.view(np.uint64) ^ signs).view(np.float64)
 
 
 def _forget(block: Block) -> None:
