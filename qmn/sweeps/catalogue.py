@@ -1,0 +1,22 @@
+"""The experiments that there are, by name."""
+
+import asyncio
+
+from qmn.sweeps.experiment import Experiment
+from qmn.sweeps.parameters import Values
+from qmn.sweeps.seeds import point_seed
+from qmn.sweeps.superdense import SUPERDENSE
+from qmn.sweeps.teleportation import SWAP, TELEPORT
+
+EXPERIMENTS: dict[str, Experiment] = {each.name: each for each in (SUPERDENSE, TELEPORT, SWAP)}
+
+
+def measure(name: str, values: Values, seed: int) -> dict[str, tuple[float, float]]:
+    """Run an experiment at one point; return value and standard error of each measure.
+
+    What happens depends on the experiment, the values and the seed, and on nothing else: not
+    on the machine, nor on which points were measured before. This is what workers are asked.
+    """
+    experiment = EXPERIMENTS[name]
+    outcome = asyncio.run(experiment.run(values, point_seed(name, values, seed)))
+    return {key: (estimate.value, estimate.error) for key, estimate in outcome.items()}

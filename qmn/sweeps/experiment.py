@@ -1,0 +1,61 @@
+"""What is measured at each point of a grid."""
+
+from collections.abc import Awaitable, Callable, Collection
+from dataclasses import dataclass
+
+from qmn.sweeps.estimates import Estimate
+from qmn.sweeps.parameters import BadGrid, Parameter, Value, Values
+
+Outcome = dict[str, Estimate]
+
+
+@dataclass(frozen=True)
+class Measure:
+    """One measured number: its axis label with unit, and what theory says of it, if anything."""
+
+    name: str
+    label: str
+    theory: Callable[[Values], float | None] = lambda _values: None
+    logarithmic: bool = False
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A measurement on the physical layer, repeatable by its seed."""
+
+    name: str
+    what: str
+    parameters: tuple[Parameter, ...]
+    measures: tuple[Measure, ...]
+    run: Callable[[Values, int], Awaitable[Outcome]]
+
+    def parameter(self, name: str) -> Parameter:
+        """Return a parameter; raise BadGrid for one that the experiment does not have."""
+        for parameter in self.parameters:
+            if parameter.name == name:
+                return parameter
+        names = ", ".join(parameter.name for parameter in self.parameters)
+        raise BadGrid(f"{name} is no parameter of {self.name}: choose {names}")
+
+    def measure(self, name: str) -> Measure:
+        """Return a measure by its name."""
+        return next(measure for measure in self.measures if measure.name == name)
+
+    def defaults(self) -> Values:
+        """Return the value of each parameter that is not given."""
+        return {parameter.name: parameter.default for parameter in self.parameters}
+
+    def is_default(self, values: Values, but: Collection[str]) -> bool:
+        """Return whether all parameters have their defaults, but for those named."""
+        return all(values[p.name] == p.default for p in self.parameters if p.name not in but)
+
+
+def number(values: Values, name: str) -> float:
+    """Return a parameter that is a number."""
+    value: Value = values[name]
+    return float(value)
+
+
+def pairs_parameter(default: int = 200_000) -> Parameter:
+    """Return the parameter that says how many pairs are measured at a point."""
+    return Parameter("pairs", default, 1_000, 100_000_000)
