@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
-from wire.physics import Device
+from wire.physics import ANALYSERS, Device
 
 DISPATCHER_PORT = 50051
 CONTENTION = ("refuse", "queue")
@@ -141,6 +141,11 @@ class HostConfig(Config):
     seed: int
     report_to: str = ""  # address that the node agent reports to (the subnet's broadcast)
     device_key: str = ""  # that the node agent shares with the controller; empty: no node agent
+    analyser: str = "complete"  # or "linear": its Bell analyser (wire.physics.BellAnalyser.kind)
+
+    def __post_init__(self) -> None:
+        if self.analyser not in ANALYSERS:
+            raise ValueError(f"analyser {self.analyser!r}: choose one of {', '.join(ANALYSERS)}")
 
 
 @dataclass(frozen=True)

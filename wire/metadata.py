@@ -85,6 +85,16 @@ class Pauli(IntEnum):
     XZ = 3
 
 
+class Fec(IntEnum):
+    """Error-correction codes of a session (hosts/middleware/coding)."""
+
+    NONE = 0
+    REPETITION = 1  # (3,1)
+    HAMMING = 2  # (7,4)
+    GOLAY = 3  # (23,12)
+    REED_SOLOMON = 4  # (255,223) over bytes, shortened
+
+
 PAPER_ENCODING = 0b11_10_01_00  # symbol s is sent as Pauli (encoding >> 2s) & 3: table 1
 
 
