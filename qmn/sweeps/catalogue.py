@@ -2,7 +2,7 @@
 
 import asyncio
 
-from qmn.sweeps.experiment import Experiment
+from qmn.sweeps.experiment import Experiment, Outcome
 from qmn.sweeps.parameters import Values
 from qmn.sweeps.seeds import point_seed
 from qmn.sweeps.superdense import SUPERDENSE
@@ -17,6 +17,7 @@ def measure(name: str, values: Values, seed: int) -> dict[str, tuple[float, floa
     What happens depends on the experiment, the values and the seed, and on nothing else: not
     on the machine, nor on which points were measured before. This is what workers are asked.
     """
-    experiment = EXPERIMENTS[name]
-    outcome = asyncio.run(experiment.run(values, point_seed(name, values, seed)))
+    run = EXPERIMENTS[name].run
+    assert run is not None  # all of these can
+    outcome: Outcome = asyncio.run(run(values, point_seed(name, values, seed)))
     return {key: (estimate.value, estimate.error) for key, estimate in outcome.items()}

@@ -12,7 +12,8 @@ from tempfile import TemporaryDirectory
 
 from distributed import Client, Future, LocalCluster, Security
 
-from qmn.sweeps.catalogue import measure
+from qmn.sweeps.catalogue import EXPERIMENTS, measure
+from qmn.sweeps.experiment import SweepError
 from qmn.sweeps.parameters import Values
 
 POLL_S = 0.1
@@ -21,10 +22,6 @@ NO_WORKER_TIMEOUT_S = 30.0
 LOG_LEVEL = 50  # critical: what concerns the user is raised
 
 Measured = dict[str, tuple[float, float]]
-
-
-class SweepError(Exception):
-    """The points cannot be measured; the text names cause and remedy."""
 
 
 @contextmanager
@@ -69,7 +66,7 @@ def measured(
     check: Callable[[], None],
 ) -> Iterator[tuple[Values, Measured]]:
     """Yield points as they are measured; `check` is called often and may raise."""
-    done: queue.SimpleQueue[Future] = queue.SimpleQueue()
+    done: queue.SimpleQueue[Future[Measured]] = queue.SimpleQueue()
     futures = {client.submit(measure, name, values, seed, pure=False): values for values in points}
     try:
         for future in futures:
@@ -85,12 +82,12 @@ def measured(
                 continue
             left -= 1
             values = futures[future]
-            yield values, _result(future, values)
+            yield values, _result(future, EXPERIMENTS[name].place(values))
     finally:
         client.cancel(list(futures), force=True)
 
 
-def _result(future: Future, values: Values) -> Measured:
+def _result(future: Future[Measured], place: str) -> Measured:
     if future.status == "finished":
         result: Measured = future.result()
         return result
@@ -102,7 +99,7 @@ def _result(future: Future, values: Values) -> Measured:
             f"a Dask worker cannot import {error.name}: start workers where qmn is, "
             "with its environment"
         ) from error
-    raise SweepError(f"the point {values} failed: {type(error).__name__}: {error}") from error
+    raise SweepError(f"{place} failed: {type(error).__name__}: {error}") from error
 
 
 class _Workers:

@@ -52,10 +52,11 @@ def mean(values: Sequence[float], counts: Sequence[int]) -> Estimate:
     return Estimate(value, max(math.sqrt(variance / total), least))
 
 
-def ratio(parts: ArrayLike, wholes: ArrayLike) -> Estimate:
+def ratio(parts: ArrayLike, wholes: ArrayLike, clump: int = 1) -> Estimate:
     """Return sum(parts) / sum(wholes) over independent batches, with the error between them.
 
-    It is never below that of one event more.
+    It is never below 1 / sum(wholes). Where nothing was counted it is that of one event, which
+    may count up to `clump` at once.
     """
     part, whole = np.asarray(parts, np.float64), np.asarray(wholes, np.float64)
     total = whole.sum()
@@ -64,7 +65,8 @@ def ratio(parts: ArrayLike, wholes: ArrayLike) -> Estimate:
     value = float(part.sum() / total)
     batches = len(part)
     residue = ((part - value * whole) ** 2).sum() * batches / max(batches - 1, 1)
-    return Estimate(value, max(math.sqrt(residue), 1.0) / float(total))
+    least = 1 if value else clump
+    return Estimate(value, max(math.sqrt(residue), least) / float(total))
 
 
 def information(counts: Sequence[int]) -> Estimate:

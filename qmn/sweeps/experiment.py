@@ -1,12 +1,16 @@
 """What is measured at each point of a grid."""
 
-from collections.abc import Awaitable, Callable, Collection
+from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
 
 from qmn.sweeps.estimates import Estimate
 from qmn.sweeps.parameters import BadGrid, Parameter, Value, Values
 
 Outcome = dict[str, Estimate]
+
+
+class SweepError(Exception):
+    """Points cannot be measured; the text names cause and remedy."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +31,8 @@ class Experiment:
     what: str
     parameters: tuple[Parameter, ...]
     measures: tuple[Measure, ...]
-    run: Callable[[Values, int], Awaitable[Outcome]]
+    # On the physical layer alone; None: only in an emulated network.
+    run: Callable[[Values, int], Coroutine[None, None, Outcome]] | None = None
 
     def parameter(self, name: str) -> Parameter:
         """Return a parameter; raise BadGrid for one that the experiment does not have."""
@@ -45,9 +50,11 @@ class Experiment:
         """Return the value of each parameter that is not given."""
         return {parameter.name: parameter.default for parameter in self.parameters}
 
-    def is_default(self, values: Values, but: Collection[str]) -> bool:
-        """Return whether all parameters have their defaults, but for those named."""
-        return all(values[p.name] == p.default for p in self.parameters if p.name not in but)
+    def place(self, values: Values) -> str:
+        """Name a point by the parameters that are not at their defaults."""
+        changed = (each.name for each in self.parameters if values[each.name] != each.default)
+        words = ", ".join(f"{name} {values[name]}" for name in changed)
+        return f"{self.name} at {words or 'its defaults'}"
 
 
 def number(values: Values, name: str) -> float:

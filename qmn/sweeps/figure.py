@@ -7,6 +7,7 @@ from pathlib import Path
 import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from qmn.sweeps.estimates import Estimate
 from qmn.sweeps.experiment import Measure
@@ -15,6 +16,8 @@ from qmn.sweeps.parameters import Parameter, Value, Values
 LINE_POINTS = 200
 MAX_SERIES = 12
 MARKERS = "osD^vP*X<>hd"
+LEGEND_INSIDE = 6
+LINE_WIDTH = 1.2
 SIZE_INCHES = (7.2, 4.6)
 DOTS_PER_INCH = 150
 
@@ -48,8 +51,10 @@ def draw(picture: Picture, file: Path) -> None:
     mpl.rcParams.update({"font.size": 10, "axes.grid": True, "grid.alpha": 0.3})
     figure = Figure(figsize=SIZE_INCHES, layout="constrained")
     axes = figure.add_subplot()
-    for number, (label, points) in enumerate(picture.series):
+    lines = [
         _draw_series(axes, picture, number, label, points)
+        for number, (label, points) in enumerate(picture.series)
+    ]
     for mark in picture.marks:
         axes.errorbar(
             mark.x, mark.y, mark.error, fmt="k*", markersize=12, capsize=3, label=mark.label
@@ -59,46 +64,44 @@ def draw(picture: Picture, file: Path) -> None:
     axes.set_ylabel(picture.measure.label)
     _scale(axes, picture)
     handles, _labels = axes.get_legend_handles_labels()
-    if len(handles) > 6:
-        figure.legend(loc="outside right upper", fontsize="small")
+    if any(lines):
+        handles.append(Line2D([], [], color="0.4", linewidth=LINE_WIDTH, label="theory"))
+    if len(handles) > LEGEND_INSIDE:
+        figure.legend(handles=handles, loc="outside right upper", fontsize="small")
     else:
-        axes.legend(fontsize="small")
+        axes.legend(handles=handles, fontsize="small")
     figure.savefig(file, dpi=DOTS_PER_INCH)
 
 
 def _draw_series(
     axes: Axes, picture: Picture, number: int, label: str, points: list[Point]
-) -> None:
-    points = sorted(points, key=lambda point: str(point[0][picture.x.name]))
+) -> bool:
+    """Draw measured points and the line of theory; return whether there is a line."""
+    name = picture.x.name
     if not picture.x.choices:
-        points.sort(key=lambda point: float(point[0][picture.x.name]))
-    xs = [point[0][picture.x.name] for point in points]
-    values = [estimate.value for _values, estimate in points]
-    errors = [estimate.error for _values, estimate in points]
+        points = sorted(points, key=lambda point: float(point[0][name]))
     colour = f"C{number}"
+    line = _theory(picture, points)
+    if line:
+        axes.plot(*line, color=colour, linewidth=LINE_WIDTH, zorder=1)
+    # A logarithmic scale has no place for what was never seen.
+    seen = [point for point in points if point[1].value > 0 or not picture.measure.logarithmic]
     axes.errorbar(
-        xs,
-        values,
-        errors,
+        [values[name] for values, _estimate in seen],
+        [estimate.value for _values, estimate in seen],
+        [estimate.error for _values, estimate in seen],
         fmt=MARKERS[number % len(MARKERS)],
         color=colour,
         markersize=5,
         capsize=3,
         label=label or "measured",
     )
-    line = _theory(picture, points, xs)
-    if line:
-        name = f"theory, {label}" if label and len(picture.series) == 1 else "theory"
-        # One entry in the legend for all lines.
-        shown = name if number == 0 else "_" + name
-        style = "-" if not picture.x.choices else ":"
-        axes.plot(*line, style, color=colour, linewidth=1.2, label=shown, zorder=1)
+    return line is not None
 
 
-def _theory(
-    picture: Picture, points: list[Point], xs: Sequence[Value]
-) -> tuple[list[Value], list[float]] | None:
+def _theory(picture: Picture, points: list[Point]) -> tuple[list[Value], list[float]] | None:
     """Return the line of theory, None if there is none for all of it."""
+    xs = [values[picture.x.name] for values, _estimate in points]
     theory: Callable[[Values], float | None] = picture.measure.theory
     others = points[0][0]
     places = list(xs) if picture.x.choices else _dense(picture, xs)
@@ -133,5 +136,7 @@ def _scale(axes: Axes, picture: Picture) -> None:
         numbers = [float(values[picture.x.name]) for values, _estimate in points]
         if _spans_decades(numbers):
             axes.set_xscale("log")
-    if picture.measure.logarithmic and any(estimate.value > 0 for _values, estimate in points):
+    seen = [estimate.value for _values, estimate in points if estimate.value > 0]
+    if picture.measure.logarithmic and seen:
         axes.set_yscale("log")
+        axes.set_ylim(bottom=min(seen) / 3)

@@ -2,13 +2,13 @@
 
 import math
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import Any
 
-from qmn.sweeps.experiment import Experiment
+from qmn.sweeps.experiment import Experiment, Outcome
 from qmn.sweeps.parameters import BadGrid, Value, Values
 
 MAX_POINTS = 10_000
@@ -38,6 +38,11 @@ class Grid:
     def varied(self) -> list[str]:
         """The parameters that have more than one value."""
         return [name for name, axis in self.axes.items() if len(axis) > 1]
+
+
+Row = tuple[Values, Outcome]
+# Measures points of a grid with a seed, in any order.
+Measurer = Callable[[Grid, Sequence[Values], int], Iterator[Row]]
 
 
 def build(experiment: Experiment, given: Mapping[str, object]) -> Grid:

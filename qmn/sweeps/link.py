@@ -19,6 +19,7 @@ LENGTH_KM = 0.01
 LENGTH = Parameter("length_km", LENGTH_KM, 0.0, 2_000.0, "km")
 LOSS = Parameter("loss_db_per_km", 0.0, 0.0, 1_000.0, "dB/km")
 DEPOLARIZING = Parameter("depolarizing", 0.0)
+NOISE = (DEPOLARIZING, LOSS)
 PARTS = {"source_": PairSource(), "detectors_": Detectors(), "analyser_": BellAnalyser()}
 DEVICES = tuple(each for prefix, part in PARTS.items() for each in of_dataclass(prefix, part))
 LINK = (DEPOLARIZING, LENGTH, LOSS, *DEVICES)
@@ -27,11 +28,8 @@ LINK = (DEPOLARIZING, LENGTH, LOSS, *DEVICES)
 def link(values: Values, seed: int) -> Laboratory:
     """Return a laboratory with this link; parameters that values lack are at their defaults."""
     length_km = float(values.get("length_km", LENGTH_KM))
-    given = {
-        "loss_db_per_km": float(values.get("loss_db_per_km", 0.0)),
-        "depolarizing": float(values.get("depolarizing", 0.0)),
-    }
-    fibers = [fiber(*TESTED, length_km, **given), fiber(*PLAIN, length_km)]
+    noise: dict[str, Any] = {each.name: values.get(each.name, each.default) for each in NOISE}
+    fibers = [fiber(*TESTED, length_km=length_km, **noise), fiber(*PLAIN, length_km=length_km)]
     return Laboratory(configuration(seed, fibers, dict.fromkeys(("alice", "bob"), device(values))))
 
 
@@ -40,10 +38,10 @@ def is_plain(values: Values, *but: str) -> bool:
     return all(values[each.name] == each.default for each in LINK if each.name not in but)
 
 
-def fiber(port: str, far_port: str, length_km: float = LENGTH_KM, **parameters: Any) -> Fiber:
+def fiber(port: str, far_port: str, **parameters: Any) -> Fiber:
     """Return a fibre between two hosts' ports."""
-    ends = (FiberEnd(end.partition("-")[0], end) for end in (port, far_port))
-    return Fiber(*ends, length_km=length_km, **parameters)
+    a, b = (FiberEnd(end.partition("-")[0], end) for end in (port, far_port))
+    return Fiber(a, b, **parameters)
 
 
 def configuration(

@@ -88,7 +88,7 @@ class Parameter:
             return given
         if isinstance(given, dict):
             return self._spaced_by_table(given)
-        if not isinstance(given, str) or self.choices and ":" not in given and "," not in given:
+        if not isinstance(given, str) or (self.choices and ":" not in given and "," not in given):
             return [given]
         if ":" in given and not self.choices:
             return self._spaced(given)
@@ -129,7 +129,8 @@ def of_dataclass(prefix: str, device: Any) -> list[Parameter]:
         if "choices" in each.metadata:
             found.append(Parameter(name, default, choices=each.metadata["choices"]))
         elif "range" in each.metadata:
-            found.append(Parameter(name, default, *each.metadata["range"], unit_of(each.name)))
+            least, most = each.metadata["range"]
+            found.append(Parameter(name, default, least, most, unit_of(each.name)))
     return found
 
 

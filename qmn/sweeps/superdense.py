@@ -1,51 +1,116 @@
 """Superdense coding over one fibre: two bits a pair."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
 from dispatcher.laboratory import LaboratoryHost
-from dispatcher.sabot.backend import Bytes
-from qmn.sweeps import theory
-from qmn.sweeps.estimates import information, mean, proportion
+from hosts.middleware.coding import CODES, NAMES, Bits, Code, Mask, deinterleave, interleave
+from qmn.sweeps import coding_theory, theory
+from qmn.sweeps.estimates import information, mean, proportion, ratio
 from qmn.sweeps.experiment import Experiment, Measure, Outcome, number, pairs_parameter
-from qmn.sweeps.link import LINK, PLAIN, TESTED, is_plain, link
-from qmn.sweeps.parameters import Values
+from qmn.sweeps.link import LINK, LOSS, PLAIN, TESTED, is_plain, link
+from qmn.sweeps.parameters import Parameter, Values
 
 BLOCK_PAIRS = 65_536
+MIN_BLOCK_PAIRS = 1_024
+BATCHES = 64  # that the error of the residual bit error is estimated from, if there are so many
 NO_COINCIDENCE = 255
+FEC = Parameter("fec", "none", choices=tuple(NAMES))
+INTERLEAVING = Parameter("interleaving", "off", choices=("off", "on"))
 
 
 async def run(values: Values, seed: int) -> Outcome:
-    """Send random dibits and count what comes of them."""
+    """Send random data and count what comes of it."""
     laboratory = link(values, seed)
     alice, bob = laboratory.host("alice"), laboratory.host("bob")
     random = np.random.default_rng(seed)
     errors = np.zeros(4, np.int64)  # how often sent XOR received was 0, 1, 2, 3
-    pairs = int(values["pairs"])
-    for block, size in enumerate(blocks(pairs)):
-        sent = random.integers(0, 4, size, dtype=np.uint8)
-        received = await transmit(alice, bob, block, sent)
+    wrong: list[tuple[int, int]] = []  # bits of each block after decoding, and all of them
+    sizes = list(blocks(int(values["pairs"])))
+    for block, size in enumerate(sizes):
+        message = Message.random(size, str(values["fec"]), values["interleaving"] == "on", random)
+        received = await transmit(alice, bob, block, message.dibits)
         came = received != NO_COINCIDENCE
-        errors += np.bincount((sent ^ received)[came], minlength=4)
-    return outcome(errors.tolist(), pairs)
+        errors += np.bincount((message.dibits ^ received)[came], minlength=4)
+        wrong.append(message.wrong_bits(received))
+    wrong_bits, all_bits = zip(*wrong, strict=True)
+    return {
+        **outcome(errors.tolist(), sum(sizes)),
+        "residual_error": ratio(wrong_bits, all_bits, message.word_data_bits),
+    }
 
 
-async def transmit(alice: LaboratoryHost, bob: LaboratoryHost, block: int, sent: Bytes) -> Bytes:
+@dataclass(frozen=True)
+class Message:
+    """Data, and the dibits that it travels as."""
+
+    code: Code
+    interleaved: bool
+    data: Bits
+    dibits: Bits
+
+    @classmethod
+    def random(cls, pairs: int, fec: str, interleaved: bool, random: np.random.Generator) -> Self:
+        """Return as much data as this many pairs carry; what is left over carries noise."""
+        code = CODES[NAMES[fec]]
+        data = random.integers(0, 2, data_size(code, 2 * pairs), dtype=np.uint8)
+        bits = code.encode(data)
+        if interleaved:
+            bits = interleave(code, bits, data.size)
+        padding = random.integers(0, 2, 2 * pairs - bits.size, dtype=np.uint8)
+        high, low = np.concatenate([bits, padding]).reshape(-1, 2).T
+        return cls(code, interleaved, data, high << np.uint8(1) | low)
+
+    @property
+    def word_data_bits(self) -> int:
+        """The data bits of one codeword, which can all go wrong together."""
+        return data_size(self.code, self.code.word_bits(self.data.size))
+
+    def wrong_bits(self, received: Bits) -> tuple[int, int]:
+        """Return how many data bits are wrong after decoding, and how many there are."""
+        size = self.code.encoded_bits(self.data.size)
+        pairs = np.stack([received >> np.uint8(1) & np.uint8(1), received & np.uint8(1)], axis=1)
+        bits: Bits = pairs.reshape(-1)[:size]
+        erased: Mask = np.repeat(received == NO_COINCIDENCE, 2)[:size]
+        if self.interleaved:
+            bits = deinterleave(self.code, bits, self.data.size)
+            erased = deinterleave(self.code, erased, self.data.size)
+        decoded = self.code.decode(bits, erased, self.data.size)
+        return int(np.count_nonzero(decoded != self.data)), self.data.size
+
+
+def data_size(code: Code, bits: int) -> int:
+    """Return how much data can be encoded in this many bits."""
+    least, most = 1, bits
+    while least < most:
+        middle = (least + most + 1) // 2
+        least, most = (middle, most) if code.encoded_bits(middle) <= bits else (least, middle - 1)
+    return least
+
+
+async def transmit(alice: LaboratoryHost, bob: LaboratoryHost, block: int, sent: Bits) -> Bits:
     """Send a dibit a pair; return what bob sees, 255 where no pair came; shape (k,)."""
     await alice.create(len(sent), block)
     await alice.apply((block, 0), sent)
     await alice.send({(block, 0): TESTED[0], (block, 1): PLAIN[0]})
-    await bob.receive((block, 0), TESTED[1])
-    await bob.receive((block, 1), PLAIN[1])
+    came = [
+        await bob.receive((block, half), port) for half, (_near, port) in enumerate((TESTED, PLAIN))
+    ]
+    if None in came:
+        for half, feedback in enumerate(came):
+            if feedback is not None:
+                await bob.discard((block, half))
+        return np.full(len(sent), NO_COINCIDENCE, np.uint8)
     return await bob.bell_measure((block, 0), (block, 1))
 
 
 def blocks(pairs: int) -> Iterator[int]:
-    """Yield the sizes of the blocks that make up so many pairs."""
-    yield from [BLOCK_PAIRS] * (pairs // BLOCK_PAIRS)
-    if pairs % BLOCK_PAIRS:
-        yield pairs % BLOCK_PAIRS
+    """Yield the sizes of equal blocks that make up so many pairs, or a few less."""
+    size = min(max(pairs // BATCHES, MIN_BLOCK_PAIRS), BLOCK_PAIRS, pairs)
+    yield from [size] * (pairs // size)
 
 
 def outcome(errors: Sequence[int], pairs: int) -> Outcome:
@@ -62,7 +127,7 @@ def outcome(errors: Sequence[int], pairs: int) -> Outcome:
 
 def depolarizing(values: Values) -> float | None:
     """Return the depolarising of pairs that arrive, None if other noise is there too."""
-    if not is_plain(values, "depolarizing", "source_fidelity", "length_km", "loss_db_per_km"):
+    if not is_plain(values, "depolarizing", "source_fidelity", "length_km", LOSS.name):
         return None
     source = theory.of_fidelity(number(values, "source_fidelity"))
     return theory.together(number(values, "depolarizing"), source)
@@ -90,18 +155,27 @@ def arrived(values: Values) -> float | None:
     """Return the theory of arrived."""
     if depolarizing(values) is None:
         return None
-    return theory.transmission(number(values, "length_km") * number(values, "loss_db_per_km"))
+    return theory.transmission(number(values, "length_km") * number(values, LOSS.name))
+
+
+def residual_error(values: Values) -> float | None:
+    """Return the theory of residual_error; erased bits have none."""
+    p, lost_db = depolarizing(values), number(values, "length_km") * number(values, LOSS.name)
+    if p is None or lost_db > 0:
+        return None
+    return coding_theory.residual_error(str(values["fec"]), values["interleaving"] == "on", p)
 
 
 SUPERDENSE = Experiment(
     "sdc",
     "superdense coding over one fibre",
-    (*LINK, pairs_parameter()),
+    (*LINK, FEC, INTERLEAVING, pairs_parameter()),
     (
         Measure("bit_error", "bit error", bit_error),
         Measure("dibit_error", "dibit error", dibit_error),
         Measure("capacity", "capacity (bits per pair)", capacity),
         Measure("arrived", "pairs that arrive", arrived),
+        Measure("residual_error", "bit error after decoding", residual_error, logarithmic=True),
     ),
     run,
 )

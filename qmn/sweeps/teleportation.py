@@ -17,12 +17,12 @@ from wire.dispatcher_pb2 import CreateRequest, Gate, MeasureRequest
 
 FIDELITY = Parameter("fidelity", 1.0, 0.25, 1.0)
 FIRST, SECOND = (Parameter(f"{name}_fidelity", 1.0, 0.25, 1.0) for name in ("first", "second"))
-I, X = 0, 1
+IDENTITY, FLIP = 0, 1
 H, S, S_DAG = (Gate(name=name) for name in (Gate.H, Gate.S, Gate.S_DAG))
 # How each cardinal state is made of |0>, and brought back to |0> or |1>.
 CARDINAL: list[tuple[int, list[Gate], list[Gate]]] = [
     (pauli, gates, back)
-    for pauli in (I, X)
+    for pauli in (IDENTITY, FLIP)
     for gates, back in (([], []), ([H], [H]), ([H, S], [S_DAG, H]))
 ]
 BASES = (MeasureRequest.X, MeasureRequest.Y, MeasureRequest.Z)
@@ -50,7 +50,7 @@ async def teleport(values: Values, seed: int) -> Outcome:
 
 async def swap(values: Values, seed: int) -> Outcome:
     """Join pairs charlie-alice and charlie-bob; measure the fidelity of alice-bob with Phi+."""
-    laboratory = _star(*(number(values, f"{name}_fidelity") for name in ("first", "second")), seed)
+    laboratory = _star(number(values, FIRST.name), number(values, SECOND.name), seed)
     alice, bob, charlie = map(laboratory.host, ("alice", "bob", "charlie"))
     each = int(values["pairs"]) // len(BASES)
     agreeing = []
