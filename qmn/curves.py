@@ -93,7 +93,7 @@ def measure(
                 for _row in running.fill(grid, seed, table, measurer):
                     bar.advance(task)
                 rows = running.rows(grid, seed, table)
-            far += running.disagreements(grid.experiment, rows)
+            far += running.disagreements(grid.experiment, rows) + sheet.unmeasured(rows)
             points += len(rows)
             for curve in sheet.curves:
                 draw(sheet.picture(curve, rows), out / f"{curve.file}.png")

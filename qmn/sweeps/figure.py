@@ -56,16 +56,15 @@ def draw(picture: Picture, file: Path) -> None:
         for number, (label, points) in enumerate(picture.series)
     ]
     for mark in picture.marks:
-        axes.errorbar(
-            mark.x, mark.y, mark.error, fmt="k*", markersize=12, capsize=3, label=mark.label
-        )
+        style = {"markersize": 13, "markerfacecolor": "none", "capsize": 3}
+        axes.errorbar(mark.x, mark.y, mark.error, fmt="k*", label=mark.label, **style)
     axes.set_title(picture.title)
     axes.set_xlabel(picture.x_label)
     axes.set_ylabel(picture.measure.label)
     _scale(axes, picture)
     handles, _labels = axes.get_legend_handles_labels()
     if any(lines):
-        handles.append(Line2D([], [], color="0.4", linewidth=LINE_WIDTH, label="theory"))
+        handles.append(Line2D([], [], color="k", linewidth=LINE_WIDTH, label="theory"))
     if len(handles) > LEGEND_INSIDE:
         figure.legend(handles=handles, loc="outside right upper", fontsize="small")
     else:

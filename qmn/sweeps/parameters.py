@@ -57,8 +57,18 @@ class Parameter:
     @property
     def label(self) -> str:
         """Return the name with the unit, for an axis."""
-        words = self.name.replace("_", " ")
-        return f"{words} ({self.unit})" if self.unit else words
+        return f"{self.words} ({self.unit})" if self.unit else self.words
+
+    @property
+    def words(self) -> str:
+        """Return the name without the unit."""
+        endings = (ending for ending, unit in UNITS if unit == self.unit)
+        return self.name.removesuffix(next(endings, "")).replace("_", " ")
+
+    def said(self, value: Value) -> str:
+        """Return a value of the parameter with name and unit."""
+        number = f"{value:g}" if isinstance(value, float) else f"{value}"
+        return f"{self.words} {number} {self.unit}".rstrip()
 
     def value(self, given: object) -> Value:
         """Return a value of the right type; raise BadGrid for one that cannot be."""

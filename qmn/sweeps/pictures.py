@@ -1,6 +1,7 @@
 """Which figures a sweep has: one for each measure, over the axis with the most values."""
 
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Sequence
 
 from qmn.sweeps.estimates import Estimate
 from qmn.sweeps.experiment import Outcome
@@ -16,7 +17,7 @@ def pictures(grid: Grid, rows: Rows) -> list[Picture]:
     x = horizontal(grid)
     if x is None:
         return []
-    others = [name for name in grid.varied if name != x.name]
+    others = [grid.experiment.parameter(name) for name in grid.varied if name != x.name]
     return [
         Picture(
             f"{grid.experiment.what}",
@@ -26,7 +27,7 @@ def pictures(grid: Grid, rows: Rows) -> list[Picture]:
             series(rows, others, measure.name)[:MAX_SERIES],
         )
         for measure in grid.experiment.measures
-        if any(outcome[measure.name].value == outcome[measure.name].value for _v, outcome in rows)
+        if not all(math.isnan(outcome[measure.name].value) for _values, outcome in rows)
     ]
 
 
@@ -37,10 +38,10 @@ def horizontal(grid: Grid) -> Parameter | None:
     return varied[0] if varied else None
 
 
-def series(rows: Rows, names: Iterable[str], measure: str) -> list[tuple[str, list[Point]]]:
+def series(rows: Rows, by: Sequence[Parameter], measure: str) -> list[tuple[str, list[Point]]]:
     """Group the rows by the values of these parameters, each group with its label."""
     groups: dict[str, list[tuple[Values, Estimate]]] = {}
     for values, outcome in rows:
-        label = ", ".join(f"{name.replace('_', ' ')} {values[name]}" for name in names)
+        label = ", ".join(each.said(values[each.name]) for each in by)
         groups.setdefault(label, []).append((values, outcome[measure]))
     return list(groups.items())

@@ -1,5 +1,6 @@
 """A sweep from its grid to its rows: what is known already, what is measured, what theory says."""
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager
 
@@ -48,12 +49,15 @@ def client(scheduler: str, workers: int) -> AbstractContextManager[Client]:
 
 
 def disagreements(experiment: Experiment, found: Iterable[Row]) -> list[str]:
-    """Name every point that is too far from theory; points without theory are left out."""
+    """Name every point that is too far from theory.
+
+    Left out is what has no theory, and what could not be measured, as errors of lost light.
+    """
     far = []
     for values, outcome in found:
         for measure in experiment.measures:
             theory, estimate = measure.theory(values), outcome[measure.name]
-            if theory is None or estimate.agrees(theory):
+            if theory is None or math.isnan(estimate.value) or estimate.agrees(theory):
                 continue
             far.append(
                 f"{experiment.place(values)}: {measure.name} {estimate.value:.6g} "

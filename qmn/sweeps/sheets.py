@@ -1,7 +1,8 @@
 """The curves that `make curves` draws: each a grid, and the figures made of it."""
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from qmn.sweeps import theory
 from qmn.sweeps.catalogue import EXPERIMENTS
@@ -28,6 +29,7 @@ class Curve:
     measure: str
     by: Sequence[str] = ()
     marks: Sequence[Mark] = field(default=())
+    logarithmic: bool = False
 
 
 @dataclass(frozen=True)
@@ -44,15 +46,28 @@ class Sheet:
         """Return the grid."""
         return build(EXPERIMENTS[self.experiment], self.axes)
 
+    def unmeasured(self, rows: Sequence[Row]) -> list[str]:
+        """Name every point of a curve at which nothing could be measured."""
+        experiment = EXPERIMENTS[self.experiment]
+        return [
+            f"{experiment.place(values)}: no {curve.measure} was measured"
+            for curve in self.curves
+            for values, outcome in rows
+            if math.isnan(outcome[curve.measure].value)
+        ]
+
     def picture(self, curve: Curve, rows: Sequence[Row]) -> Picture:
         """Return a curve of the sheet with these points."""
         experiment = EXPERIMENTS[self.experiment]
+        measure = experiment.measure(curve.measure)
+        if curve.logarithmic:
+            measure = replace(measure, logarithmic=True)
         return Picture(
             curve.title,
             experiment.parameter(curve.x),
             curve.x_label,
-            experiment.measure(curve.measure),
-            series(rows, curve.by, curve.measure),
+            measure,
+            series(rows, [experiment.parameter(name) for name in curve.by], curve.measure),
             curve.marks,
         )
 
@@ -120,6 +135,7 @@ SHEETS = (
                 "length of the fibre (km)",
                 "arrived",
                 by=["loss_db_per_km"],
+                logarithmic=True,
             )
         ],
     ),
