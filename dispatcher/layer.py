@@ -55,8 +55,8 @@ class PhysicalLayer:
 
     def drop(self, block: Block) -> None:
         """Discard a block whatever its state."""
-        bits = self.draws.bits(block.name, "discard", block.register.size)
-        self.sabot.drop(block.register, bits)
+        draws = self.draws.photons(block.name, "discard", block.register.size)
+        self.sabot.drop(block.register, draws)
         self.ownership.remove(block)
 
 

@@ -9,7 +9,8 @@ from dispatcher import limits
 from dispatcher.layer import PhysicalLayer, block_name, tally
 from dispatcher.ownership import Block, BlockName
 from dispatcher.refusal import Refusal, exhausted, invalid
-from dispatcher.sabot.backend import Bytes, GateName
+from dispatcher.sabot.backend import GateName
+from dispatcher.sabot.draws import PhotonDraws
 from dispatcher.sabot.registers import Register
 from wire.dispatcher_pb2 import CreateRequest, Feedback, Gate, MeasureRequest
 
@@ -86,7 +87,7 @@ class Operations:
         if bases:
             values = limits.packed("bases", bases, size, 2)
         feedback = layer.feedback(block)
-        outcomes = layer.sabot.measure(block.register, values, self._bits(block))
+        outcomes = layer.sabot.measure(block.register, values, self._draws(block))
         layer.ownership.remove(block)
         detail = f"{tally(values, BASES)}: {tally(outcomes, ('0', '1'))}"
         layer.record(node, "measure", block, detail=detail)
@@ -106,7 +107,7 @@ class Operations:
             np.count_nonzero(first.register.present & second.register.present)
         )
         outcomes = layer.sabot.bell_measure(
-            first.register, second.register, (self._bits(first), self._bits(second))
+            first.register, second.register, (self._draws(first), self._draws(second))
         )
         for block in (first, second):
             layer.ownership.remove(block)
@@ -139,8 +140,8 @@ class Operations:
         photons = sum(block.register.size for block in blocks)
         return Feedback(time_ns=self._layer.clock.now_ns(), photons=photons)
 
-    def _bits(self, block: Block) -> Bytes:
-        return self._layer.draws.bits(block.name, "measure", block.register.size)
+    def _draws(self, block: Block) -> PhotonDraws:
+        return self._layer.draws.photons(block.name, "measure", block.register.size)
 
     def _require_room(self, names: list[BlockName], count: int) -> None:
         """Refuse a block that would be too large or has a name that is taken."""

@@ -10,6 +10,16 @@ GateName = Literal["H", "S", "S_DAG", "CX", "CZ"]
 Bytes = NDArray[np.uint8]
 
 
+class Randomness(Protocol):
+    """Random numbers for a measurement, drawn only if they are asked for."""
+
+    def bits(self) -> Bytes:
+        """Return a fair bit for each member, shape (k,)."""
+
+    def uniform(self) -> NDArray[np.float64]:
+        """Return a number from [0, 1) for each member; bits() are their first binary digits."""
+
+
 class Backend(Protocol):
     """The joint state of n qubits, once for each of k members that had the same gates.
 
@@ -39,10 +49,10 @@ class Backend(Protocol):
     def pauli(self, qubit: int, paulis: Bytes) -> None:
         """Apply to member j the Pauli paulis[j]: 0 I, 1 X, 2 Z, 3 XZ."""
 
-    def measure(self, qubit: int, random_bits: Bytes) -> tuple[Bytes, bool]:
-        """Measure Z; return a bit for each member and whether the state determined it.
+    def measure(self, qubit: int, randomness: Randomness) -> tuple[Bytes, bool]:
+        """Measure Z; return a bit for each member and whether the state determined them.
 
-        An outcome that is not determined is taken from random_bits, one for each member.
+        Where both outcomes are equally likely the fair bit is the outcome, on any backend.
         """
 
     def discard(self, qubit: int) -> None:

@@ -4,7 +4,10 @@ Each purpose of each block has a stream of its own, of which photon j takes the 
 So neither the order of arrival nor how a block was divided changes what a photon meets.
 """
 
+from collections.abc import Callable
+from functools import cache
 from hashlib import blake2b
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +15,36 @@ from numpy.typing import NDArray
 from dispatcher.sabot.backend import Bytes
 
 Key = tuple[int, int, int]  # session, block number, half
+Uniform = NDArray[np.float64]
+
+
+class PhotonDraws:
+    """The random numbers of k photons for one purpose, drawn when they are first asked for."""
+
+    def __init__(self, bits: Callable[[], Bytes], fractions: Callable[[], Uniform]) -> None:
+        """Draw by calling these; each returns an array of shape (k,)."""
+        self.bits = cache(bits)  # a fair bit for each photon
+        self._fractions = cache(fractions)
+
+    @classmethod
+    def by(cls, random: np.random.Generator, count: int) -> Self:
+        """Draw for `count` photons from a generator: for circuits that have no blocks."""
+        return cls(
+            lambda: random.integers(0, 2, count, dtype=np.uint8), lambda: random.random(count)
+        )
+
+    @classmethod
+    def given(cls, bits: Bytes) -> Self:
+        """Take these bits; uniform() gives a quarter or three."""
+        return cls(bits.copy, lambda: np.full(len(bits), 0.5))
+
+    def uniform(self) -> Uniform:
+        """Return a number from [0, 1) for each photon; bits() are their first binary digits."""
+        return (self.bits() + self._fractions()) / 2
+
+    def at(self, positions: NDArray[np.unsignedinteger] | slice) -> "PhotonDraws":
+        """Return the draws of these photons alone, which are those that they have in the whole."""
+        return PhotonDraws(lambda: self.bits()[positions], lambda: self._fractions()[positions])
 
 
 class Draws:
@@ -21,12 +54,19 @@ class Draws:
         """Use this seed, any integer."""
         self._seed = seed
 
+    def photons(self, key: Key, purpose: str, count: int) -> PhotonDraws:
+        """Return what the first `count` photons of a block draw for a measurement."""
+        return PhotonDraws(
+            lambda: self.bits(key, purpose, count),
+            lambda: self.uniform(key, f"{purpose} fraction", count),
+        )
+
     def bits(self, key: Key, purpose: str, count: int) -> Bytes:
         """Return a fair bit for each of the first `count` photons of a block."""
         packed = np.frombuffer(self._generator(key, purpose).bytes((count + 7) // 8), np.uint8)
         return np.unpackbits(packed, count=count, bitorder="little")
 
-    def uniform(self, key: Key, purpose: str, count: int) -> NDArray[np.float64]:
+    def uniform(self, key: Key, purpose: str, count: int) -> Uniform:
         """Return a number from [0, 1) for each of the first `count` photons of a block."""
         return self._generator(key, purpose).random(count)
 

@@ -1,10 +1,11 @@
 """The simulation manager: what can be done to registers of qubits."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 
 from dispatcher.sabot.backend import Backend, Bytes, GateName
+from dispatcher.sabot.draws import PhotonDraws
 from dispatcher.sabot.registers import WHOLE, Component, Mask, Register, Store
 
 NO_CLICK = 255
@@ -70,7 +71,7 @@ class Sabot:
                 qubits = component.qubit(register), component.qubit(target)
                 component.state.gate(name, *qubits)
 
-    def measure(self, register: Register, bases: Bytes, random_bits: Bytes) -> Bytes:
+    def measure(self, register: Register, bases: Bytes, draws: PhotonDraws) -> Bytes:
         """Measure and discard every qubit in its own basis: 0 Z, 1 X, 2 Y.
 
         All arrays have shape (k,); the outcome of a lost qubit is NO_CLICK.
@@ -82,15 +83,15 @@ class Sabot:
                 component.state.gate("S_DAG", qubit)
             if bases[component.start]:
                 component.state.gate("H", qubit)
-        return _hide(self._read_out(register, random_bits), register.present)
+        return _hide(self._read_out(register, draws), register.present)
 
     def bell_measure(
-        self, first: Register, second: Register, random_bits: Sequence[Bytes]
+        self, first: Register, second: Register, draws: tuple[PhotonDraws, PhotonDraws]
     ) -> Bytes:
         """Measure in the Bell basis and discard: 0 Phi+, 1 Psi+, 2 Phi-, 3 Psi-.
 
-        random_bits has an array for each register. All arrays have shape (k,); the outcome
-        of a pair that lacks a photon is NO_CLICK.
+        Each register has draws of its own. The outcome has shape (k,); that of a pair that
+        lacks a photon is NO_CLICK.
         """
         self._require_pair(first, second)
         self._store.join(first, second)
@@ -98,13 +99,25 @@ class Sabot:
             qubits = component.qubit(first), component.qubit(second)
             component.state.gate("CX", *qubits)
             component.state.gate("H", qubits[0])
-        flips = self._read_out(second, random_bits[1])
-        phases = self._read_out(first, random_bits[0])
+        flips = self._read_out(second, draws[1])
+        phases = self._read_out(first, draws[0])
         return _hide(flips | (phases << np.uint8(1)), first.present & second.present)
 
-    def drop(self, register: Register, random_bits: Bytes) -> None:
+    def reset(self, register: Register, mask: Mask, draws: PhotonDraws) -> None:
+        """Put the qubits of mask, shape (k,), into |0>: measure them unseen, flip what is 1."""
+        self._store.divide(register, mask)
+        for component in list(register.components):
+            if not mask[component.start]:
+                continue
+            qubit = component.qubit(register)
+            self._store.unlink(component)
+            bits, _determined = component.state.measure(qubit, draws.at(component.positions))
+            component.state.pauli(qubit, bits)
+            self._link_parts(component)
+
+    def drop(self, register: Register, draws: PhotonDraws) -> None:
         """Discard a register whatever its state, as measuring it unseen does."""
-        self._read_out(register, random_bits)
+        self._read_out(register, draws)
 
     def lose(self, register: Register, lost: Mask) -> int:
         """Mark qubits as lost, shape (k,); return how many were there until now."""
@@ -138,14 +151,14 @@ class Sabot:
         self._store.link(Component(self._backend(registers, count), WHOLE, list(made)))
         return made
 
-    def _read_out(self, register: Register, random_bits: Bytes) -> Bytes:
+    def _read_out(self, register: Register, draws: PhotonDraws) -> Bytes:
         """Measure Z of every qubit and discard the register."""
         bits = np.zeros(register.size, dtype=np.uint8)
         for component in list(register.components):
             qubit = component.qubit(register)
             self._store.unlink(component)
             bits[component.positions], _determined = component.state.measure(
-                qubit, random_bits[component.positions]
+                qubit, draws.at(component.positions)
             )
             component.state.discard(qubit)
             del component.registers[qubit]

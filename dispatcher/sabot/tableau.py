@@ -10,7 +10,7 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.sabot.backend import Bytes, GateName
+from dispatcher.sabot.backend import Bytes, GateName, Randomness
 from dispatcher.sabot.factoring import Bits, eliminate, independent_groups
 
 
@@ -120,10 +120,10 @@ class Tableau:
             if x:
                 sign ^= flips[1]
 
-    def measure(self, qubit: int, random_bits: Bytes) -> tuple[Bytes, bool]:
-        """Measure Z; return a bit for each member and whether the state determined it.
+    def measure(self, qubit: int, randomness: Randomness) -> tuple[Bytes, bool]:
+        """Measure Z; return a bit for each member and whether the state determined them.
 
-        An outcome that is not determined is taken from random_bits, one for each member.
+        An outcome that is not determined is the fair bit.
         """
         count = self.qubits
         anticommuting = np.flatnonzero(self._x[count:, qubit])
@@ -137,8 +137,8 @@ class Tableau:
             half[pivot - count] = half[pivot]
             half[pivot] = False
         self._z[pivot, qubit] = True
-        self._signs[pivot - count] = random_bits
-        return random_bits.copy(), False
+        self._signs[pivot - count] = bits = randomness.bits()
+        return bits.copy(), False
 
     def discard(self, qubit: int) -> None:
         """Drop a qubit whose Z is determined; those behind it move up by one."""

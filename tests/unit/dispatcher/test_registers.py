@@ -5,6 +5,7 @@ import pytest
 from numpy.random import Generator
 
 from dispatcher.sabot.backend import Bytes, GateName
+from dispatcher.sabot.draws import PhotonDraws
 from dispatcher.sabot.manager import NO_CLICK, Sabot
 from dispatcher.sabot.registers import Register
 from dispatcher.sabot.tableau import Tableau
@@ -17,9 +18,14 @@ def bases(size: int, basis: int) -> Bytes:
     return np.full(size, basis, dtype=np.uint8)
 
 
-def random_bits(random: Generator, size: int) -> Bytes:
-    """Return fair bits."""
-    return random.integers(0, 2, size, dtype=np.uint8)
+def draws_for(random: Generator, size: int) -> PhotonDraws:
+    """Return what a measurement of so many photons draws."""
+    return PhotonDraws.by(random, size)
+
+
+def zeros(size: int) -> PhotonDraws:
+    """Return draws that are all 0."""
+    return PhotonDraws.given(np.zeros(size, dtype=np.uint8))
 
 
 def agreeing(basis: int, size: int = 1000) -> int:
@@ -27,8 +33,7 @@ def agreeing(basis: int, size: int = 1000) -> int:
     sabot, random = Sabot(Tableau), np.random.default_rng(1)
     first, second = sabot.bell_pairs(size)
     outcomes = [
-        sabot.measure(half, bases(size, basis), random_bits(random, size))
-        for half in (first, second)
+        sabot.measure(half, bases(size, basis), draws_for(random, size)) for half in (first, second)
     ]
     assert 0.4 * size < outcomes[0].sum() < 0.6 * size  # 6 sigma
     return int((outcomes[0] == outcomes[1]).sum())
@@ -49,15 +54,17 @@ def test_each_basis_has_its_own_plus_state() -> None:
         register = sabot.zeros(2)
         for gate in gates:
             sabot.gate("H" if gate == "H" else "S", register)
-        outcome = sabot.measure(register, bases(2, basis), np.ones(2, dtype=np.uint8))
+        outcome = sabot.measure(
+            register, bases(2, basis), PhotonDraws.given(np.ones(2, dtype=np.uint8))
+        )
         assert outcome.tolist() == [0, 0]
 
 
 def test_outcomes_of_different_bases_are_independent() -> None:
     sabot, random, size = Sabot(Tableau), np.random.default_rng(2), 10_000
     first, second = sabot.bell_pairs(size)
-    ours = sabot.measure(first, bases(size, Z), random_bits(random, size))
-    theirs = sabot.measure(second, bases(size, X), random_bits(random, size))
+    ours = sabot.measure(first, bases(size, Z), draws_for(random, size))
+    theirs = sabot.measure(second, bases(size, X), draws_for(random, size))
     assert abs(int((ours == theirs).sum()) - size / 2) < 5 * (size / 4) ** 0.5
 
 
@@ -65,8 +72,8 @@ def test_each_photon_may_have_its_own_basis() -> None:
     sabot, random, size = Sabot(Tableau), np.random.default_rng(3), 300
     first, second = sabot.bell_pairs(size)
     chosen = random.integers(0, 3, size, dtype=np.uint8)
-    ours = sabot.measure(first, chosen, random_bits(random, size))
-    theirs = sabot.measure(second, chosen, random_bits(random, size))
+    ours = sabot.measure(first, chosen, draws_for(random, size))
+    theirs = sabot.measure(second, chosen, draws_for(random, size))
     assert ((ours == theirs) == (chosen != Y)).all()
 
 
@@ -74,7 +81,7 @@ def test_bell_measurement_reads_the_paper_s_encoding() -> None:
     sabot, random = Sabot(Tableau), np.random.default_rng(4)
     first, second = sabot.bell_pairs(4)
     sabot.pauli(first, np.arange(4, dtype=np.uint8))  # I, X, Z, XZ
-    draws = random_bits(random, 4), random_bits(random, 4)
+    draws = draws_for(random, 4), draws_for(random, 4)
     assert sabot.bell_measure(first, second, draws).tolist() == [0, 1, 2, 3]
 
 
@@ -82,10 +89,10 @@ def test_swapping_leaves_the_outer_photons_entangled() -> None:
     sabot, random, size = Sabot(Tableau), np.random.default_rng(5), 64
     a, b = sabot.bell_pairs(size)
     c, d = sabot.bell_pairs(size)
-    outcome = sabot.bell_measure(b, c, (random_bits(random, size), random_bits(random, size)))
+    outcome = sabot.bell_measure(b, c, (draws_for(random, size), draws_for(random, size)))
     assert set(outcome.tolist()) == {0, 1, 2, 3}
     sabot.pauli(d, outcome)  # the correction that teleportation makes
-    result = sabot.bell_measure(a, d, (random_bits(random, size), random_bits(random, size)))
+    result = sabot.bell_measure(a, d, (draws_for(random, size), draws_for(random, size)))
     assert not result.any()
     assert sabot.live_qubits == 0
 
@@ -96,10 +103,10 @@ def test_measuring_one_of_three_entangled_photons_separates_the_others() -> None
     c = sabot.zeros(2)
     sabot.gate("CX", b, c)
     assert set(a.components) == set(b.components) == set(c.components)
-    sabot.measure(a, bases(2, Z), np.array([0, 1], dtype=np.uint8))
+    sabot.measure(a, bases(2, Z), PhotonDraws.given(np.array([0, 1], dtype=np.uint8)))
     assert set(b.components) & set(c.components) == set()
     for register in (b, c):
-        outcome = sabot.measure(register, bases(2, Z), np.zeros(2, dtype=np.uint8))
+        outcome = sabot.measure(register, bases(2, Z), zeros(2))
         assert outcome.tolist() == [0, 1]
 
 
@@ -109,7 +116,7 @@ def test_a_lost_control_does_not_flip_its_target() -> None:
     sabot.pauli(control, np.full(3, 1, dtype=np.uint8))
     assert sabot.lose(control, np.array([False, True, False])) == 1
     sabot.gate("CX", control, target)
-    outcome = sabot.measure(target, bases(3, Z), np.zeros(3, dtype=np.uint8))
+    outcome = sabot.measure(target, bases(3, Z), zeros(3))
     assert outcome.tolist() == [1, 0, 1]
 
 
@@ -117,8 +124,7 @@ def test_a_lost_photon_does_not_click() -> None:
     sabot = Sabot(Tableau)
     first, second = sabot.bell_pairs(3)
     sabot.lose(first, np.array([False, True, False]))
-    draws = np.zeros(3, dtype=np.uint8)
-    assert sabot.bell_measure(first, second, (draws, draws)).tolist() == [0, NO_CLICK, 0]
+    assert sabot.bell_measure(first, second, (zeros(3), zeros(3))).tolist() == [0, NO_CLICK, 0]
 
 
 def test_parts_of_a_register_are_acted_on_separately() -> None:
@@ -130,9 +136,21 @@ def test_parts_of_a_register_are_acted_on_separately() -> None:
     assert (whole.present == ~mask).all()
     sabot.pauli(part, np.full(4, 1, dtype=np.uint8))
     sabot.unite(whole, part)
-    outcome = sabot.measure(whole, bases(4, Z), np.zeros(4, dtype=np.uint8))
+    outcome = sabot.measure(whole, bases(4, Z), zeros(4))
     assert outcome.tolist() == [1, 0, 1, 0]
     assert (sabot.live_qubits, sabot.live_bytes) == (0, 0)
+
+
+def test_reset_makes_zero_and_leaves_the_partner_mixed() -> None:
+    sabot, random, size = Sabot(Tableau), np.random.default_rng(7), 10_000
+    first, second = sabot.bell_pairs(size)
+    chosen = np.arange(size) % 2 == 0
+    sabot.reset(first, chosen, draws_for(random, size))
+    ours = sabot.measure(first, bases(size, Z), draws_for(random, size))
+    theirs = sabot.measure(second, bases(size, Z), draws_for(random, size))
+    assert not ours[chosen].any()
+    assert (ours == theirs)[~chosen].all()
+    assert abs(int(theirs[chosen].sum()) - size / 4) < 5 * (size / 8) ** 0.5
 
 
 def test_registers_of_different_length_are_no_pairs() -> None:
@@ -179,6 +197,10 @@ class Run:
         """Lose a quarter of the qubits."""
         self.sabot.lose(self.registers[which], values == 0)
 
+    def reset(self, which: int, values: Bytes, draws: PhotonDraws) -> None:
+        """Reset a quarter of the qubits."""
+        self.sabot.reset(self.registers[which], values == 0, draws)
+
     def apart_gate(self, which: int, values: Bytes) -> None:
         """Apply a Hadamard gate to half of the qubits while they are elsewhere."""
         register = self.registers[which]
@@ -186,14 +208,16 @@ class Run:
         self.sabot.gate("H", part)
         self.sabot.unite(register, part)
 
-    def read(self, which: int, values: Bytes, draws: Bytes) -> list[int]:
+    def read(self, which: int, values: Bytes, draws: PhotonDraws) -> list[int]:
         """Measure a register and put new zeros in its place."""
         register = self.registers[which]
         outcome = self.sabot.measure(register, values, draws)
         self.registers[which] = self.sabot.zeros(register.size)
         return list(outcome)
 
-    def read_pairs(self, which: int, target: int, draws: Bytes, more: Bytes) -> list[int]:
+    def read_pairs(
+        self, which: int, target: int, draws: PhotonDraws, more: PhotonDraws
+    ) -> list[int]:
         """Bell-measure two registers and put new zeros in their place."""
         pair = self.registers[which], self.registers[target]
         outcome = self.sabot.bell_measure(*pair, (draws, more))
@@ -207,11 +231,12 @@ def step(random: Generator, block: Run, singles: list[Run]) -> None:
     size = len(singles)
     which, target = (int(index) for index in random.permutation(4)[:2])
     values = random.integers(0, 4, size, dtype=np.uint8)
-    draws, more = random_bits(random, size), random_bits(random, size)
+    draws, more = draws_for(random, size), draws_for(random, size)
     gates: tuple[GateName, ...] = ("H", "S", "S_DAG", "CX", "CZ")
     name = gates[random.integers(5)]
     kind = random.choice(
-        ["pauli", "gate", "lose", "apart", "read", "pairs"], p=[0.15, 0.45, 0.05, 0.1, 0.15, 0.1]
+        ["pauli", "gate", "lose", "reset", "apart", "read", "pairs"],
+        p=[0.15, 0.4, 0.05, 0.05, 0.1, 0.15, 0.1],
     )
     found: list[int] = []
     for run, members in [(block, slice(0, size))] + [
@@ -223,12 +248,14 @@ def step(random: Generator, block: Run, singles: list[Run]) -> None:
             run.gate(name, which, target)
         elif kind == "lose":
             run.lose(which, values[members])
+        elif kind == "reset":
+            run.reset(which, values[members], draws.at(members))
         elif kind == "apart":
             run.apart_gate(which, values[members])
         elif kind == "read":
-            found += run.read(which, values[members] % np.uint8(3), draws[members])
+            found += run.read(which, values[members] % np.uint8(3), draws.at(members))
         else:
-            found += run.read_pairs(which, target, draws[members], more[members])
+            found += run.read_pairs(which, target, draws.at(members), more.at(members))
     assert found[: len(found) // 2] == found[len(found) // 2 :]
 
 
