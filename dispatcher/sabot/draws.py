@@ -17,6 +17,8 @@ from dispatcher.sabot.backend import Bytes
 Key = tuple[int, int, int]  # session, block number, half
 Uniform = NDArray[np.float64]
 
+BYTE_VALUES = 256
+
 
 class PhotonDraws:
     """The random numbers of k photons for one purpose, drawn when they are first asked for."""
@@ -69,6 +71,30 @@ class Draws:
     def uniform(self, key: Key, purpose: str, count: int) -> Uniform:
         """Return a number from [0, 1) for each of the first `count` photons of a block."""
         return self._generator(key, purpose).random(count)
+
+    def normal(self, key: Key, purpose: str, count: int) -> NDArray[np.float64]:
+        """Return a number of mean 0 and variance 1 for each of the first `count` photons."""
+        return self._generator(key, purpose).standard_normal(count)
+
+    def exponential(self, key: Key, purpose: str, count: int) -> NDArray[np.float64]:
+        """Return an exponential number of mean 1 for each of the first `count` photons."""
+        return self._generator(key, purpose).standard_exponential(count)
+
+    def hits(self, key: Key, purpose: str, count: int, probability: float) -> NDArray[np.bool_]:
+        """Return which of the first `count` photons something of this probability happens to.
+
+        A byte for each photon decides it, and a number where the byte is the one that the
+        probability falls into: exact, in a quarter of the time. What is sure is not drawn.
+        """
+        if not 0 < probability < 1:
+            return np.full(count, probability >= 1)
+        whole, rest = divmod(probability * BYTE_VALUES, 1.0)
+        drawn = np.frombuffer(self._generator(key, purpose).bytes(count), np.uint8)
+        hit = drawn < int(whole)
+        undecided = np.flatnonzero(drawn == int(whole))
+        finer = self._generator(key, f"{purpose}, finer")
+        hit[undecided] = finer.random(undecided.size) < rest
+        return hit
 
     def _generator(self, key: Key, purpose: str) -> np.random.Generator:
         """Return a counter-based generator (Philox, Salmon et al. 2011) for the purpose."""

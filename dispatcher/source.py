@@ -1,0 +1,69 @@
+"""What a source of Bell pairs emits: which Bell states, how many pairs in a pulse, and when.
+
+Pairs in a pulse are counted by the statistics of the source: poisson for many modes of light,
+thermal for one (Loudon, The Quantum Theory of Light, chapters 3 and 6). Of several pairs one is
+simulated; the photons of the others only make detectors click, as independent pairs would.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dispatcher.block_draws import BlockDraws
+from wire.physics import PairSource
+
+MOST_PAIRS = 255  # in a pulse: fits a byte; rarer than 1e-10 at the largest mean
+
+
+class Emission(NamedTuple):
+    """What differs from one Phi+ in each of k pulses; None where nothing does."""
+
+    paulis: NDArray[np.uint8] | None  # on one half: the Bell state of that number
+    pairs: NDArray[np.uint8] | None
+    delays_ps: NDArray[np.float64] | None  # the same for both halves
+    exact: bool
+
+
+def emit(source: PairSource, draws: BlockDraws) -> Emission:
+    """Draw what a source emits, one pulse for each photon of a half."""
+    single = source.statistics == "single"
+    return Emission(
+        paulis=_bell_states(source.bell_probabilities(), draws),
+        pairs=None if single else _pairs(source, draws),
+        delays_ps=draws.normal("jitter") * source.jitter_ps if source.jitter_ps else None,
+        exact=single,
+    )
+
+
+def pair_probabilities(statistics: str, mean_pairs: float) -> NDArray[np.float64]:
+    """Return how likely 0, 1, 2, … pairs are, up to MOST_PAIRS."""
+    counts = np.arange(MOST_PAIRS + 1)
+    if statistics == "thermal":
+        return (mean_pairs / (1 + mean_pairs)) ** counts / (1 + mean_pairs)
+    factors = np.concatenate(([math.exp(-mean_pairs)], mean_pairs / counts[1:]))
+    return np.cumprod(factors)
+
+
+def _bell_states(probabilities: tuple[float, ...], draws: BlockDraws) -> NDArray[np.uint8] | None:
+    """Draw the Bell states: first which are not Phi+, then which of the others they are."""
+    others = sum(probabilities[1:])
+    if others == 0:
+        return None
+    wrong = np.flatnonzero(draws.hits("not Phi+", others))
+    bounds = np.cumsum(probabilities[1:3]) / others
+    states = np.zeros(draws.count, dtype=np.uint8)
+    states[wrong] = 1 + np.searchsorted(bounds, draws.few("Bell state", wrong.size), side="right")
+    return states
+
+
+def _pairs(source: PairSource, draws: BlockDraws) -> NDArray[np.uint8]:
+    """Draw the number of pairs in each pulse: first where there are any, then how many."""
+    probabilities = pair_probabilities(source.statistics, source.mean_pairs)
+    some = np.flatnonzero(draws.hits("light", 1 - float(probabilities[0])))
+    pairs = np.zeros(draws.count, dtype=np.uint8)
+    if some.size:
+        bounds = np.cumsum(probabilities[1:-1]) / (1 - probabilities[0])
+        pairs[some] = 1 + np.searchsorted(bounds, draws.few("pairs", some.size), side="right")
+    return pairs
