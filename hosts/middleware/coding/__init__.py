@@ -8,11 +8,11 @@ from hosts.middleware.coding.code import Bits, Code, Mask, Uncoded
 from hosts.middleware.coding.interleaving import deinterleave, interleave
 from hosts.middleware.coding.perfect import GOLAY, HAMMING, REPETITION
 from hosts.middleware.coding.reed_solomon import ReedSolomon
-from wire.metadata import Fec
+from wire.metadata import FEC_NAMES, Fec
 
 CODES: dict[Fec, Code] = {
     code.fec: code for code in (Uncoded(), REPETITION, HAMMING, GOLAY, ReedSolomon())
 }
-NAMES = {code.name: fec for fec, code in CODES.items()}
+NAMES = FEC_NAMES
 
 __all__ = ["CODES", "NAMES", "Bits", "Code", "Mask", "deinterleave", "interleave"]
