@@ -56,8 +56,16 @@ def draw(picture: Picture, file: Path) -> None:
         for number, (label, points) in enumerate(picture.series)
     ]
     for mark in picture.marks:
-        style = {"markersize": 13, "markerfacecolor": "none", "capsize": 3}
-        axes.errorbar(mark.x, mark.y, mark.error, fmt="k*", label=mark.label, **style)
+        axes.errorbar(
+            mark.x,
+            mark.y,
+            mark.error,
+            fmt="k*",
+            markersize=13,
+            markerfacecolor="none",
+            capsize=3,
+            label=mark.label,
+        )
     axes.set_title(picture.title)
     axes.set_xlabel(picture.x_label)
     axes.set_ylabel(picture.measure.label)
