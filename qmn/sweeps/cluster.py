@@ -5,6 +5,7 @@ on the machine can give them work.
 """
 
 import queue
+import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -41,7 +42,13 @@ def local_client(workers: int) -> Iterator[Client]:
         ) as cluster,
         Client(cluster) as client,
     ):
+        client.run(ignore_interrupts)
         yield client
+
+
+def ignore_interrupts() -> None:
+    """Let a worker not hear of Ctrl-C, which a terminal sends to every process: we end it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 @contextmanager

@@ -52,7 +52,7 @@ def build(experiment: Experiment, given: Mapping[str, object]) -> Grid:
     if grid.size > MAX_POINTS:
         sizes = " x ".join(f"{len(axis)} {name}" for name, axis in axes.items())
         raise BadGrid(f"{grid.size:,} points ({sizes}): at most {MAX_POINTS:,} in one sweep")
-    pairs = axes.get("pairs", [experiment.defaults()["pairs"]])
+    pairs = axes.get("pairs", [experiment.defaults().get("pairs", 0)])
     total = grid.size // len(pairs) * sum(int(each) for each in pairs)
     if total > MAX_PAIRS:
         raise BadGrid(f"{total:,} pairs in all points: at most {MAX_PAIRS:,} in one sweep")
