@@ -1,5 +1,6 @@
 """The physical layer as the operations share it: state, place, time and record."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +26,7 @@ class PhysicalLayer:
     history: History
     max_live_qubits: int
     photons_lost: int = 0
+    exact: bool = True  # False once an approximation has been in what was reported
 
     def record(
         self,
@@ -44,14 +46,22 @@ class PhysicalLayer:
             event.lost = block.register.size - block.register.remaining
         self.history.record(event)
 
-    def feedback(self, block: Block) -> Feedback:
-        """Return the feedback that is common to all operations on a block."""
-        return Feedback(
+    def feedback(self, block: Block, *others: Block) -> Feedback:
+        """Return the feedback that is common to all operations on a block, with others if any."""
+        feedback = Feedback(
             time_ns=self.clock.now_ns(),
             photons=block.register.size,
             first_ns=block.first_ns,
             last_ns=block.last_ns,
         )
+        return self.mark(feedback, (block, *others))
+
+    def mark(self, feedback: Feedback, blocks: Sequence[Block]) -> Feedback:
+        """Say in the feedback what simulates the blocks, and whether that is exact."""
+        feedback.backend = self.sabot.simulated_by(*(block.register for block in blocks))
+        feedback.exact = all(block.pulses.exact for block in blocks)
+        self.exact &= feedback.exact
+        return feedback
 
     def drop(self, block: Block) -> None:
         """Discard a block whatever its state."""

@@ -7,6 +7,7 @@ import numpy as np
 from dispatcher.optical_switch import MAX_POWER_DBM
 from dispatcher.refusal import invalid
 from dispatcher.sabot.backend import Bytes
+from dispatcher.sabot.gates import ROTATIONS
 from wire.config import QuantumSwitch
 from wire.dispatcher_pb2 import Connection
 from wire.switch_check import TEMPERATURE_C
@@ -14,6 +15,7 @@ from wire.switch_check import TEMPERATURE_C
 MAX_COUNT = 4_000_000
 MAX_BLOCKS = 100_000
 MAX_GATES = 256
+MAX_ANGLE_RAD = 1e6
 MAX_STEPS = 64
 MAX_ORDERS = 256  # of one call, at a time
 MAX_TIMEOUT_S = 60.0
@@ -38,6 +40,17 @@ def require_count(count: int) -> None:
     """Refuse an empty or too large block."""
     if not 1 <= count <= MAX_COUNT:
         raise invalid(f"count {count} is not between 1 and {MAX_COUNT}; make several blocks")
+
+
+def require_angle(gate: str, angle_rad: float) -> None:
+    """Refuse an angle that is no number, too large to mean one, or of a gate that has none."""
+    if gate not in ROTATIONS and angle_rad:
+        raise invalid(f"angle_rad {angle_rad:g} for gate {gate}, which takes none; leave it out")
+    if not abs(angle_rad) <= MAX_ANGLE_RAD:
+        raise invalid(
+            f"angle_rad {angle_rad:g} of gate {gate} is not between -{MAX_ANGLE_RAD:g} and "
+            f"{MAX_ANGLE_RAD:g}; an angle repeats after 4 pi"
+        )
 
 
 def require_steps(count: int) -> None:

@@ -1,6 +1,7 @@
 """What a node does to blocks it holds: each operation checks, then acts, then records."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import grpc
 import numpy as np
@@ -11,7 +12,9 @@ from dispatcher.ownership import Block, BlockName
 from dispatcher.refusal import Refusal, exhausted, invalid
 from dispatcher.sabot.backend import GateName
 from dispatcher.sabot.draws import PhotonDraws
+from dispatcher.sabot.gates import ROTATIONS, TWO_QUBIT_GATES
 from dispatcher.sabot.registers import Register
+from dispatcher.sabot.room import GateStep
 from wire.dispatcher_pb2 import CreateRequest, Feedback, Gate, MeasureRequest
 
 PAULIS = ("I", "X", "Z", "XZ")
@@ -23,10 +26,38 @@ GATES: dict[int, GateName] = {
     Gate.S_DAG: "S_DAG",
     Gate.CX: "CX",
     Gate.CZ: "CZ",
+    Gate.T: "T",
+    Gate.T_DAG: "T_DAG",
+    Gate.RX: "RX",
+    Gate.RY: "RY",
+    Gate.RZ: "RZ",
 }
 STATES = {CreateRequest.BELL_PAIRS: ("Bell pairs", 2), CreateRequest.ZEROS: ("zeros", 1)}
 
-PlannedGate = tuple[GateName, Block | None]
+
+class PlannedGate(NamedTuple):
+    """A gate that can be done: every pair of photons is there, and its angle is a number."""
+
+    name: GateName
+    target: Block | None = None
+    angle_rad: float = 0.0
+
+    @property
+    def step(self) -> GateStep:
+        """Return what Sabot is asked."""
+        target = self.target.register if self.target else None
+        return GateStep(self.name, target, self.angle_rad)
+
+    @property
+    def detail(self) -> str:
+        """Return what the event log says."""
+        return f"{self.name}({self.angle_rad:g})" if self.name in ROTATIONS else self.name
+
+    def spread_approximation(self, block: Block) -> None:
+        """Let an approximation in one of the two blocks be in both."""
+        if self.target is not None:
+            exact = block.pulses.exact and self.target.pulses.exact
+            block.pulses.exact = self.target.pulses.exact = exact
 
 
 class Operations:
@@ -62,17 +93,20 @@ class Operations:
         return layer.feedback(blocks[0])
 
     def apply(self, node: str, name: BlockName, paulis: bytes, gates: Sequence[Gate]) -> Feedback:
-        """Apply a Pauli to each photon, then Clifford gates to all of them."""
+        """Apply a Pauli to each photon, then gates to all of them."""
         layer = self._layer
         block = layer.ownership.require(name, node)
         planned = self._plan(node, block, gates)
-        details: list[str] = [gate for gate, _target in planned]
-        if paulis:
-            values = limits.packed("paulis", paulis, block.register.size, 3)
+        details = [gate.detail for gate in planned]
+        values = limits.packed("paulis", paulis, block.register.size, 3) if paulis else None
+        layer.sabot.require_room(block.register, [gate.step for gate in planned])
+        if values is not None:
             layer.sabot.pauli(block.register, values)
             details.insert(0, tally(values, PAULIS))
-        for gate, target in planned:
-            layer.sabot.gate(gate, block.register, target.register if target else None)
+        for gate in planned:
+            step = gate.step
+            layer.sabot.gate(step.name, block.register, step.target, step.angle_rad)
+            gate.spread_approximation(block)
         layer.record(node, "apply", block, detail=" ".join(details))
         return layer.feedback(block)
 
@@ -99,7 +133,7 @@ class Operations:
         layer = self._layer
         first, second = (layer.ownership.require(name, node) for name in names)
         _require_pairs(first, second)
-        feedback = layer.feedback(first)
+        feedback = layer.feedback(first, second)
         feedback.first_ns = min(first.first_ns, second.first_ns)
         feedback.last_ns = max(first.last_ns, second.last_ns)
         feedback.clicks = first.register.remaining + second.register.remaining
@@ -134,11 +168,13 @@ class Operations:
         return self._discard(self._layer.ownership.of_session(node, session))
 
     def _discard(self, blocks: list[Block]) -> Feedback:
+        photons = sum(block.register.size for block in blocks)
+        feedback = Feedback(time_ns=self._layer.clock.now_ns(), photons=photons)
+        self._layer.mark(feedback, blocks)
         for block in blocks:
             self._layer.drop(block)
             self._layer.record(block.node, "discard", block, port=block.port)
-        photons = sum(block.register.size for block in blocks)
-        return Feedback(time_ns=self._layer.clock.now_ns(), photons=photons)
+        return feedback
 
     def _draws(self, block: Block) -> PhotonDraws:
         return self._layer.draws.photons(block.name, "measure", block.register.size)
@@ -171,11 +207,13 @@ class Operations:
     def _plan_gate(self, node: str, block: Block, gate: Gate) -> PlannedGate:
         if gate.name not in GATES:
             raise invalid(f"gate {gate.name} is unknown; use {', '.join(GATES.values())}")
-        if gate.name not in (Gate.CX, Gate.CZ):
-            return GATES[gate.name], None
+        name = GATES[gate.name]
+        limits.require_angle(name, gate.angle_rad)
+        if name not in TWO_QUBIT_GATES:
+            return PlannedGate(name, None, gate.angle_rad)
         target = self._layer.ownership.require(block_name(gate.target), node)
         _require_pairs(block, target)
-        return GATES[gate.name], target
+        return PlannedGate(name, target)
 
 
 def _require_pairs(first: Block, second: Block) -> None:

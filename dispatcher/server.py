@@ -16,9 +16,9 @@ from dispatcher.history import History
 from dispatcher.layer import PhysicalLayer
 from dispatcher.network import Network
 from dispatcher.ownership import Ownership
+from dispatcher.sabot.backends import BACKENDS
 from dispatcher.sabot.draws import Draws
 from dispatcher.sabot.manager import Sabot
-from dispatcher.sabot.tableau import Tableau
 from dispatcher.service import Failed, Service
 from wire.config import BadConfig, DispatcherConfig
 from wire.dispatcher_pb2_grpc import add_DispatcherServicer_to_server
@@ -34,7 +34,7 @@ def build_layer(config: DispatcherConfig, clock: Clock, event_log: TextIO | None
     """Return the physical layer that the configuration describes."""
     return PhysicalLayer(
         clock=clock,
-        sabot=Sabot(Tableau),
+        sabot=Sabot(BACKENDS[config.backend]),
         draws=Draws(config.seed),
         network=Network(config.fibers, config.switches),
         ownership=Ownership(),

@@ -14,7 +14,8 @@ from dispatcher.callers import Callers
 from dispatcher.layer import PhysicalLayer
 from dispatcher.operations import Operations
 from dispatcher.orders import Orders
-from dispatcher.refusal import Refusal
+from dispatcher.refusal import Refusal, exhausted
+from dispatcher.sabot.dense import TooLarge
 from dispatcher.switching import Switching
 from dispatcher.transport import Transport
 from wire import dispatcher_pb2 as messages
@@ -126,7 +127,10 @@ class Service(DispatcherServicer):
 
     async def _act(self, node: str, kind: str, request: Any) -> messages.Feedback:
         self.callers.require_host(node)
-        return await self._acts[kind](node, request)
+        try:
+            return await self._acts[kind](node, request)
+        except TooLarge as error:
+            raise exhausted(str(error)) from error
 
     @call
     async def CrossConnect(
@@ -204,6 +208,7 @@ class Service(DispatcherServicer):
             photons_lost=self.layer.photons_lost,
             events=self.layer.history.count,
             backend=self.layer.sabot.backend,
+            exact=self.layer.exact,
         )
 
     @call

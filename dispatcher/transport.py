@@ -51,12 +51,13 @@ class Transport:
         flights = [self._launch(*way) for way in zip(blocks, ends, departures, strict=True)]
         # A caller that goes away cancels this wait; its photons fly on.
         await asyncio.wait(flights)
-        return Feedback(
+        feedback = Feedback(
             time_ns=layer.clock.now_ns(),
             photons=sum(departure.photons for departure in departures),
             first_ns=start_ns,
             last_ns=max(departure.last_ns for departure in departures),
         )
+        return layer.mark(feedback, blocks)
 
     async def receive(self, node: str, name: BlockName, port: str, timeout_s: float) -> Feedback:
         """Wait for a block at a port of the node and take it from there."""

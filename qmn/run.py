@@ -17,12 +17,13 @@ from controller_apps.policy import BadPolicy, read_policy
 from qmn import result
 from qmn.networks import TOPOLOGIES, BadTopology, topology
 from qmn.run_folder import give_to_invoker, make_folder, point_latest
-from qmn.transfer import Transfer, TransferError, dispatcher_backend, transfer
+from qmn.transfer import Transfer, TransferError, dispatcher_status, transfer
 from topologies.fiber import RANGES
 from topologies.network import Interrupted, Network, Signals, require_root
 from topologies.nodes import QuantumHost
 from topologies.programs import NetworkError
 from topologies.runtime import OPENFLOW_PORT, Runtime
+from wire.config import BACKENDS
 
 MESSAGE = Path(__file__).with_name("message.txt")
 PAIRS_PER_BYTE = 4
@@ -50,6 +51,7 @@ def add_parser(verbs: Any) -> None:
     add("--to", dest="receiver", default="bob", metavar="HOST", help="receiving host (bob)")
     add("--handshake", choices=sorted(EXPECTED_RATE), default="framed", help="default: framed")
     add("--seed", type=int, default=1, help="of all quantum randomness (1)")
+    add("--backend", choices=BACKENDS, default="chp", help="simulates quantum states (chp)")
     add("--controller", choices=["ryu", "os-ken"], default="ryu", help="default: ryu")
     add("--openflow-port", type=int, default=OPENFLOW_PORT, metavar="PORT", help="of c0 (6653)")
     add("--frame-bytes", type=int, default=256, metavar="N", help="bytes under one check (256)")
@@ -227,7 +229,8 @@ def beginning(arguments: argparse.Namespace, folder: Path) -> dict[str, Any]:
         },
         "file": str(file.resolve()),
         "captures": [],
-        "backend": None,
+        "backend": arguments.backend,
+        "exact": None,
     }
 
 
@@ -241,6 +244,7 @@ def run_network(
     """Start the network, send, and add to the facts."""
     settings = Runtime(
         seed=arguments.seed,
+        backend=arguments.backend,
         framework=arguments.controller,
         openflow_port=arguments.openflow_port,
         history_depth=arguments.history_depth,
@@ -263,7 +267,7 @@ def run_network(
     )
     console.print(f"starting the network ({arguments.controller}, seed {arguments.seed}) ...")
     with Network(topology(arguments), settings, signals) as network:
-        facts["backend"] = dispatcher_backend(network)
+        facts["backend"] = dispatcher_status(network).backend
         if not arguments.no_capture:
             facts["captures"] = [str(file) for file in network.capture("s1")]
         console.print(
@@ -272,6 +276,7 @@ def run_network(
         )
         with progress_bar(console, facts) as progress:
             progress(transfer(network, order, progress)[0])
+        facts["exact"] = dispatcher_status(network).exact
 
 
 @contextmanager

@@ -11,7 +11,7 @@ import grpc
 
 from topologies.network import Network
 from topologies.programs import POLL_S, NetworkError, Program, python
-from wire.dispatcher_pb2 import StatusRequest
+from wire.dispatcher_pb2 import StatusReply, StatusRequest
 from wire.dispatcher_pb2_grpc import DispatcherStub
 from wire.service import RUNNER, metadata
 
@@ -56,16 +56,16 @@ def transfer(
     return sent, received
 
 
-def dispatcher_backend(network: Network) -> str:
-    """Ask the dispatcher which simulation backend it uses."""
+def dispatcher_status(network: Network) -> StatusReply:
+    """Ask the dispatcher what simulates the quantum states, and how much there is."""
     runtime = network.runtime
     with grpc.insecure_channel(f"unix:{runtime.socket('dispatcher')}") as channel:
-        status = DispatcherStub(channel).Status(  # type: ignore[no-untyped-call]
+        status: StatusReply = DispatcherStub(channel).Status(  # type: ignore[no-untyped-call]
             StatusRequest(),
             timeout=START_TIMEOUT_S,
             metadata=metadata(runtime.token(RUNNER)),
         )
-    return str(status.backend)
+    return status
 
 
 def _start_receiver(network: Network, order: Transfer) -> Program:

@@ -119,6 +119,7 @@ class DispatcherHost(ClassicalHost):
             listen=network.dispatcher,
             socket=network.socket(DISPATCHER),
             seed=network.seed,
+            backend=network.backend,
             tokens=network.tokens,
             fibers=network.fibers,
             switches=list(network.switches.values()),

@@ -30,6 +30,7 @@ class Runtime:
     """One network: settings given by the caller, and what its nodes have registered."""
 
     seed: int = 1
+    backend: str = "chp"  # of wire.config.BACKENDS: what simulates the quantum states
     framework: str = "ryu"
     openflow_port: int = OPENFLOW_PORT
     history_depth: int = 10_000  # events that the dispatcher remembers

@@ -12,6 +12,7 @@ from wire.physics import ANALYSERS, Device
 
 DISPATCHER_PORT = 50051
 CONTENTION = ("refuse", "queue")
+BACKENDS = ("chp", "stim", "dense")
 
 
 class BadConfig(ValueError):
@@ -115,6 +116,11 @@ class DispatcherConfig(Config):
     devices: dict[str, Device] = field(default_factory=dict)  # of hosts; ideal if not listed
     history_depth: int = 10_000
     max_live_qubits: int = 8_000_000
+    backend: str = "chp"  # on which quantum states begin: one of BACKENDS
+
+    def __post_init__(self) -> None:
+        if self.backend not in BACKENDS:
+            raise ValueError(f"backend {self.backend!r}: choose one of {', '.join(BACKENDS)}")
 
     @classmethod
     def from_dict(cls, fields: dict[str, Any]) -> "DispatcherConfig":

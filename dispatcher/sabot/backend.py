@@ -1,13 +1,22 @@
 """What Sabot asks of a backend: k equal systems of n qubits, simulated at once."""
 
 from collections.abc import Sequence
-from typing import ClassVar, Literal, Protocol, Self
+from typing import ClassVar, Literal, NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-GateName = Literal["H", "S", "S_DAG", "CX", "CZ"]
+CliffordName = Literal["H", "S", "S_DAG", "CX", "CZ"]
+GateName = Literal["H", "S", "S_DAG", "CX", "CZ", "T", "T_DAG", "RX", "RY", "RZ"]
 Bytes = NDArray[np.uint8]
+
+
+class Generators(NamedTuple):
+    """The stabilizers of n qubits: the members' differ in their signs alone."""
+
+    x: NDArray[np.bool_]  # shape (n, n): a row has X or Y on these qubits
+    z: NDArray[np.bool_]  # and Z or Y on these
+    signs: Bytes  # shape (n, k): 1 for minus
 
 
 class Randomness(Protocol):
@@ -43,7 +52,10 @@ class Backend(Protocol):
     def nbytes(self) -> int:
         """Return the memory that the state takes, in bytes."""
 
-    def gate(self, name: GateName, *qubits: int) -> None:
+    def generators(self) -> Generators:
+        """Return the stabilizers; raise ValueError if the backend has none."""
+
+    def gate(self, name: CliffordName, *qubits: int) -> None:
         """Apply a Clifford gate to every member."""
 
     def pauli(self, qubit: int, paulis: Bytes) -> None:
@@ -66,3 +78,14 @@ class Backend(Protocol):
 
     def factor(self) -> Sequence[tuple[list[int], Self]]:
         """Return the independent parts of the state, each with the qubits it consists of."""
+
+
+class Begin(Protocol):
+    """What makes a backend's states: its class, or what chooses between its classes."""
+
+    @property
+    def NAME(self) -> str:  # noqa: N802 (a constant of classes)
+        """Return the backend's name."""
+
+    def __call__(self, qubits: int, members: int, /) -> Backend:
+        """Return the state with every qubit of every member in |0>."""

@@ -30,9 +30,13 @@ class PhotonDraws:
 
     @classmethod
     def by(cls, random: np.random.Generator, count: int) -> Self:
-        """Draw for `count` photons from a generator: for circuits that have no blocks."""
+        """Draw for `count` photons from a generator: for circuits that have no blocks.
+
+        Only bits advance it, so that Clifford circuits have the same outcomes on any backend.
+        """
+        (child,) = random.spawn(1)
         return cls(
-            lambda: random.integers(0, 2, count, dtype=np.uint8), lambda: random.random(count)
+            lambda: random.integers(0, 2, count, dtype=np.uint8), lambda: child.random(count)
         )
 
     @classmethod

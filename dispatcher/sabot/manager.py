@@ -1,12 +1,15 @@
 """The simulation manager: what can be done to registers of qubits."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from dispatcher.sabot.backend import Backend, Bytes, GateName
+from dispatcher.sabot.backend import Begin, Bytes, GateName
+from dispatcher.sabot.dense import Dense
 from dispatcher.sabot.draws import PhotonDraws
+from dispatcher.sabot.gates import TWO_QUBIT_GATES, as_clifford
 from dispatcher.sabot.registers import WHOLE, Component, Mask, Register, Store
+from dispatcher.sabot.room import GateStep, require_amplitudes, require_room
 
 NO_CLICK = 255
 
@@ -14,18 +17,25 @@ NO_CLICK = 255
 class Sabot:
     """All quantum states of a network, on one backend.
 
+    What a backend of stabilizer states cannot hold becomes state vectors, if it is small.
     Lost qubits stay in their states, where nobody sees them: that is to trace them out.
     """
 
-    def __init__(self, backend: type[Backend]) -> None:
+    def __init__(self, backend: Begin) -> None:
         """Simulate with this backend."""
         self._backend = backend
         self._store = Store()
 
     @property
     def backend(self) -> str:
-        """Return the backend's name."""
+        """Return the name of the backend on which states begin."""
         return self._backend.NAME
+
+    def simulated_by(self, *registers: Register) -> str:
+        """Return the backends that hold registers, joined by + if there are several."""
+        components = {component for register in registers for component in register.components}
+        names = {component.state.NAME for component in components}
+        return "+".join(sorted(names)) or self.backend
 
     @property
     def live_qubits(self) -> int:
@@ -54,13 +64,43 @@ class Sabot:
         for component in register.components:
             component.state.pauli(component.qubit(register), paulis[component.positions])
 
-    def gate(self, name: GateName, register: Register, target: Register | None = None) -> None:
-        """Apply a Clifford gate to every qubit, or to every pair of which both are there."""
+    def require_room(self, register: Register, steps: Sequence[GateStep]) -> None:
+        """Raise TooLarge if these gates would need state vectors beyond the limits."""
+        require_room(register, steps, self._store.live_amplitudes)
+
+    def gate(
+        self,
+        name: GateName,
+        register: Register,
+        target: Register | None = None,
+        angle_rad: float = 0.0,
+    ) -> None:
+        """Apply a gate to every qubit, or to every pair of which both are there.
+
+        The angle is for RX, RY and RZ. Raise TooLarge, with nothing changed, if it would
+        need state vectors beyond the limits.
+        """
+        if (target is not None) != (name in TWO_QUBIT_GATES):
+            raise ValueError(f"gate {name} acts on {1 + (name in TWO_QUBIT_GATES)} registers")
+        if target is not None:
+            self._require_pair(register, target)
+        self.require_room(register, [GateStep(name, target, angle_rad)])
         if target is None:
-            for component in register.components:
-                component.state.gate(name, component.qubit(register))
-            return
-        self._require_pair(register, target)
+            self._gate_each(name, register, angle_rad)
+        else:
+            self._gate_pairs(name, register, target)
+
+    def _gate_each(self, name: GateName, register: Register, angle_rad: float) -> None:
+        cliffords = as_clifford(name, angle_rad)
+        for component in register.components:
+            qubit = component.qubit(register)
+            if cliffords is None:
+                dense = self._store.make_dense(component)
+                dense.gate(name, qubit, angle_rad=angle_rad)
+            for clifford in cliffords or ():
+                component.state.gate(clifford, qubit)
+
+    def _gate_pairs(self, name: GateName, register: Register, target: Register) -> None:
         both = register.present & target.present
         if not both.all():
             self._store.divide(register, both)
@@ -69,7 +109,8 @@ class Sabot:
         for component in _shared(register, target):
             if both[component.start]:
                 qubits = component.qubit(register), component.qubit(target)
-                component.state.gate(name, *qubits)
+                for clifford in as_clifford(name) or ():
+                    component.state.gate(clifford, *qubits)
 
     def measure(self, register: Register, bases: Bytes, draws: PhotonDraws) -> Bytes:
         """Measure and discard every qubit in its own basis: 0 Z, 1 X, 2 Y.
@@ -91,9 +132,11 @@ class Sabot:
         """Measure in the Bell basis and discard: 0 Phi+, 1 Psi+, 2 Phi-, 3 Psi-.
 
         Each register has draws of its own. The outcome has shape (k,); that of a pair that
-        lacks a photon is NO_CLICK.
+        lacks a photon is NO_CLICK. Raise TooLarge, with nothing changed, if the joint state
+        of state vectors would be beyond their limits.
         """
         self._require_pair(first, second)
+        self.require_room(first, [GateStep("CX", second)])
         self._store.join(first, second)
         for component in _shared(first, second):
             qubits = component.qubit(first), component.qubit(second)
@@ -104,7 +147,10 @@ class Sabot:
         return _hide(flips | (phases << np.uint8(1)), first.present & second.present)
 
     def reset(self, register: Register, mask: Mask, draws: PhotonDraws) -> None:
-        """Put the qubits of mask, shape (k,), into |0>: measure them unseen, flip what is 1."""
+        """Put the qubits of mask, shape (k,), into |0>: measure them unseen, flip what is 1.
+
+        Draws must be for this reset alone: a block that is reset again needs others.
+        """
         self._store.divide(register, mask)
         for component in list(register.components):
             if not mask[component.start]:
@@ -147,6 +193,8 @@ class Sabot:
         np.logical_not(present, out=register.lost)
 
     def _create(self, count: int, registers: int) -> list[Register]:
+        if self.backend == Dense.NAME:
+            require_amplitudes(registers, count, self._store.live_amplitudes)
         made = [Register(count) for _ in range(registers)]
         self._store.link(Component(self._backend(registers, count), WHOLE, list(made)))
         return made

@@ -10,7 +10,7 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.sabot.backend import Bytes, GateName, Randomness
+from dispatcher.sabot.backend import Bytes, CliffordName, Generators, Randomness
 from dispatcher.sabot.factoring import Bits, eliminate, independent_groups
 
 
@@ -25,6 +25,15 @@ class Tableau:
         self._x: Bits = np.concatenate((each, none))
         self._z: Bits = np.concatenate((none, each))
         self._signs: Bytes = np.zeros((qubits, members), dtype=np.uint8)
+
+    @classmethod
+    def from_rows(cls, x: Bits, z: Bits, signs: Bits) -> Self:
+        """Return one member's state from all rows, shape (2n, n) each, and signs, shape (2n, 1)."""
+        return cls._of(x, z, signs[len(signs) // 2 :].astype(np.uint8))
+
+    def rows(self) -> tuple[Bits, Bits, Bytes]:
+        """Return all rows, shape (2n, n) each, and their signs, shape (2n, k)."""
+        return self._x, self._z, np.concatenate((np.zeros_like(self._signs), self._signs))
 
     @classmethod
     def _of(cls, x: Bits, z: Bits, signs: Bytes) -> Self:
@@ -51,6 +60,10 @@ class Tableau:
         """Return the stabilizers of the first member."""
         return self.stabilizers(0)
 
+    def generators(self) -> Generators:
+        """Return the stabilizers."""
+        return Generators(self._x[self.qubits :], self._z[self.qubits :], self._signs)
+
     def stabilizers(self, member: int) -> str:
         """Return the stabilizers of a member, one a line, such as +XX."""
         lines = []
@@ -60,7 +73,7 @@ class Tableau:
             lines.append(sign + "".join("_XZY"[letter] for letter in letters))
         return "\n".join(lines)
 
-    def gate(self, name: GateName, *qubits: int) -> None:
+    def gate(self, name: CliffordName, *qubits: int) -> None:
         """Apply the gate of that name to every member."""
         match name, qubits:
             case "H", (qubit,):

@@ -1,11 +1,16 @@
 """Registers of qubits: physics checkable on paper, and blocks against single photons."""
 
+from math import pi
+
 import numpy as np
 import pytest
 from numpy.random import Generator
 
 from dispatcher.sabot.backend import Bytes, GateName
+from dispatcher.sabot.backends import BACKENDS
+from dispatcher.sabot.dense import TooLarge
 from dispatcher.sabot.draws import PhotonDraws
+from dispatcher.sabot.gates import CLIFFORDS
 from dispatcher.sabot.manager import NO_CLICK, Sabot
 from dispatcher.sabot.registers import Register
 from dispatcher.sabot.tableau import Tableau
@@ -175,9 +180,9 @@ def test_a_live_pair_takes_few_bytes() -> None:
 class Run:
     """Four registers to which a random experiment is done."""
 
-    def __init__(self, size: int) -> None:
+    def __init__(self, size: int, backend: str = "chp") -> None:
         """Begin with two blocks of Bell pairs."""
-        self.sabot = Sabot(Tableau)
+        self.sabot = Sabot(BACKENDS[backend])
         self.registers = [*self.sabot.bell_pairs(size), *self.sabot.bell_pairs(size)]
         self.apart: Register | None = None
 
@@ -226,14 +231,15 @@ class Run:
         return list(outcome)
 
 
-def step(random: Generator, block: Run, singles: list[Run]) -> None:
-    """Do the same random thing to the block and to each single photon."""
+def step(
+    random: Generator, block: Run, singles: list[Run], gates: tuple[GateName, ...]
+) -> list[int]:
+    """Do the same random thing to the block and to each single photon; return its outcomes."""
     size = len(singles)
     which, target = (int(index) for index in random.permutation(4)[:2])
     values = random.integers(0, 4, size, dtype=np.uint8)
     draws, more = draws_for(random, size), draws_for(random, size)
-    gates: tuple[GateName, ...] = ("H", "S", "S_DAG", "CX", "CZ")
-    name = gates[random.integers(5)]
+    name = gates[random.integers(len(gates))]
     kind = random.choice(
         ["pauli", "gate", "lose", "reset", "apart", "read", "pairs"],
         p=[0.15, 0.4, 0.05, 0.05, 0.1, 0.15, 0.1],
@@ -257,12 +263,118 @@ def step(random: Generator, block: Run, singles: list[Run]) -> None:
         else:
             found += run.read_pairs(which, target, draws.at(members), more.at(members))
     assert found[: len(found) // 2] == found[len(found) // 2 :]
+    return found
 
 
-@pytest.mark.parametrize("seed", range(60))
-def test_a_block_behaves_as_its_photons_one_by_one(seed: int) -> None:
+def outcomes_of(backend: str, seed: int, gates: tuple[GateName, ...]) -> list[int]:
+    """Return all outcomes of a random experiment with 6 photons in each of 4 registers."""
     random, size = np.random.default_rng(seed), 6
-    block, singles = Run(size), [Run(1) for _ in range(size)]
+    block, singles = Run(size, backend), [Run(1, backend) for _ in range(size)]
+    found: list[int] = []
     for _ in range(60):
-        step(random, block, singles)
+        found += step(random, block, singles, gates)
     assert block.sabot.live_qubits == sum(single.sabot.live_qubits for single in singles)
+    return found
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_a_block_behaves_as_its_photons_one_by_one_and_on_any_backend_alike(seed: int) -> None:
+    outcomes = outcomes_of("chp", seed, CLIFFORDS)
+    assert outcomes_of("stim", seed, CLIFFORDS) == outcomes
+    assert outcomes_of("dense", seed, CLIFFORDS) == outcomes
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_a_block_that_becomes_state_vectors_behaves_as_its_photons_one_by_one(seed: int) -> None:
+    gates: tuple[GateName, ...] = (*CLIFFORDS, "T", "T_DAG", "T")
+    outcomes = outcomes_of("chp", seed, gates)
+    assert outcomes_of("stim", seed, gates) == outcomes
+    assert outcomes_of("dense", seed, gates) == outcomes
+
+
+def turned(sabot: Sabot, size: int, angle_rad: float = 0.5) -> Register:
+    """Return qubits that are state vectors."""
+    register = sabot.zeros(size)
+    sabot.gate("RY", register, angle_rad=angle_rad)
+    return register
+
+
+def test_a_gate_that_is_not_clifford_moves_its_components_alone_to_state_vectors() -> None:
+    sabot = Sabot(BACKENDS["chp"])
+    first, second = sabot.bell_pairs(3)
+    other = sabot.zeros(3)
+    sabot.gate("T", first)
+    assert [sabot.simulated_by(register) for register in (first, second, other)] == [
+        "dense",
+        "dense",
+        "chp",
+    ]
+    sabot.gate("CX", second, other)
+    assert sabot.simulated_by(other) == "dense"
+    sabot.measure(second, bases(3, Z), zeros(3))
+    assert (sabot.live_qubits, sabot.live_bytes) == (6, 6 * 2 * 16)  # each for itself again
+
+
+def test_a_quarter_turn_stays_a_stabilizer_state() -> None:
+    sabot = Sabot(BACKENDS["chp"])
+    plus = sabot.zeros(4)
+    sabot.gate("RY", plus, angle_rad=pi / 2)
+    assert sabot.simulated_by(plus) == "chp"
+    assert not sabot.measure(plus, bases(4, X), zeros(4)).any()
+
+
+def test_some_photons_of_a_block_may_be_state_vectors() -> None:
+    sabot = Sabot(BACKENDS["chp"])
+    whole = sabot.zeros(4)
+    part = sabot.part(whole, np.array([True, False, False, True]))
+    sabot.gate("RX", part, angle_rad=pi / 3)
+    sabot.unite(whole, part)
+    assert sabot.simulated_by(whole) == "chp+dense"
+    assert sabot.measure(whole, bases(4, Z), zeros(4)).tolist() == [0, 0, 0, 0]
+    assert sabot.simulated_by(whole) == "chp"
+
+
+def test_thirteen_entangled_qubits_are_no_state_vector_and_stay_as_they_are() -> None:
+    sabot = Sabot(BACKENDS["chp"])
+    registers = [sabot.zeros(2) for _ in range(13)]
+    sabot.gate("H", registers[0])
+    for target in registers[1:]:
+        sabot.gate("CX", registers[0], target)
+    before = sabot.live_bytes
+    with pytest.raises(TooLarge, match=r"13 qubits .* at most 12"):
+        sabot.gate("T", registers[5])
+    assert (sabot.live_bytes, sabot.simulated_by(*registers)) == (before, "chp")
+    for register in registers:
+        assert sabot.measure(register, bases(2, Z), zeros(2)).tolist() == [0, 0]
+
+
+def test_state_vectors_do_not_grow_beyond_twelve_qubits_by_joining_others() -> None:
+    sabot = Sabot(BACKENDS["chp"])
+    hub, spokes = turned(sabot, 1), [sabot.zeros(1) for _ in range(12)]
+    for spoke in spokes[:11]:
+        sabot.gate("CX", hub, spoke)
+    before = sabot.live_bytes
+    with pytest.raises(TooLarge, match="13 qubits"):
+        sabot.gate("CX", spokes[11], hub)
+    with pytest.raises(TooLarge, match="13 qubits"):
+        sabot.bell_measure(hub, spokes[11], (zeros(1), zeros(1)))
+    assert (sabot.live_bytes, sabot.simulated_by(spokes[11])) == (before, "chp")
+
+
+def test_state_vectors_of_too_many_members_are_refused_all_together() -> None:
+    sabot = Sabot(BACKENDS["chp"])
+    ours, theirs = sabot.bell_pairs(1_500_000)
+    turned(sabot, 1_500_000)
+    with pytest.raises(TooLarge, match=r"6,000,000 more amplitudes .* 3,000,000 live.* 8,388,608"):
+        sabot.gate("T", ours)
+    assert sabot.simulated_by(ours, theirs) == "chp"
+    with pytest.raises(TooLarge, match="limit of 8,388,608"):
+        Sabot(BACKENDS["dense"]).bell_pairs(4_000_000)
+
+
+def test_a_gate_needs_the_registers_it_acts_on() -> None:
+    sabot = Sabot(BACKENDS["chp"])
+    with pytest.raises(ValueError, match="CX acts on 2 registers"):
+        sabot.gate("CX", sabot.zeros(1))
+    with pytest.raises(ValueError, match="T acts on 1 registers"):
+        sabot.gate("T", sabot.zeros(1), sabot.zeros(1))

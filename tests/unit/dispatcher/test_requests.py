@@ -74,6 +74,12 @@ def gates(*names: Gate.Name, target: Any = None) -> ApplyRequest:
     return ApplyRequest(block=MINE, gates=[Gate(name=name, target=target) for name in names])
 
 
+def turned(name: Gate.Name, angle_rad: float) -> ApplyRequest:
+    """Return the request that flips alice's photons, then turns them by an angle."""
+    turn = Gate(name=name, angle_rad=angle_rad)
+    return ApplyRequest(block=MINE, paulis=bytes((1, 2, 3, 1)), gates=[Gate(name=Gate.H), turn])
+
+
 REFUSED = [
     # another's block, and one that is nowhere
     ("alice", "Apply", ApplyRequest(block=THEIRS), Code.PERMISSION_DENIED, "not at alice"),
@@ -140,10 +146,14 @@ REFUSED = [
     (
         "alice",
         "Apply",
-        ApplyRequest(block=MINE, gates=[Gate(name=9)]),  # type: ignore[arg-type]
+        ApplyRequest(block=MINE, gates=[Gate(name=10)]),  # type: ignore[arg-type]
         Code.INVALID_ARGUMENT,
-        "gate 9",
+        "gate 10",
     ),
+    ("alice", "Apply", turned(Gate.RX, float("nan")), Code.INVALID_ARGUMENT, "angle_rad nan"),
+    ("alice", "Apply", turned(Gate.RY, float("-inf")), Code.INVALID_ARGUMENT, "angle_rad -inf"),
+    ("alice", "Apply", turned(Gate.RZ, 2e6), Code.INVALID_ARGUMENT, "angle_rad 2e[+]06"),
+    ("alice", "Apply", turned(Gate.T, 0.1), Code.INVALID_ARGUMENT, "T, which takes none"),
     ("alice", "Apply", gates(Gate.CX, target=MINE), Code.INVALID_ARGUMENT, "named twice"),
     ("alice", "Apply", gates(Gate.CZ, target=block(3)), Code.INVALID_ARGUMENT, "pair up"),
     ("alice", "Apply", gates(Gate.H, Gate.CX), Code.NOT_FOUND, "block 0/0 of session 0000"),

@@ -9,11 +9,11 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 from stim import TableauSimulator
 
-from dispatcher.sabot.backend import Bytes, GateName
+from dispatcher.sabot.backend import Bytes, CliffordName
 from dispatcher.sabot.draws import PhotonDraws
 from dispatcher.sabot.tableau import Tableau
 
-GATES: tuple[GateName, ...] = get_args(GateName)
+GATES: tuple[CliffordName, ...] = get_args(CliffordName)
 TWO_QUBITS = ("CX", "CZ")
 PAULIS = "IXZY"  # XZ is Y up to a phase
 
@@ -59,7 +59,7 @@ def assert_partners(tableau: Tableau) -> None:
     assert (relation[:count, count:] == np.eye(count, dtype=int)).all()
 
 
-def draw_gate(random: Generator, qubits: int) -> tuple[GateName, list[int]]:
+def draw_gate(random: Generator, qubits: int) -> tuple[CliffordName, list[int]]:
     """Draw a gate and the qubits it acts on."""
     names = [name for name in GATES if qubits > 1 or name not in TWO_QUBITS]
     name = names[random.integers(len(names))]
