@@ -153,7 +153,9 @@ def _tell_beginning(console: Console, grid: Grid, seed: int, table: Table, left:
         text += f"; {grid.size - left:,} are in {table.path} already"
     console.print(text, soft_wrap=True)
     if table.cut_off:
-        console.print(f"{table.path}: its last line was half written; that point is measured again")
+        console.print(
+            f"{table.path}: its last line was half written; that point comes again", soft_wrap=True
+        )
 
 
 def _follow(console: Console, grid: Grid, seed: int, table: Table, measurer: Measurer) -> None:

@@ -2,13 +2,16 @@
 
 import asyncio
 
+from qmn.sweeps.bell_test import CHSH
 from qmn.sweeps.experiment import Experiment, Outcome
 from qmn.sweeps.parameters import Values
 from qmn.sweeps.seeds import point_seed
 from qmn.sweeps.superdense import SUPERDENSE
 from qmn.sweeps.teleportation import SWAP, TELEPORT
 
-EXPERIMENTS: dict[str, Experiment] = {each.name: each for each in (SUPERDENSE, TELEPORT, SWAP)}
+EXPERIMENTS: dict[str, Experiment] = {
+    each.name: each for each in (SUPERDENSE, TELEPORT, SWAP, CHSH)
+}
 
 
 def measure(name: str, values: Values, seed: int) -> dict[str, tuple[float, float]]:

@@ -44,6 +44,7 @@ class Picture:
     measure: Measure
     series: Sequence[tuple[str, list[Point]]]
     marks: Sequence[Mark] = field(default=())
+    levels: Sequence[tuple[float, str]] = field(default=())  # horizontal lines with their labels
 
 
 def draw(picture: Picture, file: Path) -> None:
@@ -66,6 +67,8 @@ def draw(picture: Picture, file: Path) -> None:
             capsize=3,
             label=mark.label,
         )
+    for level, label in picture.levels:
+        axes.axhline(level, color="k", linestyle=":", linewidth=LINE_WIDTH, label=label)
     axes.set_title(picture.title)
     axes.set_xlabel(picture.x_label)
     axes.set_ylabel(picture.measure.label)

@@ -29,6 +29,7 @@ class Curve:
     measure: str
     by: Sequence[str] = ()
     marks: Sequence[Mark] = field(default=())
+    levels: Sequence[tuple[float, str]] = field(default=())
     logarithmic: bool = False
 
 
@@ -69,6 +70,7 @@ class Sheet:
             measure,
             series(rows, [experiment.parameter(name) for name in curve.by], curve.measure),
             curve.marks,
+            curve.levels,
         )
 
 
@@ -169,6 +171,21 @@ SHEETS = (
                 "fidelity F1 of the first pair",
                 "swapped",
                 by=["second_fidelity"],
+            )
+        ],
+    ),
+    Sheet(
+        "chsh",
+        "chsh",
+        {"fidelity": "0.25:1:11", "pairs": 400_000},
+        [
+            Curve(
+                "chsh",
+                "CHSH test: S = 2 sqrt 2 (4F - 1)/3",
+                "fidelity",
+                "fidelity F of the pairs",
+                "chsh",
+                levels=[(2.0, "local realism: at most 2")],
             )
         ],
     ),
