@@ -37,7 +37,7 @@ def seen(clicks: Mask, dead_slots: int) -> Mask:
     return found
 
 
-def _walk(following: Positions, entries: NDArray[np.intp]) -> Mask:
+def _walk(following: Positions, entries: NDArray[np.signedinteger]) -> Mask:
     """Return what is visited from all entries; each walk ends at an entry, or at n."""
     stops = np.zeros(following.size + 1, dtype=bool)
     stops[entries] = stops[-1] = True

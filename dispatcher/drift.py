@@ -23,7 +23,10 @@ def reflect(pulses: Pulses, paulis: NDArray[np.uint8]) -> None:
     if pulses.angles_rad is None:
         return
     flipped = (paulis & FLIPS_BIT).view(np.bool_)
-    pulses.angles_rad = np.where(flipped, -pulses.angles_rad, pulses.angles_rad)
+    if flipped.any():
+        pulses.angles_rad = np.negative(
+            pulses.angles_rad, where=flipped, out=pulses.angles_rad.copy()
+        )
 
 
 def twirl(block: Block, sabot: Sabot, draws: Draws) -> None:

@@ -12,8 +12,10 @@ import grpc
 
 from dispatcher.callers import Callers
 from dispatcher.clock import CaptureClock, Clock
+from dispatcher.devices import Devices
 from dispatcher.history import History
 from dispatcher.layer import PhysicalLayer
+from dispatcher.memory import Memories
 from dispatcher.network import Network
 from dispatcher.ownership import Ownership
 from dispatcher.sabot.backends import BACKENDS
@@ -31,14 +33,23 @@ log = logging.getLogger("dispatcher")
 
 
 def build_layer(config: DispatcherConfig, clock: Clock, event_log: TextIO | None) -> PhysicalLayer:
-    """Return the physical layer that the configuration describes."""
+    """Return the physical layer that the configuration describes.
+
+    Raise BadConfig or BadParameter for what cannot be.
+    """
+    devices = Devices(config.devices)
+    if unknown := config.devices.keys() - config.tokens.keys():
+        raise BadConfig(f"devices of {', '.join(sorted(unknown))}: there are no such hosts")
+    sabot, draws = Sabot(BACKENDS[config.backend]), Draws(config.seed)
     return PhysicalLayer(
         clock=clock,
-        sabot=Sabot(BACKENDS[config.backend]),
-        draws=Draws(config.seed),
+        sabot=sabot,
+        draws=draws,
         network=Network(config.fibers, config.switches),
         ownership=Ownership(),
         history=History(config.history_depth, event_log),
+        devices=devices,
+        memories=Memories(devices, clock, sabot, draws),
         max_live_qubits=config.max_live_qubits,
     )
 

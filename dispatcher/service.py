@@ -10,8 +10,10 @@ from typing import Any, TypeVar
 import grpc
 
 from dispatcher.acts import acts
+from dispatcher.adjustment import adjust
 from dispatcher.callers import Callers
 from dispatcher.layer import PhysicalLayer
+from dispatcher.measurements import Measurements
 from dispatcher.operations import Operations
 from dispatcher.orders import Orders
 from dispatcher.refusal import Refusal, exhausted
@@ -59,7 +61,7 @@ class Service(DispatcherServicer):
         self.transport = Transport(layer, failed)
         self.switching = Switching(layer)
         self._operations = Operations(layer)
-        self._acts = acts(self._operations, self.transport)
+        self._acts = acts(self._operations, Measurements(layer), self.transport)
 
     @call
     async def Create(
@@ -194,6 +196,14 @@ class Service(DispatcherServicer):
         self.callers.require_known(request.switch)
         await self.switching.inject(request)
         return messages.InjectFaultReply()
+
+    @call
+    async def AdjustFiber(
+        self, request: messages.AdjustFiberRequest, node: str, _context: Context
+    ) -> messages.AdjustFiberReply:
+        """Change something about fibres."""
+        self.callers.require_runner(node, "adjust fibres")
+        return messages.AdjustFiberReply(fibers=adjust(self.layer, request))
 
     @call
     async def Status(

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.block_draws import BlockDraws
+from dispatcher.chance import Chance
 from wire.physics import PairSource
 
 MOST_PAIRS = 255  # in a pulse: fits a byte; rarer than 1e-10 at the largest mean
@@ -26,13 +26,13 @@ class Emission(NamedTuple):
     exact: bool
 
 
-def emit(source: PairSource, draws: BlockDraws) -> Emission:
+def emit(source: PairSource, chance: Chance) -> Emission:
     """Draw what a source emits, one pulse for each photon of a half."""
     single = source.statistics == "single"
     return Emission(
-        paulis=_bell_states(source.bell_probabilities(), draws),
-        pairs=None if single else _pairs(source, draws),
-        delays_ps=draws.normal("jitter") * source.jitter_ps if source.jitter_ps else None,
+        paulis=_bell_states(source.bell_probabilities(), chance),
+        pairs=None if single else _pairs(source, chance),
+        delays_ps=chance.normal("jitter") * source.jitter_ps if source.jitter_ps else None,
         exact=single,
     )
 
@@ -41,29 +41,26 @@ def pair_probabilities(statistics: str, mean_pairs: float) -> NDArray[np.float64
     """Return how likely 0, 1, 2, … pairs are, up to MOST_PAIRS."""
     counts = np.arange(MOST_PAIRS + 1)
     if statistics == "thermal":
-        return (mean_pairs / (1 + mean_pairs)) ** counts / (1 + mean_pairs)
-    factors = np.concatenate(([math.exp(-mean_pairs)], mean_pairs / counts[1:]))
-    return np.cumprod(factors)
+        return np.array((mean_pairs / (1 + mean_pairs)) ** counts / (1 + mean_pairs))
+    factors = np.append(math.exp(-mean_pairs), mean_pairs / counts[1:])
+    return np.cumprod(factors, dtype=np.float64)
 
 
-def _bell_states(probabilities: tuple[float, ...], draws: BlockDraws) -> NDArray[np.uint8] | None:
+def _bell_states(probabilities: tuple[float, ...], chance: Chance) -> NDArray[np.uint8] | None:
     """Draw the Bell states: first which are not Phi+, then which of the others they are."""
     others = sum(probabilities[1:])
     if others == 0:
         return None
-    wrong = np.flatnonzero(draws.hits("not Phi+", others))
-    bounds = np.cumsum(probabilities[1:3]) / others
-    states = np.zeros(draws.count, dtype=np.uint8)
-    states[wrong] = 1 + np.searchsorted(bounds, draws.few("Bell state", wrong.size), side="right")
+    wrong = chance.events("not Phi+", others)
+    states = np.zeros(chance.photons, dtype=np.uint8)
+    states[wrong] = 1 + chance.which("Bell state", wrong.size, probabilities[1:])
     return states
 
 
-def _pairs(source: PairSource, draws: BlockDraws) -> NDArray[np.uint8]:
+def _pairs(source: PairSource, chance: Chance) -> NDArray[np.uint8]:
     """Draw the number of pairs in each pulse: first where there are any, then how many."""
     probabilities = pair_probabilities(source.statistics, source.mean_pairs)
-    some = np.flatnonzero(draws.hits("light", 1 - float(probabilities[0])))
-    pairs = np.zeros(draws.count, dtype=np.uint8)
-    if some.size:
-        bounds = np.cumsum(probabilities[1:-1]) / (1 - probabilities[0])
-        pairs[some] = 1 + np.searchsorted(bounds, draws.few("pairs", some.size), side="right")
+    some = chance.events("light", 1 - float(probabilities[0]))
+    pairs = np.zeros(chance.photons, dtype=np.uint8)
+    pairs[some] = 1 + chance.which("pairs", some.size, probabilities[1:])
     return pairs

@@ -1,8 +1,11 @@
 """Which topologies `qmn run` knows, and what the command line may say of them."""
 
 import argparse
+import json
 from collections.abc import Callable
+from dataclasses import asdict
 from functools import partial
+from typing import Any
 
 from mininet.topo import Topo
 
@@ -10,6 +13,7 @@ from topologies.chain import ChainTopo
 from topologies.leaf_spine import LeafSpineTopo
 from topologies.ring import RingTopo
 from topologies.sdc import SdcTopo
+from wire.fiber import FiberOptics
 
 TOPOLOGIES: dict[str, tuple[Callable[..., Topo], str]] = {
     "sdc": (SdcTopo, "one quantum switch"),
@@ -23,7 +27,8 @@ SIZES = {
     "ring": ("switches",),
     "leaf-spine": ("leaves", "spines"),
 }
-FIBER = ("length_km", "loss_db_per_km", "depolarizing")
+FIBER = ("length_km", "loss_db_per_km", "depolarizing", "kind")
+PARAMETERS = asdict(FiberOptics())  # of a fibre, with their defaults
 
 
 class BadTopology(Exception):
@@ -39,10 +44,32 @@ def topology(arguments: argparse.Namespace) -> Callable[[], Topo]:
     for size in sorted(given.keys() - set(SIZES[name])):
         fitting = ", ".join(topo for topo, own in SIZES.items() if size in own)
         raise BadTopology(f"--{size} is of {fitting}, not of {name}: leave it out")
-    fiber = {key: getattr(arguments, key) for key in FIBER}
-    build = partial(TOPOLOGIES[name][0], **given, **fiber)
+    build = partial(
+        TOPOLOGIES[name][0], **given, preset=arguments.preset, **fiber_parameters(arguments)
+    )
     try:
         build()
     except ValueError as error:
         raise BadTopology(str(error)) from error
     return build
+
+
+def fiber_parameters(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return what the command line says of every fibre; raise BadTopology for no such words."""
+    given = {key: getattr(arguments, key) for key in FIBER if getattr(arguments, key) is not None}
+    for word in arguments.fiber:
+        name, equals, text = word.partition("=")
+        if not equals or name not in PARAMETERS:
+            known = ", ".join(PARAMETERS)
+            raise BadTopology(f"--fiber {word}: write NAME=VALUE, where NAME is of {known}")
+        given[name] = _value(name, text)
+    return given
+
+
+def _value(name: str, text: str) -> Any:
+    """Return a parameter's value as the kind of its default."""
+    kind = type(PARAMETERS[name])
+    try:
+        return json.loads(text) if kind is dict else kind(text)
+    except ValueError as error:
+        raise BadTopology(f"--fiber {name}={text}: {error}") from error

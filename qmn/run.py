@@ -18,12 +18,13 @@ from qmn import result
 from qmn.networks import TOPOLOGIES, BadTopology, topology
 from qmn.run_folder import give_to_invoker, make_folder, point_latest
 from qmn.transfer import Transfer, TransferError, dispatcher_status, transfer
-from topologies.fiber import RANGES
 from topologies.network import Interrupted, Network, Signals, require_root
 from topologies.nodes import QuantumHost
+from topologies.presets import PRESETS
 from topologies.programs import NetworkError
 from topologies.runtime import OPENFLOW_PORT, Runtime
 from wire.config import BACKENDS
+from wire.fiber import KINDS
 
 MESSAGE = Path(__file__).with_name("message.txt")
 PAIRS_PER_BYTE = 4
@@ -57,15 +58,16 @@ def add_parser(verbs: Any) -> None:
     add("--frame-bytes", type=int, default=256, metavar="N", help="bytes under one check (256)")
     add("--block-pairs", type=int, default=65_536, metavar="N", help="pairs in a block (65536)")
     add("--rate-hz", type=int, default=50_000_000, metavar="HZ", help="of the source (50000000)")
-    add("--length-km", type=float, default=0.01, metavar="KM", help="of every fibre (0.01)")
-    add("--loss-db-per-km", type=float, default=0.0, metavar="DB", help="of every fibre (0)")
-    add(
-        "--depolarizing",
-        type=float,
-        default=0.0,
-        metavar="P",
-        help="of every fibre: X, Y and Z each with probability P/4 (0)",
-    )
+    what_of = "of every fibre"
+    add("--preset", choices=list(PRESETS), default="ideal", help="fibres and devices (ideal)")
+    add("--length-km", type=float, metavar="KM", help=f"{what_of} (0.01)")
+    add("--loss-db-per-km", type=float, metavar="DB", help=f"{what_of} (0)")
+    text = f"{what_of}: X, Y and Z each with probability P/4 (0)"
+    add("--depolarizing", type=float, metavar="P", help=text)
+    text = f"{what_of}: standard or polarisation-maintaining"
+    add("--kind", choices=list(KINDS), help=text)
+    text = f"a parameter {what_of}, as drift_time_s=10 (more than once; README.md has them)"
+    add("--fiber", action="append", default=[], metavar="NAME=VALUE", help=text)
     add("--switches", type=int, metavar="N", help="quantum switches of a chain or ring")
     add("--leaves", type=int, metavar="N", help="switches of leaf-spine with hosts (3)")
     add("--spines", type=int, metavar="N", help="switches of leaf-spine between leaves (2)")
@@ -135,7 +137,6 @@ def check_input(arguments: argparse.Namespace) -> int:
         )
     check_controller(arguments)
     for name, least, most in (
-        *((name, *limits) for name, limits in RANGES.items()),
         ("frame_bytes", 1, 65_536),
         ("block_pairs", PAIRS_PER_BYTE, 262_144),
         ("rate_hz", 1, 4_000_000_000),
@@ -216,9 +217,12 @@ def beginning(arguments: argparse.Namespace, folder: Path) -> dict[str, Any]:
                 "frame_bytes",
                 "block_pairs",
                 "rate_hz",
+                "preset",
                 "length_km",
                 "loss_db_per_km",
                 "depolarizing",
+                "kind",
+                "fiber",
                 "switches",
                 "leaves",
                 "spines",

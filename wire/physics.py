@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, Self
 
-BELL_STATES = 4  # Phi+, Psi+, Phi-, Psi-
+BELL_STATES = ("Phi+", "Psi+", "Phi-", "Psi-")  # as Bell measurements number them
 ANALYSERS = ("complete", "linear")  # kinds of Bell analysers
 SUM_TOLERANCE = 1e-9  # by which probabilities may miss 1
 
@@ -67,7 +67,7 @@ class PairSource:
         if given is None:
             return
         numbers = isinstance(given, tuple) and all(_is_probability(value) for value in given)
-        if not numbers or len(given) != BELL_STATES or abs(sum(given) - 1) > SUM_TOLERANCE:
+        if not numbers or len(given) != len(BELL_STATES) or abs(sum(given) - 1) > SUM_TOLERANCE:
             raise BadParameter(
                 f"{where}: bell_diagonal {given!r} is not 4 probabilities that add up to 1"
             )
@@ -88,6 +88,8 @@ class Memory:
 
     t1_s: float = parameter(float("inf"), 1e-12, float("inf"))
     t2_s: float = parameter(float("inf"), 1e-12, float("inf"))  # at most 2 T1
+    # Where T2 > T1: approximate relaxation by Paulis, or follow it in state vectors (small blocks).
+    damping: str = choice("twirl", "dense")
     efficiency: float = parameter(1.0, 0.0, 1.0)  # of storing and reading together
     capacity: int = parameter(4_000_000, 0, 4_000_000)  # qubits
 

@@ -17,8 +17,6 @@ from dispatcher.sabot.backend import Bytes
 Key = tuple[int, int, int]  # session, block number, half
 Uniform = NDArray[np.float64]
 
-BYTE_VALUES = 256
-
 
 class PhotonDraws:
     """The random numbers of k photons for one purpose, drawn when they are first asked for."""
@@ -69,38 +67,14 @@ class Draws:
 
     def bits(self, key: Key, purpose: str, count: int) -> Bytes:
         """Return a fair bit for each of the first `count` photons of a block."""
-        packed = np.frombuffer(self._generator(key, purpose).bytes((count + 7) // 8), np.uint8)
+        packed = np.frombuffer(self.generator(key, purpose).bytes((count + 7) // 8), np.uint8)
         return np.unpackbits(packed, count=count, bitorder="little")
 
     def uniform(self, key: Key, purpose: str, count: int) -> Uniform:
         """Return a number from [0, 1) for each of the first `count` photons of a block."""
-        return self._generator(key, purpose).random(count)
+        return self.generator(key, purpose).random(count)
 
-    def normal(self, key: Key, purpose: str, count: int) -> NDArray[np.float64]:
-        """Return a number of mean 0 and variance 1 for each of the first `count` photons."""
-        return self._generator(key, purpose).standard_normal(count)
-
-    def exponential(self, key: Key, purpose: str, count: int) -> NDArray[np.float64]:
-        """Return an exponential number of mean 1 for each of the first `count` photons."""
-        return self._generator(key, purpose).standard_exponential(count)
-
-    def hits(self, key: Key, purpose: str, count: int, probability: float) -> NDArray[np.bool_]:
-        """Return which of the first `count` photons something of this probability happens to.
-
-        A byte for each photon decides it, and a number where the byte is the one that the
-        probability falls into: exact, in a quarter of the time. What is sure is not drawn.
-        """
-        if not 0 < probability < 1:
-            return np.full(count, probability >= 1)
-        whole, rest = divmod(probability * BYTE_VALUES, 1.0)
-        drawn = np.frombuffer(self._generator(key, purpose).bytes(count), np.uint8)
-        hit = drawn < int(whole)
-        undecided = np.flatnonzero(drawn == int(whole))
-        finer = self._generator(key, f"{purpose}, finer")
-        hit[undecided] = finer.random(undecided.size) < rest
-        return hit
-
-    def _generator(self, key: Key, purpose: str) -> np.random.Generator:
+    def generator(self, key: Key, purpose: str) -> np.random.Generator:
         """Return a counter-based generator (Philox, Salmon et al. 2011) for the purpose."""
         identity = repr((self._seed, *key, purpose)).encode()
         digest = blake2b(identity, digest_size=16).digest()

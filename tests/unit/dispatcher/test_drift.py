@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from dispatcher import drift
 from dispatcher.ownership import Block, BlockName, Pulses
-from dispatcher.sabot.draws import Draws
+from dispatcher.sabot.draws import Draws, PhotonDraws
 from dispatcher.sabot.manager import Sabot
 from dispatcher.sabot.tableau import Tableau
 
@@ -14,6 +14,7 @@ COUNT = 200_000
 DRAWS = Draws(1)
 X = np.ones(COUNT, dtype=np.uint8)
 NONE = np.zeros(COUNT, dtype=np.uint8)
+BITS = PhotonDraws.given(NONE)
 
 
 def within(found: int, probability: float) -> bool:
@@ -42,7 +43,7 @@ def measured(one: Pulses, other: Pulses, paulis: NDArray[np.uint8] = NONE) -> li
     first, second = pairs(sabot, one, other)
     drift.reflect(first.pulses, paulis)
     sabot.pauli(first.register, paulis)
-    outcomes = sabot.bell_measure(first.register, second.register, (NONE, NONE))
+    outcomes = sabot.bell_measure(first.register, second.register, (BITS, BITS))
     drift.twirl_pairs(first, second, outcomes, DRAWS)
     assert first.pulses == second.pulses == Pulses(exact=False)
     return [int(np.count_nonzero(outcomes == state)) for state in range(4)]
@@ -53,7 +54,7 @@ def test_two_drifts_of_a_fifth_flip_with_sin_squared_of_a_fifth() -> None:
     first, second = pairs(sabot, angles(0.2 + 0.2), Pulses())
     drift.twirl(first, sabot, DRAWS)
     assert first.pulses == Pulses(exact=False)
-    outcomes = sabot.bell_measure(first.register, second.register, (NONE, NONE))
+    outcomes = sabot.bell_measure(first.register, second.register, (BITS, BITS))
     flipped = int(np.count_nonzero(outcomes == 2))
     assert within(flipped, 0.039470)
     assert not within(flipped, 2 * np.sin(0.1) ** 2 * np.cos(0.1) ** 2)
@@ -79,7 +80,7 @@ def test_a_flip_on_the_way_turns_the_angle_of_before_around() -> None:
 def test_without_angles_nothing_is_drawn_and_nothing_changes() -> None:
     sabot = Sabot(Tableau)
     first, second = pairs(sabot, Pulses(), Pulses())
-    outcomes = sabot.bell_measure(first.register, second.register, (NONE, NONE))
+    outcomes = sabot.bell_measure(first.register, second.register, (BITS, BITS))
     drift.twirl(first, sabot, None)  # type: ignore[arg-type]
     drift.twirl_pairs(first, second, outcomes, None)  # type: ignore[arg-type]
     assert first.pulses == second.pulses == Pulses()

@@ -88,7 +88,7 @@ async def network(
     judge: Judge = grant,
     rotation: int = 0,
     analyser: str = "complete",
-    **fiber: float,
+    **fiber: Any,
 ) -> AsyncIterator[Path]:
     """Run everything; the sockets of the stacks are in the folder."""
     config = DispatcherConfig(

@@ -23,7 +23,7 @@ def parse(*words: str) -> argparse.Namespace:
     [
         (["--file", "/nowhere"], "cannot read /nowhere: No such file"),
         (["--frame-bytes", "70000"], "--frame-bytes 70000: choose 1 to 65536"),
-        (["--depolarizing", "1.5"], "--depolarizing 1.5: choose 0 to 1"),
+        (["--depolarizing", "1.5"], "depolarizing 1.5 is not 0 to 1"),
         (["--rate-hz", "0"], "--rate-hz 0"),
         (["--to", "ed"], "unknown host 'ed': choose one of alice, bob, charlie"),
         (["--from", "bob"], "--from and --to are both bob"),
