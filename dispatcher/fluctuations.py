@@ -95,13 +95,14 @@ class Bursts:
 
     def effect(self, passage: Passage) -> Effect:
         """Follow the state."""
-        bad = self._states(passage)
+        bad = self.states(passage)
         if not bad.any():
             return Effect()
         photons = passage.events("error", 0.75 * self.p)
         return Effect(paulis=depolarized(passage, photons[bad[photons]]))
 
-    def _states(self, passage: Passage) -> NDArray[np.bool_]:
+    def states(self, passage: Passage) -> NDArray[np.bool_]:
+        """Return which photons pass while the channel is bad, shape (k,)."""
         schedule, past, photons = passage.schedule, passage.past, passage.photons
         known = reached(passage)
         if known == photons:

@@ -54,8 +54,7 @@ def thin(
     """Let each further photon of the members' pulses through with this probability."""
     if pulses.extras is None:
         return
-    there = np.flatnonzero(pulses.extras)
-    there = there[members[there]]
+    there = np.flatnonzero((pulses.extras > 0) & members)
     if isinstance(transmission, np.ndarray):
         transmission = transmission[there]
     extras = pulses.extras.copy()

@@ -11,7 +11,7 @@ from typing import Any
 from mininet.topo import Topo
 
 from topologies import presets
-from topologies.fiber import FiberLink
+from topologies.fiber import FiberLink, resolved
 from topologies.nodes import (
     ClassicalSwitch,
     DispatcherHost,
@@ -80,7 +80,7 @@ def fiber_of(preset: str, given: Mapping[str, Any]) -> dict[str, Any]:
     base = presets.preset(preset).fiber
     kind = KINDS.get(str(given["kind"]), {}) if "kind" in given else {}
     chosen = {**base, **kind, **given}
-    optics("every fibre", **chosen)
+    resolved(optics("every fibre", **chosen))
     return chosen
 
 
