@@ -16,6 +16,7 @@ from hosts.software import QuantumSocket
 from qmn.measure.live_pairs import BLOCK_PAIRS, cost_by_live_pairs
 from qmn.measure.measurement import seconds_of
 from qmn.measure.path_figures import path_figures
+from qmn.measure.sabot_speed import sabot_speed
 from topologies.network import Interrupted, Network, Signals, require_root
 from topologies.programs import NetworkError, python
 from topologies.runtime import Runtime
@@ -42,6 +43,8 @@ def call(arguments: argparse.Namespace) -> int:
     try:
         require_root()
         with Signals() as signals, tempfile.TemporaryDirectory(prefix="qmn-bench-") as folder:
+            for name, figure in sabot_speed():
+                show(name, figure)
             run(Path(folder), arguments.pairs, signals)
             for name, figure in path_figures(Path(folder), arguments.setups, signals):
                 show(name, figure)

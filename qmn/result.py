@@ -11,6 +11,8 @@ from rich.table import Table
 
 from topologies.record import read_record
 
+EXACTNESS = {True: "exact", False: "with approximations", None: "exactness unknown"}
+
 
 def complete(facts: dict[str, Any], folder: Path) -> None:
     """Add what the run has left in its folder, and write result.json."""
@@ -72,6 +74,7 @@ def show(console: Console, facts: dict[str, Any], folder: Path) -> None:
         "metadata to light path": "no path was set up"
         if setup["p50"] is None
         else f"p50 {setup['p50']:.2f} ms, p99 {setup['p99']:.2f} ms, n {setup['n']}",
+        "quantum states": f"{facts['backend']}, {EXACTNESS[facts['exact']]}",
         "captures": f"{folder}/*.pcap" if facts["captures"] else "none",
         "quantum events": f"{folder}/quantum.log",
         "all facts": f"{folder}/result.json",

@@ -48,6 +48,8 @@ class PhotonDraws:
 
     def at(self, positions: NDArray[np.unsignedinteger] | slice) -> "PhotonDraws":
         """Return the draws of these photons alone, which are those that they have in the whole."""
+        if isinstance(positions, slice) and positions == slice(None):
+            return self
         return PhotonDraws(lambda: self.bits()[positions], lambda: self._fractions()[positions])
 
 

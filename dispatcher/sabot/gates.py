@@ -14,6 +14,7 @@ RotationName = Literal["RX", "RY", "RZ"]
 CLIFFORDS: tuple[CliffordName, ...] = get_args(CliffordName)
 ROTATIONS: tuple[RotationName, ...] = get_args(RotationName)
 TWO_QUBIT_GATES = ("CX", "CZ")
+THEMSELVES: dict[str, tuple[CliffordName]] = {name: (name,) for name in CLIFFORDS}
 EIGHTH_TURNS = {"T": pi / 4, "T_DAG": -pi / 4}
 
 PRECISION = 1e-12  # of an angle in quarter turns, below which it is a whole number of them
@@ -27,9 +28,8 @@ AXES: dict[str, tuple[tuple[CliffordName, ...], tuple[CliffordName, ...]]] = {
 
 def as_clifford(name: GateName, angle_rad: float = 0.0) -> tuple[CliffordName, ...] | None:
     """Return Clifford gates that do the same, in order; None if there are none."""
-    for clifford in CLIFFORDS:
-        if name == clifford:
-            return (clifford,)
+    if name in THEMSELVES:
+        return THEMSELVES[name]
     turns = angle_rad / (pi / 2)
     if name not in AXES or abs(turns - round(turns)) > PRECISION:
         return None

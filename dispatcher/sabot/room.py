@@ -44,10 +44,10 @@ def require_room(register: Register, steps: Sequence[GateStep], live: int) -> No
 
     Every gate acts on the register, so its components can only grow.
     """
-    registers = [register, *(step.target for step in steps if step.target is not None)]
     open_gates = [step for step in steps if as_clifford(step.name, step.angle_rad) is None]
     if not open_gates and not live:
         return
+    registers = [register, *(step.target for step in steps if step.target is not None)]
     more = 0
     for components, members in _meetings(list(dict.fromkeys(registers))):
         states = [component.state for component in components]

@@ -54,6 +54,16 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
         HostConfig.read(tmp_path / "nowhere")
 
 
+def test_an_unknown_backend_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "dispatcher.json"
+    path.write_text(
+        '{"listen": "127.0.0.1:1", "socket": "d.sock", "seed": 1, "tokens": {},'
+        ' "fibers": [], "switches": [], "backend": "chip"}'
+    )
+    with pytest.raises(BadConfig, match="backend 'chip': choose one of chp, stim, dense"):
+        DispatcherConfig.read(path)
+
+
 def test_an_unknown_policy_of_contention_is_named(tmp_path: Path) -> None:
     path = tmp_path / "controller.json"
     path.write_text('{"listen": "127.0.0.1:1", "framework": "ryu", "contention": "quue"}')
