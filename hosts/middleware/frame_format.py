@@ -36,10 +36,6 @@ class FrameFormat:
         """Return how many pairs carry a frame of size bytes."""
         return self.alphabet.pairs(self.code.encoded_bits(8 * size))
 
-    def rate(self, size: int) -> float:
-        """Return bits of data for each bit of code in a frame of size bytes."""
-        return 8 * size / self.code.encoded_bits(8 * size)
-
     def to_symbols(self, data: bytes) -> Symbols:
         """Return the symbols of a frame; shape (pairs(len(data)),)."""
         bits = np.unpackbits(np.frombuffer(data, dtype=np.uint8))

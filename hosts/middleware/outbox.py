@@ -36,13 +36,22 @@ class Outbox:
         self._open: Slots = NO_SLOTS
         self._frames_made = 0
         self._blocks_made = 0
+        self._data_bits = self._code_bits = 0
         self.attempts: dict[int, int] = {}  # failed checks of frames under way
         self.repeated_frames = 0
 
     def add(self, data: bytes) -> None:
         """Take bytes to send; they begin a frame of their own."""
         for start in range(0, len(data), self._frame_bytes):
-            self._waiting.append(data[start : start + self._frame_bytes])
+            frame = data[start : start + self._frame_bytes]
+            self._waiting.append(frame)
+            self._data_bits += 8 * len(frame)
+            self._code_bits += self._format.code.encoded_bits(8 * len(frame))
+
+    @property
+    def code_rate(self) -> float:
+        """Bits of data for each bit of code, in all frames so far; 1 if there was none."""
+        return self._data_bits / self._code_bits if self._code_bits else 1.0
 
     @property
     def empty(self) -> bool:

@@ -69,7 +69,7 @@ class Statistics:
     fec: int = 0
     interleave: int = 0
     wavelength_pm: int = 0
-    code_rate: float = 1.0  # of a whole frame: bits of data for each bit of code
+    code_rate: float = 1.0  # bits of data for each bit of code, in all frames so far
     symbols: int = 0  # Bell states that the receiver's analyser tells apart; 0: not known yet
 
 
@@ -77,7 +77,7 @@ class SendingSession:
     """A session from this host to another, with the pairs of a source."""
 
     def __init__(self, qnic: Qnic, setup: Setup, peer: tuple[str, str], source: str) -> None:
-        code_rate = agreed_format(setup, max(SYMBOLS)).rate(setup.frame_bytes)
+        agreed_format(setup, max(SYMBOLS))  # refused here, before anything is sent
         self._qnic = qnic
         self._setup = setup
         self._peer = peer  # name and address
@@ -94,7 +94,6 @@ class SendingSession:
             fec=setup.fec,
             interleave=setup.interleave,
             wavelength_pm=setup.wavelength_pm,
-            code_rate=code_rate,
         )
 
     async def open(self) -> None:
@@ -135,6 +134,7 @@ class SendingSession:
     async def send(self, data: bytes) -> None:
         """Send bytes; return when the other end holds every one of them."""
         self._outbox.add(data)
+        self.statistics.code_rate = self._outbox.code_rate
         while not self._outbox.empty:
             await self._send_block(self._outbox.next_block())
         self._digest.update(data)

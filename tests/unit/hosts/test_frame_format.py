@@ -95,11 +95,3 @@ def test_a_code_fills_lost_pairs_and_corrects_a_wrong_one(fec: Fec, alphabet: Al
     symbols = lose(used.to_symbols(data), 3)
     symbols[200] ^= 1 if symbols[200] < 2 else 2
     assert used.to_bytes(symbols, 256) == data
-
-
-@pytest.mark.parametrize(
-    ("fec", "size", "rate"),
-    [(Fec.NONE, 256, 1), (Fec.HAMMING, 256, 4 / 7), (Fec.REED_SOLOMON, 223, 223 / 255)],
-)
-def test_the_rate_is_data_over_code_bits(fec: Fec, size: int, rate: float) -> None:
-    assert FrameFormat(CODES[fec]).rate(size) == pytest.approx(rate)

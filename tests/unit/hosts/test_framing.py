@@ -136,6 +136,16 @@ def test_a_frame_that_a_code_cannot_correct_is_repeated_as_a_whole() -> None:
     assert (inbox.corrected_symbols, inbox.repeated_frames) == (0, 1)
 
 
+@pytest.mark.parametrize(
+    ("fec", "rate"), [(Fec.NONE, 1), (Fec.HAMMING, 4 / 7), (Fec.REED_SOLOMON, 300 / (300 + 3 * 32))]
+)
+def test_the_rate_is_data_over_code_bits_of_all_frames(fec: Fec, rate: float) -> None:
+    outbox = Outbox(256, 4096, FrameFormat(CODES[fec]))
+    assert outbox.code_rate == 1
+    outbox.add(bytes(300))  # a frame of 256 bytes and one of 44
+    assert outbox.code_rate == pytest.approx(rate)
+
+
 def test_only_lost_pairs_are_sent_again() -> None:
     outbox, inbox = Outbox(16, 64, PLAIN), Inbox(16, PLAIN)
     outbox.add(bytes(16))

@@ -27,11 +27,13 @@ from hosts.software import QuantumSocket, QuantumSocketError
 from hosts.stack import Stack
 from wire import service
 from wire.config import DispatcherConfig, Fiber, FiberEnd, HostConfig, QuantumSwitch
+from wire.device import DeviceSettings
 from wire.dispatcher_pb2 import Connection, CrossConnectRequest, SwitchStatisticsRequest
 from wire.dispatcher_pb2_grpc import DispatcherStub
 from wire.metadata import (
     METADATA_PORT,
     SETUP_LENGTH,
+    Fec,
     Pauli,
     Reason,
     Service,
@@ -88,6 +90,7 @@ async def network(
     judge: Judge = grant,
     rotation: int = 0,
     analyser: str = "complete",
+    settings: DeviceSettings | None = None,
     **fiber: Any,
 ) -> AsyncIterator[Path]:
     """Run everything; the sockets of the stacks are in the folder."""
@@ -111,7 +114,9 @@ async def network(
         stack.push_async_callback(server.stop, 0)
         await connect_paths(config.socket)
         for name in QNICS:
-            await start_host(stack, folder, config.socket, name, judge, analyser)
+            host = await start_host(stack, folder, config.socket, name, judge, analyser)
+            if settings is not None:
+                host.device.set(settings)
         yield folder
     assert not errors
 
@@ -127,7 +132,7 @@ async def connect_paths(dispatcher: str) -> None:
 
 async def start_host(
     stack: AsyncExitStack, folder: Path, dispatcher: str, name: str, judge: Judge, analyser: str
-) -> None:
+) -> Stack:
     """Start a host's stack and the relay in front of it."""
     config = HostConfig(
         name=name,
@@ -152,6 +157,7 @@ async def start_host(
     )
     for starting in servers:
         await stack.enter_async_context(await starting)
+    return host
 
 
 class LinearOpticsQnic(SimulatedQnic):
@@ -276,9 +282,24 @@ def test_every_code_delivers_exactly_pair_by_pair(tmp_path: Path, fec: str) -> N
         tmp_path, data, physics=NOISY, handshake="per-pair", fec=fec, interleave=True
     )
     assert got == data
-    used = FrameFormat(CODES[NAMES[fec]])
-    assert statistics["bell_pairs"] >= used.pairs(len(data))
-    assert statistics["code_rate"] == used.rate(256)
+    code = CODES[NAMES[fec]]
+    assert statistics["bell_pairs"] >= FrameFormat(code).pairs(len(data))
+    assert statistics["code_rate"] == 32 / code.encoded_bits(32)
+
+
+def test_the_controller_overrides_code_and_interleaving(tmp_path: Path) -> None:
+    data = bytes(range(240))  # 160 codewords of 12 bits
+    physics = {"settings": DeviceSettings(fec=Fec.GOLAY, interleave=1)}
+    asked: list[tuple[int, int]] = []
+
+    def seen(setup: Setup) -> Setup:
+        asked.append((setup.fec, setup.interleave))
+        return grant(setup)
+
+    got, statistics = exchange(tmp_path, data, seen, physics, fec="hamming")
+    assert got == data
+    assert statistics["bell_pairs"] == 160 * 23 // 2
+    assert set(asked) == {(Fec.GOLAY, 1)}
 
 
 def test_interleaved_golay_repeats_far_fewer_frames_than_no_code(tmp_path: Path) -> None:
