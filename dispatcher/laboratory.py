@@ -13,6 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dispatcher.acts import Act, acts
+from dispatcher.measurements import Measurements
 from dispatcher.operations import Operations
 from dispatcher.ownership import BlockName
 from dispatcher.sabot.backend import Bytes
@@ -79,8 +80,8 @@ class Laboratory:
         self.layer = build_layer(config, self.clock, None)
         self.switching = Switching(self.layer)
         self._errors: list[BaseException] = []
-        operations = Operations(self.layer)
-        self._acts = acts(operations, Transport(self.layer, self._errors.append))
+        transport = Transport(self.layer, self._errors.append)
+        self._acts = acts(Operations(self.layer), Measurements(self.layer), transport)
 
     def host(self, name: str) -> "LaboratoryHost":
         """Return the host of this name; it need not have fibres."""

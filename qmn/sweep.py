@@ -38,7 +38,7 @@ values: 0.1   0.1,0.2,0.5   from:to:count (0:0.2:11)   from:to:count:log (1e-3:1
 
 examples:
   qmn sweep sdc --depolarizing 0:0.2:11
-  qmn sweep sdc --depolarizing 0.01:0.2:8 --fec none,golay --interleaving off,on --pairs 1000000
+  qmn sweep sdc --depolarizing 0.01:0.2:8 --fec none,golay --interleave off,on --pairs 1000000
   sudo qmn sweep sdc --emulate --depolarizing 0:0.002:5
 """
 

@@ -14,23 +14,18 @@ from qmn.sweeps import theory
 from qmn.sweeps.estimates import proportion
 from qmn.sweeps.experiment import Experiment, Measure, Outcome, SweepError, number
 from qmn.sweeps.grid import Grid, Measurer, Row
-from qmn.sweeps.parameters import Parameter, Values, unit_of
+from qmn.sweeps.link import FIBER, PRESET, changed
+from qmn.sweeps.parameters import Parameter, Values
 from qmn.sweeps.seeds import point_seed
+from qmn.sweeps.superdense import FEC, INTERLEAVE, LOSSES, loss_db
 from qmn.transfer import TransferError
-from topologies.fiber import RANGES
 from topologies.network import Signals
 from topologies.programs import NetworkError
 
 # charlie's photon for alice passes two fibres to her and two more to bob, the other one two.
 FIBERS_PASSED = 6
 MESSAGE_BYTES = Parameter("message_bytes", 65_536, 1, 1 << 30)
-OPTIONS = (  # of `qmn run`, by the same names
-    *(
-        Parameter(name, default, *RANGES[name], unit_of(name))
-        for name, default in (("depolarizing", 0.0), ("length_km", 0.01), ("loss_db_per_km", 0.0))
-    ),
-    Parameter("frame_bytes", 32, 1, 65_536),
-)
+OPTIONS = (PRESET, Parameter("frame_bytes", 32, 1, 65_536), FEC)  # of `qmn run`, by these names
 
 
 def in_networks(runs: Path, signals: Signals) -> Measurer:
@@ -65,6 +60,9 @@ def arguments(values: Values, seed: int, message: Path, runs: Path) -> argparse.
     options = {each.name.replace("_", "-"): values[each.name] for each in OPTIONS}
     options |= {"seed": seed, "file": str(message), "runs": str(runs)}
     words = [f"--{name}={value}" for name, value in options.items()]
+    words += [f"--fiber={name}={value}" for name, value in changed(values, "", FIBER).items()]
+    if values[INTERLEAVE.name] == "on":
+        words.append("--interleave")
     return parser.parse_args(["run", "sdc", "--no-capture", *words])
 
 
@@ -78,22 +76,30 @@ def outcome(result: dict[str, float]) -> Outcome:
     }
 
 
-def dibit_error(values: Values) -> float:
+def dibit_error(values: Values) -> float | None:
     """Return the theory of dibit_error: every fibre that a pair passes depolarises."""
+    if not is_known(values):
+        return None
     return theory.dibit_error(theory.together(*[number(values, "depolarizing")] * FIBERS_PASSED))
 
 
-def arrived(values: Values) -> float:
+def arrived(values: Values) -> float | None:
     """Return the theory of arrived."""
-    loss_db = number(values, "length_km") * number(values, "loss_db_per_km")
-    return theory.transmission(FIBERS_PASSED * loss_db)
+    return theory.transmission(FIBERS_PASSED * loss_db(values)) if is_known(values) else None
+
+
+def is_known(values: Values) -> bool:
+    """Return whether there is no noise but loss and depolarising."""
+    names = [each.name for each in FIBER if each.name not in ("depolarizing", *LOSSES)]
+    defaults = EMULATED["sdc"].defaults()
+    return all(values[name] == defaults[name] for name in (PRESET.name, *names))
 
 
 EMULATED = {
     "sdc": Experiment(
         "sdc",
         "superdense coding in the emulated network",
-        (*OPTIONS, MESSAGE_BYTES),
+        (*FIBER, *OPTIONS, INTERLEAVE, MESSAGE_BYTES),
         (
             Measure("dibit_error", "dibit error", dibit_error),
             Measure("arrived", "pairs that arrive", arrived),

@@ -1,7 +1,7 @@
-"""Two hosts with two fibres: one that is measured, and one without noise beside it.
+"""Two hosts with two fibres: one that is measured, and an ideal one beside it.
 
     alice-q0 ====== fibre under test ====== bob-q0
-    alice-q1 ====== no noise ============== bob-q1
+    alice-q1 ====== ideal ================= bob-q1
 
 Both are equally long, so that photons of one moment arrive at one moment.
 """
@@ -10,27 +10,33 @@ from dataclasses import replace
 from typing import Any
 
 from dispatcher.laboratory import Laboratory
-from qmn.sweeps.parameters import Parameter, Values, of_dataclass
-from wire.config import DispatcherConfig, Fiber, FiberEnd
-from wire.physics import BellAnalyser, Detectors, Device, PairSource
+from qmn.sweeps.parameters import BadGrid, Parameter, Values, of_dataclass
+from topologies.presets import PRESETS
+from wire.config import DispatcherConfig
+from wire.fiber import Fiber, FiberEnd, FiberOptics, optics
+from wire.physics import BadParameter, BellAnalyser, Detectors, Device, PairSource
 
 TESTED, PLAIN = ("alice-q0", "bob-q0"), ("alice-q1", "bob-q1")
-LENGTH_KM = 0.01
-LENGTH = Parameter("length_km", LENGTH_KM, 0.0, 2_000.0, "km")
-LOSS = Parameter("loss_db_per_km", 0.0, 0.0, 1_000.0, "dB/km")
-DEPOLARIZING = Parameter("depolarizing", 0.0)
-NOISE = (DEPOLARIZING, LOSS)
+PRESET = Parameter("preset", "ideal", choices=tuple(PRESETS))
+FIBER = tuple(of_dataclass("", FiberOptics()))
 PARTS = {"source_": PairSource(), "detectors_": Detectors(), "analyser_": BellAnalyser()}
 DEVICES = tuple(each for prefix, part in PARTS.items() for each in of_dataclass(prefix, part))
-LINK = (DEPOLARIZING, LENGTH, LOSS, *DEVICES)
+LINK = (PRESET, *FIBER, *DEVICES)
 
 
 def link(values: Values, seed: int) -> Laboratory:
-    """Return a laboratory with this link; parameters that values lack are at their defaults."""
-    length_km = float(values.get("length_km", LENGTH_KM))
-    noise: dict[str, Any] = {each.name: values.get(each.name, each.default) for each in NOISE}
-    fibers = [fiber(*TESTED, length_km=length_km, **noise), fiber(*PLAIN, length_km=length_km)]
-    return Laboratory(configuration(seed, fibers, dict.fromkeys(("alice", "bob"), device(values))))
+    """Return a laboratory with this link; raise BadGrid for one that cannot be.
+
+    What is at its default, or not in the values, is as the preset and the kind of fibre have it.
+    """
+    try:
+        tested = fiber(*TESTED, **fiber_parameters(values))
+        plain = fiber(*PLAIN, length_km=tested.length_km)
+        own = device(values)
+        own.check("device")
+    except BadParameter as error:
+        raise BadGrid(str(error)) from error
+    return Laboratory(configuration(seed, [tested, plain], dict.fromkeys(("alice", "bob"), own)))
 
 
 def is_plain(values: Values, *but: str) -> bool:
@@ -39,22 +45,41 @@ def is_plain(values: Values, *but: str) -> bool:
 
 
 def fiber(port: str, far_port: str, **parameters: Any) -> Fiber:
-    """Return a fibre between two hosts' ports."""
+    """Return a fibre between two hosts' ports; raise BadParameter."""
     a, b = (FiberEnd(end.partition("-")[0], end) for end in (port, far_port))
-    return Fiber(a, b, **parameters)
+    return Fiber.joining(a, b, optics(f"fibre {port} to {far_port}", **parameters))
 
 
 def configuration(
     seed: int, fibers: list[Fiber], devices: dict[str, Device] | None = None
 ) -> DispatcherConfig:
     """Return a network without sockets."""
-    return DispatcherConfig("", "", seed, {}, fibers, [], devices=devices or {})
+    listed = devices or {}
+    return DispatcherConfig("", "", seed, dict.fromkeys(listed, ""), fibers, [], devices=listed)
+
+
+def fiber_parameters(values: Values) -> dict[str, Any]:
+    """Return what differs from an ideal fibre."""
+    preset = PRESETS[str(values.get(PRESET.name, PRESET.default))]
+    return {**preset.fiber, **changed(values, "", FIBER)}
 
 
 def device(values: Values) -> Device:
-    """Return the device that the parameters of its parts describe."""
-    parts = {}
-    for prefix, part in PARTS.items():
-        own = {k.removeprefix(prefix): v for k, v in values.items() if k.startswith(prefix)}
-        parts[prefix.rstrip("_")] = replace(part, **own)  # type: ignore[type-var]
-    return Device(**parts)  # type: ignore[arg-type]
+    """Return the device of the preset with what differs from it."""
+    preset = PRESETS[str(values.get(PRESET.name, PRESET.default))].device
+    parts: dict[str, Any] = {
+        prefix.rstrip("_"): replace(
+            getattr(preset, prefix.rstrip("_")), **changed(values, prefix, DEVICES)
+        )
+        for prefix in PARTS
+    }
+    return replace(preset, **parts)
+
+
+def changed(values: Values, prefix: str, parameters: tuple[Parameter, ...]) -> dict[str, Any]:
+    """Return the values that are not at their default, of parameters with this prefix."""
+    return {
+        each.name.removeprefix(prefix): values[each.name]
+        for each in parameters
+        if each.name.startswith(prefix) and values.get(each.name, each.default) != each.default
+    }

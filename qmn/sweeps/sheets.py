@@ -111,7 +111,7 @@ SHEETS = (
         {
             "depolarizing": [0.02, 0.035, 0.05, 0.075, 0.1, 0.15, 0.2],
             "fec": list(CODES),
-            "interleaving": ["off", "on"],
+            "interleave": ["off", "on"],
             "pairs": 2_000_000,
         },
         [
@@ -121,7 +121,7 @@ SHEETS = (
                 "depolarizing",
                 DEPOLARIZING,
                 "residual_error",
-                by=["fec", "interleaving"],
+                by=["fec", "interleave"],
             )
         ],
     ),
@@ -186,6 +186,36 @@ SHEETS = (
                 "fidelity F of the pairs",
                 "chsh",
                 levels=[(2.0, "local realism: at most 2")],
+            )
+        ],
+    ),
+    Sheet(
+        "interference",
+        "hom",
+        {"delay_ps": "-3:3:13", "visibility": [0.7, 0.9, 1.0], "pairs": 400_000},
+        [
+            Curve(
+                "hong-ou-mandel",
+                "Hong-Ou-Mandel dip, bandwidth 1e12 rad/s",
+                "delay_ps",
+                "delay tau between the photons (ps)",
+                "coincidences",
+                by=["visibility"],
+            )
+        ],
+    ),
+    Sheet(
+        "dead-time",
+        "dead-time",
+        {"dead_time_s": "0:2e-7:11", "efficiency": [0.1, 0.3, 0.9], "pairs": 400_000},
+        [
+            Curve(
+                "dead-time",
+                "Dead time of a detector, 100 million pulses/s",
+                "dead_time_s",
+                "dead time (s)",
+                "clicks",
+                by=["efficiency"],
             )
         ],
     ),

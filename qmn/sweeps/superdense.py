@@ -11,15 +11,16 @@ from hosts.middleware.coding import CODES, NAMES, Bits, Code, Mask, deinterleave
 from qmn.sweeps import coding_theory, theory
 from qmn.sweeps.estimates import information, mean, proportion, ratio
 from qmn.sweeps.experiment import Experiment, Measure, Outcome, number, pairs_parameter
-from qmn.sweeps.link import LINK, LOSS, PLAIN, TESTED, is_plain, link
+from qmn.sweeps.link import LINK, PLAIN, TESTED, is_plain, link
 from qmn.sweeps.parameters import Parameter, Values
 
 BLOCK_PAIRS = 65_536
 MIN_BLOCK_PAIRS = 1_024
 BATCHES = 64  # that the error of the residual bit error is estimated from, if there are so many
 NO_COINCIDENCE = 255
+LOSSES = ("length_km", "loss_db_per_km", "connectors_db")
 FEC = Parameter("fec", "none", choices=tuple(NAMES))
-INTERLEAVING = Parameter("interleaving", "off", choices=("off", "on"))
+INTERLEAVE = Parameter("interleave", "off", choices=("off", "on"))
 
 
 async def run(values: Values, seed: int) -> Outcome:
@@ -31,7 +32,7 @@ async def run(values: Values, seed: int) -> Outcome:
     wrong: list[tuple[int, int]] = []  # bits of each block after decoding, and all of them
     sizes = list(blocks(int(values["pairs"])))
     for block, size in enumerate(sizes):
-        message = Message.random(size, str(values["fec"]), values["interleaving"] == "on", random)
+        message = Message.random(size, str(values["fec"]), values["interleave"] == "on", random)
         received = await transmit(alice, bob, block, message.dibits)
         came = received != NO_COINCIDENCE
         errors += np.bincount((message.dibits ^ received)[came], minlength=4)
@@ -127,10 +128,16 @@ def outcome(errors: Sequence[int], pairs: int) -> Outcome:
 
 def depolarizing(values: Values) -> float | None:
     """Return the depolarising of pairs that arrive, None if other noise is there too."""
-    if not is_plain(values, "depolarizing", "source_fidelity", "length_km", LOSS.name):
+    if not is_plain(values, "depolarizing", "source_fidelity", *LOSSES):
         return None
     source = theory.of_fidelity(number(values, "source_fidelity"))
     return theory.together(number(values, "depolarizing"), source)
+
+
+def loss_db(values: Values) -> float:
+    """Return the attenuation of the fibre."""
+    length_km, loss_db_per_km, connectors_db = (number(values, name) for name in LOSSES)
+    return length_km * loss_db_per_km + connectors_db
 
 
 def bit_error(values: Values) -> float | None:
@@ -155,21 +162,21 @@ def arrived(values: Values) -> float | None:
     """Return the theory of arrived."""
     if depolarizing(values) is None:
         return None
-    return theory.transmission(number(values, "length_km") * number(values, LOSS.name))
+    return theory.transmission(loss_db(values))
 
 
 def residual_error(values: Values) -> float | None:
     """Return the theory of residual_error; erased bits have none."""
-    p, lost_db = depolarizing(values), number(values, "length_km") * number(values, LOSS.name)
-    if p is None or lost_db > 0:
+    p = depolarizing(values)
+    if p is None or loss_db(values) > 0:
         return None
-    return coding_theory.residual_error(str(values["fec"]), values["interleaving"] == "on", p)
+    return coding_theory.residual_error(str(values["fec"]), values["interleave"] == "on", p)
 
 
 SUPERDENSE = Experiment(
     "sdc",
     "superdense coding over one fibre",
-    (*LINK, FEC, INTERLEAVING, pairs_parameter()),
+    (*LINK, FEC, INTERLEAVE, pairs_parameter()),
     (
         Measure("bit_error", "bit error", bit_error),
         Measure("dibit_error", "dibit error", dibit_error),

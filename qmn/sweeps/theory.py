@@ -6,6 +6,7 @@ each of the other three Bell states has probability (1 - F)/3.
 
 import math
 from collections.abc import Iterable
+from functools import cache
 
 EXPERIMENT_P = 0.0598  # at which the capacity is that of the experiment below
 EXPERIMENT_BITS = (1.665, 0.018)  # per photon, arXiv:1609.00713
@@ -67,10 +68,19 @@ def coincidences(mismatch_s: float, visibility: float, bandwidth_rad_per_s: floa
     return (1 - visibility * math.exp(-((bandwidth_rad_per_s * mismatch_s) ** 2))) / 2
 
 
-def clicks_with_dead_time(click: float, pulses: int) -> float:
+@cache
+def clicks_with_dead_time(click: float, blind: int, pulses: int) -> float:
     """Return the clicks a pulse if each blinds the detector for so many further pulses.
 
-    `click` is the probability of a detector that is awake. Between two clicks lie `pulses`
-    blind ones and then 1/click on average.
+    `click` is the probability of a detector that is awake, as it is when a train of `pulses`
+    begins. A pulse clicks if it would and none of the `blind` before it has; after many pulses
+    that comes to click / (1 + blind * click).
     """
-    return click / (1 + pulses * click)
+    chances: list[float] = []
+    asleep = 0.0  # the probability that one of the last `blind` pulses has clicked
+    for pulse in range(pulses):
+        chances.append(click * (1 - asleep))
+        asleep += chances[-1]
+        if pulse >= blind:
+            asleep -= chances[pulse - blind]
+    return sum(chances) / pulses

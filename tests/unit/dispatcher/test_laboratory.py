@@ -13,11 +13,11 @@ PAIRS = 1_000
 DELAY_NS = 4_902  # of 1 km
 
 
-def configuration(**fiber: float) -> DispatcherConfig:
+def configuration() -> DispatcherConfig:
     """Return alice and bob with a fibre each to q1."""
     ends = [("alice", "alice-q0", "1"), ("bob", "bob-q0", "2")]
     fibers = [
-        Fiber(FiberEnd(host, port), FiberEnd("q1", number), length_km=1, **fiber)
+        Fiber(FiberEnd(host, port), FiberEnd("q1", number), length_km=1)
         for host, port, number in ends
     ]
     return DispatcherConfig("", "", 1, {}, fibers, [QuantumSwitch("q1")])
