@@ -102,7 +102,7 @@ EMULATED = {
         (*FIBER, *OPTIONS, INTERLEAVE, MESSAGE_BYTES),
         (
             Measure("dibit_error", "dibit error", dibit_error),
-            Measure("arrived", "pairs that arrive", arrived),
+            Measure("arrived", "part of the pairs that arrives", arrived),
         ),
     )
 }

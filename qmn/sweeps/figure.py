@@ -8,6 +8,7 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import EngFormatter
 
 from qmn.sweeps.estimates import Estimate
 from qmn.sweeps.experiment import Measure
@@ -17,6 +18,7 @@ LINE_POINTS = 200
 MAX_SERIES = 12
 MARKERS = "osD^vP*X<>hd"
 LEGEND_INSIDE = 6
+PREFIXED_UNITS = ("s", "Hz")  # written as ns or MHz
 LINE_WIDTH = 1.2
 SIZE_INCHES = (7.2, 4.6)
 DOTS_PER_INCH = 150
@@ -142,6 +144,8 @@ def _spans_decades(numbers: Sequence[float]) -> bool:
 def _scale(axes: Axes, picture: Picture) -> None:
     """Choose logarithmic scales where they show more."""
     points = [point for _label, series in picture.series for point in series]
+    if picture.x.unit in PREFIXED_UNITS:
+        axes.xaxis.set_major_formatter(EngFormatter(unit=picture.x.unit))
     if not picture.x.choices:
         numbers = [float(values[picture.x.name]) for values, _estimate in points]
         if _spans_decades(numbers):

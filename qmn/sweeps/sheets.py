@@ -207,13 +207,13 @@ SHEETS = (
     Sheet(
         "dead-time",
         "dead-time",
-        {"dead_time_s": "0:2e-7:11", "efficiency": [0.1, 0.3, 0.9], "pairs": 400_000},
+        {"dead_time_s": "0:2e-7:9", "efficiency": [0.1, 0.3, 0.9], "pairs": 400_000},
         [
             Curve(
                 "dead-time",
                 "Dead time of a detector, 100 million pulses/s",
                 "dead_time_s",
-                "dead time (s)",
+                "dead time",
                 "clicks",
                 by=["efficiency"],
             )

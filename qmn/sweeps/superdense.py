@@ -181,7 +181,7 @@ SUPERDENSE = Experiment(
         Measure("bit_error", "bit error", bit_error),
         Measure("dibit_error", "dibit error", dibit_error),
         Measure("capacity", "capacity (bits per pair)", capacity),
-        Measure("arrived", "pairs that arrive", arrived),
+        Measure("arrived", "part of the pairs that arrives", arrived),
         Measure("residual_error", "bit error after decoding", residual_error, logarithmic=True),
     ),
     run,
