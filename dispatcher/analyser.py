@@ -95,7 +95,7 @@ class Analyser:
             found = self._look(states, halves, chance)
             outcomes, told, clicks, more = _combine(found, states)
             incidents |= more
-        late = self._late(told, found, mismatch, chance)
+        late = self._late(told, found, halves, mismatch, chance)
         if late.size:
             outcomes[late] = NO_CLICK
             incidents["late"] = late.size
@@ -142,6 +142,7 @@ class Analyser:
         self,
         told: Mask,
         found: tuple[Detection, Detection] | None,
+        halves: tuple[Half, Half],
         mismatch: Mismatch,
         chance: Chance,
     ) -> NDArray[np.intp]:
@@ -149,7 +150,7 @@ class Analyser:
         window_ps = self._like.coincidence_window_s * 1e12
         jitter_ps = self._detectors.jitter_ps * np.sqrt(2)  # of the difference of two clicks
         gate_ps = self._detectors.gate_s * 1e12
-        lightless = [] if found is None else [arm.lightless for arm in found]
+        lightless = [None, None] if found is None else [arm.lightless for arm in found]
         dark = any(mask is not None for mask in lightless)
         most_ps = mismatch.most_ps + SURE_SIGMAS * jitter_ps + gate_ps * dark
         if most_ps <= window_ps:
@@ -157,12 +158,15 @@ class Analyser:
         apart_ps = np.zeros(chance.photons) if mismatch.ps is None else mismatch.ps.copy()
         if jitter_ps:
             apart_ps += chance.normal("jitter") * jitter_ps
-        for arm, mask in enumerate(lightless):
-            if mask is not None:
-                # A click without light comes at any time while the detector looks.
-                without = np.flatnonzero(mask)
-                moments = chance.generator(f"moment in the gate {arm}").random(without.size) - 0.5
-                apart_ps[without] += moments * gate_ps
+        for half, mask, sign in zip(halves, lightless, (1, -1), strict=True):
+            if mask is None:
+                continue
+            # A click without light comes at any time while the detector looks.
+            without = np.flatnonzero(mask)
+            if half.delays_ps is not None:
+                apart_ps[without] -= sign * half.delays_ps[without]
+            moments = chance.generator(f"moment in the gate {sign}").random(without.size) - 0.5
+            apart_ps[without] += sign * moments * gate_ps
         return np.flatnonzero(told & (np.abs(apart_ps) > window_ps))
 
 

@@ -3,8 +3,9 @@
 Relaxation to |0> with T1 and decay of coherence with T2 are, for T2 <= T1, exactly a reset with
 probability 1 - e^(-t/T1) and a Z with (e^(-t/T1) - e^(-t/T2)) / 2. Beyond that, up to T2 = 2 T1,
 no mixture of resets and Paulis is the same. The Pauli twirl of it (Sarvepalli, Klappenecker,
-Roetteler, arXiv:0804.4316) is an approximation; in state vectors it is exactly a rotation of an
-unseen qubit that is controlled by ours, and a CX back (Nielsen and Chuang, section 8.3.5).
+Roetteler, Proc. R. Soc. A 465, 1645) is an approximation; in state vectors it is exactly a
+rotation of an unseen qubit that is controlled by ours, and a CX back (Nielsen and Chuang,
+section 8.3.5).
 """
 
 from math import expm1

@@ -10,10 +10,11 @@ from typing import Any
 from mininet.topo import Topo
 
 from topologies.chain import ChainTopo
+from topologies.fabric import fiber_of
 from topologies.leaf_spine import LeafSpineTopo
 from topologies.ring import RingTopo
 from topologies.sdc import SdcTopo
-from wire.fiber import FiberOptics
+from wire.fiber import FiberOptics, optics
 
 TOPOLOGIES: dict[str, tuple[Callable[..., Topo], str]] = {
     "sdc": (SdcTopo, "one quantum switch"),
@@ -52,6 +53,11 @@ def topology(arguments: argparse.Namespace) -> Callable[[], Topo]:
     except ValueError as error:
         raise BadTopology(str(error)) from error
     return build
+
+
+def every_fiber(arguments: argparse.Namespace) -> FiberOptics:
+    """Return the optics that all fibres have."""
+    return optics("every fibre", **fiber_of(arguments.preset, fiber_parameters(arguments)))
 
 
 def fiber_parameters(arguments: argparse.Namespace) -> dict[str, Any]:

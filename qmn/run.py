@@ -5,6 +5,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from hosts.applications.send import CHUNK_BYTES
 from hosts.middleware.coding import CODES
 from hosts.middleware.frame_format import MAX_BLOCK_PAIRS, FrameFormat
 from qmn import result
-from qmn.networks import TOPOLOGIES, BadTopology, topology
+from qmn.networks import TOPOLOGIES, BadTopology, every_fiber, topology
 from qmn.run_folder import give_to_invoker, make_folder, point_latest
 from qmn.transfer import Transfer, TransferError, dispatcher_status, transfer
 from topologies.network import Interrupted, Network, Signals, require_root
@@ -265,6 +266,7 @@ def beginning(arguments: argparse.Namespace, folder: Path) -> dict[str, Any]:
             )
             if getattr(arguments, name) is not None
         },
+        "optics": asdict(every_fiber(arguments)),
         "file": str(file.resolve()),
         "captures": [],
         "backend": arguments.backend,

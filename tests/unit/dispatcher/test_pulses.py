@@ -92,8 +92,6 @@ def test_pulses_arrive_whose_own_photons_are_all_lost(tmp_path: Path) -> None:
         assert arrived.pulses.extras.any()
         first_ns = int(np.flatnonzero(arrived.pulses.extras)[0]) + 2 * DELAY_NS
         assert arrived.first_ns == bench.layer.history._events[2].time_ns + first_ns
-        feedback = await bench.alice.measure(block())
-        assert feedback.clicks == 0
 
     play(with_fibers(configuration(tmp_path), connectors_db=10.0), scene)
 
