@@ -363,12 +363,12 @@ def test_state_vectors_do_not_grow_beyond_twelve_qubits_by_joining_others() -> N
 
 def test_state_vectors_of_too_many_members_are_refused_all_together() -> None:
     sabot = Sabot(BACKENDS["chp"])
-    ours, theirs = sabot.bell_pairs(1_500_000)
-    turned(sabot, 1_500_000)
-    with pytest.raises(TooLarge, match=r"6,000,000 more amplitudes .* 3,000,000 live.* 8,388,608"):
+    ours, theirs = sabot.bell_pairs(700_000)
+    turned(sabot, 700_000)
+    with pytest.raises(TooLarge, match=r"2,800,000 more amplitudes .* 1,400,000 live.* 4,194,304"):
         sabot.gate("T", ours)
     assert sabot.simulated_by(ours, theirs) == "chp"
-    with pytest.raises(TooLarge, match="limit of 8,388,608"):
+    with pytest.raises(TooLarge, match="limit of 4,194,304"):
         Sabot(BACKENDS["dense"]).bell_pairs(4_000_000)
 
 
