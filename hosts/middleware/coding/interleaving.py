@@ -9,6 +9,7 @@ no two of them share a symbol of two bits, and with eleven or more none of eleve
 code over bytes is interleaved by bytes: it counts a byte with eight wrong bits once.
 """
 
+from functools import lru_cache
 from typing import TypeVar
 
 import numpy as np
@@ -21,20 +22,24 @@ Received = TypeVar("Received", Bits, Mask)
 
 def interleave(code: Code, bits: Bits, data_bits: int) -> Bits:
     """Return encoded bits in the order in which they travel."""
-    return bits[_order(code, bits.size, data_bits)]
+    return bits[_places(code, bits.size, data_bits)]
 
 
 def deinterleave(code: Code, received: Received, data_bits: int) -> Received:
     """Return bits (or which are erased) in the order of their codewords."""
     placed = np.empty_like(received)
-    placed[_order(code, received.size, data_bits)] = received
+    placed[_places(code, received.size, data_bits)] = received
     return placed
 
 
-def _order(code: Code, encoded_bits: int, data_bits: int) -> NDArray[np.int64]:
+def _places(code: Code, encoded_bits: int, data_bits: int) -> NDArray[np.int64]:
+    return _order(encoded_bits, code.word_bits(data_bits), code.unit_bits)
+
+
+@lru_cache(maxsize=64)
+def _order(encoded_bits: int, word_bits: int, unit_bits: int) -> NDArray[np.int64]:
     """Return which encoded bit travels at each place; shape (encoded_bits,)."""
-    unit = code.unit_bits
-    columns = code.word_bits(data_bits) // unit
-    units = np.argsort(np.arange(encoded_bits // unit) % columns, kind="stable")
-    order: NDArray[np.int64] = (units[:, None] * unit + np.arange(unit)).reshape(-1)
+    columns = word_bits // unit_bits
+    units = np.argsort(np.arange(encoded_bits // unit_bits) % columns, kind="stable")
+    order: NDArray[np.int64] = (units[:, None] * unit_bits + np.arange(unit_bits)).reshape(-1)
     return order
