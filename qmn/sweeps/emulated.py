@@ -14,10 +14,10 @@ from qmn.sweeps import theory
 from qmn.sweeps.estimates import proportion
 from qmn.sweeps.experiment import Experiment, Measure, Outcome, SweepError, number
 from qmn.sweeps.grid import Grid, Measurer, Row
-from qmn.sweeps.link import FIBER, PRESET, changed
+from qmn.sweeps.link import FIBER, PRESET, implied
 from qmn.sweeps.parameters import Parameter, Values
 from qmn.sweeps.seeds import point_seed
-from qmn.sweeps.superdense import FEC, INTERLEAVE, LOSSES, loss_db
+from qmn.sweeps.superdense import FEC, INTERLEAVE, LOSSES, RATE, loss_db
 from qmn.transfer import TransferError
 from topologies.network import Signals
 from topologies.programs import NetworkError
@@ -25,7 +25,12 @@ from topologies.programs import NetworkError
 # charlie's photon for alice passes two fibres to her and two more to bob, the other one two.
 FIBERS_PASSED = 6
 MESSAGE_BYTES = Parameter("message_bytes", 65_536, 1, 1 << 30)
-OPTIONS = (PRESET, Parameter("frame_bytes", 32, 1, 65_536), FEC)  # of `qmn run`, by these names
+OPTIONS = (
+    PRESET,
+    RATE,
+    Parameter("frame_bytes", 32, 1, 65_536),
+    FEC,
+)  # of `qmn run`, by these names
 
 
 def in_networks(runs: Path, signals: Signals) -> Measurer:
@@ -60,7 +65,7 @@ def arguments(values: Values, seed: int, message: Path, runs: Path) -> argparse.
     options = {each.name.replace("_", "-"): values[each.name] for each in OPTIONS}
     options |= {"seed": seed, "file": str(message), "runs": str(runs)}
     words = [f"--{name}={value}" for name, value in options.items()]
-    words += [f"--fiber={name}={value}" for name, value in changed(values, "", FIBER).items()]
+    words += [f"--fiber={each.name}={values[each.name]}" for each in FIBER]
     if values[INTERLEAVE.name] == "on":
         words.append("--interleave")
     return parser.parse_args(["run", "sdc", "--no-capture", *words])
@@ -88,11 +93,17 @@ def arrived(values: Values) -> float | None:
     return theory.transmission(FIBERS_PASSED * loss_db(values)) if is_known(values) else None
 
 
+def fiber_implied(given: Values) -> Values:
+    """Return what preset and kind of fibre say of the fibre."""
+    values = implied(given)
+    return {each.name: values[each.name] for each in FIBER}
+
+
 def is_known(values: Values) -> bool:
     """Return whether there is no noise but loss and depolarising."""
-    names = [each.name for each in FIBER if each.name not in ("depolarizing", *LOSSES)]
-    defaults = EMULATED["sdc"].defaults()
-    return all(values[name] == defaults[name] for name in (PRESET.name, *names))
+    numbers = (each for each in FIBER if each.name not in ("kind", "depolarizing", *LOSSES))
+    plain = all(values[each.name] == each.default for each in numbers)
+    return plain and values[PRESET.name] == PRESET.default
 
 
 EMULATED = {
@@ -104,5 +115,6 @@ EMULATED = {
             Measure("dibit_error", "dibit error", dibit_error),
             Measure("arrived", "part of the pairs that arrives", arrived),
         ),
+        implied=fiber_implied,
     )
 }

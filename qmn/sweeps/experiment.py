@@ -33,6 +33,8 @@ class Experiment:
     measures: tuple[Measure, ...]
     # On the physical layer alone; None: only in an emulated network.
     run: Callable[[Values, int], Coroutine[None, None, Outcome]] | None = None
+    # What the values that are given say of others; the rest is at its default.
+    implied: Callable[[Values], Values] = lambda _given: {}
 
     def parameter(self, name: str) -> Parameter:
         """Return a parameter; raise BadGrid for one that the experiment does not have."""
@@ -46,9 +48,10 @@ class Experiment:
         """Return a measure by its name."""
         return next(measure for measure in self.measures if measure.name == name)
 
-    def defaults(self) -> Values:
-        """Return the value of each parameter that is not given."""
-        return {parameter.name: parameter.default for parameter in self.parameters}
+    def complete(self, given: Values) -> Values:
+        """Return a value for each parameter."""
+        defaults = {parameter.name: parameter.default for parameter in self.parameters}
+        return {**defaults, **self.implied(given), **given}
 
     def place(self, values: Values) -> str:
         """Name a point by the parameters that are not at their defaults."""

@@ -113,11 +113,13 @@ def _draw_series(
 
 def _theory(picture: Picture, points: list[Point]) -> tuple[list[Value], list[float]] | None:
     """Return the line of theory, None if there is none for all of it."""
-    xs = [values[picture.x.name] for values, _estimate in points]
     theory: Callable[[Values], float | None] = picture.measure.theory
-    others = points[0][0]
-    places = list(xs) if picture.x.choices else _dense(picture, xs)
-    line = [(place, theory({**others, picture.x.name: place})) for place in places]
+    name = picture.x.name
+    if picture.x.choices:
+        line = [(values[name], theory(values)) for values, _estimate in points]
+    else:
+        places = _dense(picture, [values[name] for values, _estimate in points])
+        line = [(place, theory({**points[0][0], name: place})) for place in places]
     known = [(place, value) for place, value in line if value is not None]
     if len(known) < len(line):
         return None

@@ -18,7 +18,7 @@ FILE_KEYS = ("sweep", "seed", "grid")
 
 @dataclass(frozen=True)
 class Grid:
-    """Every combination of the values on the axes; other parameters are at their defaults."""
+    """Every combination of the values on the axes."""
 
     experiment: Experiment
     axes: dict[str, list[Value]]
@@ -26,8 +26,7 @@ class Grid:
     def points(self) -> Iterator[Values]:
         """Yield all values of each point, in order."""
         for combination in product(*self.axes.values()):
-            given = dict(zip(self.axes, combination, strict=True))
-            yield {**self.experiment.defaults(), **given}
+            yield self.experiment.complete(dict(zip(self.axes, combination, strict=True)))
 
     @property
     def size(self) -> int:
@@ -52,7 +51,7 @@ def build(experiment: Experiment, given: Mapping[str, object]) -> Grid:
     if grid.size > MAX_POINTS:
         sizes = " x ".join(f"{len(axis)} {name}" for name, axis in axes.items())
         raise BadGrid(f"{grid.size:,} points ({sizes}): at most {MAX_POINTS:,} in one sweep")
-    pairs = axes.get("pairs", [experiment.defaults().get("pairs", 0)])
+    pairs = axes.get("pairs", [experiment.complete({}).get("pairs", 0)])
     total = grid.size // len(pairs) * sum(int(each) for each in pairs)
     if total > MAX_PAIRS:
         raise BadGrid(f"{total:,} pairs in all points: at most {MAX_PAIRS:,} in one sweep")

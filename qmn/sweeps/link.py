@@ -6,42 +6,52 @@
 Both are equally long, so that photons of one moment arrive at one moment.
 """
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any
 
 from dispatcher.laboratory import Laboratory
-from qmn.sweeps.parameters import BadGrid, Parameter, Values, of_dataclass
+from qmn.sweeps.parameters import Parameter, Values, of_dataclass
 from topologies.presets import PRESETS
 from wire.config import DispatcherConfig
 from wire.fiber import Fiber, FiberEnd, FiberOptics, optics
-from wire.physics import BadParameter, BellAnalyser, Detectors, Device, PairSource
+from wire.physics import BellAnalyser, Detectors, Device, PairSource
 
 TESTED, PLAIN = ("alice-q0", "bob-q0"), ("alice-q1", "bob-q1")
 PRESET = Parameter("preset", "ideal", choices=tuple(PRESETS))
 FIBER = tuple(of_dataclass("", FiberOptics()))
-PARTS = {"source_": PairSource(), "detectors_": Detectors(), "analyser_": BellAnalyser()}
+PARTS: dict[str, Any] = {
+    "source_": PairSource(),
+    "detectors_": Detectors(),
+    "analyser_": BellAnalyser(),
+}
 DEVICES = tuple(each for prefix, part in PARTS.items() for each in of_dataclass(prefix, part))
 LINK = (PRESET, *FIBER, *DEVICES)
 
 
-def link(values: Values, seed: int) -> Laboratory:
-    """Return a laboratory with this link; raise BadGrid for one that cannot be.
+def implied(given: Values) -> Values:
+    """Return what preset and kind of fibre say of the parameters that are not given."""
+    preset = PRESETS[str(given.get(PRESET.name, PRESET.default))]
+    own = {each.name: given[each.name] for each in FIBER if each.name in given}
+    values = asdict(optics("the fibre", **{**preset.fiber, **own}))
+    for prefix in PARTS:
+        part = asdict(getattr(preset.device, prefix.rstrip("_")))
+        values |= {f"{prefix}{name}": value for name, value in part.items()}
+    return {each.name: each.value(values[each.name]) for each in (*FIBER, *DEVICES)}
 
-    What is at its default, or not in the values, is as the preset and the kind of fibre have it.
-    """
-    try:
-        tested = fiber(*TESTED, **fiber_parameters(values))
-        plain = fiber(*PLAIN, length_km=tested.length_km)
-        own = device(values)
-        own.check("device")
-    except BadParameter as error:
-        raise BadGrid(str(error)) from error
-    return Laboratory(configuration(seed, [tested, plain], dict.fromkeys(("alice", "bob"), own)))
+
+def link(values: Values, seed: int) -> Laboratory:
+    """Return a laboratory with this link; parameters that values lack are ideal."""
+    parameters: dict[str, Any] = {n.name: values[n.name] for n in FIBER if n.name in values}
+    tested = fiber(*TESTED, **parameters)
+    plain = fiber(*PLAIN, length_km=tested.length_km)
+    devices = dict.fromkeys(("alice", "bob"), device(values))
+    return Laboratory(configuration(seed, [tested, plain], devices))
 
 
 def is_plain(values: Values, *but: str) -> bool:
-    """Return whether everything of the link is at its default, but for what is named."""
-    return all(values[each.name] == each.default for each in LINK if each.name not in but)
+    """Return whether everything of the link is ideal, but for what is named."""
+    numbers = (each for each in (*FIBER, *DEVICES) if each.name not in ("kind", *but))
+    return all(values[each.name] == each.default for each in numbers)
 
 
 def fiber(port: str, far_port: str, **parameters: Any) -> Fiber:
@@ -58,28 +68,14 @@ def configuration(
     return DispatcherConfig("", "", seed, dict.fromkeys(listed, ""), fibers, [], devices=listed)
 
 
-def fiber_parameters(values: Values) -> dict[str, Any]:
-    """Return what differs from an ideal fibre."""
-    preset = PRESETS[str(values.get(PRESET.name, PRESET.default))]
-    return {**preset.fiber, **changed(values, "", FIBER)}
-
-
 def device(values: Values) -> Device:
-    """Return the device of the preset with what differs from it."""
-    preset = PRESETS[str(values.get(PRESET.name, PRESET.default))].device
-    parts: dict[str, Any] = {
-        prefix.rstrip("_"): replace(
-            getattr(preset, prefix.rstrip("_")), **changed(values, prefix, DEVICES)
-        )
-        for prefix in PARTS
-    }
-    return replace(preset, **parts)
-
-
-def changed(values: Values, prefix: str, parameters: tuple[Parameter, ...]) -> dict[str, Any]:
-    """Return the values that are not at their default, of parameters with this prefix."""
-    return {
-        each.name.removeprefix(prefix): values[each.name]
-        for each in parameters
-        if each.name.startswith(prefix) and values.get(each.name, each.default) != each.default
-    }
+    """Return the device that the parameters of its parts describe."""
+    parts: dict[str, Any] = {}
+    for prefix, part in PARTS.items():
+        own: dict[str, Any] = {
+            name.removeprefix(prefix): value
+            for name, value in values.items()
+            if name.startswith(prefix)
+        }
+        parts[prefix.rstrip("_")] = replace(part, **own)
+    return Device(**parts)

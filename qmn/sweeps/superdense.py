@@ -11,7 +11,7 @@ from hosts.middleware.coding import CODES, NAMES, Bits, Code, Mask, deinterleave
 from qmn.sweeps import coding_theory, theory
 from qmn.sweeps.estimates import information, mean, proportion, ratio
 from qmn.sweeps.experiment import Experiment, Measure, Outcome, number, pairs_parameter
-from qmn.sweeps.link import LINK, PLAIN, TESTED, is_plain, link
+from qmn.sweeps.link import LINK, PLAIN, TESTED, implied, is_plain, link
 from qmn.sweeps.parameters import Parameter, Values
 
 BLOCK_PAIRS = 65_536
@@ -20,6 +20,8 @@ BATCHES = 64  # that the error of the residual bit error is estimated from, if t
 NO_COINCIDENCE = 255
 LOSSES = ("length_km", "loss_db_per_km", "connectors_db")
 FEC = Parameter("fec", "none", choices=tuple(NAMES))
+RATE_HZ = 50_000_000  # as `qmn run` has it
+RATE = Parameter("rate_hz", RATE_HZ, 1, 4_000_000_000, "Hz")
 INTERLEAVE = Parameter("interleave", "off", choices=("off", "on"))
 
 
@@ -33,7 +35,7 @@ async def run(values: Values, seed: int) -> Outcome:
     sizes = list(blocks(int(values["pairs"])))
     for block, size in enumerate(sizes):
         message = Message.random(size, str(values["fec"]), values["interleave"] == "on", random)
-        received = await transmit(alice, bob, block, message.dibits)
+        received = await transmit(alice, bob, block, message.dibits, int(values[RATE.name]))
         came = received != NO_COINCIDENCE
         errors += np.bincount((message.dibits ^ received)[came], minlength=4)
         wrong.append(message.wrong_bits(received))
@@ -92,11 +94,13 @@ def data_size(code: Code, bits: int) -> int:
     return least
 
 
-async def transmit(alice: LaboratoryHost, bob: LaboratoryHost, block: int, sent: Bits) -> Bits:
+async def transmit(
+    alice: LaboratoryHost, bob: LaboratoryHost, block: int, sent: Bits, rate_hz: int = RATE_HZ
+) -> Bits:
     """Send a dibit a pair; return what bob sees, 255 where no pair came; shape (k,)."""
     await alice.create(len(sent), block)
     await alice.apply((block, 0), sent)
-    await alice.send({(block, 0): TESTED[0], (block, 1): PLAIN[0]})
+    await alice.send({(block, 0): TESTED[0], (block, 1): PLAIN[0]}, rate_hz)
     came = [
         await bob.receive((block, half), port) for half, (_near, port) in enumerate((TESTED, PLAIN))
     ]
@@ -176,7 +180,7 @@ def residual_error(values: Values) -> float | None:
 SUPERDENSE = Experiment(
     "sdc",
     "superdense coding over one fibre",
-    (*LINK, FEC, INTERLEAVE, pairs_parameter()),
+    (*LINK, RATE, FEC, INTERLEAVE, pairs_parameter()),
     (
         Measure("bit_error", "bit error", bit_error),
         Measure("dibit_error", "dibit error", dibit_error),
@@ -185,4 +189,5 @@ SUPERDENSE = Experiment(
         Measure("residual_error", "bit error after decoding", residual_error, logarithmic=True),
     ),
     run,
+    implied,
 )

@@ -40,7 +40,7 @@ def test_whole_numbers_stay_whole() -> None:
 @pytest.mark.parametrize(
     ("name", "given", "text"),
     [
-        ("colour", "1", "colour is no parameter of sdc: choose depolarizing"),
+        ("colour", "1", "colour is no parameter of sdc: choose preset, kind, length_km"),
         ("depolarizing", "1.5", "depolarizing '1.5': choose 0 to 1"),
         ("depolarizing", "-0.1:1:3", "depolarizing '-0.1': choose 0 to 1"),
         ("depolarizing", "nan", "depolarizing 'nan': choose 0 to 1"),
@@ -59,6 +59,7 @@ def test_whole_numbers_stay_whole() -> None:
         ("fec", "turbo", "fec 'turbo': choose none, repetition, hamming, golay"),
         ("length_km", "-1", "length_km '-1': choose 0 to 2000 km"),
         ("detectors_efficiency", "1.1", "detectors_efficiency '1.1': choose 0 to 1"),
+        ("kind", "glass", "kind 'glass': choose ideal, smf, pm"),
     ],
 )
 def test_a_bad_value_is_named_with_its_range(name: str, given: object, text: str) -> None:
@@ -79,7 +80,19 @@ def test_a_grid_has_every_combination() -> None:
     points = [(values["depolarizing"], values["fec"]) for values in grid.points()]
     assert points == [(0.1, "none"), (0.1, "golay"), (0.2, "none"), (0.2, "golay")]
     assert grid.size == len(points)
-    assert next(iter(grid.points()))["pairs"] == SDC.defaults()["pairs"]
+    assert next(iter(grid.points()))["pairs"] == 200_000
+
+
+def test_a_preset_and_a_kind_of_fibre_bring_values_along_and_what_is_given_stays() -> None:
+    grid = build(SDC, {"preset": "metro", "length_km": [0.01, 1]})
+    for values, length_km in zip(grid.points(), (0.01, 1), strict=True):
+        assert values["length_km"] == length_km
+        assert values["connectors_db"] == 0.5
+        assert values["loss_db_per_km"] == 0.2
+        assert values["source_fidelity"] == 0.95
+    (values,) = build(SDC, {"kind": "pm", "drift_rad_per_sqrt_km": 0.0}).points()
+    assert values["loss_db_per_km"] == 0.5
+    assert values["drift_rad_per_sqrt_km"] == 0.0
 
 
 def test_a_file_says_what_to_sweep(tmp_path: Path) -> None:

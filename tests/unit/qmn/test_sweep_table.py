@@ -16,7 +16,7 @@ SEED = 1
 
 def point(fidelity: float) -> tuple[Values, Outcome]:
     """Return a point and an outcome to know it by."""
-    values = {**TELEPORT.defaults(), "fidelity": fidelity}
+    values = TELEPORT.complete({"fidelity": fidelity})
     return values, {"teleported": Estimate(fidelity / 3, 0.001)}
 
 
