@@ -19,6 +19,13 @@ MIN_BLOCK_PAIRS = 1_024
 BATCHES = 64  # that the error of the residual bit error is estimated from, if there are so many
 NO_COINCIDENCE = 255
 LOSSES = ("length_km", "loss_db_per_km", "connectors_db")
+EFFICIENCY = "detectors_efficiency"
+PHASE_NOISE = ("dephasing", "analyser_visibility")
+PAULI_NOISE = (
+    *("depolarizing", *PHASE_NOISE, "source_fidelity"),
+    *("drift_rad_per_sqrt_km", "drift_time_s"),
+    *("burst_depolarizing", "burst_start_hz", "burst_end_hz"),
+)
 FEC = Parameter("fec", "none", choices=tuple(NAMES))
 RATE_HZ = 50_000_000  # as `qmn run` has it
 RATE = Parameter("rate_hz", RATE_HZ, 1, 4_000_000_000, "Hz")
@@ -130,12 +137,44 @@ def outcome(errors: Sequence[int], pairs: int) -> Outcome:
     }
 
 
-def depolarizing(values: Values) -> float | None:
-    """Return the depolarising of pairs that arrive, None if other noise is there too."""
-    if not is_plain(values, "depolarizing", "source_fidelity", *LOSSES):
+def pauli_probabilities(values: Values) -> tuple[float, ...] | None:
+    """Return how likely I, X, Z and XZ are for pairs that arrive, None if more is going on."""
+    if not is_plain(values, "depolarizing", *PHASE_NOISE, "source_fidelity", *LOSSES, EFFICIENCY):
         return None
-    source = theory.of_fidelity(number(values, "source_fidelity"))
-    return theory.together(number(values, "depolarizing"), source)
+    p = theory.together(number(values, "depolarizing"), source_depolarizing(values))
+    indistinct = (1 - number(values, "analyser_visibility")) / 2
+    z = theory.either(number(values, "dephasing"), indistinct)
+    return theory.pauli_probabilities(p, z)
+
+
+def source_depolarizing(values: Values) -> float:
+    """Return the depolarising that makes pairs as imperfect as the source's."""
+    return theory.of_fidelity(number(values, "source_fidelity"))
+
+
+def bit_error(values: Values) -> float | None:
+    """Return the theory of bit_error."""
+    likely = pauli_probabilities(values)
+    return None if likely is None else (likely[1] + likely[2]) / 2 + likely[3]
+
+
+def dibit_error(values: Values) -> float | None:
+    """Return the theory of dibit_error."""
+    likely = pauli_probabilities(values)
+    return None if likely is None else 1 - likely[0]
+
+
+def capacity(values: Values) -> float | None:
+    """Return the theory of capacity."""
+    likely = pauli_probabilities(values)
+    return None if likely is None else 2 - theory.entropy(likely)
+
+
+def arrived(values: Values) -> float | None:
+    """Return the theory of arrived: Pauli errors do not matter, two detectors do."""
+    if not is_plain(values, *PAULI_NOISE, *LOSSES, EFFICIENCY):
+        return None
+    return theory.transmission(loss_db(values)) * number(values, EFFICIENCY) ** 2
 
 
 def loss_db(values: Values) -> float:
@@ -144,36 +183,11 @@ def loss_db(values: Values) -> float:
     return length_km * loss_db_per_km + connectors_db
 
 
-def bit_error(values: Values) -> float | None:
-    """Return the theory of bit_error."""
-    p = depolarizing(values)
-    return None if p is None else theory.bit_error(p)
-
-
-def dibit_error(values: Values) -> float | None:
-    """Return the theory of dibit_error."""
-    p = depolarizing(values)
-    return None if p is None else theory.dibit_error(p)
-
-
-def capacity(values: Values) -> float | None:
-    """Return the theory of capacity."""
-    p = depolarizing(values)
-    return None if p is None else theory.capacity(p)
-
-
-def arrived(values: Values) -> float | None:
-    """Return the theory of arrived."""
-    if depolarizing(values) is None:
-        return None
-    return theory.transmission(loss_db(values))
-
-
 def residual_error(values: Values) -> float | None:
-    """Return the theory of residual_error; erased bits have none."""
-    p = depolarizing(values)
-    if p is None or loss_db(values) > 0:
+    """Return the theory of residual_error: depolarising alone, as erased bits have none."""
+    if not is_plain(values, "depolarizing", "source_fidelity", "length_km"):
         return None
+    p = theory.together(number(values, "depolarizing"), source_depolarizing(values))
     return coding_theory.residual_error(str(values["fec"]), values["interleave"] == "on", p)
 
 

@@ -23,6 +23,17 @@ def of_fidelity(fidelity: float) -> float:
     return 4 * (1 - fidelity) / 3
 
 
+def either(first: float, second: float) -> float:
+    """Return how likely one of two independent events happens, but not both."""
+    return first * (1 - second) + second * (1 - first)
+
+
+def pauli_probabilities(p: float, z: float) -> tuple[float, float, float, float]:
+    """Return how likely I, X, Z and XZ are after depolarising with p and Z with probability z."""
+    none, flipped = (1 - 3 * p / 4) * (1 - z) + p / 4 * z, (1 - 3 * p / 4) * z + p / 4 * (1 - z)
+    return none, p / 4, flipped, p / 4
+
+
 def bit_error(p: float) -> float:
     """Return the bit error probability of superdense coding."""
     return p / 2
