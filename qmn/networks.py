@@ -9,8 +9,10 @@ from typing import Any
 
 from mininet.topo import Topo
 
+from dispatcher import fiber_noise
 from topologies.chain import ChainTopo
 from topologies.fabric import fiber_of
+from topologies.fiber import resolved
 from topologies.leaf_spine import LeafSpineTopo
 from topologies.ring import RingTopo
 from topologies.sdc import SdcTopo
@@ -50,6 +52,8 @@ def topology(arguments: argparse.Namespace) -> Callable[[], Topo]:
     )
     try:
         build()
+        # So that a noise model of the user's own is refused here, and not by the dispatcher.
+        fiber_noise.models(resolved(every_fiber(arguments)))
     except ValueError as error:
         raise BadTopology(str(error)) from error
     return build

@@ -37,7 +37,7 @@ class FiberOptics:
     """The parameters of a fibre, alike in both directions; the formulas are in dispatcher/."""
 
     kind: str = choice(*KINDS)
-    length_km: float = parameter(0.01, 0.0, 2_000.0)
+    length_km: float = parameter(0.01, 0.0, 2_000.0)  # 9.8 ms; a switch remembers 60 s
     loss_db_per_km: float = parameter(0.0, 0.0, 1_000.0)
     connectors_db: float = parameter(0.0, 0.0, 100.0)  # of all connectors and splices together
     depolarizing: float = parameter(0.0, 0.0, 1.0)  # probability p: X, Y and Z each with p/4
@@ -53,7 +53,7 @@ class FiberOptics:
     temperature_slope_k_per_s: float = parameter(0.0, -10.0, 10.0)
     temperature_walk_k_per_sqrt_s: float = parameter(0.0, 0.0, 10.0)
     thermal_ppm_per_k: float = parameter(8.2, 0.0, 1_000.0)
-    # Light of classical traffic in the same fibre, in either direction, and what it scatters.
+    # Light of classical traffic that goes along with the photons, and what it scatters.
     classical_mw: float = parameter(0.0, 0.0, 1_000.0)
     raman_per_km_nm: float = parameter(2e-9, 0.0, 1e-3)
     filter_nm: float = parameter(0.4, 0.0, 100.0)  # about 50 GHz

@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Awaitable, Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from dispatcher_network import (
 )
 from noise_cases import within
 
+from dispatcher import pulses
 from dispatcher.layer import block_name
 from dispatcher.limits import MAX_EMISSION_S
 from dispatcher.ownership import Block
@@ -107,7 +109,10 @@ def test_light_that_nobody_lets_out_is_gone_with_all_its_photons(tmp_path: Path)
     play(configuration(tmp_path), scene)
 
 
-def test_further_photons_go_the_way_that_was_open_and_meet_again(tmp_path: Path) -> None:
+@pytest.mark.parametrize("with_their_own", [True, False])
+def test_further_photons_go_the_way_that_was_open_and_meet_again(
+    tmp_path: Path, with_their_own: bool
+) -> None:
     async def run() -> None:
         clock = ManualClock()
         async with running(configuration(tmp_path), clock) as bench:
@@ -124,6 +129,8 @@ def test_further_photons_go_the_way_that_was_open_and_meet_again(tmp_path: Path)
             one.pulses.extras = np.arange(1000).astype(np.uint8)
             one.pulses.delays_ps = np.arange(1000.0)
             one.pulses.angles_rad = np.arange(1000.0)
+            if not with_their_own:
+                bench.layer.sabot.lose(one.register, np.ones(1000, dtype=bool))
             sending = asyncio.ensure_future(bench.charlie.send((block(), "charlie-q0")))
             await clock.waiters(1)
             await clock.set(START_NS + 101 + DELAY_NS + 500)
@@ -144,8 +151,9 @@ def test_further_photons_go_the_way_that_was_open_and_meet_again(tmp_path: Path)
             assert whole.extras is not None
             assert whole.delays_ps is not None
             assert whole.angles_rad is not None
-            there = held(bench, "bob").register.present
-            assert there.sum() == 900  # a hundred came while it switched
+            there = pulses.lit(held(bench, "bob"))
+            # A hundred came while it switched; without their own photons, 256 k have no light.
+            assert there.sum() == (900 if with_their_own else 897)
             for found in (whole.extras, whole.delays_ps, whole.angles_rad):
                 kept = found[there]
                 assert (kept == np.arange(1000)[there].astype(found.dtype)).all()
@@ -176,12 +184,30 @@ def test_angles_of_fibres_add_up_and_a_flip_turns_them_around(tmp_path: Path) ->
     assert total == pytest.approx(second - first)
 
 
+def test_a_flip_in_a_fibre_turns_the_angle_of_before_around(tmp_path: Path) -> None:
+    async def scene(bench: Bench) -> None:
+        await bench.switch.connect((1, 3))
+        angles = (await send(bench)).pulses.angles_rad
+        assert angles is not None
+        first = bench.layer.history.past("charlie", "charlie-q0", "0 PolarizationDrift").latest
+        assert first is not None
+        assert abs(first[1]) > 0.1
+        assert np.abs(angles) == pytest.approx(abs(first[1]))
+        turned = int(np.count_nonzero(angles == -first[1]))
+        assert within(turned, 0.4, COUNT)  # X or XZ, each with a quarter of .8
+
+    fibers = configuration(tmp_path).fibers
+    drifting = [replace(fibers[0], drift_rad_per_sqrt_km=10.0)]
+    noisy = [replace(fiber, depolarizing=0.8) for fiber in fibers[1:]]
+    play(configuration(tmp_path, fibers=drifting + noisy), scene)
+
+
 def test_loss_and_pauli_noise_are_exact(tmp_path: Path) -> None:
     async def scene(bench: Bench) -> None:
         await bench.switch.connect((1, 3))
-        pulses = (await send(bench)).pulses
-        assert pulses.exact
-        assert (pulses.extras, pulses.delays_ps, pulses.angles_rad) == (None, None, None)
+        light = (await send(bench)).pulses
+        assert light.exact
+        assert (light.extras, light.delays_ps, light.angles_rad) == (None, None, None)
 
     noise = {"connectors_db": 1.0, "depolarizing": 0.1, "burst_depolarizing": 0.5}
     play(with_fibers(configuration(tmp_path), **noise), scene)

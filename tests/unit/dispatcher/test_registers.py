@@ -372,6 +372,15 @@ def test_state_vectors_of_too_many_members_are_refused_all_together() -> None:
         Sabot(BACKENDS["dense"]).bell_pairs(4_000_000)
 
 
+def test_state_vectors_that_are_there_count_once() -> None:
+    sabot = Sabot(BACKENDS["chp"])
+    first, second = turned(sabot, 1_000_000), sabot.zeros(1_000_000)
+    sabot.gate("T", first)
+    sabot.gate("CX", first, second)  # from 2,000,000 amplitudes to 4,000,000
+    sabot.gate("T", second)
+    assert sabot.simulated_by(first, second) == "dense"
+
+
 def test_a_gate_needs_the_registers_it_acts_on() -> None:
     sabot = Sabot(BACKENDS["chp"])
     with pytest.raises(ValueError, match="CX acts on 2 registers"):

@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 
 from qmn import run
-from qmn.networks import TOPOLOGIES, BadTopology, topology
+from qmn.networks import TOPOLOGIES, BadTopology, every_fiber, topology
 from qmn.run_folder import make_folder, point_latest
+from wire.fiber import FiberOptics
 
 
 def parse(*words: str) -> argparse.Namespace:
@@ -24,6 +25,13 @@ def parse(*words: str) -> argparse.Namespace:
         (["--file", "/nowhere"], "cannot read /nowhere: No such file"),
         (["--frame-bytes", "70000"], "--frame-bytes 70000: choose 1 to 65536"),
         (["--depolarizing", "1.5"], "depolarizing 1.5 is not 0 to 1"),
+        (["--length-km", "2001"], "every fibre: length_km 2001.0 is not 0 to 2000"),
+        (["--fiber", "drift=1"], "--fiber drift=1: write NAME=VALUE, where NAME is of kind, len"),
+        (["--fiber", "drift_time_s"], "--fiber drift_time_s: write NAME=VALUE"),
+        (["--fiber", "drift_time_s=long"], "--fiber drift_time_s=long: could not convert"),
+        (["--fiber", "noise_parameters={"], "--fiber noise_parameters={: Expecting"),
+        (["--fiber", "noise=no.py:Noise"], "there is no file /"),
+        (["--fiber", f"noise={__file__}:run"], "has no class run with a method effect"),
         (["--rate-hz", "0"], "--rate-hz 0"),
         (["--to", "ed"], "unknown host 'ed': choose one of alice, bob, charlie"),
         (["--from", "bob"], "--from and --to are both bob"),
@@ -76,6 +84,14 @@ def test_sizes_reach_the_topology() -> None:
     chain = topology(parse("chain", "--switches", "5", "--length-km", "2"))()
     assert len([name for name in chain.switches() if name.startswith("q")]) == 5
     assert {info.get("length_km") for *_, info in chain.links(withInfo=True)} == {None, 2.0}
+
+
+def test_parameters_of_fibres_reach_the_topology() -> None:
+    words = ["--preset", "metro", "--kind", "pm", "--fiber", "dephasing=0.1", "--length-km", "2"]
+    fibre = every_fiber(parse(*words))
+    assert (fibre.kind, fibre.length_km, fibre.dephasing) == ("pm", 2.0, 0.1)
+    assert (fibre.connectors_db, fibre.loss_db_per_km) == (0.5, 0.5)
+    assert every_fiber(parse()) == FiberOptics()
 
 
 def test_two_runs_in_one_second_have_folders_of_their_own(tmp_path: Path) -> None:
