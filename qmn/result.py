@@ -71,13 +71,17 @@ def percentiles(times: list[float]) -> dict[str, Any]:
     return {"p50": hundredths[49], "p99": hundredths[98], "n": len(times)}
 
 
-def code(facts: dict[str, Any]) -> str:
-    """Return the error-correction code in words."""
+def coding(facts: dict[str, Any]) -> dict[str, str]:
+    """Return the lines about the error-correction code; none if there was no code."""
     in_use = facts["in_use"] or {}
     if in_use.get("fec", "none") == "none":
-        return "none"
+        return {}
     order = "interleaved" if in_use["interleave"] == "on" else "not interleaved"
-    return f"{in_use['fec']}, {order}, rate {facts['code_rate']:.3f}"
+    return {
+        "code": f"{in_use['fec']}, {order}, rate {facts['code_rate']:.3f}",
+        "put right by it": f"{facts['corrected_symbols']:,} wrong symbols, "
+        f"{facts['filled_symbols']:,} lost ones",
+    }
 
 
 def show(console: Console, facts: dict[str, Any], folder: Path) -> None:
@@ -90,9 +94,7 @@ def show(console: Console, facts: dict[str, Any], folder: Path) -> None:
         "Bell pairs used": f"{facts['bell_pairs']:,}",
         "pairs lost": f"{facts['lost_pairs']:,}",
         "symbol error rate": "no symbol received" if rate is None else f"{rate:.4g}",
-        "code": code(facts),
-        "put right by it": f"{facts['corrected_symbols']:,} wrong symbols, "
-        f"{facts['filled_symbols']:,} lost ones",
+        **coding(facts),
         "repeated frames": f"{facts['repeated_frames']:,}",
         "pairs/s": f"{facts['pairs_per_s']:,.0f} ({facts['elapsed_s']:.2f} s)",
         "metadata to light path": "no path was set up"

@@ -35,6 +35,7 @@ MESSAGE = Path(__file__).with_name("message.txt")
 MIN_BLOCK_PAIRS = 4
 # Bell pairs a second to expect on two cores, for the estimate before the start.
 EXPECTED_RATE = {"framed": 2_000_000, "per-pair": 200}
+DECODING_RATE = {"reed-solomon": 300_000}  # pairs a second, of codes that take longer than light
 CAPTURED_BYTES_PER_PAIR = {"framed": 4.4, "per-pair": 4_900}
 SIZE_LIMIT = {"framed": 1 << 30, "per-pair": 1 << 16}
 TELL_ESTIMATE_ABOVE_S = 10
@@ -221,7 +222,9 @@ def message_size(arguments: argparse.Namespace) -> int:
 def tell_estimate(arguments: argparse.Namespace, size: int, console: Console) -> None:
     """Say before the start how long a long message will take."""
     pairs = pairs_of(arguments, size)
-    seconds = pairs / min(EXPECTED_RATE[arguments.handshake], arguments.rate_hz)
+    expected = EXPECTED_RATE[arguments.handshake]
+    expected = min(expected, DECODING_RATE.get(arguments.fec, expected), arguments.rate_hz)
+    seconds = pairs / expected
     if seconds <= TELL_ESTIMATE_ABOVE_S:
         return
     text = f"{size:,} bytes are {pairs:,} Bell pairs: about {seconds / 60:.1f} minutes on two cores"

@@ -77,6 +77,8 @@ class Outbox:
         slots = self._slots.block(self._open, block.refills, block.frames)
         if (report.block, report.pairs) != (block.number, slots.size):
             raise FramingError(f"report of block {report.block}, sent was {block.number}")
+        if len(set(report.failed)) != len(report.failed):
+            raise FramingError(f"report of block {report.block} names a failed frame twice")
         failed = [self._failed_slots(number) for number in report.failed]
         again = slots[_mask(report.again, slots.size)]
         rest = self._open[block.refills :]

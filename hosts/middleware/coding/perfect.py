@@ -36,7 +36,8 @@ class PerfectCode:
         checks_of_data = data @ parity & 1
         self._codebook: Bits = np.hstack([data, checks_of_data]).astype(np.uint8)
         self._syndromes = checks_of_data @ self._check_weights  # of data with no parity bits
-        self._signs = (1 - 2 * self._codebook.T.astype(np.float32)).astype(np.float32)
+        self._word_weights = (1 << np.arange(self.n)[::-1]).astype(np.int32)
+        self._codewords = self._codebook @ self._word_weights
         self._errors = self._coset_leaders(np.vstack([parity, np.eye(checks, dtype=np.uint8)]))
 
     def word_bits(self, data_bits: int) -> int:
@@ -97,9 +98,10 @@ class PerfectCode:
         return distances
 
     def _compared(self, words: Bits, holes: Mask) -> Bits:
-        signs = np.where(holes, np.float32(0), 1 - 2 * words.astype(np.float32))
-        nearest = (signs @ self._signs).argmax(axis=1)
-        data: Bits = self._codebook[nearest, : self.k]
+        """Return the data of the codewords nearest to words, by comparing with all of them."""
+        differing = (words @ self._word_weights)[:, None] ^ self._codewords
+        counted = differing & (~holes @ self._word_weights)[:, None]
+        data: Bits = self._codebook[np.bitwise_count(counted).argmin(axis=1), : self.k]
         return data
 
 

@@ -249,7 +249,13 @@ def test_an_impossible_block_changes_nothing(
 
 
 @pytest.mark.parametrize(
-    "report", [Report(1, 2, 16), Report(1, 1, 15), Report(1, 1, 16, failed=(5,))]
+    "report",
+    [
+        Report(1, 2, 16),
+        Report(1, 1, 15),
+        Report(1, 1, 16, failed=(5,)),
+        Report(1, 1, 16, failed=(0, 0)),
+    ],
 )
 def test_an_impossible_report_is_refused(report: Report) -> None:
     outbox = Outbox(4, 16, PLAIN)
