@@ -4,7 +4,7 @@ SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help setup packages run-sdc test test-docker lint types unit emulation bench image clean lock
+.PHONY: help setup packages run-sdc test test-docker lint types unit emulation bench curves image clean lock
 
 PYTHON := .venv/bin/python
 # The caches and byte code of root would be in the user's way.
@@ -56,6 +56,9 @@ emulation: setup ## Run the emulation tests (root, Open vSwitch)
 
 bench: setup ## Measure and print the speed of this machine
 	$(AS_ROOT) $(PYTHON) -m qmn bench
+
+curves: setup ## Check the physics against theory and draw it (curves/)
+	$(PYTHON) -m qmn curves
 
 image: ## Build the Docker image
 	@docker/build
