@@ -4,6 +4,7 @@ from collections.abc import Awaitable, Callable
 from typing import Any
 
 from dispatcher.layer import block_name
+from dispatcher.measurements import Measurements
 from dispatcher.operations import Operations
 from dispatcher.refusal import invalid
 from dispatcher.transport import Transport
@@ -13,7 +14,9 @@ from wire.optical import DEFAULT_FREQUENCY_MHZ
 Act = Callable[[str, Any], Awaitable[messages.Feedback]]
 
 
-def acts(operations: Operations, transport: Transport) -> dict[str, Act]:
+def acts(
+    operations: Operations, measurements: Measurements, transport: Transport
+) -> dict[str, Act]:
     """Return the act for each operation of a Step, called with node and request."""
 
     async def create(node: str, request: messages.CreateRequest) -> messages.Feedback:
@@ -34,11 +37,11 @@ def acts(operations: Operations, transport: Transport) -> dict[str, Act]:
 
     async def measure(node: str, request: messages.MeasureRequest) -> messages.Feedback:
         name = block_name(request.block)
-        return operations.measure(node, name, request.basis, request.bases)
+        return measurements.measure(node, name, request.basis, request.bases)
 
     async def bell_measure(node: str, request: messages.BellMeasureRequest) -> messages.Feedback:
         names = block_name(request.first), block_name(request.second)
-        return operations.bell_measure(node, names)
+        return measurements.bell_measure(node, names)
 
     async def store(node: str, request: messages.StoreRequest) -> messages.Feedback:
         return operations.store(node, block_name(request.block))

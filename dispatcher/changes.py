@@ -6,6 +6,8 @@ Whatever a new request changes must be done by a name of this table, or it is no
 from collections.abc import Awaitable, Callable
 from typing import Any
 
+from dispatcher.adjustment import adjust
+from dispatcher.layer import PhysicalLayer
 from dispatcher.switching import Switching
 from wire import dispatcher_pb2 as messages
 
@@ -24,10 +26,11 @@ REQUESTS: dict[str, type[Any]] = {
     "cross_connect": messages.CrossConnectRequest,
     "tune_port": messages.TunePortRequest,
     "inject_fault": messages.InjectFaultRequest,
+    "adjust_fiber": messages.AdjustFiberRequest,
 }
 
 
-def changes(switching: Switching) -> dict[str, Change]:
+def changes(layer: PhysicalLayer, switching: Switching) -> dict[str, Change]:
     """Return what each change is, called with node and request."""
 
     async def cross_connect(_node: str, request: messages.CrossConnectRequest) -> int:
@@ -39,7 +42,11 @@ def changes(switching: Switching) -> dict[str, Change]:
     async def inject_fault(_node: str, request: messages.InjectFaultRequest) -> None:
         await switching.inject(request)
 
+    async def adjust_fiber(_node: str, request: messages.AdjustFiberRequest) -> int:
+        return adjust(layer, request)
+
     return {
+        "adjust_fiber": adjust_fiber,
         "cross_connect": cross_connect,
         "tune_port": tune_port,
         "inject_fault": inject_fault,

@@ -1,4 +1,7 @@
-"""What happened to the qubits: remembered, written to the event log, and told to watchers."""
+"""What happened to the qubits: remembered, written to the event log, and told to watchers.
+
+The same depth is that of what noise models remember of the fibres (dispatcher/past.py).
+"""
 
 import asyncio
 from collections import deque
@@ -6,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TextIO
 
+from dispatcher.past import Past
 from wire.dispatcher_pb2 import Event
 from wire.events import format_line
 
@@ -63,6 +67,8 @@ class History:
         """Remember `depth` events; write each to `log` as a line."""
         self.count = 0
         self._events: deque[Event] = deque(maxlen=depth)
+        self._depth = depth
+        self._pasts: dict[tuple[str, ...], Past] = {}
         self._watchers: set[Watcher] = set()
         self._log = log
 
@@ -75,6 +81,10 @@ class History:
             self._log.flush()
         for watcher in self._watchers:
             watcher.push(event)
+
+    def past(self, *place: str) -> Past:
+        """Return what has been remembered of a place: a fibre's direction and a noise model."""
+        return self._pasts.setdefault(place, Past(self._depth))
 
     @contextmanager
     def watching(self, node: str, session: int, remembered: bool) -> Iterator[Watcher]:

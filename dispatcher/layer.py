@@ -6,8 +6,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dispatcher.clock import Clock
+from dispatcher.devices import Devices
 from dispatcher.history import History
 from dispatcher.journal import Journal
+from dispatcher.memory import Memories
 from dispatcher.network import Network
 from dispatcher.ownership import Block, BlockName, Ownership
 from dispatcher.sabot.draws import Draws
@@ -25,6 +27,8 @@ class PhysicalLayer:
     network: Network
     ownership: Ownership
     history: History
+    devices: Devices
+    memories: Memories
     max_live_qubits: int
     photons_lost: int = 0
     journal: Journal = field(default_factory=Journal)
@@ -61,12 +65,27 @@ class PhysicalLayer:
     def mark(self, feedback: Feedback, blocks: Sequence[Block]) -> Feedback:
         """Say in the feedback what simulates the blocks, and whether that is exact."""
         feedback.backend = self.sabot.simulated_by(*(block.register for block in blocks))
-        feedback.exact = all(block.pulses.exact for block in blocks)
-        self.exact &= feedback.exact
+        feedback.exact = self.count_exact(blocks)
         return feedback
+
+    def count_exact(self, blocks: Sequence[Block]) -> bool:
+        """Return whether the blocks hold no approximation, which is then in what is reported."""
+        exact = all(block.pulses.exact for block in blocks)
+        self.exact &= exact
+        return exact
+
+    def take_up(self, *blocks: Block) -> None:
+        """Take blocks that are to be used out of their node's memory, if they are in there."""
+        for block in blocks:
+            before = block.register.remaining
+            detail = self.memories.read_out(block)
+            if detail is not None:
+                self.photons_lost += before - block.register.remaining
+                self.record(block.node, "recall", block, detail=detail)
 
     def drop(self, block: Block) -> None:
         """Discard a block whatever its state."""
+        self.memories.forget(block)
         draws = self.draws.photons(block.name, "discard", block.register.size)
         self.sabot.drop(block.register, draws)
         self.ownership.remove(block)

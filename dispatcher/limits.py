@@ -5,6 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from dispatcher.optical_switch import MAX_POWER_DBM
+from dispatcher.ownership import Block
 from dispatcher.refusal import invalid
 from dispatcher.sabot.backend import Bytes
 from dispatcher.sabot.gates import ROTATIONS
@@ -67,6 +68,15 @@ def require_rate(rate_hz: int, longest: int) -> None:
         raise invalid(
             f"{longest} photons at rate_hz {rate_hz} take {longest / rate_hz:.0f} s, more than "
             f"{MAX_EMISSION_S:.0f} s; send smaller blocks or raise the rate"
+        )
+
+
+def require_source_rate(block: Block, rate_hz: int) -> None:
+    """Refuse to emit pairs faster than their source can."""
+    if rate_hz > block.source_rate_hz:
+        raise invalid(
+            f"rate_hz {rate_hz} is more than the source of {block.name} can emit, max_rate_hz "
+            f"{block.source_rate_hz:g}; lower the rate"
         )
 
 

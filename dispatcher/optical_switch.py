@@ -8,11 +8,12 @@ Everything that changes is kept over time, because light is resolved when it has
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.noise import Uniform
+from dispatcher.chance import Chance
 from dispatcher.sabot.registers import Mask
 from dispatcher.steps import Steps
 from dispatcher.timeline import Circuit, Timeline
@@ -27,11 +28,20 @@ BIAS_PER_MW_MA = 10.0
 
 @dataclass(frozen=True)
 class Light:
-    """Photons that come to a port: which of a block they are, when, and their colour."""
+    """Light that comes to a port: in which pulses of a block, when, and its colour."""
 
-    members: Mask
+    pulses: Mask
+    photons: Mask  # of those, the ones whose own photon is there
     times_ns: Times
     frequency_mhz: int
+
+
+class Passed(NamedTuple):
+    """Light that leaves by a port."""
+
+    pulses: Mask  # that took this path
+    photons: Mask  # of those, the ones whose own photon has come through
+    transmission: float | NDArray[np.float64]  # of light in these pulses, shape () or (k,)
 
 
 class Port:
@@ -93,20 +103,27 @@ class OpticalSwitch:
         path = self._paths.get((in_port, out_port))
         return self.config.rotation if path is None else path.rotation
 
-    def cross(self, in_port: int, light: Light, uniform: Uniform) -> dict[int, Mask]:
-        """Return which photons leave by which port, and count them; the others are lost."""
+    def cross(self, in_port: int, light: Light, chance: Chance) -> dict[int, Passed]:
+        """Return what leaves by which port, and count the photons; all other light is lost.
+
+        Photons that stray take all the light of their pulse with them.
+        """
         times_ns = light.times_ns
-        entered = light.members & self._passes_filter(in_port, light)
+        entered = light.pulses & self._passes_filter(in_port, light)
         leaving = self._route(in_port, entered, times_ns)
         if self.config.crosstalk_db is not None:
-            leaving = self._stray(leaving, times_ns, uniform)
-        for out_port, photons in leaving.items():
-            photons &= self._passes_filter(out_port, light)
+            leaving = self._stray(leaving, times_ns, chance)
+        passed = {}
+        for out_port, pulses in leaving.items():
+            pulses &= self._passes_filter(out_port, light)
             loss_db = self._loss_db(in_port, out_port, times_ns)
+            transmission = 10 ** (-loss_db / 10)
+            photons = pulses & light.photons
             if np.any(loss_db):
-                photons &= uniform("loss") < 10 ** (-loss_db / 10)
-        self._count(in_port, light, leaving)
-        return leaving
+                photons &= chance.happens("pass", transmission)
+            passed[out_port] = Passed(pulses, photons, transmission)
+        self._count(in_port, light, passed)
+        return passed
 
     def lose(self, in_port: int, photons: int) -> None:
         """Count photons that came by a port and go nowhere."""
@@ -135,12 +152,10 @@ class OpticalSwitch:
             mask[part] = photons[part]
         return leaving
 
-    def _stray(
-        self, leaving: dict[int, Mask], times_ns: Times, uniform: Uniform
-    ) -> dict[int, Mask]:
-        """Let some photons leave by another output that was in use just then, any alike."""
+    def _stray(self, leaving: dict[int, Mask], times_ns: Times, chance: Chance) -> dict[int, Mask]:
+        """Let some light leave by another output that was in use just then, any alike."""
         assert self.config.crosstalk_db is not None
-        drawn = uniform("crosstalk") < 10 ** (-self.config.crosstalk_db / 10)
+        drawn = chance.happens("crosstalk", 10 ** (-self.config.crosstalk_db / 10))
         in_use = self.timeline.outputs_in_use(times_ns)
         outputs = sorted(in_use)
         open_then = np.array([in_use[port] for port in outputs]).reshape(len(outputs), -1)
@@ -150,7 +165,7 @@ class OpticalSwitch:
             wrong = open_then[:, strays]
             wrong[outputs.index(out_port)] = False
             strays, wrong = strays[wrong.any(axis=0)], wrong[:, wrong.any(axis=0)]
-            chosen = _choose(wrong, uniform("wrong output")[strays])
+            chosen = _choose(wrong, chance.uniform("wrong output")[strays])
             result[out_port][strays] = False
             for row in np.unique(chosen):
                 mask = result.setdefault(outputs[row], np.zeros(len(photons), dtype=bool))
@@ -163,18 +178,19 @@ class OpticalSwitch:
         hot = self._hot.at(times_ns)
         return path.insertion_loss_db + self.config.hot_loss_db * hot + attenuation_db
 
-    def _count(self, in_port: int, light: Light, leaving: dict[int, Mask]) -> None:
-        came = int(np.count_nonzero(light.members))
+    def _count(self, in_port: int, light: Light, passed: dict[int, Passed]) -> None:
+        came = int(np.count_nonzero(light.photons))
         left = 0
-        for out_port, photons in leaving.items():
-            passed = int(np.count_nonzero(photons))
-            self.ports[out_port].photons_out += passed
-            left += passed
+        for out_port, leaving in passed.items():
+            photons = int(np.count_nonzero(leaving.photons))
+            self.ports[out_port].photons_out += photons
+            left += photons
         self.ports[in_port].photons_in += came
         self.ports[in_port].photons_lost += came - left
         # In an interval a photon of this input by this output has not strayed.
         for part, interval in self.timeline.passages(in_port, light.times_ns):
-            interval.circuit.count(leaving[interval.out_port][part], light.times_ns[part])
+            counted = passed[interval.out_port].photons[part]
+            interval.circuit.count(counted, light.times_ns[part])
 
 
 def nearest_channel(config: QuantumSwitch, frequency_mhz: int) -> int:

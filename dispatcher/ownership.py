@@ -50,6 +50,11 @@ class Block:
     last_ns: int = 0
     fibers_passed: int = 0
     pulses: Pulses = field(default_factory=Pulses)
+    start_ns: int = 0  # when photon 0 is, or would have been, at the port; photon k comes later
+    interval_ns: float = 0.0  # by k times this; 0: they were in no fibre yet
+    source_rate_hz: float = float("inf")  # at most, while they have not left their source
+    stored_ns: int = 0  # when the block was put into memory last
+    stores: int = 0  # how often that was
 
 
 class Ownership:

@@ -59,7 +59,14 @@ class Recorder(Journal):
         record.begin(file)
         # Its paths are of that run, and its tokens nobody's business.
         public = replace(
-            config, tokens={}, listen="", socket="", event_log="", record="", qasm="", sabot=""
+            config,
+            tokens=dict.fromkeys(config.tokens, ""),
+            listen="",
+            socket="",
+            event_log="",
+            record="",
+            qasm="",
+            sabot="",
         )
         self._write(Entry(header=Header(config=json.dumps(asdict(public)))))
 

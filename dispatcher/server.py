@@ -12,8 +12,11 @@ import grpc
 
 from dispatcher.callers import Callers
 from dispatcher.clock import CaptureClock, Clock
+from dispatcher.devices import Devices
 from dispatcher.history import History
+from dispatcher.journal import Journal
 from dispatcher.layer import PhysicalLayer
+from dispatcher.memory import Memories
 from dispatcher.network import Network
 from dispatcher.ownership import Ownership
 from dispatcher.recorder import RecordedClock, Recorder, open_private
@@ -35,35 +38,54 @@ STOP_GRACE_S = 0.2
 log = logging.getLogger("dispatcher")
 
 
-def build_layer(config: DispatcherConfig, clock: Clock, event_log: TextIO | None) -> PhysicalLayer:
-    """Return the physical layer that the configuration describes."""
+def build_layer(
+    config: DispatcherConfig,
+    clock: Clock,
+    event_log: TextIO | None,
+    sabot: Simulation | None = None,
+    journal: Journal | None = None,
+) -> PhysicalLayer:
+    """Return the physical layer that the configuration describes.
+
+    It simulates in this process if nothing else is given. Raise BadConfig or BadParameter for
+    what cannot be.
+    """
+    devices = Devices(config.devices)
+    if unknown := config.devices.keys() - config.tokens.keys():
+        raise BadConfig(f"devices of {', '.join(sorted(unknown))}: there are no such hosts")
+    sabot, draws = sabot or Sabot(BACKENDS[config.backend]), Draws(config.seed)
     return PhysicalLayer(
         clock=clock,
-        sabot=_simulation(config),
-        draws=Draws(config.seed),
+        sabot=sabot,
+        draws=draws,
         network=Network(config.fibers, config.switches),
         ownership=Ownership(),
         history=History(config.history_depth, event_log),
+        devices=devices,
+        memories=Memories(devices, clock, sabot, draws),
         max_live_qubits=config.max_live_qubits,
+        journal=journal or Journal(),
     )
 
 
-def _simulation(config: DispatcherConfig) -> Simulation:
+def open_layer(
+    config: DispatcherConfig, clock: Clock, event_log: TextIO | None, stack: ExitStack
+) -> PhysicalLayer:
+    """Return the layer with the server, the dump and the record that are configured.
+
+    The stack closes all of them.
+    """
+    journal: Journal | None = None
+    sabot: Simulation = Sabot(BACKENDS[config.backend])
     if config.sabot:
-        return RemoteSabot(config.sabot, config.backend)
-    return Sabot(BACKENDS[config.backend])
-
-
-def open_records(config: DispatcherConfig, layer: PhysicalLayer, stack: ExitStack) -> None:
-    """Let the layer write the dump and the record that are configured; the stack closes all."""
-    if isinstance(layer.sabot, RemoteSabot):
-        stack.enter_context(layer.sabot)
-    if config.record:
-        recorder = Recorder(stack.enter_context(open_private(config.record)), config)
-        layer.journal, layer.clock = recorder, RecordedClock(layer.clock, recorder)
+        sabot = stack.enter_context(RemoteSabot(config.sabot, config.backend))
     if config.qasm:
         dump = Path(config.qasm).open("w", buffering=1)  # noqa: SIM115
-        layer.sabot = TracedSabot(layer.sabot, QasmWriter(stack.enter_context(dump)))
+        sabot = TracedSabot(sabot, QasmWriter(stack.enter_context(dump)))
+    if config.record:
+        journal = Recorder(stack.enter_context(open_private(config.record)), config)
+        clock = RecordedClock(clock, journal)
+    return build_layer(config, clock, event_log, sabot, journal)
 
 
 def build_service(config: DispatcherConfig, layer: PhysicalLayer, failed: Failed) -> Service:
@@ -103,8 +125,7 @@ async def serve(config: DispatcherConfig) -> None:
         event_log = (
             stack.enter_context(Path(config.event_log).open("a")) if config.event_log else None
         )
-        layer = build_layer(config, CaptureClock(), event_log)
-        open_records(config, layer, stack)
+        layer = open_layer(config, CaptureClock(), event_log, stack)
         server = build_server(config, build_service(config, layer, failed))
         await server.start()
         for number in (signal.SIGTERM, signal.SIGINT):

@@ -13,6 +13,7 @@ from dispatcher.acts import acts
 from dispatcher.callers import Callers
 from dispatcher.changes import changes
 from dispatcher.layer import PhysicalLayer
+from dispatcher.measurements import Measurements
 from dispatcher.operations import Operations
 from dispatcher.orders import Orders
 from dispatcher.origin import because, told
@@ -61,8 +62,8 @@ class Service(DispatcherServicer):
         self.transport = Transport(layer, failed)
         self.switching = Switching(layer)
         self._operations = Operations(layer)
-        self._acts = acts(self._operations, self.transport)
-        self._changes = changes(self.switching)
+        self._acts = acts(self._operations, Measurements(layer), self.transport)
+        self._changes = changes(layer, self.switching)
 
     @call
     async def Create(
@@ -206,6 +207,15 @@ class Service(DispatcherServicer):
         self.callers.require_known(request.switch)
         await self.change(node, "inject_fault", request)
         return messages.InjectFaultReply()
+
+    @call
+    async def AdjustFiber(
+        self, request: messages.AdjustFiberRequest, node: str, _context: Context
+    ) -> messages.AdjustFiberReply:
+        """Change something about fibres."""
+        self.callers.require_runner(node, "adjust fibres")
+        fibers = await self.change(node, "adjust_fiber", request)
+        return messages.AdjustFiberReply(fibers=fibers)
 
     @call
     async def Status(

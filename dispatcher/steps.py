@@ -40,3 +40,8 @@ class Steps:
             return self._values[first]
         steps = np.searchsorted(self._since_ns, times_ns, side="right") - 1
         return np.array(self._values)[steps]
+
+    def highest(self, first_ns: int, last_ns: int) -> float:
+        """Return the highest value that was met between two times."""
+        first, last = (bisect_right(self._since_ns, time_ns) - 1 for time_ns in (first_ns, last_ns))
+        return max(self._values[first : last + 1])

@@ -6,9 +6,10 @@ from collections.abc import Callable, Sequence
 import grpc
 import numpy as np
 
-from dispatcher import limits
+from dispatcher import limits, pulses
 from dispatcher.flight import Arrival, Departure, Flight
 from dispatcher.layer import PhysicalLayer
+from dispatcher.noise import Pattern
 from dispatcher.ownership import Block, BlockName
 from dispatcher.refusal import Refusal, invalid
 from wire.config import FiberEnd
@@ -44,9 +45,13 @@ class Transport:
         blocks = [layer.ownership.require(name, node) for name, _port in launches]
         ends = [layer.network.require_port(node, port) for _name, port in launches]
         limits.require_rate(rate_hz, max(block.register.size for block in blocks))
+        for block in blocks:
+            limits.require_source_rate(block, rate_hz)
+        layer.take_up(*blocks)
         start_ns = layer.clock.now_ns()
         departures = [
-            Departure(start_ns, rate_hz, block.register.size, frequency_mhz) for block in blocks
+            Departure(start_ns, Pattern(1e9 / rate_hz, block.register.size), frequency_mhz)
+            for block in blocks
         ]
         flights = [self._launch(*way) for way in zip(blocks, ends, departures, strict=True)]
         # A caller that goes away cancels this wait; its photons fly on.
@@ -54,7 +59,7 @@ class Transport:
         await layer.journal.resumed()
         feedback = Feedback(
             time_ns=layer.clock.now_ns(),
-            photons=sum(departure.photons for departure in departures),
+            photons=sum(departure.pattern.photons for departure in departures),
             first_ns=start_ns,
             last_ns=max(departure.last_ns for departure in departures),
         )
@@ -80,7 +85,9 @@ class Transport:
         layer = self._layer
         layer.record(end.node, "send", block, port=end.port, time_ns=departure.start_ns)
         layer.ownership.move(block, "")
-        flight = Flight(block, departure, layer.network, layer.sabot, layer.draws)
+        block.interval_ns = departure.pattern.interval_ns
+        block.source_rate_hz = float("inf")
+        flight = Flight(block, departure, layer)
         task = asyncio.create_task(self._fly(block, end, flight))
         self._flights.add(task)
         task.add_done_callback(self._landed)
@@ -97,7 +104,7 @@ class Transport:
         flight.launch(end)
         left, landed = True, False
         while left and (arrival := await flight.next_arrival(layer.clock)):
-            left = bool((block.register.present & ~arrival.members).any())
+            left = bool((pulses.lit(block) & ~arrival.members).any())
             self._land(self._part(block, arrival) if left else block, arrival)
             landed = True
         layer.photons_lost += flight.lost
@@ -108,18 +115,22 @@ class Transport:
 
     def _part(self, block: Block, arrival: Arrival) -> Block:
         layer = self._layer
-        part = Block(block.name, layer.sabot.part(block.register, arrival.members), "")
+        register = layer.sabot.part(block.register, arrival.members)
+        own = pulses.part(block.pulses, arrival.members)
+        part = Block(block.name, register, "", pulses=own)
+        part.interval_ns, part.stores = block.interval_ns, block.stores
         layer.ownership.add(part)
         return part
 
     def _land(self, block: Block, arrival: Arrival) -> None:
         """Put what has arrived at the port, and tell those who wait for it."""
-        layer, present = self._layer, block.register.present
+        layer = self._layer
         block.fibers_passed = arrival.fibers_passed
-        times_ns = arrival.times_ns[np.flatnonzero(present)[[0, -1]]]
+        block.start_ns = int(arrival.times_ns[0])
+        times_ns = arrival.times_ns[np.flatnonzero(pulses.lit(block))[[0, -1]]]
         block.first_ns, block.last_ns = (int(time_ns) for time_ns in times_ns)
         end = arrival.end
-        counts = zip(("X", "Z", "XZ"), arrival.errors[1:], strict=True)
+        counts = zip(("X", "Z", "XZ"), arrival.errors, strict=True)
         noise = " ".join(f"{pauli}={count}" for pauli, count in counts if count)
         detail = f"noise: {noise}" if noise else ""
         layer.record(end.node, "arrive", block, end.port, detail, block.last_ns)
@@ -138,6 +149,8 @@ class Transport:
         if there is None:
             layer.ownership.move(block, node, port)
             return
+        layer.take_up(there)
+        pulses.unite(there.pulses, block.pulses, pulses.lit(block))
         layer.sabot.unite(there.register, block.register)
         there.first_ns = min(there.first_ns, block.first_ns)
         there.last_ns = max(there.last_ns, block.last_ns)

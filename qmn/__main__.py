@@ -8,9 +8,37 @@ import sys
 # Until a verb runs there is nothing to clean up: Ctrl-C just ends the program.
 signal.signal(signal.SIGINT, signal.SIG_DFL)
 
-from qmn import bench, devices, fault, paths, policy, replay, run, sabot, set  # noqa: A004, E402
+from qmn import (  # noqa: E402
+    bench,
+    calibrate,
+    classical,
+    curves,
+    devices,
+    fault,
+    paths,
+    policy,
+    replay,
+    run,
+    sabot,
+    set,  # noqa: A004
+    sweep,
+)
 
-VERBS = (run, devices, paths, set, policy, fault, sabot, replay, bench)
+VERBS = (
+    run,
+    sweep,
+    curves,
+    devices,
+    paths,
+    set,
+    policy,
+    fault,
+    calibrate,
+    classical,
+    sabot,
+    replay,
+    bench,
+)
 
 
 def main() -> int:

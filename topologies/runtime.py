@@ -16,6 +16,7 @@ from typing import IO
 
 from topologies.programs import NetworkError, Program
 from wire.config import Fiber, QuantumSwitch
+from wire.physics import Device
 from wire.service import RUNNER
 
 RUNTIME_ROOT = Path("/run/qmn")
@@ -44,6 +45,7 @@ class Runtime:
     switches: dict[str, QuantumSwitch] = field(default_factory=dict)
     datapath_ids: dict[str, int] = field(default_factory=dict)  # of the quantum switches
     programmed_elsewhere: set[str] = field(default_factory=set)  # by other controllers than c0
+    devices: dict[str, Device] = field(default_factory=dict)  # of the hosts
     source: str = ""
     dispatcher: str = ""  # "10.0.0.4:50051"
     programs: list[Program] = field(default_factory=list)

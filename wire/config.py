@@ -8,7 +8,23 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
-from wire.physics import Device
+from wire.fiber import Fiber, FiberEnd
+from wire.physics import ANALYSERS, Device
+
+__all__ = [
+    "CONTENTION",
+    "DISPATCHER_PORT",
+    "AgentConfig",
+    "BadConfig",
+    "Config",
+    "ControllerConfig",
+    "DispatcherConfig",
+    "Fiber",
+    "FiberEnd",
+    "HostConfig",
+    "PathOptics",
+    "QuantumSwitch",
+]
 
 DISPATCHER_PORT = 50051
 CONTENTION = ("refuse", "queue")
@@ -40,31 +56,6 @@ class Config:
     def from_dict(cls, fields: dict[str, Any]) -> Self:
         """Build the configuration from decoded JSON."""
         return cls(**fields)
-
-
-@dataclass(frozen=True)
-class FiberEnd:
-    """A port that a fibre ends in: a host's interface, or a port number of a switch."""
-
-    node: str
-    port: str  # of a host: its interface name; of a quantum switch: its OpenFlow port number
-
-
-@dataclass(frozen=True)
-class Fiber:
-    """A fibre between two ports, alike in both directions."""
-
-    a: FiberEnd
-    b: FiberEnd
-    length_km: float = 0.01
-    loss_db_per_km: float = 0.0
-    depolarizing: float = 0.0  # probability p: X, Y and Z each happen with p/4
-
-    @classmethod
-    def from_dict(cls, fields: dict[str, Any]) -> "Fiber":
-        """Build the fibre from decoded JSON."""
-        ends = {end: FiberEnd(**fields[end]) for end in ("a", "b")}
-        return cls(**{**fields, **ends})
 
 
 @dataclass(frozen=True)
@@ -150,6 +141,11 @@ class HostConfig(Config):
     seed: int
     report_to: str = ""  # address that the node agent reports to (the subnet's broadcast)
     device_key: str = ""  # that the node agent shares with the controller; empty: no node agent
+    analyser: str = "complete"  # or "linear": its Bell analyser (wire.physics.BellAnalyser.kind)
+
+    def __post_init__(self) -> None:
+        if self.analyser not in ANALYSERS:
+            raise ValueError(f"analyser {self.analyser!r}: choose one of {', '.join(ANALYSERS)}")
 
 
 @dataclass(frozen=True)

@@ -147,7 +147,7 @@ class TracedSabot:
         gone = [(position, q) for position, q in self._present(register) if lost[position]]
         for position, qubit in gone:
             places = self._places.get(register, {}).pop(position, [])
-            where = ", ".join(place for place, _pauli in places) or origin()
+            where = places[-1][0] if places else origin()  # what came before it was in vain
             self._writer.line(f"reset {qubit};", f"photon {position}, lost: {where}")
         return self._inner.lose(register, lost)
 

@@ -14,6 +14,7 @@ include "qelib1.inc";
 // What the dispatcher did to the first {PHOTONS} photons of each block, its noise made explicit.
 // Run it: qmn sabot run FILE --shots 1. A comment says where each line comes from; behind a
 // measurement it says what was found. A lost photon is reset and not measured any more.
+// What detectors and Bell analysers make of that, and the drift of pairs, is in the event log.
 """
 
 

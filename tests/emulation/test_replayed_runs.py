@@ -40,6 +40,6 @@ def test_a_run_with_losses_and_noise_is_identical_when_it_is_replayed(
 
     dump = (folder / "quantum.qasm").read_text()
     assert "charlie: create block" in dump
-    assert "depolarizing in the fibre to" in dump
+    assert "Depolarizing in the fibre to" in dump
     ran = command("sabot", "run", str(folder / "quantum.qasm"), "--shots", "1")
     assert (ran.returncode, ran.stderr) == (0, "")

@@ -1,16 +1,18 @@
 """`qmn run sdc` from outside, over the real components."""
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import qmn
+from conftest import ROOT, qmn
 from scapy.layers.inet import IP, TCP
 from scapy.utils import PcapReader
 
 from wire.metadata import METADATA_PORT, SETUP_LENGTH, MalformedPacket, Setup, Verdict, decode
 
+README = Path(ROOT) / "README.md"
 RESULT_KEYS = {
     "topology",
     "mode",
@@ -76,6 +78,29 @@ def test_an_empty_file_arrives(tmp_path: Path) -> None:
     result = run(tmp_path, "--file", str(file))
     assert (result["message_bytes"], result["bell_pairs"]) == (0, 0)
     assert (tmp_path / "latest" / "received").read_bytes() == b""
+
+
+def test_the_experiment_of_2017_has_its_symbol_errors(tmp_path: Path) -> None:
+    result = run(tmp_path, "--preset", "fiber-2017", "--frame-bytes", "8")
+    pairs, expected = result["bell_pairs"], 0.75 * 0.0598
+    errors = result["symbol_errors"]
+    assert abs(errors - pairs * expected) < 5 * (pairs * expected * (1 - expected)) ** 0.5
+    assert result["lost_pairs"] == 0
+
+
+def test_a_noise_model_of_the_user_s_own_acts_on_every_fibre(tmp_path: Path) -> None:
+    (code,) = re.findall(r"```python\n(# my_noise\.py\n.*?)```", README.read_text(), re.DOTALL)
+    (tmp_path / "my_noise.py").write_text(code)
+    noise = f"noise={tmp_path / 'my_noise.py'}:Flicker"
+    parameters = 'noise_parameters={"flip": 0.005, "switched": 0}'
+    arguments = ["--fiber", noise, "--fiber", parameters, "--frame-bytes", "8"]
+    result = run(tmp_path, *arguments, "--message", "flicker " * 100)
+    pairs = result["bell_pairs"]
+    # Six fibres that flip: an odd number of times with (1 - .99^6) / 2.
+    expected = (1 - 0.99**6) / 2
+    errors = result["symbol_errors"]
+    assert abs(errors - pairs * expected) < 5 * (pairs * expected * (1 - expected)) ** 0.5
+    assert result["optics"]["noise_parameters"] == {"flip": 0.005, "switched": 0}
 
 
 def test_losses_and_errors_are_repaired_and_counted(tmp_path: Path) -> None:

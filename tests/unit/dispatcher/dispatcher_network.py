@@ -14,7 +14,7 @@ from typing import Any
 import grpc
 
 from dispatcher.clock import Clock
-from dispatcher.server import build_layer, build_server, build_service, open_records
+from dispatcher.server import build_server, build_service, open_layer
 from dispatcher.service import Service
 from wire.config import DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
 from wire.dispatcher_pb2 import (
@@ -235,8 +235,7 @@ async def running(config: DispatcherConfig, clock: Clock) -> AsyncIterator[Bench
         event_log = None
         if config.event_log:
             event_log = stack.enter_context(Path(config.event_log).open("a"))
-        layer = build_layer(config, clock, event_log)
-        open_records(config, layer, stack)
+        layer = open_layer(config, clock, event_log, stack)
         errors: list[BaseException] = []
         service = build_service(config, layer, errors.append)
         server = build_server(config, service)

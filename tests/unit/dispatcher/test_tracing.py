@@ -83,13 +83,17 @@ def test_every_pauli_and_every_loss_says_where_it_comes_from(tmp_path: Path) -> 
     places = {re.sub(r"^.*// photon \d+, ", "", line) for line in paulis}
     session = "of session 0000000000000007"
     assert {f"alice: apply block 0/1 {session}", "X: rotation of q1, 3 -> 4"} < places
-    assert "Z: depolarizing in the fibre to bob-q9 of bob" in places
-    assert "X: depolarizing in the fibre to 3 of q1" in places
+    assert "Z: Depolarizing in the fibre to bob-q9 of bob" in places
+    first, last = (f"Depolarizing in the fibre to {end}" for end in ("3 of q1", "bob-q0 of bob"))
+    assert f"Z: {first}, X: rotation of q1, 3 -> 4" in places
+    assert f"X: rotation of q1, 3 -> 4, XZ: {last}" in places
+    cancelled = f"X: {first}, X: rotation of q1, 3 -> 4: nothing together"
+    assert any(line.endswith(cancelled) for line in lines if line.startswith("//"))
     lost = [line for line in lines if "lost" in line and line.startswith("reset")]
     assert {re.sub(r"^.*// photon \d+, ", "", line) for line in lost} == {
-        "lost: loss in the fibre to bob-q9 of bob",
-        "lost: loss in the fibre to 3 of q1",
-        "lost: loss in the fibre to bob-q0 of bob",
+        "lost: Loss in the fibre to bob-q9 of bob",
+        "lost: Loss in the fibre to 3 of q1",
+        "lost: Loss in the fibre to bob-q0 of bob",
     }
     assert f"// alice: create block 0 {session}: 200 systems" in lines
     assert any(re.search(r"measure .*// pair \d+: Psi-, 11$", line) for line in lines)
