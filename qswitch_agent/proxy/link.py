@@ -36,6 +36,9 @@ class Said(NamedTuple):
     message: bytes
     since_ns: int  # time.monotonic_ns: the bridge has said it by then
     by_agent: bool = False  # as it is to be; else the bridge said it
+    # Of a BARRIER_REPLY:
+    synchronising: asyncio.Task[None] | None = None  # the table with what it confirms
+    confirmed: int = 0  # changes that the bridge had certainly made, or refused
 
 
 class Link:
@@ -224,9 +227,8 @@ class Link:
         return False
 
     def close(self) -> None:
-        """Let nobody wait for a bridge that has left."""
-        if self._gathering is not None:
-            self._gathering.cancel()
+        """Say what is still to be said; let nobody wait for a bridge that has left."""
+        self.show()
         for barrier in self._barriers:
             if barrier.passed is not None and not barrier.passed.done():
                 barrier.passed.set_result(None)
