@@ -14,6 +14,7 @@ from typing import Any
 import grpc
 
 from dispatcher.clock import Clock
+from dispatcher.refusal import Refusal
 from dispatcher.server import build_layer, build_server, build_service
 from dispatcher.service import Service
 from qswitch_agent.hardware.dispatcher_link import DispatcherLink
@@ -42,8 +43,9 @@ from wire.dispatcher_pb2 import (
     WatchSwitchRequest,
 )
 from wire.dispatcher_pb2_grpc import DispatcherStub
-from wire.service import CHANNEL_OPTIONS, metadata
+from wire.service import CHANNEL_OPTIONS, cross_connects_socket, metadata
 
+STATUS = {status.value[0]: status for status in grpc.StatusCode}
 START_NS = 1_700_000_000_000_000_000
 DEADLINE_S = 20
 DELAY_NS = 49  # of 10 m
@@ -157,16 +159,21 @@ class Client:
         return await self.feedback("Discard", request)
 
     async def connect(self, *connections: tuple[int, int], circuit: int = 0) -> int:
-        """Set the cross-connects of q1."""
+        """Set the cross-connects of q1; raise Refusal if it refuses."""
         ports = [Connection(in_port=i, out_port=o, circuit=circuit) for i, o in connections]
         outcome = await self.cross_connect(CrossConnectRequest(switch="q1", connections=ports))
-        assert not outcome.code, outcome.text
+        if outcome.code:
+            raise Refusal(STATUS[outcome.code], outcome.text)
         return int(outcome.ready_ns)
 
     async def cross_connect(self, request: CrossConnectRequest) -> CrossConnectOutcome:
         """Ask for cross-connects, within the deadline."""
         async with asyncio.timeout(DEADLINE_S):
             return await self._link.ask(request)
+
+    def close(self) -> None:
+        """End the connection for cross-connects."""
+        self._link.close()
 
     async def tune(
         self, port: int, frequency_mhz: int = 0, power_dbm: float | None = None
@@ -216,6 +223,13 @@ class Bench:
         clients = {node: Client(stub, f"token of {node}", config.socket) for node in config.tokens}
         self.alice, self.bob, self.charlie = (clients[n] for n in ("alice", "bob", "charlie"))
         self.switch, self.runner = clients["q1"], clients["runner"]
+        self.socket = cross_connects_socket(config.socket)
+        self._clients = clients
+
+    def close(self) -> None:
+        """End the clients' own connections."""
+        for client in self._clients.values():
+            client.close()
 
 
 def configuration(folder: Path, **changes: Any) -> DispatcherConfig:
@@ -258,7 +272,9 @@ async def running(config: DispatcherConfig, clock: Clock) -> AsyncIterator[Bench
                 f"unix:{config.socket}", CHANNEL_OPTIONS
             ) as channel:
                 stub = DispatcherStub(channel)  # type: ignore[no-untyped-call]
-                yield Bench(service, stub, config, errors)
+                bench = Bench(service, stub, config, errors)
+                yield bench
+                bench.close()
         finally:
             await server.stop(1)
     assert not errors
