@@ -56,7 +56,7 @@ class Service(DispatcherServicer):
         self.callers, self.failed = callers, failed
         self.layer = layer
         self.transport = Transport(layer, failed)
-        self.switching = Switching(layer, failed)
+        self.switching = Switching(layer)
         self._operations = Operations(layer)
         self._acts = acts(self._operations, self.transport)
 

@@ -1,7 +1,7 @@
 """What is asked of quantum switches: cross-connects, tuning, statistics, faults."""
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Iterable, Iterator, Sequence
+from collections.abc import AsyncIterator, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 
 from dispatcher import limits
@@ -12,6 +12,7 @@ from dispatcher.reports import condition, statistics
 from wire.config import FiberEnd
 from wire.dispatcher_pb2 import (
     Connection,
+    Event,
     InjectFaultRequest,
     SwitchCondition,
     SwitchStatisticsReply,
@@ -22,9 +23,9 @@ from wire.dispatcher_pb2 import (
 class Switching:
     """All quantum switches of a network."""
 
-    def __init__(self, layer: PhysicalLayer, failed: Callable[[BaseException], None]) -> None:
-        """Act on the switches of this layer; call `failed` if the event log cannot be written."""
-        self._layer, self._failed = layer, failed
+    def __init__(self, layer: PhysicalLayer) -> None:
+        """Act on the switches of this layer."""
+        self._layer = layer
         self._switches = layer.network.switches
         self._wanted: dict[str, list[Connection]] = {}  # what each was told last
         self._watchers: dict[str, set[asyncio.Event]] = {name: set() for name in self._switches}
@@ -139,20 +140,14 @@ class Switching:
                 wanted[in_port], circuits[in_port] = out_port, connection.circuit
         now_ns = layer.clock.now_ns()
         ready_ns, opened, closed = switch.timeline.connect(wanted, now_ns, circuits)
-        changes = [("close", now_ns, ports) for ports in sorted(closed.items())]
-        changes += [("open", ready_ns, ports) for ports in sorted(opened.items())]
-        # The agent is answered first: a controller waits for it.
-        asyncio.get_running_loop().call_soon(self._record, switch.name, changes)
+        changes = (("close", closed, now_ns), ("open", opened, ready_ns))
+        events = [
+            Event(time_ns=time_ns, node=switch.name, kind=kind, port=str(i), detail=f"{i} -> {o}")
+            for kind, ports, time_ns in changes
+            for i, o in sorted(ports.items())
+        ]
+        layer.history.record(*events)
         return ready_ns
-
-    def _record(self, name: str, changes: list[tuple[str, int, tuple[int, int]]]) -> None:
-        """Record what was opened and closed, when, and between which ports."""
-        try:
-            for kind, time_ns, (in_port, out_port) in changes:
-                detail = f"{in_port} -> {out_port}"
-                self._layer.record(name, kind, port=str(in_port), detail=detail, time_ns=time_ns)
-        except OSError as error:
-            self._failed(error)
 
 
 def _is_open(switch: OpticalSwitch, in_port: int, out_port: int) -> bool:
