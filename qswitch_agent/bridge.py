@@ -6,9 +6,8 @@ Two, because Open vSwitch's flow monitor abbreviates changes made on its own con
 import asyncio
 import itertools
 import logging
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 from os_ken.ofproto import ofproto_v1_4 as ofp
 
@@ -76,17 +75,14 @@ class Connection:
             raise BridgeFault(f"bridge at {self._path}: {error}") from error
         raise BridgeFault(f"bridge at {self._path} is gone; start bridge and agent again")
 
-    def barrier(self) -> Coroutine[Any, Any, None]:
-        """Ask at once; return what is to be awaited until the bridge has done all up to now."""
-        xid = next(self._xids)
-        reply = self._barriers[xid] = asyncio.get_running_loop().create_future()
+    async def barrier(self) -> None:
+        """Return when the bridge has done all that was asked for up to now."""
         if self._ended:
-            reply.set_exception(BridgeFault(self._ended))
-        else:
-            self._writer.write(messages.encode(ofp.OFPT_BARRIER_REQUEST, xid))
-        return self._passed(xid, reply)
-
-    async def _passed(self, xid: int, reply: asyncio.Future[None]) -> None:
+            raise BridgeFault(self._ended)
+        xid = next(self._xids)
+        reply = asyncio.get_running_loop().create_future()
+        self._barriers[xid] = reply
+        self._writer.write(messages.encode(ofp.OFPT_BARRIER_REQUEST, xid))
         try:
             async with asyncio.timeout(BARRIER_DEADLINE_S):
                 await reply
@@ -142,17 +138,13 @@ class Monitor(Connection):
         await super().open()
         self._writer.write(flow_reports.flow_monitor_request(1) + ports.port_watch(2))
 
-    def synchronise(self) -> Coroutine[Any, Any, None]:
-        """Return what is to be awaited until every change up to now has been handed over.
+    async def synchronise(self) -> None:
+        """Return when every change up to now has been handed over.
 
-        The bridge is asked at once. Open vSwitch queues the monitor's updates before it
-        answers the change itself, and a barrier's reply comes behind them on the same
-        connection.
+        Open vSwitch queues the monitor's updates before it answers the change itself,
+        and a barrier's reply comes behind them on the same connection.
         """
-        return self._handed_over(self.barrier())
-
-    async def _handed_over(self, passed: Coroutine[Any, Any, None]) -> None:
-        await passed
+        await self.barrier()
         try:
             async with asyncio.timeout(BARRIER_DEADLINE_S):
                 await self._complete.wait()

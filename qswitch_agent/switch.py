@@ -4,9 +4,9 @@ import asyncio
 import logging
 import secrets
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
+from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
-from typing import Any, Protocol
+from typing import Protocol
 
 from os_ken.ofproto import ofproto_v1_4 as ofp
 
@@ -64,9 +64,9 @@ class Switch:
         paths: LightPaths,
         channels: SupervisoryChannels,
         hardware: OpticalHardware,
-        synchronise: Callable[[], Coroutine[Any, Any, None]],
+        synchronise: Callable[[], Awaitable[None]],
     ) -> None:
-        """What `synchronise` returns ends when the table is what the bridge has made by now."""
+        """`synchronise` returns when the table is what the bridge has reported up to now."""
         self.paths = paths
         self.fibers = paths.table.fibers
         self.connections: set[Unconfirmed] = set()
@@ -92,25 +92,13 @@ class Switch:
     async def synchronise(self, since_ns: int | None = None) -> None:
         """Return when the table is what the bridge has reported up to now, or up to then."""
         if since_ns is None or self._synchronised_ns <= since_ns:
-            await self.begin_synchronising()
+            begun_ns = time.monotonic_ns()
+            await self._synchronise()
+            self._synchronised_ns = max(self._synchronised_ns, begun_ns)
 
-    def begin_synchronising(self) -> asyncio.Task[None]:
-        """Ask the bridge at once; what is returned ends when the table is what it was by now."""
-        synchronising = self._synchronised(time.monotonic_ns(), self._synchronise())
-        task = asyncio.create_task(synchronising)
-        task.add_done_callback(lambda done: done.cancelled() or done.exception())
-        return task
-
-    async def _synchronised(self, begun_ns: int, asked: Coroutine[Any, Any, None]) -> None:
-        await asked
-        self._synchronised_ns = max(self._synchronised_ns, begun_ns)
-
-    async def ready(self, synchronising: Awaitable[None] | None = None) -> None:
-        """Return when light passes as the bridge's table says now, or said when that began.
-
-        Raise NotReady if it cannot.
-        """
-        await (synchronising or self.begin_synchronising())
+    async def ready(self) -> None:
+        """Return when light passes as the bridge's table says now; raise NotReady if it cannot."""
+        await self.synchronise()
         await self.paths.ready()
 
     @asynccontextmanager

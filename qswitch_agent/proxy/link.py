@@ -36,9 +36,6 @@ class Said(NamedTuple):
     message: bytes
     since_ns: int  # time.monotonic_ns: the bridge has said it by then
     by_agent: bool = False  # as it is to be; else the bridge said it
-    # Of a BARRIER_REPLY:
-    synchronising: asyncio.Task[None] | None = None  # the table with what it confirms
-    confirmed: int = 0  # changes that the bridge had certainly made, or refused
 
 
 class Link:

@@ -150,13 +150,8 @@ class Proxy:
             while data or (data := await reader.read(CHUNK)):
                 now_ns = time.monotonic_ns()
                 for message in framer.feed(data):
-                    if link.is_ours(message):
-                        continue
-                    said = Said(message, now_ns)
-                    if is_barrier_reply(message):  # its reply waits for this; so it comes first
-                        synchronising = self._switch.begin_synchronising()
-                        said = Said(message, now_ns, False, synchronising, link.confirmed)
-                    await link.said.put(said)
+                    if not link.is_ours(message):
+                        await link.said.put(Said(message, now_ns))
                 data = b""
         except (MalformedPacket, OSError) as error:
             return f"messages of the bridge: {error}"
@@ -172,12 +167,11 @@ class Proxy:
         replies = Replies(self._switch, link, self._hold_deadline_s)
         try:
             while True:
-                said = await link.said.get()
-                message = said.message
-                if not said.by_agent:
+                message, since_ns, by_agent = await link.said.get()
+                if not by_agent:
                     if replies.may_wait(message):
                         link.show_soon()
-                    message = await replies.shown(said)
+                    message = await replies.shown(message, since_ns)
                 link.to_controller(message)
                 if link.awaits_barrier and not is_barrier_reply(message):
                     link.show_soon()

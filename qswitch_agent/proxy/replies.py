@@ -14,7 +14,7 @@ from qswitch_agent.openflow.flow_reports import FlowRemoved
 from qswitch_agent.openflow.flows import FlowEntry
 from qswitch_agent.openflow.instructions import Mark
 from qswitch_agent.openflow.messages import message_type, transaction_id
-from qswitch_agent.proxy.link import Link, Said
+from qswitch_agent.proxy.link import Link
 from qswitch_agent.switch import Switch
 
 HOLD_DEADLINE_S = 5.0
@@ -46,34 +46,38 @@ class Replies:
             return bool(self._link.bundles.committing.get(transaction_id(message)))
         return kind in WAITING
 
-    async def shown(self, said: Said) -> bytes:
-        """Return what the controller gets for a message of the bridge; it may be nothing."""
-        message, kind = said.message, message_type(said.message)
+    async def shown(self, message: bytes, since_ns: int) -> bytes:
+        """Return what the controller gets for a message of the bridge; it may be nothing.
+
+        The bridge has said it at `since_ns` (time.monotonic_ns) or before.
+        """
+        kind = message_type(message)
         if kind not in CHANGED:
             return message
         if kind == ofp.OFPT_BARRIER_REPLY:
-            return await self._barrier(said)
+            return await self._barrier(message)
         if kind == ofp.OFPT_MULTIPART_REPLY:
             return await self._multipart(message)
         if kind == ofp.OFPT_PORT_STATUS:
             return self._ports(message)
         if kind == ofp.OFPT_FLOW_REMOVED:
-            return await self._flow_removed(message, said.since_ns)
+            return await self._flow_removed(message, since_ns)
         if kind == ofp.OFPT_PACKET_IN:
             return self._packet_in(message)
         return await self._bundle(message)
 
-    async def _barrier(self, said: Said) -> bytes:
+    async def _barrier(self, message: bytes) -> bytes:
         """Hold the reply until light passes as was asked for before the barrier."""
         try:
+            confirmed = self._link.confirmed
             async with asyncio.timeout(self._hold_deadline_s):
-                await self._switch.ready(said.synchronising)
-            self._link.reported(said.confirmed)
+                await self._switch.ready()
+            self._link.reported(confirmed)
         except (NotReady, BridgeFault, HardwareFault, TimeoutError) as error:
             reason = str(error) or f"light paths were not ready in {self._hold_deadline_s} s"
             log.error("barrier refused: %s", reason)
-            return messages.barrier_error(said.message)
-        return said.message
+            return messages.barrier_error(message)
+        return message
 
     async def _multipart(self, message: bytes) -> bytes:
         kind = multipart.multipart_type(message)
