@@ -80,11 +80,6 @@ def message_type(message: bytes) -> int:
     return message[1]
 
 
-def is_barrier_reply(message: bytes) -> bool:
-    """Tell whether a message is a BARRIER_REPLY; it may be empty."""
-    return message[1:2] == bytes([ofp.OFPT_BARRIER_REPLY])
-
-
 def transaction_id(message: bytes) -> int:
     """Return the transaction id (xid) of a message."""
     return int.from_bytes(message[4:8], "big")

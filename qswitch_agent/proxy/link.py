@@ -17,7 +17,6 @@ from qswitch_agent.openflow.messages import message_type, transaction_id
 from qswitch_agent.proxy.bundles import Bundles
 
 PRIVATE_XID = 0x514D0000
-GATHER_S = 0.002
 MAX_SAID = 10_000  # messages that wait for their turn; more wait in the connection
 log = logging.getLogger(__name__)
 
@@ -47,7 +46,6 @@ class Link:
         self.said: asyncio.Queue[Said] = asyncio.Queue(MAX_SAID)
         self._requests: list[bytes] = []  # for the bridge, in one write
         self._shown: list[bytes] = []  # for the controller, in one write
-        self._gathering: asyncio.TimerHandle | None = None
         self.is_slave = False
         self.bundles = Bundles()
         self.aggregates: dict[int, tuple[int, int, int]] = {}  # packets, bytes, flows by xid
@@ -73,16 +71,8 @@ class Link:
         """Send what was said last to the controller (nothing, if empty), at the next show."""
         self._shown.append(message)
 
-    def show_soon(self) -> None:
-        """Write what there is for the controller with what comes in GATHER_S, or then."""
-        if self._shown and self._gathering is None:
-            self._gathering = asyncio.get_running_loop().call_later(GATHER_S, self.show)
-
     def show(self) -> None:
         """Write what there is for the controller."""
-        if self._gathering is not None:
-            self._gathering.cancel()
-            self._gathering = None
         message = b"".join(self._shown)
         if message:
             self.controller.write(message)
@@ -119,11 +109,6 @@ class Link:
         """Send a barrier of the controller's."""
         self._barriers.append(Barrier(self._changes, None))
         self.to_bridge(request)
-
-    @property
-    def awaits_barrier(self) -> bool:
-        """Whether the controller waits for a barrier's reply."""
-        return any(barrier.passed is None for barrier in self._barriers)
 
     async def confirm(self) -> bool:
         """Wait until the bridge has made all changes; tell whether any may be unreported yet."""
@@ -224,8 +209,7 @@ class Link:
         return False
 
     def close(self) -> None:
-        """Say what is still to be said; let nobody wait for a bridge that has left."""
-        self.show()
+        """Let nobody wait for a bridge that has left."""
         for barrier in self._barriers:
             if barrier.passed is not None and not barrier.passed.done():
                 barrier.passed.set_result(None)

@@ -17,7 +17,7 @@ from typing import Any
 
 from qswitch_agent.bridge import BridgeFault
 from qswitch_agent.hardware.optics import HardwareFault
-from qswitch_agent.openflow.messages import Framer, is_barrier_reply
+from qswitch_agent.openflow.messages import Framer
 from qswitch_agent.proxy.link import Link, Said
 from qswitch_agent.proxy.replies import HOLD_DEADLINE_S, Replies
 from qswitch_agent.proxy.requests import Requests
@@ -161,8 +161,7 @@ class Proxy:
     async def _show(self, link: Link) -> str:
         """Pass on what the bridge has said, as soon as it is true of light, too.
 
-        A write costs more than the rest, so there are few: what is said before a barrier's
-        reply waits a moment for it.
+        What is there to be said at once goes in one write, which costs more than the rest.
         """
         replies = Replies(self._switch, link, self._hold_deadline_s)
         try:
@@ -170,12 +169,10 @@ class Proxy:
                 message, since_ns, by_agent = await link.said.get()
                 if not by_agent:
                     if replies.may_wait(message):
-                        link.show_soon()
+                        link.show()
                     message = await replies.shown(message, since_ns)
                 link.to_controller(message)
-                if link.awaits_barrier and not is_barrier_reply(message):
-                    link.show_soon()
-                elif link.said.empty():
+                if link.said.empty():
                     link.show()
                     await link.controller.drain()
         except (MalformedPacket, OSError) as error:

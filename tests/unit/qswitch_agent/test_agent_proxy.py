@@ -23,7 +23,6 @@ from qswitch_agent.openflow.flow_reports import ADDED, REMOVED, FlowUpdate
 from qswitch_agent.openflow.flows import FlowEntry, FlowMod
 from qswitch_agent.openflow.instructions import Mark, light_instructions
 from qswitch_agent.openflow.messages import encode, hello
-from qswitch_agent.proxy import link
 from qswitch_agent.proxy.link import PRIVATE_XID
 from qswitch_agent.proxy.proxy import Proxy
 from wire import optical
@@ -126,65 +125,6 @@ def test_reply_waits_for_a_barrier_on_the_agents_own_connection() -> None:
             now.reports.open.set()
             await now.controller.hears(of.barrier_reply(7))
             assert now.optics.paths == {(1, 2)}
-
-    play(scene())
-
-
-def test_what_comes_before_a_barriers_reply_is_written_with_it(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(link, "GATHER_S", 60.0)
-
-    async def scene() -> None:
-        async with stage() as now:
-            now.controller.says(of.barrier_request(7))
-            await now.bridge.hears(of.barrier_request(7))
-            now.bridge.says(ECHO)
-            await now.controller.hears_nothing()
-            now.bridge.says(of.barrier_reply(7))
-            await now.controller.hears(ECHO, of.barrier_reply(7))
-            now.bridge.says(ECHO)
-            await now.controller.hears(ECHO)
-
-    play(scene())
-
-
-def test_a_barriers_reply_waits_for_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(link, "GATHER_S", 60.0)
-
-    async def scene() -> None:
-        async with stage() as now:
-            now.controller.says(of.barrier_request(7), of.barrier_request(8))
-            await now.bridge.hears(of.barrier_request(7), of.barrier_request(8))
-            now.bridge.says(of.barrier_reply(7))
-            await now.controller.hears(of.barrier_reply(7))
-
-    play(scene())
-
-
-def test_what_comes_before_a_reply_that_is_late_does_not_wait_for_it() -> None:
-    async def scene() -> None:
-        async with stage() as now:
-            now.controller.says(of.barrier_request(7))
-            await now.bridge.hears(of.barrier_request(7))
-            now.bridge.says(ECHO)
-            await now.controller.hears(ECHO)
-
-    play(scene())
-
-
-def test_what_waits_for_a_reply_is_said_before_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(link, "GATHER_S", 60.0)
-
-    async def scene() -> None:
-        async with stage() as now:
-            now.controller.says(of.barrier_request(7))
-            await now.bridge.hears(of.barrier_request(7))
-            now.bridge.says(ECHO)
-            await now.controller.hears_nothing()
-            now.bridge.says(bytes(8))  # none of OpenFlow: the connection ends
-            await now.controller.hears(ECHO)
-            await now.controller.hears_the_end()
 
     play(scene())
 
