@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from dispatcher.chance import Chance
 from dispatcher.detector import Train
-from dispatcher.detectors import Detection, DetectorPair
+from dispatcher.detectors import Detection, DetectorPair, hide
 from dispatcher.sabot.manager import NO_CLICK
 from dispatcher.sabot.registers import Mask
 from wire.physics import Device
@@ -27,9 +27,9 @@ from wire.physics import Device
 Bytes = NDArray[np.uint8]
 Picoseconds = NDArray[np.float64]
 
-PHI_PLUS, PHI_MINUS = 0, 2
-PHASE = np.uint8(2)
-SURE_SIGMAS = 40.0  # no drawn number is as far out
+PHI_MINUS = 2
+PHASE = np.uint8(2)  # by which Phi+ and Phi- differ, and Psi+ and Psi-
+SURE_SIGMAS = 14.0  # no number is drawn so far out: 53 random bits do not reach there
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ class Analyser:
             outcomes[late] = NO_CLICK
             incidents["late"] = late.size
         if self._like.kind == "linear":
-            outcomes[outcomes == PHI_MINUS] = PHI_PLUS
+            outcomes ^= (outcomes == PHI_MINUS) * PHASE
         return Analysis(outcomes, clicks, incidents)
 
     def _distinguished(self, mismatch: Mismatch, chance: Chance) -> NDArray[np.intp]:
@@ -130,8 +130,7 @@ class Analyser:
         found = []
         for arm, half in enumerate(halves):
             inside = chance.at(f"arm {arm}")
-            bits = (states & 1 if arm else states >> 1).astype(np.uint8)
-            bits[~both] = NO_CLICK
+            bits = hide(states & np.uint8(1) if arm else states >> np.uint8(1), ~both)
             lone = np.flatnonzero(half.present & ~both)
             if lone.size:
                 bits[lone] = inside.coins("lone photon", lone.size)
@@ -155,19 +154,20 @@ class Analyser:
         most_ps = mismatch.most_ps + SURE_SIGMAS * jitter_ps + gate_ps * dark
         if most_ps <= window_ps:
             return np.zeros(0, dtype=np.intp)
-        apart_ps = np.zeros(chance.photons) if mismatch.ps is None else mismatch.ps.copy()
+        pairs = np.flatnonzero(told)
+        apart_ps = np.zeros(pairs.size) if mismatch.ps is None else mismatch.ps[pairs]
         if jitter_ps:
-            apart_ps += chance.normal("jitter") * jitter_ps
+            apart_ps += chance.generator("jitter").standard_normal(pairs.size) * jitter_ps
         for half, mask, sign in zip(halves, lightless, (1, -1), strict=True):
             if mask is None:
                 continue
             # A click without light comes at any time while the detector looks.
-            without = np.flatnonzero(mask)
+            without = np.flatnonzero(mask[pairs])
             if half.delays_ps is not None:
-                apart_ps[without] -= sign * half.delays_ps[without]
+                apart_ps[without] -= sign * half.delays_ps[pairs[without]]
             moments = chance.generator(f"moment in the gate {sign}").random(without.size) - 0.5
             apart_ps[without] += sign * moments * gate_ps
-        return np.flatnonzero(told & (np.abs(apart_ps) > window_ps))
+        return pairs[np.abs(apart_ps) > window_ps]
 
 
 def _combine(
@@ -176,8 +176,7 @@ def _combine(
     """Return outcomes, where there is one, clicks, and what was out of the ordinary."""
     phase, parity = found
     told = (phase.bits != NO_CLICK) & (parity.bits != NO_CLICK)
-    outcomes = parity.bits | (phase.bits << np.uint8(1))
-    outcomes[~told] = NO_CLICK
+    outcomes = hide(parity.bits | (phase.bits << np.uint8(1)), ~told)
     genuine = phase.own & parity.own & (states != NO_CLICK)
     incidents = {**phase.incidents()}
     for name, count in parity.incidents().items():

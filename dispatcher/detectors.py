@@ -20,9 +20,6 @@ from wire.physics import Detectors
 
 Bits = NDArray[np.uint8]
 
-# Read off (first clicks) + 2 * (second clicks); both is decided apart.
-TOLD = np.array([NO_CLICK, 0, 1, NO_CLICK], dtype=np.uint8)
-
 
 @dataclass(frozen=True)
 class Detection:
@@ -72,7 +69,7 @@ class DetectorPair:
 
     def _add(self, light: list[Mask], extras: Bits, chance: Chance) -> None:
         """Draw the clicks of further photons, each in either detector."""
-        pulses = np.flatnonzero(extras)
+        pulses = np.flatnonzero(extras > 0)
         drawn = chance.generator("further photons").random(pulses.size)
         # Neither clicks with (1 - e)^n, and each one alone does not with (1 - e/2)^n.
         neither = (1 - self._like.efficiency) ** extras[pulses].astype(np.float64)
@@ -93,7 +90,7 @@ class DetectorPair:
             for which, (detector, mask) in enumerate(zip(self._detectors, asked, strict=True))
         ]
         zero, one = (clicks.seen for clicks in watched)
-        bits = TOLD[zero.view(np.uint8) + 2 * one.view(np.uint8)]
+        bits = hide(one.astype(np.uint8), ~(zero | one))
         both = np.flatnonzero(zero & one)
         if both.size:
             bits[both] = chance.coins("double click", both.size)
@@ -109,3 +106,8 @@ class DetectorPair:
             dead=sum(clicks.dead for clicks in watched),
             double=both.size,
         )
+
+
+def hide(bits: Bits, hidden: Mask) -> Bits:
+    """Return the bits with NO_CLICK where they are hidden; all its own bits are set."""
+    return bits | (hidden.view(np.uint8) * np.uint8(NO_CLICK))

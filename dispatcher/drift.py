@@ -7,12 +7,19 @@ the control of a CX. Then the twirl turns them into Z with probability sin^2(ang
 what a measurement along X or Y sees of them on average over the Pauli frame; not exact.
 """
 
+from collections.abc import Callable
+from math import pi, sin
+
 import numpy as np
 from numpy.typing import NDArray
 
+from dispatcher.chance import Chance
 from dispatcher.ownership import Block, Pulses
 from dispatcher.sabot.draws import Draws
 from dispatcher.sabot.manager import NO_CLICK, Sabot
+
+Angles = NDArray[np.float64]
+Positions = NDArray[np.int64]
 
 FLIPS_BIT = np.uint8(1)  # of a Pauli, and of a Bell outcome: Psi
 FLIPS_PHASE = np.uint8(2)
@@ -31,7 +38,9 @@ def twirl(block: Block, sabot: Sabot, draws: Draws) -> None:
     angles_rad = block.pulses.angles_rad
     if angles_rad is None:
         return
-    sabot.pauli(block.register, _flips(block, angles_rad, draws))
+    paulis = np.zeros(block.register.size, dtype=np.uint8)
+    paulis[_flipped(block, _most(angles_rad), angles_rad.take, draws)] = FLIPS_PHASE
+    sabot.pauli(block.register, paulis)
     _forget(block)
 
 
@@ -40,22 +49,38 @@ def twirl_pairs(first: Block, second: Block, outcomes: NDArray[np.uint8], draws:
 
     The angles of a pair add up too: in Phi by their sum, in Psi by their difference.
     """
-    pair = first.pulses.angles_rad, second.pulses.angles_rad
-    if pair[0] is None and pair[1] is None:
+    one, other = first.pulses.angles_rad, second.pulses.angles_rad
+    if one is None and other is None:
         return
-    one, other = (np.zeros(len(outcomes)) if angles is None else angles for angles in pair)
-    flips = _flips(first, one + _turned(other, outcomes), draws)
-    np.bitwise_xor(outcomes, flips, out=outcomes, where=outcomes != NO_CLICK)
+
+    def total(pairs: Positions) -> Angles:
+        signs = np.where(outcomes[pairs] & FLIPS_BIT, -1.0, 1.0)
+        parts = (0.0 if angles is None else angles[pairs] for angles in (one, other))
+        return next(parts) + signs * next(parts)
+
+    pairs = _flipped(first, _most(one) + _most(other), total, draws)
+    outcomes[pairs[outcomes[pairs] != NO_CLICK]] ^= FLIPS_PHASE
     _forget(first)
     _forget(second)
 
 
-def _flips(block: Block, angles_rad: NDArray[np.float64], draws: Draws) -> NDArray[np.uint8]:
-    """Draw Z or nothing for each photon, once for every fibre that it has passed."""
-    purpose = f"twirl {block.fibers_passed}"
-    drawn = draws.uniform(block.name, purpose, block.register.size)
-    amplitudes = np.sin((angles_rad / 2).astype(np.float32))  # a tenth of the time of float64
-    return (drawn < amplitudes * amplitudes) * FLIPS_PHASE
+def _most(angles_rad: Angles | None) -> float:
+    return 0.0 if angles_rad is None else max(float(angles_rad.max()), -float(angles_rad.min()))
+
+
+def _flipped(
+    block: Block, most_rad: float, angles_of: Callable[[Positions], Angles], draws: Draws
+) -> Positions:
+    """Draw whose phases flip, once for every fibre that the block has passed.
+
+    None flips more likely than by the most of the angles: those that would so are drawn first,
+    and of them as many are taken as their own angles say.
+    """
+    most = sin(min(most_rad, pi) / 2) ** 2
+    chance = Chance(draws, block.name, f"twirl {block.fibers_passed}", block.register.size)
+    photons = chance.events("most", most)
+    likely = np.sin(angles_of(photons) / 2) ** 2
+    return photons[chance.generator("own").random(photons.size) * most < likely]
 
 
 def _turned(angles_rad: NDArray[np.float64], flips: NDArray[np.uint8]) -> NDArray[np.float64]:

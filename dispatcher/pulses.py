@@ -55,10 +55,12 @@ def thin(
     if pulses.extras is None:
         return
     there = np.flatnonzero((pulses.extras > 0) & members)
+    owners = np.repeat(there, pulses.extras[there])
     if isinstance(transmission, np.ndarray):
-        transmission = transmission[there]
+        transmission = transmission[owners]
+    lost = owners[chance.generator(purpose).random(owners.size) >= transmission]
     extras = pulses.extras.copy()
-    extras[there] = chance.generator(purpose).binomial(extras[there], transmission)
+    np.subtract.at(extras, lost, np.uint8(1))
     pulses.extras = extras
 
 

@@ -28,12 +28,12 @@ class Emission(NamedTuple):
 
 def emit(source: PairSource, chance: Chance) -> Emission:
     """Draw what a source emits, one pulse for each photon of a half."""
-    single = source.statistics == "single"
+    pairs = None if source.statistics == "single" else _pairs(source, chance)
     return Emission(
         paulis=_bell_states(source.bell_probabilities(), chance),
-        pairs=None if single else _pairs(source, chance),
-        delays_ps=chance.normal("jitter") * source.jitter_ps if source.jitter_ps else None,
-        exact=single,
+        pairs=pairs,
+        delays_ps=_delays_ps(source.jitter_ps, pairs, chance) if source.jitter_ps else None,
+        exact=pairs is None,
     )
 
 
@@ -64,3 +64,15 @@ def _pairs(source: PairSource, chance: Chance) -> NDArray[np.uint8]:
     pairs = np.zeros(chance.photons, dtype=np.uint8)
     pairs[some] = 1 + chance.which("pairs", some.size, probabilities[1:])
     return pairs
+
+
+def _delays_ps(
+    jitter_ps: float, pairs: NDArray[np.uint8] | None, chance: Chance
+) -> NDArray[np.float64]:
+    """Draw how late each pulse leaves; one without light does not matter."""
+    if pairs is None:
+        return chance.normal("jitter") * jitter_ps
+    delays_ps = np.zeros(chance.photons)
+    some = np.flatnonzero(pairs > 0)
+    delays_ps[some] = chance.generator("jitter").standard_normal(some.size) * jitter_ps
+    return delays_ps

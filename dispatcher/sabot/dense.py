@@ -14,7 +14,7 @@ from dispatcher.sabot.backend import Backend, Bytes, GateName, Generators, Rando
 from dispatcher.sabot.gates import RotationName, as_rotation
 
 MAX_QUBITS = 12  # of one component
-MAX_AMPLITUDES = 1 << 23  # of all components together: 128 MiB
+MAX_AMPLITUDES = 1 << 22  # of all components together: 64 MiB
 
 DIGITS = 12  # of a probability; what differs by less is rounding
 TOLERANCE = 1e-9  # of amplitudes, where a product is told from an entangled state

@@ -234,5 +234,5 @@ def _shared(first: Register, second: Register) -> Iterator[Component]:
 
 def _hide(outcomes: Bytes, seen: Mask) -> Bytes:
     if not seen.all():
-        outcomes[~seen] = NO_CLICK
+        outcomes |= ~seen * np.uint8(NO_CLICK)  # all bits are set
     return outcomes

@@ -51,7 +51,7 @@ def require_room(register: Register, steps: Sequence[GateStep], live: int) -> No
     more = 0
     for components, members in _meetings(list(dict.fromkeys(registers))):
         states = [component.state for component in components]
-        if open_gates or any(isinstance(state, Dense) for state in states):
+        if states and (open_gates or any(isinstance(state, Dense) for state in states)):
             qubits = sum(state.qubits for state in states)
             require_amplitudes(qubits, members, 0)
             more += (members << qubits) - sum(_amplitudes(state, members) for state in states)

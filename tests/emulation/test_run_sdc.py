@@ -33,6 +33,7 @@ RESULT_KEYS = {
     "packet_in_count",
     "captures",
     "backend",
+    "exact",
 }
 
 
@@ -58,7 +59,7 @@ def test_bob_holds_exactly_what_alice_sent(tmp_path: Path, controller: str, hand
     assert (result["controller"], result["handshake"]) == (controller, handshake)
     assert (result["bell_pairs"], result["lost_pairs"]) == (4 * len(message), 0)
     assert result["symbol_error_rate"] == 0.0
-    assert result["backend"] == "chp"
+    assert (result["backend"], result["exact"]) == ("chp", True)
     set_ups = {"framed": 1, "per-pair": 4 * len(message)}[handshake]
     assert result["path_setup_ms"]["n"] == set_ups
 
@@ -165,6 +166,16 @@ def test_the_event_log_is_on_the_clock_of_the_captures(tmp_path: Path) -> None:
 
     moment = datetime.fromisoformat(measured[0][:26] + "+00:00").timestamp()
     assert times[0] < moment < times[-1]
+
+
+def test_every_backend_gives_the_same_losses_and_errors(tmp_path: Path) -> None:
+    options = ["--message", "x" * 500, "--loss-db-per-km", "50", "--depolarizing", "0.0005"]
+    options += ["--frame-bytes", "32"]
+    results = [run(tmp_path, *options, "--backend", name) for name in ("chp", "stim", "dense")]
+    assert [result["backend"] for result in results] == ["chp", "stim", "dense"]
+    assert results[0]["lost_pairs"] > 0
+    for name in ("lost_pairs", "symbol_error_rate", "repeated_frames", "exact"):
+        assert len({result[name] for result in results}) == 1
 
 
 def test_the_same_seed_gives_the_same_losses(tmp_path: Path) -> None:

@@ -96,6 +96,17 @@ def test_outcomes_follow_the_amplitudes() -> None:
         assert determined
 
 
+def test_rounding_makes_no_certain_outcome_uncertain() -> None:
+    for angle in np.linspace(0.1, 3, 30).tolist():
+        qubit = Dense(1, 2)
+        for turn in (angle, 2 * angle, -3 * angle):
+            qubit.gate("RY", 0, angle_rad=turn)
+        qubit.pauli(0, np.array([0, 1], dtype=np.uint8))
+        outcomes, determined = qubit.measure(0, given(1, 0))
+        assert determined
+        assert outcomes.tolist() == [0, 1]
+
+
 def test_a_partly_entangled_pair_stays_together_and_its_measured_half_leaves() -> None:
     state = some_state(2, 3).tensor(some_state(1, 3, seed=5))
     assert [qubits for qubits, _part in state.factor()] == [[0, 1], [2]]
