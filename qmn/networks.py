@@ -10,13 +10,17 @@ from typing import Any
 from mininet.topo import Topo
 
 from dispatcher import fiber_noise
+from qmn.device_words import devices
 from topologies.chain import ChainTopo
 from topologies.fabric import fiber_of
 from topologies.fiber import resolved
 from topologies.leaf_spine import LeafSpineTopo
+from topologies.nodes import QuantumHost
+from topologies.presets import preset
 from topologies.ring import RingTopo
 from topologies.sdc import SdcTopo
 from wire.fiber import FiberOptics, optics
+from wire.physics import Device
 
 TOPOLOGIES: dict[str, tuple[Callable[..., Topo], str]] = {
     "sdc": (SdcTopo, "one quantum switch"),
@@ -51,12 +55,22 @@ def topology(arguments: argparse.Namespace) -> Callable[[], Topo]:
         TOPOLOGIES[name][0], **given, preset=arguments.preset, **fiber_parameters(arguments)
     )
     try:
-        build()
+        described = every_device(arguments)
+        build = partial(build, devices=described)
+        topo = build()
+        hosts = [host for host in topo.hosts() if topo.nodeInfo(host)["cls"] is QuantumHost]
+        for host in described.keys() - set(hosts):
+            raise BadTopology(f"--device {host}: choose one of {', '.join(hosts)}")
         # So that a noise model of the user's own is refused here, and not by the dispatcher.
         fiber_noise.models(resolved(every_fiber(arguments)))
     except ValueError as error:
         raise BadTopology(str(error)) from error
     return build
+
+
+def every_device(arguments: argparse.Namespace) -> dict[str, Device]:
+    """Return the devices of the hosts that the command line names."""
+    return devices(arguments.device, preset(arguments.preset).device)
 
 
 def every_fiber(arguments: argparse.Namespace) -> FiberOptics:

@@ -19,12 +19,13 @@ from hosts.applications.send import CHUNK_BYTES
 from hosts.middleware.coding import CODES
 from hosts.middleware.frame_format import MAX_BLOCK_PAIRS, FrameFormat
 from qmn import result
-from qmn.networks import TOPOLOGIES, BadTopology, every_fiber, topology
+from qmn.device_words import differences
+from qmn.networks import TOPOLOGIES, BadTopology, every_device, every_fiber, topology
 from qmn.run_folder import give_to_invoker, make_folder, point_latest
 from qmn.transfer import Transfer, TransferError, dispatcher_status, transfer
 from topologies.network import Interrupted, Network, Signals, require_root
 from topologies.nodes import QuantumHost
-from topologies.presets import PRESETS
+from topologies.presets import PRESETS, preset
 from topologies.programs import NetworkError
 from topologies.runtime import OPENFLOW_PORT, Runtime
 from wire.config import BACKENDS
@@ -76,6 +77,8 @@ def add_parser(verbs: Any) -> None:
     add("--kind", choices=list(KINDS), help=text)
     text = f"a parameter {what_of}, as drift_time_s=10 (more than once; README.md has them)"
     add("--fiber", action="append", default=[], metavar="NAME=VALUE", help=text)
+    text = "of a host's hardware, as bob.detectors.efficiency=0.8 (more than once; README.md)"
+    add("--device", action="append", default=[], metavar="HOST.PART.NAME=VALUE", help=text)
     add("--switches", type=int, metavar="N", help="quantum switches of a chain or ring")
     add("--leaves", type=int, metavar="N", help="switches of leaf-spine with hosts (3)")
     add("--spines", type=int, metavar="N", help="switches of leaf-spine between leaves (2)")
@@ -261,6 +264,7 @@ def beginning(arguments: argparse.Namespace, folder: Path) -> dict[str, Any]:
                 "depolarizing",
                 "kind",
                 "fiber",
+                "device",
                 "switches",
                 "leaves",
                 "spines",
@@ -270,6 +274,13 @@ def beginning(arguments: argparse.Namespace, folder: Path) -> dict[str, Any]:
             if getattr(arguments, name) is not None
         },
         "optics": asdict(every_fiber(arguments)),
+        "devices": {
+            host: differences(device)
+            for host, device in {
+                "every": preset(arguments.preset).device,
+                **every_device(arguments),
+            }.items()
+        },
         "file": str(file.resolve()),
         "captures": [],
         "backend": arguments.backend,

@@ -20,6 +20,7 @@ from topologies.nodes import (
     QuantumHost,
 )
 from wire.fiber import KINDS, optics
+from wire.physics import Device
 
 FIRST_DPID = 0x1000  # q1 is 0x1001
 MOST_SWITCHES = 32
@@ -28,14 +29,18 @@ MOST_SWITCHES = 32
 class FabricTopo(Topo):
     """alice, bob, charlie with his pairs, ed with the qubits; subclasses lay the fibres."""
 
-    def lay_copper(self, preset: str = "ideal", **fiber: Any) -> None:
+    def lay_copper(
+        self, preset: str = "ideal", devices: Mapping[str, Device] | None = None, **fiber: Any
+    ) -> None:
         """Add s1 and the hosts, and note what every fibre will be like.
 
         Fibres are as the preset says (topologies/presets.py), but for what is given by keyword
-        (wire.fiber.FiberOptics); raise BadParameter for what cannot be.
+        (wire.fiber.FiberOptics); raise BadParameter for what cannot be. Hosts have the preset's
+        device, or their own of `devices`.
         """
         self._fiber = {"cls": FiberLink, **fiber_of(preset, fiber)}
         self._device = presets.preset(preset).device
+        self._devices = devices or {}
         self.addSwitch("s1", cls=ClassicalSwitch, dpid="1")
         self.add_host("alice", "10.0.0.1")
         self.add_host("bob", "10.0.0.2")
@@ -45,7 +50,8 @@ class FabricTopo(Topo):
 
     def add_host(self, name: str, address: str, **params: object) -> None:
         """Add a host with copper to s1."""
-        self.addHost(name, cls=QuantumHost, ip=f"{address}/24", device=self._device, **params)
+        device = self._devices.get(name, self._device)
+        self.addHost(name, cls=QuantumHost, ip=f"{address}/24", device=device, **params)
         self.addLink(name, "s1")
 
     def add_quantum_switches(self, count: int, least: int = 1) -> list[str]:

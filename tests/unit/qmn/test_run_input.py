@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from qmn import run
-from qmn.networks import TOPOLOGIES, BadTopology, every_fiber, topology
+from qmn.device_words import differences
+from qmn.networks import TOPOLOGIES, BadTopology, every_device, every_fiber, topology
 from qmn.run_folder import make_folder, point_latest
 from wire.fiber import FiberOptics
 
@@ -32,6 +33,16 @@ def parse(*words: str) -> argparse.Namespace:
         (["--fiber", "noise_parameters={"], "--fiber noise_parameters={: Expecting"),
         (["--fiber", "noise=no.py:Noise"], "there is no file /"),
         (["--fiber", f"noise={__file__}:run"], "has no class run with a method effect"),
+        (["--device", "bob.detectors"], "--device bob.detectors: write HOST.PART.NAME=VALUE, of s"),
+        (["--device", "bob.lasers.efficiency=1"], "write HOST.PART.NAME=VALUE, of source: statis"),
+        (["--device", "bob.detectors.efficiency=2"], "bob, detectors: efficiency 2.0 is not 0 to"),
+        (["--device", "bob.memory.capacity=many"], "capacity=many: invalid literal"),
+        (["--device", "charlie.source.bell_diagonal=1"], "bell_diagonal=1: 'int' object"),
+        (
+            ["--device", "bob.memory.t2_s=1", "--device", "bob.memory.t1_s=.1"],
+            "is not 1e-12 to 0.2",
+        ),
+        (["--device", "ed.memory.capacity=1"], "--device ed: choose one of alice, bob, charlie"),
         (["--rate-hz", "0"], "--rate-hz 0"),
         (["--to", "ed"], "unknown host 'ed': choose one of alice, bob, charlie"),
         (["--from", "bob"], "--from and --to are both bob"),
@@ -100,3 +111,18 @@ def test_two_runs_in_one_second_have_folders_of_their_own(tmp_path: Path) -> Non
     for folder in (first, second):
         point_latest(folder)
         assert os.readlink(tmp_path / "latest") == folder.name
+
+
+def test_devices_are_those_of_the_preset_but_for_what_is_said() -> None:
+    words = ["--preset", "lab", "--device", "bob.analyser.kind=linear"]
+    words += ["--device", "charlie.source.bell_diagonal=[0.97, 0.01, 0.01, 0.01]"]
+    words += ["--device", "charlie.source.fidelity=1"]
+    said = every_device(parse(*words))
+    preset = topology(parse("--preset", "lab"))().nodeInfo("bob")["device"]
+    assert said["bob"].detectors == preset.detectors
+    assert said["bob"].analyser.kind == "linear"
+    assert differences(said["charlie"])["source"] == {"bell_diagonal": (0.97, 0.01, 0.01, 0.01)}
+    built = topology(parse(*words))()
+    assert built.nodeInfo("bob")["device"] == said["bob"]
+    assert built.nodeInfo("alice")["device"] == preset
+    assert every_device(parse()) == {}
