@@ -16,6 +16,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from dispatcher.laboratory import Laboratory
+from dispatcher.sabot.backend import Bytes
 from wire.config import DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
 from wire.fiber import FiberOptics
 from wire.physics import BellAnalyser, Detectors, Device, PairSource
@@ -120,23 +121,23 @@ class Scene:
     def __init__(self, case: Case) -> None:
         """Build the network."""
         self._laboratory = Laboratory(case.configuration())
-        self._dibits = np.random.default_rng(SEED).integers(0, 4, BLOCK_PAIRS, dtype=np.uint8)
+        self.dibits = np.random.default_rng(SEED).integers(0, 4, BLOCK_PAIRS, dtype=np.uint8)
         self._number = 0
 
     async def begin(self) -> None:
         """Open the ways through the switch."""
         await self._laboratory.connect("q1", WAYS)
 
-    async def block(self) -> None:
-        """Send one block from alice to bob."""
+    async def block(self) -> Bytes:
+        """Send one block from alice to bob; return the Bell states that bob sees."""
         alice, bob, charlie = map(self._laboratory.host, HOSTS)
         first, second = ((self._number, half) for half in (0, 1))
         await charlie.create(BLOCK_PAIRS, self._number)
         await charlie.send({first: "charlie-q0", second: "charlie-q1"}, RATE_HZ)
         await alice.receive(first, "alice-q0")
         await bob.receive(second, "bob-q0")
-        await alice.apply(first, self._dibits)
+        await alice.apply(first, self.dibits)
         await alice.send({first: "alice-q0"}, RATE_HZ)
         await bob.receive(first, "bob-q1")
-        await bob.bell_measure(first, second)
         self._number += 1
+        return await bob.bell_measure(first, second)
