@@ -12,7 +12,8 @@ from five_sigma import within
 from numpy.typing import NDArray
 
 from dispatcher.decay import Decay, decay
-from wire.dispatcher_pb2 import CreateRequest, Feedback, StoreRequest
+from dispatcher.ownership import BlockName
+from wire.dispatcher_pb2 import CreateRequest, DiscardRequest, Feedback, StoreRequest
 from wire.physics import Device, Memory, PairSource
 
 COUNT = 40_000
@@ -198,6 +199,43 @@ def test_no_more_than_the_capacity_is_stored(tmp_path: Path) -> None:
         await store(bench.alice, 1)
 
     run(tmp_path, act, capacity=100)
+
+
+def test_discarding_frees_the_memory(tmp_path: Path) -> None:
+    async def act(bench: Bench, _clock: JumpingClock) -> None:
+        await bench.alice.create(100)
+        await store(bench.alice, 0)
+        await bench.alice.discard(DiscardRequest(block=block(0, 0)))
+        await store(bench.alice, 1)
+
+    run(tmp_path, act, capacity=100)
+
+
+def test_further_photons_are_lost_with_the_efficiency_too(tmp_path: Path) -> None:
+    async def act(bench: Bench, _clock: JumpingClock) -> None:
+        await bench.alice.create(COUNT)
+        (part,) = bench.layer.ownership.parts(BlockName(7, 0, 0))
+        part.pulses.extras = np.full(COUNT, 2, dtype=np.uint8)
+        await store(bench.alice, 0)
+        await bench.alice.apply(block(0, 0), b"\0" * COUNT)
+        assert part.pulses.extras is not None
+        assert within(int(part.pulses.extras.sum()), 2 * COUNT, 0.8)
+
+    run(tmp_path, act, efficiency=0.8)
+
+
+def test_a_block_that_is_sent_has_waited(tmp_path: Path) -> None:
+    async def act(bench: Bench, clock: JumpingClock) -> None:
+        await bench.alice.create(COUNT)
+        await store(bench.alice, 0)
+        clock.time_ns += 10**9
+        for half in (0, 1):
+            await bench.alice.send((block(0, half), "alice-q9"))
+            await bench.bob.receive(block(0, half), "bob-q9")
+        found = await bench.bob.bell_measure(block(0, 0), block(0, 1))
+        assert within(counts(found)[2], COUNT, (1 - np.exp(-1)) / 2)
+
+    run(tmp_path, act, t2_s=1.0)
 
 
 def test_nothing_happens_to_qubits_in_an_ideal_memory() -> None:
