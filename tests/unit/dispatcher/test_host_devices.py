@@ -177,6 +177,7 @@ def test_detectors_are_live_again_by_the_time_light_comes(tmp_path: Path, waits:
         found = []
         for number in (0, 1):
             await bench.alice.create(1, number, CreateRequest.ZEROS)
+        for number in (0, 1):
             await bench.alice.send((block(number), "alice-q9"), rate_hz=1_000)
             await bench.bob.receive(block(number), "bob-q9")
             if waits:

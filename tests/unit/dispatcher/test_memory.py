@@ -7,12 +7,23 @@ from pathlib import Path
 import grpc
 import numpy as np
 import pytest
-from dispatcher_network import Bench, Client, JumpingClock, block, configuration, running
+from dispatcher_network import (
+    DELAY_NS,
+    START_NS,
+    Bench,
+    Client,
+    JumpingClock,
+    ManualClock,
+    block,
+    configuration,
+    running,
+)
 from five_sigma import within
 from numpy.typing import NDArray
 
 from dispatcher.decay import Decay, decay
 from dispatcher.ownership import BlockName
+from dispatcher.sabot.manager import NO_CLICK
 from wire.dispatcher_pb2 import CreateRequest, DiscardRequest, Feedback, StoreRequest
 from wire.physics import Device, Memory, PairSource
 
@@ -236,6 +247,36 @@ def test_a_block_that_is_sent_has_waited(tmp_path: Path) -> None:
         assert within(counts(found)[2], COUNT, (1 - np.exp(-1)) / 2)
 
     run(tmp_path, act, t2_s=1.0)
+
+
+def test_a_part_that_comes_later_has_not_waited_with_the_first(tmp_path: Path) -> None:
+    """Of 400 photons 200 come to one port of bob's, and 100 to another after a switching."""
+
+    async def inside() -> None:
+        clock = ManualClock()
+        devices = {"bob": Device(memory=Memory(t1_s=0.1, t2_s=0.1))}
+        async with running(configuration(tmp_path, devices=devices), clock) as bench:
+            connecting = asyncio.ensure_future(bench.switch.connect((1, 4)))
+            await clock.waiters(1)
+            await clock.set(START_NS + 101)
+            await connecting
+            await bench.charlie.create(400, state=CreateRequest.ZEROS)
+            await bench.charlie.apply(block(), b"\1" * 400)
+            sending = asyncio.ensure_future(bench.charlie.send((block(), "charlie-q0")))
+            await clock.waiters(1)
+            await clock.set(START_NS + 101 + DELAY_NS + 200)
+            connecting = asyncio.ensure_future(bench.switch.connect((1, 5)))
+            await clock.waiters(2)
+            await clock.set(START_NS + 10_000)
+            await asyncio.gather(connecting, sending)
+            await bench.bob.receive(block(), "bob-q0")
+            await store(bench.bob, 0)
+            await clock.set(START_NS + 10**10)
+            await bench.bob.receive(block(), "bob-q1")
+            outcomes = list((await bench.bob.measure(block())).outcomes)
+            assert outcomes == [0] * 200 + [NO_CLICK] * 100 + [1] * 100
+
+    asyncio.run(inside())
 
 
 def test_nothing_happens_to_qubits_in_an_ideal_memory() -> None:
