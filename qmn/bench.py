@@ -9,10 +9,12 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 from hosts.software import QuantumSocket
+from qmn.measure.layer_speed import layer_speed
 from qmn.measure.live_pairs import BLOCK_PAIRS, cost_by_live_pairs
 from qmn.measure.measurement import seconds_of
 from qmn.measure.path_figures import path_figures
@@ -43,7 +45,7 @@ def call(arguments: argparse.Namespace) -> int:
     try:
         require_root()
         with Signals() as signals, tempfile.TemporaryDirectory(prefix="qmn-bench-") as folder:
-            for name, figure in sabot_speed():
+            for name, figure in chain(sabot_speed(), layer_speed()):
                 show(name, figure)
             run(Path(folder), arguments.pairs, signals)
             for name, figure in path_figures(Path(folder), arguments.setups, signals):
