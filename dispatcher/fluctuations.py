@@ -95,11 +95,11 @@ class Bursts:
 
     def effect(self, passage: Passage) -> Effect:
         """Follow the state."""
-        bad = self.states(passage)
-        if not bad.any():
+        bad = np.flatnonzero(self.states(passage))
+        if not len(bad):
             return Effect()
-        photons = passage.events("error", 0.75 * self.p)
-        return Effect(paulis=depolarized(passage, photons[bad[photons]]))
+        hit = passage.generator("error").random(len(bad)) < 0.75 * self.p
+        return Effect(paulis=depolarized(passage, bad[hit]))
 
     def states(self, passage: Passage) -> NDArray[np.bool_]:
         """Return which photons pass while the channel is bad, shape (k,)."""

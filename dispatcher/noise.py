@@ -144,7 +144,9 @@ class Dephasing:
 
     def effect(self, passage: Passage) -> Effect:
         """Draw which phases flip."""
-        return Effect(paulis=passage.happens("flip", self.probability) * np.uint8(Z))
+        paulis = np.zeros(passage.photons, dtype=np.uint8)
+        paulis[passage.events("flip", self.probability)] = Z
+        return Effect(paulis=paulis)
 
 
 def depolarized(passage: Passage, photons: NDArray[np.int64]) -> NDArray[np.uint8]:

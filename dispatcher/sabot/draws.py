@@ -10,7 +10,7 @@ from hashlib import blake2b
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from dispatcher.sabot.backend import Bytes
 
@@ -80,4 +80,19 @@ class Draws:
         """Return a counter-based generator (Philox, Salmon et al. 2011) for the purpose."""
         identity = repr((self._seed, *key, purpose)).encode()
         digest = blake2b(identity, digest_size=16).digest()
-        return np.random.Generator(np.random.Philox(key=np.frombuffer(digest, np.uint64)))
+        return np.random.Generator(np.random.Philox(_Key(digest)))  # type: ignore[arg-type]
+
+
+class _Key(np.random.bit_generator.ISeedSequence):
+    """Gives Philox a key as it is; numpy would ask the system for entropy first, if told `key`."""
+
+    def __init__(self, digest: bytes) -> None:
+        """Hold a key of 16 bytes."""
+        self._digest = digest
+
+    def generate_state(
+        self, n_words: int, dtype: DTypeLike = np.uint64
+    ) -> NDArray[np.uint32 | np.uint64]:
+        """Return the key."""
+        assert (n_words, dtype) == (2, np.uint64)  # what Philox asks for
+        return np.frombuffer(self._digest, np.uint64)
