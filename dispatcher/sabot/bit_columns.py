@@ -54,9 +54,9 @@ class BitColumns:
 
     @property
     def nbytes(self) -> int:
-        """Return the memory that the state takes, in bytes."""
-        integers = (*self._x, *self._z, self._signs)
-        return sum(value.__sizeof__() for value in integers)
+        """Return the memory of 2n + 1 integers of 2n bits, in bytes, whatever their values."""
+        columns = 2 * self.qubits + 1
+        return columns * (1 << columns - 1).__sizeof__()
 
     def __str__(self) -> str:
         """Return the stabilizers, one a line, such as +XX."""

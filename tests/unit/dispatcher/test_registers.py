@@ -274,6 +274,10 @@ def outcomes_of(backend: str, seed: int, gates: tuple[GateName, ...]) -> list[in
     for _ in range(60):
         found += step(random, block, singles, gates)
     assert block.sabot.live_qubits == sum(single.sabot.live_qubits for single in singles)
+    for run in (block, *singles):
+        for register in run.registers:
+            run.sabot.drop(register, draws_for(random, register.size))
+        assert (run.sabot.live_qubits, run.sabot.live_bytes) == (0, 0)
     return found
 
 
@@ -290,6 +294,22 @@ def test_a_block_that_becomes_state_vectors_behaves_as_its_photons_one_by_one(se
     outcomes = outcomes_of("chp", seed, gates)
     assert outcomes_of("stim", seed, gates) == outcomes
     assert outcomes_of("dense", seed, gates) == outcomes
+
+
+@pytest.mark.parametrize("backend", ["chp", "stim"])
+def test_memory_is_counted_alike_before_and_after_gates(backend: str) -> None:
+    sabot, random = Sabot(BACKENDS[backend]), np.random.default_rng(8)
+    registers = [sabot.zeros(1) for _ in range(20)]
+    for target in registers[1:]:
+        sabot.gate("CX", registers[0], target)
+    for _ in range(10):
+        for first, second in random.permutation(20).reshape(10, 2).tolist():
+            sabot.gate("H", registers[first])
+            sabot.gate("CX", registers[first], registers[second])
+        sabot.pauli(registers[first], np.array([3], dtype=np.uint8))
+    for register in registers:
+        sabot.drop(register, draws_for(random, 1))
+    assert (sabot.live_qubits, sabot.live_bytes) == (0, 0)
 
 
 def turned(sabot: Sabot, size: int, angle_rad: float = 0.5) -> Register:
