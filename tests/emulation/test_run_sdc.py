@@ -103,6 +103,13 @@ def test_a_noise_model_of_the_user_s_own_acts_on_every_fibre(tmp_path: Path) -> 
     assert result["optics"]["noise_parameters"] == {"flip": 0.005, "switched": 0}
 
 
+def test_a_noise_model_that_answers_nonsense_ends_the_run_and_is_named(tmp_path: Path) -> None:
+    (tmp_path / "bad.py").write_text("class Bad:\n    def effect(self, passage): return 5\n")
+    done = qmn("--fiber", f"noise={tmp_path / 'bad.py'}:Bad", runs=tmp_path)
+    assert done.returncode == 1
+    assert "bad.py:Bad: effect gave 5; return an Effect" in done.stderr
+
+
 def test_losses_and_errors_are_repaired_and_counted(tmp_path: Path) -> None:
     file = tmp_path / "file"
     file.write_bytes(bytes(range(256)) * 8)
