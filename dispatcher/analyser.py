@@ -105,15 +105,15 @@ class Analyser:
 
     def _distinguished(self, mismatch: Mismatch, chance: Chance) -> NDArray[np.intp]:
         """Draw which pairs show no interference, so that their phase is wrong."""
-        least = float(self._wrong(np.float64(mismatch.most_ps)))
-        if least == 0:
+        worst = float(self._wrong(np.float64(mismatch.most_ps)))
+        if worst == 0:
             return np.zeros(0, dtype=np.intp)
-        # None is worse than the worst: draw by that, and then some of those photon by photon.
-        some = chance.events("interference", least)
+        # Draw as if all were as far apart as the worst; keep of those what their own mismatch says.
+        some = chance.events("interference", worst)
         if mismatch.ps is None or not self._like.bandwidth_rad_per_s:
             return some
         wrong = self._wrong(mismatch.ps[some])
-        return some[chance.generator("visibility").random(some.size) * least < wrong]
+        return some[chance.generator("visibility").random(some.size) * worst < wrong]
 
     def _wrong(self, mismatch_ps: Picoseconds | np.float64) -> Picoseconds | np.float64:
         """Return how likely a phase is wrong after a mismatch."""

@@ -56,9 +56,9 @@ def twirl_pairs(first: Block, second: Block, outcomes: NDArray[np.uint8], draws:
         return
 
     def total(pairs: Positions) -> Angles:
-        signs = np.where(outcomes[pairs] & FLIPS_BIT, -1.0, 1.0)
-        parts = (0.0 if angles is None else angles[pairs] for angles in (one, other))
-        return next(parts) + signs * next(parts)
+        none = np.zeros(len(pairs))
+        mine, theirs = (none if angles is None else angles[pairs] for angles in (one, other))
+        return mine + _turned(theirs, outcomes[pairs])
 
     pairs = _flipped(first, _most(one) + _most(other), total, draws)
     outcomes[pairs[outcomes[pairs] != NO_CLICK]] ^= FLIPS_PHASE

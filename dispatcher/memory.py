@@ -49,7 +49,10 @@ class Memories:
         self._stored.get(block.node, {}).pop(block, None)
 
     def read_out(self, block: Block) -> str | None:
-        """Take a block out of the memory, if it is in one; return what has happened to it."""
+        """Take a block out of the memory, if it is in one; return what has happened to it.
+
+        Raise TooLarge, and leave it there, if that would take too large state vectors.
+        """
         if block not in self._stored.get(block.node, {}):
             return None
         waited_ns = self._clock.now_ns() - block.stored_ns

@@ -17,6 +17,7 @@ from wire.service import RUNNER, metadata
 
 START_TIMEOUT_S = 15.0
 STALL_TIMEOUT_S = 60.0
+END_S = 1.0  # that a program takes to end once its sockets are closed
 APPLICATION_PORT = 7
 
 
@@ -110,6 +111,7 @@ def _follow(
             deadline = time.monotonic() + STALL_TIMEOUT_S
             fields = _fields(line)
             if fields.get("event") == "failed":
+                _check_cause(network)
                 raise TransferError(str(fields["text"]))
             if fields.get("event") == "done":
                 return fields
@@ -123,6 +125,14 @@ def _follow(
                 f"{program.name} made no progress for {STALL_TIMEOUT_S:g} s; "
                 "is the loss of the fibres too high?"
             )
+        time.sleep(POLL_S)
+
+
+def _check_cause(network: Network) -> None:
+    """Raise if a program's end has made the transfer fail; it ends a moment after its sockets."""
+    deadline = time.monotonic() + END_S
+    while time.monotonic() < deadline:
+        network.check()
         time.sleep(POLL_S)
 
 

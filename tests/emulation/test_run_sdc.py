@@ -34,6 +34,7 @@ RESULT_KEYS = {
     "captures",
     "backend",
     "exact",
+    "devices",
 }
 
 
@@ -88,6 +89,24 @@ def test_the_experiment_of_2017_has_its_symbol_errors(tmp_path: Path) -> None:
     assert result["lost_pairs"] == 0
 
 
+def test_detectors_lose_pairs_and_a_source_of_many_pairs_is_not_exact(tmp_path: Path) -> None:
+    options = ["--message", "device " * 100, "--device", "bob.detectors.efficiency=0.8"]
+    result = run(tmp_path, *options)
+    pairs, expected = result["bell_pairs"], 1 - 0.8**2
+    errors = abs(result["lost_pairs"] - pairs * expected)
+    assert errors < 5 * (pairs * expected * (1 - expected)) ** 0.5
+    assert result["exact"] is True
+    assert result["devices"]["bob"] == {"detectors": {"efficiency": 0.8}}
+    options = ["--message", "device " * 10, "--frame-bytes", "4"]
+    options += ["--device", "charlie.source.statistics=poisson"]
+    options += ["--device", "charlie.source.mean_pairs=0.3"]
+    result = run(tmp_path, *options)
+    assert result["exact"] is False
+    events = (tmp_path / "latest" / "quantum.log").read_text()
+    assert "pairs in pulses: none=" in events
+    assert "double=" in events
+
+
 def test_a_noise_model_of_the_user_s_own_acts_on_every_fibre(tmp_path: Path) -> None:
     (code,) = re.findall(r"```python\n(# my_noise\.py\n.*?)```", README.read_text(), re.DOTALL)
     (tmp_path / "my_noise.py").write_text(code)
@@ -101,6 +120,13 @@ def test_a_noise_model_of_the_user_s_own_acts_on_every_fibre(tmp_path: Path) -> 
     errors = result["symbol_errors"]
     assert abs(errors - pairs * expected) < 5 * (pairs * expected * (1 - expected)) ** 0.5
     assert result["optics"]["noise_parameters"] == {"flip": 0.005, "switched": 0}
+
+
+def test_a_noise_model_that_answers_nonsense_ends_the_run_and_is_named(tmp_path: Path) -> None:
+    (tmp_path / "bad.py").write_text("class Bad:\n    def effect(self, passage): return 5\n")
+    done = qmn("--fiber", f"noise={tmp_path / 'bad.py'}:Bad", runs=tmp_path)
+    assert done.returncode == 1
+    assert "bad.py:Bad: effect gave 5; return an Effect" in done.stderr
 
 
 def test_losses_and_errors_are_repaired_and_counted(tmp_path: Path) -> None:

@@ -119,6 +119,7 @@ def test_a_dark_count_beside_a_lone_photon_is_an_accidental_coincidence() -> Non
     told = int((found.outcomes != NO_CLICK).sum())
     assert within(told, COUNT, 1 - np.exp(-0.2))
     assert found.incidents["accidental"] == told
+    assert all(within(int((found.outcomes == state).sum()), told, 0.25) for state in range(4))
 
 
 def test_clicks_too_far_apart_are_no_coincidence() -> None:

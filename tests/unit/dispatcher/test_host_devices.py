@@ -10,10 +10,18 @@ import pytest
 from dispatcher_network import Bench, JumpingClock, block, configuration, running
 from five_sigma import within
 
+from dispatcher.ownership import BlockName
 from dispatcher.server import build_layer
 from dispatcher.source import pair_probabilities
 from wire.config import BadConfig
-from wire.dispatcher_pb2 import Feedback, MeasureRequest
+from wire.dispatcher_pb2 import (
+    ApplyRequest,
+    CreateRequest,
+    Feedback,
+    Gate,
+    MeasureRequest,
+    StoreRequest,
+)
 from wire.physics import BadParameter, BellAnalyser, Detectors, Device, Memory, PairSource
 
 COUNT = 100_000
@@ -156,6 +164,101 @@ def test_the_same_seed_gives_the_same_outcomes_whatever_the_order(tmp_path: Path
     first = outcomes((0, 1, 2))
     assert first == outcomes((2, 0, 1)) == outcomes((0, 1, 2))
     assert len(set(first.values())) == 3
+
+
+@pytest.mark.parametrize("waits", [False, True])
+def test_detectors_are_live_again_by_the_time_light_comes(tmp_path: Path, waits: bool) -> None:
+    """Two photons a quarter of a second apart, or more than one if the second is stored."""
+    bob = Device(detectors=Detectors(dead_time_s=0.5))
+
+    async def act(bench: Bench) -> None:
+        clock = bench.layer.clock
+        assert isinstance(clock, JumpingClock)
+        found = []
+        for number in (0, 1):
+            await bench.alice.create(1, number, CreateRequest.ZEROS)
+        for number in (0, 1):
+            await bench.alice.send((block(number), "alice-q9"), rate_hz=1_000)
+            await bench.bob.receive(block(number), "bob-q9")
+            if waits:
+                await bench.bob.feedback("Store", StoreRequest(block=block(number)))
+                clock.time_ns += 10**9 * number
+            found.append((await bench.bob.measure(block(number))).clicks)
+            clock.time_ns += 25 * 10**7
+        assert found == [1, int(waits)]
+
+    run(tmp_path, act, {"bob": bob})
+
+
+def test_pairs_of_different_pulses_do_not_come_at_the_same_time(tmp_path: Path) -> None:
+    """Of a normal difference of rms s, 68.27 % are within s."""
+    window_s = 100e-12 * 2**0.5
+    alice = Device(
+        PairSource(jitter_ps=100.0), analyser=BellAnalyser(coincidence_window_s=window_s)
+    )
+
+    async def act(bench: Bench) -> None:
+        for number in range(3):
+            await bench.alice.create(COUNT, number)
+        same = await bench.alice.bell_measure(block(0, 0), block(0, 1))
+        assert same.coincidences == COUNT
+        swapped = await bench.alice.bell_measure(block(1, 1), block(2, 0))
+        assert within(swapped.coincidences, COUNT, 0.6826895)
+
+    run(tmp_path, act, {"alice": alice})
+
+
+def turn(bench: Bench, angle_rad: float) -> None:
+    """Turn half 0 about Z, as drift on its way does."""
+    (part,) = bench.layer.ownership.parts(BlockName(7, 0, 0))
+    before = part.pulses.angles_rad
+    part.pulses.angles_rad = angle_rad + (np.zeros(COUNT) if before is None else before)
+
+
+def test_an_x_between_two_turns_undoes_them(tmp_path: Path) -> None:
+    async def act(bench: Bench) -> None:
+        await bench.alice.create(COUNT)
+        turn(bench, 0.6)
+        await bench.alice.apply(block(0, 0), b"\1" * COUNT)
+        turn(bench, 0.6)
+        found = await bench.alice.bell_measure(block(0, 0), block(0, 1))
+        assert shares(found) == [0, COUNT, 0, 0]
+        assert not found.exact
+
+    run(tmp_path, act, {})
+
+
+def test_a_turn_comes_before_the_gates_that_come_later(tmp_path: Path) -> None:
+    """Z before H is X after it: Phi+ becomes Psi+, which H on both halves leaves so."""
+
+    async def act(bench: Bench) -> None:
+        await bench.alice.create(COUNT)
+        turn(bench, 0.6)
+        for half in (0, 1):
+            request = ApplyRequest(block=block(0, half), gates=[Gate(name=Gate.H)])
+            await bench.alice.feedback("Apply", request)
+        found = await bench.alice.bell_measure(block(0, 0), block(0, 1))
+        assert within(shares(found)[1], COUNT, np.sin(0.3) ** 2)
+        assert shares(found)[0] + shares(found)[1] == COUNT
+
+    run(tmp_path, act, {})
+
+
+@pytest.mark.parametrize(
+    ("basis", "flipped"), [(MeasureRequest.Z, 0.0), (MeasureRequest.X, np.sin(0.3) ** 2)]
+)
+def test_a_turn_shows_in_measurements_of_x_alone(
+    tmp_path: Path, basis: MeasureRequest.Basis, flipped: float
+) -> None:
+    async def act(bench: Bench) -> None:
+        await bench.alice.create(COUNT)
+        turn(bench, 0.6)
+        one, other = [await bench.alice.measure(block(0, half), basis) for half in (0, 1)]
+        bits = (np.frombuffer(found.outcomes, np.uint8) for found in (one, other))
+        assert within(int((next(bits) != next(bits)).sum()), COUNT, flipped)
+        assert one.exact == (flipped == 0)
+
+    run(tmp_path, act, {})
 
 
 def test_pairs_are_not_emitted_faster_than_their_source_can(tmp_path: Path) -> None:

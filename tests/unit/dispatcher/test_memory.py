@@ -7,12 +7,24 @@ from pathlib import Path
 import grpc
 import numpy as np
 import pytest
-from dispatcher_network import Bench, Client, JumpingClock, block, configuration, running
+from dispatcher_network import (
+    DELAY_NS,
+    START_NS,
+    Bench,
+    Client,
+    JumpingClock,
+    ManualClock,
+    block,
+    configuration,
+    running,
+)
 from five_sigma import within
 from numpy.typing import NDArray
 
 from dispatcher.decay import Decay, decay
-from wire.dispatcher_pb2 import CreateRequest, Feedback, StoreRequest
+from dispatcher.ownership import BlockName
+from dispatcher.sabot.manager import NO_CLICK
+from wire.dispatcher_pb2 import CreateRequest, DiscardRequest, Feedback, StoreRequest
 from wire.physics import Device, Memory, PairSource
 
 COUNT = 40_000
@@ -198,6 +210,73 @@ def test_no_more_than_the_capacity_is_stored(tmp_path: Path) -> None:
         await store(bench.alice, 1)
 
     run(tmp_path, act, capacity=100)
+
+
+def test_discarding_frees_the_memory(tmp_path: Path) -> None:
+    async def act(bench: Bench, _clock: JumpingClock) -> None:
+        await bench.alice.create(100)
+        await store(bench.alice, 0)
+        await bench.alice.discard(DiscardRequest(block=block(0, 0)))
+        await store(bench.alice, 1)
+
+    run(tmp_path, act, capacity=100)
+
+
+def test_further_photons_are_lost_with_the_efficiency_too(tmp_path: Path) -> None:
+    async def act(bench: Bench, _clock: JumpingClock) -> None:
+        await bench.alice.create(COUNT)
+        (part,) = bench.layer.ownership.parts(BlockName(7, 0, 0))
+        part.pulses.extras = np.full(COUNT, 2, dtype=np.uint8)
+        await store(bench.alice, 0)
+        await bench.alice.apply(block(0, 0), b"\0" * COUNT)
+        assert part.pulses.extras is not None
+        assert within(int(part.pulses.extras.sum()), 2 * COUNT, 0.8)
+
+    run(tmp_path, act, efficiency=0.8)
+
+
+def test_a_block_that_is_sent_has_waited(tmp_path: Path) -> None:
+    async def act(bench: Bench, clock: JumpingClock) -> None:
+        await bench.alice.create(COUNT)
+        await store(bench.alice, 0)
+        clock.time_ns += 10**9
+        for half in (0, 1):
+            await bench.alice.send((block(0, half), "alice-q9"))
+            await bench.bob.receive(block(0, half), "bob-q9")
+        found = await bench.bob.bell_measure(block(0, 0), block(0, 1))
+        assert within(counts(found)[2], COUNT, (1 - np.exp(-1)) / 2)
+
+    run(tmp_path, act, t2_s=1.0)
+
+
+def test_a_part_that_comes_later_has_not_waited_with_the_first(tmp_path: Path) -> None:
+    """Of 400 photons 200 come to one port of bob's, and 100 to another after a switching."""
+
+    async def inside() -> None:
+        clock = ManualClock()
+        devices = {"bob": Device(memory=Memory(t1_s=0.1, t2_s=0.1))}
+        async with running(configuration(tmp_path, devices=devices), clock) as bench:
+            connecting = asyncio.ensure_future(bench.switch.connect((1, 4)))
+            await clock.waiters(1)
+            await clock.set(START_NS + 101)
+            await connecting
+            await bench.charlie.create(400, state=CreateRequest.ZEROS)
+            await bench.charlie.apply(block(), b"\1" * 400)
+            sending = asyncio.ensure_future(bench.charlie.send((block(), "charlie-q0")))
+            await clock.waiters(1)
+            await clock.set(START_NS + 101 + DELAY_NS + 200)
+            connecting = asyncio.ensure_future(bench.switch.connect((1, 5)))
+            await clock.waiters(2)
+            await clock.set(START_NS + 10_000)
+            await asyncio.gather(connecting, sending)
+            await bench.bob.receive(block(), "bob-q0")
+            await store(bench.bob, 0)
+            await clock.set(START_NS + 10**10)
+            await bench.bob.receive(block(), "bob-q1")
+            outcomes = list((await bench.bob.measure(block())).outcomes)
+            assert outcomes == [0] * 200 + [NO_CLICK] * 100 + [1] * 100
+
+    asyncio.run(inside())
 
 
 def test_nothing_happens_to_qubits_in_an_ideal_memory() -> None:

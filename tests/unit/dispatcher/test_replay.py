@@ -28,6 +28,7 @@ from dispatcher.replay import replay
 from dispatcher.server import build_service, open_layer
 from wire import record
 from wire.dispatcher_pb2 import (
+    AdjustFiberRequest,
     ApplyRequest,
     Connection,
     CreateRequest,
@@ -38,7 +39,9 @@ from wire.dispatcher_pb2 import (
     ReceiveRequest,
     SendRequest,
     Step,
+    StoreRequest,
 )
+from wire.physics import BellAnalyser, Detectors, Device, Memory, PairSource
 from wire.record import BadRecord
 from wire.record_pb2 import Clock as ClockEntry
 from wire.record_pb2 import Entry, Header, Request, Resumed
@@ -180,6 +183,52 @@ def test_what_happens_at_the_same_time_is_replayed_in_its_order(tmp_path: Path, 
 
     content, log = recorded(tmp_path, CaptureClock(), act)
     assert log.count("\n") > 100
+    assert replayed(content) == log
+
+
+EVERYTHING = {
+    "dephasing": 0.1,
+    "drift_rad_per_sqrt_km": 1.0,
+    "drift_time_s": 1e-3,
+    "burst_depolarizing": 0.9,
+    "burst_start_hz": 1e4,
+    "burst_end_hz": 1e4,
+    "temperature_walk_k_per_sqrt_s": 5.0,
+    "classical_mw": 1.0,
+    "raman_per_km_nm": 1e-4,
+}
+DEVICE = Device(
+    source=PairSource(statistics="thermal", mean_pairs=0.5, fidelity=0.9, jitter_ps=300.0),
+    memory=Memory(t1_s=0.1, t2_s=0.15, efficiency=0.9),
+    detectors=Detectors(0.7, dark_count_hz=1e6, dead_time_s=1e-7, afterpulse_probability=0.3),
+    analyser=BellAnalyser(visibility=0.8),
+)
+
+
+@pytest.mark.parametrize("damping", ["twirl", "dense"])
+def test_every_noise_that_there_is_is_replayed(tmp_path: Path, damping: Any) -> None:
+    async def act(bench: Bench) -> None:
+        for number in range(3):
+            await bench.alice.create(100, number=number)
+            for half in (0, 1):
+                await bench.alice.feedback("Store", StoreRequest(block=block(number, half)))
+            await bench.alice.send((block(number, 0), "alice-q9"), rate_hz=10_000)
+            adjust = AdjustFiberRequest(a="alice", b="bob", classical_mw=float(number))
+            await bench.runner.call("AdjustFiber", adjust)
+            await bench.runner.call(
+                "AdjustFiber", AdjustFiberRequest(a="alice", b="bob", calibrate=True)
+            )
+            await bench.alice.send((block(number, 1), "alice-q9"), rate_hz=10_000)
+            for half in (0, 1):
+                await bench.bob.receive(block(number, half), "bob-q9")
+            await bench.bob.bell_measure(block(number, 0), block(number, 1))
+
+    device = replace(DEVICE, memory=replace(DEVICE.memory, damping=damping))
+    fibers = with_fibers(configuration(tmp_path), length_km=0.3, **EVERYTHING).fibers
+    devices = {"alice": device, "bob": device}
+    content, log = recorded(tmp_path, CaptureClock(), act, fibers=fibers, devices=devices)
+    for word in ("calibrate", "dark", "in pulses", "after 0.0"):
+        assert word in log
     assert replayed(content) == log
 
 
