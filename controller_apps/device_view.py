@@ -5,6 +5,7 @@ from typing import Any
 
 from controller_apps.hosts_state import SILENT_AFTER, HostState
 from controller_apps.switch_state import SwitchState
+from wire.device import RANGES, setting_name
 
 
 def switch_view(switch: SwitchState, now: float, period_s: float) -> dict[str, Any]:
@@ -43,15 +44,10 @@ def host_view(name: str, state: HostState, silent: bool, age_s: float) -> dict[s
         "pairs_lost": report.pairs_lost,
         "symbol_errors": report.symbol_errors,
         "repeated_frames": report.repeated_frames,
-        "in_use": {
-            "rate_hz": report.rate_hz,
-            "frame_bytes": report.frame_bytes,
-            "fec": report.fec,
-            "wavelength_pm": report.wavelength_pm,
-        },
+        "in_use": {name: setting_name(name, getattr(report, name)) for name in RANGES},
         "overrides": {
-            setting: value
-            for setting, value in asdict(report.settings).items()
+            name: setting_name(name, value)
+            for name, value in asdict(report.settings).items()
             if value is not None
         },
     }

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from controller_apps.questions import Refused, ask
+from wire.device import setting_number
 
 MAX_REQUEST = 4096  # bytes
 
@@ -40,13 +41,13 @@ class Facts:
 
 
 def check_settings_request(settings: object) -> dict[str, int | None]:
-    """Return settings as decoded from JSON; raise Refused unless they are names and numbers."""
+    """Return the numbers of settings decoded from JSON; raise Refused for what is none."""
     if not isinstance(settings, dict) or not settings:
         raise Refused('settings are an object such as {"rate_hz": 1000000}')
-    for name, value in settings.items():
-        if value is not None and (not isinstance(value, int) or isinstance(value, bool)):
-            raise Refused(f"{name} is {value!r}: give a whole number, or null to undo an override")
-    return settings
+    try:
+        return {name: setting_number(name, value) for name, value in settings.items()}
+    except ValueError as error:
+        raise Refused(f"{error}, or null to undo an override") from error
 
 
 def perform(facts: Facts, request: object) -> Any:

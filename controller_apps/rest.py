@@ -1,7 +1,7 @@
 """The console's facts over HTTP, by Ryu's own WSGI server; os-ken has none.
 
 GET  /qmn/devices    GET  /qmn/paths    GET  /qmn/sessions
-POST /qmn/devices/alice    {"rate_hz": 1000000}
+POST /qmn/devices/alice    {"rate_hz": 1000000, "fec": "golay"}
 """
 
 import json

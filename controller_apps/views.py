@@ -5,6 +5,7 @@ from typing import Any
 from controller_apps.optics import SwitchPort
 from controller_apps.paths import Network
 from controller_apps.sessions import Session, Sessions
+from wire.device import RANGES, setting_name
 from wire.metadata import Handshake, Service
 
 
@@ -16,10 +17,7 @@ def sessions_view(sessions: Sessions, network: Network, now: float) -> list[dict
             "service": Service(session.setup.service).name.lower(),
             "handshake": Handshake(session.setup.handshake).name.lower().replace("_", "-"),
             **_parties(session, network),
-            "rate_hz": session.setup.rate_hz,
-            "frame_bytes": session.setup.frame_bytes,
-            "fec": session.setup.fec,
-            "wavelength_pm": session.setup.wavelength_pm,
+            **{name: setting_name(name, getattr(session.setup, name)) for name in RANGES},
             "open": session.open,
             "silent_s": round(now - session.seen, 3),
             "waits_for_light": session.owner in sessions.queue,

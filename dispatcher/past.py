@@ -31,7 +31,12 @@ class Past:
         return int(times_ns[-1]), float(values[-1])
 
     def remember(self, times_ns: Times, values: Values) -> None:
-        """Add values at ascending times, none of them before the latest."""
+        """Add values at ascending times; one from before the latest holds from there on.
+
+        Blocks that pass at the same time may be resolved in any order.
+        """
+        if self._chunks:
+            times_ns = np.maximum(times_ns, self._chunks[-1][0][-1])
         kept = slice(max(len(times_ns) - self._depth, 0), None)
         if not len(times_ns[kept]):
             return

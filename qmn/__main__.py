@@ -8,9 +8,21 @@ import sys
 # Until a verb runs there is nothing to clean up: Ctrl-C just ends the program.
 signal.signal(signal.SIGINT, signal.SIG_DFL)
 
-from qmn import bench, calibrate, classical, devices, fault, paths, policy, run, set  # noqa: A004, E402
+from qmn import (  # noqa: E402
+    bench,
+    calibrate,
+    classical,
+    curves,
+    devices,
+    fault,
+    paths,
+    policy,
+    run,
+    set,  # noqa: A004
+    sweep,
+)
 
-VERBS = (run, devices, paths, set, policy, fault, calibrate, classical, bench)
+VERBS = (run, sweep, curves, devices, paths, set, policy, fault, calibrate, classical, bench)
 
 
 def main() -> int:

@@ -15,6 +15,9 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from controller_apps.policy import BadPolicy, read_policy
+from hosts.applications.send import CHUNK_BYTES
+from hosts.middleware.coding import CODES
+from hosts.middleware.frame_format import MAX_BLOCK_PAIRS, FrameFormat
 from qmn import result
 from qmn.device_words import differences
 from qmn.networks import TOPOLOGIES, BadTopology, every_device, every_fiber, topology
@@ -27,11 +30,13 @@ from topologies.programs import NetworkError
 from topologies.runtime import OPENFLOW_PORT, Runtime
 from wire.config import BACKENDS
 from wire.fiber import KINDS
+from wire.metadata import FEC_NAMES
 
 MESSAGE = Path(__file__).with_name("message.txt")
-PAIRS_PER_BYTE = 4
+MIN_BLOCK_PAIRS = 4
 # Bell pairs a second to expect on two cores, for the estimate before the start.
 EXPECTED_RATE = {"framed": 2_000_000, "per-pair": 200}
+DECODING_RATE = {"reed-solomon": 300_000}  # pairs a second, of codes that take longer than light
 CAPTURED_BYTES_PER_PAIR = {"framed": 4.4, "per-pair": 4_900}
 SIZE_LIMIT = {"framed": 1 << 30, "per-pair": 1 << 16}
 TELL_ESTIMATE_ABOVE_S = 10
@@ -60,6 +65,8 @@ def add_parser(verbs: Any) -> None:
     add("--frame-bytes", type=int, default=256, metavar="N", help="bytes under one check (256)")
     add("--block-pairs", type=int, default=65_536, metavar="N", help="pairs in a block (65536)")
     add("--rate-hz", type=int, default=50_000_000, metavar="HZ", help="of the source (50000000)")
+    add("--fec", choices=FEC_NAMES, default="none", help="error-correction code (none)")
+    add("--interleave", action="store_true", help="spread the codewords of --fec over a frame")
     what_of = "of every fibre"
     add("--preset", choices=list(PRESETS), default="ideal", help="fibres and devices (ideal)")
     add("--length-km", type=float, metavar="KM", help=f"{what_of} (0.01)")
@@ -142,7 +149,7 @@ def check_input(arguments: argparse.Namespace) -> int:
     check_controller(arguments)
     for name, least, most in (
         ("frame_bytes", 1, 65_536),
-        ("block_pairs", PAIRS_PER_BYTE, 262_144),
+        ("block_pairs", MIN_BLOCK_PAIRS, MAX_BLOCK_PAIRS),
         ("rate_hz", 1, 4_000_000_000),
         ("openflow_port", 1, 65_535),
         ("history_depth", 0, 10_000_000),
@@ -151,7 +158,33 @@ def check_input(arguments: argparse.Namespace) -> int:
         value = getattr(arguments, name)
         if not least <= value <= most:
             raise BadInput(f"--{name.replace('_', '-')} {value}: choose {least:g} to {most:g}")
+    check_coding(arguments)
     return size
+
+
+def check_coding(arguments: argparse.Namespace) -> None:
+    """Raise BadInput for a code that frames are too long for, or none to interleave."""
+    if arguments.interleave and arguments.fec == "none":
+        raise BadInput("--interleave spreads the codewords of a code: choose one with --fec")
+    pairs = frame_format(arguments).pairs(arguments.frame_bytes)
+    if pairs > MAX_BLOCK_PAIRS:
+        raise BadInput(
+            f"--frame-bytes {arguments.frame_bytes} with --fec {arguments.fec}: a frame needs "
+            f"{pairs:,} pairs, at most {MAX_BLOCK_PAIRS:,}; choose fewer bytes"
+        )
+
+
+def frame_format(arguments: argparse.Namespace) -> FrameFormat:
+    """Return what frames are made of, if the receiver tells all Bell states apart."""
+    return FrameFormat(CODES[FEC_NAMES[arguments.fec]], arguments.interleave)
+
+
+def pairs_of(arguments: argparse.Namespace, size: int) -> int:
+    """Return how many Bell pairs carry a message if none is lost and no frame repeated."""
+    used = frame_format(arguments)
+    frame_bytes: int = min(arguments.frame_bytes, CHUNK_BYTES[arguments.handshake])
+    whole, rest = divmod(size, frame_bytes)
+    return whole * used.pairs(frame_bytes) + used.pairs(rest)
 
 
 def check_controller(arguments: argparse.Namespace) -> None:
@@ -191,8 +224,10 @@ def message_size(arguments: argparse.Namespace) -> int:
 
 def tell_estimate(arguments: argparse.Namespace, size: int, console: Console) -> None:
     """Say before the start how long a long message will take."""
-    pairs = size * PAIRS_PER_BYTE
-    seconds = pairs / min(EXPECTED_RATE[arguments.handshake], arguments.rate_hz)
+    pairs = pairs_of(arguments, size)
+    expected = EXPECTED_RATE[arguments.handshake]
+    expected = min(expected, DECODING_RATE.get(arguments.fec, expected), arguments.rate_hz)
+    seconds = pairs / expected
     if seconds <= TELL_ESTIMATE_ABOVE_S:
         return
     text = f"{size:,} bytes are {pairs:,} Bell pairs: about {seconds / 60:.1f} minutes on two cores"
@@ -221,6 +256,8 @@ def beginning(arguments: argparse.Namespace, folder: Path) -> dict[str, Any]:
                 "frame_bytes",
                 "block_pairs",
                 "rate_hz",
+                "fec",
+                "interleave",
                 "preset",
                 "length_km",
                 "loss_db_per_km",
@@ -281,6 +318,8 @@ def run_network(
         arguments.frame_bytes,
         arguments.block_pairs,
         arguments.rate_hz,
+        arguments.fec,
+        arguments.interleave,
     )
     console.print(f"starting the network ({arguments.controller}, seed {arguments.seed}) ...")
     with Network(topology(arguments), settings, signals) as network:
@@ -291,17 +330,17 @@ def run_network(
             f"sending {order.file.name} from {order.sender} to {order.receiver} "
             f"by superdense coding ({order.handshake})"
         )
-        with progress_bar(console, facts) as progress:
+        size = order.file.stat().st_size
+        with progress_bar(console, facts, size, pairs_of(arguments, size)) as progress:
             progress(transfer(network, order, progress)[0])
         facts["exact"] = dispatcher_status(network).exact
 
 
 @contextmanager
 def progress_bar(
-    console: Console, facts: dict[str, Any]
+    console: Console, facts: dict[str, Any], size: int, pairs: int
 ) -> Iterator[Callable[[dict[str, Any]], None]]:
     """Show pairs sent and pairs/s; every line also goes into the facts."""
-    total = Path(facts["file"]).stat().st_size * PAIRS_PER_BYTE
     columns = (
         TextColumn("pairs"),
         BarColumn(),
@@ -310,11 +349,11 @@ def progress_bar(
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=console) as bar:
-        task = bar.add_task("pairs", total=total, rate=0.0)
+        task = bar.add_task("pairs", total=pairs, rate=0.0)
 
         def note(line: dict[str, Any]) -> None:
             facts["sender"] = line
-            delivered = line["delivered_bytes"] * PAIRS_PER_BYTE
+            delivered = pairs * line["delivered_bytes"] // max(size, 1)
             rate = line["bell_pairs"] / max(line["elapsed_s"], 1e-9)
             bar.update(task, completed=delivered, rate=rate)
 

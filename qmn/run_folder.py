@@ -35,6 +35,12 @@ def give_to_invoker(folder: Path) -> None:
         _give(path)
 
 
+def give_tree(folder: Path) -> None:
+    """Let the user who called sudo own a folder and all that is in it."""
+    for path in (folder, *folder.rglob("*")):
+        _give(path)
+
+
 def _give(path: Path) -> None:
     if os.geteuid() == 0 and "SUDO_UID" in os.environ:
         user, group = int(os.environ["SUDO_UID"]), int(os.environ.get("SUDO_GID", "-1"))

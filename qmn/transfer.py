@@ -33,6 +33,8 @@ class Transfer:
     frame_bytes: int = 256
     block_pairs: int = 65_536
     rate_hz: int = 50_000_000
+    fec: str = "none"
+    interleave: bool = False
 
 
 class TransferError(Exception):
@@ -87,8 +89,10 @@ def _start_sender(network: Network, order: Transfer) -> Program:
         "--frame-bytes": order.frame_bytes,
         "--block-pairs": order.block_pairs,
         "--rate-hz": order.rate_hz,
+        "--fec": order.fec,
     }
     words = [str(word) for option in options.items() for word in option]
+    words += ["--interleave"] if order.interleave else []
     command = [python(), "-m", "hosts.applications.send", *words]
     return network.run_on(order.sender, "sender", [*command, order.receiver, str(APPLICATION_PORT)])
 

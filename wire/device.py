@@ -17,10 +17,12 @@ nanoseconds, and a listener takes only numbers that rise: what was heard once is
 
 import hmac
 import struct
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import ClassVar
 
 from wire.metadata import (
+    FEC_NAMES,
     HEADER,
     MAGIC,
     VERSION,
@@ -38,8 +40,13 @@ RANGES = {
     "rate_hz": (1, 4_000_000_000),
     "frame_bytes": (1, 1 << 16),
     "fec": (0, 255),
+    "interleave": (0, 1),
     "wavelength_pm": (1_000_000, 2_000_000),
 }
+NAMED: dict[str, Mapping[str, int]] = {
+    "fec": FEC_NAMES,
+    "interleave": {"off": 0, "on": 1},
+}  # settings people name
 _TRAILER = struct.Struct("!32sQ")
 _TAG_BYTES = 16
 _UNSET = 0xFFFFFFFF
@@ -53,6 +60,7 @@ class DeviceSettings:
     rate_hz: int | None = None  # pulse rate: pairs a second of the source
     frame_bytes: int | None = None
     fec: int | None = None  # number of the error-correction code; 0 is none
+    interleave: int | None = None  # 1: spread its codewords
     wavelength_pm: int | None = None
 
 
@@ -66,13 +74,38 @@ def check_settings(settings: DeviceSettings) -> None:
             raise ValueError(f"{name} is {value!r}: choose {least} to {most}")
 
 
+_SETTINGS = struct.Struct(f"!{len(fields(DeviceSettings))}I")
+
+
+def setting_number(name: str, value: object) -> int | None:
+    """Return a setting as people and programs give it, by name or number; None undoes it.
+
+    Raise ValueError naming value and choices.
+    """
+    names = NAMED.get(name, {})
+    if name == "interleave" and isinstance(value, bool):
+        return int(value)
+    if isinstance(value, str) and value in names:
+        return int(names[value])
+    if value is None or (isinstance(value, int) and not isinstance(value, bool)):
+        return value
+    choices = f"one of {', '.join(names)}, or its number" if names else "a whole number"
+    raise ValueError(f"{name} is {value!r}: give {choices}")
+
+
+def setting_name(name: str, number: int) -> int | str:
+    """Return what people call the value of a setting: its name if it has one."""
+    names = {value: text for text, value in NAMED.get(name, {}).items()}
+    return names.get(number, number)
+
+
 def _pack_settings(settings: DeviceSettings) -> bytes:
     values = (getattr(settings, item.name) for item in fields(settings))
-    return struct.pack("!4I", *(_UNSET if value is None else value for value in values))
+    return _SETTINGS.pack(*(_UNSET if value is None else value for value in values))
 
 
 def _unpack_settings(data: bytes) -> DeviceSettings:
-    values = (None if value == _UNSET else value for value in struct.unpack("!4I", data))
+    values = (None if value == _UNSET else value for value in _SETTINGS.unpack(data))
     settings = DeviceSettings(*values)
     try:
         check_settings(settings)
@@ -109,7 +142,7 @@ class SetDevice(Message):
     """Override what the applications of a host ask for, in sessions that begin from now on."""
 
     KIND = 34
-    FIELDS = struct.Struct("!16s")
+    FIELDS = struct.Struct(f"!{_SETTINGS.size}s")
 
     settings: DeviceSettings = DeviceSettings()
 
@@ -138,7 +171,7 @@ class DeviceReport(Message):
     """The state of a host. Counts are since its stack started."""
 
     KIND = 35
-    FIELDS = struct.Struct("!HHHQQQQQQIIIIIII16s")
+    FIELDS = struct.Struct(f"!HHHQQQQQQIIIIIIII{_SETTINGS.size}s")
 
     sending: int = 0  # sessions that run
     receiving: int = 0
@@ -152,6 +185,7 @@ class DeviceReport(Message):
     rate_hz: int = 0  # what the session used that began last; 0: there was none
     frame_bytes: int = 0
     fec: int = 0
+    interleave: int = 0
     wavelength_pm: int = 0
     period_ms: int = 0  # the subscription in force; 0: none
     lost_ppm: int = 0

@@ -176,9 +176,9 @@ def test_an_override_is_sent_until_it_is_in_force(scene: Scene) -> None:
 
 def test_a_host_that_refuses_is_left_as_it_is(scene: Scene) -> None:
     scene.says(SET)
-    question = scene.ask("set", device="alice", settings={"fec": 3})
-    scene.says(Answer(1, Reason.UNSUPPORTED, "fec 3: only 0"))
-    with pytest.raises(Refused, match="alice: fec 3: only 0"):
+    question = scene.ask("set", device="alice", settings={"fec": 9})
+    scene.says(Answer(1, Reason.UNSUPPORTED, "fec 9 is not known"))
+    with pytest.raises(Refused, match="alice: fec 9 is not known"):
         question.wait()
     scene.told()
     scene.says(SET)
@@ -345,7 +345,8 @@ class Known:
         ({"command": "set", "device": "alice"}, "set takes device, settings, not device"),
         ({"command": "set", "device": 1, "settings": {"fec": 0}}, "device 1 is not a name"),
         ({"command": "set", "device": "a", "settings": {}}, "settings are an object"),
-        ({"command": "set", "device": "a", "settings": {"fec": 0.5}}, "fec is 0.5: give a whole"),
+        ({"command": "set", "device": "a", "settings": {"fec": 0.5}}, "fec is 0.5: give one"),
+        ({"command": "set", "device": "a", "settings": {"fec": "x"}}, "or null to undo"),
         ({"command": "set", "device": "a", "settings": {"fec": True}}, "fec is True"),
     ],
 )
@@ -382,8 +383,11 @@ def test_the_console_answers_lines_and_survives_rubbish(
     with socket.socket(socket.AF_UNIX) as idle:  # says nothing, and must not block the next
         idle.connect(str(path))
         assert exchange(path, b'{"command": "devices"}\n') == {"result": ["q1"]}
-    order = {"command": "set", "device": "a", "settings": {"fec": None}}
+    order: dict[str, Any] = {"command": "set", "device": "a", "settings": {"fec": None}}
     assert exchange(path, json.dumps(order).encode() + b"\n") == {"result": ["a", {"fec": None}]}
+    order = {"command": "set", "device": "a", "settings": {"fec": "golay", "interleave": True}}
+    numbers = {"fec": 3, "interleave": 1}
+    assert exchange(path, json.dumps(order).encode() + b"\n") == {"result": ["a", numbers]}
 
 
 def test_the_frame_that_is_sent_can_be_read_back() -> None:

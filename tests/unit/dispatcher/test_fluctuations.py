@@ -91,6 +91,13 @@ def test_history_forgets_what_is_older_than_its_depth() -> None:
     assert past.at(np.array([0])).tolist() == [1.7]
 
 
+def test_what_is_remembered_late_holds_from_the_latest_time_on() -> None:
+    past = Past(10)
+    past.remember(np.array([5]), np.array([0.5]))
+    past.remember(np.array([3, 7]), np.array([0.3, 0.7]))
+    assert past.at(np.array([4, 5, 6, 7])).tolist() == [0.5, 0.3, 0.3, 0.7]
+
+
 GOOD_TO_BAD_HZ, BAD_TO_GOOD_HZ = 500.0, 2_000.0
 BURSTS = Bursts(1.0, GOOD_TO_BAD_HZ, BAD_TO_GOOD_HZ)
 FRACTION = 0.2  # of the time that is bad

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from qmn.measure import layer_speed
 from qmn.measure.measurement import Times
 from qmn.measure.path_figures import parts, ratio
 from qmn.measure.path_requests import NoPath, Openings, answered, wait_until_closed
@@ -87,11 +86,3 @@ def test_an_answer_may_come_in_pieces() -> None:
         later.start()
         assert answered(near) == answer
         later.join()
-
-
-def test_the_noisy_physical_layer_that_is_measured_works(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(layer_speed, "PAIRS", 1_000)
-    monkeypatch.setattr(layer_speed, "TURNS", 1)
-    ((name, figure),) = layer_speed.layer_speed()
-    assert name == "superdense coding, physical layer, every noise on"
-    assert int(figure.removesuffix(" pairs/s").replace(",", "")) > 1_000

@@ -55,6 +55,11 @@ def parse(*words: str) -> argparse.Namespace:
         (["ring", "--spines", "2"], "--spines is of leaf-spine, not of ring: leave it out"),
         (["--switches", "2"], "--switches is of chain, ring, not of sdc"),
         (["--loss-budget-db", "-1"], "--loss-budget-db -1.0: choose 0 to 1000"),
+        (["--interleave"], "--interleave spreads the codewords of a code: choose one with --fec"),
+        (
+            ["--fec", "golay", "--frame-bytes", "65536"],
+            "--frame-bytes 65536 with --fec golay: a frame needs 502,447 pairs, at most 262,144",
+        ),
         (["--handshake", "per-pair", "--message", "x" * 70_000], "use --handshake framed"),
     ],
 )
@@ -67,6 +72,19 @@ def test_bad_input_names_the_value_and_what_to_choose(words: list[str], text: st
 @pytest.mark.parametrize(("words", "size"), [(["--message", ""], 0), (["--message", "ä"], 2)])
 def test_the_size_is_that_of_the_bytes(words: list[str], size: int) -> None:
     assert run.check_input(parse(*words)) == size
+
+
+@pytest.mark.parametrize(
+    ("words", "pairs"),
+    [
+        ([], 4 * 1000),
+        (["--fec", "repetition"], 12 * 1000),
+        (["--fec", "reed-solomon", "--frame-bytes", "223"], 4 * (1000 + 5 * 32)),
+        (["--fec", "reed-solomon", "--handshake", "per-pair"], 4 * (1000 + 63 * 32)),
+    ],
+)
+def test_the_pairs_that_a_message_needs_follow_from_its_code(words: list[str], pairs: int) -> None:
+    assert run.pairs_of(parse(*words), 1000) == pairs
 
 
 def test_there_is_a_message_without_being_asked() -> None:
