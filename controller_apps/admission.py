@@ -1,6 +1,6 @@
 """Whether a set-up is granted, and which paths it needs. Pure decisions, no state change."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from controller_apps.optics import SwitchPort
 from controller_apps.paths import Network
@@ -79,7 +79,7 @@ def find_light(
     except ValueError:  # a wavelength that is none of light
         return Admission(Reason.NO_WAVELENGTH)
     if setup.handshake == Handshake.PER_PAIR:  # light comes with each pair
-        limits = replace(limits, blocked=Limits().blocked)
+        limits = limits._replace(blocked=Limits().blocked)
     paths = route(network, legs, limits)
     if paths is None:
         reason = why_not(network, legs, limits)

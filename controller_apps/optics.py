@@ -47,6 +47,9 @@ class SwitchOptics:
         return self.paths.get((in_port, out_port), self.others)
 
 
+UNKNOWN = SwitchOptics()
+
+
 @dataclass
 class Optics:
     """The optics of all switches."""
@@ -58,7 +61,7 @@ class Optics:
 
     def path(self, dpid: int, in_port: int, out_port: int) -> PathOptics | None:
         """Return what a path through a switch does to light, None if it cannot be had."""
-        return self.switches.get(dpid, SwitchOptics()).path(in_port, out_port)
+        return self.switches.get(dpid, UNKNOWN).path(in_port, out_port)
 
     def measured(self, at: SwitchPort, light: PortLight) -> bool:
         """Take the statistics of a port; tell whether it is tuned differently than was known."""

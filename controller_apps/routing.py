@@ -5,7 +5,7 @@ to light depends on both its ports.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import reduce
 from heapq import heappop, heappush
 from itertools import permutations
@@ -17,8 +17,7 @@ from controller_apps.paths import Direction, Hop, Network, directions
 from wire.metadata import Reason
 
 
-@dataclass(frozen=True)
-class Limits:
+class Limits(NamedTuple):
     """What a path must keep to."""
 
     blocked: Callable[[Direction], bool] = lambda _: False
@@ -155,7 +154,7 @@ def route(
     for order in permutations(range(len(legs))):
         found: dict[int, LightPath] = {}
         for number in order:
-            own = replace(limits, rotation=wanted[number])
+            own = limits._replace(rotation=wanted[number])
             path = cheapest_path(network, legs[number], _beside((*beside, *found.values()), own))
             if path is None:
                 break
@@ -167,17 +166,18 @@ def route(
 
 def _beside(paths: Iterable[LightPath], limits: Limits) -> Limits:
     own = {direction for path in paths for direction in directions(path.hops)}
-    return replace(limits, blocked=lambda way: way in own or limits.blocked(way))
+    return limits._replace(blocked=lambda way: way in own or limits.blocked(way))
 
 
 def why_not(network: Network, legs: list[Leg], limits: Limits) -> Reason:
     """Return what stands in the way of a route: the first limit without which there is one."""
-    for reason, without in (
-        (Reason.BUSY, {"blocked": Limits().blocked}),
-        (Reason.LOSS_TOO_HIGH, {"loss_budget_mdb": None}),
-        (Reason.NO_WAVELENGTH, {"frequency_mhz": None}),
+    free = limits._replace(blocked=Limits().blocked)
+    free_at_any_loss = free._replace(loss_budget_mdb=None)
+    for reason, fewer in (
+        (Reason.BUSY, free),
+        (Reason.LOSS_TOO_HIGH, free_at_any_loss),
+        (Reason.NO_WAVELENGTH, free_at_any_loss._replace(frequency_mhz=None)),
     ):
-        limits = replace(limits, **without)
-        if route(network, legs, limits) is not None:
+        if route(network, legs, fewer) is not None:
             return reason
     return Reason.NO_PATH

@@ -72,15 +72,16 @@ class History:
         self._watchers: set[Watcher] = set()
         self._log = log
 
-    def record(self, event: Event) -> None:
-        """Add an event."""
-        self.count += 1
-        self._events.append(event)
+    def record(self, *events: Event) -> None:
+        """Add events."""
+        self.count += len(events)
+        self._events += events
         if self._log is not None:
-            self._log.write(format_line(event) + "\n")
+            self._log.write("".join(f"{format_line(event)}\n" for event in events))
             self._log.flush()
         for watcher in self._watchers:
-            watcher.push(event)
+            for event in events:
+                watcher.push(event)
 
     def past(self, *place: str) -> Past:
         """Return what has been remembered of a place: a fibre's direction and a noise model."""

@@ -4,7 +4,8 @@ import asyncio
 import logging
 import os
 import signal
-from contextlib import ExitStack
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TextIO
 
@@ -12,6 +13,7 @@ import grpc
 
 from dispatcher.callers import Callers
 from dispatcher.clock import CaptureClock, Clock
+from dispatcher.cross_connects import CrossConnects, bind
 from dispatcher.devices import Devices
 from dispatcher.history import History
 from dispatcher.layer import PhysicalLayer
@@ -24,7 +26,7 @@ from dispatcher.sabot.manager import Sabot
 from dispatcher.service import Failed, Service
 from wire.config import BadConfig, DispatcherConfig
 from wire.dispatcher_pb2_grpc import add_DispatcherServicer_to_server
-from wire.service import MESSAGE_LIMITS
+from wire.service import MESSAGE_LIMITS, cross_connects_socket
 
 MAX_SOCKET_PATH_BYTES = 100
 STOP_GRACE_S = 0.2
@@ -60,18 +62,37 @@ def build_service(config: DispatcherConfig, layer: PhysicalLayer, failed: Failed
     return Service(layer, callers, failed)
 
 
-def build_server(config: DispatcherConfig, service: Service) -> grpc.aio.Server:
+class Server:
+    """gRPC for everybody, and the socket on which agents set cross-connects."""
+
+    def __init__(self, config: DispatcherConfig, service: Service) -> None:
+        """Bind the configured sockets; raise BadConfig if one cannot be had."""
+        options = [*MESSAGE_LIMITS, ("grpc.so_reuseport", 0)]  # a taken port must be an error
+        self._grpc = grpc.aio.server(options=options)
+        add_DispatcherServicer_to_server(service, self._grpc)  # type: ignore[no-untyped-call]
+        self._cross_connects = CrossConnects(service.switching, service.callers, service.failed)
+        self._paths = config.socket, cross_connects_socket(config.socket)
+        _bind(self._grpc, config.listen)
+        with _private(self._paths):
+            _bind(self._grpc, f"unix:{config.socket}")
+            self._listener = bind(self._paths[1])
+
+    async def start(self) -> None:
+        """Serve from now on."""
+        await self._cross_connects.start(self._listener)
+        await self._grpc.start()
+
+    async def stop(self, grace_s: float | None) -> None:
+        """End all calls, after a while in which those that run may end; remove the sockets."""
+        self._cross_connects.stop()
+        await self._grpc.stop(grace_s)
+        for path in self._paths:
+            Path(path).unlink(missing_ok=True)
+
+
+def build_server(config: DispatcherConfig, service: Service) -> Server:
     """Return a server for the service, bound to the configured sockets."""
-    server = grpc.aio.server(
-        options=[
-            *MESSAGE_LIMITS,
-            ("grpc.so_reuseport", 0),  # a taken port must be an error
-        ]
-    )
-    add_DispatcherServicer_to_server(service, server)  # type: ignore[no-untyped-call]
-    _bind(server, config.listen)
-    _bind_unix(server, config.socket)
-    return server
+    return Server(config, service)
 
 
 async def serve(config: DispatcherConfig) -> None:
@@ -102,7 +123,6 @@ async def serve(config: DispatcherConfig) -> None:
             await ended
         finally:
             await server.stop(STOP_GRACE_S)
-            Path(config.socket).unlink(missing_ok=True)
     log.info("stopped after %d events", layer.history.count)
 
 
@@ -115,12 +135,16 @@ def _bind(server: grpc.aio.Server, address: str) -> None:
         ) from error
 
 
-def _bind_unix(server: grpc.aio.Server, path: str) -> None:
-    if len(os.fsencode(path)) > MAX_SOCKET_PATH_BYTES:
-        raise BadConfig(f"socket {path} is longer than {MAX_SOCKET_PATH_BYTES} bytes; shorten it")
-    # Only the owner may connect, from the first moment on.
+@contextmanager
+def _private(paths: Iterable[str]) -> Iterator[None]:
+    """Let only the owner connect to these sockets, from the first moment on."""
+    for path in paths:
+        if len(os.fsencode(path)) > MAX_SOCKET_PATH_BYTES:
+            raise BadConfig(
+                f"socket {path} is longer than {MAX_SOCKET_PATH_BYTES} bytes; shorten it"
+            )
     before = os.umask(0o177)
     try:
-        _bind(server, f"unix:{path}")
+        yield
     finally:
         os.umask(before)

@@ -135,30 +135,6 @@ class Service(DispatcherServicer):
             raise exhausted(str(error)) from error
 
     @call
-    async def CrossConnect(
-        self, request: messages.CrossConnectRequest, node: str, _context: Context
-    ) -> messages.CrossConnectReply:
-        """Set a switch's cross-connects."""
-        return messages.CrossConnectReply(ready_ns=await self._connect(request, node))
-
-    @call
-    async def CrossConnects(
-        self, requests: AsyncIterator[messages.CrossConnectRequest], node: str, context: Context
-    ) -> None:
-        """Set a switch's cross-connects each time the agent asks for it."""
-        async for request in requests:
-            try:
-                outcome = messages.CrossConnectOutcome(ready_ns=await self._connect(request, node))
-            except Refusal as refusal:
-                code, text = refusal.code.value[0], str(refusal)
-                outcome = messages.CrossConnectOutcome(code=code, text=text)
-            await context.write(outcome)
-
-    async def _connect(self, request: messages.CrossConnectRequest, node: str) -> int:
-        self.callers.require_agent(node, request.switch, "cross-connect")
-        return await self.switching.cross_connect(request.switch, request.connections)
-
-    @call
     async def TunePort(
         self, request: messages.TunePortRequest, node: str, _context: Context
     ) -> messages.TunePortReply:

@@ -12,6 +12,7 @@ from dispatcher.reports import condition, statistics
 from wire.config import FiberEnd
 from wire.dispatcher_pb2 import (
     Connection,
+    Event,
     InjectFaultRequest,
     SwitchCondition,
     SwitchStatisticsReply,
@@ -139,10 +140,13 @@ class Switching:
                 wanted[in_port], circuits[in_port] = out_port, connection.circuit
         now_ns = layer.clock.now_ns()
         ready_ns, opened, closed = switch.timeline.connect(wanted, now_ns, circuits)
-        for kind, ports, time_ns in (("close", closed, now_ns), ("open", opened, ready_ns)):
-            for in_port, out_port in sorted(ports.items()):
-                detail = f"{in_port} -> {out_port}"
-                layer.record(switch.name, kind, port=str(in_port), detail=detail, time_ns=time_ns)
+        changes = (("close", closed, now_ns), ("open", opened, ready_ns))
+        events = [
+            Event(time_ns=time_ns, node=switch.name, kind=kind, port=str(i), detail=f"{i} -> {o}")
+            for kind, ports, time_ns in changes
+            for i, o in sorted(ports.items())
+        ]
+        layer.history.record(*events)
         return ready_ns
 
 

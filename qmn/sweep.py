@@ -48,6 +48,7 @@ def add_parser(verbs: Any) -> None:
     parser = verbs.add_parser(
         "sweep",
         help="measure a grid of parameters",
+        usage="qmn sweep WHAT|FILE.toml [--PARAMETER VALUES …] [options]",
         description=__doc__,
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,

@@ -4,6 +4,7 @@ The local processes speak TLS with a key made for this run alone, on the loopbac
 on the machine can give them work.
 """
 
+import logging
 import queue
 import signal
 import time
@@ -54,6 +55,7 @@ def ignore_interrupts() -> None:
 @contextmanager
 def remote_client(scheduler: str) -> Iterator[Client]:
     """Connect to the scheduler of a cluster, such as tcp://10.0.0.1:8786."""
+    logging.getLogger("distributed").setLevel(LOG_LEVEL)
     try:
         client = Client(scheduler, timeout=CONNECT_TIMEOUT_S)
     except (OSError, ValueError) as error:
@@ -101,10 +103,10 @@ def _result(future: Future[Measured], place: str) -> Measured:
     if future.status != "error":
         raise SweepError("the Dask scheduler has gone; start it and run the same command again")
     error = future.exception()
-    if isinstance(error, ModuleNotFoundError):
+    if isinstance(error, (ModuleNotFoundError, RuntimeError)):  # Dask wraps the first in the second
         raise SweepError(
-            f"a Dask worker cannot import {error.name}: start workers where qmn is, "
-            "with its environment"
+            "the Dask cluster cannot load qmn: start its scheduler and its workers in this folder, "
+            "with this environment"
         ) from error
     raise SweepError(f"{place} failed: {type(error).__name__}: {error}") from error
 

@@ -14,7 +14,14 @@ Values = dict[str, Value]
 
 MAX_VALUES = 10_000
 UNITS = (
+    ("_rad_per_sqrt_km", "rad/sqrt km"),
     ("_rad_per_s", "rad/s"),
+    ("_k_per_sqrt_s", "K/sqrt s"),
+    ("_k_per_s", "K/s"),
+    ("_ppm_per_k", "ppm/K"),
+    ("_per_km_nm", "1/(km nm)"),
+    ("_mw", "mW"),
+    ("_nm", "nm"),
     ("_db_per_km", "dB/km"),
     ("_km", "km"),
     ("_db", "dB"),

@@ -74,7 +74,7 @@ class Sheet:
         )
 
 
-DEPOLARIZING = "depolarizing probability p of the fibre"
+DEPOLARIZING = "depolarising probability p of the fibre"
 SHEETS = (
     Sheet(
         "superdense",

@@ -49,7 +49,7 @@ class Table:
     def _header(self) -> list[str]:
         columns = ["seed", *(each.name for each in self._experiment.parameters)]
         for measure in self._experiment.measures:
-            columns += [measure.name, f"{measure.name}_error", f"{measure.name}_theory"]
+            columns += [measure.name, f"{measure.name}_standard_error", f"{measure.name}_theory"]
         return columns
 
     def _cut_half_line(self) -> bool:

@@ -31,7 +31,7 @@ def test_a_network_for_each_point_measures_what_theory_says(tmp_path: Path) -> N
     for line in lines:
         p = 1 - (1 - float(line["depolarizing"])) ** FIBERS_PASSED
         distance = abs(float(line["dibit_error"]) - 3 * p / 4)
-        assert distance <= 5 * float(line["dibit_error_error"])
+        assert distance <= 5 * float(line["dibit_error_standard_error"])
         assert float(line["arrived"]) == 1
     assert len(list((tmp_path / "runs").glob("*-sdc"))) == len(lines)
     assert (tmp_path / "sdc-emulated-dibit_error.png").stat().st_size > 10_000

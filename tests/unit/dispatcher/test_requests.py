@@ -21,9 +21,7 @@ from dispatcher_network import (
 from wire.dispatcher_pb2 import (
     ApplyRequest,
     BellMeasureRequest,
-    Connection,
     CreateRequest,
-    CrossConnectRequest,
     DiscardRequest,
     Gate,
     Launch,
@@ -51,12 +49,6 @@ async def prepare(bench: Bench) -> None:
 def launch(name: Any, port: str = "alice-q9", rate_hz: int = FAST_HZ) -> SendRequest:
     """Return the request that launches one block."""
     return SendRequest(launches=[Launch(block=name, port=port)], rate_hz=rate_hz)
-
-
-def cross_connect(*connections: tuple[int, int], switch: str = "q1") -> CrossConnectRequest:
-    """Return the request that sets cross-connects."""
-    ports = [Connection(in_port=i, out_port=o) for i, o in connections]
-    return CrossConnectRequest(switch=switch, connections=ports)
 
 
 def wait_for(port: str, timeout_s: float = 0.05) -> ReceiveRequest:
@@ -105,16 +97,12 @@ REFUSED = [
     ("q1", "Create", create(), Code.PERMISSION_DENIED, "no host"),
     ("runner", "Create", create(), Code.PERMISSION_DENIED, "no host"),
     ("alice", "Status", StatusRequest(), Code.PERMISSION_DENIED, "only runner"),
-    ("alice", "CrossConnect", cross_connect((1, 3)), Code.PERMISSION_DENIED, "its own agent"),
-    ("runner", "CrossConnect", cross_connect((1, 3)), Code.PERMISSION_DENIED, "its own agent"),
     # ports
     ("alice", "Send", launch(MINE, port="alice-q7"), Code.NOT_FOUND, "alice-q0, alice-q9"),
     ("alice", "Send", launch(MINE, port="bob-q9"), Code.PERMISSION_DENIED, "belongs to bob"),
     ("alice", "Receive", wait_for("bob-q9"), Code.PERMISSION_DENIED, "belongs to bob"),
     ("alice", "Receive", wait_for("eth0"), Code.NOT_FOUND, "no port eth0"),
     ("alice", "Receive", wait_for("alice-q0"), Code.DEADLINE_EXCEEDED, "block 99/0"),
-    ("q1", "CrossConnect", cross_connect((1, 9)), Code.NOT_FOUND, "port 9 of q1"),
-    ("q1", "CrossConnect", cross_connect((1, 3), switch="q2"), Code.NOT_FOUND, "there is q1"),
     # arguments
     ("alice", "Create", create(number=0), Code.ALREADY_EXISTS, "block 0/0"),
     ("alice", "Create", create(count=0), Code.INVALID_ARGUMENT, "count 0"),
@@ -196,14 +184,6 @@ REFUSED = [
     ),
     ("alice", "Receive", wait_for("alice-q0", 0), Code.INVALID_ARGUMENT, "timeout_s 0"),
     ("alice", "Discard", DiscardRequest(), Code.INVALID_ARGUMENT, "either"),
-    (
-        "q1",
-        "CrossConnect",
-        cross_connect((1, 3), (1, 4)),
-        Code.INVALID_ARGUMENT,
-        "input port 1 is named twice",
-    ),
-    ("q1", "CrossConnect", cross_connect((1, 3), (2, 3)), Code.INVALID_ARGUMENT, "share output"),
 ]
 
 
@@ -248,7 +228,7 @@ def test_an_emission_longer_than_switches_remember_is_refused(tmp_path: Path) ->
 @pytest.mark.parametrize("token", ["", "token of eve", "token of alice "])
 @pytest.mark.parametrize(
     ("method", "request_"),
-    [("Create", create()), ("CrossConnect", cross_connect()), ("Status", StatusRequest())],
+    [("Create", create()), ("Status", StatusRequest())],
 )
 def test_a_wrong_token_is_unauthenticated(
     tmp_path: Path, token: str, method: str, request_: Any

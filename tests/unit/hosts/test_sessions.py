@@ -25,10 +25,12 @@ from hosts.middleware.coding import CODES, NAMES
 from hosts.middleware.frame_format import FrameFormat
 from hosts.software import QuantumSocket, QuantumSocketError
 from hosts.stack import Stack
+from qswitch_agent.hardware.optics import CrossConnect
+from qswitch_agent.hardware.simulated import SimulatedSwitch
 from wire import service
 from wire.config import DispatcherConfig, Fiber, FiberEnd, HostConfig, QuantumSwitch
 from wire.device import DeviceSettings
-from wire.dispatcher_pb2 import Connection, CrossConnectRequest, SwitchStatisticsRequest
+from wire.dispatcher_pb2 import SwitchStatisticsRequest
 from wire.dispatcher_pb2_grpc import DispatcherStub
 from wire.metadata import (
     METADATA_PORT,
@@ -125,11 +127,9 @@ async def network(
 
 async def connect_paths(dispatcher: str) -> None:
     """Open the light paths of superdense coding."""
-    async with grpc.aio.insecure_channel(f"unix:{dispatcher}") as channel:
-        paths = [Connection(in_port=i, out_port=o) for i, o in PATHS]
-        request = CrossConnectRequest(switch="q1", connections=paths)
-        metadata = service.metadata("token of q1")
-        await DispatcherStub(channel).CrossConnect(request, metadata=metadata)  # type: ignore[no-untyped-call]
+    switch = SimulatedSwitch("q1", dispatcher, "token of q1")
+    await switch.set_cross_connects(CrossConnect(*path) for path in PATHS)
+    await switch.close()
 
 
 async def start_host(
