@@ -4,7 +4,8 @@ import asyncio
 import logging
 import os
 import signal
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TextIO
 
@@ -12,6 +13,7 @@ import grpc
 
 from dispatcher.callers import Callers
 from dispatcher.clock import CaptureClock, Clock
+from dispatcher.event_capture import EventCapture
 from dispatcher.history import History
 from dispatcher.layer import PhysicalLayer
 from dispatcher.network import Network
@@ -30,7 +32,12 @@ STOP_GRACE_S = 0.2
 log = logging.getLogger("dispatcher")
 
 
-def build_layer(config: DispatcherConfig, clock: Clock, event_log: TextIO | None) -> PhysicalLayer:
+def build_layer(
+    config: DispatcherConfig,
+    clock: Clock,
+    event_log: TextIO | None,
+    capture: EventCapture | None = None,
+) -> PhysicalLayer:
     """Return the physical layer that the configuration describes."""
     return PhysicalLayer(
         clock=clock,
@@ -38,7 +45,7 @@ def build_layer(config: DispatcherConfig, clock: Clock, event_log: TextIO | None
         draws=Draws(config.seed),
         network=Network(config.fibers, config.switches),
         ownership=Ownership(),
-        history=History(config.history_depth, event_log),
+        history=History(config.history_depth, event_log, capture),
         max_live_qubits=config.max_live_qubits,
     )
 
@@ -63,6 +70,16 @@ def build_server(config: DispatcherConfig, service: Service) -> grpc.aio.Server:
     return server
 
 
+@contextmanager
+def event_capture(config: DispatcherConfig) -> Iterator[EventCapture | None]:
+    """Give the capture of events that is wanted, if any."""
+    if not config.event_capture:
+        yield None
+        return
+    with Path(config.event_capture).open("wb") as file:
+        yield EventCapture(file, config.fibers)
+
+
 async def serve(config: DispatcherConfig) -> None:
     """Serve until a signal comes; raise what ends the service unexpectedly."""
     loop = asyncio.get_running_loop()
@@ -80,7 +97,8 @@ async def serve(config: DispatcherConfig) -> None:
         event_log = (
             stack.enter_context(Path(config.event_log).open("a")) if config.event_log else None
         )
-        layer = build_layer(config, CaptureClock(), event_log)
+        capture = stack.enter_context(event_capture(config))
+        layer = build_layer(config, CaptureClock(), event_log, capture)
         server = build_server(config, build_service(config, layer, failed))
         await server.start()
         for number in (signal.SIGTERM, signal.SIGINT):

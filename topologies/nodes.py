@@ -12,7 +12,7 @@ from topologies.addresses import broadcast, free_address
 from topologies.fiber import qnics
 from topologies.programs import ROOT, Program, python
 from topologies.record import RECORD
-from topologies.runtime import CONSOLE, DISPATCHER, Runtime
+from topologies.runtime import CONSOLE, DISPATCHER, EVENT_CAPTURE, Runtime
 from wire import switch_check
 from wire.config import (
     DISPATCHER_PORT,
@@ -120,6 +120,7 @@ class DispatcherHost(ClassicalHost):
             fibers=network.fibers,
             switches=list(network.switches.values()),
             event_log=str(network.logs / "quantum.log"),
+            event_capture=str(network.logs / EVENT_CAPTURE),
             history_depth=network.history_depth,
         )
         self.program = launch(network, DISPATCHER, "dispatcher", config, self)
