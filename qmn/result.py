@@ -74,6 +74,7 @@ def show(console: Console, facts: dict[str, Any], folder: Path) -> None:
         else f"p50 {setup['p50']:.2f} ms, p99 {setup['p99']:.2f} ms, n {setup['n']}",
         "captures": f"{folder}/*.pcap" if facts["captures"] else "none",
         "quantum events": f"{folder}/quantum.log",
+        "one timeline of both": facts["timeline"],
         "all facts": f"{folder}/result.json",
     }
     for name, value in rows.items():

@@ -17,12 +17,14 @@ from controller_apps.policy import BadPolicy, read_policy
 from qmn import result
 from qmn.networks import TOPOLOGIES, BadTopology, topology
 from qmn.run_folder import give_to_invoker, make_folder, point_latest
+from qmn.timeline import NoCaptures, captured_bytes, merge
 from qmn.transfer import Transfer, TransferError, dispatcher_backend, transfer
 from topologies.fiber import RANGES
 from topologies.network import Interrupted, Network, Signals, require_root
 from topologies.nodes import QuantumHost
 from topologies.programs import NetworkError
 from topologies.runtime import OPENFLOW_PORT, Runtime
+from wire.metadata import MalformedPacket
 
 MESSAGE = Path(__file__).with_name("message.txt")
 PAIRS_PER_BYTE = 4
@@ -31,6 +33,7 @@ EXPECTED_RATE = {"framed": 2_000_000, "per-pair": 200}
 CAPTURED_BYTES_PER_PAIR = {"framed": 4.4, "per-pair": 4_900}
 SIZE_LIMIT = {"framed": 1 << 30, "per-pair": 1 << 16}
 TELL_ESTIMATE_ABOVE_S = 10
+MERGE_AT_MOST_BYTES = 500_000_000  # of captures, at the end of a run: a few seconds
 
 
 class BadInput(Exception):
@@ -115,10 +118,22 @@ def run(arguments: argparse.Namespace, signals: Signals, console: Console) -> in
         facts["error"] = str(error)
         raise
     finally:
+        facts["timeline"] = make_timeline(folder)
         result.complete(facts, folder)
         give_to_invoker(folder)
     result.show(console, facts, folder)
     return 0 if facts["delivered"] else 1
+
+
+def make_timeline(folder: Path) -> str:
+    """Merge what was captured; return the file, or why there is none."""
+    size = captured_bytes(folder)
+    if size > MERGE_AT_MOST_BYTES:
+        return f"not made, of {size / 1e6:,.0f} MB of captures: `qmn wireshark {folder}` makes it"
+    try:
+        return str(merge(folder))
+    except (NoCaptures, MalformedPacket, OSError) as error:
+        return f"not made: {error}"
 
 
 def check_input(arguments: argparse.Namespace) -> int:
@@ -265,7 +280,8 @@ def run_network(
     with Network(topology(arguments), settings, signals) as network:
         facts["backend"] = dispatcher_backend(network)
         if not arguments.no_capture:
-            facts["captures"] = [str(file) for file in network.capture("s1")]
+            files = [*network.capture("s1"), network.capture_openflow()]
+            facts["captures"] = [str(file) for file in files]
         console.print(
             f"sending {order.file.name} from {order.sender} to {order.receiver} "
             f"by superdense coding ({order.handshake})"

@@ -213,18 +213,22 @@ class Network:
 
     def capture(self, switch: str) -> list[Path]:
         """Capture every link of a switch from now on; return the files."""
-        files = []
-        for interface in self.net.get(switch).intfNames():
-            if interface == "lo":
-                continue
-            file = self.runtime.logs / f"{interface}.pcap"
-            program = Program(f"tcpdump-{interface}", self.runtime.folder / f"{interface}.log")
-            self._cleanup.callback(stop_capture, program, file)
-            program.start(capture_command(interface, file))
-            program.wait_for("listening on", READY_TIMEOUT_S)
-            self._captures.append(program)
-            files.append(file)
-        return files
+        interfaces = [name for name in self.net.get(switch).intfNames() if name != "lo"]
+        return [self._capture(name, interface=name) for name in interfaces]
+
+    def capture_openflow(self) -> Path:
+        """Capture from now on what the controller and the switches say; return the file."""
+        port = str(self.runtime.openflow_port)
+        return self._capture("c0", "lo", "tcp", "port", port)
+
+    def _capture(self, name: str, interface: str, *expression: str) -> Path:
+        file = self.runtime.logs / f"{name}.pcap"
+        program = Program(f"tcpdump-{name}", self.runtime.folder / f"tcpdump-{name}.log")
+        self._cleanup.callback(stop_capture, program, file)
+        program.start([*capture_command(interface, file), *expression])
+        program.wait_for("listening on", READY_TIMEOUT_S)
+        self._captures.append(program)
+        return file
 
     def check(self) -> None:
         """Raise if a signal has come or a program of the network has ended."""

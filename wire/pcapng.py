@@ -26,6 +26,7 @@ _SECTION_BODY = struct.Struct("<IHHq")
 _INTERFACE_BODY = struct.Struct("<HHI")
 _PACKET_BODY = struct.Struct("<IIIII")
 _PACKET_HEAD = struct.Struct("<IIIIIII")  # of the block and of its body
+TRAILER_BYTES = _LENGTH.size  # of a packet's block, behind data and padding
 _PADDING = (b"", b"\0\0\0", b"\0\0", b"\0")
 
 
