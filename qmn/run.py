@@ -24,6 +24,7 @@ from topologies.network import Interrupted, Network, Signals, require_root
 from topologies.nodes import QuantumHost
 from topologies.programs import NetworkError
 from topologies.runtime import OPENFLOW_PORT, Runtime
+from wire.dissectors import SCRIPT, script
 from wire.metadata import MalformedPacket
 
 MESSAGE = Path(__file__).with_name("message.txt")
@@ -126,7 +127,8 @@ def run(arguments: argparse.Namespace, signals: Signals, console: Console) -> in
 
 
 def make_timeline(folder: Path) -> str:
-    """Merge what was captured; return the file, or why there is none."""
+    """Merge what was captured, beside dissectors for it; return the file, or why there is none."""
+    (folder / SCRIPT).write_text(script())
     size = captured_bytes(folder)
     if size > MERGE_AT_MOST_BYTES:
         return f"not made, of {size / 1e6:,.0f} MB of captures: `qmn wireshark {folder}` makes it"

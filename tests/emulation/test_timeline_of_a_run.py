@@ -1,0 +1,64 @@
+"""What a run leaves for Wireshark: one timeline that tshark reads with our dissectors."""
+
+import subprocess
+from collections import Counter
+from pathlib import Path
+
+from conftest import qmn
+
+
+def tshark(run: Path, *options: str) -> list[str]:
+    script = ["-X", f"lua_script:{run / 'qmn.lua'}"]
+    command = ["tshark", "-2", *script, "-r", str(run / "all.pcapng"), *options]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
+    assert "Lua" not in done.stderr + done.stdout
+    return done.stdout.splitlines()
+
+
+def fields(run: Path, expression: str, *names: str) -> list[tuple[str, ...]]:
+    options = ["-Y", expression, "-T", "fields"]
+    for name in names:
+        options += ["-e", name]
+    return [tuple(line.split("\t")) for line in tshark(run, *options)]
+
+
+def test_wireshark_sees_packets_and_qubits_on_one_timeline(tmp_path: Path) -> None:
+    message = "see " * 20
+    done = qmn("--message", message, "--length-km", "2", runs=tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    run = tmp_path / "latest"
+
+    capinfos = ["capinfos", str(run / "all.pcapng"), str(run / "quantum.pcapng")]
+    info = subprocess.run(capinfos, capture_output=True, text=True, check=True, timeout=30)
+    assert info.stderr.replace("\n", "").startswith("Running as user") or info.stderr == ""
+    for name in ("s1-eth1", "c0", "fiber alice-q0", "fiber charlie-q1", "dispatcher"):
+        assert f"Name = {name}\n" in info.stdout
+    assert "Strict time order:   True" in info.stdout
+
+    # alice hangs on s1-eth1, bob on s1-eth2: pending before the controller, granted behind it.
+    seen = fields(
+        run, 'qmeta.service == "SDC"', "frame.interface_name", "qmeta.verdict", "qmeta.response_in"
+    )
+    assert [row[:2] for row in seen] == [("s1-eth1", "0"), ("s1-eth2", "1")]
+    assert all(row[2] for row in seen)
+    kinds = Counter(row[0] for row in fields(run, "qevent", "qevent.kind"))
+    assert kinds.keys() >= {"open", "create", "send", "arrive", "receive", "apply", "bell-measure"}
+    log = (run / "quantum.log").read_text().splitlines()
+    assert kinds.total() == len(log)
+    assert fields(run, "qof", "frame.interface_name").count(("c0",)) > 0
+    assert fields(run, 'qdev.kind == "DeviceReport" && qdev.request_in', "qdev.host")
+    bad = "qmeta.malformed || qdev.malformed || qevent.malformed || qof.malformed"
+    assert tshark(run, "-Y", bad) == []
+
+    # One clock: the light path opens before the controller lets the set-up message go on, and
+    # light is measured before bob reports it.
+    times = {
+        what: float(fields(run, expression, "frame.time_epoch")[0][0])
+        for what, expression in {
+            "open": 'qevent.kind == "open"',
+            "granted": 'qmeta.verdict == "GRANTED"',
+            "measured": 'qevent.kind == "bell-measure"',
+            "reported": 'qmeta.kind == "Report"',
+        }.items()
+    }
+    assert times["open"] < times["granted"] < times["measured"] < times["reported"]
