@@ -8,9 +8,9 @@ import sys
 # Until a verb runs there is nothing to clean up: Ctrl-C just ends the program.
 signal.signal(signal.SIGINT, signal.SIG_DFL)
 
-from qmn import bench, devices, fault, paths, policy, run, set, spy, wireshark  # noqa: A004, E402
+from qmn import bench, clean, devices, doctor, fault, paths, policy, run, set, spy, wireshark  # noqa: A004, E402
 
-VERBS = (run, devices, paths, set, policy, fault, spy, wireshark, bench)
+VERBS = (run, devices, paths, set, policy, fault, spy, wireshark, doctor, clean, bench)
 
 
 def main() -> int:

@@ -250,6 +250,8 @@ def capture_command(interface: str, file: Path) -> list[str]:
     """Return the tcpdump command for one interface, nanosecond clock, whole packets."""
     options = ["-n", "-U", "-s", "0", "-B", "8192"]
     options += ["--immediate-mode", "--time-stamp-precision=nano"]
+    # Another user's process would not be told that the runner has died.
+    options += ["-Z", "root"]
     return ["tcpdump", *options, "-i", interface, "-w", str(file)]
 
 
