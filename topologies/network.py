@@ -219,7 +219,8 @@ class Network:
     def capture_openflow(self) -> Path:
         """Capture from now on what the controller and the switches say; return the file."""
         port = str(self.runtime.openflow_port)
-        return self._capture("c0", "lo", "tcp", "port", port)
+        # The loopback shows each packet twice, on its way out and in.
+        return self._capture("c0", "lo", "inbound", "and", "tcp", "port", port)
 
     def _capture(self, name: str, interface: str, *expression: str) -> Path:
         file = self.runtime.logs / f"{name}.pcap"

@@ -1,10 +1,14 @@
 """What a run leaves for Wireshark: one timeline that tshark reads with our dissectors."""
 
+import json
 import subprocess
+import sys
 from collections import Counter
 from pathlib import Path
 
-from conftest import qmn
+from conftest import ROOT, qmn, qmn_command, wait_until
+
+from topologies.runtime import RUNTIME_ROOT
 
 
 def tshark(run: Path, *options: str) -> list[str]:
@@ -62,3 +66,18 @@ def test_wireshark_sees_packets_and_qubits_on_one_timeline(tmp_path: Path) -> No
         }.items()
     }
     assert times["open"] < times["granted"] < times["measured"] < times["reported"]
+
+
+def test_a_spy_sees_every_event_of_a_run_and_ends_with_it(tmp_path: Path) -> None:
+    spy = [sys.executable, "-m", "qmn", "spy", "--history", "--json"]
+    pipe = subprocess.PIPE
+    with subprocess.Popen([*qmn_command(tmp_path), "--message", "spied"], stdout=pipe) as run:
+        wait_until(lambda: list(RUNTIME_ROOT.glob("*/dispatcher.json")), "a dispatcher", 30)
+        with subprocess.Popen(spy, cwd=ROOT, stdout=pipe, stderr=pipe, text=True) as process:
+            run.communicate(timeout=60)
+            lines, said = process.communicate(timeout=30)
+    assert process.returncode == 0, said
+    seen = [json.loads(line) for line in lines.splitlines()]
+    log = (tmp_path / "latest" / "quantum.log").read_text().splitlines()
+    assert [event["time"] for event in seen] == [line.split()[0] for line in log]
+    assert said == f"qmn: {len(log)} events shown, 0 dropped\n"

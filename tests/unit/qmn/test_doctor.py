@@ -50,9 +50,8 @@ def test_a_machine_without_anything_fails() -> None:
 
 
 def test_kernel_features_are_tried_and_leave_nothing() -> None:
-    before = os.listdir("/sys/class/net")
     found = list(machine.kernel())
-    assert os.listdir("/sys/class/net") == before
+    assert not {"v0", "v1", "t0"} & set(os.listdir("/sys/class/net"))
     wanted = {WORKS, LIMITED, FAILS} if os.geteuid() == 0 else {UNCHECKED}
     assert {finding.state for finding in found} <= wanted
 
