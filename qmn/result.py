@@ -57,6 +57,14 @@ def percentiles(times: list[float]) -> dict[str, Any]:
     return {"p50": hundredths[49], "p99": hundredths[98], "n": len(times)}
 
 
+def captures(facts: dict[str, Any], folder: Path) -> str:
+    """Return where packet captures are, and what they miss."""
+    if not facts["captures"]:
+        return "none"
+    missed = facts.get("packets_not_captured", 0)
+    return f"{folder}/*.pcap" + (f", {missed:,} packets missed" if missed else "")
+
+
 def show(console: Console, facts: dict[str, Any], folder: Path) -> None:
     """Print the table."""
     table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
@@ -72,7 +80,7 @@ def show(console: Console, facts: dict[str, Any], folder: Path) -> None:
         "metadata to light path": "no path was set up"
         if setup["p50"] is None
         else f"p50 {setup['p50']:.2f} ms, p99 {setup['p99']:.2f} ms, n {setup['n']}",
-        "captures": f"{folder}/*.pcap" if facts["captures"] else "none",
+        "captures": captures(facts, folder),
         "quantum events": f"{folder}/quantum.log",
         "one timeline of both": facts["timeline"],
         "all facts": f"{folder}/result.json",

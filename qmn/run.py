@@ -290,6 +290,7 @@ def run_network(
         )
         with progress_bar(console, facts) as progress:
             progress(transfer(network, order, progress)[0])
+    facts["packets_not_captured"] = network.packets_missed
 
 
 @contextmanager
