@@ -12,7 +12,7 @@ from wire.config import DispatcherConfig
 from wire.dispatcher_pb2 import Event, WatchRequest
 from wire.dispatcher_pb2_grpc import DispatcherStub
 from wire.events import decode_record
-from wire.pcapng import Reader
+from wire.pcapng import LINKTYPE_USER0, Reader
 from wire.service import CHANNEL_OPTIONS, RUNNER, metadata
 
 T = TypeVar("T")
@@ -61,7 +61,8 @@ def recorded(file: Path, follow: bool) -> Iterator[Event]:
         while True:
             ended = not follow or result.exists()  # before the file is read to its end
             for packet in reader.packets():
-                yield decode_record(packet.data)
+                if reader.interfaces[packet.interface].link_type == LINKTYPE_USER0:
+                    yield decode_record(packet.data)
             if ended:
                 return
             time.sleep(POLL_S)

@@ -9,6 +9,7 @@ import pytest
 from scapy.utils import PcapWriter
 
 from dispatcher.event_capture import EventCapture
+from qmn.event_sources import recorded
 from qmn.timeline import NoCaptures, captured_bytes, merge
 from topologies.runtime import EVENT_CAPTURE
 from wire.config import Fiber, FiberEnd
@@ -74,6 +75,7 @@ def test_packets_and_events_are_in_time_order_on_named_interfaces(tmp_path: Path
             assert int.from_bytes(packet.data, "big") == offset
         else:
             assert decode_record(packet.data).time_ns == packet.time_ns
+    assert [event.time_ns % 10**9 for event in recorded(file, follow=False)] == [7, 8, 9, 25]
     info = subprocess.run(["capinfos", file], capture_output=True, text=True, check=True)
     assert info.stderr == ""
     assert "Strict time order:   True" in info.stdout
