@@ -28,7 +28,8 @@ def fields(run: Path, expression: str, *names: str) -> list[tuple[str, ...]]:
 
 def test_wireshark_sees_packets_and_qubits_on_one_timeline(tmp_path: Path) -> None:
     message = "see " * 20
-    done = qmn("--message", message, "--length-km", "2", runs=tmp_path)
+    # Slow enough that the controller asks the switch for the light of its ports meanwhile.
+    done = qmn("--message", message, "--rate-hz", "250", "--block-pairs", "400", runs=tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     run = tmp_path / "latest"
 
