@@ -82,7 +82,7 @@ def add_parser(verbs: Any) -> None:
     add("--kind", choices=list(KINDS), help=text)
     text = f"a parameter {what_of}, as drift_time_s=10 (repeatable; docs/physical-layer.md)"
     add("--fiber", action="append", default=[], metavar="NAME=VALUE", help=text)
-    text = "of a host's hardware, as bob.detectors.efficiency=0.8 (repeatable; docs/physical-layer.md)"
+    text = "of a host, as bob.detectors.efficiency=0.8 (repeatable; docs/physical-layer.md)"
     add("--device", action="append", default=[], metavar="HOST.PART.NAME=VALUE", help=text)
     add("--switches", type=int, metavar="N", help="quantum switches of a chain or ring")
     add("--leaves", type=int, metavar="N", help="switches of leaf-spine with hosts (3)")
