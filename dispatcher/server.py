@@ -11,6 +11,7 @@ from typing import TextIO
 
 import grpc
 
+from dispatcher import freed_memory
 from dispatcher.callers import Callers
 from dispatcher.clock import CaptureClock, Clock
 from dispatcher.cross_connects import CrossConnects, bind
@@ -37,8 +38,9 @@ log = logging.getLogger("dispatcher")
 def build_layer(config: DispatcherConfig, clock: Clock, event_log: TextIO | None) -> PhysicalLayer:
     """Return the physical layer that the configuration describes.
 
-    Raise BadConfig or BadParameter for what cannot be.
+    Raise BadConfig or BadParameter for what cannot be. The process keeps freed memory from then on.
     """
+    freed_memory.keep()
     devices = Devices(config.devices)
     if unknown := config.devices.keys() - config.tokens.keys():
         raise BadConfig(f"devices of {', '.join(sorted(unknown))}: there are no such hosts")
