@@ -93,8 +93,12 @@ def unite(pulses: Pulses, other: Pulses, members: Mask) -> None:
 def _added(
     values: NDArray[np.float64] | None, more: NDArray[np.float64], members: Mask
 ) -> NDArray[np.float64]:
-    own = more if members.all() else more * members
-    return own if values is None else values + own
+    if members.all():
+        return more if values is None else values + more
+    own = more * members
+    if values is not None:
+        own += values
+    return own
 
 
 def _merged(
