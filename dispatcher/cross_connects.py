@@ -4,18 +4,21 @@ import asyncio
 import contextlib
 import logging
 from asyncio import StreamReader, StreamWriter
+from collections.abc import Awaitable, Callable
 from pathlib import Path
 from socket import AF_UNIX, socket
+from typing import Any
 
 from google.protobuf.message import DecodeError
 
 from dispatcher.callers import Callers
 from dispatcher.refusal import Refusal
 from dispatcher.service import Failed
-from dispatcher.switching import Switching
 from wire import frames
 from wire.dispatcher_pb2 import CrossConnectOutcome, CrossConnectRequest
 from wire.metadata import MalformedPacket
+
+Change = Callable[[str, str, Any], Awaitable[int]]  # called with node, kind and request
 
 log = logging.getLogger("dispatcher")
 
@@ -23,9 +26,9 @@ log = logging.getLogger("dispatcher")
 class CrossConnects:
     """Serves all agents, each on a connection of its own, one request after the other."""
 
-    def __init__(self, switching: Switching, callers: Callers, failed: Failed) -> None:
-        """Serve these switches; call `failed` with any error that is not a caller's."""
-        self._switching, self._callers, self._failed = switching, callers, failed
+    def __init__(self, change: Change, callers: Callers, failed: Failed) -> None:
+        """Set them by `change`; call `failed` with any error that is not a caller's."""
+        self._change, self._callers, self._failed = change, callers, failed
         self._connections: set[asyncio.Task[None]] = set()
         self._server: asyncio.Server | None = None
 
@@ -67,7 +70,7 @@ class CrossConnects:
         try:
             node = self._callers.identify(token)
             self._callers.require_agent(node, request.switch, "cross-connect")
-            ready_ns = await self._switching.cross_connect(request.switch, request.connections)
+            ready_ns = await self._change(node, "cross_connect", request)
         except Refusal as refusal:
             return CrossConnectOutcome(code=refusal.code.value[0], text=str(refusal))
         return CrossConnectOutcome(ready_ns=ready_ns)

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from dispatcher.chance import Chance
 from dispatcher.ownership import Block, Pulses
 from dispatcher.sabot.draws import Draws
-from dispatcher.sabot.manager import NO_CLICK, Sabot
+from dispatcher.sabot.manager import NO_CLICK
+from dispatcher.sabot.simulation import Simulation
 
 Angles = NDArray[np.float64]
 Positions = NDArray[np.int64]
@@ -33,13 +34,14 @@ def reflect(pulses: Pulses, paulis: NDArray[np.uint8]) -> None:
         pulses.angles_rad = _turned(pulses.angles_rad, paulis)
 
 
-def twirl(block: Block, sabot: Sabot, draws: Draws) -> None:
+def twirl(block: Block, sabot: Simulation, draws: Draws) -> None:
     """Turn a block's angles into Paulis, before what does not commute with them."""
     angles_rad = block.pulses.angles_rad
     if angles_rad is None:
         return
     paulis = np.zeros(block.register.size, dtype=np.uint8)
     paulis[_flipped(block, _most(angles_rad), angles_rad.take, draws)] = FLIPS_PHASE
+    sabot.explain(block.register, "rotation about Z on the way", paulis)
     sabot.pauli(block.register, paulis)
     _forget(block)
 

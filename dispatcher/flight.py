@@ -126,11 +126,14 @@ class Flight:
             purpose = f"extras {out_port}"
             pulses.thin(block.pulses, passed.pulses, passed.transmission, chance, purpose)
             if rotation := switch.rotation(in_port, out_port):
-                drift.reflect(block.pulses, passed.pulses * np.uint8(rotation))
+                paulis = passed.pulses * np.uint8(rotation)
+                told = f"rotation of {switch.name}, {in_port} -> {out_port}"
+                self._layer.sabot.explain(block.register, told, paulis)
+                drift.reflect(block.pulses, paulis)
             end = FiberEnd(switch.name, str(out_port))
             onward = replace(beam, members=passed.pulses, rotation=beam.rotation ^ rotation)
             self._enter(end, onward)
-        self._lose(lost)
+        self._lose(lost, f"in {switch.name}")
         pulses.darken(block.pulses, dark)
 
     def _enter(self, end: FiberEnd, beam: Beam) -> None:
@@ -153,12 +156,14 @@ class Flight:
             place = f"fiber {beam.fibers_passed} {name}"
             passage = Passage(self._layer.draws, block.name, place, schedule, past)
             effect = model.effect(passage)
+            told = f"{type(model).__name__} in the fibre to {line.far.port} of {line.far.node}"
             if effect.lost is not None:
-                self._lose(effect.lost & beam.members)
+                self._lose(effect.lost & beam.members, told)
             if effect.transmission < 1:
                 pulses.thin(block.pulses, beam.members, effect.transmission, passage, "extras")
             if effect.paulis is not None:
                 paulis = effect.paulis * beam.members
+                self._layer.sabot.explain(block.register, told, paulis)
                 drift.reflect(block.pulses, paulis)
                 beam.noise = paulis if beam.noise is None else beam.noise ^ paulis
             pulses.pass_on(block.pulses, beam.members, effect)
@@ -168,9 +173,10 @@ class Flight:
 
     def _absorb(self, members: Mask) -> None:
         """Lose all the light of some pulses."""
-        self._lose(members)
+        self._lose(members, "nowhere to go")
         pulses.darken(self._block.pulses, members)
 
-    def _lose(self, photons: Mask) -> None:
+    def _lose(self, photons: Mask, told: str) -> None:
         if photons.any():
+            self._layer.sabot.explain(self._block.register, told, photons)
             self.lost += self._layer.sabot.lose(self._block.register, photons)

@@ -1,18 +1,19 @@
 """The physical layer as the operations share it: state, place, time and record."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from dispatcher.clock import Clock
 from dispatcher.devices import Devices
 from dispatcher.history import History
+from dispatcher.journal import Journal
 from dispatcher.memory import Memories
 from dispatcher.network import Network
 from dispatcher.ownership import Block, BlockName, Ownership
 from dispatcher.sabot.draws import Draws
-from dispatcher.sabot.manager import Sabot
+from dispatcher.sabot.simulation import Simulation
 from wire.dispatcher_pb2 import BlockId, Event, Feedback
 
 
@@ -21,7 +22,7 @@ class PhysicalLayer:
     """Everything there is; touched on the event loop alone."""
 
     clock: Clock
-    sabot: Sabot
+    sabot: Simulation
     draws: Draws
     network: Network
     ownership: Ownership
@@ -30,6 +31,7 @@ class PhysicalLayer:
     memories: Memories
     max_live_qubits: int
     photons_lost: int = 0
+    journal: Journal = field(default_factory=Journal)
     exact: bool = True  # False once an approximation has been in what was reported
 
     def record(

@@ -16,14 +16,14 @@ from dispatcher.devices import Devices
 from dispatcher.ownership import Block
 from dispatcher.refusal import exhausted
 from dispatcher.sabot.draws import Draws
-from dispatcher.sabot.manager import Sabot
 from dispatcher.sabot.room import GateStep
+from dispatcher.sabot.simulation import Simulation
 
 
 class Memories:
     """The memories of all hosts."""
 
-    def __init__(self, devices: Devices, clock: Clock, sabot: Sabot, draws: Draws) -> None:
+    def __init__(self, devices: Devices, clock: Clock, sabot: Simulation, draws: Draws) -> None:
         """Begin with empty ones."""
         self._devices, self._clock = devices, clock
         self._sabot, self._draws = sabot, draws
@@ -111,6 +111,7 @@ class Memories:
             met = np.flatnonzero(chance.happens("decay", errors / (1 - happened.reset)) & present)
             paulis = np.zeros(chance.photons, dtype=np.uint8)
             paulis[met] = 1 + chance.which("Pauli", met.size, (happened.x, happened.z, happened.y))
+            self._sabot.explain(block.register, f"decay in the memory of {block.node}", paulis)
             self._sabot.pauli(block.register, paulis)
             drift.reflect(block.pulses, paulis)
             tally = np.bincount(paulis, minlength=4)

@@ -17,14 +17,20 @@ from dispatcher.clock import CaptureClock, Clock
 from dispatcher.cross_connects import CrossConnects, bind
 from dispatcher.devices import Devices
 from dispatcher.history import History
+from dispatcher.journal import Journal
 from dispatcher.layer import PhysicalLayer
 from dispatcher.memory import Memories
 from dispatcher.network import Network
 from dispatcher.ownership import Ownership
+from dispatcher.recorder import RecordedClock, Recorder, open_private
 from dispatcher.sabot.backends import BACKENDS
 from dispatcher.sabot.draws import Draws
 from dispatcher.sabot.manager import Sabot
+from dispatcher.sabot.remote.client import RemoteSabot
+from dispatcher.sabot.simulation import Simulation
 from dispatcher.service import Failed, Service
+from dispatcher.tracing.traced import TracedSabot
+from dispatcher.tracing.writer import QasmWriter
 from wire.config import BadConfig, DispatcherConfig
 from wire.dispatcher_pb2_grpc import add_DispatcherServicer_to_server
 from wire.service import MESSAGE_LIMITS, cross_connects_socket
@@ -35,16 +41,23 @@ STOP_GRACE_S = 0.2
 log = logging.getLogger("dispatcher")
 
 
-def build_layer(config: DispatcherConfig, clock: Clock, event_log: TextIO | None) -> PhysicalLayer:
+def build_layer(
+    config: DispatcherConfig,
+    clock: Clock,
+    event_log: TextIO | None,
+    sabot: Simulation | None = None,
+    journal: Journal | None = None,
+) -> PhysicalLayer:
     """Return the physical layer that the configuration describes.
 
-    Raise BadConfig or BadParameter for what cannot be. The process keeps freed memory from then on.
+    It simulates in this process if nothing else is given, and the process keeps freed memory from
+    then on. Raise BadConfig or BadParameter for what cannot be.
     """
     freed_memory.keep()
     devices = Devices(config.devices)
     if unknown := config.devices.keys() - config.tokens.keys():
         raise BadConfig(f"devices of {', '.join(sorted(unknown))}: there are no such hosts")
-    sabot, draws = Sabot(BACKENDS[config.backend]), Draws(config.seed)
+    sabot, draws = sabot or Sabot(BACKENDS[config.backend]), Draws(config.seed)
     return PhysicalLayer(
         clock=clock,
         sabot=sabot,
@@ -55,7 +68,28 @@ def build_layer(config: DispatcherConfig, clock: Clock, event_log: TextIO | None
         devices=devices,
         memories=Memories(devices, clock, sabot, draws),
         max_live_qubits=config.max_live_qubits,
+        journal=journal or Journal(),
     )
+
+
+def open_layer(
+    config: DispatcherConfig, clock: Clock, event_log: TextIO | None, stack: ExitStack
+) -> PhysicalLayer:
+    """Return the layer with the server, the dump and the record that are configured.
+
+    The stack closes all of them.
+    """
+    journal: Journal | None = None
+    sabot: Simulation = Sabot(BACKENDS[config.backend])
+    if config.sabot:
+        sabot = stack.enter_context(RemoteSabot(config.sabot, config.backend))
+    if config.qasm:
+        dump = Path(config.qasm).open("w", buffering=1)  # noqa: SIM115
+        sabot = TracedSabot(sabot, QasmWriter(stack.enter_context(dump)))
+    if config.record:
+        journal = Recorder(stack.enter_context(open_private(config.record)), config)
+        clock = RecordedClock(clock, journal)
+    return build_layer(config, clock, event_log, sabot, journal)
 
 
 def build_service(config: DispatcherConfig, layer: PhysicalLayer, failed: Failed) -> Service:
@@ -72,7 +106,7 @@ class Server:
         options = [*MESSAGE_LIMITS, ("grpc.so_reuseport", 0)]  # a taken port must be an error
         self._grpc = grpc.aio.server(options=options)
         add_DispatcherServicer_to_server(service, self._grpc)  # type: ignore[no-untyped-call]
-        self._cross_connects = CrossConnects(service.switching, service.callers, service.failed)
+        self._cross_connects = CrossConnects(service.change, service.callers, service.failed)
         self._paths = config.socket, cross_connects_socket(config.socket)
         _bind(self._grpc, config.listen)
         with _private(self._paths):
@@ -114,7 +148,7 @@ async def serve(config: DispatcherConfig) -> None:
         event_log = (
             stack.enter_context(Path(config.event_log).open("a")) if config.event_log else None
         )
-        layer = build_layer(config, CaptureClock(), event_log)
+        layer = open_layer(config, CaptureClock(), event_log, stack)
         server = build_server(config, build_service(config, layer, failed))
         await server.start()
         for number in (signal.SIGTERM, signal.SIGINT):

@@ -5,17 +5,18 @@
 
 import functools
 from collections.abc import AsyncIterator, Awaitable, Callable
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import grpc
 
 from dispatcher.acts import acts
-from dispatcher.adjustment import adjust
 from dispatcher.callers import Callers
+from dispatcher.changes import changes
 from dispatcher.layer import PhysicalLayer
 from dispatcher.measurements import Measurements
 from dispatcher.operations import Operations
 from dispatcher.orders import Orders
+from dispatcher.origin import because, told
 from dispatcher.refusal import Refusal, exhausted
 from dispatcher.sabot.dense import TooLarge
 from dispatcher.switching import Switching
@@ -62,6 +63,7 @@ class Service(DispatcherServicer):
         self.switching = Switching(layer)
         self._operations = Operations(layer)
         self._acts = acts(self._operations, Measurements(layer), self.transport)
+        self._changes = changes(layer, self.switching)
 
     @call
     async def Create(
@@ -129,8 +131,17 @@ class Service(DispatcherServicer):
 
     async def _act(self, node: str, kind: str, request: Any) -> messages.Feedback:
         self.callers.require_host(node)
+        return cast(messages.Feedback, await self.change(node, kind, request))
+
+    async def change(self, node: str, kind: str, request: Any) -> Any:
+        """Do what a caller may ask for, and what may change something; return the answer."""
+        change = self._acts.get(kind) or self._changes[kind]
         try:
-            return await self._acts[kind](node, request)
+            with (
+                self.layer.journal.request(node, kind, request),
+                because(told(node, kind, request)),
+            ):
+                return await change(node, request)
         except TooLarge as error:
             raise exhausted(str(error)) from error
 
@@ -140,7 +151,7 @@ class Service(DispatcherServicer):
     ) -> messages.TunePortReply:
         """Tune a port of a switch."""
         self.callers.require_agent(node, request.switch, "tune a port of")
-        return messages.TunePortReply(ready_ns=self.switching.tune(request))
+        return messages.TunePortReply(ready_ns=await self.change(node, "tune_port", request))
 
     @call
     async def SwitchStatistics(
@@ -170,7 +181,7 @@ class Service(DispatcherServicer):
         """Make a switch faulty, or whole again."""
         self.callers.require_runner(node, "inject faults")
         self.callers.require_known(request.switch)
-        await self.switching.inject(request)
+        await self.change(node, "inject_fault", request)
         return messages.InjectFaultReply()
 
     @call
@@ -179,7 +190,8 @@ class Service(DispatcherServicer):
     ) -> messages.AdjustFiberReply:
         """Change something about fibres."""
         self.callers.require_runner(node, "adjust fibres")
-        return messages.AdjustFiberReply(fibers=adjust(self.layer, request))
+        fibers = await self.change(node, "adjust_fiber", request)
+        return messages.AdjustFiberReply(fibers=fibers)
 
     @call
     async def Status(

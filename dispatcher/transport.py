@@ -56,6 +56,7 @@ class Transport:
         flights = [self._launch(*way) for way in zip(blocks, ends, departures, strict=True)]
         # A caller that goes away cancels this wait; its photons fly on.
         await asyncio.wait(flights)
+        await layer.journal.resumed()
         feedback = Feedback(
             time_ns=layer.clock.now_ns(),
             photons=sum(departure.pattern.photons for departure in departures),
@@ -70,7 +71,7 @@ class Transport:
         layer.network.require_port(node, port)
         limit_s = limits.timeout(timeout_s)
         try:
-            async with asyncio.timeout(limit_s):
+            async with layer.journal.timeout(limit_s):
                 block = await self._arrived((name, node, port))
         except TimeoutError:
             message = f"{name} did not arrive at {port} of {node} within {limit_s:g} s"
@@ -169,4 +170,5 @@ class Transport:
                 waiters.remove(waiter)
                 if not waiters:
                     del self._waiting[place]
+            await self._layer.journal.resumed()
         return block

@@ -17,12 +17,28 @@ from qmn import (  # noqa: E402
     fault,
     paths,
     policy,
+    replay,
     run,
+    sabot,
     set,  # noqa: A004
     sweep,
 )
 
-VERBS = (run, sweep, curves, devices, paths, set, policy, fault, calibrate, classical, bench)
+VERBS = (
+    run,
+    sweep,
+    curves,
+    devices,
+    paths,
+    set,
+    policy,
+    fault,
+    calibrate,
+    classical,
+    sabot,
+    replay,
+    bench,
+)
 
 
 def main() -> int:

@@ -36,6 +36,7 @@ MESSAGE = Path(__file__).with_name("message.txt")
 MIN_BLOCK_PAIRS = 4
 # Bell pairs a second to expect on two cores, for the estimate before the start.
 EXPECTED_RATE = {"framed": 2_000_000, "per-pair": 200}
+RECORDED_BYTES_PER_PAIR = {"framed": 1.02, "per-pair": 900}
 DECODING_RATE = {"reed-solomon": 300_000}  # pairs a second, of codes that take longer than light
 CAPTURED_BYTES_PER_PAIR = {"framed": 4.4, "per-pair": 4_900}
 SIZE_LIMIT = {"framed": 1 << 30, "per-pair": 1 << 16}
@@ -60,6 +61,7 @@ def add_parser(verbs: Any) -> None:
     add("--handshake", choices=sorted(EXPECTED_RATE), default="framed", help="default: framed")
     add("--seed", type=int, default=1, help="of all quantum randomness (1)")
     add("--backend", choices=BACKENDS, default="chp", help="simulates quantum states (chp)")
+    add("--sabot", default="", metavar="SOCKET", help="simulate in a Sabot server (in ed itself)")
     add("--controller", choices=["ryu", "os-ken"], default="ryu", help="default: ryu")
     add("--openflow-port", type=int, default=OPENFLOW_PORT, metavar="PORT", help="of c0 (6653)")
     add("--frame-bytes", type=int, default=256, metavar="N", help="bytes under one check (256)")
@@ -96,7 +98,9 @@ def add_parser(verbs: Any) -> None:
     )
     add("--history-depth", type=int, default=10_000, metavar="N", help="events kept (10000)")
     add("--runs", type=Path, default=Path("runs"), metavar="DIR", help="what runs leave (runs)")
+    add("--qasm", action="store_true", help="write what is done to qubits to quantum.qasm")
     add("--no-capture", action="store_true", help="do not capture packets")
+    add("--no-record", action="store_true", help="do not record what `qmn replay` needs")
     parser.set_defaults(call=call)
 
 
@@ -194,6 +198,11 @@ def check_controller(arguments: argparse.Namespace) -> None:
             read_policy(arguments.policy)
         except BadPolicy as error:
             raise BadInput(str(error)) from error
+    if arguments.sabot and not Path(arguments.sabot).is_socket():
+        raise BadInput(
+            f"--sabot {arguments.sabot}: no server listens there; start one with "
+            f"python -m dispatcher.sabot --socket {arguments.sabot}"
+        )
     if arguments.rest and arguments.controller != "ryu":
         raise BadInput(f"--rest needs --controller ryu: {arguments.controller} has no HTTP server")
 
@@ -234,6 +243,9 @@ def tell_estimate(arguments: argparse.Namespace, size: int, console: Console) ->
     if not arguments.no_capture:
         captured = pairs * CAPTURED_BYTES_PER_PAIR[arguments.handshake] / 1e6
         text += f", and {captured:,.0f} MB of captures (--no-capture saves these)"
+    if not arguments.no_record:
+        recorded = pairs * RECORDED_BYTES_PER_PAIR[arguments.handshake] / 1e6
+        text += f", {recorded:,.0f} MB of record (--no-record saves these)"
     console.print(f"{text}; losses take more. Ctrl-C ends it cleanly.")
 
 
@@ -299,6 +311,9 @@ def run_network(
     settings = Runtime(
         seed=arguments.seed,
         backend=arguments.backend,
+        sabot=arguments.sabot and str(Path(arguments.sabot).resolve()),
+        record=not arguments.no_record,
+        qasm=arguments.qasm,
         framework=arguments.controller,
         openflow_port=arguments.openflow_port,
         history_depth=arguments.history_depth,

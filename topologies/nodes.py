@@ -124,6 +124,9 @@ class DispatcherHost(ClassicalHost):
             fibers=network.fibers,
             switches=list(network.switches.values()),
             event_log=str(network.logs / "quantum.log"),
+            sabot=network.sabot,
+            record=str(network.logs / "dispatcher.record") if network.record else "",
+            qasm=str(network.logs / "quantum.qasm") if network.qasm else "",
             devices=network.devices,
             history_depth=network.history_depth,
         )

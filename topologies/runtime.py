@@ -30,6 +30,9 @@ class Runtime:
     """One network: settings given by the caller, and what its nodes have registered."""
 
     seed: int = 1
+    sabot: str = ""  # path of a Sabot server's socket; empty: the dispatcher simulates by itself
+    record: bool = False  # whether the dispatcher records what it is asked, for a replay
+    qasm: bool = False  # whether the dispatcher dumps what is done to qubits
     backend: str = "chp"  # of wire.config.BACKENDS: what simulates the quantum states
     framework: str = "ryu"
     openflow_port: int = OPENFLOW_PORT

@@ -108,6 +108,9 @@ class DispatcherConfig(Config):
     history_depth: int = 10_000
     max_live_qubits: int = 8_000_000
     backend: str = "chp"  # on which quantum states begin: one of BACKENDS
+    record: str = ""  # path of a private record to replay, which must not exist; empty: none
+    qasm: str = ""  # path of a dump of what is done to qubits (OpenQASM 2.0); empty: none
+    sabot: str = ""  # path of a Sabot server's socket; empty: simulate in the dispatcher itself
 
     def __post_init__(self) -> None:
         if self.backend not in BACKENDS:

@@ -7,7 +7,7 @@ So neither the order of arrival nor how a block was divided changes what a photo
 from collections.abc import Callable
 from functools import cache
 from hashlib import blake2b
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -18,8 +18,18 @@ Key = tuple[int, int, int]  # session, block number, half
 Uniform = NDArray[np.float64]
 
 
+class DrawsName(NamedTuple):
+    """What random numbers depend on, by which another process can draw the same."""
+
+    seed: int
+    key: Key
+    purpose: str
+
+
 class PhotonDraws:
     """The random numbers of k photons for one purpose, drawn when they are first asked for."""
+
+    name: DrawsName | None = None  # of those of a whole block
 
     def __init__(self, bits: Callable[[], Bytes], fractions: Callable[[], Uniform]) -> None:
         """Draw by calling these; each returns an array of shape (k,)."""
@@ -62,10 +72,12 @@ class Draws:
 
     def photons(self, key: Key, purpose: str, count: int) -> PhotonDraws:
         """Return what the first `count` photons of a block draw for a measurement."""
-        return PhotonDraws(
+        draws = PhotonDraws(
             lambda: self.bits(key, purpose, count),
             lambda: self.uniform(key, f"{purpose} fraction", count),
         )
+        draws.name = DrawsName(self._seed, key, purpose)
+        return draws
 
     def bits(self, key: Key, purpose: str, count: int) -> Bytes:
         """Return a fair bit for each of the first `count` photons of a block."""

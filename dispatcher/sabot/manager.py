@@ -183,6 +183,12 @@ class Sabot:
         self._store.lose(register, mask)
         return part
 
+    def explain(self, register: Register, place: str, photons: Bytes | Mask) -> None:
+        """Hear where what is done next to photons, those that are not 0, comes from.
+
+        It changes nothing; `dispatcher.tracing` writes it down.
+        """
+
     def unite(self, register: Register, other: Register) -> None:
         """Move the qubits of another part of the same register into this one."""
         present = register.present | other.present

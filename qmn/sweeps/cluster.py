@@ -21,6 +21,7 @@ from qmn.sweeps.parameters import Values
 POLL_S = 0.1
 CONNECT_TIMEOUT_S = 10.0
 NO_WORKER_TIMEOUT_S = 30.0
+HTTP_ADDRESS = "127.0.0.1:0"  # any free port: the scheduler insists on serving its state there
 LOG_LEVEL = 50  # critical: what concerns the user is raised
 
 Measured = dict[str, tuple[float, float]]
@@ -35,7 +36,8 @@ def local_client(workers: int) -> Iterator[Client]:
             n_workers=workers,
             threads_per_worker=1,
             host="127.0.0.1",
-            dashboard_address=None,
+            dashboard_address=HTTP_ADDRESS,
+            scheduler_kwargs={"dashboard": False},
             security=Security.temporary(),
             local_directory=folder,
             memory_limit=0,

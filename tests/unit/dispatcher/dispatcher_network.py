@@ -15,7 +15,7 @@ import grpc
 
 from dispatcher.clock import Clock
 from dispatcher.refusal import Refusal
-from dispatcher.server import build_layer, build_server, build_service
+from dispatcher.server import build_server, build_service, open_layer
 from dispatcher.service import Service
 from qswitch_agent.hardware.dispatcher_link import DispatcherLink
 from wire.config import DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
@@ -262,7 +262,7 @@ async def running(config: DispatcherConfig, clock: Clock) -> AsyncIterator[Bench
         event_log = None
         if config.event_log:
             event_log = stack.enter_context(Path(config.event_log).open("a"))
-        layer = build_layer(config, clock, event_log)
+        layer = open_layer(config, clock, event_log, stack)
         errors: list[BaseException] = []
         service = build_service(config, layer, errors.append)
         server = build_server(config, service)

@@ -48,6 +48,7 @@ def parse(*words: str) -> argparse.Namespace:
         (["--from", "bob"], "--from and --to are both bob"),
         (["--policy", "/nowhere.toml"], "cannot read the policy /nowhere.toml: No such file"),
         (["--rest", "127.0.0.1:8080", "--controller", "os-ken"], "--rest needs --controller ryu"),
+        (["--sabot", "/nowhere"], "start one with python -m dispatcher.sabot --socket /nowhere"),
         (["chain", "--switches", "0"], "0 quantum switches: choose 1 to 32"),
         (["ring", "--switches", "2"], "2 quantum switches: choose 3 to 32"),
         (["leaf-spine", "--leaves", "0"], "0 leaves and 2 spines: choose 1 or more"),

@@ -71,7 +71,8 @@ def test_a_cluster_measures_the_same_as_processes(swept: Path, tmp_path: Path) -
         processes=False,
         protocol="tcp",
         host="127.0.0.1",
-        dashboard_address=None,
+        dashboard_address=cluster.HTTP_ADDRESS,
+        scheduler_kwargs={"dashboard": False},
         local_directory=tmp_path / "dask",
     ) as there:
         scheduler = ("--scheduler", there.scheduler_address)
