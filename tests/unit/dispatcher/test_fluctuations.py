@@ -101,7 +101,8 @@ def test_what_is_remembered_late_holds_from_the_latest_time_on() -> None:
 @pytest.mark.parametrize("asked", [(0, 100), (20, 30), (0, 5), (95, 100), (50, 51)])
 def test_each_time_meets_the_last_value_that_was_remembered_by_then(asked: tuple[int, int]) -> None:
     random, past = np.random.default_rng(1), Past(1000)
-    since, values = [], random.random(40).tolist()
+    values: list[float] = random.random(40).tolist()
+    since: list[int] = []
     for begin, end in ((0, 10), (10, 30), (30, 40)):
         times = np.sort(random.integers(10, 90, end - begin))
         past.remember(times, np.array(values[begin:end]))
