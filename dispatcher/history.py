@@ -9,9 +9,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TextIO
 
+from dispatcher.event_capture import EventCapture
 from dispatcher.past import Past
 from wire.dispatcher_pb2 import Event
-from wire.events import format_line
+from wire.events import DROPPED, format_line
 
 WATCHER_DEPTH = 10_000
 
@@ -56,21 +57,25 @@ class Watcher:
     def _report_dropped(self, time_ns: int) -> None:
         if self._dropped:
             detail = f"{self._dropped} events, because this watcher is slow"
-            kind, self._dropped = "dropped", 0
-            self._events.append(Event(time_ns=time_ns, node="dispatcher", kind=kind, detail=detail))
+            self._dropped = 0
+            self._events.append(
+                Event(time_ns=time_ns, node="dispatcher", kind=DROPPED, detail=detail)
+            )
 
 
 class History:
     """The last events, and everyone who wants to hear of new ones."""
 
-    def __init__(self, depth: int, log: TextIO | None = None) -> None:
-        """Remember `depth` events; write each to `log` as a line."""
+    def __init__(
+        self, depth: int, log: TextIO | None = None, capture: EventCapture | None = None
+    ) -> None:
+        """Remember `depth` events; write each to `log` as a line, to `capture` as a packet."""
         self.count = 0
         self._events: deque[Event] = deque(maxlen=depth)
         self._depth = depth
         self._pasts: dict[tuple[str, ...], Past] = {}
         self._watchers: set[Watcher] = set()
-        self._log = log
+        self._log, self._capture = log, capture
 
     def record(self, *events: Event) -> None:
         """Add events."""
@@ -79,6 +84,8 @@ class History:
         if self._log is not None:
             self._log.write("".join(f"{format_line(event)}\n" for event in events))
             self._log.flush()
+        if self._capture is not None:
+            self._capture.record(*events)
         for watcher in self._watchers:
             for event in events:
                 watcher.push(event)

@@ -16,6 +16,7 @@ from dispatcher.callers import Callers
 from dispatcher.clock import CaptureClock, Clock
 from dispatcher.cross_connects import CrossConnects, bind
 from dispatcher.devices import Devices
+from dispatcher.event_capture import EventCapture
 from dispatcher.history import History
 from dispatcher.journal import Journal
 from dispatcher.layer import PhysicalLayer
@@ -47,6 +48,7 @@ def build_layer(
     event_log: TextIO | None,
     sabot: Simulation | None = None,
     journal: Journal | None = None,
+    capture: EventCapture | None = None,
 ) -> PhysicalLayer:
     """Return the physical layer that the configuration describes.
 
@@ -64,7 +66,7 @@ def build_layer(
         draws=draws,
         network=Network(config.fibers, config.switches),
         ownership=Ownership(),
-        history=History(config.history_depth, event_log),
+        history=History(config.history_depth, event_log, capture),
         devices=devices,
         memories=Memories(devices, clock, sabot, draws),
         max_live_qubits=config.max_live_qubits,
@@ -89,7 +91,8 @@ def open_layer(
     if config.record:
         journal = Recorder(stack.enter_context(open_private(config.record)), config)
         clock = RecordedClock(clock, journal)
-    return build_layer(config, clock, event_log, sabot, journal)
+    capture = stack.enter_context(event_capture(config))
+    return build_layer(config, clock, event_log, sabot, journal, capture)
 
 
 def build_service(config: DispatcherConfig, layer: PhysicalLayer, failed: Failed) -> Service:
@@ -129,6 +132,16 @@ class Server:
 def build_server(config: DispatcherConfig, service: Service) -> Server:
     """Return a server for the service, bound to the configured sockets."""
     return Server(config, service)
+
+
+@contextmanager
+def event_capture(config: DispatcherConfig) -> Iterator[EventCapture | None]:
+    """Give the capture of events that is wanted, if any."""
+    if not config.event_capture:
+        yield None
+        return
+    with Path(config.event_capture).open("wb") as file:
+        yield EventCapture(file, config.fibers)
 
 
 async def serve(config: DispatcherConfig) -> None:

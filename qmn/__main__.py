@@ -12,8 +12,10 @@ from qmn import (  # noqa: E402
     bench,
     calibrate,
     classical,
+    clean,
     curves,
     devices,
+    doctor,
     fault,
     paths,
     policy,
@@ -21,7 +23,9 @@ from qmn import (  # noqa: E402
     run,
     sabot,
     set,  # noqa: A004
+    spy,
     sweep,
+    wireshark,
 )
 
 VERBS = (
@@ -30,6 +34,8 @@ VERBS = (
     curves,
     devices,
     paths,
+    spy,
+    wireshark,
     set,
     policy,
     fault,
@@ -37,6 +43,8 @@ VERBS = (
     classical,
     sabot,
     replay,
+    doctor,
+    clean,
     bench,
 )
 

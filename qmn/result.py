@@ -84,6 +84,14 @@ def coding(facts: dict[str, Any]) -> dict[str, str]:
     }
 
 
+def captures(facts: dict[str, Any], folder: Path) -> str:
+    """Return where packet captures are, and what they miss."""
+    if not facts["captures"]:
+        return "none"
+    missed = facts.get("packets_not_captured", 0)
+    return f"{folder}/*.pcap" + (f", {missed:,} packets missed" if missed else "")
+
+
 def show(console: Console, facts: dict[str, Any], folder: Path) -> None:
     """Print the table."""
     table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
@@ -101,8 +109,9 @@ def show(console: Console, facts: dict[str, Any], folder: Path) -> None:
         if setup["p50"] is None
         else f"p50 {setup['p50']:.2f} ms, p99 {setup['p99']:.2f} ms, n {setup['n']}",
         "quantum states": f"{facts['backend']}, {EXACTNESS[facts['exact']]}",
-        "captures": f"{folder}/*.pcap" if facts["captures"] else "none",
+        "captures": captures(facts, folder),
         "quantum events": f"{folder}/quantum.log",
+        "one timeline of both": facts["timeline"],
         "all facts": f"{folder}/result.json",
     }
     for name, value in rows.items():

@@ -22,6 +22,7 @@ from qmn import result
 from qmn.device_words import differences
 from qmn.networks import TOPOLOGIES, BadTopology, every_device, every_fiber, topology
 from qmn.run_folder import give_to_invoker, make_folder, point_latest
+from qmn.timeline import NoCaptures, captured_bytes, merge
 from qmn.transfer import Transfer, TransferError, dispatcher_status, transfer
 from topologies.network import Interrupted, Network, Signals, require_root
 from topologies.nodes import QuantumHost
@@ -29,8 +30,9 @@ from topologies.presets import PRESETS, preset
 from topologies.programs import NetworkError
 from topologies.runtime import OPENFLOW_PORT, Runtime
 from wire.config import BACKENDS
+from wire.dissectors import SCRIPT, script
 from wire.fiber import KINDS
-from wire.metadata import FEC_NAMES
+from wire.metadata import FEC_NAMES, MalformedPacket
 
 MESSAGE = Path(__file__).with_name("message.txt")
 MIN_BLOCK_PAIRS = 4
@@ -41,6 +43,7 @@ DECODING_RATE = {"reed-solomon": 300_000}  # pairs a second, of codes that take 
 CAPTURED_BYTES_PER_PAIR = {"framed": 4.4, "per-pair": 4_900}
 SIZE_LIMIT = {"framed": 1 << 30, "per-pair": 1 << 16}
 TELL_ESTIMATE_ABOVE_S = 10
+MERGE_AT_MOST_BYTES = 500_000_000  # of captures, at the end of a run: a few seconds
 
 
 class BadInput(Exception):
@@ -134,10 +137,23 @@ def run(arguments: argparse.Namespace, signals: Signals, console: Console) -> in
         facts["error"] = str(error)
         raise
     finally:
+        facts["timeline"] = make_timeline(folder)
         result.complete(facts, folder)
         give_to_invoker(folder)
     result.show(console, facts, folder)
     return 0 if facts["delivered"] else 1
+
+
+def make_timeline(folder: Path) -> str:
+    """Merge what was captured, beside dissectors for it; return the file, or why there is none."""
+    (folder / SCRIPT).write_text(script())
+    size = captured_bytes(folder)
+    if size > MERGE_AT_MOST_BYTES:
+        return f"not made, of {size / 1e6:,.0f} MB of captures: `qmn wireshark {folder}` makes it"
+    try:
+        return str(merge(folder))
+    except (NoCaptures, MalformedPacket, OSError) as error:
+        return f"not made: {error}"
 
 
 def check_input(arguments: argparse.Namespace) -> int:
@@ -340,7 +356,8 @@ def run_network(
     with Network(topology(arguments), settings, signals) as network:
         facts["backend"] = dispatcher_status(network).backend
         if not arguments.no_capture:
-            facts["captures"] = [str(file) for file in network.capture("s1")]
+            files = [*network.capture("s1"), network.capture_openflow()]
+            facts["captures"] = [str(file) for file in files]
         console.print(
             f"sending {order.file.name} from {order.sender} to {order.receiver} "
             f"by superdense coding ({order.handshake})"
@@ -349,6 +366,7 @@ def run_network(
         with progress_bar(console, facts, size, pairs_of(arguments, size)) as progress:
             progress(transfer(network, order, progress)[0])
         facts["exact"] = dispatcher_status(network).exact
+    facts["packets_not_captured"] = network.packets_missed
 
 
 @contextmanager

@@ -14,7 +14,7 @@ from topologies.addresses import broadcast, free_address
 from topologies.fiber import qnics
 from topologies.programs import ROOT, Program, python
 from topologies.record import RECORD
-from topologies.runtime import CONSOLE, DISPATCHER, Runtime
+from topologies.runtime import CONSOLE, DISPATCHER, EVENT_CAPTURE, Runtime
 from wire import switch_check
 from wire.config import (
     DISPATCHER_PORT,
@@ -128,6 +128,7 @@ class DispatcherHost(ClassicalHost):
             record=str(network.logs / "dispatcher.record") if network.record else "",
             qasm=str(network.logs / "quantum.qasm") if network.qasm else "",
             devices=network.devices,
+            event_capture=str(network.logs / EVENT_CAPTURE),
             history_depth=network.history_depth,
         )
         self.program = launch(network, DISPATCHER, "dispatcher", config, self)

@@ -23,6 +23,7 @@ RUNTIME_ROOT = Path("/run/qmn")
 OPENFLOW_PORT = 6653
 DISPATCHER = "dispatcher"  # the program, and its socket
 CONSOLE = "console"  # the controller's socket
+EVENT_CAPTURE = "quantum.pcapng"  # what happened to the qubits, for Wireshark and qmn spy
 
 
 @dataclass

@@ -104,6 +104,7 @@ class DispatcherConfig(Config):
     fibers: list[Fiber]
     switches: list[QuantumSwitch]
     event_log: str = ""  # path; empty: none
+    event_capture: str = ""  # path of the same as a pcapng file; empty: none
     devices: dict[str, Device] = field(default_factory=dict)  # of hosts; ideal if not listed
     history_depth: int = 10_000
     max_live_qubits: int = 8_000_000

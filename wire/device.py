@@ -47,10 +47,10 @@ NAMED: dict[str, Mapping[str, int]] = {
     "fec": FEC_NAMES,
     "interleave": {"off": 0, "on": 1},
 }  # settings people name
-_TRAILER = struct.Struct("!32sQ")
-_TAG_BYTES = 16
-_UNSET = 0xFFFFFFFF
-_PORT = struct.Struct("!15s?")
+TRAILER = struct.Struct("!32sQ")
+TAG_BYTES = 16
+UNSET = 0xFFFFFFFF
+PORT = struct.Struct("!15s?")
 
 
 @dataclass(frozen=True)
@@ -101,11 +101,11 @@ def setting_name(name: str, number: int) -> int | str:
 
 def _pack_settings(settings: DeviceSettings) -> bytes:
     values = (getattr(settings, item.name) for item in fields(settings))
-    return _SETTINGS.pack(*(_UNSET if value is None else value for value in values))
+    return _SETTINGS.pack(*(UNSET if value is None else value for value in values))
 
 
 def _unpack_settings(data: bytes) -> DeviceSettings:
-    values = (None if value == _UNSET else value for value in _SETTINGS.unpack(data))
+    values = (None if value == UNSET else value for value in _SETTINGS.unpack(data))
     settings = DeviceSettings(*values)
     try:
         check_settings(settings)
@@ -197,18 +197,18 @@ class DeviceReport(Message):
         """Return the message as it goes onto the wire."""
         _session, *numbers, settings, ports = vars(self).values()
         fixed = self.FIELDS.pack(*numbers, _pack_settings(settings))
-        named = (_PORT.pack(port.name.encode(), port.up) for port in ports)
+        named = (PORT.pack(port.name.encode(), port.up) for port in ports)
         return self._frame(fixed + b"".join(named))
 
     @classmethod
     def parse(cls, session: int, body: bytes) -> "DeviceReport":
         """Build the message from its body; raise MalformedPacket if it does not fit."""
         size = cls.FIELDS.size
-        count, rest = divmod(len(body) - size, _PORT.size)
+        count, rest = divmod(len(body) - size, PORT.size)
         if len(body) < size or rest or count > MAX_PORTS:
             raise MalformedPacket(f"DeviceReport: {len(body)} bytes do not fit")
         *numbers, settings = cls.FIELDS.unpack_from(body)
-        ports = tuple(DevicePort(_text(name), up) for name, up in _PORT.iter_unpack(body[size:]))
+        ports = tuple(DevicePort(_text(name), up) for name, up in PORT.iter_unpack(body[size:]))
         report = cls(session, *numbers)
         return replace(report, settings=_unpack_settings(settings), ports=ports)
 
@@ -231,31 +231,31 @@ class Datagram:
 
     def seal(self, key: str, speaker: bytes) -> bytes:
         """Return the datagram with the HMAC of its speaker."""
-        data = self.message.encode() + _TRAILER.pack(self.host.encode(), self.number)
+        data = self.message.encode() + TRAILER.pack(self.host.encode(), self.number)
         return data + _tag(key, speaker, data)
 
 
 def host_of(data: bytes) -> str:
     """Return which host a datagram speaks of, before its HMAC is checked."""
-    if not HEADER.size + _TRAILER.size + _TAG_BYTES <= len(data) <= MAX_DATAGRAM:
+    if not HEADER.size + TRAILER.size + TAG_BYTES <= len(data) <= MAX_DATAGRAM:
         raise MalformedPacket(f"datagram of {len(data)} bytes")
-    name, _number = _TRAILER.unpack_from(data, len(data) - _TAG_BYTES - _TRAILER.size)
+    name, _number = TRAILER.unpack_from(data, len(data) - TAG_BYTES - TRAILER.size)
     return _text(name)
 
 
 def open_sealed(data: bytes, key: str, speaker: bytes) -> Datagram:
     """Read a datagram; raise MalformedPacket unless its speaker knows the key."""
     host = host_of(data)
-    signed, tag = data[:-_TAG_BYTES], data[-_TAG_BYTES:]
+    signed, tag = data[:-TAG_BYTES], data[-TAG_BYTES:]
     if not hmac.compare_digest(tag, _tag(key, speaker, signed)):
         raise MalformedPacket(f"datagram for {host}: its HMAC is wrong")
-    message = signed[: -_TRAILER.size]
-    _name, number = _TRAILER.unpack_from(signed, len(message))
+    message = signed[: -TRAILER.size]
+    _name, number = TRAILER.unpack_from(signed, len(message))
     return Datagram(_decode(message), host, number)
 
 
 def _tag(key: str, speaker: bytes, data: bytes) -> bytes:
-    return hmac.digest(bytes.fromhex(key), speaker + data, "sha256")[:_TAG_BYTES]
+    return hmac.digest(bytes.fromhex(key), speaker + data, "sha256")[:TAG_BYTES]
 
 
 def _decode(data: bytes) -> Message:

@@ -32,6 +32,7 @@ RESULT_KEYS = {
     "path_setup_ms",
     "packet_in_count",
     "captures",
+    "timeline",
     "backend",
     "exact",
     "devices",
@@ -145,7 +146,8 @@ def test_losses_and_errors_are_repaired_and_counted(tmp_path: Path) -> None:
 
 def test_the_captures_hold_the_metadata_and_the_traffic_to_ed(tmp_path: Path) -> None:
     result = run(tmp_path, "--message", "captured")
-    assert len(result["captures"]) == 5
+    assert len(result["captures"]) == 6
+    assert result["packets_not_captured"] == 0
     verdicts: dict[str, set[int]] = {}
     to_dispatcher = 0
     for capture in result["captures"]:
