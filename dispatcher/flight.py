@@ -61,7 +61,7 @@ class Arrival:
 
     end: FiberEnd
     members: Mask
-    times_ns: NDArray[np.int64]
+    schedule: Schedule
     fibers_passed: int
     errors: list[int]  # to how many photons X, Z and XZ happened on the way
 
@@ -105,8 +105,8 @@ class Flight:
             self._layer.sabot.pauli(block.register, noise ^ (photons * np.uint8(beam.rotation)))
         elif beam.rotation:
             self._layer.sabot.pauli(block.register, photons * np.uint8(beam.rotation))
-        times_ns = self._departure.after(beam.delay_ns).times_ns
-        return Arrival(end, beam.members, times_ns, beam.fibers_passed, errors)
+        schedule = self._departure.after(beam.delay_ns)
+        return Arrival(end, beam.members, schedule, beam.fibers_passed, errors)
 
     def _cross(self, beam: Beam, switch: OpticalSwitch, in_port: int) -> None:
         """Send a beam on through the switch that it has come to."""

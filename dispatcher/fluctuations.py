@@ -67,8 +67,9 @@ class ThermalDrift:
         """Follow the temperature."""
         schedule = passage.schedule
         block_s = schedule.interval_ns * schedule.photons / 1e9
-        warming_k = follow(passage, block_s / STEPS_A_BLOCK, self._continue)
-        return Effect(delays_ps=warming_k * self.ps_per_k)
+        delays_ps = follow(passage, block_s / STEPS_A_BLOCK, self._continue)  # kelvins so far
+        delays_ps *= self.ps_per_k
+        return Effect(delays_ps=delays_ps)
 
     def _continue(self, gap_s: float | None, latest: float, step_s: float, drawn: Values) -> Values:
         gaps_s = np.full(len(drawn), step_s)
@@ -127,7 +128,7 @@ class Bursts:
 
 
 def follow(passage: Passage, step_s: float, go_on: Continue) -> Values:
-    """Return a process at each photon, shape (k,): looked up, or gone on with step by step."""
+    """Return a process at each photon, a new array (k,): looked up, or gone on with by steps."""
     schedule, past, photons = passage.schedule, passage.past, passage.photons
     known = reached(passage)
     if known == photons:

@@ -46,8 +46,11 @@ class Past:
             self._count -= len(self._chunks.popleft()[0])
 
     def at(self, times_ns: Times) -> Values:
-        """Return what held at these times, shape (k,); the first value for those before it."""
+        """Return what held at these ascending times, shape (k,); the first value before it."""
         since_ns = np.concatenate([times for times, _values in self._chunks])
         values = np.concatenate([values for _times, values in self._chunks])
-        found: Values = values[np.maximum(since_ns.searchsorted(times_ns, side="right") - 1, 0)]
-        return found
+        first, last = since_ns.searchsorted(times_ns[[0, -1]], side="right")
+        met = slice(max(first - 1, 0), max(last, 1))
+        begins = times_ns.searchsorted(since_ns[met])
+        begins[0] = 0
+        return np.repeat(values[met], np.diff(begins, append=len(times_ns)))

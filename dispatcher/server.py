@@ -11,6 +11,7 @@ from typing import TextIO
 
 import grpc
 
+from dispatcher import freed_memory
 from dispatcher.callers import Callers
 from dispatcher.clock import CaptureClock, Clock
 from dispatcher.cross_connects import CrossConnects, bind
@@ -51,9 +52,10 @@ def build_layer(
 ) -> PhysicalLayer:
     """Return the physical layer that the configuration describes.
 
-    It simulates in this process if nothing else is given. Raise BadConfig or BadParameter for
-    what cannot be.
+    It simulates in this process if nothing else is given, and the process keeps freed memory from
+    then on. Raise BadConfig or BadParameter for what cannot be.
     """
+    freed_memory.keep()
     devices = Devices(config.devices)
     if unknown := config.devices.keys() - config.tokens.keys():
         raise BadConfig(f"devices of {', '.join(sorted(unknown))}: there are no such hosts")

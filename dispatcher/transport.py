@@ -44,15 +44,15 @@ class Transport:
             raise invalid("a block is launched twice; name each block once")
         blocks = [layer.ownership.require(name, node) for name, _port in launches]
         ends = [layer.network.require_port(node, port) for _name, port in launches]
-        limits.require_rate(rate_hz, max(block.register.size for block in blocks))
+        sizes = [block.register.size for block in blocks]
+        limits.require_rate(rate_hz, max(sizes))
         for block in blocks:
             limits.require_source_rate(block, rate_hz)
         layer.take_up(*blocks)
         start_ns = layer.clock.now_ns()
-        departures = [
-            Departure(start_ns, Pattern(1e9 / rate_hz, block.register.size), frequency_mhz)
-            for block in blocks
-        ]
+        # Halves of a block share a pattern, whose times are computed once.
+        patterns = {size: Pattern(1e9 / rate_hz, size) for size in set(sizes)}
+        departures = [Departure(start_ns, patterns[size], frequency_mhz) for size in sizes]
         flights = [self._launch(*way) for way in zip(blocks, ends, departures, strict=True)]
         # A caller that goes away cancels this wait; its photons fly on.
         await asyncio.wait(flights)
@@ -126,9 +126,10 @@ class Transport:
         """Put what has arrived at the port, and tell those who wait for it."""
         layer = self._layer
         block.fibers_passed = arrival.fibers_passed
-        block.start_ns = int(arrival.times_ns[0])
-        times_ns = arrival.times_ns[np.flatnonzero(pulses.lit(block))[[0, -1]]]
-        block.first_ns, block.last_ns = (int(time_ns) for time_ns in times_ns)
+        block.start_ns = arrival.schedule.first_ns
+        first, last = np.flatnonzero(pulses.lit(block))[[0, -1]].tolist()
+        block.first_ns = arrival.schedule.time_ns(first)
+        block.last_ns = arrival.schedule.time_ns(last)
         end = arrival.end
         counts = zip(("X", "Z", "XZ"), arrival.errors, strict=True)
         noise = " ".join(f"{pauli}={count}" for pauli, count in counts if count)

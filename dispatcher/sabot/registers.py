@@ -125,10 +125,8 @@ class Store:
             own = labels[component.positions]
             if (own == own[0]).all():
                 continue
-            order = np.argsort(own, kind="stable")
-            cuts = np.flatnonzero(own[order][1:] != own[order][:-1]) + 1
             self.unlink(component)
-            for members in np.split(order, cuts):
+            for members in _grouped(own):
                 self.link(component.take(members))
 
     def join(self, first: Register, second: Register) -> None:
@@ -166,3 +164,12 @@ class Store:
         self.live_bytes += sign * component.nbytes
         if isinstance(component.state, Dense):
             self.live_amplitudes += sign * (component.state.members << component.state.qubits)
+
+
+def _grouped(labels: NDArray[np.generic]) -> list[NDArray[np.intp]]:
+    """Return where each label is, by ascending labels."""
+    if labels.dtype == np.bool_:
+        return [np.flatnonzero(labels == label) for label in (False, True)]
+    order = np.argsort(labels, kind="stable")
+    ordered = labels[order]
+    return np.split(order, np.flatnonzero(ordered[1:] != ordered[:-1]) + 1)

@@ -122,7 +122,9 @@ class StimState:
 
     def take(self, members: NDArray[np.intp]) -> Self:
         """Return a copy that holds these members alone."""
-        return self._of(self._simulator.copy(), self._x[:, members], self._z[:, members])
+        return self._of(
+            self._simulator.copy(), self._x.take(members, axis=1), self._z.take(members, axis=1)
+        )
 
     def factor(self) -> list[tuple[list[int], Self]]:
         """Return the independent parts of the state, each with the qubits it consists of."""

@@ -190,7 +190,7 @@ class Tableau:
 
     def take(self, members: NDArray[np.intp]) -> Self:
         """Return a copy that holds these members alone."""
-        return self._of(self._x.copy(), self._z.copy(), self._signs[:, members])
+        return self._of(self._x.copy(), self._z.copy(), self._signs.take(members, axis=1))
 
     def factor(self) -> list[tuple[list[int], Self]]:
         """Return the independent parts of the state, each with the qubits it consists of."""

@@ -98,6 +98,22 @@ def test_what_is_remembered_late_holds_from_the_latest_time_on() -> None:
     assert past.at(np.array([4, 5, 6, 7])).tolist() == [0.5, 0.3, 0.3, 0.7]
 
 
+@pytest.mark.parametrize("asked", [(0, 100), (20, 30), (0, 5), (95, 100), (50, 51)])
+def test_each_time_meets_the_last_value_that_was_remembered_by_then(asked: tuple[int, int]) -> None:
+    random, past = np.random.default_rng(1), Past(1000)
+    values: list[float] = random.random(40).tolist()
+    since: list[int] = []
+    for begin, end in ((0, 10), (10, 30), (30, 40)):
+        times = np.sort(random.integers(10, 90, end - begin))
+        past.remember(times, np.array(values[begin:end]))
+        since += np.maximum(times, max(since, default=0)).tolist()
+    expected = [
+        [value for time, value in zip(since, values, strict=True) if time <= now] or values[:1]
+        for now in range(*asked)
+    ]
+    assert past.at(np.arange(*asked)).tolist() == [held[-1] for held in expected]
+
+
 GOOD_TO_BAD_HZ, BAD_TO_GOOD_HZ = 500.0, 2_000.0
 BURSTS = Bursts(1.0, GOOD_TO_BAD_HZ, BAD_TO_GOOD_HZ)
 FRACTION = 0.2  # of the time that is bad

@@ -25,7 +25,8 @@ from noise_cases import within
 from dispatcher import pulses
 from dispatcher.layer import block_name
 from dispatcher.limits import MAX_EMISSION_S
-from dispatcher.ownership import Block
+from dispatcher.noise import Effect
+from dispatcher.ownership import Block, Pulses
 from dispatcher.timeline import REMEMBERED_NS
 from wire.config import DispatcherConfig, PathOptics, QuantumSwitch
 from wire.dispatcher_pb2 import AdjustFiberRequest
@@ -200,6 +201,30 @@ def test_a_flip_in_a_fibre_turns_the_angle_of_before_around(tmp_path: Path) -> N
     drifting = [replace(fibers[0], drift_rad_per_sqrt_km=10.0)]
     noisy = [replace(fiber, depolarizing=0.8) for fiber in fibers[1:]]
     play(configuration(tmp_path, fibers=drifting + noisy), scene)
+
+
+def test_a_fibre_adds_to_those_pulses_alone_that_pass_it() -> None:
+    light, members = Pulses(), np.array([True, False, True])
+    for _ in range(2):
+        pulses.pass_on(light, members, Effect(angles_rad=np.array([0.1, 0.2, 0.3])))
+    assert light.angles_rad is not None
+    assert light.angles_rad.tolist() == [0.2, 0.0, 0.6]
+
+
+def test_parts_that_meet_keep_what_each_has_met() -> None:
+    here = Pulses(np.array([1, 2, 3], dtype=np.uint8), delays_ps=np.array([1.0, 2.0, 3.0]))
+    there = Pulses(
+        np.array([4, 5, 6], dtype=np.uint8),
+        delays_ps=np.array([10.0, 20.0, 30.0]),
+        angles_rad=np.array([0.1, 0.2, 0.3]),
+    )
+    pulses.unite(here, there, np.array([False, True, False]))
+    assert here.extras is not None
+    assert here.delays_ps is not None
+    assert here.angles_rad is not None
+    assert here.extras.tolist() == [1, 5, 3]
+    assert here.delays_ps.tolist() == [1.0, 20.0, 3.0]
+    assert here.angles_rad.tolist() == [0.0, 0.2, 0.0]
 
 
 def test_loss_and_pauli_noise_are_exact(tmp_path: Path) -> None:
