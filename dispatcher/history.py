@@ -1,6 +1,6 @@
 """What happened to the qubits: remembered, written to the event log, and told to watchers.
 
-The same depth is that of what noise models remember of the fibres (dispatcher/past.py).
+The same depth is that of what noise models remember of the fibres (dispatcher/fiber/past.py).
 """
 
 import asyncio
@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from typing import TextIO
 
 from dispatcher.event_capture import EventCapture
-from dispatcher.past import Past
+from dispatcher.fiber.past import Past
 from wire.dispatcher_pb2 import Event
 from wire.events import DROPPED, format_line
 

@@ -12,14 +12,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dispatcher.acts import Act, acts
+from dispatcher.calls.acts import Act, acts
+from dispatcher.light.transport import Transport
 from dispatcher.measurements import Measurements
 from dispatcher.operations import Operations
 from dispatcher.ownership import BlockName
 from dispatcher.sabot.backend import Bytes
 from dispatcher.server import build_layer
-from dispatcher.switching import Switching
-from dispatcher.transport import Transport
+from dispatcher.switch.switching import Switching
 from wire.config import DispatcherConfig
 from wire.dispatcher_pb2 import (
     ApplyRequest,

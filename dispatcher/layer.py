@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dispatcher.clock import Clock
-from dispatcher.devices import Devices
+from dispatcher.devices.hardware import Devices
+from dispatcher.devices.memory import Memories
 from dispatcher.history import History
-from dispatcher.journal import Journal
-from dispatcher.memory import Memories
 from dispatcher.network import Network
 from dispatcher.ownership import Block, BlockName, Ownership
+from dispatcher.replaying.journal import Journal
 from dispatcher.sabot.draws import Draws
 from dispatcher.sabot.simulation import Simulation
 from wire.dispatcher_pb2 import BlockId, Event, Feedback

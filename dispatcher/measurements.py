@@ -2,11 +2,12 @@
 
 import numpy as np
 
-from dispatcher import drift, limits
-from dispatcher.analyser import Analyser, Half
+from dispatcher.calls import limits
 from dispatcher.chance import Chance
-from dispatcher.detector import Train
+from dispatcher.devices.analyser import Analyser, Half
+from dispatcher.devices.detector import Train
 from dispatcher.layer import PhysicalLayer, tally
+from dispatcher.light import drift
 from dispatcher.operations import require_pairs
 from dispatcher.ownership import Block, BlockName
 from dispatcher.refusal import invalid

@@ -2,10 +2,10 @@
 
 from dataclasses import dataclass
 
-from dispatcher import fiber_noise
-from dispatcher.noise import NoiseModel
-from dispatcher.optical_switch import OpticalSwitch
+from dispatcher.fiber import fiber_noise
+from dispatcher.fiber.noise import NoiseModel
 from dispatcher.refusal import denied, not_found
+from dispatcher.switch.optical_switch import OpticalSwitch
 from wire import switch_check
 from wire.config import BadConfig, Fiber, FiberEnd, QuantumSwitch
 from wire.physics import BadParameter

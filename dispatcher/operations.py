@@ -5,9 +5,10 @@ from typing import NamedTuple
 
 import grpc
 
-from dispatcher import drift, limits
-from dispatcher.emission import emit_into
+from dispatcher.calls import limits
+from dispatcher.devices.emission import emit_into
 from dispatcher.layer import PhysicalLayer, block_name, tally
+from dispatcher.light import drift
 from dispatcher.ownership import Block, BlockName
 from dispatcher.refusal import Refusal, exhausted, invalid
 from dispatcher.sabot.backend import GateName

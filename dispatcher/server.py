@@ -12,24 +12,24 @@ from typing import TextIO
 import grpc
 
 from dispatcher import freed_memory
-from dispatcher.callers import Callers
+from dispatcher.calls.callers import Callers
+from dispatcher.calls.cross_connects import CrossConnects, bind
+from dispatcher.calls.service import Failed, Service
 from dispatcher.clock import CaptureClock, Clock
-from dispatcher.cross_connects import CrossConnects, bind
-from dispatcher.devices import Devices
+from dispatcher.devices.hardware import Devices
+from dispatcher.devices.memory import Memories
 from dispatcher.event_capture import EventCapture
 from dispatcher.history import History
-from dispatcher.journal import Journal
 from dispatcher.layer import PhysicalLayer
-from dispatcher.memory import Memories
 from dispatcher.network import Network
 from dispatcher.ownership import Ownership
-from dispatcher.recorder import RecordedClock, Recorder, open_private
+from dispatcher.replaying.journal import Journal
+from dispatcher.replaying.recorder import RecordedClock, Recorder, open_private
 from dispatcher.sabot.backends import BACKENDS
 from dispatcher.sabot.draws import Draws
 from dispatcher.sabot.manager import Sabot
 from dispatcher.sabot.remote.client import RemoteSabot
 from dispatcher.sabot.simulation import Simulation
-from dispatcher.service import Failed, Service
 from dispatcher.tracing.traced import TracedSabot
 from dispatcher.tracing.writer import QasmWriter
 from wire.config import BadConfig, DispatcherConfig

@@ -9,7 +9,7 @@ from typing import Any
 
 from mininet.topo import Topo
 
-from dispatcher import fiber_noise
+from dispatcher.fiber import fiber_noise
 from qmn.device_words import devices
 from topologies.chain import ChainTopo
 from topologies.fabric import fiber_of

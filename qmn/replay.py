@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 from typing import Any, TextIO, cast
 
-from dispatcher.replay import replay
+from dispatcher.replaying.replay import replay
 from wire.record import BadRecord
 
 RECORD = "dispatcher.record"

@@ -11,10 +11,10 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
-from controller_apps import flow_entries
-from controller_apps.actions import OpenPaths
 from controller_apps.framework import MAIN, App, EndOnFault, hub, ofp_event, ofproto, on, parser
-from controller_apps.paths import Hop
+from controller_apps.light import flow_entries
+from controller_apps.light.paths import Hop
+from controller_apps.sessions.actions import OpenPaths
 
 TURN_TIMEOUT_S = 10.0
 SESSION, MISS = 1, 2  # cookies: of the entries that come and go, and of the one that stays

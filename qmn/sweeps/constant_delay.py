@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dispatcher.noise import Effect, Passage
+from dispatcher.fiber.noise import Effect, Passage
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from typing import cast, get_args
 
 import numpy as np
 
-from dispatcher import limits
+from dispatcher.calls import limits
 from dispatcher.refusal import invalid
 from dispatcher.sabot.backend import Bytes, GateName
 from dispatcher.sabot.draws import Draws, PhotonDraws

@@ -7,7 +7,7 @@ import functools
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from dispatcher import limits
+from dispatcher.calls import limits
 from dispatcher.refusal import Refusal, exhausted, invalid
 from dispatcher.sabot.backends import BACKENDS
 from dispatcher.sabot.dense import TooLarge

@@ -1,7 +1,7 @@
 """Passages of many photons for noise models, and bounds of 5 standard errors; the seed is 1."""
 
-from dispatcher.noise import Passage, Pattern, Schedule
-from dispatcher.past import Past
+from dispatcher.fiber.noise import Passage, Pattern, Schedule
+from dispatcher.fiber.past import Past
 from dispatcher.sabot.draws import Draws
 
 COUNT = 200_000

@@ -8,10 +8,10 @@ from five_sigma import within
 from numpy.typing import NDArray
 from test_detectors import COUNT, TRAIN, NoDraws
 
-from dispatcher.analyser import Analyser, Analysis, Half
 from dispatcher.chance import Chance
-from dispatcher.detector import Train
-from dispatcher.detectors import DetectorPair
+from dispatcher.devices.analyser import Analyser, Analysis, Half
+from dispatcher.devices.detector import Train
+from dispatcher.devices.detectors import DetectorPair
 from dispatcher.sabot.draws import Draws
 from dispatcher.sabot.manager import NO_CLICK
 from wire.physics import BellAnalyser, Detectors, Device

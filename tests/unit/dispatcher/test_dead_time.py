@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dispatcher.dead_time import seen
+from dispatcher.devices.dead_time import seen
 
 Mask = NDArray[np.bool_]
 

@@ -8,8 +8,8 @@ from five_sigma import within
 from numpy.typing import NDArray
 
 from dispatcher.chance import Chance
-from dispatcher.detector import Detector, Train
-from dispatcher.detectors import Detection, DetectorPair
+from dispatcher.devices.detector import Detector, Train
+from dispatcher.devices.detectors import Detection, DetectorPair
 from dispatcher.sabot.draws import Draws
 from dispatcher.sabot.manager import NO_CLICK
 from wire.physics import Detectors

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dispatcher import drift
+from dispatcher.light import drift
 from dispatcher.ownership import Block, BlockName, Pulses
 from dispatcher.sabot.draws import Draws, PhotonDraws
 from dispatcher.sabot.manager import Sabot

@@ -5,9 +5,9 @@ import pytest
 from noise_cases import COUNT, START_NS, passage, within
 from numpy.typing import NDArray
 
-from dispatcher import fiber_noise
-from dispatcher.fluctuations import Bursts, PolarizationDrift, ThermalDrift
-from dispatcher.past import Past
+from dispatcher.fiber import fiber_noise
+from dispatcher.fiber.fluctuations import Bursts, PolarizationDrift, ThermalDrift
+from dispatcher.fiber.past import Past
 from wire.fiber import optics
 
 RUNS = 4_000

@@ -10,9 +10,9 @@ import pytest
 from dispatcher_network import Bench, JumpingClock, block, configuration, running
 from five_sigma import within
 
+from dispatcher.devices.source import pair_probabilities
 from dispatcher.ownership import BlockName
 from dispatcher.server import build_layer
-from dispatcher.source import pair_probabilities
 from wire.config import BadConfig
 from wire.dispatcher_pb2 import (
     ApplyRequest,

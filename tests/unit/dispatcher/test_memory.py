@@ -21,7 +21,7 @@ from dispatcher_network import (
 from five_sigma import within
 from numpy.typing import NDArray
 
-from dispatcher.decay import Decay, decay
+from dispatcher.devices.decay import Decay, decay
 from dispatcher.ownership import BlockName
 from dispatcher.sabot.manager import NO_CLICK
 from wire.dispatcher_pb2 import CreateRequest, DiscardRequest, Feedback, StoreRequest

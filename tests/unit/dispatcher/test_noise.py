@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from noise_cases import COUNT, START_NS, passage, within
 
-from dispatcher import fiber_noise
 from dispatcher.chance import Chance
-from dispatcher.classical_light import ClassicalLight
-from dispatcher.noise import Dephasing, Depolarizing, Effect, Loss, Passage, Pattern, Schedule
-from dispatcher.past import Past
+from dispatcher.fiber import fiber_noise
+from dispatcher.fiber.classical_light import ClassicalLight
+from dispatcher.fiber.noise import Dephasing, Depolarizing, Effect, Loss, Passage, Pattern, Schedule
+from dispatcher.fiber.past import Past
 from dispatcher.sabot.draws import Draws
 from wire.fiber import FiberOptics, optics
 

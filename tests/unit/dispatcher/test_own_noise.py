@@ -11,7 +11,7 @@ import pytest
 from dispatcher_network import JumpingClock, block, configuration, running
 from noise_cases import passage, within
 
-from dispatcher import own_noise
+from dispatcher.fiber import own_noise
 from dispatcher.network import Network
 from wire.config import BadConfig, QuantumSwitch
 
@@ -98,7 +98,7 @@ BAD_ANSWERS = {
 def test_what_a_model_returns_is_checked(tmp_path: Path, answer: str) -> None:
     (tmp_path / "bad.py").write_text(
         "import numpy as np\n"
-        "from dispatcher.noise import Effect\n"
+        "from dispatcher.fiber.noise import Effect\n"
         "class Bad:\n"
         "    def effect(self, passage):\n"
         "        k = passage.photons\n"

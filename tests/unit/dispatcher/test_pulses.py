@@ -22,12 +22,12 @@ from dispatcher_network import (
 )
 from noise_cases import within
 
-from dispatcher import pulses
+from dispatcher.calls.limits import MAX_EMISSION_S
+from dispatcher.fiber.noise import Effect
 from dispatcher.layer import block_name
-from dispatcher.limits import MAX_EMISSION_S
-from dispatcher.noise import Effect
+from dispatcher.light import pulses
 from dispatcher.ownership import Block, Pulses
-from dispatcher.timeline import REMEMBERED_NS
+from dispatcher.switch.timeline import REMEMBERED_NS
 from wire.config import DispatcherConfig, PathOptics, QuantumSwitch
 from wire.dispatcher_pb2 import AdjustFiberRequest
 from wire.fiber import FiberOptics

@@ -24,7 +24,7 @@ from dispatcher_network import (
 )
 
 from dispatcher.clock import CaptureClock, Clock
-from dispatcher.replay import replay
+from dispatcher.replaying.replay import replay
 from dispatcher.server import build_service, open_layer
 from wire import record
 from wire.dispatcher_pb2 import (

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from dispatcher_network import JumpingClock, block, configuration, running, with_fibers
 
-from dispatcher.limits import MAX_COUNT
+from dispatcher.calls.limits import MAX_COUNT
 from dispatcher.sabot.backends import BACKENDS
 from dispatcher.sabot.dense import TooLarge
 from dispatcher.sabot.draws import Draws

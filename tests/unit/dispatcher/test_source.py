@@ -6,8 +6,8 @@ from five_sigma import within
 from test_detectors import COUNT, NoDraws
 
 from dispatcher.chance import Chance
+from dispatcher.devices.source import Emission, emit, pair_probabilities
 from dispatcher.sabot.draws import Draws
-from dispatcher.source import Emission, emit, pair_probabilities
 from wire.physics import PairSource
 
 
