@@ -4,7 +4,7 @@ SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help setup packages run-sdc test test-docker lint types unit emulation bench image clean lock
+.PHONY: help setup packages run-sdc test test-docker lint types unit emulation bench curves image clean lock
 
 PYTHON := .venv/bin/python
 # The caches and byte code of root would be in the user's way.
@@ -15,7 +15,7 @@ GENERATED := $(foreach end,_pb2.py _pb2.pyi _pb2_grpc.py,$(addsuffix $(end),$(PR
 
 # The values reach the program as they were typed: make expands no $ in them, and they
 # travel in the environment, past every shell.
-OPTIONS := MESSAGE FILE HANDSHAKE SEED CONTROLLER MODE
+OPTIONS := MESSAGE FILE HANDSHAKE FEC INTERLEAVE SEED CONTROLLER MODE
 $(foreach name,$(OPTIONS),$(if $(filter-out undefined,$(origin $(name))),\
     $(eval override $(name) := $$(value $(name)))$(eval export $(name))))
 
@@ -25,6 +25,8 @@ help: ## Print this help
 	    '  MESSAGE=TEXT    What alice sends (default: a short text)' \
 	    '  FILE=PATH       Send this file instead' \
 	    '  HANDSHAKE=...   framed (default: one for the session) or per-pair (as in the paper)' \
+	    '  FEC=...         none (default), repetition, hamming, golay or reed-solomon' \
+	    '  INTERLEAVE=1    Spread the codewords of FEC over a frame' \
 	    '  SEED=N          Makes the random draws repeatable' \
 	    '  CONTROLLER=...  ryu (default) or os-ken' \
 	    '  MODE=...        docker, native or auto (default: docker if an engine answers)'
@@ -54,6 +56,9 @@ emulation: setup ## Run the emulation tests (root, Open vSwitch)
 
 bench: setup ## Measure and print the speed of this machine
 	$(AS_ROOT) $(PYTHON) -m qmn bench
+
+curves: setup ## Check the physics against theory and draw it (curves/)
+	$(PYTHON) -m qmn curves
 
 image: ## Build the Docker image
 	@docker/build

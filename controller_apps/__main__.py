@@ -14,7 +14,7 @@ from typing import Any
 from controller_apps.policy import BadPolicy, read_policy
 from wire.config import BadConfig, ControllerConfig
 
-APPS = ("learning_switch", "quantum_metadata", "device_monitor")
+APPS = ("learning_switch", "quantum_metadata", "devices.device_monitor")
 WSGI_APPS = {"ryu.app.ofctl_rest", "ryu.app.rest_topology"}
 READY_TIMEOUT_S = 10.0
 
@@ -102,11 +102,11 @@ def check_free(name: str, host: str, port: int) -> None:
 
 def start_apps(framework: Any, config: ControllerConfig) -> Any:
     """Start the apps, the OpenFlow server and the console; return the quantum-metadata app."""
-    from controller_apps.console import Console
-    from controller_apps.facts import Facts
+    from controller_apps.console.console import Console
+    from controller_apps.console.facts import Facts
     from controller_apps.mac_table import MacTable
     from controller_apps.record import Record
-    from controller_apps.state_folder import StateFolder
+    from controller_apps.succession.state_folder import StateFolder
 
     try:
         state = StateFolder(config.state)
@@ -121,7 +121,7 @@ def start_apps(framework: Any, config: ControllerConfig) -> Any:
     except OSError as error:
         raise Fatal(f"cannot open the console {config.console!r}: {error.strerror}") from error
     modules = [f"controller_apps.{name}" for name in APPS]
-    modules += ["controller_apps.rest"] if config.rest else []
+    modules += ["controller_apps.console.rest"] if config.rest else []
     apps = framework.start(
         modules + config.apps, config=config, mac_table=MacTable(), record=record, state=state
     )

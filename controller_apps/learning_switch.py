@@ -5,9 +5,9 @@ Like the frameworks' simple_switch_14, in table 1, with entries that expire.
 
 from typing import Any
 
-from controller_apps import flow_entries
-from controller_apps.flow_entries import LEARNING_TABLE
 from controller_apps.framework import DEAD, MAIN, App, ofp_event, ofproto, on, parser
+from controller_apps.light import flow_entries
+from controller_apps.light.flow_entries import LEARNING_TABLE
 from controller_apps.mac_table import MacTable
 
 IDLE_TIMEOUT_S = 60

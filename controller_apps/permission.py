@@ -3,10 +3,10 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from controller_apps.paths import Network
+from controller_apps.light.paths import Network
 from controller_apps.policy import Party, Policy, Wish
-from controller_apps.segments import FiveTuple
-from controller_apps.sessions import Sessions
+from controller_apps.sessions.segments import FiveTuple
+from controller_apps.sessions.sessions import Sessions
 from wire.metadata import Handshake, Service, Setup
 
 

@@ -16,6 +16,8 @@ max_frame_bytes = 1024
 
 [device.alice]              # overrides what applications on alice ask for
 rate_hz = 1_000_000
+fec = "golay"               # or its number, as in wire.metadata.Fec
+interleave = true
 
 [report]                    # when devices tell their state: see wire.device.Subscribe
 period_s = 1.0
@@ -27,7 +29,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, TypeVar
 
-from wire.device import MAX_SHARE, PERIODS_S, DeviceSettings, check_settings
+from wire.device import MAX_SHARE, PERIODS_S, DeviceSettings, check_settings, setting_number
 
 SHIPPED = Path(__file__).with_name("policies")
 DEFAULT = SHIPPED / "demo.toml"
@@ -207,7 +209,8 @@ def _parse_settings(given: object, place: str) -> DeviceSettings:
     table = _table(given, place)
     _only(table, place, {item.name for item in fields(DeviceSettings)})
     try:
-        settings = DeviceSettings(**table)
+        given = {name: setting_number(name, value) for name, value in table.items()}
+        settings = DeviceSettings(**given)
         check_settings(settings)
     except ValueError as error:
         raise ValueError(f"{place}: {error}") from error

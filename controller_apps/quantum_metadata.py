@@ -9,8 +9,18 @@ from collections import Counter
 from itertools import count
 from typing import Any
 
-from controller_apps import flow_entries, optical_messages
-from controller_apps.actions import (
+from controller_apps.console.questions import EventQuestion, Refused, reply
+from controller_apps.console.views import fibers_view, name_of, paths_view, sessions_view
+from controller_apps.framework import CONFIG, DEAD, MAIN, App, Event, hub, ofp_event, ofproto, on
+from controller_apps.light import flow_entries, optical_messages
+from controller_apps.light.fibers import Fibers
+from controller_apps.light.optics import SwitchPort
+from controller_apps.light.paths import Network
+from controller_apps.mac_table import MacTable
+from controller_apps.permission import Permission
+from controller_apps.policy import DEFAULT, BadPolicy, read_policy
+from controller_apps.record import Record
+from controller_apps.sessions.actions import (
     Action,
     AddBypass,
     ClosePaths,
@@ -22,22 +32,12 @@ from controller_apps.actions import (
     OpenPaths,
     RemoveBypass,
 )
-from controller_apps.admission import Admission
-from controller_apps.arbiter import Arbiter
-from controller_apps.fibers import Fibers
-from controller_apps.framework import CONFIG, DEAD, MAIN, App, Event, hub, ofp_event, ofproto, on
-from controller_apps.kept import encode_hosts
-from controller_apps.mac_table import MacTable
-from controller_apps.optics import SwitchPort
-from controller_apps.paths import Network
-from controller_apps.permission import Permission
-from controller_apps.policy import DEFAULT, BadPolicy, read_policy
-from controller_apps.questions import EventQuestion, Refused, reply
-from controller_apps.record import Record
-from controller_apps.segments import FiveTuple, is_tcp
-from controller_apps.state_folder import StateFolder
-from controller_apps.takeover import take_over
-from controller_apps.views import fibers_view, name_of, paths_view, sessions_view
+from controller_apps.sessions.admission import Admission
+from controller_apps.sessions.arbiter import Arbiter
+from controller_apps.sessions.segments import FiveTuple, is_tcp
+from controller_apps.succession.kept import encode_hosts
+from controller_apps.succession.state_folder import StateFolder
+from controller_apps.succession.takeover import take_over
 from wire.config import ControllerConfig
 from wire.metadata import MalformedPacket, Reason, Setup
 

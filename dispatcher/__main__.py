@@ -13,6 +13,7 @@ import uvloop
 
 from dispatcher.server import serve
 from wire.config import BadConfig, DispatcherConfig
+from wire.physics import BadParameter
 
 
 def main() -> int:
@@ -25,7 +26,7 @@ def main() -> int:
     )
     try:
         uvloop.run(serve(DispatcherConfig.read(arguments.config)))
-    except (BadConfig, OSError) as error:
+    except (BadConfig, BadParameter, OSError) as error:
         print(f"dispatcher: {error}", file=sys.stderr)
         return 1
     return 0

@@ -1,4 +1,7 @@
-"""What happened to the qubits: remembered, written to the event log, and told to watchers."""
+"""What happened to the qubits: remembered, written to the event log, and told to watchers.
+
+The same depth is that of what noise models remember of the fibres (dispatcher/fiber/past.py).
+"""
 
 import asyncio
 from collections import deque
@@ -6,8 +9,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TextIO
 
+from dispatcher.event_capture import EventCapture
+from dispatcher.fiber.past import Past
 from wire.dispatcher_pb2 import Event
-from wire.events import format_line
+from wire.events import DROPPED, format_line
 
 WATCHER_DEPTH = 10_000
 
@@ -52,29 +57,42 @@ class Watcher:
     def _report_dropped(self, time_ns: int) -> None:
         if self._dropped:
             detail = f"{self._dropped} events, because this watcher is slow"
-            kind, self._dropped = "dropped", 0
-            self._events.append(Event(time_ns=time_ns, node="dispatcher", kind=kind, detail=detail))
+            self._dropped = 0
+            self._events.append(
+                Event(time_ns=time_ns, node="dispatcher", kind=DROPPED, detail=detail)
+            )
 
 
 class History:
     """The last events, and everyone who wants to hear of new ones."""
 
-    def __init__(self, depth: int, log: TextIO | None = None) -> None:
-        """Remember `depth` events; write each to `log` as a line."""
+    def __init__(
+        self, depth: int, log: TextIO | None = None, capture: EventCapture | None = None
+    ) -> None:
+        """Remember `depth` events; write each to `log` as a line, to `capture` as a packet."""
         self.count = 0
         self._events: deque[Event] = deque(maxlen=depth)
+        self._depth = depth
+        self._pasts: dict[tuple[str, ...], Past] = {}
         self._watchers: set[Watcher] = set()
-        self._log = log
+        self._log, self._capture = log, capture
 
-    def record(self, event: Event) -> None:
-        """Add an event."""
-        self.count += 1
-        self._events.append(event)
+    def record(self, *events: Event) -> None:
+        """Add events."""
+        self.count += len(events)
+        self._events += events
         if self._log is not None:
-            self._log.write(format_line(event) + "\n")
+            self._log.write("".join(f"{format_line(event)}\n" for event in events))
             self._log.flush()
+        if self._capture is not None:
+            self._capture.record(*events)
         for watcher in self._watchers:
-            watcher.push(event)
+            for event in events:
+                watcher.push(event)
+
+    def past(self, *place: str) -> Past:
+        """Return what has been remembered of a place: a fibre's direction and a noise model."""
+        return self._pasts.setdefault(place, Past(self._depth))
 
     @contextmanager
     def watching(self, node: str, session: int, remembered: bool) -> Iterator[Watcher]:

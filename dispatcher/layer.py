@@ -1,15 +1,19 @@
 """The physical layer as the operations share it: state, place, time and record."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from dispatcher.clock import Clock
+from dispatcher.devices.hardware import Devices
+from dispatcher.devices.memory import Memories
 from dispatcher.history import History
 from dispatcher.network import Network
 from dispatcher.ownership import Block, BlockName, Ownership
+from dispatcher.replaying.journal import Journal
 from dispatcher.sabot.draws import Draws
-from dispatcher.sabot.manager import Sabot
+from dispatcher.sabot.simulation import Simulation
 from wire.dispatcher_pb2 import BlockId, Event, Feedback
 
 
@@ -18,13 +22,17 @@ class PhysicalLayer:
     """Everything there is; touched on the event loop alone."""
 
     clock: Clock
-    sabot: Sabot
+    sabot: Simulation
     draws: Draws
     network: Network
     ownership: Ownership
     history: History
+    devices: Devices
+    memories: Memories
     max_live_qubits: int
     photons_lost: int = 0
+    journal: Journal = field(default_factory=Journal)
+    exact: bool = True  # False once an approximation has been in what was reported
 
     def record(
         self,
@@ -44,19 +52,42 @@ class PhysicalLayer:
             event.lost = block.register.size - block.register.remaining
         self.history.record(event)
 
-    def feedback(self, block: Block) -> Feedback:
-        """Return the feedback that is common to all operations on a block."""
-        return Feedback(
+    def feedback(self, block: Block, *others: Block) -> Feedback:
+        """Return the feedback that is common to all operations on a block, with others if any."""
+        feedback = Feedback(
             time_ns=self.clock.now_ns(),
             photons=block.register.size,
             first_ns=block.first_ns,
             last_ns=block.last_ns,
         )
+        return self.mark(feedback, (block, *others))
+
+    def mark(self, feedback: Feedback, blocks: Sequence[Block]) -> Feedback:
+        """Say in the feedback what simulates the blocks, and whether that is exact."""
+        feedback.backend = self.sabot.simulated_by(*(block.register for block in blocks))
+        feedback.exact = self.count_exact(blocks)
+        return feedback
+
+    def count_exact(self, blocks: Sequence[Block]) -> bool:
+        """Return whether the blocks hold no approximation, which is then in what is reported."""
+        exact = all(block.pulses.exact for block in blocks)
+        self.exact &= exact
+        return exact
+
+    def take_up(self, *blocks: Block) -> None:
+        """Take blocks that are to be used out of their node's memory, if they are in there."""
+        for block in blocks:
+            before = block.register.remaining
+            detail = self.memories.read_out(block)
+            if detail is not None:
+                self.photons_lost += before - block.register.remaining
+                self.record(block.node, "recall", block, detail=detail)
 
     def drop(self, block: Block) -> None:
         """Discard a block whatever its state."""
-        bits = self.draws.bits(block.name, "discard", block.register.size)
-        self.sabot.drop(block.register, bits)
+        self.memories.forget(block)
+        draws = self.draws.photons(block.name, "discard", block.register.size)
+        self.sabot.drop(block.register, draws)
         self.ownership.remove(block)
 
 

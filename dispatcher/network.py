@@ -2,24 +2,28 @@
 
 from dataclasses import dataclass
 
-from dispatcher.noise import Depolarizing, Loss, NoiseModel
-from dispatcher.optical_switch import OpticalSwitch
+from dispatcher.fiber import fiber_noise
+from dispatcher.fiber.noise import NoiseModel
 from dispatcher.refusal import denied, not_found
+from dispatcher.switch.optical_switch import OpticalSwitch
 from wire import switch_check
 from wire.config import BadConfig, Fiber, FiberEnd, QuantumSwitch
-
-SPEED_IN_FIBER_M_PER_S = 2.04e8
-MAX_LENGTH_KM = 100_000
+from wire.physics import BadParameter
 
 
 @dataclass(frozen=True)
 class Line:
     """A fibre as seen from one of its ends."""
 
+    near: FiberEnd
     far: FiberEnd
-    delay_ns: int
-    loss_db: float
-    noise: tuple[NoiseModel, ...]
+    fiber: Fiber
+    noise: dict[str, NoiseModel]
+
+    @property
+    def delay_ns(self) -> int:
+        """How long light takes to the far end."""
+        return round(self.fiber.delay_s * 1e9)
 
 
 class Network:
@@ -36,6 +40,16 @@ class Network:
     def line(self, end: FiberEnd) -> Line | None:
         """Return the fibre that begins at a port, None if there is none."""
         return self._lines.get(end)
+
+    def between(self, one: str, other: str) -> list[Line]:
+        """Return the fibres that join two nodes, each in both directions; refuse if none does."""
+        ends = {one, other}
+        found = [line for line in self._lines.values() if {line.near.node, line.far.node} == ends]
+        if not found:
+            near = sorted(line.far.node for line in self._lines.values() if line.near.node == one)
+            known = ", ".join(dict.fromkeys(near)) or "nothing"
+            raise not_found(f"no fibre joins {one} and {other}; {one} is joined to {known}")
+        return found
 
     def require_port(self, node: str, port: str) -> FiberEnd:
         """Return the port of this name if it is the node's own."""
@@ -56,19 +70,20 @@ class Network:
         line = self._lines[end]
         switch = self.switches.get(line.far.node)
         launched_dbm = switch.ports[int(line.far.port)].power_dbm.now if switch else 0.0
-        return launched_dbm - line.loss_db
+        return launched_dbm - line.fiber.loss_db
 
     def _lay(self, fiber: Fiber, switches: set[str]) -> None:
-        _check(fiber)
-        delay_ns = round(fiber.length_km * 1e3 / SPEED_IN_FIBER_M_PER_S * 1e9)
-        loss_db = fiber.loss_db_per_km * fiber.length_km
-        noise = (Loss(loss_db), Depolarizing(fiber.depolarizing))
+        try:
+            fiber.check(f"fiber {_name(fiber.a)} to {_name(fiber.b)}")
+        except BadParameter as error:
+            raise BadConfig(str(error)) from error
+        noise = fiber_noise.models(fiber)
         for near, far in ((fiber.a, fiber.b), (fiber.b, fiber.a)):
             if near in self._lines:
                 raise BadConfig(f"two fibres end in port {near.port} of {near.node}")
             if near.node in switches and not near.port.isdecimal():
                 raise BadConfig(f"port {near.port} of switch {near.node} is not a port number")
-            self._lines[near] = Line(far, delay_ns, loss_db, noise)
+            self._lines[near] = Line(near, far, fiber, noise)
 
     def _switch(self, config: QuantumSwitch) -> OpticalSwitch:
         switch_check.check(config)
@@ -77,8 +92,5 @@ class Network:
         return OpticalSwitch(config, ports)
 
 
-def _check(fiber: Fiber) -> None:
-    if not 0 <= fiber.length_km <= MAX_LENGTH_KM or not fiber.loss_db_per_km >= 0:
-        raise BadConfig(f"{fiber}: length must be 0 to {MAX_LENGTH_KM} km, loss at least 0 dB/km")
-    if not 0 <= fiber.depolarizing <= 1:
-        raise BadConfig(f"{fiber}: depolarizing is a probability, 0 to 1")
+def _name(end: FiberEnd) -> str:
+    return f"{end.node} port {end.port}"

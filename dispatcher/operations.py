@@ -1,35 +1,72 @@
 """What a node does to blocks it holds: each operation checks, then acts, then records."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import grpc
-import numpy as np
 
-from dispatcher import limits
+from dispatcher.calls import limits
+from dispatcher.devices.emission import emit_into
 from dispatcher.layer import PhysicalLayer, block_name, tally
+from dispatcher.light import drift
 from dispatcher.ownership import Block, BlockName
 from dispatcher.refusal import Refusal, exhausted, invalid
-from dispatcher.sabot.backend import Bytes, GateName
+from dispatcher.sabot.backend import GateName
+from dispatcher.sabot.gates import ROTATIONS, TWO_QUBIT_GATES
 from dispatcher.sabot.registers import Register
-from wire.dispatcher_pb2 import CreateRequest, Feedback, Gate, MeasureRequest
+from dispatcher.sabot.room import GateStep
+from wire.dispatcher_pb2 import CreateRequest, Feedback, Gate
 
 PAULIS = ("I", "X", "Z", "XZ")
-BELL_STATES = ("Phi+", "Psi+", "Phi-", "Psi-")
-BASES = ("Z", "X", "Y")
+DIAGONAL = ("S", "S_DAG", "CZ", "T", "T_DAG", "RZ")
 GATES: dict[int, GateName] = {
     Gate.H: "H",
     Gate.S: "S",
     Gate.S_DAG: "S_DAG",
     Gate.CX: "CX",
     Gate.CZ: "CZ",
+    Gate.T: "T",
+    Gate.T_DAG: "T_DAG",
+    Gate.RX: "RX",
+    Gate.RY: "RY",
+    Gate.RZ: "RZ",
 }
 STATES = {CreateRequest.BELL_PAIRS: ("Bell pairs", 2), CreateRequest.ZEROS: ("zeros", 1)}
 
-PlannedGate = tuple[GateName, Block | None]
+
+class PlannedGate(NamedTuple):
+    """A gate that can be done: every pair of photons is there, and its angle is a number."""
+
+    name: GateName
+    target: Block | None = None
+    angle_rad: float = 0.0
+
+    @property
+    def step(self) -> GateStep:
+        """Return what Sabot is asked."""
+        target = self.target.register if self.target else None
+        return GateStep(self.name, target, self.angle_rad)
+
+    @property
+    def detail(self) -> str:
+        """Return what the event log says."""
+        return f"{self.name}({self.angle_rad:g})" if self.name in ROTATIONS else self.name
+
+    def turned(self, block: Block) -> list[Block]:
+        """Return the blocks whose Z the gate does not commute with."""
+        if self.name in DIAGONAL:
+            return []
+        return [block] if self.target is None else [self.target]
+
+    def spread_approximation(self, block: Block) -> None:
+        """Let an approximation in one of the two blocks be in both."""
+        if self.target is not None:
+            exact = block.pulses.exact and self.target.pulses.exact
+            block.pulses.exact = self.target.pulses.exact = exact
 
 
 class Operations:
-    """Create, apply, measure, store and discard."""
+    """Create, apply, store and discard."""
 
     def __init__(self, layer: PhysicalLayer) -> None:
         """Act on this layer."""
@@ -49,75 +86,46 @@ class Operations:
             if halves == 1
             else (layer.sabot.bell_pairs(request.count))
         )
-        self.pairs_created += request.count * (halves - 1)
         now_ns = layer.clock.now_ns()
         blocks = [
-            Block(name, register, node, first_ns=now_ns, last_ns=now_ns)
+            Block(name, register, node, first_ns=now_ns, last_ns=now_ns, start_ns=now_ns)
             for name, register in zip(names, registers, strict=True)
         ]
         for block in blocks:
             layer.ownership.add(block)
+        if halves == 2:
+            pairs, told = emit_into(blocks[0], blocks[1], layer)
+            self.pairs_created += pairs
+            text += told
         layer.record(node, "create", blocks[0], detail=text)
         return layer.feedback(blocks[0])
 
     def apply(self, node: str, name: BlockName, paulis: bytes, gates: Sequence[Gate]) -> Feedback:
-        """Apply a Pauli to each photon, then Clifford gates to all of them."""
+        """Apply a Pauli to each photon, then gates to all of them."""
         layer = self._layer
         block = layer.ownership.require(name, node)
         planned = self._plan(node, block, gates)
-        details: list[str] = [gate for gate, _target in planned]
-        if paulis:
-            values = limits.packed("paulis", paulis, block.register.size, 3)
+        details = [gate.detail for gate in planned]
+        values = limits.packed("paulis", paulis, block.register.size, 3) if paulis else None
+        layer.sabot.require_room(block.register, [gate.step for gate in planned])
+        layer.take_up(block, *(gate.target for gate in planned if gate.target is not None))
+        if values is not None:
             layer.sabot.pauli(block.register, values)
+            drift.reflect(block.pulses, values)
             details.insert(0, tally(values, PAULIS))
-        for gate, target in planned:
-            layer.sabot.gate(gate, block.register, target.register if target else None)
+        for gate in planned:
+            for turned in gate.turned(block):
+                drift.twirl(turned, layer.sabot, layer.draws)
+            step = gate.step
+            layer.sabot.gate(step.name, block.register, step.target, step.angle_rad)
+            gate.spread_approximation(block)
         layer.record(node, "apply", block, detail=" ".join(details))
         return layer.feedback(block)
-
-    def measure(self, node: str, name: BlockName, basis: int, bases: bytes) -> Feedback:
-        """Measure and use up every photon, each in its basis."""
-        layer = self._layer
-        block = layer.ownership.require(name, node)
-        size, clicks = block.register.size, block.register.remaining
-        if basis not in MeasureRequest.Basis.values():
-            raise invalid(f"basis {basis} is unknown; use Z, X or Y")
-        values = np.full(size, basis, np.uint8)
-        if bases:
-            values = limits.packed("bases", bases, size, 2)
-        feedback = layer.feedback(block)
-        outcomes = layer.sabot.measure(block.register, values, self._bits(block))
-        layer.ownership.remove(block)
-        detail = f"{tally(values, BASES)}: {tally(outcomes, ('0', '1'))}"
-        layer.record(node, "measure", block, detail=detail)
-        feedback.clicks, feedback.outcomes = clicks, outcomes.tobytes()
-        return feedback
-
-    def bell_measure(self, node: str, names: tuple[BlockName, BlockName]) -> Feedback:
-        """Measure and use up pairs of photons, in the Bell basis."""
-        layer = self._layer
-        first, second = (layer.ownership.require(name, node) for name in names)
-        _require_pairs(first, second)
-        feedback = layer.feedback(first)
-        feedback.first_ns = min(first.first_ns, second.first_ns)
-        feedback.last_ns = max(first.last_ns, second.last_ns)
-        feedback.clicks = first.register.remaining + second.register.remaining
-        feedback.coincidences = int(
-            np.count_nonzero(first.register.present & second.register.present)
-        )
-        outcomes = layer.sabot.bell_measure(
-            first.register, second.register, (self._bits(first), self._bits(second))
-        )
-        for block in (first, second):
-            layer.ownership.remove(block)
-        detail = f"with {second.name.number}/{second.name.half}: {tally(outcomes, BELL_STATES)}"
-        layer.record(node, "bell-measure", first, detail=detail)
-        feedback.outcomes = outcomes.tobytes()
-        return feedback
 
     def store(self, node: str, name: BlockName) -> Feedback:
         """Keep a block in the node's memory."""
         block = self._layer.ownership.require(name, node)
+        self._layer.memories.store(block)
         self._layer.record(node, "store", block)
         return self._layer.feedback(block)
 
@@ -133,14 +141,13 @@ class Operations:
         return self._discard(self._layer.ownership.of_session(node, session))
 
     def _discard(self, blocks: list[Block]) -> Feedback:
+        photons = sum(block.register.size for block in blocks)
+        feedback = Feedback(time_ns=self._layer.clock.now_ns(), photons=photons)
+        self._layer.mark(feedback, blocks)
         for block in blocks:
             self._layer.drop(block)
             self._layer.record(block.node, "discard", block, port=block.port)
-        photons = sum(block.register.size for block in blocks)
-        return Feedback(time_ns=self._layer.clock.now_ns(), photons=photons)
-
-    def _bits(self, block: Block) -> Bytes:
-        return self._layer.draws.bits(block.name, "measure", block.register.size)
+        return feedback
 
     def _require_room(self, names: list[BlockName], count: int) -> None:
         """Refuse a block that would be too large or has a name that is taken."""
@@ -170,14 +177,16 @@ class Operations:
     def _plan_gate(self, node: str, block: Block, gate: Gate) -> PlannedGate:
         if gate.name not in GATES:
             raise invalid(f"gate {gate.name} is unknown; use {', '.join(GATES.values())}")
-        if gate.name not in (Gate.CX, Gate.CZ):
-            return GATES[gate.name], None
+        name = GATES[gate.name]
+        limits.require_angle(name, gate.angle_rad)
+        if name not in TWO_QUBIT_GATES:
+            return PlannedGate(name, None, gate.angle_rad)
         target = self._layer.ownership.require(block_name(gate.target), node)
-        _require_pairs(block, target)
-        return GATES[gate.name], target
+        require_pairs(block, target)
+        return PlannedGate(name, target)
 
 
-def _require_pairs(first: Block, second: Block) -> None:
+def require_pairs(first: Block, second: Block) -> None:
     if first is second:
         raise invalid(f"{first.name} is named twice; name two different blocks")
     if first.register.size != second.register.size:

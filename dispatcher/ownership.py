@@ -1,8 +1,11 @@
 """Which block is where: at a node, waiting at one of its ports, or on its way."""
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from dispatcher.refusal import denied, not_found
 from dispatcher.sabot.registers import Register
@@ -22,6 +25,19 @@ class BlockName(NamedTuple):
         return f"block {self.number}/{self.half} of session {self.session:016x}"
 
 
+@dataclass(slots=True)
+class Pulses:
+    """What is known of the light of k photons besides their quantum state; None: nothing.
+
+    Arrays have shape (k,) and cover the whole block, whichever part of it is here.
+    """
+
+    extras: NDArray[np.uint8] | None = None  # more photons in a pulse, of independent pairs
+    delays_ps: NDArray[np.float64] | None = None  # later than the block's rate says
+    angles_rad: NDArray[np.float64] | None = None  # coherent rotation about Z so far
+    exact: bool = True  # no approximation so far
+
+
 @dataclass(eq=False, slots=True)
 class Block:
     """Photons of a block that are together; one block may have parts at several nodes."""
@@ -33,6 +49,12 @@ class Block:
     first_ns: int = 0  # first and last photon at the port
     last_ns: int = 0
     fibers_passed: int = 0
+    pulses: Pulses = field(default_factory=Pulses)
+    start_ns: int = 0  # when photon 0 is, or would have been, at the port; photon k comes later
+    interval_ns: float = 0.0  # by k times this; 0: they were in no fibre yet
+    source_rate_hz: float = float("inf")  # at most, while they have not left their source
+    stored_ns: int = 0  # when the block was put into memory last
+    stores: int = 0  # how often that was
 
 
 class Ownership:

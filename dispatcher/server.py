@@ -4,25 +4,37 @@ import asyncio
 import logging
 import os
 import signal
-from contextlib import ExitStack
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TextIO
 
 import grpc
 
-from dispatcher.callers import Callers
+from dispatcher import freed_memory
+from dispatcher.calls.callers import Callers
+from dispatcher.calls.cross_connects import CrossConnects, bind
+from dispatcher.calls.service import Failed, Service
 from dispatcher.clock import CaptureClock, Clock
+from dispatcher.devices.hardware import Devices
+from dispatcher.devices.memory import Memories
+from dispatcher.event_capture import EventCapture
 from dispatcher.history import History
 from dispatcher.layer import PhysicalLayer
 from dispatcher.network import Network
 from dispatcher.ownership import Ownership
+from dispatcher.replaying.journal import Journal
+from dispatcher.replaying.recorder import RecordedClock, Recorder, open_private
+from dispatcher.sabot.backends import BACKENDS
 from dispatcher.sabot.draws import Draws
 from dispatcher.sabot.manager import Sabot
-from dispatcher.sabot.tableau import Tableau
-from dispatcher.service import Failed, Service
+from dispatcher.sabot.remote.client import RemoteSabot
+from dispatcher.sabot.simulation import Simulation
+from dispatcher.tracing.traced import TracedSabot
+from dispatcher.tracing.writer import QasmWriter
 from wire.config import BadConfig, DispatcherConfig
 from wire.dispatcher_pb2_grpc import add_DispatcherServicer_to_server
-from wire.service import MESSAGE_LIMITS
+from wire.service import MESSAGE_LIMITS, cross_connects_socket
 
 MAX_SOCKET_PATH_BYTES = 100
 STOP_GRACE_S = 0.2
@@ -30,17 +42,57 @@ STOP_GRACE_S = 0.2
 log = logging.getLogger("dispatcher")
 
 
-def build_layer(config: DispatcherConfig, clock: Clock, event_log: TextIO | None) -> PhysicalLayer:
-    """Return the physical layer that the configuration describes."""
+def build_layer(
+    config: DispatcherConfig,
+    clock: Clock,
+    event_log: TextIO | None,
+    sabot: Simulation | None = None,
+    journal: Journal | None = None,
+    capture: EventCapture | None = None,
+) -> PhysicalLayer:
+    """Return the physical layer that the configuration describes.
+
+    It simulates in this process if nothing else is given, and the process keeps freed memory from
+    then on. Raise BadConfig or BadParameter for what cannot be.
+    """
+    freed_memory.keep()
+    devices = Devices(config.devices)
+    if unknown := config.devices.keys() - config.tokens.keys():
+        raise BadConfig(f"devices of {', '.join(sorted(unknown))}: there are no such hosts")
+    sabot, draws = sabot or Sabot(BACKENDS[config.backend]), Draws(config.seed)
     return PhysicalLayer(
         clock=clock,
-        sabot=Sabot(Tableau),
-        draws=Draws(config.seed),
+        sabot=sabot,
+        draws=draws,
         network=Network(config.fibers, config.switches),
         ownership=Ownership(),
-        history=History(config.history_depth, event_log),
+        history=History(config.history_depth, event_log, capture),
+        devices=devices,
+        memories=Memories(devices, clock, sabot, draws),
         max_live_qubits=config.max_live_qubits,
+        journal=journal or Journal(),
     )
+
+
+def open_layer(
+    config: DispatcherConfig, clock: Clock, event_log: TextIO | None, stack: ExitStack
+) -> PhysicalLayer:
+    """Return the layer with the server, the dump and the record that are configured.
+
+    The stack closes all of them.
+    """
+    journal: Journal | None = None
+    sabot: Simulation = Sabot(BACKENDS[config.backend])
+    if config.sabot:
+        sabot = stack.enter_context(RemoteSabot(config.sabot, config.backend))
+    if config.qasm:
+        dump = Path(config.qasm).open("w", buffering=1)  # noqa: SIM115
+        sabot = TracedSabot(sabot, QasmWriter(stack.enter_context(dump)))
+    if config.record:
+        journal = Recorder(stack.enter_context(open_private(config.record)), config)
+        clock = RecordedClock(clock, journal)
+    capture = stack.enter_context(event_capture(config))
+    return build_layer(config, clock, event_log, sabot, journal, capture)
 
 
 def build_service(config: DispatcherConfig, layer: PhysicalLayer, failed: Failed) -> Service:
@@ -49,18 +101,47 @@ def build_service(config: DispatcherConfig, layer: PhysicalLayer, failed: Failed
     return Service(layer, callers, failed)
 
 
-def build_server(config: DispatcherConfig, service: Service) -> grpc.aio.Server:
+class Server:
+    """gRPC for everybody, and the socket on which agents set cross-connects."""
+
+    def __init__(self, config: DispatcherConfig, service: Service) -> None:
+        """Bind the configured sockets; raise BadConfig if one cannot be had."""
+        options = [*MESSAGE_LIMITS, ("grpc.so_reuseport", 0)]  # a taken port must be an error
+        self._grpc = grpc.aio.server(options=options)
+        add_DispatcherServicer_to_server(service, self._grpc)  # type: ignore[no-untyped-call]
+        self._cross_connects = CrossConnects(service.change, service.callers, service.failed)
+        self._paths = config.socket, cross_connects_socket(config.socket)
+        _bind(self._grpc, config.listen)
+        with _private(self._paths):
+            _bind(self._grpc, f"unix:{config.socket}")
+            self._listener = bind(self._paths[1])
+
+    async def start(self) -> None:
+        """Serve from now on."""
+        await self._cross_connects.start(self._listener)
+        await self._grpc.start()
+
+    async def stop(self, grace_s: float | None) -> None:
+        """End all calls, after a while in which those that run may end; remove the sockets."""
+        self._cross_connects.stop()
+        await self._grpc.stop(grace_s)
+        for path in self._paths:
+            Path(path).unlink(missing_ok=True)
+
+
+def build_server(config: DispatcherConfig, service: Service) -> Server:
     """Return a server for the service, bound to the configured sockets."""
-    server = grpc.aio.server(
-        options=[
-            *MESSAGE_LIMITS,
-            ("grpc.so_reuseport", 0),  # a taken port must be an error
-        ]
-    )
-    add_DispatcherServicer_to_server(service, server)  # type: ignore[no-untyped-call]
-    _bind(server, config.listen)
-    _bind_unix(server, config.socket)
-    return server
+    return Server(config, service)
+
+
+@contextmanager
+def event_capture(config: DispatcherConfig) -> Iterator[EventCapture | None]:
+    """Give the capture of events that is wanted, if any."""
+    if not config.event_capture:
+        yield None
+        return
+    with Path(config.event_capture).open("wb") as file:
+        yield EventCapture(file, config.fibers)
 
 
 async def serve(config: DispatcherConfig) -> None:
@@ -80,7 +161,7 @@ async def serve(config: DispatcherConfig) -> None:
         event_log = (
             stack.enter_context(Path(config.event_log).open("a")) if config.event_log else None
         )
-        layer = build_layer(config, CaptureClock(), event_log)
+        layer = open_layer(config, CaptureClock(), event_log, stack)
         server = build_server(config, build_service(config, layer, failed))
         await server.start()
         for number in (signal.SIGTERM, signal.SIGINT):
@@ -91,7 +172,6 @@ async def serve(config: DispatcherConfig) -> None:
             await ended
         finally:
             await server.stop(STOP_GRACE_S)
-            Path(config.socket).unlink(missing_ok=True)
     log.info("stopped after %d events", layer.history.count)
 
 
@@ -104,12 +184,16 @@ def _bind(server: grpc.aio.Server, address: str) -> None:
         ) from error
 
 
-def _bind_unix(server: grpc.aio.Server, path: str) -> None:
-    if len(os.fsencode(path)) > MAX_SOCKET_PATH_BYTES:
-        raise BadConfig(f"socket {path} is longer than {MAX_SOCKET_PATH_BYTES} bytes; shorten it")
-    # Only the owner may connect, from the first moment on.
+@contextmanager
+def _private(paths: Iterable[str]) -> Iterator[None]:
+    """Let only the owner connect to these sockets, from the first moment on."""
+    for path in paths:
+        if len(os.fsencode(path)) > MAX_SOCKET_PATH_BYTES:
+            raise BadConfig(
+                f"socket {path} is longer than {MAX_SOCKET_PATH_BYTES} bytes; shorten it"
+            )
     before = os.umask(0o177)
     try:
-        _bind(server, f"unix:{path}")
+        yield
     finally:
         os.umask(before)

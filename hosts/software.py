@@ -72,7 +72,8 @@ class QuantumSocket:
     def connect(self, address: tuple[str, int], **options: Any) -> None:
         """Connect to a listening application on a host.
 
-        Options: handshake ("framed" or "per-pair"), frame_bytes, block_pairs, rate_hz.
+        Options: handshake ("framed" or "per-pair"), frame_bytes, block_pairs, rate_hz, fec
+        ("none", "repetition", "hamming", "golay" or "reed-solomon"), interleave (bool).
         Raise QuantumSocketError with the reason if light cannot be had.
         """
         host, port = address

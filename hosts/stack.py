@@ -19,7 +19,7 @@ from hosts.middleware.receiver import ReceivingSession
 from hosts.middleware.sender import SendingSession
 from hosts.middleware.source import serve_pairs
 from wire.config import HostConfig
-from wire.metadata import Answer, Handshake, Reason, Service, Setup, Verdict
+from wire.metadata import FEC_NAMES, Answer, Handshake, Reason, Service, Setup, Verdict
 
 log = logging.getLogger("stack")
 
@@ -49,6 +49,8 @@ class Stack:
             frame_bytes=options.frame_bytes,
             rate_hz=options.rate_hz,
             port=options.port,
+            fec=FEC_NAMES[options.fec],
+            interleave=int(options.interleave),
         )
         setup = self.device.override(setup)
         return self.device.sends(SendingSession(self._qnic, setup, peer, self._config.source))
@@ -91,7 +93,7 @@ class Stack:
     async def _receive(self, channel: MetadataChannel, setup: Setup) -> None:
         if setup.session in self._receiving or len(self._receiving) >= MAX_SESSIONS:
             raise SessionError(Reason.BUSY)
-        session = ReceivingSession(self._qnic, channel, setup)
+        session = ReceivingSession(self._qnic, channel, setup, self._config.analyser)
         incoming = self.applications.incoming(setup.port, channel.peer)
         self._receiving[setup.session] = session
         self.device.receives(session)

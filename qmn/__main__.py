@@ -8,9 +8,45 @@ import sys
 # Until a verb runs there is nothing to clean up: Ctrl-C just ends the program.
 signal.signal(signal.SIGINT, signal.SIG_DFL)
 
-from qmn import bench, devices, fault, paths, policy, run, set  # noqa: A004, E402
+from qmn import (  # noqa: E402
+    bench,
+    calibrate,
+    classical,
+    clean,
+    curves,
+    devices,
+    doctor,
+    fault,
+    paths,
+    policy,
+    replay,
+    run,
+    sabot,
+    set,  # noqa: A004
+    spy,
+    sweep,
+    wireshark,
+)
 
-VERBS = (run, devices, paths, set, policy, fault, bench)
+VERBS = (
+    run,
+    sweep,
+    curves,
+    devices,
+    paths,
+    spy,
+    wireshark,
+    set,
+    policy,
+    fault,
+    calibrate,
+    classical,
+    sabot,
+    replay,
+    doctor,
+    clean,
+    bench,
+)
 
 
 def main() -> int:

@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,8 @@ from hosts.software import QuantumSocket
 from qmn.measure.live_pairs import BLOCK_PAIRS, cost_by_live_pairs
 from qmn.measure.measurement import seconds_of
 from qmn.measure.path_figures import path_figures
+from qmn.measure.physical_layer import physical_layer_figures
+from qmn.measure.sabot_speed import sabot_speed
 from topologies.network import Interrupted, Network, Signals, require_root
 from topologies.programs import NetworkError, python
 from topologies.runtime import Runtime
@@ -42,6 +45,8 @@ def call(arguments: argparse.Namespace) -> int:
     try:
         require_root()
         with Signals() as signals, tempfile.TemporaryDirectory(prefix="qmn-bench-") as folder:
+            for name, figure in chain(sabot_speed(), physical_layer_figures()):
+                show(name, figure)
             run(Path(folder), arguments.pairs, signals)
             for name, figure in path_figures(Path(folder), arguments.setups, signals):
                 show(name, figure)

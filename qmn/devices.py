@@ -94,12 +94,13 @@ def state(device: dict[str, Any]) -> str:
     return f"{device['state']} since {device['heard_s_ago']:.0f} s"
 
 
-def settings(values: dict[str, int]) -> str:
+def settings(values: dict[str, Any]) -> str:
     """Return settings in short."""
     texts = {
         "rate_hz": "{:,} Hz",
         "frame_bytes": "{} B",
         "fec": "FEC {}",
+        "interleave": "interleaving {}",
         "wavelength_pm": "{:,} pm",
     }
     return ", ".join(texts[name].format(value) for name, value in values.items())

@@ -1,15 +1,26 @@
 """Which topologies `qmn run` knows, and what the command line may say of them."""
 
 import argparse
+import json
 from collections.abc import Callable
+from dataclasses import asdict
 from functools import partial
+from typing import Any
 
 from mininet.topo import Topo
 
+from dispatcher.fiber import fiber_noise
+from qmn.device_words import devices
 from topologies.chain import ChainTopo
+from topologies.fabric import fiber_of
+from topologies.fiber import resolved
 from topologies.leaf_spine import LeafSpineTopo
+from topologies.nodes import QuantumHost
+from topologies.presets import preset
 from topologies.ring import RingTopo
 from topologies.sdc import SdcTopo
+from wire.fiber import FiberOptics, optics
+from wire.physics import Device
 
 TOPOLOGIES: dict[str, tuple[Callable[..., Topo], str]] = {
     "sdc": (SdcTopo, "one quantum switch"),
@@ -23,7 +34,8 @@ SIZES = {
     "ring": ("switches",),
     "leaf-spine": ("leaves", "spines"),
 }
-FIBER = ("length_km", "loss_db_per_km", "depolarizing")
+FIBER = ("length_km", "loss_db_per_km", "depolarizing", "kind")
+PARAMETERS = asdict(FiberOptics())  # of a fibre, with their defaults
 
 
 class BadTopology(Exception):
@@ -39,10 +51,49 @@ def topology(arguments: argparse.Namespace) -> Callable[[], Topo]:
     for size in sorted(given.keys() - set(SIZES[name])):
         fitting = ", ".join(topo for topo, own in SIZES.items() if size in own)
         raise BadTopology(f"--{size} is of {fitting}, not of {name}: leave it out")
-    fiber = {key: getattr(arguments, key) for key in FIBER}
-    build = partial(TOPOLOGIES[name][0], **given, **fiber)
+    build = partial(
+        TOPOLOGIES[name][0], **given, preset=arguments.preset, **fiber_parameters(arguments)
+    )
     try:
-        build()
+        described = every_device(arguments)
+        build = partial(build, devices=described)
+        topo = build()
+        hosts = [host for host in topo.hosts() if topo.nodeInfo(host)["cls"] is QuantumHost]
+        for host in described.keys() - set(hosts):
+            raise BadTopology(f"--device {host}: choose one of {', '.join(hosts)}")
+        # So that a noise model of the user's own is refused here, and not by the dispatcher.
+        fiber_noise.models(resolved(every_fiber(arguments)))
     except ValueError as error:
         raise BadTopology(str(error)) from error
     return build
+
+
+def every_device(arguments: argparse.Namespace) -> dict[str, Device]:
+    """Return the devices of the hosts that the command line names."""
+    return devices(arguments.device, preset(arguments.preset).device)
+
+
+def every_fiber(arguments: argparse.Namespace) -> FiberOptics:
+    """Return the optics that all fibres have."""
+    return optics("every fibre", **fiber_of(arguments.preset, fiber_parameters(arguments)))
+
+
+def fiber_parameters(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return what the command line says of every fibre; raise BadTopology for no such words."""
+    given = {key: getattr(arguments, key) for key in FIBER if getattr(arguments, key) is not None}
+    for word in arguments.fiber:
+        name, equals, text = word.partition("=")
+        if not equals or name not in PARAMETERS:
+            known = ", ".join(PARAMETERS)
+            raise BadTopology(f"--fiber {word}: write NAME=VALUE, where NAME is of {known}")
+        given[name] = _value(name, text)
+    return given
+
+
+def _value(name: str, text: str) -> Any:
+    """Return a parameter's value as the kind of its default."""
+    kind = type(PARAMETERS[name])
+    try:
+        return json.loads(text) if kind is dict else kind(text)
+    except ValueError as error:
+        raise BadTopology(f"--fiber {name}={text}: {error}") from error

@@ -10,6 +10,18 @@ from rich.console import Console
 from rich.table import Table
 
 from topologies.record import read_record
+from wire.device import RANGES, setting_name
+
+COUNTS = (
+    "bell_pairs",
+    "lost_pairs",
+    "repeated_frames",
+    "symbol_errors",
+    "corrected_symbols",
+    "filled_symbols",
+)
+
+EXACTNESS = {True: "exact", False: "with approximations", None: "exactness unknown"}
 
 
 def complete(facts: dict[str, Any], folder: Path) -> None:
@@ -20,12 +32,14 @@ def complete(facts: dict[str, Any], folder: Path) -> None:
     facts["sha256_sent"] = sha256(sent)
     facts["sha256_received"] = sha256(received)
     facts["delivered"] = facts["sha256_sent"] == facts["sha256_received"]
-    for name in ("bell_pairs", "lost_pairs", "repeated_frames", "symbol_errors"):
+    for name in COUNTS:
         facts[name] = sender.get(name, 0)
     symbols = sender.get("received_symbols", 0)
     facts["symbol_error_rate"] = facts["symbol_errors"] / symbols if symbols else None
-    names = ("rate_hz", "frame_bytes", "fec", "wavelength_pm")
-    facts["in_use"] = {name: sender.get(name) for name in names} if sender else None
+    in_use = {name: setting_name(name, sender[name]) for name in RANGES if name in sender}
+    facts["in_use"] = in_use or None
+    facts["code_rate"] = sender.get("code_rate")
+    facts["bell_states"] = sender.get("symbols")  # that the receiver's analyser tells apart
     facts["elapsed_s"] = sender.get("elapsed_s", 0.0)
     facts["pairs_per_s"] = facts["bell_pairs"] / facts["elapsed_s"] if sender else 0.0
     facts.update(controller_facts(read_record(folder)))
@@ -57,6 +71,27 @@ def percentiles(times: list[float]) -> dict[str, Any]:
     return {"p50": hundredths[49], "p99": hundredths[98], "n": len(times)}
 
 
+def coding(facts: dict[str, Any]) -> dict[str, str]:
+    """Return the lines about the error-correction code; none if there was no code."""
+    in_use = facts["in_use"] or {}
+    if in_use.get("fec", "none") == "none":
+        return {}
+    order = "interleaved" if in_use["interleave"] == "on" else "not interleaved"
+    return {
+        "code": f"{in_use['fec']}, {order}, rate {facts['code_rate']:.3f}",
+        "put right by it": f"{facts['corrected_symbols']:,} wrong symbols, "
+        f"{facts['filled_symbols']:,} lost ones",
+    }
+
+
+def captures(facts: dict[str, Any], folder: Path) -> str:
+    """Return where packet captures are, and what they miss."""
+    if not facts["captures"]:
+        return "none"
+    missed = facts.get("packets_not_captured", 0)
+    return f"{folder}/*.pcap" + (f", {missed:,} packets missed" if missed else "")
+
+
 def show(console: Console, facts: dict[str, Any], folder: Path) -> None:
     """Print the table."""
     table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
@@ -67,13 +102,16 @@ def show(console: Console, facts: dict[str, Any], folder: Path) -> None:
         "Bell pairs used": f"{facts['bell_pairs']:,}",
         "pairs lost": f"{facts['lost_pairs']:,}",
         "symbol error rate": "no symbol received" if rate is None else f"{rate:.4g}",
+        **coding(facts),
         "repeated frames": f"{facts['repeated_frames']:,}",
         "pairs/s": f"{facts['pairs_per_s']:,.0f} ({facts['elapsed_s']:.2f} s)",
         "metadata to light path": "no path was set up"
         if setup["p50"] is None
         else f"p50 {setup['p50']:.2f} ms, p99 {setup['p99']:.2f} ms, n {setup['n']}",
-        "captures": f"{folder}/*.pcap" if facts["captures"] else "none",
+        "quantum states": f"{facts['backend']}, {EXACTNESS[facts['exact']]}",
+        "captures": captures(facts, folder),
         "quantum events": f"{folder}/quantum.log",
+        "one timeline of both": facts["timeline"],
         "all facts": f"{folder}/result.json",
     }
     for name, value in rows.items():

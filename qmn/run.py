@@ -5,6 +5,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,23 +15,35 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from controller_apps.policy import BadPolicy, read_policy
+from hosts.applications.send import CHUNK_BYTES
+from hosts.middleware.coding import CODES
+from hosts.middleware.frame_format import MAX_BLOCK_PAIRS, FrameFormat
 from qmn import result
-from qmn.networks import TOPOLOGIES, BadTopology, topology
+from qmn.device_words import differences
+from qmn.networks import TOPOLOGIES, BadTopology, every_device, every_fiber, topology
 from qmn.run_folder import give_to_invoker, make_folder, point_latest
-from qmn.transfer import Transfer, TransferError, dispatcher_backend, transfer
-from topologies.fiber import RANGES
+from qmn.timeline import NoCaptures, captured_bytes, merge
+from qmn.transfer import Transfer, TransferError, dispatcher_status, transfer
 from topologies.network import Interrupted, Network, Signals, require_root
 from topologies.nodes import QuantumHost
+from topologies.presets import PRESETS, preset
 from topologies.programs import NetworkError
 from topologies.runtime import OPENFLOW_PORT, Runtime
+from wire.config import BACKENDS
+from wire.dissectors import SCRIPT, script
+from wire.fiber import KINDS
+from wire.metadata import FEC_NAMES, MalformedPacket
 
 MESSAGE = Path(__file__).with_name("message.txt")
-PAIRS_PER_BYTE = 4
+MIN_BLOCK_PAIRS = 4
 # Bell pairs a second to expect on two cores, for the estimate before the start.
 EXPECTED_RATE = {"framed": 2_000_000, "per-pair": 200}
+RECORDED_BYTES_PER_PAIR = {"framed": 1.02, "per-pair": 900}
+DECODING_RATE = {"reed-solomon": 300_000}  # pairs a second, of codes that take longer than light
 CAPTURED_BYTES_PER_PAIR = {"framed": 4.4, "per-pair": 4_900}
 SIZE_LIMIT = {"framed": 1 << 30, "per-pair": 1 << 16}
 TELL_ESTIMATE_ABOVE_S = 10
+MERGE_AT_MOST_BYTES = 500_000_000  # of captures, at the end of a run: a few seconds
 
 
 class BadInput(Exception):
@@ -50,20 +63,27 @@ def add_parser(verbs: Any) -> None:
     add("--to", dest="receiver", default="bob", metavar="HOST", help="receiving host (bob)")
     add("--handshake", choices=sorted(EXPECTED_RATE), default="framed", help="default: framed")
     add("--seed", type=int, default=1, help="of all quantum randomness (1)")
+    add("--backend", choices=BACKENDS, default="chp", help="simulates quantum states (chp)")
+    add("--sabot", default="", metavar="SOCKET", help="simulate in a Sabot server (in ed itself)")
     add("--controller", choices=["ryu", "os-ken"], default="ryu", help="default: ryu")
     add("--openflow-port", type=int, default=OPENFLOW_PORT, metavar="PORT", help="of c0 (6653)")
     add("--frame-bytes", type=int, default=256, metavar="N", help="bytes under one check (256)")
     add("--block-pairs", type=int, default=65_536, metavar="N", help="pairs in a block (65536)")
     add("--rate-hz", type=int, default=50_000_000, metavar="HZ", help="of the source (50000000)")
-    add("--length-km", type=float, default=0.01, metavar="KM", help="of every fibre (0.01)")
-    add("--loss-db-per-km", type=float, default=0.0, metavar="DB", help="of every fibre (0)")
-    add(
-        "--depolarizing",
-        type=float,
-        default=0.0,
-        metavar="P",
-        help="of every fibre: X, Y and Z each with probability P/4 (0)",
-    )
+    add("--fec", choices=FEC_NAMES, default="none", help="error-correction code (none)")
+    add("--interleave", action="store_true", help="spread the codewords of --fec over a frame")
+    what_of = "of every fibre"
+    add("--preset", choices=list(PRESETS), default="ideal", help="fibres and devices (ideal)")
+    add("--length-km", type=float, metavar="KM", help=f"{what_of} (0.01)")
+    add("--loss-db-per-km", type=float, metavar="DB", help=f"{what_of} (0)")
+    text = f"{what_of}: X, Y and Z each with probability P/4 (0)"
+    add("--depolarizing", type=float, metavar="P", help=text)
+    text = f"{what_of}: standard or polarisation-maintaining"
+    add("--kind", choices=list(KINDS), help=text)
+    text = f"a parameter {what_of}, as drift_time_s=10 (repeatable; docs/physical-layer.md)"
+    add("--fiber", action="append", default=[], metavar="NAME=VALUE", help=text)
+    text = "of a host, as bob.detectors.efficiency=0.8 (repeatable; docs/physical-layer.md)"
+    add("--device", action="append", default=[], metavar="HOST.PART.NAME=VALUE", help=text)
     add("--switches", type=int, metavar="N", help="quantum switches of a chain or ring")
     add("--leaves", type=int, metavar="N", help="switches of leaf-spine with hosts (3)")
     add("--spines", type=int, metavar="N", help="switches of leaf-spine between leaves (2)")
@@ -81,7 +101,9 @@ def add_parser(verbs: Any) -> None:
     )
     add("--history-depth", type=int, default=10_000, metavar="N", help="events kept (10000)")
     add("--runs", type=Path, default=Path("runs"), metavar="DIR", help="what runs leave (runs)")
+    add("--qasm", action="store_true", help="write what is done to qubits to quantum.qasm")
     add("--no-capture", action="store_true", help="do not capture packets")
+    add("--no-record", action="store_true", help="do not record what `qmn replay` needs")
     parser.set_defaults(call=call)
 
 
@@ -115,10 +137,23 @@ def run(arguments: argparse.Namespace, signals: Signals, console: Console) -> in
         facts["error"] = str(error)
         raise
     finally:
+        facts["timeline"] = make_timeline(folder)
         result.complete(facts, folder)
         give_to_invoker(folder)
     result.show(console, facts, folder)
     return 0 if facts["delivered"] else 1
+
+
+def make_timeline(folder: Path) -> str:
+    """Merge what was captured, beside dissectors for it; return the file, or why there is none."""
+    (folder / SCRIPT).write_text(script())
+    size = captured_bytes(folder)
+    if size > MERGE_AT_MOST_BYTES:
+        return f"not made, of {size / 1e6:,.0f} MB of captures: `qmn wireshark {folder}` makes it"
+    try:
+        return str(merge(folder))
+    except (NoCaptures, MalformedPacket, OSError) as error:
+        return f"not made: {error}"
 
 
 def check_input(arguments: argparse.Namespace) -> int:
@@ -133,9 +168,8 @@ def check_input(arguments: argparse.Namespace) -> int:
         )
     check_controller(arguments)
     for name, least, most in (
-        *((name, *limits) for name, limits in RANGES.items()),
         ("frame_bytes", 1, 65_536),
-        ("block_pairs", PAIRS_PER_BYTE, 262_144),
+        ("block_pairs", MIN_BLOCK_PAIRS, MAX_BLOCK_PAIRS),
         ("rate_hz", 1, 4_000_000_000),
         ("openflow_port", 1, 65_535),
         ("history_depth", 0, 10_000_000),
@@ -144,7 +178,33 @@ def check_input(arguments: argparse.Namespace) -> int:
         value = getattr(arguments, name)
         if not least <= value <= most:
             raise BadInput(f"--{name.replace('_', '-')} {value}: choose {least:g} to {most:g}")
+    check_coding(arguments)
     return size
+
+
+def check_coding(arguments: argparse.Namespace) -> None:
+    """Raise BadInput for a code that frames are too long for, or none to interleave."""
+    if arguments.interleave and arguments.fec == "none":
+        raise BadInput("--interleave spreads the codewords of a code: choose one with --fec")
+    pairs = frame_format(arguments).pairs(arguments.frame_bytes)
+    if pairs > MAX_BLOCK_PAIRS:
+        raise BadInput(
+            f"--frame-bytes {arguments.frame_bytes} with --fec {arguments.fec}: a frame needs "
+            f"{pairs:,} pairs, at most {MAX_BLOCK_PAIRS:,}; choose fewer bytes"
+        )
+
+
+def frame_format(arguments: argparse.Namespace) -> FrameFormat:
+    """Return what frames are made of, if the receiver tells all Bell states apart."""
+    return FrameFormat(CODES[FEC_NAMES[arguments.fec]], arguments.interleave)
+
+
+def pairs_of(arguments: argparse.Namespace, size: int) -> int:
+    """Return how many Bell pairs carry a message if none is lost and no frame repeated."""
+    used = frame_format(arguments)
+    frame_bytes: int = min(arguments.frame_bytes, CHUNK_BYTES[arguments.handshake])
+    whole, rest = divmod(size, frame_bytes)
+    return whole * used.pairs(frame_bytes) + used.pairs(rest)
 
 
 def check_controller(arguments: argparse.Namespace) -> None:
@@ -154,6 +214,11 @@ def check_controller(arguments: argparse.Namespace) -> None:
             read_policy(arguments.policy)
         except BadPolicy as error:
             raise BadInput(str(error)) from error
+    if arguments.sabot and not Path(arguments.sabot).is_socket():
+        raise BadInput(
+            f"--sabot {arguments.sabot}: no server listens there; start one with "
+            f"python -m dispatcher.sabot --socket {arguments.sabot}"
+        )
     if arguments.rest and arguments.controller != "ryu":
         raise BadInput(f"--rest needs --controller ryu: {arguments.controller} has no HTTP server")
 
@@ -184,14 +249,19 @@ def message_size(arguments: argparse.Namespace) -> int:
 
 def tell_estimate(arguments: argparse.Namespace, size: int, console: Console) -> None:
     """Say before the start how long a long message will take."""
-    pairs = size * PAIRS_PER_BYTE
-    seconds = pairs / min(EXPECTED_RATE[arguments.handshake], arguments.rate_hz)
+    pairs = pairs_of(arguments, size)
+    expected = EXPECTED_RATE[arguments.handshake]
+    expected = min(expected, DECODING_RATE.get(arguments.fec, expected), arguments.rate_hz)
+    seconds = pairs / expected
     if seconds <= TELL_ESTIMATE_ABOVE_S:
         return
     text = f"{size:,} bytes are {pairs:,} Bell pairs: about {seconds / 60:.1f} minutes on two cores"
     if not arguments.no_capture:
         captured = pairs * CAPTURED_BYTES_PER_PAIR[arguments.handshake] / 1e6
         text += f", and {captured:,.0f} MB of captures (--no-capture saves these)"
+    if not arguments.no_record:
+        recorded = pairs * RECORDED_BYTES_PER_PAIR[arguments.handshake] / 1e6
+        text += f", {recorded:,.0f} MB of record (--no-record saves these)"
     console.print(f"{text}; losses take more. Ctrl-C ends it cleanly.")
 
 
@@ -214,9 +284,15 @@ def beginning(arguments: argparse.Namespace, folder: Path) -> dict[str, Any]:
                 "frame_bytes",
                 "block_pairs",
                 "rate_hz",
+                "fec",
+                "interleave",
+                "preset",
                 "length_km",
                 "loss_db_per_km",
                 "depolarizing",
+                "kind",
+                "fiber",
+                "device",
                 "switches",
                 "leaves",
                 "spines",
@@ -225,9 +301,18 @@ def beginning(arguments: argparse.Namespace, folder: Path) -> dict[str, Any]:
             )
             if getattr(arguments, name) is not None
         },
+        "optics": asdict(every_fiber(arguments)),
+        "devices": {
+            host: differences(device)
+            for host, device in {
+                "every": preset(arguments.preset).device,
+                **every_device(arguments),
+            }.items()
+        },
         "file": str(file.resolve()),
         "captures": [],
-        "backend": None,
+        "backend": arguments.backend,
+        "exact": None,
     }
 
 
@@ -241,6 +326,10 @@ def run_network(
     """Start the network, send, and add to the facts."""
     settings = Runtime(
         seed=arguments.seed,
+        backend=arguments.backend,
+        sabot=arguments.sabot and str(Path(arguments.sabot).resolve()),
+        record=not arguments.no_record,
+        qasm=arguments.qasm,
         framework=arguments.controller,
         openflow_port=arguments.openflow_port,
         history_depth=arguments.history_depth,
@@ -260,26 +349,31 @@ def run_network(
         arguments.frame_bytes,
         arguments.block_pairs,
         arguments.rate_hz,
+        arguments.fec,
+        arguments.interleave,
     )
     console.print(f"starting the network ({arguments.controller}, seed {arguments.seed}) ...")
     with Network(topology(arguments), settings, signals) as network:
-        facts["backend"] = dispatcher_backend(network)
+        facts["backend"] = dispatcher_status(network).backend
         if not arguments.no_capture:
-            facts["captures"] = [str(file) for file in network.capture("s1")]
+            files = [*network.capture("s1"), network.capture_openflow()]
+            facts["captures"] = [str(file) for file in files]
         console.print(
             f"sending {order.file.name} from {order.sender} to {order.receiver} "
             f"by superdense coding ({order.handshake})"
         )
-        with progress_bar(console, facts) as progress:
+        size = order.file.stat().st_size
+        with progress_bar(console, facts, size, pairs_of(arguments, size)) as progress:
             progress(transfer(network, order, progress)[0])
+        facts["exact"] = dispatcher_status(network).exact
+    facts["packets_not_captured"] = network.packets_missed
 
 
 @contextmanager
 def progress_bar(
-    console: Console, facts: dict[str, Any]
+    console: Console, facts: dict[str, Any], size: int, pairs: int
 ) -> Iterator[Callable[[dict[str, Any]], None]]:
     """Show pairs sent and pairs/s; every line also goes into the facts."""
-    total = Path(facts["file"]).stat().st_size * PAIRS_PER_BYTE
     columns = (
         TextColumn("pairs"),
         BarColumn(),
@@ -288,11 +382,11 @@ def progress_bar(
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=console) as bar:
-        task = bar.add_task("pairs", total=total, rate=0.0)
+        task = bar.add_task("pairs", total=pairs, rate=0.0)
 
         def note(line: dict[str, Any]) -> None:
             facts["sender"] = line
-            delivered = line["delivered_bytes"] * PAIRS_PER_BYTE
+            delivered = pairs * line["delivered_bytes"] // max(size, 1)
             rate = line["bell_pairs"] / max(line["elapsed_s"], 1e-9)
             bar.update(task, completed=delivered, rate=rate)
 

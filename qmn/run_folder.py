@@ -9,7 +9,7 @@ def make_folder(runs: Path, topology: str) -> Path:
     """Make the folder of a new run."""
     if not runs.exists():
         runs.mkdir(parents=True)
-        _give(runs)
+        give(runs)
     stamp = time.strftime("%Y%m%dT%H%M%S")
     for attempt in range(100):
         suffix = f"-{attempt}" if attempt else ""
@@ -32,10 +32,17 @@ def point_latest(folder: Path) -> None:
 def give_to_invoker(folder: Path) -> None:
     """Let the user who called sudo own what the run leaves behind."""
     for path in (folder.with_name("latest"), folder, *folder.rglob("*")):
-        _give(path)
+        give(path)
 
 
-def _give(path: Path) -> None:
+def give_tree(folder: Path) -> None:
+    """Let the user who called sudo own a folder and all that is in it."""
+    for path in (folder, *folder.rglob("*")):
+        give(path)
+
+
+def give(path: Path) -> None:
+    """Let the user who called sudo own a file."""
     if os.geteuid() == 0 and "SUDO_UID" in os.environ:
         user, group = int(os.environ["SUDO_UID"]), int(os.environ.get("SUDO_GID", "-1"))
         os.chown(path, user, group, follow_symlinks=False)

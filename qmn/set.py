@@ -4,7 +4,7 @@ import argparse
 from typing import Any
 
 from qmn.controller_console import NoAnswer, answered, ask
-from wire.device import RANGES
+from wire.device import RANGES, setting_number
 
 DEFAULT = "default"
 
@@ -15,7 +15,9 @@ def add_parser(verbs: Any) -> None:
     parser.add_argument("device", metavar="HOST", help="alice, bob, ...")
     names = [name.replace("_", "-") for name in RANGES]
     parser.add_argument("setting", choices=names, metavar="SETTING", help=", ".join(names))
-    parser.add_argument("value", metavar="VALUE", help="a number, or `default` to undo it")
+    parser.add_argument(
+        "value", metavar="VALUE", help="a number, a name (fec golay), or `default` to undo it"
+    )
     parser.set_defaults(call=call)
 
 
@@ -26,10 +28,15 @@ def call(arguments: argparse.Namespace) -> int:
 
 def change(device: str, setting: str, value: str) -> None:
     """Override one setting."""
-    if value != DEFAULT and not value.isdecimal():
-        raise NoAnswer(f"{setting} {value!r}: give a whole number, or `{DEFAULT}`")
     name = setting.replace("-", "_")
-    number = None if value == DEFAULT else int(value)
+    try:
+        number = None if value == DEFAULT else _number(name, value)
+    except ValueError as error:
+        raise NoAnswer(f"{error}, or `{DEFAULT}`") from error
     state = ask("set", device=device, settings={name: number})
     in_force = ", ".join(f"{key} {number}" for key, number in state["overrides"].items())
     print(f"{device}: overridden in new sessions: {in_force or 'nothing'}")
+
+
+def _number(name: str, value: str) -> int | None:
+    return setting_number(name, int(value) if value.isdecimal() else value)

@@ -11,12 +11,13 @@ import grpc
 
 from topologies.network import Network
 from topologies.programs import POLL_S, NetworkError, Program, python
-from wire.dispatcher_pb2 import StatusRequest
+from wire.dispatcher_pb2 import StatusReply, StatusRequest
 from wire.dispatcher_pb2_grpc import DispatcherStub
 from wire.service import RUNNER, metadata
 
 START_TIMEOUT_S = 15.0
 STALL_TIMEOUT_S = 60.0
+END_S = 1.0  # that a program takes to end once its sockets are closed
 APPLICATION_PORT = 7
 
 
@@ -32,6 +33,8 @@ class Transfer:
     frame_bytes: int = 256
     block_pairs: int = 65_536
     rate_hz: int = 50_000_000
+    fec: str = "none"
+    interleave: bool = False
 
 
 class TransferError(Exception):
@@ -56,16 +59,16 @@ def transfer(
     return sent, received
 
 
-def dispatcher_backend(network: Network) -> str:
-    """Ask the dispatcher which simulation backend it uses."""
+def dispatcher_status(network: Network) -> StatusReply:
+    """Ask the dispatcher what simulates the quantum states, and how much there is."""
     runtime = network.runtime
     with grpc.insecure_channel(f"unix:{runtime.socket('dispatcher')}") as channel:
-        status = DispatcherStub(channel).Status(  # type: ignore[no-untyped-call]
+        status: StatusReply = DispatcherStub(channel).Status(  # type: ignore[no-untyped-call]
             StatusRequest(),
             timeout=START_TIMEOUT_S,
             metadata=metadata(runtime.token(RUNNER)),
         )
-    return str(status.backend)
+    return status
 
 
 def _start_receiver(network: Network, order: Transfer) -> Program:
@@ -86,8 +89,10 @@ def _start_sender(network: Network, order: Transfer) -> Program:
         "--frame-bytes": order.frame_bytes,
         "--block-pairs": order.block_pairs,
         "--rate-hz": order.rate_hz,
+        "--fec": order.fec,
     }
     words = [str(word) for option in options.items() for word in option]
+    words += ["--interleave"] if order.interleave else []
     command = [python(), "-m", "hosts.applications.send", *words]
     return network.run_on(order.sender, "sender", [*command, order.receiver, str(APPLICATION_PORT)])
 
@@ -106,6 +111,7 @@ def _follow(
             deadline = time.monotonic() + STALL_TIMEOUT_S
             fields = _fields(line)
             if fields.get("event") == "failed":
+                _check_cause(network)
                 raise TransferError(str(fields["text"]))
             if fields.get("event") == "done":
                 return fields
@@ -119,6 +125,14 @@ def _follow(
                 f"{program.name} made no progress for {STALL_TIMEOUT_S:g} s; "
                 "is the loss of the fibres too high?"
             )
+        time.sleep(POLL_S)
+
+
+def _check_cause(network: Network) -> None:
+    """Raise if a program's end has made the transfer fail; it ends a moment after its sockets."""
+    deadline = time.monotonic() + END_S
+    while time.monotonic() < deadline:
+        network.check()
         time.sleep(POLL_S)
 
 

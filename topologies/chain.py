@@ -8,6 +8,7 @@ alice --- q1 === q2 === q3 === bob, two fibres
 """
 
 from itertools import pairwise
+from typing import Any
 
 from topologies.fabric import FabricTopo, controllers, findController
 
@@ -17,7 +18,7 @@ __all__ = ["ChainTopo", "controllers", "findController", "topos"]
 class ChainTopo(FabricTopo):
     """alice and bob at the ends, charlie's pairs in the middle."""
 
-    def build(self, switches: int = 3, fibers: int = 2, **fiber: float) -> None:
+    def build(self, switches: int = 3, fibers: int = 2, **fiber: Any) -> None:
         """Lay copper and fibre; every fibre is alike: see sdc.py."""
         self.lay_copper(**fiber)
         names = self.add_quantum_switches(int(switches))

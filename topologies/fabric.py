@@ -5,9 +5,13 @@ coding takes one fibre to the sender, two to the receiver, two to the pair sourc
 paths at once between them, two of which may go the same way: hence two fibres a neighbour.
 """
 
+from collections.abc import Mapping
+from typing import Any
+
 from mininet.topo import Topo
 
-from topologies.fiber import FiberLink
+from topologies import presets
+from topologies.fiber import FiberLink, resolved
 from topologies.nodes import (
     ClassicalSwitch,
     DispatcherHost,
@@ -15,6 +19,8 @@ from topologies.nodes import (
     QuantumController,
     QuantumHost,
 )
+from wire.fiber import KINDS, optics
+from wire.physics import Device
 
 FIRST_DPID = 0x1000  # q1 is 0x1001
 MOST_SWITCHES = 32
@@ -24,18 +30,17 @@ class FabricTopo(Topo):
     """alice, bob, charlie with his pairs, ed with the qubits; subclasses lay the fibres."""
 
     def lay_copper(
-        self,
-        length_km: float = 0.01,
-        loss_db_per_km: float = 0.0,
-        depolarizing: float = 0.0,
+        self, preset: str = "ideal", devices: Mapping[str, Device] | None = None, **fiber: Any
     ) -> None:
-        """Add s1 and the hosts, and note what every fibre will be like."""
-        self._fiber = {
-            "cls": FiberLink,
-            "length_km": float(length_km),
-            "loss_db_per_km": float(loss_db_per_km),
-            "depolarizing": float(depolarizing),
-        }
+        """Add s1 and the hosts, and note what every fibre will be like.
+
+        Fibres are as the preset says (topologies/presets.py), but for what is given by keyword
+        (wire.fiber.FiberOptics); raise BadParameter for what cannot be. Hosts have the preset's
+        device, or their own of `devices`.
+        """
+        self._fiber = {"cls": FiberLink, **fiber_of(preset, fiber)}
+        self._device = presets.preset(preset).device
+        self._devices = devices or {}
         self.addSwitch("s1", cls=ClassicalSwitch, dpid="1")
         self.add_host("alice", "10.0.0.1")
         self.add_host("bob", "10.0.0.2")
@@ -45,7 +50,8 @@ class FabricTopo(Topo):
 
     def add_host(self, name: str, address: str, **params: object) -> None:
         """Add a host with copper to s1."""
-        self.addHost(name, cls=QuantumHost, ip=f"{address}/24", **params)
+        device = self._devices.get(name, self._device)
+        self.addHost(name, cls=QuantumHost, ip=f"{address}/24", device=device, **params)
         self.addLink(name, "s1")
 
     def add_quantum_switches(self, count: int, least: int = 1) -> list[str]:
@@ -70,6 +76,18 @@ class FabricTopo(Topo):
             raise ValueError(f"{fibers} fibres between {one} and {other}: choose 1 or more")
         for _ in range(fibers):
             self.addLink(one, other, **self._fiber)
+
+
+def fiber_of(preset: str, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the parameters of every fibre: what is given, else what its kind and preset say.
+
+    A kind that is given goes before the preset's other parameters, as its own values differ.
+    """
+    base = presets.preset(preset).fiber
+    kind = KINDS.get(str(given["kind"]), {}) if "kind" in given else {}
+    chosen = {**base, **kind, **given}
+    resolved(optics("every fibre", **chosen))
+    return chosen
 
 
 def findController() -> type[QuantumController]:  # noqa: N802

@@ -1,16 +1,16 @@
 """A fibre as a Mininet link: topo.addLink(alice, q1, cls=FiberLink, length_km=0.5)."""
 
+from dataclasses import fields, replace
+from pathlib import Path
+
 from mininet.link import Link
 from mininet.node import Node, Switch
 
 from topologies import runtime
-from wire.config import Fiber, FiberEnd
+from wire.fiber import Fiber, FiberEnd, FiberOptics, optics
+from wire.physics import BadParameter
 
-RANGES = {
-    "length_km": (0.0, 2_000.0),
-    "loss_db_per_km": (0.0, 1_000.0),
-    "depolarizing": (0.0, 1.0),
-}
+OPTICS = {each.name for each in fields(FiberOptics)}
 
 
 class FiberLink(Link):
@@ -18,20 +18,14 @@ class FiberLink(Link):
 
     The bridge gets a real port and Mininet's verbs (net, links, link … down) work on it.
     The host's end is its QNIC and is called <host>-q0, <host>-q1, …
+    Optics go by keyword, as the fields of wire.fiber.FiberOptics; raise BadParameter for what no
+    fibre is like. A noise model of the user's own is in a file that is relative to where the
+    program runs.
     """
 
-    def __init__(
-        self,
-        node1: Node,
-        node2: Node,
-        length_km: float = 0.01,
-        loss_db_per_km: float = 0.0,
-        depolarizing: float = 0.0,
-        **params: object,
-    ) -> None:
-        _check("length_km", length_km)
-        _check("loss_db_per_km", loss_db_per_km)
-        _check("depolarizing", depolarizing)
+    def __init__(self, node1: Node, node2: Node, **params: object) -> None:
+        given = {name: params.pop(name) for name in OPTICS & params.keys()}
+        described = resolved(optics(f"fibre {node1.name} to {node2.name}", **given))
         network = runtime.current()
         for key, node in (("intfName1", node1), ("intfName2", node2)):
             if not isinstance(node, Switch):
@@ -39,8 +33,7 @@ class FiberLink(Link):
         super().__init__(node1, node2, **params)
         for end in (self.intf1, self.intf2):
             _silence(end)
-        ends = (_end(self.intf1), _end(self.intf2))
-        network.fibers.append(Fiber(*ends, length_km, loss_db_per_km, depolarizing))
+        network.fibers.append(Fiber.joining(_end(self.intf1), _end(self.intf2), described))
 
     @classmethod
     def makeIntfPair(  # noqa: N802 (Mininet's name)
@@ -83,7 +76,12 @@ def _silence(interface: object) -> None:
     node.cmd(f"sysctl -qw net.ipv6.conf.{interface}.disable_ipv6=1")
 
 
-def _check(name: str, value: float) -> None:
-    least, most = RANGES[name]
-    if not least <= value <= most:
-        raise ValueError(f"{name}={value} of a fibre: choose {least:g} to {most:g}")
+def resolved(described: FiberOptics) -> FiberOptics:
+    """Return the same with the whole path of the noise model's file, which must be there."""
+    if not described.noise:
+        return described
+    file, _, name = described.noise.rpartition(":")
+    path = Path(file).resolve()
+    if not path.is_file():
+        raise BadParameter(f"noise {described.noise!r}: there is no file {path}")
+    return replace(described, noise=f"{path}:{name}")

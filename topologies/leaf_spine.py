@@ -9,6 +9,8 @@
     sudo PYTHONPATH=. mn --custom topologies/leaf_spine.py --topo leaf_spine,leaves=3,spines=2
 """
 
+from typing import Any
+
 from topologies.fabric import FabricTopo, controllers, findController
 
 __all__ = ["LeafSpineTopo", "controllers", "findController", "topos"]
@@ -17,7 +19,7 @@ __all__ = ["LeafSpineTopo", "controllers", "findController", "topos"]
 class LeafSpineTopo(FabricTopo):
     """Hosts at the leaves; between two leaves there is a way by each spine."""
 
-    def build(self, leaves: int = 3, spines: int = 2, fibers: int = 1, **fiber: float) -> None:
+    def build(self, leaves: int = 3, spines: int = 2, fibers: int = 1, **fiber: Any) -> None:
         """Lay copper and fibre; every fibre is alike: see sdc.py."""
         self.lay_copper(**fiber)
         leaves, spines = int(leaves), int(spines)

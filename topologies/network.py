@@ -1,6 +1,7 @@
 """One emulated network from start to end: check, start, watch, always clean up."""
 
 import os
+import re
 import shutil
 import signal
 import time
@@ -23,6 +24,9 @@ from wire.config import Fiber
 
 DISCOVERY_TIMEOUT_S = 20.0
 CAPTURE_SETTLE_S = 1.0
+CAPTURE_BUFFER_KIB = 16_384  # in the kernel, for each capture
+MAX_PACKET_BYTES = 65_600  # TCP hands over up to 64 KiB at once, and its headers
+DROPPED = re.compile(r"^(\d+) packets? dropped by kernel", re.MULTILINE)
 SWITCHES = "switches"  # file in the private folder: what this run has made or will make
 
 
@@ -96,6 +100,7 @@ class Network:
         self.runtime = settings
         self._signals = signals
         self._captures: list[Program] = []
+        self.packets_missed = 0  # by captures that have ended
         self._cleanup = ExitStack()
 
     def __enter__(self) -> Self:
@@ -213,18 +218,27 @@ class Network:
 
     def capture(self, switch: str) -> list[Path]:
         """Capture every link of a switch from now on; return the files."""
-        files = []
-        for interface in self.net.get(switch).intfNames():
-            if interface == "lo":
-                continue
-            file = self.runtime.logs / f"{interface}.pcap"
-            program = Program(f"tcpdump-{interface}", self.runtime.folder / f"{interface}.log")
-            self._cleanup.callback(stop_capture, program, file)
-            program.start(capture_command(interface, file))
-            program.wait_for("listening on", READY_TIMEOUT_S)
-            self._captures.append(program)
-            files.append(file)
-        return files
+        interfaces = [name for name in self.net.get(switch).intfNames() if name != "lo"]
+        return [self._capture(name, interface=name) for name in interfaces]
+
+    def capture_openflow(self) -> Path:
+        """Capture from now on what the controller and the switches say; return the file."""
+        port = str(self.runtime.openflow_port)
+        # The loopback shows each packet twice, on its way out and in.
+        return self._capture("c0", "lo", "inbound", "and", "tcp", "port", port)
+
+    def _capture(self, name: str, interface: str, *expression: str) -> Path:
+        file = self.runtime.logs / f"{name}.pcap"
+        program = Program(f"tcpdump-{name}", self.runtime.folder / f"tcpdump-{name}.log")
+        self._cleanup.callback(self._end_capture, program, file)
+        program.start([*capture_command(interface, file), *expression])
+        program.wait_for("listening on", READY_TIMEOUT_S)
+        self._captures.append(program)
+        return file
+
+    def _end_capture(self, program: Program, file: Path) -> None:
+        stop_capture(program, file)
+        self.packets_missed += packets_missed(program.log.read_text(errors="replace"))
 
     def check(self) -> None:
         """Raise if a signal has come or a program of the network has ended."""
@@ -243,9 +257,15 @@ def link_name(ends: Iterable[Sequence[int]]) -> str:
 
 
 def capture_command(interface: str, file: Path) -> list[str]:
-    """Return the tcpdump command for one interface, nanosecond clock, whole packets."""
-    options = ["-n", "-U", "-s", "0", "-B", "8192"]
+    """Return the tcpdump command for one interface, nanosecond clock, whole packets.
+
+    Each slot of the kernel's buffer is as large as the largest packet may be, so a larger limit
+    would leave it few slots, and bursts would be missed.
+    """
+    options = ["-n", "-U", "-s", str(MAX_PACKET_BYTES), "-B", str(CAPTURE_BUFFER_KIB)]
     options += ["--immediate-mode", "--time-stamp-precision=nano"]
+    # Another user's process would not be told that the runner has died.
+    options += ["-Z", "root"]
     return ["tcpdump", *options, "-i", interface, "-w", str(file)]
 
 
@@ -256,6 +276,11 @@ def stop_capture(program: Program, file: Path) -> None:
         size = file.stat().st_size
         time.sleep(POLL_S)
     program.stop()
+
+
+def packets_missed(last_words: str) -> int:
+    """Return how many packets a capture says it has missed."""
+    return sum(int(count) for count in DROPPED.findall(last_words))
 
 
 def require_root() -> None:

@@ -3,7 +3,9 @@
 import select
 import shlex
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from mininet.node import Controller, Host, Node, OVSSwitch
 
@@ -12,7 +14,7 @@ from topologies.addresses import broadcast, free_address
 from topologies.fiber import qnics
 from topologies.programs import ROOT, Program, python
 from topologies.record import RECORD
-from topologies.runtime import CONSOLE, DISPATCHER, Runtime
+from topologies.runtime import CONSOLE, DISPATCHER, EVENT_CAPTURE, Runtime
 from wire import switch_check
 from wire.config import (
     DISPATCHER_PORT,
@@ -25,6 +27,7 @@ from wire.config import (
     PathOptics,
     QuantumSwitch,
 )
+from wire.physics import BadParameter, BellAnalyser, Detectors, Device, Memory, PairSource
 
 READY_TIMEOUT_S = 20.0
 STATE = "state"  # folder in which the controller keeps what its successor must know
@@ -116,10 +119,16 @@ class DispatcherHost(ClassicalHost):
             listen=network.dispatcher,
             socket=network.socket(DISPATCHER),
             seed=network.seed,
+            backend=network.backend,
             tokens=network.tokens,
             fibers=network.fibers,
             switches=list(network.switches.values()),
             event_log=str(network.logs / "quantum.log"),
+            sabot=network.sabot,
+            record=str(network.logs / "dispatcher.record") if network.record else "",
+            qasm=str(network.logs / "quantum.qasm") if network.qasm else "",
+            devices=network.devices,
+            event_capture=str(network.logs / EVENT_CAPTURE),
             history_depth=network.history_depth,
         )
         self.program = launch(network, DISPATCHER, "dispatcher", config, self)
@@ -129,13 +138,32 @@ class DispatcherHost(ClassicalHost):
 class QuantumHost(ClassicalHost):
     """A host with a QNIC: runs the three-layer stack.
 
-    `source=True` makes pairs, for all hosts that do not name another by `pairs_from`.
+    `source=True` makes pairs, for all hosts that do not name another by `pairs_from`. What its
+    hardware is like goes by parts, as detectors=Detectors(efficiency=0.8), or as one `device`;
+    `source` may be a PairSource. Raise BadParameter for what no hardware is like.
     """
 
     def __init__(
-        self, name: str, source: bool = False, pairs_from: str = "", **params: object
+        self,
+        name: str,
+        source: bool | PairSource = False,
+        pairs_from: str = "",
+        device: Device | None = None,
+        memory: Memory | None = None,
+        detectors: Detectors | None = None,
+        analyser: BellAnalyser | None = None,
+        **params: object,
     ) -> None:
+        parts: dict[str, Any] = {"memory": memory, "detectors": detectors, "analyser": analyser}
+        if not isinstance(source, bool):
+            parts["source"] = source
+        given = {part: value for part, value in parts.items() if value is not None}
+        if not isinstance(device, Device | None):
+            raise BadParameter(f"{name}: device {device!r} is not a Device")
+        described = replace(device or Device(), **given)
+        described.check(name)
         super().__init__(name, **params)
+        self.network.devices[name] = described
         self.network.token(name)
         self.pairs_from = pairs_from
         self.network.device_key(name)
@@ -158,6 +186,7 @@ class QuantumHost(ClassicalHost):
             seed=network.seed,
             report_to=broadcast(network.addresses.values(), network.prefix_length),
             device_key=network.device_key(self.name),
+            analyser=network.devices[self.name].analyser.kind,
         )
         self.program = launch(network, self.name, "hosts", config, self)
         environment = {

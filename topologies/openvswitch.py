@@ -1,6 +1,7 @@
 """Open vSwitch on this machine: is it running, which datapath has it, who started it."""
 
 import os
+import shutil
 import subprocess
 import time
 from pathlib import Path
@@ -17,6 +18,11 @@ OWNER = "external_ids:qmn"  # which run has made a bridge, or started Open vSwit
 def vsctl(*arguments: str) -> str:
     """Run ovs-vsctl; raise NetworkError with its words if it fails."""
     return _run("ovs-vsctl", "--timeout=10", *arguments)
+
+
+def installed() -> bool:
+    """Whether it is on this machine."""
+    return Path(CONTROL).exists() and shutil.which("ovs-vsctl") is not None
 
 
 def running() -> bool:
@@ -44,19 +50,20 @@ def start(owner: str) -> None:
 
 def adopt(owner: str) -> None:
     """Take over an Open vSwitch that a run of ours has started and could not stop."""
-    starter = _starter()
-    if starter and starter.isdigit() and not alive(starter):
+    first = starter()
+    if first.isdigit() and not alive(first):
         vsctl("set", "Open_vSwitch", ".", f"{OWNER}={owner}")
 
 
 def stop_if_ours(owner: str) -> None:
     """Stop Open vSwitch if this run started it and no bridge is left in it."""
-    if running() and _starter() == owner and not bridges():
+    if running() and starter() == owner and not bridges():
         vsctl("remove", "Open_vSwitch", ".", "external_ids", "qmn")
         _run(CONTROL, "stop", timeout_s=START_TIMEOUT_S)
 
 
-def _starter() -> str:
+def starter() -> str:
+    """Return which run has started Open vSwitch, "" if none of ours did."""
     return vsctl("--if-exists", "get", "Open_vSwitch", ".", OWNER).strip('"\n ')
 
 

@@ -7,6 +7,8 @@ alice --- q1 === q2 === charlie, two fibres
   sudo PYTHONPATH=. mn --custom topologies/ring.py --topo ring,switches=4
 """
 
+from typing import Any
+
 from topologies.fabric import FabricTopo, controllers, findController
 
 __all__ = ["RingTopo", "controllers", "findController", "topos"]
@@ -15,7 +17,7 @@ __all__ = ["RingTopo", "controllers", "findController", "topos"]
 class RingTopo(FabricTopo):
     """Between any two hosts there are two ways."""
 
-    def build(self, switches: int = 4, fibers: int = 2, **fiber: float) -> None:
+    def build(self, switches: int = 4, fibers: int = 2, **fiber: Any) -> None:
         """Lay copper and fibre; every fibre is alike: see sdc.py."""
         self.lay_copper(**fiber)
         names = self.add_quantum_switches(int(switches), least=3)

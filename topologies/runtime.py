@@ -16,12 +16,14 @@ from typing import IO
 
 from topologies.programs import NetworkError, Program
 from wire.config import Fiber, QuantumSwitch
+from wire.physics import Device
 from wire.service import RUNNER
 
 RUNTIME_ROOT = Path("/run/qmn")
 OPENFLOW_PORT = 6653
 DISPATCHER = "dispatcher"  # the program, and its socket
 CONSOLE = "console"  # the controller's socket
+EVENT_CAPTURE = "quantum.pcapng"  # what happened to the qubits, for Wireshark and qmn spy
 
 
 @dataclass
@@ -29,6 +31,10 @@ class Runtime:
     """One network: settings given by the caller, and what its nodes have registered."""
 
     seed: int = 1
+    sabot: str = ""  # path of a Sabot server's socket; empty: the dispatcher simulates by itself
+    record: bool = False  # whether the dispatcher records what it is asked, for a replay
+    qasm: bool = False  # whether the dispatcher dumps what is done to qubits
+    backend: str = "chp"  # of wire.config.BACKENDS: what simulates the quantum states
     framework: str = "ryu"
     openflow_port: int = OPENFLOW_PORT
     history_depth: int = 10_000  # events that the dispatcher remembers
@@ -40,6 +46,7 @@ class Runtime:
     switches: dict[str, QuantumSwitch] = field(default_factory=dict)
     datapath_ids: dict[str, int] = field(default_factory=dict)  # of the quantum switches
     programmed_elsewhere: set[str] = field(default_factory=set)  # by other controllers than c0
+    devices: dict[str, Device] = field(default_factory=dict)  # of the hosts
     source: str = ""
     dispatcher: str = ""  # "10.0.0.4:50051"
     programs: list[Program] = field(default_factory=list)

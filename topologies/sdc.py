@@ -12,6 +12,8 @@
     sudo PYTHONPATH=. mn --custom topologies/sdc.py --topo sdc
 """
 
+from typing import Any
+
 from topologies.fabric import FabricTopo, controllers, findController
 
 __all__ = ["SdcTopo", "controllers", "findController", "topos"]
@@ -20,8 +22,8 @@ __all__ = ["SdcTopo", "controllers", "findController", "topos"]
 class SdcTopo(FabricTopo):
     """alice and bob, with charlie's pairs; ed holds the qubits."""
 
-    def build(self, **fiber: float) -> None:
-        """Lay copper and fibre; every fibre is alike: length_km, loss_db_per_km, depolarizing."""
+    def build(self, **fiber: Any) -> None:
+        """Lay copper and fibre; every fibre is alike: `preset`, or wire.fiber.FiberOptics."""
         self.lay_copper(**fiber)
         (q1,) = self.add_quantum_switches(1)
         self.place(q1, q1, q1)

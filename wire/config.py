@@ -8,8 +8,27 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
+from wire.fiber import Fiber, FiberEnd
+from wire.physics import ANALYSERS, Device
+
+__all__ = [
+    "CONTENTION",
+    "DISPATCHER_PORT",
+    "AgentConfig",
+    "BadConfig",
+    "Config",
+    "ControllerConfig",
+    "DispatcherConfig",
+    "Fiber",
+    "FiberEnd",
+    "HostConfig",
+    "PathOptics",
+    "QuantumSwitch",
+]
+
 DISPATCHER_PORT = 50051
 CONTENTION = ("refuse", "queue")
+BACKENDS = ("chp", "stim", "dense")
 
 
 class BadConfig(ValueError):
@@ -37,31 +56,6 @@ class Config:
     def from_dict(cls, fields: dict[str, Any]) -> Self:
         """Build the configuration from decoded JSON."""
         return cls(**fields)
-
-
-@dataclass(frozen=True)
-class FiberEnd:
-    """A port that a fibre ends in: a host's interface, or a port number of a switch."""
-
-    node: str
-    port: str  # of a host: its interface name; of a quantum switch: its OpenFlow port number
-
-
-@dataclass(frozen=True)
-class Fiber:
-    """A fibre between two ports, alike in both directions."""
-
-    a: FiberEnd
-    b: FiberEnd
-    length_km: float = 0.01
-    loss_db_per_km: float = 0.0
-    depolarizing: float = 0.0  # probability p: X, Y and Z each happen with p/4
-
-    @classmethod
-    def from_dict(cls, fields: dict[str, Any]) -> "Fiber":
-        """Build the fibre from decoded JSON."""
-        ends = {end: FiberEnd(**fields[end]) for end in ("a", "b")}
-        return cls(**{**fields, **ends})
 
 
 @dataclass(frozen=True)
@@ -110,15 +104,27 @@ class DispatcherConfig(Config):
     fibers: list[Fiber]
     switches: list[QuantumSwitch]
     event_log: str = ""  # path; empty: none
+    event_capture: str = ""  # path of the same as a pcapng file; empty: none
+    devices: dict[str, Device] = field(default_factory=dict)  # of hosts; ideal if not listed
     history_depth: int = 10_000
     max_live_qubits: int = 8_000_000
+    backend: str = "chp"  # on which quantum states begin: one of BACKENDS
+    record: str = ""  # path of a private record to replay, which must not exist; empty: none
+    qasm: str = ""  # path of a dump of what is done to qubits (OpenQASM 2.0); empty: none
+    sabot: str = ""  # path of a Sabot server's socket; empty: simulate in the dispatcher itself
+
+    def __post_init__(self) -> None:
+        if self.backend not in BACKENDS:
+            raise ValueError(f"backend {self.backend!r}: choose one of {', '.join(BACKENDS)}")
 
     @classmethod
     def from_dict(cls, fields: dict[str, Any]) -> "DispatcherConfig":
         """Build the configuration from decoded JSON."""
         fibers = [Fiber.from_dict(fiber) for fiber in fields["fibers"]]
         switches = [QuantumSwitch.from_dict(switch) for switch in fields["switches"]]
-        return cls(**{**fields, "fibers": fibers, "switches": switches})
+        given = fields.get("devices", {})
+        devices = {name: Device.from_dict(device) for name, device in given.items()}
+        return cls(**{**fields, "fibers": fibers, "switches": switches, "devices": devices})
 
 
 @dataclass(frozen=True)
@@ -136,6 +142,11 @@ class HostConfig(Config):
     seed: int
     report_to: str = ""  # address that the node agent reports to (the subnet's broadcast)
     device_key: str = ""  # that the node agent shares with the controller; empty: no node agent
+    analyser: str = "complete"  # or "linear": its Bell analyser (wire.physics.BellAnalyser.kind)
+
+    def __post_init__(self) -> None:
+        if self.analyser not in ANALYSERS:
+            raise ValueError(f"analyser {self.analyser!r}: choose one of {', '.join(ANALYSERS)}")
 
 
 @dataclass(frozen=True)

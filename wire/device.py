@@ -17,10 +17,12 @@ nanoseconds, and a listener takes only numbers that rise: what was heard once is
 
 import hmac
 import struct
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import ClassVar
 
 from wire.metadata import (
+    FEC_NAMES,
     HEADER,
     MAGIC,
     VERSION,
@@ -38,12 +40,17 @@ RANGES = {
     "rate_hz": (1, 4_000_000_000),
     "frame_bytes": (1, 1 << 16),
     "fec": (0, 255),
+    "interleave": (0, 1),
     "wavelength_pm": (1_000_000, 2_000_000),
 }
-_TRAILER = struct.Struct("!32sQ")
-_TAG_BYTES = 16
-_UNSET = 0xFFFFFFFF
-_PORT = struct.Struct("!15s?")
+NAMED: dict[str, Mapping[str, int]] = {
+    "fec": FEC_NAMES,
+    "interleave": {"off": 0, "on": 1},
+}  # settings people name
+TRAILER = struct.Struct("!32sQ")
+TAG_BYTES = 16
+UNSET = 0xFFFFFFFF
+PORT = struct.Struct("!15s?")
 
 
 @dataclass(frozen=True)
@@ -53,6 +60,7 @@ class DeviceSettings:
     rate_hz: int | None = None  # pulse rate: pairs a second of the source
     frame_bytes: int | None = None
     fec: int | None = None  # number of the error-correction code; 0 is none
+    interleave: int | None = None  # 1: spread its codewords
     wavelength_pm: int | None = None
 
 
@@ -66,13 +74,38 @@ def check_settings(settings: DeviceSettings) -> None:
             raise ValueError(f"{name} is {value!r}: choose {least} to {most}")
 
 
+_SETTINGS = struct.Struct(f"!{len(fields(DeviceSettings))}I")
+
+
+def setting_number(name: str, value: object) -> int | None:
+    """Return a setting as people and programs give it, by name or number; None undoes it.
+
+    Raise ValueError naming value and choices.
+    """
+    names = NAMED.get(name, {})
+    if name == "interleave" and isinstance(value, bool):
+        return int(value)
+    if isinstance(value, str) and value in names:
+        return int(names[value])
+    if value is None or (isinstance(value, int) and not isinstance(value, bool)):
+        return value
+    choices = f"one of {', '.join(names)}, or its number" if names else "a whole number"
+    raise ValueError(f"{name} is {value!r}: give {choices}")
+
+
+def setting_name(name: str, number: int) -> int | str:
+    """Return what people call the value of a setting: its name if it has one."""
+    names = {value: text for text, value in NAMED.get(name, {}).items()}
+    return names.get(number, number)
+
+
 def _pack_settings(settings: DeviceSettings) -> bytes:
     values = (getattr(settings, item.name) for item in fields(settings))
-    return struct.pack("!4I", *(_UNSET if value is None else value for value in values))
+    return _SETTINGS.pack(*(UNSET if value is None else value for value in values))
 
 
 def _unpack_settings(data: bytes) -> DeviceSettings:
-    values = (None if value == _UNSET else value for value in struct.unpack("!4I", data))
+    values = (None if value == UNSET else value for value in _SETTINGS.unpack(data))
     settings = DeviceSettings(*values)
     try:
         check_settings(settings)
@@ -109,7 +142,7 @@ class SetDevice(Message):
     """Override what the applications of a host ask for, in sessions that begin from now on."""
 
     KIND = 34
-    FIELDS = struct.Struct("!16s")
+    FIELDS = struct.Struct(f"!{_SETTINGS.size}s")
 
     settings: DeviceSettings = DeviceSettings()
 
@@ -138,7 +171,7 @@ class DeviceReport(Message):
     """The state of a host. Counts are since its stack started."""
 
     KIND = 35
-    FIELDS = struct.Struct("!HHHQQQQQQIIIIIII16s")
+    FIELDS = struct.Struct(f"!HHHQQQQQQIIIIIIII{_SETTINGS.size}s")
 
     sending: int = 0  # sessions that run
     receiving: int = 0
@@ -152,6 +185,7 @@ class DeviceReport(Message):
     rate_hz: int = 0  # what the session used that began last; 0: there was none
     frame_bytes: int = 0
     fec: int = 0
+    interleave: int = 0
     wavelength_pm: int = 0
     period_ms: int = 0  # the subscription in force; 0: none
     lost_ppm: int = 0
@@ -163,18 +197,18 @@ class DeviceReport(Message):
         """Return the message as it goes onto the wire."""
         _session, *numbers, settings, ports = vars(self).values()
         fixed = self.FIELDS.pack(*numbers, _pack_settings(settings))
-        named = (_PORT.pack(port.name.encode(), port.up) for port in ports)
+        named = (PORT.pack(port.name.encode(), port.up) for port in ports)
         return self._frame(fixed + b"".join(named))
 
     @classmethod
     def parse(cls, session: int, body: bytes) -> "DeviceReport":
         """Build the message from its body; raise MalformedPacket if it does not fit."""
         size = cls.FIELDS.size
-        count, rest = divmod(len(body) - size, _PORT.size)
+        count, rest = divmod(len(body) - size, PORT.size)
         if len(body) < size or rest or count > MAX_PORTS:
             raise MalformedPacket(f"DeviceReport: {len(body)} bytes do not fit")
         *numbers, settings = cls.FIELDS.unpack_from(body)
-        ports = tuple(DevicePort(_text(name), up) for name, up in _PORT.iter_unpack(body[size:]))
+        ports = tuple(DevicePort(_text(name), up) for name, up in PORT.iter_unpack(body[size:]))
         report = cls(session, *numbers)
         return replace(report, settings=_unpack_settings(settings), ports=ports)
 
@@ -197,31 +231,31 @@ class Datagram:
 
     def seal(self, key: str, speaker: bytes) -> bytes:
         """Return the datagram with the HMAC of its speaker."""
-        data = self.message.encode() + _TRAILER.pack(self.host.encode(), self.number)
+        data = self.message.encode() + TRAILER.pack(self.host.encode(), self.number)
         return data + _tag(key, speaker, data)
 
 
 def host_of(data: bytes) -> str:
     """Return which host a datagram speaks of, before its HMAC is checked."""
-    if not HEADER.size + _TRAILER.size + _TAG_BYTES <= len(data) <= MAX_DATAGRAM:
+    if not HEADER.size + TRAILER.size + TAG_BYTES <= len(data) <= MAX_DATAGRAM:
         raise MalformedPacket(f"datagram of {len(data)} bytes")
-    name, _number = _TRAILER.unpack_from(data, len(data) - _TAG_BYTES - _TRAILER.size)
+    name, _number = TRAILER.unpack_from(data, len(data) - TAG_BYTES - TRAILER.size)
     return _text(name)
 
 
 def open_sealed(data: bytes, key: str, speaker: bytes) -> Datagram:
     """Read a datagram; raise MalformedPacket unless its speaker knows the key."""
     host = host_of(data)
-    signed, tag = data[:-_TAG_BYTES], data[-_TAG_BYTES:]
+    signed, tag = data[:-TAG_BYTES], data[-TAG_BYTES:]
     if not hmac.compare_digest(tag, _tag(key, speaker, signed)):
         raise MalformedPacket(f"datagram for {host}: its HMAC is wrong")
-    message = signed[: -_TRAILER.size]
-    _name, number = _TRAILER.unpack_from(signed, len(message))
+    message = signed[: -TRAILER.size]
+    _name, number = TRAILER.unpack_from(signed, len(message))
     return Datagram(_decode(message), host, number)
 
 
 def _tag(key: str, speaker: bytes, data: bytes) -> bytes:
-    return hmac.digest(bytes.fromhex(key), speaker + data, "sha256")[:_TAG_BYTES]
+    return hmac.digest(bytes.fromhex(key), speaker + data, "sha256")[:TAG_BYTES]
 
 
 def _decode(data: bytes) -> Message:

@@ -1,15 +1,30 @@
-"""The quantum event log: one line of text for each event of the dispatcher."""
+"""What an event of the dispatcher is outside of gRPC: a line, JSON, a packet of a capture.
 
+A packet is a magic number, a version and the protobuf message Event. Fields that Event gets
+later appear everywhere by themselves: a reader that does not know them keeps them.
+"""
+
+import struct
 from datetime import UTC, datetime
 from functools import lru_cache
+from typing import Any
+
+from google.protobuf.json_format import MessageToDict
+from google.protobuf.message import DecodeError
 
 from wire.dispatcher_pb2 import Event
+from wire.metadata import MalformedPacket
+
+RECORD = struct.Struct("!HBx")  # magic, version; then the message
+MAGIC = 0x5145  # "QE"
+VERSION = 1
+DROPPED = "dropped"  # kind of the event that says how many were not told
+_SHOWN = frozenset({"time_ns", "node", "kind", "block", "port", "photons", "lost", "detail"})
 
 
 def format_line(event: Event) -> str:
     """Return the event as one line; its time is that of the packet captures, in UTC."""
-    seconds, nanoseconds = divmod(event.time_ns, 1_000_000_000)
-    parts = [f"{_moment(seconds)}.{nanoseconds:09d}Z", f"{event.node:<8}", f"{event.kind:<13}"]
+    parts = [format_time(event.time_ns), f"{event.node:<8}", f"{event.kind:<13}"]
     if event.HasField("block"):
         block = event.block
         parts.append(f"session={block.session:016x} block={block.number}/{block.half}")
@@ -19,9 +34,61 @@ def format_line(event: Event) -> str:
         parts.append(f"photons={event.photons}")
     if event.lost:
         parts.append(f"lost={event.lost}")
+    parts += [f"{name}={value}" for name, value in _further(event).items()]
     if event.detail:
         parts.append(event.detail)
     return " ".join(parts)
+
+
+def format_time(time_ns: int) -> str:
+    """Return a time of the captures' clock to the nanosecond, in UTC."""
+    seconds, nanoseconds = divmod(time_ns, 1_000_000_000)
+    return f"{_moment(seconds)}.{nanoseconds:09d}Z"
+
+
+def to_json(event: Event) -> dict[str, Any]:
+    """Return the event for programs; a session is 16 hexadecimal digits, as in the log."""
+    fields: dict[str, Any] = {
+        "time": format_time(event.time_ns),
+        "time_ns": event.time_ns,
+        "node": event.node,
+        "kind": event.kind,
+    }
+    if event.HasField("block"):
+        block = event.block
+        fields |= {
+            "session": f"{block.session:016x}",
+            "block": block.number,
+            "half": block.half,
+        }
+    given = {"port": event.port, "photons": event.photons, "lost": event.lost}
+    fields |= {name: value for name, value in given.items() if value}
+    fields |= _further(event)
+    return {**fields, "detail": event.detail} if event.detail else fields
+
+
+def encode_record(event: Event) -> bytes:
+    """Return the event as a packet of a capture."""
+    return RECORD.pack(MAGIC, VERSION) + event.SerializeToString()
+
+
+def decode_record(data: bytes) -> Event:
+    """Read a packet of a capture; raise MalformedPacket unless it is an event."""
+    if len(data) < RECORD.size or RECORD.unpack_from(data) != (MAGIC, VERSION):
+        raise MalformedPacket(f"not an event of version {VERSION}: {data[: RECORD.size].hex()}")
+    try:
+        return Event.FromString(data[RECORD.size :])
+    except DecodeError as error:
+        raise MalformedPacket(f"event of {len(data)} bytes: {error}") from error
+
+
+def _further(event: Event) -> dict[str, Any]:
+    """Return the fields that this module does not know by name."""
+    further = {field.name: value for field, value in event.ListFields() if field.name not in _SHOWN}
+    if not further:
+        return further
+    everything = MessageToDict(event, preserving_proto_field_name=True)
+    return {name: everything[name] for name in further}
 
 
 @lru_cache(maxsize=2)

@@ -18,7 +18,7 @@ from typing import ClassVar, TypeVar
 
 METADATA_PORT = 9010
 MAGIC = 0x514D  # "QM"
-VERSION = 1
+VERSION = 2
 MAX_LENGTH = 1 << 17
 MAX_FRAMES = 4096  # in one block
 HEADER = struct.Struct("!HBBIQ")
@@ -85,6 +85,20 @@ class Pauli(IntEnum):
     XZ = 3
 
 
+class Fec(IntEnum):
+    """Error-correction codes of a session (hosts/middleware/coding)."""
+
+    NONE = 0
+    REPETITION = 1  # (3,1)
+    HAMMING = 2  # (7,4)
+    GOLAY = 3  # (23,12)
+    REED_SOLOMON = 4  # (255,223) over bytes, shortened
+
+
+FEC_NAMES = {fec.name.lower().replace("_", "-"): fec for fec in Fec}  # what users call them
+SYMBOLS = (3, 4)  # how many Bell states an analyser can tell apart
+
+
 PAPER_ENCODING = 0b11_10_01_00  # symbol s is sent as Pauli (encoding >> 2s) & 3: table 1
 
 
@@ -119,7 +133,7 @@ class Setup(Message):
     """Ask for light paths. First on its connection, one write, nothing after until answered."""
 
     KIND = 1
-    FIELDS = struct.Struct("!BB4sIIIHIBBBBIiIIBBH")
+    FIELDS = struct.Struct("!BB4sIIIHIBBBBBIiIIBBH")
 
     service: int
     handshake: int
@@ -129,8 +143,9 @@ class Setup(Message):
     rate_hz: int
     port: int = 0  # the application's port, as in TCP
     block: int = 0  # ONE_PAIR: number of the pair
-    encoding: int = PAPER_ENCODING
-    fec: int = 0  # error-correction code; 0 is none
+    encoding: int = PAPER_ENCODING  # proposed; the answer says which one is used
+    fec: int = Fec.NONE  # error-correction code; a receiver refuses one that it does not know
+    interleave: int = 0  # 1: the bits of its codewords travel far from each other
     polarization: int = 0  # 0 is the horizontal/vertical basis
     memory: int = 0  # memory state wanted; 0 is none
     wavelength_pm: int = 1_550_120
@@ -154,8 +169,9 @@ class Setup(Message):
         for name in ("pairs", "frame_bytes", "rate_hz"):
             if getattr(raw, name) == 0:
                 raise MalformedPacket(f"{name} is 0")
-        if {raw.encoding >> shift & 3 for shift in (0, 2, 4, 6)} != {0, 1, 2, 3}:
-            raise MalformedPacket(f"encoding {raw.encoding:#x} does not use each operator once")
+        _check_encoding(raw.encoding)
+        if raw.interleave > 1:
+            raise MalformedPacket(f"interleave is {raw.interleave}, not 0 or 1")
         return replace(
             raw,
             service=_member(Service, raw.service),
@@ -172,25 +188,36 @@ SETUP_LENGTH = HEADER.size + Setup.FIELDS.size
 
 @dataclass(frozen=True)
 class Answer(Message):
-    """Accept (reason OK) or refuse what was asked last, with a text a person can act on."""
+    """Accept (reason OK) or refuse what was asked last, with a text a person can act on.
+
+    A receiver that accepts a set-up says how many Bell states its analyser tells apart, and
+    by which operators the sender shall send that many symbols: with 3, those that stay
+    distinguishable behind the known rotation of the light path.
+    """
 
     KIND = 2
-    FIELDS = struct.Struct("!H")
+    FIELDS = struct.Struct("!HBB")
 
     reason: int
     text: str = ""
+    symbols: int = 0  # 3 or 4; 0 in any other answer
+    encoding: int = 0
 
     def encode(self) -> bytes:
         """Return the message as it goes onto the wire; a text over 1,000 bytes is cut."""
         text = self.text.encode()[:1000].decode(errors="ignore").encode()
-        return self._frame(self.FIELDS.pack(self.reason) + text)
+        return self._frame(self.FIELDS.pack(self.reason, self.symbols, self.encoding) + text)
 
     @classmethod
     def parse(cls, session: int, body: bytes) -> "Answer":
         """Build the message from its body; raise MalformedPacket if it does not fit."""
-        fields, text = _split(cls, body)
+        (reason, symbols, encoding), text = _split(cls, body)
+        if symbols or encoding:
+            _check_encoding(encoding)
+            if symbols not in SYMBOLS:
+                raise MalformedPacket(f"Answer: {symbols} symbols")
         try:
-            return cls(session, _member(Reason, fields[0]), text.decode())
+            return cls(session, _member(Reason, reason), text.decode(), symbols, encoding)
         except UnicodeDecodeError as error:
             raise MalformedPacket(f"Answer: text is not UTF-8: {error}") from error
 
@@ -227,8 +254,9 @@ class Block(Message):
     """Tell the receiver what a block of pairs carries: first refills, then new frames.
 
     Refills are the symbols that earlier reports asked for again, in ascending order;
-    new frames follow, four pairs a byte, high bits first. No pairs at all: the light of this
-    block did not reach the sender; the receiver lets go of its halves.
+    new frames follow, each in as many pairs as code and alphabet of the session make of its
+    bytes. No pairs at all: the light of this block did not reach the sender; the receiver
+    lets go of its halves.
     """
 
     KIND = 4
@@ -256,37 +284,44 @@ class Block(Message):
         if len(rest) != count * Frame.FIELDS.size:
             raise MalformedPacket(f"Block: {count} frames announced in {len(rest)} bytes")
         frames = tuple(Frame(*fields) for fields in Frame.FIELDS.iter_unpack(rest))
-        if pairs != refills + 4 * sum(frame.size for frame in frames):
+        if pairs < refills + len(frames):
             raise MalformedPacket(f"Block {block}: {pairs} pairs do not carry what it lists")
         return cls(session, block, pairs, refills, emitted_ns, frames)
 
 
 @dataclass(frozen=True)
 class Report(Message):
-    """Tell the sender how a block arrived: which pairs were lost, which frames failed."""
+    """Tell the sender how a block arrived: what was lost and put right, what to send again."""
 
     KIND = 5
-    FIELDS = struct.Struct("!IIIH")
+    FIELDS = struct.Struct("!IIIIIIH")
 
     block: int
     pairs: int
-    errors: int  # wrong symbols found so far in the session, from repeated frames
-    failed: tuple[int, ...] = ()  # numbers of the frames whose check failed
-    lost: bytes = b""  # a bit for each pair, high bit first; empty if none was lost
+    lost: int = 0  # of these pairs
+    errors: int = 0  # wrong symbols found so far in the session
+    corrected: int = 0  # those of them that the code has put right
+    filled: int = 0  # lost symbols, so far in the session, that the code has filled in
+    failed: tuple[int, ...] = ()  # numbers of the frames to send again as a whole
+    again: bytes = b""  # a bit for each lost pair to send again, high bit first; empty: none
 
     def encode(self) -> bytes:
         """Return the message as it goes onto the wire."""
-        fixed = self.FIELDS.pack(self.block, self.pairs, self.errors, len(self.failed))
-        return self._frame(fixed + struct.pack(f"!{len(self.failed)}I", *self.failed) + self.lost)
+        numbers = self.block, self.pairs, self.lost, self.errors, self.corrected, self.filled
+        fixed = self.FIELDS.pack(*numbers, len(self.failed))
+        return self._frame(fixed + struct.pack(f"!{len(self.failed)}I", *self.failed) + self.again)
 
     @classmethod
     def parse(cls, session: int, body: bytes) -> "Report":
         """Build the message from its body; raise MalformedPacket if it does not fit."""
-        (block, pairs, errors, count), rest = _split(cls, body)
-        failed, lost = rest[: 4 * count], rest[4 * count :]
-        if len(failed) != 4 * count or len(lost) not in (0, (pairs + 7) // 8):
+        (block, pairs, lost, errors, corrected, filled, count), rest = _split(cls, body)
+        failed, again = rest[: 4 * count], rest[4 * count :]
+        if len(failed) != 4 * count or len(again) not in (0, (pairs + 7) // 8):
             raise MalformedPacket(f"Report of block {block}: {len(rest)} bytes do not fit")
-        return cls(session, block, pairs, errors, struct.unpack(f"!{count}I", failed), lost)
+        if not int.from_bytes(again, "big").bit_count() <= lost <= pairs:
+            raise MalformedPacket(f"Report of block {block}: {lost} of {pairs} pairs lost")
+        numbers = struct.unpack(f"!{count}I", failed)
+        return cls(session, block, pairs, lost, errors, corrected, filled, numbers, again)
 
 
 @dataclass(frozen=True)
@@ -337,6 +372,11 @@ def _split(kind: type[Message], body: bytes) -> tuple[tuple[int, ...], bytes]:
     if len(body) < kind.FIELDS.size:
         raise MalformedPacket(f"{kind.__name__}: {len(body)} bytes are too few")
     return kind.FIELDS.unpack_from(body), body[kind.FIELDS.size :]
+
+
+def _check_encoding(encoding: int) -> None:
+    if {encoding >> shift & 3 for shift in (0, 2, 4, 6)} != {0, 1, 2, 3}:
+        raise MalformedPacket(f"encoding {encoding:#x} does not use each operator once")
 
 
 def _member(kind: type[E], value: int) -> E:

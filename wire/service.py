@@ -14,3 +14,8 @@ CHANNEL_OPTIONS = [*MESSAGE_LIMITS, ("grpc.enable_http_proxy", 0)]
 def metadata(token: str) -> tuple[tuple[str, str]]:
     """Return the metadata of a call by the node whose token this is."""
     return ((TOKEN_KEY, token),)
+
+
+def cross_connects_socket(dispatcher: str) -> str:
+    """Return the path of the socket for cross-connects beside the dispatcher's own."""
+    return f"{dispatcher}-paths"

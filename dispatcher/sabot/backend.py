@@ -1,13 +1,32 @@
 """What Sabot asks of a backend: k equal systems of n qubits, simulated at once."""
 
 from collections.abc import Sequence
-from typing import ClassVar, Literal, Protocol, Self
+from typing import ClassVar, Literal, NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-GateName = Literal["H", "S", "S_DAG", "CX", "CZ"]
+CliffordName = Literal["H", "S", "S_DAG", "CX", "CZ"]
+GateName = Literal["H", "S", "S_DAG", "CX", "CZ", "T", "T_DAG", "RX", "RY", "RZ"]
 Bytes = NDArray[np.uint8]
+
+
+class Generators(NamedTuple):
+    """The stabilizers of n qubits: the members' differ in their signs alone."""
+
+    x: NDArray[np.bool_]  # shape (n, n): a row has X or Y on these qubits
+    z: NDArray[np.bool_]  # and Z or Y on these
+    signs: Bytes  # shape (n, k): 1 for minus
+
+
+class Randomness(Protocol):
+    """Random numbers for a measurement, drawn only if they are asked for."""
+
+    def bits(self) -> Bytes:
+        """Return a fair bit for each member, shape (k,)."""
+
+    def uniform(self) -> NDArray[np.float64]:
+        """Return a number from [0, 1) for each member; bits() are their first binary digits."""
 
 
 class Backend(Protocol):
@@ -33,16 +52,19 @@ class Backend(Protocol):
     def nbytes(self) -> int:
         """Return the memory that the state takes, in bytes."""
 
-    def gate(self, name: GateName, *qubits: int) -> None:
+    def generators(self) -> Generators:
+        """Return the stabilizers; raise ValueError if the backend has none."""
+
+    def gate(self, name: CliffordName, *qubits: int) -> None:
         """Apply a Clifford gate to every member."""
 
     def pauli(self, qubit: int, paulis: Bytes) -> None:
         """Apply to member j the Pauli paulis[j]: 0 I, 1 X, 2 Z, 3 XZ."""
 
-    def measure(self, qubit: int, random_bits: Bytes) -> tuple[Bytes, bool]:
-        """Measure Z; return a bit for each member and whether the state determined it.
+    def measure(self, qubit: int, randomness: Randomness) -> tuple[Bytes, bool]:
+        """Measure Z; return a bit for each member and whether the state determined them.
 
-        An outcome that is not determined is taken from random_bits, one for each member.
+        Where both outcomes are equally likely the fair bit is the outcome, on any backend.
         """
 
     def discard(self, qubit: int) -> None:
@@ -56,3 +78,14 @@ class Backend(Protocol):
 
     def factor(self) -> Sequence[tuple[list[int], Self]]:
         """Return the independent parts of the state, each with the qubits it consists of."""
+
+
+class Begin(Protocol):
+    """What makes a backend's states: its class, or what chooses between its classes."""
+
+    @property
+    def NAME(self) -> str:  # noqa: N802 (a constant of classes)
+        """Return the backend's name."""
+
+    def __call__(self, qubits: int, members: int, /) -> Backend:
+        """Return the state with every qubit of every member in |0>."""

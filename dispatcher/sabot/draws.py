@@ -4,14 +4,63 @@ Each purpose of each block has a stream of its own, of which photon j takes the 
 So neither the order of arrival nor how a block was divided changes what a photon meets.
 """
 
+from collections.abc import Callable
+from functools import cache
 from hashlib import blake2b
+from typing import NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from dispatcher.sabot.backend import Bytes
 
 Key = tuple[int, int, int]  # session, block number, half
+Uniform = NDArray[np.float64]
+
+
+class DrawsName(NamedTuple):
+    """What random numbers depend on, by which another process can draw the same."""
+
+    seed: int
+    key: Key
+    purpose: str
+
+
+class PhotonDraws:
+    """The random numbers of k photons for one purpose, drawn when they are first asked for."""
+
+    name: DrawsName | None = None  # of those of a whole block
+
+    def __init__(self, bits: Callable[[], Bytes], fractions: Callable[[], Uniform]) -> None:
+        """Draw by calling these; each returns an array of shape (k,)."""
+        self.bits = cache(bits)  # a fair bit for each photon
+        self._fractions = cache(fractions)
+
+    @classmethod
+    def by(cls, random: np.random.Generator, count: int) -> Self:
+        """Draw for `count` photons from a generator: for circuits that have no blocks.
+
+        Only bits advance it, so that Clifford circuits have the same outcomes on any backend.
+        """
+        (child,) = random.spawn(1)
+        return cls(
+            lambda: random.integers(0, 2, count, dtype=np.uint8), lambda: child.random(count)
+        )
+
+    @classmethod
+    def given(cls, bits: Bytes) -> Self:
+        """Take these bits; uniform() gives a quarter or three."""
+        return cls(bits.copy, lambda: np.full(len(bits), 0.5))
+
+    def uniform(self) -> Uniform:
+        """Return a number from [0, 1) for each photon; bits() are their first binary digits."""
+        return (self.bits() + self._fractions()) / 2
+
+    def at(self, positions: NDArray[np.unsignedinteger] | slice) -> "PhotonDraws":
+        """Return the draws of these photons alone, which are those that they have in the whole."""
+        if isinstance(positions, slice) and positions == slice(None):
+            return self
+        return PhotonDraws(lambda: self.bits()[positions], lambda: self._fractions()[positions])
 
 
 class Draws:
@@ -21,17 +70,41 @@ class Draws:
         """Use this seed, any integer."""
         self._seed = seed
 
+    def photons(self, key: Key, purpose: str, count: int) -> PhotonDraws:
+        """Return what the first `count` photons of a block draw for a measurement."""
+        draws = PhotonDraws(
+            lambda: self.bits(key, purpose, count),
+            lambda: self.uniform(key, f"{purpose} fraction", count),
+        )
+        draws.name = DrawsName(self._seed, key, purpose)
+        return draws
+
     def bits(self, key: Key, purpose: str, count: int) -> Bytes:
         """Return a fair bit for each of the first `count` photons of a block."""
-        packed = np.frombuffer(self._generator(key, purpose).bytes((count + 7) // 8), np.uint8)
+        packed = np.frombuffer(self.generator(key, purpose).bytes((count + 7) // 8), np.uint8)
         return np.unpackbits(packed, count=count, bitorder="little")
 
-    def uniform(self, key: Key, purpose: str, count: int) -> NDArray[np.float64]:
+    def uniform(self, key: Key, purpose: str, count: int) -> Uniform:
         """Return a number from [0, 1) for each of the first `count` photons of a block."""
-        return self._generator(key, purpose).random(count)
+        return self.generator(key, purpose).random(count)
 
-    def _generator(self, key: Key, purpose: str) -> np.random.Generator:
+    def generator(self, key: Key, purpose: str) -> np.random.Generator:
         """Return a counter-based generator (Philox, Salmon et al. 2011) for the purpose."""
         identity = repr((self._seed, *key, purpose)).encode()
         digest = blake2b(identity, digest_size=16).digest()
-        return np.random.Generator(np.random.Philox(key=np.frombuffer(digest, np.uint64)))
+        return np.random.Generator(np.random.Philox(_Key(digest)))  # type: ignore[arg-type]
+
+
+class _Key(np.random.bit_generator.ISeedSequence):
+    """Gives Philox a key as it is; numpy would ask the system for entropy first, if told `key`."""
+
+    def __init__(self, digest: bytes) -> None:
+        """Hold a key of 16 bytes."""
+        self._digest = digest
+
+    def generate_state(
+        self, n_words: int, dtype: DTypeLike = np.uint64
+    ) -> NDArray[np.uint32 | np.uint64]:
+        """Return the key."""
+        assert (n_words, dtype) == (2, np.uint64)  # what Philox asks for
+        return np.frombuffer(self._digest, np.uint64)

@@ -4,8 +4,12 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from dispatcher.sabot.backend import Backend, Bytes, GateName
+from dispatcher.sabot.backend import Begin, Bytes, GateName
+from dispatcher.sabot.dense import Dense
+from dispatcher.sabot.draws import PhotonDraws
+from dispatcher.sabot.gates import TWO_QUBIT_GATES, as_clifford
 from dispatcher.sabot.registers import WHOLE, Component, Mask, Register, Store
+from dispatcher.sabot.room import GateStep, require_amplitudes, require_room
 
 NO_CLICK = 255
 
@@ -13,18 +17,25 @@ NO_CLICK = 255
 class Sabot:
     """All quantum states of a network, on one backend.
 
+    What a backend of stabilizer states cannot hold becomes state vectors, if it is small.
     Lost qubits stay in their states, where nobody sees them: that is to trace them out.
     """
 
-    def __init__(self, backend: type[Backend]) -> None:
+    def __init__(self, backend: Begin) -> None:
         """Simulate with this backend."""
         self._backend = backend
         self._store = Store()
 
     @property
     def backend(self) -> str:
-        """Return the backend's name."""
+        """Return the name of the backend on which states begin."""
         return self._backend.NAME
+
+    def simulated_by(self, *registers: Register) -> str:
+        """Return the backends that hold registers, joined by + if there are several."""
+        components = {component for register in registers for component in register.components}
+        names = {component.state.NAME for component in components}
+        return "+".join(sorted(names)) or self.backend
 
     @property
     def live_qubits(self) -> int:
@@ -53,13 +64,43 @@ class Sabot:
         for component in register.components:
             component.state.pauli(component.qubit(register), paulis[component.positions])
 
-    def gate(self, name: GateName, register: Register, target: Register | None = None) -> None:
-        """Apply a Clifford gate to every qubit, or to every pair of which both are there."""
+    def require_room(self, register: Register, steps: Sequence[GateStep]) -> None:
+        """Raise TooLarge if these gates would need state vectors beyond the limits."""
+        require_room(register, steps, self._store.live_amplitudes)
+
+    def gate(
+        self,
+        name: GateName,
+        register: Register,
+        target: Register | None = None,
+        angle_rad: float = 0.0,
+    ) -> None:
+        """Apply a gate to every qubit, or to every pair of which both are there.
+
+        The angle is for RX, RY and RZ. Raise TooLarge, with nothing changed, if it would
+        need state vectors beyond the limits.
+        """
+        if (target is not None) != (name in TWO_QUBIT_GATES):
+            raise ValueError(f"gate {name} acts on {1 + (name in TWO_QUBIT_GATES)} registers")
+        if target is not None:
+            self._require_pair(register, target)
+        self.require_room(register, [GateStep(name, target, angle_rad)])
         if target is None:
-            for component in register.components:
-                component.state.gate(name, component.qubit(register))
-            return
-        self._require_pair(register, target)
+            self._gate_each(name, register, angle_rad)
+        else:
+            self._gate_pairs(name, register, target)
+
+    def _gate_each(self, name: GateName, register: Register, angle_rad: float) -> None:
+        cliffords = as_clifford(name, angle_rad)
+        for component in register.components:
+            qubit = component.qubit(register)
+            if cliffords is None:
+                dense = self._store.make_dense(component)
+                dense.gate(name, qubit, angle_rad=angle_rad)
+            for clifford in cliffords or ():
+                component.state.gate(clifford, qubit)
+
+    def _gate_pairs(self, name: GateName, register: Register, target: Register) -> None:
         both = register.present & target.present
         if not both.all():
             self._store.divide(register, both)
@@ -68,9 +109,10 @@ class Sabot:
         for component in _shared(register, target):
             if both[component.start]:
                 qubits = component.qubit(register), component.qubit(target)
-                component.state.gate(name, *qubits)
+                for clifford in as_clifford(name) or ():
+                    component.state.gate(clifford, *qubits)
 
-    def measure(self, register: Register, bases: Bytes, random_bits: Bytes) -> Bytes:
+    def measure(self, register: Register, bases: Bytes, draws: PhotonDraws) -> Bytes:
         """Measure and discard every qubit in its own basis: 0 Z, 1 X, 2 Y.
 
         All arrays have shape (k,); the outcome of a lost qubit is NO_CLICK.
@@ -82,29 +124,46 @@ class Sabot:
                 component.state.gate("S_DAG", qubit)
             if bases[component.start]:
                 component.state.gate("H", qubit)
-        return _hide(self._read_out(register, random_bits), register.present)
+        return _hide(self._read_out(register, draws), register.present)
 
     def bell_measure(
-        self, first: Register, second: Register, random_bits: Sequence[Bytes]
+        self, first: Register, second: Register, draws: tuple[PhotonDraws, PhotonDraws]
     ) -> Bytes:
         """Measure in the Bell basis and discard: 0 Phi+, 1 Psi+, 2 Phi-, 3 Psi-.
 
-        random_bits has an array for each register. All arrays have shape (k,); the outcome
-        of a pair that lacks a photon is NO_CLICK.
+        Each register has draws of its own. The outcome has shape (k,); that of a pair that
+        lacks a photon is NO_CLICK. Raise TooLarge, with nothing changed, if the joint state
+        of state vectors would be beyond their limits.
         """
         self._require_pair(first, second)
+        self.require_room(first, [GateStep("CX", second)])
         self._store.join(first, second)
         for component in _shared(first, second):
             qubits = component.qubit(first), component.qubit(second)
             component.state.gate("CX", *qubits)
             component.state.gate("H", qubits[0])
-        flips = self._read_out(second, random_bits[1])
-        phases = self._read_out(first, random_bits[0])
+        flips = self._read_out(second, draws[1])
+        phases = self._read_out(first, draws[0])
         return _hide(flips | (phases << np.uint8(1)), first.present & second.present)
 
-    def drop(self, register: Register, random_bits: Bytes) -> None:
+    def reset(self, register: Register, mask: Mask, draws: PhotonDraws) -> None:
+        """Put the qubits of mask, shape (k,), into |0>: measure them unseen, flip what is 1.
+
+        Draws must be for this reset alone: a block that is reset again needs others.
+        """
+        self._store.divide(register, mask)
+        for component in list(register.components):
+            if not mask[component.start]:
+                continue
+            qubit = component.qubit(register)
+            self._store.unlink(component)
+            bits, _determined = component.state.measure(qubit, draws.at(component.positions))
+            component.state.pauli(qubit, bits)
+            self._link_parts(component)
+
+    def drop(self, register: Register, draws: PhotonDraws) -> None:
         """Discard a register whatever its state, as measuring it unseen does."""
-        self._read_out(register, random_bits)
+        self._read_out(register, draws)
 
     def lose(self, register: Register, lost: Mask) -> int:
         """Mark qubits as lost, shape (k,); return how many were there until now."""
@@ -124,6 +183,12 @@ class Sabot:
         self._store.lose(register, mask)
         return part
 
+    def explain(self, register: Register, place: str, photons: Bytes | Mask) -> None:
+        """Hear where what is done next to photons, those that are not 0, comes from.
+
+        It changes nothing; `dispatcher.tracing` writes it down.
+        """
+
     def unite(self, register: Register, other: Register) -> None:
         """Move the qubits of another part of the same register into this one."""
         present = register.present | other.present
@@ -134,18 +199,20 @@ class Sabot:
         np.logical_not(present, out=register.lost)
 
     def _create(self, count: int, registers: int) -> list[Register]:
+        if self.backend == Dense.NAME:
+            require_amplitudes(registers, count, self._store.live_amplitudes)
         made = [Register(count) for _ in range(registers)]
         self._store.link(Component(self._backend(registers, count), WHOLE, list(made)))
         return made
 
-    def _read_out(self, register: Register, random_bits: Bytes) -> Bytes:
+    def _read_out(self, register: Register, draws: PhotonDraws) -> Bytes:
         """Measure Z of every qubit and discard the register."""
         bits = np.zeros(register.size, dtype=np.uint8)
         for component in list(register.components):
             qubit = component.qubit(register)
             self._store.unlink(component)
             bits[component.positions], _determined = component.state.measure(
-                qubit, random_bits[component.positions]
+                qubit, draws.at(component.positions)
             )
             component.state.discard(qubit)
             del component.registers[qubit]
@@ -173,5 +240,5 @@ def _shared(first: Register, second: Register) -> Iterator[Component]:
 
 def _hide(outcomes: Bytes, seen: Mask) -> Bytes:
     if not seen.all():
-        outcomes[~seen] = NO_CLICK
+        outcomes |= ~seen * np.uint8(NO_CLICK)  # all bits are set
     return outcomes

@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dispatcher.sabot.backend import Backend
+from dispatcher.sabot.backends import as_dense, tensor
+from dispatcher.sabot.dense import Dense
 
 Mask = NDArray[np.bool_]
 Positions = NDArray[np.uint32] | slice
@@ -87,6 +89,7 @@ class Store:
         """Begin with nothing."""
         self.live_qubits = 0
         self.live_bytes = 0
+        self.live_amplitudes = 0  # of state vectors
 
     def link(self, component: Component) -> None:
         """Enter a component into its registers."""
@@ -122,10 +125,8 @@ class Store:
             own = labels[component.positions]
             if (own == own[0]).all():
                 continue
-            order = np.argsort(own, kind="stable")
-            cuts = np.flatnonzero(own[order][1:] != own[order][:-1]) + 1
             self.unlink(component)
-            for members in np.split(order, cuts):
+            for members in _grouped(own):
                 self.link(component.take(members))
 
     def join(self, first: Register, second: Register) -> None:
@@ -139,6 +140,13 @@ class Store:
             if other is not None and other is not component:
                 self._merge(component, other)
 
+    def make_dense(self, component: Component) -> Dense:
+        """Hold a component as state vectors from now on."""
+        self._count(component, -1)
+        component.state = dense = as_dense(component.state)
+        self._count(component, 1)
+        return dense
+
     def hand_over(self, component: Component, giver: Register, taker: Register) -> None:
         """Let the taker have the giver's qubits of a component."""
         component.registers[component.qubit(giver)] = taker
@@ -149,8 +157,19 @@ class Store:
         self.unlink(one)
         self.unlink(other)
         registers = one.registers + other.registers
-        self.link(Component(one.state.tensor(other.state), one.positions, registers))
+        self.link(Component(tensor(one.state, other.state), one.positions, registers))
 
     def _count(self, component: Component, sign: int) -> None:
         self.live_qubits += sign * component.state.qubits * component.state.members
         self.live_bytes += sign * component.nbytes
+        if isinstance(component.state, Dense):
+            self.live_amplitudes += sign * (component.state.members << component.state.qubits)
+
+
+def _grouped(labels: NDArray[np.generic]) -> list[NDArray[np.intp]]:
+    """Return where each label is, by ascending labels."""
+    if labels.dtype == np.bool_:
+        return [np.flatnonzero(labels == label) for label in (False, True)]
+    order = np.argsort(labels, kind="stable")
+    ordered = labels[order]
+    return np.split(order, np.flatnonzero(ordered[1:] != ordered[:-1]) + 1)

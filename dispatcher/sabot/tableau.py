@@ -10,7 +10,7 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.sabot.backend import Bytes, GateName
+from dispatcher.sabot.backend import Bytes, CliffordName, Generators, Randomness
 from dispatcher.sabot.factoring import Bits, eliminate, independent_groups
 
 
@@ -25,6 +25,15 @@ class Tableau:
         self._x: Bits = np.concatenate((each, none))
         self._z: Bits = np.concatenate((none, each))
         self._signs: Bytes = np.zeros((qubits, members), dtype=np.uint8)
+
+    @classmethod
+    def from_rows(cls, x: Bits, z: Bits, signs: Bits) -> Self:
+        """Return one member's state from all rows, shape (2n, n) each, and signs, shape (2n, 1)."""
+        return cls._of(x, z, signs[len(signs) // 2 :].astype(np.uint8))
+
+    def rows(self) -> tuple[Bits, Bits, Bytes]:
+        """Return all rows, shape (2n, n) each, and their signs, shape (2n, k)."""
+        return self._x, self._z, np.concatenate((np.zeros_like(self._signs), self._signs))
 
     @classmethod
     def _of(cls, x: Bits, z: Bits, signs: Bytes) -> Self:
@@ -51,6 +60,10 @@ class Tableau:
         """Return the stabilizers of the first member."""
         return self.stabilizers(0)
 
+    def generators(self) -> Generators:
+        """Return the stabilizers."""
+        return Generators(self._x[self.qubits :], self._z[self.qubits :], self._signs)
+
     def stabilizers(self, member: int) -> str:
         """Return the stabilizers of a member, one a line, such as +XX."""
         lines = []
@@ -60,7 +73,7 @@ class Tableau:
             lines.append(sign + "".join("_XZY"[letter] for letter in letters))
         return "\n".join(lines)
 
-    def gate(self, name: GateName, *qubits: int) -> None:
+    def gate(self, name: CliffordName, *qubits: int) -> None:
         """Apply the gate of that name to every member."""
         match name, qubits:
             case "H", (qubit,):
@@ -120,10 +133,10 @@ class Tableau:
             if x:
                 sign ^= flips[1]
 
-    def measure(self, qubit: int, random_bits: Bytes) -> tuple[Bytes, bool]:
-        """Measure Z; return a bit for each member and whether the state determined it.
+    def measure(self, qubit: int, randomness: Randomness) -> tuple[Bytes, bool]:
+        """Measure Z; return a bit for each member and whether the state determined them.
 
-        An outcome that is not determined is taken from random_bits, one for each member.
+        An outcome that is not determined is the fair bit.
         """
         count = self.qubits
         anticommuting = np.flatnonzero(self._x[count:, qubit])
@@ -137,8 +150,8 @@ class Tableau:
             half[pivot - count] = half[pivot]
             half[pivot] = False
         self._z[pivot, qubit] = True
-        self._signs[pivot - count] = random_bits
-        return random_bits.copy(), False
+        self._signs[pivot - count] = bits = randomness.bits()
+        return bits.copy(), False
 
     def discard(self, qubit: int) -> None:
         """Drop a qubit whose Z is determined; those behind it move up by one."""
@@ -177,7 +190,7 @@ class Tableau:
 
     def take(self, members: NDArray[np.intp]) -> Self:
         """Return a copy that holds these members alone."""
-        return self._of(self._x.copy(), self._z.copy(), self._signs[:, members])
+        return self._of(self._x.copy(), self._z.copy(), self._signs.take(members, axis=1))
 
     def factor(self) -> list[tuple[list[int], Self]]:
         """Return the independent parts of the state, each with the qubits it consists of."""

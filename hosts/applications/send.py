@@ -11,6 +11,7 @@ from hashlib import sha256
 from typing import BinaryIO
 
 from hosts.software import QuantumSocket, QuantumSocketError
+from wire.metadata import FEC_NAMES
 
 CHUNK_BYTES = {"framed": 1 << 16, "per-pair": 16}
 
@@ -25,6 +26,8 @@ def send(arguments: argparse.Namespace, source: BinaryIO) -> None:
             frame_bytes=arguments.frame_bytes,
             block_pairs=arguments.block_pairs,
             rate_hz=arguments.rate_hz,
+            fec=arguments.fec,
+            interleave=arguments.interleave,
         )
         started = time.monotonic()
         try:
@@ -55,6 +58,8 @@ def main() -> int:
     parser.add_argument("--frame-bytes", type=int, default=256)
     parser.add_argument("--block-pairs", type=int, default=65_536)
     parser.add_argument("--rate-hz", type=int, default=50_000_000)
+    parser.add_argument("--fec", choices=FEC_NAMES, default="none", help="error-correction code")
+    parser.add_argument("--interleave", action="store_true", help="spread its codewords")
     parser.add_argument("host")
     parser.add_argument("port", type=int)
     arguments = parser.parse_args()

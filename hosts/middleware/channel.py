@@ -83,12 +83,13 @@ class MetadataChannel:
         """Write one message, in one piece."""
         self._writer.write(message.encode())
 
-    async def request(self, message: Message, timeout_s: float = ANSWER_TIMEOUT_S) -> None:
+    async def request(self, message: Message, timeout_s: float = ANSWER_TIMEOUT_S) -> Answer:
         """Send a message and wait until it is accepted; raise what the other end refuses."""
         self.send(message)
         answer = await self.receive(Answer, timeout_s)
         if answer.reason != Reason.OK:
             raise SessionError(Reason(answer.reason), answer.text)
+        return answer
 
     async def receive(self, kind: type[M], timeout_s: float) -> M:
         """Wait for the next message, which must be of this kind (or a refusal)."""

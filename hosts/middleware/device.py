@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 from hosts.middleware.channel import SessionError
+from hosts.middleware.coding import CODES, NAMES
 from hosts.middleware.options import overridden
 from hosts.middleware.receiver import ReceivingSession
 from hosts.middleware.sender import SendingSession
@@ -36,8 +37,8 @@ class Device:
 
     def set(self, settings: DeviceSettings) -> None:
         """Override what sessions use that begin from now on; SessionError if it cannot be had."""
-        if settings.fec:
-            text = f"fec {settings.fec}: only 0 (none) is offered yet"
+        if settings.fec is not None and settings.fec not in CODES:
+            text = f"fec {settings.fec} is not known: choose one of {', '.join(NAMES)}"
             raise SessionError(Reason.UNSUPPORTED, text)
         self.settings = settings
 
@@ -112,7 +113,7 @@ class Device:
         )
 
     def _note(self, setup: Setup) -> None:
-        names = "rate_hz", "frame_bytes", "fec", "wavelength_pm"
+        names = "rate_hz", "frame_bytes", "fec", "interleave", "wavelength_pm"
         self._in_use = {name: getattr(setup, name) for name in names}
 
     def _fold(self) -> None:

@@ -1,30 +1,31 @@
-"""Dibits, Pauli operators and Bell states (paper, table "encoding").
+"""Symbols, Pauli operators and Bell states (paper, table "encoding").
 
-A byte is four symbols, high bits first. An encoding is eight bits: symbol s is sent as
-the Pauli operator (encoding >> 2s) & 3, agreed in the handshake. On Phi+ the operators
-I, X, Z, XZ make the Bell states Phi+, Psi+, Phi-, Psi-, which carry the same two bits.
+An encoding is eight bits: symbol s is sent as the Pauli operator (encoding >> 2s) & 3,
+agreed in the handshake. On Phi+ the operators I, X, Z, XZ make the Bell states Phi+, Psi+,
+Phi-, Psi-, numbered like the operators. A known rotation of the light paths is a Pauli
+operator too: number of the state that arrives = operator ^ rotation.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hosts.hardware.qnic import NO_COINCIDENCE, Symbols
+from wire.metadata import Pauli
 
-SYMBOLS_PER_BYTE = 4
-_SHIFTS = np.array([6, 4, 2, 0], dtype=np.uint8)
-
-
-def to_symbols(data: bytes) -> Symbols:
-    """Return the symbols of data; shape (4 * len(data),)."""
-    octets = np.frombuffer(data, dtype=np.uint8)
-    symbols: Symbols = (octets[:, None] >> _SHIFTS & np.uint8(3)).reshape(-1)
-    return symbols
+TOLD_APART = {"complete": 4, "linear": 3}  # Bell states, by the kind of the analyser
+# Linear optics reports Phi- as Phi+, so Phi- carries nothing (its symbol, 3, is never sent).
+LINEAR_STATES = (Pauli.I, Pauli.X, Pauli.XZ, Pauli.Z)
 
 
-def to_bytes(symbols: Symbols) -> bytes:
-    """Return the bytes of symbols 0..3; the inverse of to_symbols."""
-    octets: Symbols = np.bitwise_or.reduce(symbols.reshape(-1, SYMBOLS_PER_BYTE) << _SHIFTS, axis=1)
-    return octets.tobytes()
+def agreed_encoding(proposed: int, symbols: int, rotation: int) -> int:
+    """Return by which operators the sender shall send its symbols.
+
+    Four states: as it proposes, for the receiver can undo any rotation. Three: those that
+    make Phi+, Psi+ and Psi- behind the rotation, since the receiver could not tell others.
+    """
+    if symbols == len(LINEAR_STATES):
+        return proposed
+    return sum((state ^ rotation) << 2 * symbol for symbol, state in enumerate(LINEAR_STATES))
 
 
 def to_paulis(symbols: Symbols, encoding: int) -> Symbols:
@@ -32,13 +33,14 @@ def to_paulis(symbols: Symbols, encoding: int) -> Symbols:
     return _operators(encoding)[symbols]
 
 
-def from_bell_states(outcomes: Symbols, encoding: int, rotation: int) -> Symbols:
+def from_bell_states(outcomes: Symbols, encoding: int, rotation: int, symbols: int = 4) -> Symbols:
     """Return the symbol of each Bell outcome; 255 (no coincidence) stays 255.
 
-    The known rotation of the light paths is a Pauli operator too: it is undone here.
+    The known rotation of the light paths is undone here.
     """
     symbol_of = np.full(256, NO_COINCIDENCE, dtype=np.uint8)
-    symbol_of[_operators(encoding) ^ rotation] = np.arange(4, dtype=np.uint8)
+    states = _operators(encoding)[:symbols] ^ rotation
+    symbol_of[states] = np.arange(symbols, dtype=np.uint8)
     return symbol_of[outcomes]
 
 

@@ -10,17 +10,28 @@ Connections are closed in order: the newest one keeps the light path up.
 import asyncio
 from collections import deque
 from collections.abc import Awaitable, Callable, Iterable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from hosts.hardware.qnic import NoLight, Symbols
 from hosts.middleware.channel import MetadataChannel
+from hosts.middleware.encoding import to_paulis
 
 HANDSHAKES_AHEAD = 3
 LIGHTS_AT_A_TIME = 2
 
-ShakeHands = Callable[[int], Awaitable[MetadataChannel]]
+
+@dataclass(frozen=True)
+class Agreed:
+    """A light path that is up, and by which operators symbols are sent over it."""
+
+    channel: MetadataChannel
+    encoding: int
+
+
+ShakeHands = Callable[[int], Awaitable[Agreed]]
 Light = Callable[[int, Symbols], Awaitable[int]]
 
 
@@ -31,12 +42,12 @@ class OneByOne:
         self._shake_hands = shake_hands
         self._light = light
         self._pairs_begun = 0
-        self._handshakes: deque[asyncio.Task[MetadataChannel]] = deque()
+        self._handshakes: deque[asyncio.Task[Agreed]] = deque()
         self._lights: deque[asyncio.Task[int]] = deque()
 
-    async def send(self, paulis: Symbols) -> int:
+    async def send(self, symbols: Symbols) -> int:
         """Send pairs; one without light is just lost. Return when the first was sent (ns)."""
-        first, count = self._pairs_begun + 1, paulis.size
+        first, count = self._pairs_begun + 1, symbols.size
         self._pairs_begun += count
         sent_ns = []
         try:
@@ -44,8 +55,8 @@ class OneByOne:
                 ahead = min(index + HANDSHAKES_AHEAD, count)
                 self._begin_handshakes(range(first + index, first + ahead))
                 before = self._lights[-1] if self._lights else None
-                channel = await self._handshakes.popleft()
-                pair = self._pair(first + index, channel, paulis[index : index + 1], before)
+                agreed = await self._handshakes.popleft()
+                pair = self._pair(first + index, agreed, symbols[index : index + 1], before)
                 self._lights.append(asyncio.create_task(pair))
                 if len(self._lights) == LIGHTS_AT_A_TIME:
                     sent_ns.append(await self._lights.popleft())
@@ -61,25 +72,25 @@ class OneByOne:
     async def _pair(
         self,
         number: int,
-        channel: MetadataChannel,
-        pauli: Symbols,
+        agreed: Agreed,
+        symbol: Symbols,
         before: asyncio.Task[int] | None,
     ) -> int:
         try:
-            return await self._light(number, pauli)
+            return await self._light(number, to_paulis(symbol, agreed.encoding))
         except NoLight:
             return 0
         finally:
             if before is not None:
                 await asyncio.wait([before])
-            channel.close()
+            agreed.channel.close()
 
     async def _abandon(self) -> None:
         """End what was begun and is not needed any more."""
         await _cancelled(self._lights)
         for outcome in await _cancelled(self._handshakes):
-            if isinstance(outcome, MetadataChannel):
-                outcome.close()
+            if isinstance(outcome, Agreed):
+                outcome.channel.close()
         self._lights.clear()
         self._handshakes.clear()
 

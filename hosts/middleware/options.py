@@ -4,13 +4,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from hosts.middleware.channel import SessionError
-from hosts.middleware.encoding import SYMBOLS_PER_BYTE
-from hosts.middleware.receiver import MAX_BLOCK_PAIRS, MAX_FRAME_BYTES
+from hosts.middleware.frame_format import MAX_BLOCK_PAIRS, MAX_FRAME_BYTES
 from wire.device import DeviceSettings
-from wire.metadata import Handshake, Reason, Setup
+from wire.metadata import FEC_NAMES, Handshake, Reason, Setup
 
 HANDSHAKES = {"framed": Handshake.FRAMED, "per-pair": Handshake.PER_PAIR}
 
+MIN_BLOCK_PAIRS = 4
 MAX_BLOCK_S = 5.0  # deadlines of both ends allow for it
 
 
@@ -24,6 +24,8 @@ class SessionOptions:
     frame_bytes: int = 256
     block_pairs: int = 65_536
     rate_hz: int = 50_000_000  # pairs a second of the source
+    fec: str = "none"  # error-correction code, one of FEC_NAMES
+    interleave: bool = False  # let the bits of its codewords travel far from each other
 
     @classmethod
     def from_fields(cls, fields: dict[str, Any]) -> "SessionOptions":
@@ -37,15 +39,19 @@ class SessionOptions:
 
     def check(self) -> None:
         """Raise SessionError for a value out of range."""
-        if not isinstance(self.handshake, str) or self.handshake not in HANDSHAKES:
-            raise SessionError(
-                Reason.UNSUPPORTED,
-                f"handshake {self.handshake!r}: choose one of {', '.join(HANDSHAKES)}",
-            )
+        for name, choices in (("handshake", HANDSHAKES), ("fec", FEC_NAMES)):
+            value = getattr(self, name)
+            if not isinstance(value, str) or value not in choices:
+                raise SessionError(
+                    Reason.UNSUPPORTED, f"{name} {value!r}: choose one of {', '.join(choices)}"
+                )
+        if not isinstance(self.interleave, bool):
+            text = f"interleave is {self.interleave!r}: choose True or False"
+            raise SessionError(Reason.UNSUPPORTED, text)
         ranges = {
             "port": (1, 65_535),
             "frame_bytes": (1, MAX_FRAME_BYTES),
-            "block_pairs": (SYMBOLS_PER_BYTE, MAX_BLOCK_PAIRS),
+            "block_pairs": (MIN_BLOCK_PAIRS, MAX_BLOCK_PAIRS),
             "rate_hz": (1, 4_000_000_000),
         }
         for name, (least, most) in ranges.items():
@@ -71,5 +77,5 @@ def overridden(setup: Setup, settings: DeviceSettings) -> Setup:
     """
     given = {name: value for name, value in vars(settings).items() if value is not None}
     setup = replace(setup, **given)
-    longest = max(SYMBOLS_PER_BYTE, int(MAX_BLOCK_S * setup.rate_hz))
+    longest = max(MIN_BLOCK_PAIRS, int(MAX_BLOCK_S * setup.rate_hz))
     return replace(setup, pairs=min(setup.pairs, longest))

@@ -8,23 +8,27 @@ import numpy as np
 
 from hosts.hardware.qnic import NO_COINCIDENCE, NoLight, Qnic, Symbols, release
 from hosts.middleware.channel import MetadataChannel, SessionError
-from hosts.middleware.encoding import from_bell_states
-from hosts.middleware.framing import FramingError, Inbox
+from hosts.middleware.encoding import TOLD_APART, agreed_encoding, from_bell_states
+from hosts.middleware.frame_format import (
+    MAX_BLOCK_PAIRS,
+    MAX_FRAME_BYTES,
+    FrameFormat,
+    agreed_format,
+)
+from hosts.middleware.framing import FramingError
+from hosts.middleware.inbox import Inbox
 from wire.metadata import Answer, Block, Finish, Handshake, Reason, Report, Setup
 from wire.optical import frequency_mhz
 
 ARRIVAL_TIMEOUT_S = 0.1  # the sender speaks of a block only when its light has arrived
 SETTLE_TIMEOUT_S = 30.0
-MAX_FRAME_BYTES = 1 << 16
-MAX_BLOCK_PAIRS = 1 << 18
 
 Deliver = Callable[[bytes], Awaitable[None]]
 
 
-def check_offer(setup: Setup) -> None:
-    """Raise SessionError for a set-up that this receiver cannot serve."""
+def check_offer(setup: Setup, symbols: int) -> FrameFormat:
+    """Return what frames are made of; raise SessionError for a set-up that cannot be served."""
     wanted = {
-        "error-correction code": setup.fec,
         "memory": setup.memory,
         "polarisation basis": setup.polarization,
         "phase": setup.phase_mrad,
@@ -40,6 +44,7 @@ def check_offer(setup: Setup) -> None:
             f"frames of {setup.frame_bytes} bytes in blocks of {setup.pairs} pairs; at most "
             f"{MAX_FRAME_BYTES} and {MAX_BLOCK_PAIRS}",
         )
+    return agreed_format(setup, symbols)
 
 
 def check_wavelength(setup: Setup) -> None:
@@ -51,17 +56,18 @@ def check_wavelength(setup: Setup) -> None:
 
 
 class ReceivingSession:
-    """A session from another host to this one."""
+    """A session from another host to this one, whose Bell analyser is of a kind."""
 
-    def __init__(self, qnic: Qnic, channel: MetadataChannel, setup: Setup) -> None:
-        check_offer(setup)
+    def __init__(self, qnic: Qnic, channel: MetadataChannel, setup: Setup, analyser: str) -> None:
+        self._symbols = TOLD_APART[analyser]
+        self._format = check_offer(setup, self._symbols)
         if len(qnic.ports) < 2:
             raise SessionError(Reason.UNSUPPORTED, "a receiver needs two fibres")
         self._qnic = qnic
         self._channel = channel
         self._setup = setup
         self.closed = False
-        self._inbox = Inbox(setup.frame_bytes)
+        self._inbox = Inbox(setup.frame_bytes, self._format)
         self._singles: dict[int, asyncio.Task[Symbols]] = {}
         self._singles_used = 0
         self._digest = sha256()
@@ -80,12 +86,14 @@ class ReceivingSession:
             "symbols": self._inbox.symbols_seen,
             "lost_pairs": self._inbox.symbols_lost,
             "symbol_errors": self._inbox.symbol_errors,
+            "corrected_symbols": self._inbox.corrected_symbols,
+            "filled_symbols": self._inbox.filled_symbols,
             "repeated_frames": self._inbox.repeated_frames,
         }
 
     async def run(self, deliver: Deliver) -> None:
         """Receive until the sender has finished; raise SessionError if it does not."""
-        self._channel.send(Answer(self._setup.session, Reason.OK))
+        self._channel.send(self._acceptance(self._setup))
         while True:
             message = await self._channel.next()
             if isinstance(message, Block):
@@ -111,7 +119,8 @@ class ReceivingSession:
         await release(self._qnic, self._setup.session)
 
     async def _receive_block(self, block: Block, deliver: Deliver) -> None:
-        if block.pairs > max(self._setup.pairs, 4 * self._setup.frame_bytes):
+        longest_frame = self._format.pairs(self._setup.frame_bytes)
+        if block.pairs > max(self._setup.pairs, longest_frame):
             raise SessionError(Reason.PROTOCOL, f"block {block.block} has {block.pairs} pairs")
         if block.pairs == 0:  # no light reached the sender
             await self._qnic.let_go(self._setup.session, block.block)
@@ -161,7 +170,7 @@ class ReceivingSession:
         await asyncio.wait([self._singles[setup.block]])
 
     async def _single(self, channel: MetadataChannel, setup: Setup) -> Symbols:
-        channel.send(Answer(setup.session, Reason.OK))
+        channel.send(self._acceptance(setup))
         await channel.next(SETTLE_TIMEOUT_S)  # the sender closes when the light has arrived
         return self._decode(await self._measure(setup.block, 1), setup)
 
@@ -181,8 +190,20 @@ class ReceivingSession:
                 f"pairs up to {numbers[-1]} were not over in {SETTLE_TIMEOUT_S:g} s",
             ) from error
 
+    def _acceptance(self, granted: Setup) -> Answer:
+        return Answer(
+            granted.session,
+            Reason.OK,
+            symbols=self._symbols,
+            encoding=self._encoding(granted),
+        )
+
+    def _encoding(self, granted: Setup) -> int:
+        return agreed_encoding(self._setup.encoding, self._symbols, granted.rotation)
+
     def _decode(self, outcomes: Symbols, granted: Setup) -> Symbols:
-        return from_bell_states(outcomes, self._setup.encoding, granted.rotation)
+        encoding = self._encoding(granted)
+        return from_bell_states(outcomes, encoding, granted.rotation, self._symbols)
 
     def _verify(self, finish: Finish) -> None:
         if (finish.size, finish.sha256) != (self.size, self._digest.digest()):

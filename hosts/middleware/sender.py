@@ -2,7 +2,7 @@
 
     alice                      charlie (source)             bob
       | Setup(SDC) -- held by the controller until the paths are up --> |
-      | <------------------------------------------------------- Answer |
+      | <--------------- Answer (symbols and operators that bob can use) |
       | Setup(PAIR_SOURCE) ------> |                                    |
       | Emit --------------------> | pairs: half 0 to alice, half 1 to bob
       | <-- light, half 0 -------- | -- light, half 1 ----------------> |
@@ -19,8 +19,6 @@ import time
 from dataclasses import dataclass, replace
 from hashlib import sha256
 
-import numpy as np
-
 from hosts.hardware.qnic import BlockName, NoLight, Qnic, Symbols, release
 from hosts.middleware.channel import (
     ANSWER_TIMEOUT_S,
@@ -29,9 +27,13 @@ from hosts.middleware.channel import (
     SessionError,
 )
 from hosts.middleware.encoding import to_paulis
-from hosts.middleware.framing import FramingError, Outbox, OutgoingBlock
-from hosts.middleware.one_by_one import OneByOne
+from hosts.middleware.frame_format import agreed_format
+from hosts.middleware.framing import FramingError
+from hosts.middleware.one_by_one import Agreed, OneByOne
+from hosts.middleware.outbox import Outbox, OutgoingBlock
 from wire.metadata import (
+    SYMBOLS,
+    Answer,
     Block,
     Emit,
     Finish,
@@ -58,23 +60,28 @@ class Statistics:
     lost_pairs: int = 0
     received_symbols: int = 0
     symbol_errors: int = 0
+    corrected_symbols: int = 0  # those of the wrong ones that the code has put right
+    filled_symbols: int = 0  # lost ones that the code has filled in
     repeated_frames: int = 0
     delivered_bytes: int = 0
     rate_hz: int = 0  # what the session uses; the controller may have overridden it
     frame_bytes: int = 0
     fec: int = 0
+    interleave: int = 0
     wavelength_pm: int = 0
+    code_rate: float = 1.0  # bits of data for each bit of code, in all frames so far
+    symbols: int = 0  # Bell states that the receiver's analyser tells apart; 0: not known yet
 
 
 class SendingSession:
     """A session from this host to another, with the pairs of a source."""
 
     def __init__(self, qnic: Qnic, setup: Setup, peer: tuple[str, str], source: str) -> None:
+        agreed_format(setup, max(SYMBOLS))  # refused here, before anything is sent
         self._qnic = qnic
         self._setup = setup
         self._peer = peer  # name and address
         self._source = source  # name
-        self._outbox = Outbox(setup.frame_bytes, setup.pairs)
         self._digest = sha256()
         self._lit_at_s = 0.0  # when a pair last arrived
         self._one_by_one = OneByOne(self._shake_hands, self._light)
@@ -85,27 +92,36 @@ class SendingSession:
             rate_hz=setup.rate_hz,
             frame_bytes=setup.frame_bytes,
             fec=setup.fec,
+            interleave=setup.interleave,
             wavelength_pm=setup.wavelength_pm,
         )
 
     async def open(self) -> None:
         """Arrange light paths and pair source; raise SessionError if they cannot be had."""
-        self._channel = await self._arrange()
+        self._channel, answer = await self._arrange()
         self._lit_at_s = time.monotonic()
         try:
             self._pairs = await MetadataChannel.connect(self._source, self._setup.source)
             await self._pairs.request(replace(self._setup, service=Service.PAIR_SOURCE))
+            self._agree(answer)
         except SessionError:
             self._channel.close()
             raise
 
-    async def _arrange(self) -> MetadataChannel:
+    def _agree(self, answer: Answer) -> None:
+        """Take over what the receiver's analyser allows."""
+        used = agreed_format(self._setup, _told_apart(answer))
+        self._outbox = Outbox(self._setup.frame_bytes, self._setup.pairs, used)
+        self._encoding = answer.encoding
+        self.statistics.symbols = answer.symbols
+
+    async def _arrange(self) -> tuple[MetadataChannel, Answer]:
         """Set the session up; fibres that the controller is still discovering are waited for."""
         deadline = asyncio.get_running_loop().time() + DISCOVERY_TIMEOUT_S
         while True:
             channel = await MetadataChannel.connect(*self._peer)
             try:
-                await channel.request(self._setup)
+                answer = await channel.request(self._setup)
             except SessionError as error:
                 channel.close()
                 overdue = asyncio.get_running_loop().time() > deadline
@@ -113,11 +129,12 @@ class SendingSession:
                     raise
                 await asyncio.sleep(DISCOVERY_PAUSE_S)
             else:
-                return channel
+                return channel, answer
 
     async def send(self, data: bytes) -> None:
         """Send bytes; return when the other end holds every one of them."""
         self._outbox.add(data)
+        self.statistics.code_rate = self._outbox.code_rate
         while not self._outbox.empty:
             await self._send_block(self._outbox.next_block())
         self._digest.update(data)
@@ -137,12 +154,12 @@ class SendingSession:
         await release(self._qnic, self._setup.session)
 
     async def _send_block(self, block: OutgoingBlock) -> None:
-        paulis = to_paulis(block.symbols, self._setup.encoding)
-        self.statistics.bell_pairs += paulis.size
+        self.statistics.bell_pairs += block.symbols.size
         if self._setup.handshake == Handshake.PER_PAIR:
-            emitted_ns = await self._one_by_one.send(paulis)
+            emitted_ns = await self._one_by_one.send(block.symbols)
         else:
             try:
+                paulis = to_paulis(block.symbols, self._encoding)
                 emitted_ns = await self._light(block.number, paulis)
             except NoLight as error:
                 await self._note_dark(block, error)
@@ -151,7 +168,7 @@ class SendingSession:
             Block(
                 self._setup.session,
                 block.number,
-                paulis.size,
+                block.symbols.size,
                 block.refills,
                 emitted_ns,
                 block.frames,
@@ -179,16 +196,19 @@ class SendingSession:
         finally:
             light.cancel()
 
-    async def _shake_hands(self, number: int) -> MetadataChannel:
+    async def _shake_hands(self, number: int) -> Agreed:
         """Make the handshake of one pair; the path stays up until its connection is closed."""
         setup = replace(self._setup, handshake=Handshake.ONE_PAIR, block=number, pairs=1)
         channel = await MetadataChannel.connect(*self._peer)
         try:
-            await channel.request(setup)
+            answer = await channel.request(setup)
+            if _told_apart(answer) != self.statistics.symbols:
+                text = f"{self._peer[0]} tells {answer.symbols} Bell states apart, and did not"
+                raise SessionError(Reason.PROTOCOL, text)
         except BaseException:
             channel.close()
             raise
-        return channel
+        return Agreed(channel, answer.encoding)
 
     async def _note_dark(self, block: OutgoingBlock, error: NoLight) -> None:
         """Take the block back, and tell the receiver to let go of its halves."""
@@ -210,14 +230,14 @@ class SendingSession:
             self._outbox.report(block, report)
         except FramingError as error:
             raise SessionError(Reason.PROTOCOL, str(error)) from error
-        lost = np.unpackbits(np.frombuffer(report.lost, np.uint8), count=report.pairs or None)
-        lost_pairs = int(lost.sum()) if report.lost else 0
         statistics = self.statistics
-        statistics.lost_pairs += lost_pairs
-        statistics.received_symbols += report.pairs - lost_pairs
+        statistics.lost_pairs += report.lost
+        statistics.received_symbols += report.pairs - report.lost
         statistics.symbol_errors = report.errors
+        statistics.corrected_symbols = report.corrected
+        statistics.filled_symbols = report.filled
         statistics.repeated_frames = self._outbox.repeated_frames
-        if lost_pairs < report.pairs:
+        if report.lost < report.pairs:
             self._lit_at_s = time.monotonic()
         self._give_up_if_dark(f"no pair reached {self._peer[0]}")
         self._give_up_if_too_noisy()
@@ -228,6 +248,12 @@ class SendingSession:
                 raise SessionError(
                     Reason.TOO_NOISY,
                     f"frame {number} failed its check {attempts} times: the channel is too noisy "
-                    f"for frames of {self._setup.frame_bytes} bytes; choose fewer (--frame-bytes) "
-                    "or less noise",
+                    f"for frames of {self._setup.frame_bytes} bytes; choose fewer "
+                    "(--frame-bytes), a stronger code (--fec) or less noise",
                 )
+
+
+def _told_apart(answer: Answer) -> int:
+    if answer.symbols not in SYMBOLS:
+        raise SessionError(Reason.PROTOCOL, "the receiver does not say what its analyser can do")
+    return answer.symbols

@@ -4,7 +4,8 @@ from collections.abc import Callable
 
 from hosts.hardware.qnic import HardwareError, Qnic, release
 from hosts.middleware.channel import MetadataChannel, SessionError
-from hosts.middleware.receiver import MAX_BLOCK_PAIRS, check_wavelength
+from hosts.middleware.frame_format import MAX_BLOCK_PAIRS
+from hosts.middleware.receiver import check_wavelength
 from wire.metadata import Answer, Emit, Reason, Setup
 
 

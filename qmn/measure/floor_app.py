@@ -11,10 +11,10 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
-from controller_apps import flow_entries
-from controller_apps.actions import OpenPaths
 from controller_apps.framework import MAIN, App, EndOnFault, hub, ofp_event, ofproto, on, parser
-from controller_apps.paths import Hop
+from controller_apps.light import flow_entries
+from controller_apps.light.paths import Hop
+from controller_apps.sessions.actions import OpenPaths
 
 TURN_TIMEOUT_S = 10.0
 SESSION, MISS = 1, 2  # cookies: of the entries that come and go, and of the one that stays
@@ -96,16 +96,18 @@ class Floor(App):
             data=FRAME,
         )
         for _ in range(self._count):
-            self._clear()
             self._datapath.send_msg(through_table)
-            yield self._turn_ms()
+            turn_ms = self._turn_ms()
+            self._clear()
+            yield turn_ms
 
     def _bundle(self) -> Iterator[float]:
         for _ in range(self._count):
-            self._clear()
             self._started = time.perf_counter()
             self._program(BUNDLE_HOPS)
-            yield self._turn_ms()
+            turn_ms = self._turn_ms()
+            self._clear()
+            yield turn_ms
 
     def _full(self) -> Iterator[float]:
         self._clear()
@@ -127,7 +129,10 @@ class Floor(App):
         self._send(*messages)
 
     def _clear(self) -> None:
-        """Delete the entries of the turn before, and wait until they are gone."""
+        """Delete the entries of a turn, and wait until they are gone.
+
+        At its end: a turn begins after a pause, as a session does, with nothing warmed up.
+        """
         self._send(flow_entries.delete_paths(self._datapath, SESSION))
         self._turn_ms()
 

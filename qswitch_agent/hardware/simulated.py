@@ -7,6 +7,7 @@ from typing import TypeVar
 
 import grpc
 
+from qswitch_agent.hardware.dispatcher_link import DispatcherLink
 from qswitch_agent.hardware.optics import (
     CALL_DEADLINE_S,
     CircuitReading,
@@ -21,6 +22,7 @@ from qswitch_agent.hardware.optics import (
 )
 from wire import dispatcher_pb2 as messages
 from wire import service
+from wire.metadata import MalformedPacket
 
 REFUSALS = (
     grpc.StatusCode.INVALID_ARGUMENT,
@@ -32,9 +34,6 @@ REFUSALS = (
 STATUS = {status.value[0]: status for status in grpc.StatusCode}
 
 Reply = TypeVar("Reply")
-CrossConnects = grpc.aio.StreamStreamCall[
-    messages.CrossConnectRequest, messages.CrossConnectOutcome
-]
 
 
 class SimulatedSwitch:
@@ -46,12 +45,7 @@ class SimulatedSwitch:
         self._socket = socket
         self._metadata = service.metadata(token)
         self._channel = grpc.aio.insecure_channel(f"unix:{socket}", service.CHANNEL_OPTIONS)
-        self._cross_connects = self._channel.stream_stream(
-            "/qmn.Dispatcher/CrossConnects",
-            request_serializer=messages.CrossConnectRequest.SerializeToString,
-            response_deserializer=messages.CrossConnectOutcome.FromString,
-        )
-        self._crossing: CrossConnects | None = None  # open, and nothing asked that is unanswered
+        self._cross_connects = DispatcherLink(socket, token)
         self._tune_port = self._channel.unary_unary(
             "/qmn.Dispatcher/TunePort",
             request_serializer=messages.TunePortRequest.SerializeToString,
@@ -81,30 +75,14 @@ class SimulatedSwitch:
         await self._wait_until(outcome.ready_ns)
 
     async def _outcome(self, request: messages.CrossConnectRequest) -> messages.CrossConnectOutcome:
-        """Ask over the open stream, or over another one; a stream that has failed is left."""
-        call, self._crossing = self._crossing, None
-        if call is None or call.done():
-            call = self._cross_connects(None, metadata=self._metadata)
-        answered = False
         try:
             async with asyncio.timeout(CALL_DEADLINE_S):
-                await call.write(request)
-                outcome = await call.read()
-            answered = isinstance(outcome, messages.CrossConnectOutcome)
+                return await self._cross_connects.ask(request)
         except TimeoutError as error:
             late = grpc.StatusCode.DEADLINE_EXCEEDED
             raise self._meaning(late, f"no outcome in {CALL_DEADLINE_S} s") from error
-        except grpc.aio.AioRpcError as error:
-            raise self._meaning(error.code(), error.details()) from error
-        except asyncio.InvalidStateError as error:  # it ended between two requests
-            raise self._meaning(await call.code(), await call.details()) from error
-        finally:
-            if not answered:
-                call.cancel()
-        if not isinstance(outcome, messages.CrossConnectOutcome):
-            raise self._meaning(grpc.StatusCode.UNAVAILABLE, "the stream has ended")
-        self._crossing = call
-        return outcome
+        except (OSError, EOFError, MalformedPacket) as error:
+            raise self._meaning(grpc.StatusCode.UNAVAILABLE, str(error)) from error
 
     async def tune(self, port: int, frequency_mhz: int | None, power_dbm: float | None) -> None:
         """Tune a port's filter and its attenuator; None leaves a value as it is."""
@@ -150,7 +128,8 @@ class SimulatedSwitch:
         )
 
     async def close(self) -> None:
-        """Close the channel."""
+        """Close the connections."""
+        self._cross_connects.close()
         await self._channel.close(None)
 
     async def _answer(self, call: Awaitable[Reply]) -> Reply:

@@ -6,7 +6,7 @@ the hardware makes this cross-connect.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from zlib import crc32
 
 from os_ken.ofproto import ofproto_v1_4 as ofp
@@ -129,8 +129,7 @@ class FlowTable:
                 f"this would also modify what becomes of LLDP from port {affected[0].in_port}",
             )
         changed = [
-            replace(
-                mod,
+            mod._replace(
                 command=ofp.OFPFC_MODIFY_STRICT,
                 priority=entry.priority,
                 match=entry.match,

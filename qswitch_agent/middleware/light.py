@@ -5,6 +5,8 @@ nothing else, in table 0, and sends what comes in there to one other fibre port,
 On a fibre's supervisory channel LLDP passes, and only to the controller.
 """
 
+from collections.abc import Iterable
+
 from os_ken.ofproto import ofproto_v1_4 as ofp
 
 from qswitch_agent.openflow import matches
@@ -58,12 +60,12 @@ def is_light(mod: FlowMod, fibers: frozenset[int]) -> bool:
     return True
 
 
-def require_no_fiber(ports: list[int], fibers: frozenset[int]) -> None:
+def require_no_fiber(ports: Iterable[int], fibers: frozenset[int]) -> None:
     """Raise Refusal if packets shall go into a fibre."""
     _require_classical(ports, fibers)
 
 
-def _require_classical(outputs: list[int], fibers: frozenset[int]) -> None:
+def _require_classical(outputs: Iterable[int], fibers: frozenset[int]) -> None:
     for port in outputs:
         if port in fibers:
             raise _bad_port(f"packets cannot go into the fibre at port {port}")

@@ -7,7 +7,7 @@ from typing import Self
 
 from os_ken.ofproto import ofproto_v1_4 as ofp
 
-from qswitch_agent.openflow import matches, multipart
+from qswitch_agent.openflow import instructions, matches, multipart
 from qswitch_agent.openflow.flows import FlowEntry, entry
 from qswitch_agent.openflow.instructions import Instructions, Mark
 from qswitch_agent.openflow.messages import HEADER, strict, with_body
@@ -78,8 +78,8 @@ def _each_update(data: bytes) -> Iterator[FlowUpdate]:
 
 def _flow_entry(update: bytes) -> FlowEntry:
     fixed = UPDATE.unpack_from(update)
-    match, instructions = matches.split(update[UPDATE.size :])
-    return entry(fixed[6], match, Instructions(instructions), fixed[7])
+    match, data = matches.split(update[UPDATE.size :])
+    return entry(fixed[6], match, instructions.parse(data), fixed[7])
 
 
 @strict
@@ -98,11 +98,11 @@ def monitor_shown(message: bytes) -> bytes:
 def _unmarked(update: bytes) -> bytes:
     fixed = list(UPDATE.unpack_from(update))
     match, data = matches.split(update[UPDATE.size :])
-    instructions = Instructions(data)
-    if instructions.mark is None:
+    does = instructions.parse(data)
+    if does.mark is None:
         return update
-    rest = matches.join(match) + instructions.without_mark()
-    fixed[0], fixed[4] = UPDATE.size + len(rest), instructions.mark.idle_timeout_s
+    rest = matches.join(match) + does.without_mark()
+    fixed[0], fixed[4] = UPDATE.size + len(rest), does.mark.idle_timeout_s
     return UPDATE.pack(*fixed) + rest
 
 
@@ -139,7 +139,7 @@ class FlowStatistics:
         fixed = list(self.fixed)
         fixed[5], fixed[10], fixed[11] = mark.idle_timeout_s, photons, 0
         return FlowStatistics(
-            tuple(fixed), self.match, Instructions(self.instructions.without_mark())
+            tuple(fixed), self.match, instructions.parse(self.instructions.without_mark())
         )
 
 
@@ -152,8 +152,8 @@ def flow_statistics(message: bytes) -> list[FlowStatistics]:
         if not STATISTICS.size <= fixed[0] <= len(message) - offset:
             raise MalformedPacket(f"flow statistics with length {fixed[0]}")
         rest = message[offset + STATISTICS.size : offset + fixed[0]]
-        match, instructions = matches.split(rest)
-        entries.append(FlowStatistics(fixed, match, Instructions(instructions)))
+        match, data = matches.split(rest)
+        entries.append(FlowStatistics(fixed, match, instructions.parse(data)))
         offset += fixed[0]
     return entries
 

@@ -1,13 +1,13 @@
 """Flow entries as bytes: FLOW_MOD, and what the agent needs to know of an entry."""
 
 import struct
-from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
 
 from os_ken.ofproto import ofproto_v1_4 as ofp
 
-from qswitch_agent.openflow import matches
+from qswitch_agent.openflow import instructions, matches
 from qswitch_agent.openflow.instructions import (
     ACTION_LISTS,
     Instructions,
@@ -17,25 +17,10 @@ from qswitch_agent.openflow.instructions import (
 from qswitch_agent.openflow.messages import HEADER, encode, strict
 
 MOD = struct.Struct(ofp.OFP_FLOW_MOD_PACK_STR0)
-MOD_FIELDS = (
-    "cookie",
-    "cookie_mask",
-    "table",
-    "command",
-    "idle_timeout_s",
-    "hard_timeout_s",
-    "priority",
-    "buffer_id",
-    "out_port",
-    "out_group",
-    "flags",
-    "importance",
-)
 
 
-@dataclass(frozen=True)
-class FlowMod:
-    """A FLOW_MOD."""
+class FlowMod(NamedTuple):
+    """A FLOW_MOD; its first fields are in the order of MOD."""
 
     cookie: int
     cookie_mask: int
@@ -56,22 +41,17 @@ class FlowMod:
     @strict
     def decode(cls, message: bytes) -> "FlowMod":
         """Read a FLOW_MOD, its match and its instructions included."""
-        fixed: dict[str, Any] = dict(
-            zip(MOD_FIELDS, MOD.unpack_from(message, HEADER.size), strict=True)
-        )
-        match, instructions = matches.split(message[HEADER.size + MOD.size :])
-        mod = FlowMod(**fixed, match=match, instructions=Instructions(instructions))
-        matches.parse(mod.match)
-        mod.instructions.require_whole()
-        return mod
+        fixed: tuple[int, ...] = MOD.unpack_from(message, HEADER.size)
+        match, data = matches.split(message[HEADER.size + MOD.size :])
+        matches.parse(match)
+        return cls._make((*fixed, match, instructions.parse(data)))
 
     def encode(self, xid: int) -> bytes:
         """Return the FLOW_MOD as a message."""
-        fixed = MOD.pack(*(getattr(self, name) for name in MOD_FIELDS))
-        body = fixed + matches.join(self.match) + self.instructions.data
+        body = MOD.pack(*self[:-2]) + matches.join(self.match) + self.instructions.data
         return encode(ofp.OFPT_FLOW_MOD, xid, body)
 
-    @cached_property
+    @property
     def fields(self) -> matches.Fields:
         """The match, taken apart."""
         return matches.parse(self.match)
@@ -93,12 +73,11 @@ class FlowMod:
         """
         outputs, in_port = self.instructions.outputs, matches.in_port(self.fields)
         assert in_port is not None
-        return replace(
-            self,
+        return self._replace(
             idle_timeout_s=0,
             match=matches.of_port(in_port),
-            instructions=Instructions(
-                light_instructions(mark, outputs[0] if outputs else None),
+            instructions=instructions.parse(
+                light_instructions(mark, outputs[0] if outputs else None)
             ),
         )
 
@@ -126,13 +105,18 @@ class FlowEntry:
         return f"priority {self.priority}, in_port {self.in_port}{more} -> {action}"
 
 
-def entry(priority: int, match: bytes, instructions: Instructions, cookie: int) -> FlowEntry:
+def entry(priority: int, match: bytes, does: Instructions, cookie: int) -> FlowEntry:
     """Return the entry that has these properties."""
-    fields = matches.parse(match)
-    mark = instructions.mark
-    only = len(instructions.kinds) == 1 and instructions.kinds[0] in ACTION_LISTS
-    outputs = instructions.outputs
-    one = only and len(instructions.actions) - (mark is not None) == 1 == len(outputs)
+    short = max(len(match), len(does.data)) <= matches.MAX_REMEMBERED
+    return (_remembered if short else _entry)(priority, match, does.data, cookie)
+
+
+def _entry(priority: int, match: bytes, data: bytes, cookie: int) -> FlowEntry:
+    fields, does = matches.parse(match), instructions.parse(data)
+    mark = does.mark
+    only = len(does.kinds) == 1 and does.kinds[0] in ACTION_LISTS
+    outputs = does.outputs
+    one = only and len(does.actions) - (mark is not None) == 1 == len(outputs)
     return FlowEntry(
         priority,
         match,
@@ -142,6 +126,9 @@ def entry(priority: int, match: bytes, instructions: Instructions, cookie: int) 
         cookie,
         mark,
     )
+
+
+_remembered = lru_cache(maxsize=4096)(_entry)
 
 
 def delete_strict(one: FlowEntry, xid: int) -> bytes:

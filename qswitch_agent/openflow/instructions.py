@@ -7,9 +7,10 @@ entry for idleness: no packets flow through it.
 """
 
 import struct
+from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Self
+from functools import lru_cache
+from typing import NamedTuple, Self
 
 from os_ken.ofproto import ofproto_v1_4 as ofp
 
@@ -18,8 +19,12 @@ from wire.metadata import MalformedPacket
 
 INSTRUCTION = struct.Struct("!HH4x")  # type, length
 OUTPUT = struct.Struct("!HHIH6x")  # type, length, port, bytes for a controller
-NOTE = struct.Struct("!HHIHHI")  # experimenter, length, Nicira, note, then the mark
+NOTE = struct.Struct("!HHIH")  # experimenter, length, Nicira, note
+MARK = struct.Struct("!HI")  # idle time-out, circuit
 NICIRA, NICIRA_NOTE = 0x00002320, 8
+NOTE_SIZE = NOTE.size + MARK.size
+NOTE_HEAD = NOTE.pack(ofp.OFPAT_EXPERIMENTER, NOTE_SIZE, NICIRA, NICIRA_NOTE)
+MAX_REMEMBERED = 256  # bytes of instructions; longer ones would fill the memory
 ACTION_LISTS = (ofp.OFPIT_APPLY_ACTIONS, ofp.OFPIT_WRITE_ACTIONS)
 
 
@@ -32,75 +37,66 @@ class Mark:
 
     def encode(self) -> bytes:
         """Return the note action."""
-        head = ofp.OFPAT_EXPERIMENTER, NOTE.size, NICIRA, NICIRA_NOTE
-        return NOTE.pack(*head, self.idle_timeout_s, self.circuit)
+        return NOTE_HEAD + MARK.pack(self.idle_timeout_s, self.circuit)
 
     @classmethod
     def decode(cls, action: bytes) -> Self | None:
         """Return the mark that an action is, None if it is another action."""
-        if len(action) != NOTE.size:
+        if len(action) != NOTE_SIZE or not action.startswith(NOTE_HEAD):
             return None
-        *head, idle_timeout_s, circuit = NOTE.unpack(action)
-        if head != [ofp.OFPAT_EXPERIMENTER, NOTE.size, NICIRA, NICIRA_NOTE]:
-            return None
-        return cls(idle_timeout_s, circuit)
+        return cls(*MARK.unpack_from(action, NOTE.size))
 
 
-@dataclass(frozen=True)
-class Instructions:
-    """The instructions of an entry, taken apart."""
+class Instructions(NamedTuple):
+    """The instructions of an entry, taken apart by `parse`."""
 
     data: bytes
-
-    @cached_property
-    def kinds(self) -> list[int]:
-        """The types of the instructions."""
-        return [kind for kind, _body in self._parts]
-
-    @cached_property
-    def actions(self) -> list[tuple[int, bytes]]:
-        """Type and bytes of the actions of all instructions."""
-        return [
-            action
-            for kind, body in self._parts
-            if kind in ACTION_LISTS
-            for action in each_part(body[INSTRUCTION.size :], 8, "action")
-        ]
-
-    @cached_property
-    def outputs(self) -> list[int]:
-        """The ports that actions output to."""
-        return output_ports(self.actions)
-
-    @cached_property
-    def mark(self) -> Mark | None:
-        """The mark among the actions, None if there is none."""
-        return next((mark for _, one in self.actions if (mark := Mark.decode(one))), None)
-
-    def require_whole(self) -> None:
-        """Raise MalformedPacket unless all that is read of them is there."""
-        output_ports(self.actions)
+    kinds: tuple[int, ...]  # types of the instructions
+    actions: tuple[tuple[int, bytes], ...]  # types and bytes of the actions of all of them
+    outputs: tuple[int, ...]  # ports that actions output to
+    mark: Mark | None  # among the actions
 
     def without_mark(self) -> bytes:
         """Return the instructions as a controller gave them."""
-        return b"".join(self._clean(kind, body) for kind, body in self._parts)
+        parts = each_part(self.data, 4, "instruction")
+        return b"".join(_clean(kind, body) for kind, body in parts)
 
-    @cached_property
-    def _parts(self) -> list[tuple[int, bytes]]:
-        parts = list(each_part(self.data, 4, "instruction"))
-        if any(kind in ACTION_LISTS and len(body) < INSTRUCTION.size for kind, body in parts):
-            raise MalformedPacket("instruction is cut short")
-        return parts
 
-    def _clean(self, kind: int, body: bytes) -> bytes:
-        if kind not in ACTION_LISTS:
-            return body
-        actions = [one for _, one in each_part(body[INSTRUCTION.size :], 8, "action")]
-        return _instruction(kind, b"".join(one for one in actions if not Mark.decode(one)))
+def _parts(data: bytes) -> Instructions:
+    parts = each_part(data, 4, "instruction")
+    actions: list[tuple[int, bytes]] = []
+    for kind, body in parts:
+        if kind in ACTION_LISTS:
+            if len(body) < INSTRUCTION.size:
+                raise MalformedPacket("instruction is cut short")
+            actions += each_part(body[INSTRUCTION.size :], 8, "action")
+    marks = [mark for _, one in actions if (mark := Mark.decode(one))]
+    return Instructions(
+        data,
+        tuple(kind for kind, _body in parts),
+        tuple(actions),
+        tuple(output_ports(actions)),
+        marks[0] if marks else None,
+    )
+
+
+_remembered = lru_cache(maxsize=4096)(_parts)
+
+
+def parse(data: bytes) -> Instructions:
+    """Return instructions taken apart, each once: the bridge reports what it was told."""
+    return _remembered(data) if len(data) <= MAX_REMEMBERED else _parts(data)
+
+
+def _clean(kind: int, body: bytes) -> bytes:
+    if kind not in ACTION_LISTS:
+        return body
+    actions = [one for _, one in each_part(body[INSTRUCTION.size :], 8, "action")]
+    return _instruction(kind, b"".join(one for one in actions if not Mark.decode(one)))
 
 
 @strict
-def output_ports(actions: list[tuple[int, bytes]]) -> list[int]:
+def output_ports(actions: Iterable[tuple[int, bytes]]) -> list[int]:
     """Return the ports that actions output to."""
     return [OUTPUT.unpack_from(body)[2] for kind, body in actions if kind == ofp.OFPAT_OUTPUT]
 

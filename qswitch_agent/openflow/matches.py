@@ -37,7 +37,6 @@ def join(fields: bytes) -> bytes:
     return MATCH.pack(ofp.OFPMT_OXM, length) + fields + b"\0" * (-length % 8)
 
 
-@strict
 def parse(data: bytes) -> Fields:
     """Return the fields with their values and masks, but those that ask for nothing.
 
@@ -46,6 +45,7 @@ def parse(data: bytes) -> Fields:
     return _remembered(data) if len(data) <= MAX_REMEMBERED else _fields(data)
 
 
+@strict
 def _fields(data: bytes) -> Fields:
     fields: dict[Field, tuple[bytes, bytes]] = {}
     offset = 0

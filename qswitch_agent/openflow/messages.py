@@ -1,7 +1,7 @@
 """Framing, headers, and the messages that are alike for all: HELLO, ERROR, barriers."""
 
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import wraps
 from typing import ParamSpec, TypeVar
 
@@ -11,6 +11,7 @@ from wire.metadata import MalformedPacket
 
 HEADER = struct.Struct(ofp.OFP_HEADER_PACK_STR)  # version, type, length, xid
 ERROR = struct.Struct("!HH")  # type, code
+PART = struct.Struct("!HH")  # type, length
 ERROR_DATA = 64  # bytes of the message that is answered, at least those it has
 MAX_LENGTH = 0xFFFF
 ANY_VERSION = (ofp.OFPT_HELLO, ofp.OFPT_ERROR)  # of a message that may not be of version 1.4
@@ -94,24 +95,20 @@ def with_body(message: bytes, body: bytes) -> bytes:
     return encode(message_type(message), transaction_id(message), body)
 
 
-def each_part(data: bytes, header: int, what: str) -> Iterator[tuple[int, bytes]]:
-    """Yield type and bytes of each part of a list of (u16 type, u16 length, …).
+@strict
+def each_part(data: bytes, header: int, what: str) -> list[tuple[int, bytes]]:
+    """Return type and bytes of each part of a list of (u16 type, u16 length, …).
 
     A length covers its part; raise MalformedPacket where it does not, or is under `header`.
     """
-    offset = 0
+    parts, offset = [], 0
     while offset < len(data):
-        kind, length = _part_header(data, offset)
+        kind, length = PART.unpack_from(data, offset)
         if not header <= length <= len(data) - offset:
             raise MalformedPacket(f"{what} with length {length}")
-        yield kind, data[offset : offset + length]
+        parts.append((kind, data[offset : offset + length]))
         offset += length
-
-
-@strict
-def _part_header(data: bytes, offset: int) -> tuple[int, int]:
-    kind, length = struct.unpack_from("!HH", data, offset)
-    return kind, length
+    return parts
 
 
 def hello() -> bytes:

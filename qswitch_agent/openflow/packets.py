@@ -35,7 +35,7 @@ class PacketOut:
         rest = message[HEADER.size + PACKET_OUT.size :]
         if length > len(rest):
             raise MalformedPacket(f"PACKET_OUT with {length} bytes of actions in {len(rest)}")
-        return cls(in_port, list(each_part(rest[:length], 8, "action")), rest[length:])
+        return cls(in_port, each_part(rest[:length], 8, "action"), rest[length:])
 
     @property
     def outputs(self) -> list[int]:
@@ -63,7 +63,7 @@ def group_outputs(message: bytes) -> list[int]:
         length, _weight, _port, _group = BUCKET.unpack_from(data)
         if not BUCKET.size <= length <= len(data):
             raise MalformedPacket(f"bucket with length {length}")
-        ports += output_ports(list(each_part(data[BUCKET.size : length], 8, "action")))
+        ports += output_ports(each_part(data[BUCKET.size : length], 8, "action"))
         data = data[length:]
     return ports
 

@@ -9,6 +9,7 @@ import select
 import shutil
 import signal
 import socket
+import socketserver
 import subprocess
 import sys
 import threading
@@ -28,9 +29,9 @@ from os_ken.ofproto.ofproto_protocol import ProtocolDesc
 
 from qswitch_agent.openflow.messages import HEADER, Framer
 from wire import dispatcher_pb2 as pb
-from wire import optical
+from wire import frames, optical
 from wire.config import AgentConfig
-from wire.service import TOKEN_KEY
+from wire.service import cross_connects_socket
 
 LLDP = bytes.fromhex("0180c200000e0a00000000aa88cc") + bytes(46)
 PING = bytes.fromhex("ffffffffffff0a00000000aa0800") + bytes(46)
@@ -68,6 +69,34 @@ def flows(*arguments: str) -> str:
     """Run ovs-ofctl on the bridge."""
     verb, *rest = arguments
     return run("ovs-ofctl", "-O", "OpenFlow14", verb, BRIDGE, *rest)
+
+
+class Agents(socketserver.ThreadingUnixStreamServer):
+    """The dispatcher's socket for cross-connects."""
+
+    daemon_threads = True
+    block_on_close = False
+
+    def __init__(self, path: str, dispatcher: "Dispatcher") -> None:
+        super().__init__(path, AgentHandler)
+        self.dispatcher = dispatcher
+
+
+class AgentHandler(socketserver.StreamRequestHandler):
+    """Answers one agent until it goes away."""
+
+    server: Agents
+
+    def handle(self) -> None:
+        token = self._message().decode()
+        while message := self._message():
+            request = pb.CrossConnectRequest.FromString(message)
+            outcome = self.server.dispatcher.cross_connect(token, request)
+            self.wfile.write(frames.encode(outcome.SerializeToString()))
+
+    def _message(self) -> bytes:
+        length = self.rfile.read(frames.LENGTH.size)
+        return self.rfile.read(*frames.LENGTH.unpack(length)) if length else b""
 
 
 class Dispatcher:
@@ -111,23 +140,21 @@ class Dispatcher:
             request_deserializer=pb.WatchSwitchRequest.FromString,
             response_serializer=pb.SwitchCondition.SerializeToString,
         )
-        handlers["CrossConnects"] = grpc.stream_stream_rpc_method_handler(
-            lambda requests, context: (self._cross_connect(one, context) for one in requests),
-            request_deserializer=pb.CrossConnectRequest.FromString,
-            response_serializer=pb.CrossConnectOutcome.SerializeToString,
-        )
         handler = grpc.method_handlers_generic_handler("qmn.Dispatcher", handlers)
         self.server = grpc.server(ThreadPoolExecutor(8))
         self.server.add_generic_rpc_handlers((handler,))
         self.server.add_insecure_port(f"unix:{path}")
         self.server.start()
+        self.agents = Agents(cross_connects_socket(str(path)), self)
+        threading.Thread(target=self.agents.serve_forever, daemon=True).start()
 
-    def _cross_connect(self, request: Any, context: Any) -> pb.CrossConnectOutcome:
+    def cross_connect(self, token: str, request: pb.CrossConnectRequest) -> pb.CrossConnectOutcome:
+        """Answer an agent."""
         self.asked += 1
-        self.tokens.add(dict(context.invocation_metadata())[TOKEN_KEY])
+        self.tokens.add(token)
         assert self.open.wait(DEADLINE_S)
         if self.failure is not None:
-            context.abort(self.failure, "the mirror is stuck")
+            return pb.CrossConnectOutcome(code=self.failure.value[0], text="the mirror is stuck")
         self.circuits = {(one.in_port, one.out_port): one.circuit for one in request.connections}
         self.sets.append(sorted(self.circuits))
         return pb.CrossConnectOutcome(ready_ns=time.time_ns())
@@ -168,6 +195,8 @@ class Dispatcher:
     def stop(self) -> None:
         """End the server."""
         self.ended.set()
+        self.agents.shutdown()
+        self.agents.server_close()
         self.server.stop(None).wait()
 
 

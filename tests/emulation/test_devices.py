@@ -90,11 +90,11 @@ def test_every_device_is_known_and_a_pulse_rate_is_overridden(either: Network) -
 def test_a_refused_setting_a_cut_and_a_silent_host_are_told(network: Network) -> None:
     wait_until(lambda: devices()["bob"]["state"] == "up", "bob is heard")
     for words, text in (
-        (("alice", "fec", "3"), "alice: fec 3: only 0 (none) is offered yet"),
+        (("alice", "fec", "9"), "alice: fec 9 is not known: choose one of none, repetition"),
         (("eve", "fec", "0"), "no device 'eve'; hosts with a node agent: alice, bob, charlie"),
         (("q1", "fec", "0"), "q1 is a switch"),
         (("alice", "rate-hz", "0"), "rate_hz is 0: choose 1 to 4000000000"),
-        (("alice", "rate-hz", "fast"), "rate-hz 'fast': give a whole number, or `default`"),
+        (("alice", "rate-hz", "fast"), "rate_hz is 'fast': give a whole number, or `default`"),
     ):
         done = qmn("set", *words)
         assert done.returncode == 1

@@ -33,7 +33,7 @@ def test_all_hosts_reach_each_other() -> None:
     ("file", "topo", "fibers"),
     [
         ("chain", "chain,switches=2", 2),
-        ("ring", "ring,switches=3,length_km=0.5", 6),
+        ("ring", "ring,switches=3,length_km=0.5,preset=lab", 6),
         ("leaf_spine", "leaf_spine,leaves=2,spines=2", 4),
     ],
 )

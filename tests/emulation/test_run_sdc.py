@@ -1,16 +1,18 @@
 """`qmn run sdc` from outside, over the real components."""
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import qmn
+from conftest import ROOT, qmn
 from scapy.layers.inet import IP, TCP
 from scapy.utils import PcapReader
 
 from wire.metadata import METADATA_PORT, SETUP_LENGTH, MalformedPacket, Setup, Verdict, decode
 
+README = Path(ROOT) / "README.md"
 RESULT_KEYS = {
     "topology",
     "mode",
@@ -30,7 +32,10 @@ RESULT_KEYS = {
     "path_setup_ms",
     "packet_in_count",
     "captures",
+    "timeline",
     "backend",
+    "exact",
+    "devices",
 }
 
 
@@ -56,7 +61,7 @@ def test_bob_holds_exactly_what_alice_sent(tmp_path: Path, controller: str, hand
     assert (result["controller"], result["handshake"]) == (controller, handshake)
     assert (result["bell_pairs"], result["lost_pairs"]) == (4 * len(message), 0)
     assert result["symbol_error_rate"] == 0.0
-    assert result["backend"] == "chp"
+    assert (result["backend"], result["exact"]) == ("chp", True)
     set_ups = {"framed": 1, "per-pair": 4 * len(message)}[handshake]
     assert result["path_setup_ms"]["n"] == set_ups
 
@@ -77,6 +82,54 @@ def test_an_empty_file_arrives(tmp_path: Path) -> None:
     assert (tmp_path / "latest" / "received").read_bytes() == b""
 
 
+def test_the_experiment_of_2017_has_its_symbol_errors(tmp_path: Path) -> None:
+    result = run(tmp_path, "--preset", "fiber-2017", "--frame-bytes", "8")
+    pairs, expected = result["bell_pairs"], 0.75 * 0.0598
+    errors = result["symbol_errors"]
+    assert abs(errors - pairs * expected) < 5 * (pairs * expected * (1 - expected)) ** 0.5
+    assert result["lost_pairs"] == 0
+
+
+def test_detectors_lose_pairs_and_a_source_of_many_pairs_is_not_exact(tmp_path: Path) -> None:
+    options = ["--message", "device " * 100, "--device", "bob.detectors.efficiency=0.8"]
+    result = run(tmp_path, *options)
+    pairs, expected = result["bell_pairs"], 1 - 0.8**2
+    errors = abs(result["lost_pairs"] - pairs * expected)
+    assert errors < 5 * (pairs * expected * (1 - expected)) ** 0.5
+    assert result["exact"] is True
+    assert result["devices"]["bob"] == {"detectors": {"efficiency": 0.8}}
+    options = ["--message", "device " * 10, "--frame-bytes", "4"]
+    options += ["--device", "charlie.source.statistics=poisson"]
+    options += ["--device", "charlie.source.mean_pairs=0.3"]
+    result = run(tmp_path, *options)
+    assert result["exact"] is False
+    events = (tmp_path / "latest" / "quantum.log").read_text()
+    assert "pairs in pulses: none=" in events
+    assert "double=" in events
+
+
+def test_a_noise_model_of_the_user_s_own_acts_on_every_fibre(tmp_path: Path) -> None:
+    (code,) = re.findall(r"```python\n(# my_noise\.py\n.*?)```", README.read_text(), re.DOTALL)
+    (tmp_path / "my_noise.py").write_text(code)
+    noise = f"noise={tmp_path / 'my_noise.py'}:Flicker"
+    parameters = 'noise_parameters={"flip": 0.005, "switched": 0}'
+    arguments = ["--fiber", noise, "--fiber", parameters, "--frame-bytes", "8"]
+    result = run(tmp_path, *arguments, "--message", "flicker " * 100)
+    pairs = result["bell_pairs"]
+    # Six fibres that flip: an odd number of times with (1 - .99^6) / 2.
+    expected = (1 - 0.99**6) / 2
+    errors = result["symbol_errors"]
+    assert abs(errors - pairs * expected) < 5 * (pairs * expected * (1 - expected)) ** 0.5
+    assert result["optics"]["noise_parameters"] == {"flip": 0.005, "switched": 0}
+
+
+def test_a_noise_model_that_answers_nonsense_ends_the_run_and_is_named(tmp_path: Path) -> None:
+    (tmp_path / "bad.py").write_text("class Bad:\n    def effect(self, passage): return 5\n")
+    done = qmn("--fiber", f"noise={tmp_path / 'bad.py'}:Bad", runs=tmp_path)
+    assert done.returncode == 1
+    assert "bad.py:Bad: effect gave 5; return an Effect" in done.stderr
+
+
 def test_losses_and_errors_are_repaired_and_counted(tmp_path: Path) -> None:
     file = tmp_path / "file"
     file.write_bytes(bytes(range(256)) * 8)
@@ -93,7 +146,8 @@ def test_losses_and_errors_are_repaired_and_counted(tmp_path: Path) -> None:
 
 def test_the_captures_hold_the_metadata_and_the_traffic_to_ed(tmp_path: Path) -> None:
     result = run(tmp_path, "--message", "captured")
-    assert len(result["captures"]) == 5
+    assert len(result["captures"]) == 6
+    assert result["packets_not_captured"] == 0
     verdicts: dict[str, set[int]] = {}
     to_dispatcher = 0
     for capture in result["captures"]:
@@ -133,6 +187,16 @@ def test_the_event_log_is_on_the_clock_of_the_captures(tmp_path: Path) -> None:
 
     moment = datetime.fromisoformat(measured[0][:26] + "+00:00").timestamp()
     assert times[0] < moment < times[-1]
+
+
+def test_every_backend_gives_the_same_losses_and_errors(tmp_path: Path) -> None:
+    options = ["--message", "x" * 500, "--loss-db-per-km", "50", "--depolarizing", "0.0005"]
+    options += ["--frame-bytes", "32"]
+    results = [run(tmp_path, *options, "--backend", name) for name in ("chp", "stim", "dense")]
+    assert [result["backend"] for result in results] == ["chp", "stim", "dense"]
+    assert results[0]["lost_pairs"] > 0
+    for name in ("lost_pairs", "symbol_error_rate", "repeated_frames", "exact"):
+        assert len({result[name] for result in results}) == 1
 
 
 def test_the_same_seed_gives_the_same_losses(tmp_path: Path) -> None:

@@ -14,13 +14,14 @@ from metadata_scene import Q1, S1
 from scapy.layers.inet import IP, UDP
 from scapy.layers.l2 import Ether
 
-from controller_apps import console, framework
-from controller_apps.console import Console
-from controller_apps.datagrams import Frame
-from controller_apps.device_monitor import SET_TIMEOUT_S, DeviceMonitor
-from controller_apps.facts import MAX_REQUEST, perform
+from controller_apps import framework
+from controller_apps.console import console
+from controller_apps.console.console import Console
+from controller_apps.console.facts import MAX_REQUEST, perform
+from controller_apps.console.questions import EventQuestion, Refused
+from controller_apps.devices.datagrams import Frame
+from controller_apps.devices.device_monitor import SET_TIMEOUT_S, DeviceMonitor
 from controller_apps.framework import ofp_event, ofproto, parser
-from controller_apps.questions import EventQuestion, Refused
 from controller_apps.record import Record
 from wire.config import ControllerConfig
 from wire.device import (
@@ -52,7 +53,7 @@ class Scene:
         )
         self.now = 100.0
         clock = SimpleNamespace(monotonic=lambda: self.now, time_ns=lambda: 5_000)
-        monkeypatch.setattr("controller_apps.device_monitor.time", clock)
+        monkeypatch.setattr("controller_apps.devices.device_monitor.time", clock)
         self.monitor = DeviceMonitor(config, Record(str(self.record_path)))
         self.s1, self.q1 = Datapath(S1), Datapath(Q1)
         self.number = 0
@@ -176,9 +177,9 @@ def test_an_override_is_sent_until_it_is_in_force(scene: Scene) -> None:
 
 def test_a_host_that_refuses_is_left_as_it_is(scene: Scene) -> None:
     scene.says(SET)
-    question = scene.ask("set", device="alice", settings={"fec": 3})
-    scene.says(Answer(1, Reason.UNSUPPORTED, "fec 3: only 0"))
-    with pytest.raises(Refused, match="alice: fec 3: only 0"):
+    question = scene.ask("set", device="alice", settings={"fec": 9})
+    scene.says(Answer(1, Reason.UNSUPPORTED, "fec 9 is not known"))
+    with pytest.raises(Refused, match="alice: fec 9 is not known"):
         question.wait()
     scene.told()
     scene.says(SET)
@@ -345,7 +346,8 @@ class Known:
         ({"command": "set", "device": "alice"}, "set takes device, settings, not device"),
         ({"command": "set", "device": 1, "settings": {"fec": 0}}, "device 1 is not a name"),
         ({"command": "set", "device": "a", "settings": {}}, "settings are an object"),
-        ({"command": "set", "device": "a", "settings": {"fec": 0.5}}, "fec is 0.5: give a whole"),
+        ({"command": "set", "device": "a", "settings": {"fec": 0.5}}, "fec is 0.5: give one"),
+        ({"command": "set", "device": "a", "settings": {"fec": "x"}}, "or null to undo"),
         ({"command": "set", "device": "a", "settings": {"fec": True}}, "fec is True"),
     ],
 )
@@ -382,8 +384,11 @@ def test_the_console_answers_lines_and_survives_rubbish(
     with socket.socket(socket.AF_UNIX) as idle:  # says nothing, and must not block the next
         idle.connect(str(path))
         assert exchange(path, b'{"command": "devices"}\n') == {"result": ["q1"]}
-    order = {"command": "set", "device": "a", "settings": {"fec": None}}
+    order: dict[str, Any] = {"command": "set", "device": "a", "settings": {"fec": None}}
     assert exchange(path, json.dumps(order).encode() + b"\n") == {"result": ["a", {"fec": None}]}
+    order = {"command": "set", "device": "a", "settings": {"fec": "golay", "interleave": True}}
+    numbers = {"fec": 3, "interleave": 1}
+    assert exchange(path, json.dumps(order).encode() + b"\n") == {"result": ["a", numbers]}
 
 
 def test_the_frame_that_is_sent_can_be_read_back() -> None:

@@ -24,16 +24,17 @@ from scapy.contrib.lldp import (
 )
 from scapy.layers.l2 import Ether
 
-from controller_apps import discovery, flow_entries, framework
+from controller_apps import framework
 from controller_apps.framework import ProtocolDesc, ofp_event, ofproto, parser
 from controller_apps.learning_switch import LearningSwitch
+from controller_apps.light import discovery, flow_entries
+from controller_apps.light.optics import SwitchPort
+from controller_apps.light.paths import HostPort
 from controller_apps.mac_table import MacTable
-from controller_apps.optics import SwitchPort
-from controller_apps.paths import HostPort
 from controller_apps.quantum_metadata import QuantumMetadata
 from controller_apps.record import Record
-from controller_apps.segments import FiveTuple
-from controller_apps.state_folder import StateFolder
+from controller_apps.sessions.segments import FiveTuple
+from controller_apps.succession.state_folder import StateFolder
 from wire.config import ControllerConfig
 from wire.device import DEVICE_PORT
 from wire.metadata import (

@@ -6,9 +6,9 @@ from typing import Any
 from scapy.layers.inet import IP, TCP
 from scapy.layers.l2 import Ether
 
-from controller_apps.arbiter import Arbiter
-from controller_apps.optics import SwitchOptics, SwitchPort
-from controller_apps.paths import HostPort, Network
+from controller_apps.light.optics import SwitchOptics, SwitchPort
+from controller_apps.light.paths import HostPort, Network
+from controller_apps.sessions.arbiter import Arbiter
 from wire.metadata import METADATA_PORT, Handshake, Service, Setup
 from wire.optical import ANY_PORT, PathOptics
 

@@ -23,7 +23,10 @@ from metadata_scene import (
     rotating,
 )
 
-from controller_apps.actions import (
+from controller_apps.light.optics import SwitchPort
+from controller_apps.light.paths import Hop
+from controller_apps.light.routing import Leg, Limits, cheapest_path
+from controller_apps.sessions.actions import (
     Action,
     AddBypass,
     ClosePaths,
@@ -35,11 +38,8 @@ from controller_apps.actions import (
     OpenPaths,
     RemoveBypass,
 )
-from controller_apps.arbiter import SWITCH_GRACE_S, Arbiter
-from controller_apps.optics import SwitchPort
-from controller_apps.paths import Hop
-from controller_apps.routing import Leg, Limits, cheapest_path
-from controller_apps.segments import FiveTuple
+from controller_apps.sessions.arbiter import SWITCH_GRACE_S, Arbiter
+from controller_apps.sessions.segments import FiveTuple
 from wire.metadata import (
     METADATA_PORT,
     SETUP_LENGTH,

@@ -92,7 +92,8 @@ BROKEN = """
 import sys
 from pathlib import Path
 from typing import Any
-from controller_apps import __main__ as launcher, arbiter
+from controller_apps import __main__ as launcher
+from controller_apps.sessions import arbiter
 from wire.config import ControllerConfig
 
 def broken(self, now):

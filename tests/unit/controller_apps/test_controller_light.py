@@ -29,11 +29,19 @@ from metadata_scene import (
 from scapy.layers.inet import IP, TCP
 from scapy.layers.l2 import Ether
 
-from controller_apps.actions import Action, ClosePaths, Forget, Forward, Keep, Note, OpenPaths
-from controller_apps.arbiter import Arbiter
-from controller_apps.kept import decode_session, keep
-from controller_apps.optics import SwitchPort
-from controller_apps.paths import Hop, HostPort, Network, directions
+from controller_apps.light.optics import SwitchPort
+from controller_apps.light.paths import Hop, HostPort, Network, directions
+from controller_apps.sessions.actions import (
+    Action,
+    ClosePaths,
+    Forget,
+    Forward,
+    Keep,
+    Note,
+    OpenPaths,
+)
+from controller_apps.sessions.arbiter import Arbiter
+from controller_apps.succession.kept import decode_session, keep
 from wire.metadata import METADATA_PORT, SETUP_LENGTH, Reason, Setup, Verdict, decode
 from wire.optical import DEFAULT_FREQUENCY_MHZ, TUNABLE, PortOptics
 

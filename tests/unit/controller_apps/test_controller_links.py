@@ -1,8 +1,8 @@
 """Fibres between switches as heard from both ends."""
 
-from controller_apps.links import EXPIRY_S, FAST_PERIOD_S, FAST_TIMES, PERIOD_S, Links
-from controller_apps.optics import SwitchPort
-from controller_apps.paths import HostPort, Network
+from controller_apps.light.links import EXPIRY_S, FAST_PERIOD_S, FAST_TIMES, PERIOD_S, Links
+from controller_apps.light.optics import SwitchPort
+from controller_apps.light.paths import HostPort, Network
 
 ONE, OTHER, THIRD = SwitchPort(1, 3), SwitchPort(2, 4), SwitchPort(3, 5)
 

@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 from metadata_scene import ALICE, BOB, CHARLIE, Q1, network
 
-from controller_apps.optics import SwitchPort
-from controller_apps.paths import (
+from controller_apps.light.optics import SwitchPort
+from controller_apps.light.paths import (
     Direction,
     Hop,
     HostPort,
@@ -14,7 +14,7 @@ from controller_apps.paths import (
     natural_order,
     switches,
 )
-from controller_apps.routing import Leg, Limits, cheapest_path
+from controller_apps.light.routing import Leg, Limits, cheapest_path
 
 
 def free(_: Direction) -> bool:

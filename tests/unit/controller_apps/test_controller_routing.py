@@ -3,9 +3,9 @@
 import pytest
 from metadata_scene import rotating
 
-from controller_apps.optics import Optics, SwitchOptics, SwitchPort
-from controller_apps.paths import Direction, Hop, Network, directions, switches
-from controller_apps.routing import (
+from controller_apps.light.optics import Optics, SwitchOptics, SwitchPort
+from controller_apps.light.paths import Direction, Hop, Network, directions, switches
+from controller_apps.light.routing import (
     Leg,
     LightPath,
     Limits,

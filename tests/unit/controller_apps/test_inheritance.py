@@ -21,7 +21,9 @@ from metadata_scene import (
     payload_of,
 )
 
-from controller_apps.actions import (
+from controller_apps.light.optics import SwitchPort
+from controller_apps.light.paths import Hop
+from controller_apps.sessions.actions import (
     Action,
     AddBypass,
     ClosePaths,
@@ -33,12 +35,10 @@ from controller_apps.actions import (
     OpenPaths,
     RemoveBypass,
 )
-from controller_apps.arbiter import SWITCH_GRACE_S, Arbiter
-from controller_apps.inheritance import DISCOVERY_S
-from controller_apps.kept import decode_session
-from controller_apps.optics import SwitchPort
-from controller_apps.paths import Hop
-from controller_apps.segments import FiveTuple
+from controller_apps.sessions.arbiter import SWITCH_GRACE_S, Arbiter
+from controller_apps.sessions.segments import FiveTuple
+from controller_apps.succession.inheritance import DISCOVERY_S
+from controller_apps.succession.kept import decode_session
 from wire.metadata import METADATA_PORT, SETUP_LENGTH, MalformedPacket, Reason, Setup, decode
 
 LATER = 100 + SETUP_LENGTH

@@ -8,9 +8,14 @@ import pytest
 from metadata_scene import FIBERS, FRAMED, Q1
 from test_inheritance import HOPS, OWNER, SOURCE, kept
 
-from controller_apps.kept import decode_hosts, decode_session, encode_hosts, encode_session
-from controller_apps.optics import SwitchPort
-from controller_apps.state_folder import StateFolder
+from controller_apps.light.optics import SwitchPort
+from controller_apps.succession.kept import (
+    decode_hosts,
+    decode_session,
+    encode_hosts,
+    encode_session,
+)
+from controller_apps.succession.state_folder import StateFolder
 from wire.metadata import SETUP_LENGTH, MalformedPacket, Verdict, decode
 
 NOW = 50.0

@@ -87,13 +87,14 @@ def test_overrides_and_reporting_are_read() -> None:
     policy = parse_policy("""
         [device.alice]
         rate_hz = 1_000_000
-        fec = 0
+        fec = "golay"
+        interleave = true
         [report]
         period_s = 2
         lost_share = 0.5
     """)
     assert policy == Policy(
-        devices={"alice": DeviceSettings(rate_hz=1_000_000, fec=0)},
+        devices={"alice": DeviceSettings(rate_hz=1_000_000, fec=3, interleave=1)},
         reporting=Reporting(2.0, 0.5, 1.0),
     )
 

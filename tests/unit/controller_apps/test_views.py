@@ -4,8 +4,8 @@ import json
 
 from metadata_scene import BOB, FRAMED, Q1, S1, arbiter, frame
 
-from controller_apps.optics import SwitchPort
-from controller_apps.views import fibers_view, paths_view, sessions_view
+from controller_apps.console.views import fibers_view, paths_view, sessions_view
+from controller_apps.light.optics import SwitchPort
 
 
 def test_a_session_is_shown_with_its_names_and_light_paths() -> None:
@@ -21,7 +21,8 @@ def test_a_session_is_shown_with_its_names_and_light_paths() -> None:
         "source": "charlie",
         "rate_hz": 1_000_000,
         "frame_bytes": 100,
-        "fec": 0,
+        "fec": "none",
+        "interleave": "off",
         "wavelength_pm": 1_550_120,
         "open": False,  # no switch has answered
         "silent_s": 2.5,

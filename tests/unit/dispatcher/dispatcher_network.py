@@ -5,7 +5,7 @@ charlie-q1 --2 q1                   alice-q9 ------- bob-q9 (without a switch)
 """
 
 import asyncio
-from collections.abc import AsyncIterator, Iterable
+from collections.abc import AsyncIterator
 from contextlib import ExitStack, asynccontextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -13,9 +13,11 @@ from typing import Any
 
 import grpc
 
+from dispatcher.calls.service import Service
 from dispatcher.clock import Clock
-from dispatcher.server import build_layer, build_server, build_service
-from dispatcher.service import Service
+from dispatcher.refusal import Refusal
+from dispatcher.server import build_server, build_service, open_layer
+from qswitch_agent.hardware.dispatcher_link import DispatcherLink
 from wire.config import DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
 from wire.dispatcher_pb2 import (
     ApplyRequest,
@@ -23,6 +25,7 @@ from wire.dispatcher_pb2 import (
     BlockId,
     Connection,
     CreateRequest,
+    CrossConnectOutcome,
     CrossConnectRequest,
     DiscardRequest,
     Feedback,
@@ -40,8 +43,9 @@ from wire.dispatcher_pb2 import (
     WatchSwitchRequest,
 )
 from wire.dispatcher_pb2_grpc import DispatcherStub
-from wire.service import CHANNEL_OPTIONS, metadata
+from wire.service import CHANNEL_OPTIONS, cross_connects_socket, metadata
 
+STATUS = {status.value[0]: status for status in grpc.StatusCode}
 START_NS = 1_700_000_000_000_000_000
 DEADLINE_S = 20
 DELAY_NS = 49  # of 10 m
@@ -102,9 +106,10 @@ def block(number: int = 0, half: int = 0, session: int = 7) -> BlockId:
 class Client:
     """One node's calls."""
 
-    def __init__(self, stub: Any, token: str) -> None:
-        """Call with this token."""
+    def __init__(self, stub: Any, token: str, socket: str = "") -> None:
+        """Call with this token; set cross-connects beside this socket."""
         self.stub, self.metadata = stub, metadata(token)
+        self._link = DispatcherLink(socket, token)
 
     async def call(self, method: str, request: Any) -> Any:
         """Make a call by name, within the deadline."""
@@ -154,10 +159,21 @@ class Client:
         return await self.feedback("Discard", request)
 
     async def connect(self, *connections: tuple[int, int], circuit: int = 0) -> int:
-        """Set the cross-connects of q1."""
+        """Set the cross-connects of q1; raise Refusal if it refuses."""
         ports = [Connection(in_port=i, out_port=o, circuit=circuit) for i, o in connections]
-        reply = await self.call("CrossConnect", CrossConnectRequest(switch="q1", connections=ports))
-        return int(reply.ready_ns)
+        outcome = await self.cross_connect(CrossConnectRequest(switch="q1", connections=ports))
+        if outcome.code:
+            raise Refusal(STATUS[outcome.code], outcome.text)
+        return int(outcome.ready_ns)
+
+    async def cross_connect(self, request: CrossConnectRequest) -> CrossConnectOutcome:
+        """Ask for cross-connects, within the deadline."""
+        async with asyncio.timeout(DEADLINE_S):
+            return await self._link.ask(request)
+
+    def close(self) -> None:
+        """End the connection for cross-connects."""
+        self._link.close()
 
     async def tune(
         self, port: int, frequency_mhz: int = 0, power_dbm: float | None = None
@@ -194,15 +210,26 @@ class Bench:
     """A running dispatcher and a client for each node."""
 
     def __init__(
-        self, service: Service, stub: Any, nodes: Iterable[str], errors: list[BaseException]
+        self,
+        service: Service,
+        stub: Any,
+        config: DispatcherConfig,
+        errors: list[BaseException],
     ) -> None:
         """Make the clients."""
         self.layer, self.transport, self.stub = service.layer, service.transport, stub
         self.switching = service.switching
         self.errors = errors
-        clients = {node: Client(stub, f"token of {node}") for node in nodes}
+        clients = {node: Client(stub, f"token of {node}", config.socket) for node in config.tokens}
         self.alice, self.bob, self.charlie = (clients[n] for n in ("alice", "bob", "charlie"))
         self.switch, self.runner = clients["q1"], clients["runner"]
+        self.socket = cross_connects_socket(config.socket)
+        self._clients = clients
+
+    def close(self) -> None:
+        """End the clients' own connections."""
+        for client in self._clients.values():
+            client.close()
 
 
 def configuration(folder: Path, **changes: Any) -> DispatcherConfig:
@@ -235,7 +262,7 @@ async def running(config: DispatcherConfig, clock: Clock) -> AsyncIterator[Bench
         event_log = None
         if config.event_log:
             event_log = stack.enter_context(Path(config.event_log).open("a"))
-        layer = build_layer(config, clock, event_log)
+        layer = open_layer(config, clock, event_log, stack)
         errors: list[BaseException] = []
         service = build_service(config, layer, errors.append)
         server = build_server(config, service)
@@ -245,7 +272,9 @@ async def running(config: DispatcherConfig, clock: Clock) -> AsyncIterator[Bench
                 f"unix:{config.socket}", CHANNEL_OPTIONS
             ) as channel:
                 stub = DispatcherStub(channel)  # type: ignore[no-untyped-call]
-                yield Bench(service, stub, config.tokens, errors)
+                bench = Bench(service, stub, config, errors)
+                yield bench
+                bench.close()
         finally:
             await server.stop(1)
     assert not errors

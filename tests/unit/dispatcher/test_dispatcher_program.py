@@ -57,7 +57,8 @@ def test_it_serves_when_ready_and_ends_cleanly_at_a_signal(tmp_path: Path, numbe
     with started(config, tmp_path) as program:
         assert program.stdout
         assert program.stdout.readline() == "ready\n"
-        assert stat.S_IMODE(Path(config.socket).stat().st_mode) == 0o600
+        sockets = Path(config.socket), Path(service.cross_connects_socket(config.socket))
+        assert [stat.S_IMODE(path.stat().st_mode) for path in sockets] == [0o600, 0o600]
         with grpc.insecure_channel(f"unix:{config.socket}") as channel:
             stub = DispatcherStub(channel)  # type: ignore[no-untyped-call]
             metadata = service.metadata("token of runner")
@@ -66,7 +67,7 @@ def test_it_serves_when_ready_and_ends_cleanly_at_a_signal(tmp_path: Path, numbe
         program.send_signal(number)
         assert program.wait(DEADLINE_S) == 0
         assert program.stdout.read() == ""
-    assert not Path(config.socket).exists()
+    assert not any(path.exists() for path in sockets)
 
 
 def test_a_taken_port_is_named_in_one_line(tmp_path: Path) -> None:

@@ -41,3 +41,19 @@ def test_every_part_of_the_key_counts(seed: int, key: tuple[int, int, int], purp
 def test_bits_are_fair() -> None:
     ones = int(Draws(1).bits(KEY, "measure", 100_000).sum())
     assert abs(ones - 50_000) < 5 * 25_000**0.5
+
+
+def test_a_photon_s_draws_do_not_depend_on_how_its_block_is_divided() -> None:
+    whole = Draws(1).photons(KEY, "measure", 100)
+    odd = np.arange(1, 100, 2, dtype=np.uint32)
+    assert (whole.at(odd).bits() == Draws(1).bits(KEY, "measure", 100)[odd]).all()
+    assert (whole.at(odd).uniform() == whole.uniform()[odd]).all()
+
+
+def test_bits_are_the_first_digits_of_numbers_that_are_uniform() -> None:
+    draws, count = Draws(1).photons(KEY, "measure", 100_000), 100_000
+    numbers = draws.uniform()
+    assert (draws.bits() == (numbers >= 0.5)).all()
+    for quantile in (0.1, 0.25, 0.5, 0.9):
+        below = int((numbers < quantile).sum())
+        assert abs(below - quantile * count) < 5 * (quantile * (1 - quantile) * count) ** 0.5

@@ -20,7 +20,7 @@ from dispatcher_network import (
 )
 
 from dispatcher.layer import block_name
-from dispatcher.timeline import REMEMBERED_NS
+from dispatcher.switch.timeline import REMEMBERED_NS
 from wire.config import DispatcherConfig, PathOptics, QuantumSwitch
 from wire.dispatcher_pb2 import Connection, SwitchStatisticsReply
 from wire.optical import DEFAULT_FREQUENCY_MHZ

@@ -21,9 +21,7 @@ from dispatcher_network import (
 from wire.dispatcher_pb2 import (
     ApplyRequest,
     BellMeasureRequest,
-    Connection,
     CreateRequest,
-    CrossConnectRequest,
     DiscardRequest,
     Gate,
     Launch,
@@ -53,12 +51,6 @@ def launch(name: Any, port: str = "alice-q9", rate_hz: int = FAST_HZ) -> SendReq
     return SendRequest(launches=[Launch(block=name, port=port)], rate_hz=rate_hz)
 
 
-def cross_connect(*connections: tuple[int, int], switch: str = "q1") -> CrossConnectRequest:
-    """Return the request that sets cross-connects."""
-    ports = [Connection(in_port=i, out_port=o) for i, o in connections]
-    return CrossConnectRequest(switch=switch, connections=ports)
-
-
 def wait_for(port: str, timeout_s: float = 0.05) -> ReceiveRequest:
     """Return the request that waits for a block that does not come."""
     return ReceiveRequest(block=ABSENT, port=port, timeout_s=timeout_s)
@@ -72,6 +64,12 @@ def create(**fields: Any) -> CreateRequest:
 def gates(*names: Gate.Name, target: Any = None) -> ApplyRequest:
     """Return the request that applies gates to alice's block."""
     return ApplyRequest(block=MINE, gates=[Gate(name=name, target=target) for name in names])
+
+
+def turned(name: Gate.Name, angle_rad: float) -> ApplyRequest:
+    """Return the request that flips alice's photons, then turns them by an angle."""
+    turn = Gate(name=name, angle_rad=angle_rad)
+    return ApplyRequest(block=MINE, paulis=bytes((1, 2, 3, 1)), gates=[Gate(name=Gate.H), turn])
 
 
 REFUSED = [
@@ -99,16 +97,12 @@ REFUSED = [
     ("q1", "Create", create(), Code.PERMISSION_DENIED, "no host"),
     ("runner", "Create", create(), Code.PERMISSION_DENIED, "no host"),
     ("alice", "Status", StatusRequest(), Code.PERMISSION_DENIED, "only runner"),
-    ("alice", "CrossConnect", cross_connect((1, 3)), Code.PERMISSION_DENIED, "its own agent"),
-    ("runner", "CrossConnect", cross_connect((1, 3)), Code.PERMISSION_DENIED, "its own agent"),
     # ports
     ("alice", "Send", launch(MINE, port="alice-q7"), Code.NOT_FOUND, "alice-q0, alice-q9"),
     ("alice", "Send", launch(MINE, port="bob-q9"), Code.PERMISSION_DENIED, "belongs to bob"),
     ("alice", "Receive", wait_for("bob-q9"), Code.PERMISSION_DENIED, "belongs to bob"),
     ("alice", "Receive", wait_for("eth0"), Code.NOT_FOUND, "no port eth0"),
     ("alice", "Receive", wait_for("alice-q0"), Code.DEADLINE_EXCEEDED, "block 99/0"),
-    ("q1", "CrossConnect", cross_connect((1, 9)), Code.NOT_FOUND, "port 9 of q1"),
-    ("q1", "CrossConnect", cross_connect((1, 3), switch="q2"), Code.NOT_FOUND, "there is q1"),
     # arguments
     ("alice", "Create", create(number=0), Code.ALREADY_EXISTS, "block 0/0"),
     ("alice", "Create", create(count=0), Code.INVALID_ARGUMENT, "count 0"),
@@ -140,10 +134,14 @@ REFUSED = [
     (
         "alice",
         "Apply",
-        ApplyRequest(block=MINE, gates=[Gate(name=9)]),  # type: ignore[arg-type]
+        ApplyRequest(block=MINE, gates=[Gate(name=10)]),  # type: ignore[arg-type]
         Code.INVALID_ARGUMENT,
-        "gate 9",
+        "gate 10",
     ),
+    ("alice", "Apply", turned(Gate.RX, float("nan")), Code.INVALID_ARGUMENT, "angle_rad nan"),
+    ("alice", "Apply", turned(Gate.RY, float("-inf")), Code.INVALID_ARGUMENT, "angle_rad -inf"),
+    ("alice", "Apply", turned(Gate.RZ, 2e6), Code.INVALID_ARGUMENT, "angle_rad 2e[+]06"),
+    ("alice", "Apply", turned(Gate.T, 0.1), Code.INVALID_ARGUMENT, "T, which takes none"),
     ("alice", "Apply", gates(Gate.CX, target=MINE), Code.INVALID_ARGUMENT, "named twice"),
     ("alice", "Apply", gates(Gate.CZ, target=block(3)), Code.INVALID_ARGUMENT, "pair up"),
     ("alice", "Apply", gates(Gate.H, Gate.CX), Code.NOT_FOUND, "block 0/0 of session 0000"),
@@ -186,14 +184,6 @@ REFUSED = [
     ),
     ("alice", "Receive", wait_for("alice-q0", 0), Code.INVALID_ARGUMENT, "timeout_s 0"),
     ("alice", "Discard", DiscardRequest(), Code.INVALID_ARGUMENT, "either"),
-    (
-        "q1",
-        "CrossConnect",
-        cross_connect((1, 3), (1, 4)),
-        Code.INVALID_ARGUMENT,
-        "input port 1 is named twice",
-    ),
-    ("q1", "CrossConnect", cross_connect((1, 3), (2, 3)), Code.INVALID_ARGUMENT, "share output"),
 ]
 
 
@@ -238,7 +228,7 @@ def test_an_emission_longer_than_switches_remember_is_refused(tmp_path: Path) ->
 @pytest.mark.parametrize("token", ["", "token of eve", "token of alice "])
 @pytest.mark.parametrize(
     ("method", "request_"),
-    [("Create", create()), ("CrossConnect", cross_connect()), ("Status", StatusRequest())],
+    [("Create", create()), ("Status", StatusRequest())],
 )
 def test_a_wrong_token_is_unauthenticated(
     tmp_path: Path, token: str, method: str, request_: Any

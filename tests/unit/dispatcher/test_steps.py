@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from dispatcher.steps import Steps
-from dispatcher.timeline import REMEMBERED_NS
+from dispatcher.switch.steps import Steps
+from dispatcher.switch.timeline import REMEMBERED_NS
 
 
 def at(steps: Steps, *times_ns: int) -> float | list[float]:

@@ -10,6 +10,7 @@ import pytest
 from dispatcher_network import Bench, JumpingClock, configuration, running
 
 from dispatcher.network import Network
+from dispatcher.refusal import Refusal
 from wire.config import BadConfig, PathOptics, QuantumSwitch
 from wire.dispatcher_pb2 import (
     Connection,
@@ -113,10 +114,9 @@ def test_what_a_stuck_cross_connect_is_in_the_way_of_is_refused(
         await bench.switch.connect((2, 4))
         await bench.runner.call("InjectFault", stuck(1, 3))
         for attempt in (bench.switch.connect((2, 5), wanted), bench.switch.connect(wanted)):
-            with pytest.raises(grpc.aio.AioRpcError) as refusal:
+            with pytest.raises(Refusal, match="its cross-connect 1 -> 3 is stuck") as refusal:
                 await attempt
-            assert refusal.value.code() is Code.FAILED_PRECONDITION
-            assert "its cross-connect 1 -> 3 is stuck" in str(refusal.value.details())
+            assert refusal.value.code is Code.FAILED_PRECONDITION
         with pytest.raises(grpc.aio.AioRpcError, match="1 -> 3 is stuck"):
             await bench.runner.call("InjectFault", stuck(*wanted))
         timeline = bench.layer.network.switches["q1"].timeline

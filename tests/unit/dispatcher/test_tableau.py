@@ -9,10 +9,11 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 from stim import TableauSimulator
 
-from dispatcher.sabot.backend import Bytes, GateName
+from dispatcher.sabot.backend import Bytes, CliffordName
+from dispatcher.sabot.draws import PhotonDraws
 from dispatcher.sabot.tableau import Tableau
 
-GATES: tuple[GateName, ...] = get_args(GateName)
+GATES: tuple[CliffordName, ...] = get_args(CliffordName)
 TWO_QUBITS = ("CX", "CZ")
 PAULIS = "IXZY"  # XZ is Y up to a phase
 
@@ -20,6 +21,11 @@ PAULIS = "IXZY"  # XZ is Y up to a phase
 def bits(*values: int) -> Bytes:
     """Return values as the tableau takes them."""
     return np.array(values, dtype=np.uint8)
+
+
+def given(*values: int) -> PhotonDraws:
+    """Return these bits as what a measurement draws."""
+    return PhotonDraws.given(bits(*values))
 
 
 def canonical(stabilizers: list[str]) -> list[str]:
@@ -53,7 +59,7 @@ def assert_partners(tableau: Tableau) -> None:
     assert (relation[:count, count:] == np.eye(count, dtype=int)).all()
 
 
-def draw_gate(random: Generator, qubits: int) -> tuple[GateName, list[int]]:
+def draw_gate(random: Generator, qubits: int) -> tuple[CliffordName, list[int]]:
     """Draw a gate and the qubits it acts on."""
     names = [name for name in GATES if qubits > 1 or name not in TWO_QUBITS]
     name = names[random.integers(len(names))]
@@ -71,7 +77,7 @@ def measure_both(
     random: Generator, tableau: Tableau, simulator: TableauSimulator, qubit: int
 ) -> None:
     """Measure on both; a free outcome is ours, and stim is made to agree."""
-    (outcome,), determined = tableau.measure(qubit, random.integers(0, 2, 1, dtype=np.uint8))
+    (outcome,), determined = tableau.measure(qubit, PhotonDraws.by(random, 1))
     expected = simulator.peek_z(qubit)
     assert determined == (expected != 0)
     if determined:
@@ -141,9 +147,9 @@ def test_members_of_a_block_are_as_single_runs(seed: int) -> None:
                 single.pauli(qubit, bits(draw))
         else:
             draws &= np.uint8(1)
-            outcomes, determined = block.measure(qubit, draws)
+            outcomes, determined = block.measure(qubit, PhotonDraws.given(draws))
             for single, draw, outcome in zip(singles, draws.tolist(), outcomes, strict=True):
-                assert single.measure(qubit, bits(draw)) == (outcome, determined)
+                assert single.measure(qubit, given(draw)) == (outcome, determined)
     for member, single in enumerate(singles):
         assert block.stabilizers(member) == str(single)
 
@@ -185,7 +191,7 @@ def test_measured_ghz_state_falls_apart() -> None:
     ghz.cx(0, 1)
     ghz.cx(1, 2)
     assert len(ghz.factor()) == 1
-    ghz.measure(0, bits(1))
+    ghz.measure(0, given(1))
     assert [qubits for qubits, _ in ghz.factor()] == [[0], [1], [2]]
 
 
@@ -201,7 +207,7 @@ def test_bell_pair_prints_its_stabilizers() -> None:
 def test_take_keeps_the_chosen_members() -> None:
     qubit = Tableau(1, members=3)
     qubit.pauli(0, bits(0, 1, 1))
-    outcomes, determined = qubit.take(np.array([1, 0])).measure(0, bits(0, 0))
+    outcomes, determined = qubit.take(np.array([1, 0])).measure(0, given(0, 0))
     assert outcomes.tolist() == [1, 0]
     assert determined
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dispatcher.timeline import REMEMBERED_NS, Timeline
+from dispatcher.switch.timeline import REMEMBERED_NS, Timeline
 
 SWITCHING_NS = 100
 

@@ -26,7 +26,7 @@ from wire.device import (
     Subscribe,
     open_sealed,
 )
-from wire.metadata import Answer, Handshake, Message, Reason, Service, Setup
+from wire.metadata import Answer, Fec, Handshake, Message, Reason, Service, Setup
 
 KEY = "00112233445566778899aabbccddeeff"
 SETUP = Setup(7, Service.SDC, Handshake.FRAMED, "10.0.0.3", 65_536, 256, 50_000_000)
@@ -65,6 +65,9 @@ def test_overrides_take_the_place_of_what_was_asked_for() -> None:
     settings = DeviceSettings(rate_hz=1_000_000, wavelength_pm=1_551_720)
     assert overridden(SETUP, settings) == replace(SETUP, rate_hz=1_000_000, wavelength_pm=1_551_720)
     assert overridden(SETUP, DeviceSettings()) == SETUP
+    coded = overridden(SETUP, DeviceSettings(fec=Fec.GOLAY, interleave=1))
+    assert coded == replace(SETUP, fec=Fec.GOLAY, interleave=1)
+    assert overridden(coded, DeviceSettings(fec=0)) == replace(SETUP, interleave=1)
 
 
 def test_a_low_rate_makes_blocks_smaller() -> None:
@@ -74,11 +77,11 @@ def test_a_low_rate_makes_blocks_smaller() -> None:
 
 def test_what_is_not_offered_is_refused_and_changes_nothing() -> None:
     device = Device(Fibers())
-    with pytest.raises(SessionError, match="fec 3: only 0"):
-        device.set(DeviceSettings(fec=3))
+    with pytest.raises(SessionError, match="fec 5 is not known: choose one of none, repetition"):
+        device.set(DeviceSettings(fec=5))
     assert device.settings == DeviceSettings()
-    device.set(DeviceSettings(fec=0))
-    assert device.report().settings == DeviceSettings(fec=0)
+    device.set(DeviceSettings(fec=3, interleave=1))
+    assert device.report().settings == DeviceSettings(fec=3, interleave=1)
 
 
 def test_sessions_are_counted_while_they_run_and_after() -> None:

@@ -6,8 +6,16 @@ import numpy as np
 import pytest
 
 from hosts.hardware.qnic import Symbols
-from hosts.middleware.framing import FramingError, Inbox, Outbox, OutgoingBlock
-from wire.metadata import Block, Frame, Report, decode
+from hosts.middleware.alphabet import ALPHABETS, Alphabet
+from hosts.middleware.coding import CODES, Code
+from hosts.middleware.frame_format import FrameFormat
+from hosts.middleware.framing import FramingError
+from hosts.middleware.inbox import Inbox
+from hosts.middleware.outbox import Outbox, OutgoingBlock
+from wire.metadata import Block, Fec, Frame, Report, decode
+
+PLAIN = FrameFormat()
+GOLAY = FrameFormat(CODES[Fec.GOLAY], True)
 
 Line = Callable[[Symbols], Symbols]
 
@@ -33,12 +41,13 @@ def transmit(outbox: Outbox, inbox: Inbox, line: Line, limit: int = 1000) -> byt
     raise AssertionError(f"not delivered in {limit} blocks")
 
 
-def noisy_line(seed: int, loss: float = 0.0, errors: float = 0.0) -> Line:
+def noisy_line(seed: int, loss: float = 0.0, errors: float = 0.0, symbols_told: int = 4) -> Line:
     generator = np.random.default_rng(seed)
 
     def line(symbols: Symbols) -> Symbols:
         wrong = generator.random(symbols.size) < errors
-        symbols[wrong] ^= generator.integers(1, 4, wrong.sum(), dtype=np.uint8)
+        symbols[wrong] += generator.integers(1, symbols_told, wrong.sum(), dtype=np.uint8)
+        symbols %= symbols_told
         symbols[generator.random(symbols.size) < loss] = 255
         return symbols
 
@@ -49,14 +58,96 @@ def noisy_line(seed: int, loss: float = 0.0, errors: float = 0.0) -> Line:
 @pytest.mark.parametrize("seed", range(4))
 def test_what_arrives_is_exactly_what_was_sent(size: int, seed: int) -> None:
     data = np.random.default_rng(seed).bytes(size)
-    outbox, inbox = Outbox(16, 200), Inbox(16)
+    outbox, inbox = Outbox(16, 200, PLAIN), Inbox(16, PLAIN)
     outbox.add(data)
     assert transmit(outbox, inbox, noisy_line(seed, loss=0.2, errors=0.01)) == data
     assert inbox.take() == b""
 
 
+@pytest.mark.parametrize("alphabet", ALPHABETS.values(), ids=lambda a: str(a.symbols))
+@pytest.mark.parametrize("interleaved", [False, True])
+@pytest.mark.parametrize("code", CODES.values(), ids=lambda code: code.name)
+@pytest.mark.parametrize("block_pairs", [40, 3000])
+def test_every_code_delivers_exactly_over_a_line_with_losses_and_errors(
+    code: Code, interleaved: bool, alphabet: Alphabet, block_pairs: int
+) -> None:
+    used = FrameFormat(code, interleaved, alphabet)
+    data = np.random.default_rng(5).bytes(601)
+    outbox, inbox = Outbox(16, block_pairs, used), Inbox(16, used)
+    outbox.add(data)
+    assert transmit(outbox, inbox, noisy_line(6, 0.1, 0.003, alphabet.symbols)) == data
+    assert inbox.take() == b""
+    assert outbox.empty
+
+
+def test_a_code_fills_what_is_lost_and_nothing_is_sent_again() -> None:
+    outbox, inbox = Outbox(16, 64, GOLAY), Inbox(16, GOLAY)
+    outbox.add(b"sixteen letters!")
+    block = outbox.next_block()
+    symbols = block.symbols.copy()
+    symbols[[3, 60, 61]] = 255
+    symbols[7] ^= 3
+    report = inbox.block(announce(block), symbols)
+    assert (report.lost, report.filled, report.corrected, report.errors) == (3, 3, 1, 1)
+    assert (report.failed, report.again) == ((), b"")
+    outbox.report(block, report)
+    assert outbox.empty
+    assert inbox.take() == b"sixteen letters!"
+
+
+def test_what_a_code_cannot_fill_is_asked_for_again_before_the_whole_frame_is() -> None:
+    outbox, inbox = Outbox(16, 200, GOLAY), Inbox(16, GOLAY)
+    outbox.add(b"sixteen letters!")
+    block = outbox.next_block()
+    symbols = block.symbols.copy()
+    symbols[:100] = 255
+    symbols[120] ^= 1
+    report = inbox.block(announce(block), symbols)
+    assert (report.lost, report.failed) == (100, ())
+    outbox.report(block, report)
+    again = outbox.next_block()
+    assert (again.refills, again.frames) == (100, ())
+    outbox.report(again, inbox.block(announce(again), again.symbols))
+    assert inbox.take() == b"sixteen letters!"  # with the error corrected
+    assert (inbox.corrected_symbols, inbox.filled_symbols, inbox.repeated_frames) == (1, 0, 0)
+
+
+def test_a_frame_is_not_tried_while_symbols_of_it_are_on_their_way() -> None:
+    outbox, inbox = Outbox(16, 130, GOLAY), Inbox(16, GOLAY)
+    outbox.add(b"sixteen letters!")
+    block = outbox.next_block()
+    outbox.report(block, inbox.block(announce(block), np.full_like(block.symbols, 255)))
+    outbox._block_pairs = 120  # of 127: Golay could fill the rest
+    part = outbox.next_block()
+    outbox.report(part, inbox.block(announce(part), part.symbols))
+    assert inbox.take() == b""
+    assert outbox.next_block().refills == block.symbols.size - 120
+
+
+def test_a_frame_that_a_code_cannot_correct_is_repeated_as_a_whole() -> None:
+    outbox, inbox = Outbox(16, 200, GOLAY), Inbox(16, GOLAY)
+    outbox.add(b"sixteen letters!")
+    block = outbox.next_block()
+    report = inbox.block(announce(block), block.symbols ^ np.uint8(3))
+    assert report.failed == (0,)
+    outbox.report(block, report)
+    assert transmit(outbox, inbox, lambda symbols: symbols) == b"sixteen letters!"
+    assert inbox.symbol_errors == block.symbols.size
+    assert (inbox.corrected_symbols, inbox.repeated_frames) == (0, 1)
+
+
+@pytest.mark.parametrize(
+    ("fec", "rate"), [(Fec.NONE, 1), (Fec.HAMMING, 4 / 7), (Fec.REED_SOLOMON, 300 / (300 + 3 * 32))]
+)
+def test_the_rate_is_data_over_code_bits_of_all_frames(fec: Fec, rate: float) -> None:
+    outbox = Outbox(256, 4096, FrameFormat(CODES[fec]))
+    assert outbox.code_rate == 1
+    outbox.add(bytes(300))  # a frame of 256 bytes and one of 44
+    assert outbox.code_rate == pytest.approx(rate)
+
+
 def test_only_lost_pairs_are_sent_again() -> None:
-    outbox, inbox = Outbox(16, 64), Inbox(16)
+    outbox, inbox = Outbox(16, 64, PLAIN), Inbox(16, PLAIN)
     outbox.add(bytes(16))
     block = outbox.next_block()
     symbols = block.symbols.copy()
@@ -67,7 +158,7 @@ def test_only_lost_pairs_are_sent_again() -> None:
 
 
 def test_a_frame_that_fails_its_check_is_sent_again_and_its_errors_are_counted() -> None:
-    outbox, inbox = Outbox(4, 32), Inbox(4)
+    outbox, inbox = Outbox(4, 32, PLAIN), Inbox(4, PLAIN)
     outbox.add(b"abcdefgh")
     block = outbox.next_block()
     symbols = block.symbols.copy()
@@ -84,7 +175,7 @@ def test_a_frame_that_fails_its_check_is_sent_again_and_its_errors_are_counted()
 
 
 def test_bytes_come_out_in_order_though_an_early_frame_comes_late() -> None:
-    outbox, inbox = Outbox(4, 16), Inbox(4)
+    outbox, inbox = Outbox(4, 16, PLAIN), Inbox(4, PLAIN)
     outbox.add(b"abcdefgh")
     block = outbox.next_block()
     lost = np.full(16, 255, dtype=np.uint8)
@@ -94,7 +185,7 @@ def test_bytes_come_out_in_order_though_an_early_frame_comes_late() -> None:
 
 
 def test_a_dark_block_is_sent_again_under_a_new_number() -> None:
-    outbox, inbox = Outbox(4, 16), Inbox(4)
+    outbox, inbox = Outbox(4, 16, PLAIN), Inbox(4, PLAIN)
     outbox.add(b"abcdefgh")
     first = outbox.next_block()
     outbox.dark(first)
@@ -106,14 +197,14 @@ def test_a_dark_block_is_sent_again_under_a_new_number() -> None:
 
 
 def test_a_block_without_pairs_changes_nothing() -> None:
-    inbox = Inbox(4)
+    inbox = Inbox(4, PLAIN)
     report = inbox.block(Block(1, 1, 0, 0, 0), np.empty(0, dtype=np.uint8))
-    assert (report.pairs, report.failed, report.lost) == (0, (), b"")
+    assert (report.pairs, report.failed, report.again) == (0, (), b"")
     assert inbox.take() == b""
 
 
 def test_new_frames_come_only_when_all_that_is_open_is_sent_again() -> None:
-    inbox = Inbox(4)
+    inbox = Inbox(4, PLAIN)
     first = Block(1, 1, 16, 0, 0, (Frame(0, 4, 0),))
     inbox.block(first, np.full(16, 255, dtype=np.uint8))
     with pytest.raises(FramingError, match="before the open ones"):
@@ -122,17 +213,18 @@ def test_new_frames_come_only_when_all_that_is_open_is_sent_again() -> None:
 
 @pytest.mark.parametrize(("frame_bytes", "block_pairs"), [(1, 262_144), (4, 262_144)])
 def test_many_small_frames_fit_into_messages(frame_bytes: int, block_pairs: int) -> None:
-    outbox, inbox = Outbox(frame_bytes, block_pairs), Inbox(frame_bytes)
+    outbox, inbox = Outbox(frame_bytes, block_pairs, PLAIN), Inbox(frame_bytes, PLAIN)
     data = bytes(range(256)) * 80
     outbox.add(data)
     assert transmit(outbox, inbox, lambda symbols: symbols) == data
 
 
-def test_nothing_of_a_delivered_message_is_kept() -> None:
-    outbox, inbox = Outbox(16, 128), Inbox(16)
+@pytest.mark.parametrize("used", [PLAIN, GOLAY])
+def test_nothing_of_a_delivered_message_is_kept(used: FrameFormat) -> None:
+    outbox, inbox = Outbox(16, 128, used), Inbox(16, used)
     outbox.add(bytes(4096))
     transmit(outbox, inbox, noisy_line(3, loss=0.3))
-    assert not outbox._symbols
+    assert not outbox._frames
     assert not inbox._frames
 
 
@@ -142,13 +234,14 @@ def test_nothing_of_a_delivered_message_is_kept() -> None:
         ((Frame(1, 4, 0),), 0, "out of order"),
         ((Frame(0, 5, 0),), 0, "has 5 bytes"),
         ((), 3, "refills more than is open"),
+        ((Frame(0, 3, 0),), 0, "16 pairs do not carry 0 refills and frames of 12 pairs"),
     ],
 )
 def test_an_impossible_block_changes_nothing(
     frames: tuple[Frame, ...], refills: int, words: str
 ) -> None:
-    inbox = Inbox(4)
-    pairs = refills + 4 * sum(frame.size for frame in frames)
+    inbox = Inbox(4, PLAIN)
+    pairs = refills + (16 if frames else 0)
     with pytest.raises(FramingError, match=words):
         inbox.block(Block(1, 1, pairs, refills, 0, frames), np.zeros(pairs, dtype=np.uint8))
     assert inbox.symbols_seen == 0
@@ -156,10 +249,16 @@ def test_an_impossible_block_changes_nothing(
 
 
 @pytest.mark.parametrize(
-    "report", [Report(1, 2, 16, 0), Report(1, 1, 15, 0), Report(1, 1, 16, 0, (5,))]
+    "report",
+    [
+        Report(1, 2, 16),
+        Report(1, 1, 15),
+        Report(1, 1, 16, failed=(5,)),
+        Report(1, 1, 16, failed=(0, 0)),
+    ],
 )
 def test_an_impossible_report_is_refused(report: Report) -> None:
-    outbox = Outbox(4, 16)
+    outbox = Outbox(4, 16, PLAIN)
     outbox.add(b"abcd")
     with pytest.raises(FramingError):
         outbox.report(outbox.next_block(), report)

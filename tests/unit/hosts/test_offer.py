@@ -6,20 +6,21 @@ from typing import Any
 import pytest
 
 from hosts.middleware.channel import SessionError
-from hosts.middleware.receiver import MAX_BLOCK_PAIRS, MAX_FRAME_BYTES, check_offer
-from wire.metadata import Handshake, Reason, Service, Setup
+from hosts.middleware.frame_format import MAX_BLOCK_PAIRS, MAX_FRAME_BYTES
+from hosts.middleware.receiver import check_offer
+from wire.metadata import Fec, Handshake, Reason, Service, Setup
 
 PLAIN = Setup(1, Service.SDC, Handshake.FRAMED, "10.0.0.3", MAX_BLOCK_PAIRS, MAX_FRAME_BYTES, 1)
 
 
 def test_a_plain_set_up_is_served() -> None:
-    check_offer(PLAIN)
+    check_offer(PLAIN, 4)
 
 
 @pytest.mark.parametrize(
     ("field", "words"),
     [
-        ("fec", "error-correction code 7"),
+        ("fec", r"error-correction code 7 is not known; offered are 0 \(none\), .*3 \(golay\)"),
         ("memory", "memory 7"),
         ("polarization", "polarisation basis 7"),
         ("phase_mrad", "phase 7"),
@@ -29,14 +30,14 @@ def test_a_plain_set_up_is_served() -> None:
 def test_what_is_not_offered_is_refused_by_name(field: str, words: str) -> None:
     change: dict[str, Any] = {field: 7}
     with pytest.raises(SessionError, match=words) as caught:
-        check_offer(replace(PLAIN, **change))
+        check_offer(replace(PLAIN, **change), 4)
     assert caught.value.reason == Reason.UNSUPPORTED
 
 
 @pytest.mark.parametrize("wavelength_pm", [0, 99_999, 10_000_001])
 def test_what_is_no_wavelength_of_light_is_refused(wavelength_pm: int) -> None:
     with pytest.raises(SessionError, match=f"wavelength {wavelength_pm} pm") as caught:
-        check_offer(replace(PLAIN, wavelength_pm=wavelength_pm))
+        check_offer(replace(PLAIN, wavelength_pm=wavelength_pm), 4)
     assert caught.value.reason == Reason.UNSUPPORTED
 
 
@@ -44,4 +45,12 @@ def test_what_is_no_wavelength_of_light_is_refused(wavelength_pm: int) -> None:
 def test_what_is_too_large_is_refused_with_the_limit(field: str) -> None:
     change: dict[str, Any] = {field: getattr(PLAIN, field) + 1}
     with pytest.raises(SessionError, match=f"at most {MAX_FRAME_BYTES} and {MAX_BLOCK_PAIRS}"):
-        check_offer(replace(PLAIN, **change))
+        check_offer(replace(PLAIN, **change), 4)
+
+
+def test_frames_that_a_code_or_an_alphabet_makes_too_long_are_refused() -> None:
+    assert check_offer(PLAIN, 4).pairs(MAX_FRAME_BYTES) == MAX_BLOCK_PAIRS
+    for setup, symbols in ((PLAIN, 3), (replace(PLAIN, fec=Fec.HAMMING), 4)):
+        with pytest.raises(SessionError, match="choose fewer bytes") as caught:
+            check_offer(setup, symbols)
+        assert caught.value.reason == Reason.UNSUPPORTED

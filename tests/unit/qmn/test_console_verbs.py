@@ -46,7 +46,13 @@ HOST = {
     "pairs_received": 3000,
     "pairs_lost": 4,
     "symbol_errors": 5,
-    "in_use": {"rate_hz": 1000, "frame_bytes": 64, "fec": 0, "wavelength_pm": 1_550_120},
+    "in_use": {
+        "rate_hz": 1000,
+        "frame_bytes": 64,
+        "fec": "golay",
+        "interleave": "on",
+        "wavelength_pm": 1_550_120,
+    },
     "overrides": {"rate_hz": 1000},
 }
 UNHEARD = {"name": "eve", "kind": "host", "state": "never heard"}
@@ -134,7 +140,8 @@ def test_devices_are_shown_in_tables(capsys: pytest.CaptureFixture[str]) -> None
         "-",
         "7",
     ] in shown
-    words = "bob silent since 61 s bob-q0 (cut) 3 1 2 3,000 4 5 1,000 Hz, 64 B, FEC 0,"
+    words = "bob silent since 61 s bob-q0 (cut) 3 1 2 3,000 4 5 1,000 Hz, 64 B,"
+    words += " FEC golay, interleaving on,"
     assert f"{words} 1,550,120 pm 1,000 Hz".split() in shown
     assert ["eve", "never", "heard"] in shown
 
@@ -170,8 +177,17 @@ def test_a_setting_is_asked_for_and_what_is_in_force_is_said(
     console[0] = answer
     change("alice", "frame-bytes", "64")
     change("alice", "rate-hz", "default")
-    assert [request["settings"] for request in asked] == [{"frame_bytes": 64}, {"rate_hz": None}]
-    assert capsys.readouterr().out == "alice: overridden in new sessions: frame_bytes 64\n" * 2
+    change("alice", "fec", "golay")
+    change("alice", "interleave", "on")
+    assert [request["settings"] for request in asked] == [
+        {"frame_bytes": 64},
+        {"rate_hz": None},
+        {"fec": 3},
+        {"interleave": 1},
+    ]
+    assert capsys.readouterr().out == "alice: overridden in new sessions: frame_bytes 64\n" * 4
+    with pytest.raises(NoAnswer, match="fec is 'turbo': give one of none, repetition"):
+        change("alice", "fec", "turbo")
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from qmn.result import complete, percentiles
+from qmn.result import coding, complete, percentiles
 from topologies.record import RECORD, read_record
 
 
@@ -45,6 +45,11 @@ def test_rates_and_counts_come_from_sender_and_controller(tmp_path: Path) -> Non
         "lost_pairs": 8,
         "repeated_frames": 1,
         "elapsed_s": 2.0,
+        "fec": 3,
+        "interleave": 1,
+        "corrected_symbols": 7,
+        "code_rate": 0.5,
+        "symbols": 3,
     }
     lines = [
         {"event": "path_ready", "setup_ms": 3.0, "packet_in_count": 5},
@@ -56,6 +61,20 @@ def test_rates_and_counts_come_from_sender_and_controller(tmp_path: Path) -> Non
     assert facts["pairs_per_s"] == 20.0
     assert facts["path_setup_ms"] == {"p50": 3.0, "p99": 3.0, "n": 1}
     assert facts["packet_in_count"] == 9
+    assert facts["in_use"] == {"fec": "golay", "interleave": "on"}
+    assert (facts["corrected_symbols"], facts["filled_symbols"]) == (7, 0)
+    assert (facts["code_rate"], facts["bell_states"]) == (0.5, 3)
+    assert coding(facts) == {
+        "code": "golay, interleaved, rate 0.500",
+        "put right by it": "7 wrong symbols, 0 lost ones",
+    }
+
+
+def test_a_run_without_a_code_says_nothing_of_codes(tmp_path: Path) -> None:
+    facts = begin(tmp_path, b"two bits")
+    facts["sender"] = {"elapsed_s": 1.0, "fec": 0, "interleave": 0, "code_rate": 1.0}
+    complete(facts, tmp_path)
+    assert coding(facts) == {}
 
 
 def test_a_line_that_is_still_being_written_is_left_out(tmp_path: Path) -> None:

@@ -7,8 +7,10 @@ from pathlib import Path
 import pytest
 
 from qmn import run
-from qmn.networks import TOPOLOGIES, BadTopology, topology
+from qmn.device_words import differences
+from qmn.networks import TOPOLOGIES, BadTopology, every_device, every_fiber, topology
 from qmn.run_folder import make_folder, point_latest
+from wire.fiber import FiberOptics
 
 
 def parse(*words: str) -> argparse.Namespace:
@@ -23,12 +25,30 @@ def parse(*words: str) -> argparse.Namespace:
     [
         (["--file", "/nowhere"], "cannot read /nowhere: No such file"),
         (["--frame-bytes", "70000"], "--frame-bytes 70000: choose 1 to 65536"),
-        (["--depolarizing", "1.5"], "--depolarizing 1.5: choose 0 to 1"),
+        (["--depolarizing", "1.5"], "depolarizing 1.5 is not 0 to 1"),
+        (["--length-km", "2001"], "every fibre: length_km 2001.0 is not 0 to 2000"),
+        (["--fiber", "drift=1"], "--fiber drift=1: write NAME=VALUE, where NAME is of kind, len"),
+        (["--fiber", "drift_time_s"], "--fiber drift_time_s: write NAME=VALUE"),
+        (["--fiber", "drift_time_s=long"], "--fiber drift_time_s=long: could not convert"),
+        (["--fiber", "noise_parameters={"], "--fiber noise_parameters={: Expecting"),
+        (["--fiber", "noise=no.py:Noise"], "there is no file /"),
+        (["--fiber", f"noise={__file__}:run"], "has no class run with a method effect"),
+        (["--device", "bob.detectors"], "--device bob.detectors: write HOST.PART.NAME=VALUE, of s"),
+        (["--device", "bob.lasers.efficiency=1"], "write HOST.PART.NAME=VALUE, of source: statis"),
+        (["--device", "bob.detectors.efficiency=2"], "bob, detectors: efficiency 2.0 is not 0 to"),
+        (["--device", "bob.memory.capacity=many"], "capacity=many: invalid literal"),
+        (["--device", "charlie.source.bell_diagonal=1"], "bell_diagonal=1: 'int' object"),
+        (
+            ["--device", "bob.memory.t2_s=1", "--device", "bob.memory.t1_s=.1"],
+            "is not 1e-12 to 0.2",
+        ),
+        (["--device", "ed.memory.capacity=1"], "--device ed: choose one of alice, bob, charlie"),
         (["--rate-hz", "0"], "--rate-hz 0"),
         (["--to", "ed"], "unknown host 'ed': choose one of alice, bob, charlie"),
         (["--from", "bob"], "--from and --to are both bob"),
         (["--policy", "/nowhere.toml"], "cannot read the policy /nowhere.toml: No such file"),
         (["--rest", "127.0.0.1:8080", "--controller", "os-ken"], "--rest needs --controller ryu"),
+        (["--sabot", "/nowhere"], "start one with python -m dispatcher.sabot --socket /nowhere"),
         (["chain", "--switches", "0"], "0 quantum switches: choose 1 to 32"),
         (["ring", "--switches", "2"], "2 quantum switches: choose 3 to 32"),
         (["leaf-spine", "--leaves", "0"], "0 leaves and 2 spines: choose 1 or more"),
@@ -36,6 +56,11 @@ def parse(*words: str) -> argparse.Namespace:
         (["ring", "--spines", "2"], "--spines is of leaf-spine, not of ring: leave it out"),
         (["--switches", "2"], "--switches is of chain, ring, not of sdc"),
         (["--loss-budget-db", "-1"], "--loss-budget-db -1.0: choose 0 to 1000"),
+        (["--interleave"], "--interleave spreads the codewords of a code: choose one with --fec"),
+        (
+            ["--fec", "golay", "--frame-bytes", "65536"],
+            "--frame-bytes 65536 with --fec golay: a frame needs 502,447 pairs, at most 262,144",
+        ),
         (["--handshake", "per-pair", "--message", "x" * 70_000], "use --handshake framed"),
     ],
 )
@@ -50,6 +75,19 @@ def test_the_size_is_that_of_the_bytes(words: list[str], size: int) -> None:
     assert run.check_input(parse(*words)) == size
 
 
+@pytest.mark.parametrize(
+    ("words", "pairs"),
+    [
+        ([], 4 * 1000),
+        (["--fec", "repetition"], 12 * 1000),
+        (["--fec", "reed-solomon", "--frame-bytes", "223"], 4 * (1000 + 5 * 32)),
+        (["--fec", "reed-solomon", "--handshake", "per-pair"], 4 * (1000 + 63 * 32)),
+    ],
+)
+def test_the_pairs_that_a_message_needs_follow_from_its_code(words: list[str], pairs: int) -> None:
+    assert run.pairs_of(parse(*words), 1000) == pairs
+
+
 def test_there_is_a_message_without_being_asked() -> None:
     assert run.check_input(parse()) > 0
 
@@ -60,9 +98,32 @@ def test_sizes_reach_the_topology() -> None:
     assert {info.get("length_km") for *_, info in chain.links(withInfo=True)} == {None, 2.0}
 
 
+def test_parameters_of_fibres_reach_the_topology() -> None:
+    words = ["--preset", "metro", "--kind", "pm", "--fiber", "dephasing=0.1", "--length-km", "2"]
+    fibre = every_fiber(parse(*words))
+    assert (fibre.kind, fibre.length_km, fibre.dephasing) == ("pm", 2.0, 0.1)
+    assert (fibre.connectors_db, fibre.loss_db_per_km) == (0.5, 0.5)
+    assert every_fiber(parse()) == FiberOptics()
+
+
 def test_two_runs_in_one_second_have_folders_of_their_own(tmp_path: Path) -> None:
     first, second = make_folder(tmp_path, "sdc"), make_folder(tmp_path, "sdc")
     assert first != second
     for folder in (first, second):
         point_latest(folder)
         assert os.readlink(tmp_path / "latest") == folder.name
+
+
+def test_devices_are_those_of_the_preset_but_for_what_is_said() -> None:
+    words = ["--preset", "lab", "--device", "bob.analyser.kind=linear"]
+    words += ["--device", "charlie.source.bell_diagonal=[0.97, 0.01, 0.01, 0.01]"]
+    words += ["--device", "charlie.source.fidelity=1"]
+    said = every_device(parse(*words))
+    preset = topology(parse("--preset", "lab"))().nodeInfo("bob")["device"]
+    assert said["bob"].detectors == preset.detectors
+    assert said["bob"].analyser.kind == "linear"
+    assert differences(said["charlie"])["source"] == {"bell_diagonal": (0.97, 0.01, 0.01, 0.01)}
+    built = topology(parse(*words))()
+    assert built.nodeInfo("bob")["device"] == said["bob"]
+    assert built.nodeInfo("alice")["device"] == preset
+    assert every_device(parse()) == {}

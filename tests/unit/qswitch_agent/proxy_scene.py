@@ -207,8 +207,9 @@ async def running_switch() -> AsyncIterator[tuple[Switch, Optics, Reports, End]]
 async def stage(hold_deadline_s: float = DEADLINE_S) -> AsyncIterator[Stage]:
     """A proxy whose bridge and controller are connected."""
     async with running_switch() as (switch, hardware, reports, commanded):
-        controllers, number = Listener(), await free_port()
+        controllers = Listener()
         proxy = Proxy(("127.0.0.1", await controllers.start()), switch, hold_deadline_s)
+        number = await free_port()  # only now: the listener's would be free, too
         await proxy.serve(("127.0.0.1", number))
         bridge = End(*await asyncio.open_connection("127.0.0.1", number))
         controller = await controllers.connections.get()

@@ -70,7 +70,7 @@ def test_paths_of_a_bundle_are_passed_on_with_their_marks() -> None:
             now.controller.says(*scene)
             await now.bridge.hears(scene[0])
             mods = [await member_mod(now) for _member in range(2)]
-            assert [mod.instructions.outputs for mod in mods] == [[2], [1]]
+            assert [mod.instructions.outputs for mod in mods] == [(2,), (1,)]
             assert [mod.instructions.mark.idle_timeout_s for mod in mods if mod.instructions.mark]
             await now.bridge.hears(scene[-1])
             reply = of.bundle_control(5, ofp.OFPBCT_COMMIT_REPLY, 50)
@@ -188,7 +188,7 @@ def test_modification_waits_for_commit_and_names_each_entry() -> None:
             assert told.instructions.data == instructions.light_instructions(MARK, 3)
             await now.bridge.hears(OWN_BARRIER)
             now.bridge.says(OWN_REPLY)
-            assert (await member_mod(now)).instructions.outputs == [4]
+            assert (await member_mod(now)).instructions.outputs == (4,)
             await now.bridge.hears(OWN_BARRIER)
             now.bridge.says(OWN_REPLY)
             await now.bridge.hears(commit)

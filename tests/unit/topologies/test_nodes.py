@@ -1,12 +1,16 @@
 """Nodes whose shell has ended, where Mininet alone would wait for ever."""
 
+from pathlib import Path
 from typing import Any
 
 import pytest
 from mininet.node import Node
 
-from topologies.nodes import OpticalSwitch, ShellWatcher
+from topologies import runtime
+from topologies.nodes import OpticalSwitch, QuantumHost, ShellWatcher
+from topologies.runtime import Runtime
 from wire.config import BadConfig, PathOptics
+from wire.physics import BadParameter, BellAnalyser, Detectors, Device, Memory, PairSource
 
 
 class Watched(ShellWatcher, Node):
@@ -40,3 +44,44 @@ def test_optics_that_cannot_be_are_refused_before_a_switch_is_made(
 ) -> None:
     with pytest.raises(BadConfig, match=message):
         OpticalSwitch("q1", **optics)
+
+
+@pytest.mark.parametrize(
+    ("hardware", "message"),
+    [
+        ({"detectors": Detectors(efficiency=1.1)}, "bob, detectors: efficiency 1.1 is not 0 to 1"),
+        ({"device": Device(memory=Memory(capacity=-1))}, "bob, memory: capacity -1"),
+        ({"source": PairSource(fidelity=0.1)}, "bob, source: fidelity 0.1 is not 0.25 to 1"),
+        ({"detectors": 0.9}, "bob: detectors 0.9 is not a Detectors"),
+        ({"device": Detectors()}, "is not a Device"),
+    ],
+)
+def test_hardware_that_cannot_be_is_refused_before_a_host_is_made(
+    hardware: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(BadParameter, match=message):
+        QuantumHost("bob", ip="10.0.0.2/24", **hardware)
+
+
+def test_parts_of_a_hosts_hardware_replace_those_of_its_device(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(runtime, "RUNTIME_ROOT", tmp_path)
+    monkeypatch.setattr(runtime, "_current", Runtime())
+    QuantumHost(
+        "bob",
+        ip="10.0.0.2/24",
+        inNamespace=False,
+        source=PairSource(fidelity=0.9),
+        device=Device(memory=Memory(capacity=5), detectors=Detectors(efficiency=0.5)),
+        detectors=Detectors(efficiency=0.8),
+        analyser=BellAnalyser("linear"),
+    ).terminate()
+    network = runtime.current()
+    assert network.source == "bob"
+    assert network.devices["bob"] == Device(
+        PairSource(fidelity=0.9),
+        Memory(capacity=5),
+        Detectors(efficiency=0.8),
+        BellAnalyser("linear"),
+    )

@@ -13,6 +13,7 @@ from wire.config import (
     HostConfig,
     QuantumSwitch,
 )
+from wire.physics import Detectors, Device
 
 
 def test_a_written_file_reads_back_the_same_and_only_its_owner_may_read_it(tmp_path: Path) -> None:
@@ -21,8 +22,18 @@ def test_a_written_file_reads_back_the_same_and_only_its_owner_may_read_it(tmp_p
         socket="/run/x.sock",
         seed=5,
         tokens={"alice": "secret"},
-        fibers=[Fiber(FiberEnd("alice", "alice-q0"), FiberEnd("q1", "2"), 0.5, 0.2, 0.01)],
+        fibers=[
+            Fiber(
+                FiberEnd("alice", "alice-q0"),
+                FiberEnd("q1", "2"),
+                length_km=0.5,
+                depolarizing=0.01,
+                noise="/tmp/flicker.py:Flicker",
+                noise_parameters={"p": 0.1},
+            )
+        ],
         switches=[QuantumSwitch("q1", rotation=2)],
+        devices={"alice": Device(detectors=Detectors(efficiency=0.8))},
     )
     path = tmp_path / "dispatcher.json"
     config.write(path)
@@ -41,6 +52,16 @@ def test_a_file_of_another_kind_is_named(tmp_path: Path, text: str) -> None:
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(BadConfig, match="nowhere"):
         HostConfig.read(tmp_path / "nowhere")
+
+
+def test_an_unknown_backend_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "dispatcher.json"
+    path.write_text(
+        '{"listen": "127.0.0.1:1", "socket": "d.sock", "seed": 1, "tokens": {},'
+        ' "fibers": [], "switches": [], "backend": "chip"}'
+    )
+    with pytest.raises(BadConfig, match="backend 'chip': choose one of chp, stim, dense"):
+        DispatcherConfig.read(path)
 
 
 def test_an_unknown_policy_of_contention_is_named(tmp_path: Path) -> None:

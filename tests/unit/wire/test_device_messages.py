@@ -15,6 +15,8 @@ from wire.device import (
     SetDevice,
     Subscribe,
     open_sealed,
+    setting_name,
+    setting_number,
 )
 from wire.metadata import Answer, MalformedPacket, Message, Reason, Setup
 
@@ -33,7 +35,8 @@ REPORT = DeviceReport(
     60,
     50_000_000,
     256,
-    0,
+    3,
+    1,
     1_550_120,
     1000,
     10_000,
@@ -42,15 +45,15 @@ REPORT = DeviceReport(
     (DevicePort("bob-q0", True), DevicePort("bob-q1", False)),
 )
 GOLDEN = {
-    DeviceQuery(1): "514d 01 20 00000010 0000000000000001",
-    Subscribe(2, 1000, 10_000, 0): "514d 01 21 0000001c 0000000000000002000003e8 00002710 00000000",
-    SetDevice(3, DeviceSettings(1_000_000, None, 0, 1_551_720)): "514d 01 22 00000020"
-    "0000000000000003 000f4240 ffffffff 00000000 0017ad68",
-    REPORT: "514d 01 23 00000092 0000000000000005 0001 0002 0003"
+    DeviceQuery(1): "514d 02 20 00000010 0000000000000001",
+    Subscribe(2, 1000, 10_000, 0): "514d 02 21 0000001c 0000000000000002000003e8 00002710 00000000",
+    SetDevice(3, DeviceSettings(1_000_000, None, 3, 0, 1_551_720)): "514d 02 22 00000024"
+    "0000000000000003 000f4240 ffffffff 00000003 00000000 0017ad68",
+    REPORT: "514d 02 23 0000009a 0000000000000005 0001 0002 0003"
     "00000000000003e8 00000000000007d0 0000000000000bb8"
     "0000000000000028 0000000000000032 000000000000003c"
-    "02faf080 00000100 00000000 0017a728 000003e8 00002710 00004e20"
-    "000f4240 ffffffff 00000000 ffffffff"
+    "02faf080 00000100 00000003 00000001 0017a728 000003e8 00002710 00004e20"
+    "000f4240 ffffffff 00000000 ffffffff ffffffff"
     "626f622d7130000000000000000000 01 626f622d7131000000000000000000 00",
 }
 
@@ -71,7 +74,7 @@ def test_the_envelope_is_golden() -> None:
     sealed = Datagram(DeviceQuery(1), "bob", 0x0102030405060708).seal(KEY, CONTROLLER)
     assert sealed == bytes.fromhex(
         GOLDEN[DeviceQuery(1)] + "626f62" + "00" * 29 + "0102030405060708"
-        "858a767480a1593783109b7fb04c7858"
+        "582f58c8bbd82e63f388e9dff6a28373"
     )
     datagram = open_sealed(sealed, KEY, CONTROLLER)
     assert datagram == Datagram(DeviceQuery(1), "bob", 0x0102030405060708)
@@ -102,6 +105,7 @@ def test_another_key_and_the_other_direction_are_refused() -> None:
         SetDevice(1, DeviceSettings(rate_hz=0)),
         SetDevice(1, DeviceSettings(frame_bytes=65_537)),
         SetDevice(1, DeviceSettings(fec=256)),
+        SetDevice(1, DeviceSettings(interleave=2)),
         SetDevice(1, DeviceSettings(wavelength_pm=10)),
         replace(REPORT, ports=(DevicePort("q", True),) * (MAX_PORTS + 1)),
         replace(REPORT, ports=(DevicePort("", True),)),
@@ -129,3 +133,36 @@ def test_every_body_of_random_bytes_is_read_or_malformed() -> None:
             opened(Raw(0))
         except MalformedPacket:
             continue
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "number", "shown"),
+    [
+        ("fec", "golay", 3, "golay"),
+        ("fec", 4, 4, "reed-solomon"),
+        ("fec", 77, 77, 77),
+        ("interleave", True, 1, "on"),
+        ("interleave", "off", 0, "off"),
+        ("rate_hz", 5, 5, 5),
+    ],
+)
+def test_settings_have_names(name: str, given: object, number: int, shown: object) -> None:
+    assert setting_number(name, given) == number
+    assert setting_name(name, number) == shown
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "words"),
+    [
+        ("fec", "turbo", "fec is 'turbo': give one of none, repetition, hamming, golay"),
+        ("fec", True, "fec is True"),
+        ("interleave", "yes", "give one of off, on"),
+        ("rate_hz", 0.5, "rate_hz is 0.5: give a whole number"),
+        ("rate_hz", "golay", "rate_hz is 'golay'"),
+    ],
+)
+def test_a_setting_that_is_neither_name_nor_number_is_refused(
+    name: str, given: object, words: str
+) -> None:
+    with pytest.raises(ValueError, match=words):
+        setting_number(name, given)

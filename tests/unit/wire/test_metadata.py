@@ -49,25 +49,33 @@ SETUP = Setup(
 GOLDEN: list[tuple[Message, str]] = [
     (
         SETUP,
-        "514d0101000000400102030405060708"
+        "514d0201000000410102030405060708"
         "01010a0000030001000000000100009896800007"
-        "00000000e40000000017a728000000000"
+        "00000000e4000000000017a728000000000"
         "00f4240000000000000" + "0000",
     ),
-    (Answer(1, Reason.BUSY, "später"), "514d010200000019000000000000000100057370c3a4746572"),
-    (Emit(2, 3, 4, 5), "514d01030000001c0000000000000002000000030000000400000005"),
+    (
+        Answer(1, Reason.BUSY, "später"),
+        "514d02020000001b0000000000000001" + "0005" + "0000" + "7370c3a4746572",
+    ),
+    (
+        Answer(1, Reason.OK, symbols=3, encoding=0b10_11_01_00),
+        "514d0202000000140000000000000001" + "0000" + "03b4",
+    ),
+    (Emit(2, 3, 4, 5), "514d02030000001c0000000000000002000000030000000400000005"),
     (
         Block(3, 1, 9, 1, 10, (Frame(6, 2, 0xDEADBEEF),)),
-        "514d010400000032000000000000000300000001000000090000000100000000"
+        "514d020400000032000000000000000300000001000000090000000100000000"
         "0000000a0001" + "0000000600000002deadbeef",
     ),
     (
-        Report(4, 1, 9, 2, (6,), b"\x80\x00"),
-        "514d01050000002400000000000000040000000100000009000000020001000000068000",
+        Report(4, 1, 9, 2, 3, 4, 5, (6,), b"\x80\x00"),
+        "514d020500000030000000000000000400000001000000090000000200000003"
+        "0000000400000005" + "0001" + "00000006" + "8000",
     ),
     (
         Finish(5, 6, bytes(range(32))),
-        "514d010600000038" + f"{5:016x}{6:016x}" + bytes(range(32)).hex(),
+        "514d020600000038" + f"{5:016x}{6:016x}" + bytes(range(32)).hex(),
     ),
 ]
 
@@ -92,6 +100,7 @@ class ScapySetup(Packet):
         IntField("block", 0),
         XByteField("encoding", 0),
         XByteField("fec", 0),
+        XByteField("interleave", 0),
         XByteField("polarization", 0),
         XByteField("memory", 0),
         IntField("wavelength_pm", 0),
@@ -124,8 +133,19 @@ def test_every_truncation_and_every_tail_is_malformed(message: Message) -> None:
 
 def test_scapy_reads_the_same_fields() -> None:
     setup = replace(SETUP, phase_mrad=-5, verdict=Verdict.GRANTED, rotation=Pauli.Z, block=77)
+    setup = replace(setup, fec=3, interleave=1)
     seen = ScapySetup(setup.encode())
-    for name in ("session", "source", "pairs", "rate_hz", "port", "block", "phase_mrad"):
+    for name in (
+        "session",
+        "source",
+        "pairs",
+        "rate_hz",
+        "port",
+        "block",
+        "phase_mrad",
+        "fec",
+        "interleave",
+    ):
         assert seen.getfieldval(name) == getattr(setup, name)
     assert (seen.verdict, seen.rotation, seen.encoding) == (1, 2, 0xE4)
     assert seen.length == len(setup.encode()) == SETUP_LENGTH
@@ -148,6 +168,7 @@ def test_a_verdict_moves_no_byte_of_the_set_up() -> None:
         (16, 9, "unknown service 9"),
         (17, 9, "unknown handshake 9"),
         (40, 0xE5, "does not use each operator once"),
+        (42, 2, "interleave is 2, not 0 or 1"),
         (SETUP_LENGTH - 4, 7, "unknown verdict 7"),
         (SETUP_LENGTH - 1, 200, "unknown reason 200"),
     ],
@@ -174,9 +195,30 @@ def test_an_absurd_length_is_refused_before_its_bytes_are_waited_for() -> None:
 
 
 def test_a_block_must_carry_what_it_lists() -> None:
-    data = Block(3, 1, 10, 1, 10, (Frame(6, 2, 1),)).encode()
+    data = Block(3, 1, 9, 9, 10, (Frame(6, 2, 1),)).encode()
     with pytest.raises(MalformedPacket, match="do not carry"):
         decode(data)
+
+
+@pytest.mark.parametrize(
+    "report",
+    [
+        Report(4, 1, 9, 10),
+        Report(4, 1, 9, 1, again=b"\xc0\x00"),
+        Report(4, 1, 9, 9, again=b"\xff"),
+    ],
+)
+def test_a_report_cannot_lose_more_pairs_than_there_were(report: Report) -> None:
+    with pytest.raises(MalformedPacket, match="of block 1"):
+        decode(report.encode())
+
+
+@pytest.mark.parametrize(("symbols", "encoding"), [(2, 0xE4), (5, 0xE4), (0, 0xE4), (4, 0), (3, 1)])
+def test_an_answer_names_three_or_four_symbols_and_their_operators(
+    symbols: int, encoding: int
+) -> None:
+    with pytest.raises(MalformedPacket):
+        decode(Answer(1, Reason.OK, symbols=symbols, encoding=encoding).encode())
 
 
 def test_random_bytes_are_malformed_or_a_message() -> None:

@@ -1,0 +1,1 @@
+"""What the controller tells by its console and over HTTP."""

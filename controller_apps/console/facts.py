@@ -1,0 +1,78 @@
+"""What console and REST offer: each asks the app that owns the facts, from its own thread."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from controller_apps.console.questions import Refused, ask
+from wire.device import setting_number
+
+MAX_REQUEST = 4096  # bytes
+
+
+@dataclass(frozen=True)
+class Facts:
+    """The apps that know."""
+
+    quantum: Any
+    monitor: Any
+
+    def devices(self) -> Any:
+        """Return every device and its state."""
+        return ask(self.monitor, "devices")
+
+    def sessions(self) -> Any:
+        """Return every session."""
+        return ask(self.quantum, "sessions")
+
+    def paths(self) -> Any:
+        """Return the light paths that stand, and the fibres they can use."""
+        return {"paths": ask(self.quantum, "paths"), "fibers": ask(self.quantum, "fibers")}
+
+    def set(self, device: str, settings: dict[str, int | None]) -> Any:
+        """Override settings of a host, None leaves one to its applications again."""
+        return ask(self.monitor, "set", device=device, settings=settings)
+
+    def reload_policy(self) -> Any:
+        """Read the policy file again; overrides become those of the file."""
+        path = ask(self.quantum, "reload")
+        ask(self.monitor, "reload")
+        return {"policy": path}
+
+
+def check_settings_request(settings: object) -> dict[str, int | None]:
+    """Return the numbers of settings decoded from JSON; raise Refused for what is none."""
+    if not isinstance(settings, dict) or not settings:
+        raise Refused('settings are an object such as {"rate_hz": 1000000}')
+    try:
+        return {name: setting_number(name, value) for name, value in settings.items()}
+    except ValueError as error:
+        raise Refused(f"{error}, or null to undo an override") from error
+
+
+def perform(facts: Facts, request: object) -> Any:
+    """Do what a request of the console asks for; raise Refused for anything else."""
+    if not isinstance(request, dict):
+        raise Refused('a request is an object such as {"command": "devices"}')
+    fields = dict(request)
+    command = fields.pop("command", None)
+    commands: dict[str, tuple[set[str], Callable[..., Any]]] = {
+        "devices": (set(), facts.devices),
+        "sessions": (set(), facts.sessions),
+        "paths": (set(), facts.paths),
+        "set": ({"device", "settings"}, lambda device, settings: _set(facts, device, settings)),
+        "reload-policy": (set(), facts.reload_policy),
+    }
+    if not isinstance(command, str) or command not in commands:
+        raise Refused(f"no command {command!r}; choose one of {', '.join(commands)}")
+    names, call = commands[command]
+    if set(fields) != names:
+        wanted = ", ".join(sorted(names)) or "nothing"
+        raise Refused(f"{command} takes {wanted}, not {', '.join(sorted(fields)) or 'nothing'}")
+    return call(**fields)
+
+
+def _set(facts: Facts, device: object, settings: object) -> Any:
+    if not isinstance(device, str):
+        raise Refused(f"device {device!r} is not a name")
+    return facts.set(device, check_settings_request(settings))

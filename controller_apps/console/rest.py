@@ -1,0 +1,73 @@
+"""The console's facts over HTTP, by Ryu's own WSGI server; os-ken has none.
+
+GET  /qmn/devices    GET  /qmn/paths    GET  /qmn/sessions
+POST /qmn/devices/alice    {"rate_hz": 1000000, "fec": "golay"}
+"""
+
+import json
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from controller_apps.console.facts import MAX_REQUEST, Facts, check_settings_request
+from controller_apps.console.questions import Refused
+from controller_apps.framework import App, app_manager, wsgi
+
+Handler = TypeVar("Handler", bound=Callable[..., Any])
+route: Callable[..., Callable[[Handler], Handler]] = wsgi().route
+
+
+class Rest(App):
+    """Puts the resources into the WSGI application that stock apps share."""
+
+    _CONTEXTS = {"wsgi": wsgi().WSGIApplication}  # noqa: RUF012 (the framework's name and type)
+
+    def __init__(self, **contexts: Any) -> None:
+        super().__init__(**contexts)
+        contexts["wsgi"].register(Resources)
+
+
+class Resources(wsgi().ControllerBase):  # type: ignore[misc]
+    """One object a request, made by the framework."""
+
+    @route("devices", "/qmn/devices", methods=["GET"])
+    def devices(self, request: Any, **_: Any) -> Any:
+        """Return every device and its state."""
+        return answer(lambda facts: facts.devices())
+
+    @route("paths", "/qmn/paths", methods=["GET"])
+    def paths(self, request: Any, **_: Any) -> Any:
+        """Return the light paths that stand, and the fibres they can use."""
+        return answer(lambda facts: facts.paths())
+
+    @route("sessions", "/qmn/sessions", methods=["GET"])
+    def sessions(self, request: Any, **_: Any) -> Any:
+        """Return every session."""
+        return answer(lambda facts: facts.sessions())
+
+    @route("set", "/qmn/devices/{name}", methods=["POST"])
+    def set(self, request: Any, name: str, **_: Any) -> Any:
+        """Override settings of a host."""
+        if request.content_length is None or request.content_length > MAX_REQUEST:
+            return response(413, {"error": f"give a body of at most {MAX_REQUEST} bytes"})
+        try:
+            settings = check_settings_request(json.loads(request.body))
+        except (ValueError, RecursionError) as error:
+            return response(400, {"error": f"the body is not JSON: {error}"})
+        except Refused as refused:
+            return response(400, {"error": str(refused)})
+        return answer(lambda facts: facts.set(name, settings))
+
+
+def answer(call: Callable[[Facts], Any]) -> Any:
+    """Return the facts, or 400 with the reason why not."""
+    apps = [app_manager.lookup_service_brick(name) for name in ("QuantumMetadata", "DeviceMonitor")]
+    try:
+        return response(200, call(Facts(*apps)))
+    except Refused as refused:
+        return response(400, {"error": str(refused)})
+
+
+def response(status: int, content: Any) -> Any:
+    """Return a response in JSON."""
+    body = json.dumps(content).encode()
+    return wsgi().Response(status=status, content_type="application/json", body=body)

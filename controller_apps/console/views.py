@@ -1,0 +1,78 @@
+"""Paths and sessions as plain values, for the console and for REST."""
+
+from typing import Any
+
+from controller_apps.light.optics import SwitchPort
+from controller_apps.light.paths import Network
+from controller_apps.sessions.sessions import Session, Sessions
+from wire.device import RANGES, setting_name
+from wire.metadata import Handshake, Service
+
+
+def sessions_view(sessions: Sessions, network: Network, now: float) -> list[dict[str, Any]]:
+    """Return each session, oldest first."""
+    return [
+        {
+            "session": f"{session.number:016x}",
+            "service": Service(session.setup.service).name.lower(),
+            "handshake": Handshake(session.setup.handshake).name.lower().replace("_", "-"),
+            **_parties(session, network),
+            **{name: setting_name(name, getattr(session.setup, name)) for name in RANGES},
+            "open": session.open,
+            "silent_s": round(now - session.seen, 3),
+            "waits_for_light": session.owner in sessions.queue,
+            "stranded": session.stranded,
+            "hops": len(session.hops),
+        }
+        for session in sessions.by_number.values()
+    ]
+
+
+def paths_view(sessions: Sessions, network: Network) -> list[dict[str, Any]]:
+    """Return each light path that stands, hop by hop, as the controller has asked for it."""
+    return [
+        {
+            "session": f"{session.number:016x}",
+            **_parties(session, network),
+            "begin": _host(network, path.leg.start),
+            "end": _host(network, path.leg.end),
+            "loss_db": path.loss_mdb / 1000,
+            "rotation": path.rotation,
+            "frequency_mhz": session.frequency_mhz,
+            "hops": [
+                {"dpid": f"{hop.dpid:016x}", "in_port": hop.in_port, "out_port": hop.out_port}
+                for hop in path.hops
+            ],
+        }
+        for session in sessions.by_number.values()
+        for path in session.paths
+    ]
+
+
+def fibers_view(network: Network) -> list[dict[str, Any]]:
+    """Return where each fibre that has been discovered leads, and whether it is whole."""
+    ends = {at: _host(network, at) for at in network.hosts}
+    ends |= {at: f"{far.dpid:016x}:{far.port}" for at, far in network.links.items()}
+    return [
+        {"dpid": f"{at.dpid:016x}", "port": at.port, "to": end, "up": at not in network.cut}
+        for at, end in sorted(ends.items())
+    ]
+
+
+def name_of(network: Network, address: str) -> str:
+    """Return the name a host has announced, its address if it has announced none."""
+    ports = network.ports_of(address)
+    return network.hosts[ports[0]].host if ports else address
+
+
+def _parties(session: Session, network: Network) -> dict[str, str]:
+    return {
+        "from": name_of(network, session.owner.source),
+        "to": name_of(network, session.owner.destination),
+        "source": name_of(network, session.setup.source),
+    }
+
+
+def _host(network: Network, at: SwitchPort) -> str:
+    host = network.hosts.get(at)
+    return host.name if host else f"{at.dpid:016x}:{at.port}"

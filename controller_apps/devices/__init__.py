@@ -1,0 +1,1 @@
+"""The state of switches and hosts, and what is set on them."""

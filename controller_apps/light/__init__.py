@@ -1,0 +1,1 @@
+"""The optical network as discovered, and the light paths through it."""

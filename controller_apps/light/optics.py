@@ -1,0 +1,112 @@
+"""What quantum switches have told of their optics: per path loss and rotation, per port tuning.
+
+What a switch has not told counts as no loss, no rotation and a port that takes any light.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from wire.optical import ANY_PORT, PathOptics, PortLight, PortOptics
+
+HOST_TX_POWER = 0  # dBm * 10, launched by every host
+MDB_PER_POWER_UNIT = 100  # power is in tenths of a dB
+NOT_TOLD = PathOptics(ANY_PORT, ANY_PORT, 0, 0)
+
+
+class SwitchPort(NamedTuple):
+    """A port of a quantum switch."""
+
+    dpid: int
+    port: int
+
+
+@dataclass(frozen=True)
+class SwitchOptics:
+    """The paths of one switch; those not in `paths` are like `others`."""
+
+    others: PathOptics = NOT_TOLD
+    paths: dict[tuple[int, int], PathOptics] = field(default_factory=dict)
+    stuck_from: dict[int, int] = field(default_factory=dict)  # in_port to out_port
+    stuck_to: dict[int, int] = field(default_factory=dict)  # out_port to in_port
+
+    @classmethod
+    def told(cls, entries: Iterable[PathOptics]) -> "SwitchOptics":
+        """Build it from a whole answer of the switch."""
+        paths = {(entry.in_port, entry.out_port): entry for entry in entries}
+        others = paths.pop((ANY_PORT, ANY_PORT), NOT_TOLD)
+        stuck = [ports for ports, entry in paths.items() if entry.stuck]
+        return cls(others, paths, dict(stuck), {out_port: in_port for in_port, out_port in stuck})
+
+    def path(self, in_port: int, out_port: int) -> PathOptics | None:
+        """Return what a path does to light, None if a stuck one stands in its way."""
+        if self.stuck_from.get(in_port, out_port) != out_port:
+            return None
+        if self.stuck_to.get(out_port, in_port) != in_port:
+            return None
+        return self.paths.get((in_port, out_port), self.others)
+
+
+UNKNOWN = SwitchOptics()
+
+
+@dataclass
+class Optics:
+    """The optics of all switches."""
+
+    switches: dict[int, SwitchOptics] = field(default_factory=dict)  # by datapath id
+    ranges: dict[SwitchPort, PortOptics] = field(default_factory=dict)
+    tuned_mhz: dict[SwitchPort, int] = field(default_factory=dict)
+    lights: dict[SwitchPort, PortLight] = field(default_factory=dict)  # as last measured
+
+    def path(self, dpid: int, in_port: int, out_port: int) -> PathOptics | None:
+        """Return what a path through a switch does to light, None if it cannot be had."""
+        return self.switches.get(dpid, UNKNOWN).path(in_port, out_port)
+
+    def measured(self, at: SwitchPort, light: PortLight) -> bool:
+        """Take the statistics of a port; tell whether it is tuned differently than was known."""
+        news = self.tuned_mhz.get(at) != light.tx_mhz
+        self.lights[at] = light
+        self.tuned_mhz[at] = light.tx_mhz
+        return news
+
+    def forget_light(self, at: SwitchPort) -> None:
+        """Forget what was measured at a port whose fibre has changed."""
+        self.lights.pop(at, None)
+
+    def forget_switch(self, dpid: int) -> None:
+        """Forget all that a switch has told."""
+        self.switches.pop(dpid, None)
+        for table in (self.ranges, self.tuned_mhz, self.lights):
+            for at in [at for at in table if at.dpid == dpid]:
+                del table[at]
+
+    def can_carry(self, at: SwitchPort, frequency_mhz: int) -> bool:
+        """Tell whether a port can be tuned to a frequency, in both directions."""
+        port = self.ranges.get(at)
+        return port is None or (
+            _in_band(frequency_mhz, port.tx_min_mhz, port.tx_max_mhz, port.tx_grid_mhz)
+            and _in_band(frequency_mhz, port.rx_min_mhz, port.rx_max_mhz, port.rx_grid_mhz)
+        )
+
+    def must_tune(self, at: SwitchPort, frequency_mhz: int) -> bool:
+        """Tell whether a port is, as far as is known, not tuned to a frequency."""
+        return at in self.ranges and self.tuned_mhz.get(at) != frequency_mhz
+
+    def fiber_loss_mdb(self, near: SwitchPort, far: SwitchPort | None) -> int:
+        """Return what light loses from near to far, in thousandths of a dB; far None: a host.
+
+        A fibre is alike in both directions, so that to a host is measured on its way here.
+        """
+        if far is None:
+            here = self.lights.get(near)
+            lost = 0 if here is None else HOST_TX_POWER - here.rx_power
+        else:
+            here, there = self.lights.get(near), self.lights.get(far)
+            lost = 0 if here is None or there is None else here.tx_power - there.rx_power
+        return max(lost, 0) * MDB_PER_POWER_UNIT
+
+
+def _in_band(frequency_mhz: int, least_mhz: int, most_mhz: int, grid_mhz: int) -> bool:
+    on_grid = grid_mhz == 0 or (frequency_mhz - least_mhz) % grid_mhz == 0
+    return least_mhz <= frequency_mhz <= most_mhz and on_grid

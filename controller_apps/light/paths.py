@@ -1,0 +1,141 @@
+"""The optical network as discovered: switches, hosts at their ports, fibres between them."""
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import NamedTuple
+
+from controller_apps.light.optics import Optics
+from controller_apps.light.optics import SwitchPort as SwitchPort
+
+MAX_PORTS = 4096
+
+
+class Hop(NamedTuple):
+    """One cross-connect: light that enters a switch at in_port leaves at out_port."""
+
+    dpid: int
+    in_port: int
+    out_port: int
+
+
+class Direction(NamedTuple):
+    """A port in one direction: a fibre carries light both ways independently."""
+
+    dpid: int
+    port: int
+    inward: bool  # into the switch
+
+
+@dataclass(frozen=True)
+class HostPort:
+    """What a host says of the fibre at one of its ports."""
+
+    host: str
+    address: str  # IPv4, of its classical interface
+    name: str  # of the port
+
+
+def directions(hops: Iterable[Hop]) -> list[Direction]:
+    """Return what the hops occupy, each of which carries one path only."""
+    return [
+        direction
+        for hop in hops
+        for direction in (
+            Direction(hop.dpid, hop.in_port, True),
+            Direction(hop.dpid, hop.out_port, False),
+        )
+    ]
+
+
+def switches(hops: Iterable[Hop]) -> list[int]:
+    """Return the datapath ids that the hops cross, each once, in order."""
+    return list(dict.fromkeys(hop.dpid for hop in hops))
+
+
+@lru_cache(MAX_PORTS)
+def natural_order(name: str) -> tuple[tuple[int, str], ...]:
+    """Return a key that sorts alice-q2 before alice-q10."""
+    parts = re.split(r"([0-9]+)", name)
+    return tuple((int(part), "") if part.isdecimal() else (0, part) for part in parts)
+
+
+@dataclass
+class Network:
+    """Quantum switches that are connected, hosts at their ports, fibres between them."""
+
+    connected: set[int] = field(default_factory=set)
+    hosts: dict[SwitchPort, HostPort] = field(default_factory=dict)  # another one if it changes
+    links: dict[SwitchPort, SwitchPort] = field(default_factory=dict)
+    cut: set[SwitchPort] = field(default_factory=set)  # ports whose fibre is down
+    optics: Optics = field(default_factory=Optics)
+
+    def attach(self, at: SwitchPort, host_port: HostPort) -> bool:
+        """Note which host's port a fibre leads to; tell whether that is news."""
+        if self.hosts.get(at) == host_port or len(self.hosts) >= MAX_PORTS:
+            return False
+        self.hosts = {
+            place: other
+            for place, other in self.hosts.items()
+            if (other.host, other.name) != (host_port.host, host_port.name)
+        }
+        self.hosts[at] = host_port
+        self.remove_link(at)
+        return True
+
+    def detach(self, at: SwitchPort) -> bool:
+        """Forget what a fibre leads to; tell whether anything was known."""
+        known = at in self.hosts
+        if known:
+            self.hosts = {place: host for place, host in self.hosts.items() if place != at}
+        return known
+
+    def set_fiber(self, at: SwitchPort, whole: bool) -> bool:
+        """Note whether the fibre at a port is whole; tell whether that is news."""
+        if whole != (at in self.cut):
+            return False
+        self.cut ^= {at}
+        self.optics.forget_light(at)
+        if not whole:
+            self.remove_link(at)
+        return True
+
+    def add_link(self, one: SwitchPort, other: SwitchPort) -> bool:
+        """Note a fibre between two switches; tell whether that is news.
+
+        A port that a host has announced is no end of such a fibre.
+        """
+        if one == other or {one, other} & self.hosts.keys() or self.links.get(one) == other:
+            return False
+        for end in (one, other):
+            self.remove_link(end)
+        self.links[one] = other
+        self.links[other] = one
+        return True
+
+    def remove_link(self, end: SwitchPort) -> SwitchPort | None:
+        """Forget the fibre between switches that ends here; return its other end if known."""
+        other = self.links.pop(end, None)
+        if other is not None:
+            del self.links[other]
+        return other
+
+    def ports_of(self, address: str) -> list[SwitchPort]:
+        """Return where the ports of a host are, in order of their names; empty if unknown."""
+        found = [(at, host) for at, host in self.hosts.items() if host.address == address]
+        return [at for at, _ in sorted(found, key=lambda item: natural_order(item[1].name))]
+
+    def links_from(self, dpid: int) -> list[tuple[SwitchPort, SwitchPort]]:
+        """Return the whole fibres from a switch to others: its port, and the far port."""
+        return [
+            (near, far)
+            for near, far in self.links.items()
+            if near.dpid == dpid and far.dpid in self.connected and not self.cut & {near, far}
+        ]
+
+    def is_whole(self, hops: Iterable[Hop]) -> bool:
+        """Tell whether light can take these hops: switches there, fibres not cut."""
+        hops = list(hops)
+        ports = {SwitchPort(hop.dpid, port) for hop in hops for port in hop[1:]}
+        return self.connected.issuperset(switches(hops)) and not self.cut & ports

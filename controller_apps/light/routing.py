@@ -1,0 +1,183 @@
+"""Light paths through the optical network: the cheapest by loss, within what is asked for.
+
+The search is Dijkstra's over the ports that light comes in by, because what a switch does
+to light depends on both its ports.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import reduce
+from heapq import heappop, heappush
+from itertools import permutations
+from operator import xor
+from typing import NamedTuple
+
+from controller_apps.light.optics import SwitchPort
+from controller_apps.light.paths import Direction, Hop, Network, directions
+from wire.metadata import Reason
+
+
+class Limits(NamedTuple):
+    """What a path must keep to."""
+
+    blocked: Callable[[Direction], bool] = lambda _: False
+    frequency_mhz: int | None = None  # None: whatever the ports are tuned to
+    loss_budget_mdb: int | None = None
+    rotation: int | None = None  # wire.metadata.Pauli that the path applies; None: any
+
+
+@dataclass(frozen=True)
+class LightPath:
+    """The hops from one host port to another, and what light undergoes on them."""
+
+    hops: tuple[Hop, ...]
+    loss_mdb: int
+    rotation: int
+
+    @property
+    def leg(self) -> "Leg":
+        """The host ports that it connects."""
+        first, last = self.hops[0], self.hops[-1]
+        start, end = SwitchPort(first.dpid, first.in_port), SwitchPort(last.dpid, last.out_port)
+        return Leg(start, end)
+
+
+class Leg(NamedTuple):
+    """What a path shall connect: light comes in at start and goes out at end."""
+
+    start: SwitchPort
+    end: SwitchPort
+
+
+class _Reached(NamedTuple):
+    """A place that light can come to, in order of preference."""
+
+    loss_mdb: int
+    length: int
+    hops: tuple[Hop, ...]
+    at: SwitchPort
+    rotation: int
+
+
+def rotation_of(paths: Iterable[LightPath]) -> int:
+    """Return what all paths together do to a pair: Pauli operators commute but for the sign."""
+    return reduce(xor, (path.rotation for path in paths), 0)
+
+
+def cheapest_path(network: Network, leg: Leg, limits: Limits) -> LightPath | None:
+    """Return the path of least loss, then of fewest hops; None if there is none.
+
+    A path passes each switch once.
+    """
+    if not _can_begin(network, leg, limits):
+        return None
+    queue = [_Reached(network.optics.fiber_loss_mdb(leg.start, None), 0, (), leg.start, 0)]
+    settled: set[tuple[SwitchPort, int]] = set()
+    while queue:
+        reached = heappop(queue)
+        key = reached.at, reached.rotation if limits.rotation is not None else 0
+        if key in settled:
+            continue
+        settled.add(key)
+        if reached.at == leg.end:
+            if limits.rotation in (None, reached.rotation):
+                return LightPath(reached.hops, reached.loss_mdb, reached.rotation)
+            continue
+        for further in _further(network, reached, leg.end, limits):
+            if limits.loss_budget_mdb is None or further.loss_mdb <= limits.loss_budget_mdb:
+                heappush(queue, further)
+    return None
+
+
+def _can_begin(network: Network, leg: Leg, limits: Limits) -> bool:
+    start, end = leg
+    return (
+        start != end
+        and {start.dpid, end.dpid} <= network.connected
+        and not network.cut & {start, end}
+        and _is_free(network, start, True, limits)
+        and _is_free(network, end, False, limits)
+    )
+
+
+def _is_free(network: Network, at: SwitchPort, inward: bool, limits: Limits) -> bool:
+    frequency_mhz = limits.frequency_mhz
+    if frequency_mhz is not None and not network.optics.can_carry(at, frequency_mhz):
+        return False
+    return not limits.blocked(Direction(*at, inward))
+
+
+def _further(
+    network: Network, reached: _Reached, end: SwitchPort, limits: Limits
+) -> Iterator[_Reached]:
+    """Yield where light can come to next: the end, or the ports of the next switches."""
+    dpid = reached.at.dpid
+    ways: list[tuple[SwitchPort, SwitchPort | None]] = []
+    if dpid == end.dpid:
+        ways = [(end, None)]
+    else:
+        passed = {hop.dpid for hop in reached.hops}
+        ways = [
+            (near, far)
+            for near, far in network.links_from(dpid)
+            if far.dpid not in passed
+            and _is_free(network, near, False, limits)
+            and _is_free(network, far, True, limits)
+        ]
+    for near, far in ways:
+        path = network.optics.path(dpid, reached.at.port, near.port)
+        if path is None:
+            continue
+        loss_mdb = path.loss_mdb + network.optics.fiber_loss_mdb(near, far)
+        yield _Reached(
+            reached.loss_mdb + loss_mdb,
+            reached.length + 1,
+            (*reached.hops, Hop(dpid, reached.at.port, near.port)),
+            far or near,
+            reached.rotation ^ path.rotation,
+        )
+
+
+def route(
+    network: Network,
+    legs: Sequence[Leg],
+    limits: Limits,
+    beside: Iterable[LightPath] = (),
+    rotations: Sequence[int] | None = None,
+) -> tuple[LightPath, ...] | None:
+    """Return a path for each leg, none of which takes what another or one beside needs.
+
+    `rotations` are those that the paths must apply, None for any. The cheapest path of an
+    early leg may leave a later one without any, so that other orders are tried as well.
+    """
+    wanted: Sequence[int | None] = rotations or [None] * len(legs)
+    for order in permutations(range(len(legs))):
+        found: dict[int, LightPath] = {}
+        for number in order:
+            own = limits._replace(rotation=wanted[number])
+            path = cheapest_path(network, legs[number], _beside((*beside, *found.values()), own))
+            if path is None:
+                break
+            found[number] = path
+        else:
+            return tuple(found[number] for number in range(len(legs)))
+    return None
+
+
+def _beside(paths: Iterable[LightPath], limits: Limits) -> Limits:
+    own = {direction for path in paths for direction in directions(path.hops)}
+    return limits._replace(blocked=lambda way: way in own or limits.blocked(way))
+
+
+def why_not(network: Network, legs: list[Leg], limits: Limits) -> Reason:
+    """Return what stands in the way of a route: the first limit without which there is one."""
+    free = limits._replace(blocked=Limits().blocked)
+    free_at_any_loss = free._replace(loss_budget_mdb=None)
+    for reason, fewer in (
+        (Reason.BUSY, free),
+        (Reason.LOSS_TOO_HIGH, free_at_any_loss),
+        (Reason.NO_WAVELENGTH, free_at_any_loss._replace(frequency_mhz=None)),
+    ):
+        if route(network, legs, fewer) is not None:
+            return reason
+    return Reason.NO_PATH

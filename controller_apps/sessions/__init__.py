@@ -1,0 +1,1 @@
+"""Sessions and the set-up messages that ask for them: who gets light, and when."""

@@ -1,0 +1,94 @@
+"""What the arbiter wants done; the app turns each into OpenFlow or a line of text."""
+
+from dataclasses import dataclass
+
+from controller_apps.light.paths import Hop
+from controller_apps.sessions.segments import FiveTuple
+
+
+@dataclass(frozen=True)
+class Forward:
+    """Send a frame on from the classical switch that punted it."""
+
+    dpid: int
+    in_port: int
+    frame: bytes
+
+
+@dataclass(frozen=True)
+class OpenPaths:
+    """Program the hops of one quantum switch in one bundle, then ask for a barrier.
+
+    In this order: hops of the session that it no longer takes are closed, ports are tuned,
+    hops are opened.
+    """
+
+    dpid: int
+    hops: tuple[Hop, ...]
+    session: int
+    transaction: int  # to be given back with the barrier reply or the error
+    closed: tuple[Hop, ...] = ()
+    tuned: tuple[int, ...] = ()  # ports
+    frequency_mhz: int = 0  # to which they are tuned
+
+
+@dataclass(frozen=True)
+class ClosePaths:
+    """Delete every path of a session from one quantum switch."""
+
+    dpid: int
+    session: int
+
+
+@dataclass(frozen=True)
+class AddBypass:
+    """Let a connection pass a classical switch without the controller."""
+
+    dpid: int
+    five_tuple: FiveTuple
+    session: int
+
+
+@dataclass(frozen=True)
+class RemoveBypass:
+    """Undo AddBypass."""
+
+    dpid: int
+    five_tuple: FiveTuple
+    session: int
+
+
+@dataclass(frozen=True)
+class Keep:
+    """Keep a session for the controller that may come after this one."""
+
+    session: int
+    data: bytes
+
+
+@dataclass(frozen=True)
+class Forget:
+    """Keep nothing of a session any more."""
+
+    session: int
+
+
+@dataclass(frozen=True)
+class Note:
+    """A fact for the log and the record."""
+
+    event: str
+    session: int
+    setup_ms: float | None = None
+    detail: str = ""
+
+
+@dataclass(frozen=True)
+class Drop:
+    """A segment that goes no further."""
+
+    cause: str  # what it is counted under
+    detail: str
+
+
+Action = Forward | OpenPaths | ClosePaths | AddBypass | RemoveBypass | Keep | Forget | Note | Drop

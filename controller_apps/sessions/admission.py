@@ -1,0 +1,112 @@
+"""Whether a set-up is granted, and which paths it needs. Pure decisions, no state change."""
+
+from dataclasses import dataclass
+
+from controller_apps.light.optics import SwitchPort
+from controller_apps.light.paths import Network
+from controller_apps.light.routing import Leg, LightPath, Limits, route, why_not
+from controller_apps.sessions.segments import FiveTuple
+from controller_apps.sessions.sessions import Session, Sessions
+from wire.metadata import Handshake, Reason, Service, Setup
+from wire.optical import frequency_mhz
+
+
+@dataclass(frozen=True)
+class Admission:
+    """The answer: what to open, or why not."""
+
+    reason: Reason = Reason.OK
+    paths: tuple[LightPath, ...] = ()
+    waits_for_light: bool = False  # refused only because others have the light
+
+
+def admit(
+    setup: Setup, five_tuple: FiveTuple, sessions: Sessions, network: Network, budget_mdb: int
+) -> Admission:
+    """Decide on a set-up that came over the given connection.
+
+    A light path may lose budget_mdb, in thousandths of a dB.
+    """
+    if setup.session == 0:  # the cookie of entries that belong to no session
+        return Admission(Reason.PROTOCOL)
+    registered = sessions.by_number.get(setup.session)
+    if setup.service == Service.PAIR_SOURCE:
+        return _pair_source(five_tuple, registered)
+    if setup.handshake == Handshake.ONE_PAIR:
+        if not _same_session(setup, five_tuple, registered):
+            return Admission(Reason.UNKNOWN_SESSION)
+    elif registered is not None or len(sessions.by_number) >= sessions.max_sessions:
+        return Admission(Reason.BUSY)
+    return find_light(setup, five_tuple, sessions, network, budget_mdb)
+
+
+def _pair_source(five_tuple: FiveTuple, registered: Session | None) -> Admission:
+    belongs = (
+        registered is not None
+        and registered.open
+        and registered.owner.source == five_tuple.source
+        and registered.setup.source == five_tuple.destination
+    )
+    return Admission() if belongs else Admission(Reason.UNKNOWN_SESSION)
+
+
+def _same_session(setup: Setup, five_tuple: FiveTuple, registered: Session | None) -> bool:
+    return (
+        registered is not None
+        and registered.setup.handshake == Handshake.PER_PAIR
+        and registered.setup.source == setup.source
+        and registered.setup.wavelength_pm == setup.wavelength_pm
+        and registered.owner.source == five_tuple.source
+        and registered.owner.destination == five_tuple.destination
+    )
+
+
+def find_light(
+    setup: Setup, five_tuple: FiveTuple, sessions: Sessions, network: Network, budget_mdb: int
+) -> Admission:
+    """Return the light paths that a set-up needs, or why it cannot have them now."""
+    ends = [
+        network.ports_of(address)
+        for address in (five_tuple.source, five_tuple.destination, setup.source)
+    ]
+    if not all(ends):
+        return Admission(Reason.UNKNOWN_HOST)
+    legs = superdense_coding(*ends)
+    if legs is None:
+        return Admission(Reason.NO_PATH)
+    try:
+        limits = limits_of(setup, sessions, budget_mdb)
+    except ValueError:  # a wavelength that is none of light
+        return Admission(Reason.NO_WAVELENGTH)
+    if setup.handshake == Handshake.PER_PAIR:  # light comes with each pair
+        limits = limits._replace(blocked=Limits().blocked)
+    paths = route(network, legs, limits)
+    if paths is None:
+        reason = why_not(network, legs, limits)
+        return Admission(reason, waits_for_light=reason == Reason.BUSY)
+    return Admission() if setup.handshake == Handshake.PER_PAIR else Admission(paths=paths)
+
+
+def limits_of(setup: Setup, sessions: Sessions, budget_mdb: int) -> Limits:
+    """Return what the light paths of a session must keep to.
+
+    Raise ValueError for a wavelength that is none of light.
+    """
+    frequency = frequency_mhz(setup.wavelength_pm)
+    return Limits(lambda way: sessions.blocks(way, setup.session, frequency), frequency, budget_mdb)
+
+
+def superdense_coding(
+    sender: list[SwitchPort], receiver: list[SwitchPort], source: list[SwitchPort]
+) -> list[Leg] | None:
+    """Return which ports light must connect, None if a host has too few.
+
+    One photon of each pair goes by way of the sender, the other straight to the receiver.
+    """
+    if len(receiver) < 2 or len(source) < 2:
+        return None
+    return [
+        Leg(source[0], sender[0]),
+        Leg(sender[0], receiver[1]),
+        Leg(source[1], receiver[0]),
+    ]

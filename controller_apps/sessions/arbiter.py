@@ -1,0 +1,279 @@
+"""Who gets light when: segments and switch events in, actions out.
+
+    set-up --> held --last barrier reply--> granted --FIN, RST, silence--> torn down
+       |         |`--error, deadline, switch gone--> refused
+       `--> queued for light that others have, if the policy says so
+
+No socket, no clock: `now` is in seconds of one steady clock. TCP repeats what is held and
+may add bytes behind it, so a request is known by its connection and sequence number.
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+
+from controller_apps.light.light import Light
+from controller_apps.light.paths import Hop, Network, switches
+from controller_apps.sessions.actions import Action, AddBypass, Drop, Forward, Note
+from controller_apps.sessions.admission import Admission, admit, find_light
+from controller_apps.sessions.segments import RST, FiveTuple, parse
+from controller_apps.sessions.sessions import (
+    Arrival,
+    Request,
+    Session,
+    Sessions,
+    new_request,
+    read_setup,
+)
+from controller_apps.sessions.verdicts import Verdicts, released
+from controller_apps.succession.inheritance import Inheritance
+from wire.metadata import METADATA_PORT, SETUP_LENGTH, MalformedPacket, Reason, Setup, Verdict
+
+SWITCH_GRACE_S = 10.0  # for a switch whose agent is started again
+
+
+@dataclass
+class Arbiter:
+    """The state of every request, and what to do when something happens."""
+
+    network: Network
+    hold_timeout_s: float
+    idle_timeout_s: float
+    loss_budget_db: float = 30.0  # of one light path
+    queues: bool = False  # a request for light that is taken waits for it
+    sessions: Sessions = field(default_factory=Sessions)
+    forbid: Callable[[Setup, FiveTuple], Admission | None] = lambda _setup, _connection: None
+
+    def __post_init__(self) -> None:
+        self.budget_mdb = round(self.loss_budget_db * 1000)
+        self.light = Light(self.network, self.sessions, self.budget_mdb)
+        self.verdicts = Verdicts(self.sessions, self.light)
+        self.inheritance = Inheritance(self.sessions, self.light)
+
+    def segment_arrived(self, dpid: int, in_port: int, frame: bytes, now: float) -> list[Action]:
+        """Decide on a segment to or from the metadata port that a classical switch sent up."""
+        try:
+            arrival = Arrival(dpid, in_port, parse(frame))
+            return [*self._segment(arrival, now), *self._serve_queue(now)]
+        except MalformedPacket as error:
+            return [Drop("malformed", str(error))]
+
+    def _segment(self, arrival: Arrival, now: float) -> list[Action]:
+        segment = arrival.segment
+        if segment.closes:
+            return self._closing(arrival, now)
+        if not segment.payload:
+            return [Forward(arrival.dpid, arrival.in_port, segment.frame)]
+        request = self.sessions.requests.get(segment.five_tuple)
+        if request is None:
+            return self._asked(read_setup(segment.payload), arrival, now)
+        if request.offset(segment) == 0:
+            return self._repeated(request, arrival)
+        try:
+            setup = read_setup(segment.payload)
+        except MalformedPacket:
+            return self._data(request, arrival, now)
+        # Elsewhere in the sequence space: a new connection between the same ports.
+        return [*self.verdicts.over(request, "port reused", now), *self._asked(setup, arrival, now)]
+
+    def _asked(self, setup: Setup, arrival: Arrival, now: float) -> list[Action]:
+        if setup.verdict != Verdict.PENDING:
+            return [Drop("forged", f"set-up of {setup.session:016x} comes with a verdict")]
+        request = new_request(setup, arrival, now)
+        if self.sessions.full:
+            return self.verdicts.answer(request, Verdict.REFUSED, Reason.BUSY)
+        admission = self.forbid(setup, request.five_tuple) or admit(
+            setup, request.five_tuple, self.sessions, self.network, self.budget_mdb
+        )
+        if self.inheritance.is_premature(admission.reason, now):
+            return [Drop("premature", f"{admission.reason.name} may change soon; TCP repeats it")]
+        waits = admission.waits_for_light and self.queues
+        if admission.reason != Reason.OK and not waits:
+            return self.verdicts.refuse(request, admission.reason, now)
+        self.sessions.retired.pop(request.five_tuple, None)
+        session = self.sessions.join(request, now)
+        if waits:
+            self.sessions.queue[request.five_tuple] = request
+            return [Note("queued", session.number)]
+        if not admission.paths:
+            return self.verdicts.grant(request)
+        return self.light.open(request, session, admission.paths)
+
+    def _serve_queue(self, now: float) -> list[Action]:
+        """Give light to those that wait for it: first come first served.
+
+        A request whose light is still taken keeps no other from light that is free.
+        """
+        actions: list[Action] = []
+        for request in list(self.sessions.queue.values()):
+            session = self.sessions.of(request)
+            if session is None:
+                continue  # it has ended meanwhile
+            found = find_light(
+                request.setup, request.five_tuple, self.sessions, self.network, self.budget_mdb
+            )
+            if found.paths:
+                del self.sessions.queue[request.five_tuple]
+                actions += self.light.open(request, session, found.paths)
+            elif not found.waits_for_light:
+                actions += self.verdicts.refuse(request, found.reason, now)
+        return actions
+
+    def _repeated(self, request: Request, arrival: Arrival) -> list[Action]:
+        message = arrival.segment.payload[:SETUP_LENGTH]
+        if message not in (request.message, request.answer):
+            return [Drop("forged", "another set-up message under the same sequence number")]
+        if request.held is not None:
+            return [Drop("repeated", "the set-up message is held already")]
+        # The answer also comes by when a second switch is on the way.
+        return [released(request, arrival)]
+
+    def _data(self, request: Request, arrival: Arrival, now: float) -> list[Action]:
+        if request.held is not None or request.offset(arrival.segment) < SETUP_LENGTH:
+            return [Drop("early", "data before the set-up message was answered")]
+        forward = Forward(arrival.dpid, arrival.in_port, arrival.segment.frame)
+        session = self.sessions.of(request)
+        if session is None:
+            return [forward]
+        session.heard(now)
+        if not request.lasts or arrival.dpid in request.bypassed:
+            return [forward]
+        # Not earlier: until data follows, a repeated set-up message must still come by.
+        request.bypassed.add(arrival.dpid)
+        return [AddBypass(arrival.dpid, request.five_tuple, session.number), forward]
+
+    def _closing(self, arrival: Arrival, now: float) -> list[Action]:
+        segment = arrival.segment
+        from_opener = segment.five_tuple.destination_port == METADATA_PORT
+        opener = segment.five_tuple if from_opener else segment.five_tuple.reverse()
+        request = self.sessions.requests.get(opener)
+        if request is None or (from_opener and request.offset(segment) < 0):
+            return []  # never ours, or an earlier connection between the same ports
+        return self.verdicts.over(request, "RST" if segment.flags & RST else "FIN", now)
+
+    def barrier_passed(self, dpid: int, transaction: int, now: float) -> list[Action]:
+        """Note that a switch has set up its part; release the message after the last one."""
+        request = self.sessions.held.get(transaction)
+        if request is None:
+            return self.light.barrier_passed(dpid, transaction, now)
+        request.waiting.discard(dpid)
+        if request.waiting:
+            return []
+        elapsed_ms = (now - request.started) * 1000
+        granted = self.verdicts.grant(
+            request, Note("path_ready", request.setup.session, elapsed_ms)
+        )
+        # A fibre may have been cut meanwhile.
+        session = self.sessions.of(request)
+        assert session is not None
+        return [*granted, *self._mend(session, now)]
+
+    def switch_refused(self, transaction: int, now: float) -> list[Action]:
+        """Refuse what a switch has answered with an error; end a session it cannot move."""
+        request = self.sessions.held.get(transaction)
+        move = self.light.moves.get(transaction)
+        actions: list[Action] = []
+        if request is not None:
+            session = self.sessions.of(request)
+            assert session is not None
+            self.light.doubt_tuning(session)
+            actions = self.verdicts.refuse(request, Reason.SWITCH_FAILED, now)
+        elif move is not None:
+            session = self.sessions.by_number[move.session]
+            self.light.doubt_tuning(session)
+            actions = self.verdicts.tear_down(session, "the switch refused the other way", now)
+        return [*actions, *self._serve_queue(now)]
+
+    def network_changed(self, now: float) -> list[Action]:
+        """Move the sessions whose fibres are cut, and serve those that wait for light."""
+        actions: list[Action] = []
+        for session in self.sessions.by_number.values():
+            actions += self._mend(session, now)
+        return [*actions, *self._serve_queue(now)]
+
+    def switch_left(self, dpid: int, now: float) -> list[Action]:
+        """Move what depends on a switch that is gone; without another way it has some time."""
+        self.network.connected.discard(dpid)
+        self.light.switch_left(dpid)
+        for request in self.sessions.requests.values():
+            request.bypassed.discard(dpid)
+        actions: list[Action] = []
+        for session in list(self.sessions.by_number.values()):
+            if dpid in switches(session.hops):
+                actions += self._dropped_by_switch(session, now)
+        return [*actions, *self._serve_queue(now)]
+
+    def _dropped_by_switch(self, session: Session, now: float) -> list[Action]:
+        request = self._holds_light(session)
+        if request.held is not None:
+            return self.verdicts.refuse(request, Reason.SWITCH_FAILED, now)
+        moved = self.light.move(session, now)
+        if moved is None:
+            session.lost_since = now  # its bridge keeps the paths; it may be back soon
+        return moved or []
+
+    def _mend(self, session: Session, now: float) -> list[Action]:
+        if self.network.connected.issuperset(switches(session.hops)):
+            session.lost_since = None
+        elif session.resumed is not None:
+            return []  # its switches have yet to find this controller
+        if not self.light.is_broken(session):
+            session.stranded = False
+            return []
+        if self._holds_light(session).held is not None:
+            return []  # not before it is granted
+        moved = self.light.move(session, now)
+        return self.light.strand(session) if moved is None else moved
+
+    def _holds_light(self, session: Session) -> Request:
+        assert session.light_owner is not None
+        return session.requests[session.light_owner]
+
+    def is_live(self, session: int) -> bool:
+        """Tell whether a session has light."""
+        return session in self.sessions.by_number and bool(self.sessions.by_number[session].paths)
+
+    def entries_found(self, dpid: int, entries: Iterable[tuple[int, Hop | None]]) -> list[Action]:
+        """Make what a switch has kept (session and hop of each entry) what it shall have."""
+        return self.light.entries_found(dpid, entries)
+
+    def resume(self, session: Session, now: float) -> None:
+        """Take over what another controller has kept; raise MalformedPacket if that cannot be."""
+        self.inheritance.resume(session, now)
+
+    def bypasses_found(self, dpid: int, entries: Iterable[tuple[int, FiveTuple]]) -> list[Action]:
+        """Take what a classical switch lets pass (session and connection of each entry)."""
+        return self.inheritance.bypasses_found(dpid, entries)
+
+    def bypass_expired(self, dpid: int, five_tuple: FiveTuple, now: float) -> list[Action]:
+        """Note that a connection has been silent; end its session if all of it has been."""
+        request = self.sessions.requests.get(five_tuple)
+        if request is not None:
+            request.bypassed.discard(dpid)
+        return self.tick(now)
+
+    def tick(self, now: float) -> list[Action]:
+        """Do what is due: refuse what waited too long, end sessions that fell silent."""
+        actions: list[Action] = []
+        for request in list(self.sessions.held.values()):
+            if now - request.started >= self.hold_timeout_s:
+                actions += self.verdicts.refuse(request, Reason.SWITCH_TIMEOUT, now)
+        for request in list(self.sessions.queue.values()):
+            if now - request.started >= self.hold_timeout_s:
+                actions += self.verdicts.refuse(request, Reason.BUSY, now)
+        for session in self.light.overdue(now - self.hold_timeout_s):
+            actions += self.verdicts.tear_down(session, "no switch in time for the other way", now)
+        for session in list(self.sessions.by_number.values()):
+            if session.lost_since is not None and now - session.lost_since >= SWITCH_GRACE_S:
+                actions += self.verdicts.tear_down(session, "switch gone", now)
+                continue
+            if session.resumed is not None and now - session.resumed < SWITCH_GRACE_S:
+                continue  # a switch may yet tell that it is alive
+            session.resumed = None
+            if not session.confirmed:
+                actions += self.verdicts.tear_down(session, "no switch has kept it", now)
+                continue
+            silent = now - session.seen >= self.idle_timeout_s
+            if silent and session.open and not session.bypassed:
+                actions += self.verdicts.tear_down(session, "idle", now)
+        self.sessions.forget_retired_before(now - self.idle_timeout_s)
+        return [*actions, *self.inheritance.restored(), *self._serve_queue(now)]

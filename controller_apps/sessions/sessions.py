@@ -1,0 +1,215 @@
+"""Sessions, the requests made for them, and which ports their light occupies.
+
+A request is one set-up message on one TCP connection. The connection that registers a
+session (FRAMED or PER_PAIR) owns it; others belong to it (ONE_PAIR, PAIR_SOURCE).
+"""
+
+from dataclasses import dataclass, field, replace
+
+from controller_apps.light.paths import Direction, Hop, directions
+from controller_apps.light.routing import LightPath
+from controller_apps.sessions.segments import FiveTuple, Segment
+from wire.metadata import (
+    SETUP_LENGTH,
+    Handshake,
+    MalformedPacket,
+    Reason,
+    Service,
+    Setup,
+    Verdict,
+    decode,
+    message_length,
+)
+from wire.optical import frequency_mhz
+
+MAX_SESSIONS = 4096
+MAX_REQUESTS = 4 * MAX_SESSIONS
+MAX_RETIRED = 1024
+
+
+@dataclass(frozen=True)
+class Arrival:
+    """A segment that a classical switch has sent to the controller."""
+
+    dpid: int
+    in_port: int
+    segment: Segment
+
+
+@dataclass
+class Request:
+    """A set-up message and what has become of it."""
+
+    setup: Setup
+    held: Arrival | None  # the message on its way; None once answered
+    five_tuple: FiveTuple
+    sequence: int  # TCP sequence number of the message
+    message: bytes
+    started: float
+    answer: bytes = b""  # what every copy of the message is released as
+    rotation: int = 0
+    transaction: int = 0
+    waiting: set[int] = field(default_factory=set)  # switches that owe a barrier reply
+    bypassed: set[int] = field(default_factory=set)  # switches that let the connection pass
+
+    @property
+    def lasts(self) -> bool:
+        """Whether data will follow on the connection, so that a bypass is worth an entry."""
+        return self.setup.service != Service.SDC or self.setup.handshake != Handshake.ONE_PAIR
+
+    def offset(self, segment: Segment) -> int:
+        """Return where a segment begins, in bytes from the begin of the message."""
+        distance = (segment.sequence - self.sequence) & 0xFFFFFFFF
+        return distance - (1 << 32) if distance >> 31 else distance
+
+    def decide(self, verdict: Verdict, reason: Reason) -> Arrival:
+        """Write the answer and return the message that waited for it."""
+        assert self.held is not None
+        arrival, self.held = self.held, None
+        answered = replace(self.setup, verdict=verdict, rotation=self.rotation, reason=reason)
+        self.answer = answered.encode()
+        return arrival
+
+
+def read_setup(payload: bytes) -> Setup:
+    """Decode the set-up that a payload begins with; what is behind it does not matter."""
+    length = message_length(payload)
+    message = decode(payload[:length]) if length is not None else None
+    if not isinstance(message, Setup):
+        raise MalformedPacket(f"{len(payload)} bytes that do not begin with a set-up message")
+    return message
+
+
+def new_request(setup: Setup, arrival: Arrival, now: float) -> Request:
+    """Return a request that waits for its answer."""
+    segment = arrival.segment
+    message = segment.payload[:SETUP_LENGTH]
+    return Request(setup, arrival, segment.five_tuple, segment.sequence, message, now)
+
+
+@dataclass
+class Session:
+    """A session that the controller has registered."""
+
+    number: int
+    setup: Setup
+    owner: FiveTuple
+    seen: float
+    open: bool = False  # its owner has been granted
+    requests: dict[FiveTuple, Request] = field(default_factory=dict)
+    paths: tuple[LightPath, ...] = ()
+    light_owner: FiveTuple | None = None  # whose connection keeps the paths open
+    stranded: bool = False  # its light is lost, and there is no other way
+    lost_since: float | None = None  # when a switch that it cannot do without has gone
+    kept: bool = False  # for another controller
+    resumed: float | None = None  # when it was taken over from another controller; None: judged
+    confirmed: bool = True  # by a switch, since it was taken over
+    missing: tuple[Hop, ...] = ()  # that switches have lost, to be opened when it is confirmed
+
+    @property
+    def hops(self) -> tuple[Hop, ...]:
+        """The cross-connects of all its paths."""
+        return tuple(hop for path in self.paths for hop in path.hops)
+
+    @property
+    def frequency_mhz(self) -> int:
+        """The frequency of its light; the set-up has been checked to name one."""
+        return frequency_mhz(self.setup.wavelength_pm)
+
+    def heard(self, now: float) -> None:
+        """Note that one of its connections has spoken."""
+        self.seen, self.confirmed = now, True
+
+    @property
+    def bypassed(self) -> bool:
+        """Whether a switch would tell if the session fell silent."""
+        return any(request.bypassed for request in self.requests.values())
+
+
+@dataclass
+class Sessions:
+    """All of them; `occupied` tells which session has a port in one direction.
+
+    Requests without a session are retired: kept for a while, because TCP may repeat what
+    it sent before the end, and such segments have to pass.
+    """
+
+    by_number: dict[int, Session] = field(default_factory=dict)
+    requests: dict[FiveTuple, Request] = field(default_factory=dict)
+    held: dict[int, Request] = field(default_factory=dict)  # by transaction
+    queue: dict[FiveTuple, Request] = field(default_factory=dict)  # that wait for light, in order
+    retired: dict[FiveTuple, float] = field(default_factory=dict)  # since when
+    occupied: dict[Direction, int] = field(default_factory=dict)
+    max_sessions: int = MAX_SESSIONS
+    max_requests: int = MAX_REQUESTS
+    max_retired: int = MAX_RETIRED
+
+    @property
+    def full(self) -> bool:
+        """Whether another request has no place."""
+        return len(self.requests) >= self.max_requests
+
+    def of(self, request: Request) -> Session | None:
+        """Return the session that a request belongs to, None if it has none (any more)."""
+        session = self.by_number.get(request.setup.session)
+        if session is None or session.requests.get(request.five_tuple) is not request:
+            return None
+        return session
+
+    def join(self, request: Request, now: float) -> Session:
+        """Put a request into its session, which it opens if there is none."""
+        number = request.setup.session
+        if number not in self.by_number:
+            self.by_number[number] = Session(number, request.setup, request.five_tuple, now)
+        session = self.by_number[number]
+        session.heard(now)
+        session.requests[request.five_tuple] = request
+        self.requests[request.five_tuple] = request
+        return session
+
+    def occupy(
+        self, session: Session, paths: tuple[LightPath, ...], owner: FiveTuple | None
+    ) -> None:
+        """Give paths to a session in place of those it has, and to the connection it serves."""
+        self.vacate(session)
+        session.paths, session.light_owner = paths, owner
+        self.occupied.update(dict.fromkeys(directions(session.hops), session.number))
+
+    def vacate(self, session: Session) -> None:
+        """Free whatever a session occupies."""
+        for direction in directions(session.hops):
+            del self.occupied[direction]
+        session.paths, session.light_owner = (), None
+        session.stranded, session.lost_since, session.missing = False, None, ()
+
+    def blocks(self, way: Direction, session: int, frequency_mhz: int) -> bool:
+        """Tell whether others keep a session's light of this frequency out of a port.
+
+        Nobody shares a direction, and both directions of a port have one tuning.
+        """
+        if self.occupied.get(way, session) != session:
+            return True
+        other = self.occupied.get(way._replace(inward=not way.inward), session)
+        return other != session and self.by_number[other].frequency_mhz != frequency_mhz
+
+    def retire(self, request: Request, now: float) -> None:
+        """Keep a request that is over, and forget the oldest of such if there are many."""
+        session = self.of(request)
+        if session is not None:
+            del session.requests[request.five_tuple]
+        self.requests[request.five_tuple] = request
+        self.retired.pop(request.five_tuple, None)  # the order is that of the times
+        self.retired[request.five_tuple] = now
+        if len(self.retired) > self.max_retired:
+            self.forget(next(iter(self.retired)))
+
+    def forget(self, five_tuple: FiveTuple) -> None:
+        """Remove a retired request."""
+        del self.retired[five_tuple]
+        del self.requests[five_tuple]
+
+    def forget_retired_before(self, moment: float) -> None:
+        """Remove the requests that were retired until then."""
+        for five_tuple, since in list(self.retired.items()):
+            if since <= moment:
+                self.forget(five_tuple)

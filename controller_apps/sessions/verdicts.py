@@ -1,0 +1,101 @@
+"""What becomes of requests and sessions: granted, refused, over; and what that undoes."""
+
+from dataclasses import dataclass
+
+from controller_apps.light.light import Light
+from controller_apps.sessions.actions import Action, Forget, Forward, Note, RemoveBypass
+from controller_apps.sessions.sessions import Arrival, Request, Session, Sessions
+from controller_apps.succession.kept import keep
+from wire.metadata import Reason, Verdict
+
+
+@dataclass
+class Verdicts:
+    """Acts on all sessions and on their light."""
+
+    sessions: Sessions
+    light: Light
+
+    def grant(self, request: Request, *notes: Note) -> list[Action]:
+        """Let a request on: its session is open from now on."""
+        session = self.sessions.of(request)
+        assert session is not None
+        session.open = True
+        answer = self.answer(request, Verdict.GRANTED, Reason.OK)
+        # Kept first: what the hosts know of must not be lost.
+        kept = [keep(session)] if request.lasts else []
+        return [*kept, *answer, *notes, Note("granted", session.number)]
+
+    def refuse(self, request: Request, reason: Reason, now: float) -> list[Action]:
+        """Let a request on with a refusal, and undo what was done for it."""
+        undone = self._leave(request, now)
+        note = Note("refused", request.setup.session, detail=reason.name)
+        return [*undone, *self.answer(request, Verdict.REFUSED, reason), note]
+
+    def answer(self, request: Request, verdict: Verdict, reason: Reason) -> list[Action]:
+        """Release the message that waits, with a verdict in it."""
+        self.sessions.held.pop(request.transaction, None)
+        self.sessions.queue.pop(request.five_tuple, None)
+        arrival = request.decide(verdict, reason)
+        return [released(request, arrival)]
+
+    def over(self, request: Request, cause: str, now: float) -> list[Action]:
+        """Note the end of a request's connection."""
+        if request.held is not None:
+            # It must pass all the same, or TCP would repeat it for minutes.
+            return self.refuse(request, Reason.PROTOCOL, now)
+        had_session = self.sessions.of(request) is not None
+        undone = self._leave(request, now)
+        note = Note("torn_down", request.setup.session, detail=cause)
+        return [*undone, note] if had_session else undone
+
+    def _leave(self, request: Request, now: float) -> list[Action]:
+        """Take a request out of its session, which ends with the connection that owns it."""
+        session = self.sessions.of(request)
+        actions: list[Action] = []
+        if session is not None and session.owner == request.five_tuple:
+            actions = self._end(session, now)
+        elif session is not None:
+            actions = self._leave_others(session, request, now)
+        self.sessions.retire(request, now)
+        return actions
+
+    def _leave_others(self, session: Session, request: Request, now: float) -> list[Action]:
+        session.heard(now)
+        actions = self._punt_again(request)
+        if session.light_owner == request.five_tuple:
+            actions += self.light.close(session)
+        self.sessions.retire(request, now)
+        kept = [keep(session)] if session.kept and request.lasts else []
+        return [*kept, *actions]
+
+    def tear_down(self, session: Session, cause: str, now: float) -> list[Action]:
+        """End a session, and say why."""
+        return [*self._end(session, now), Note("torn_down", session.number, detail=cause)]
+
+    def _end(self, session: Session, now: float) -> list[Action]:
+        # Forgotten first: nothing may be opened again for what has ended.
+        forgotten = [Forget(session.number)] if session.kept else []
+        actions = [*forgotten, *self.light.close(session)]
+        members = list(session.requests.values())
+        del self.sessions.by_number[session.number]
+        for request in members:
+            actions += self._punt_again(request)
+            if request.held is not None and request.five_tuple != session.owner:
+                actions += self.answer(request, Verdict.REFUSED, Reason.UNKNOWN_SESSION)
+            self.sessions.retire(request, now)
+        return actions
+
+    def _punt_again(self, request: Request) -> list[Action]:
+        removals: list[Action] = [
+            RemoveBypass(dpid, request.five_tuple, request.setup.session)
+            for dpid in sorted(request.bypassed)
+        ]
+        request.bypassed.clear()
+        return removals
+
+
+def released(request: Request, arrival: Arrival) -> Forward:
+    """Return the answer in the clothes of the segment; TCP repeats what came behind it."""
+    frame = arrival.segment.with_payload(request.answer)
+    return Forward(arrival.dpid, arrival.in_port, frame)

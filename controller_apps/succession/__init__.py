@@ -1,0 +1,1 @@
+"""What a controller leaves to the one that is started after it."""

@@ -1,0 +1,1 @@
+"""Who may ask what of the dispatcher, and how each request is answered."""

@@ -1,0 +1,1 @@
+"""The quantum hardware of hosts: sources, memories, detectors, Bell analysers."""

@@ -1,0 +1,186 @@
+"""A host's Bell analyser: from the Bell state of each pair of photons to what detectors tell.
+
+Each photon of a pair is looked at by two detectors: those of one arm tell the pair's phase (Phi+
+from Phi-), those of the other its parity (Phi from Psi). A coincidence is a click in either arm at
+most a window apart. The receiver's delay lines take out how much later one half has come as
+a whole; what they cannot take out makes photons distinguishable: the drift and jitter of each
+photon, and different rates. A lone photon takes either detector of its arm at random.
+
+Distinguishable photons interfere less (Hong, Ou, Mandel, Phys. Rev. Lett. 59, 2044): with
+visibility V = V0 exp(-(bandwidth * mismatch)^2) the phase is wrong with probability (1 - V) / 2.
+Linear optics tell Psi+ and Psi- from the rest, and Phi+ from Phi- not (Mattle, Weinfurter, Kwiat,
+Zeilinger, Phys. Rev. Lett. 76, 4656); that outcome is reported as Phi+.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dispatcher.chance import Chance
+from dispatcher.devices.detector import Train
+from dispatcher.devices.detectors import Detection, DetectorPair, hide
+from dispatcher.sabot.manager import NO_CLICK
+from dispatcher.sabot.registers import Mask
+from wire.physics import Device
+
+Bytes = NDArray[np.uint8]
+Picoseconds = NDArray[np.float64]
+
+PHI_MINUS = 2
+PHASE = np.uint8(2)  # by which Phi+ and Phi- differ, and Psi+ and Psi-
+SURE_SIGMAS = 14.0  # no number is drawn so far out: 53 random bits do not reach there
+
+
+@dataclass(frozen=True)
+class Half:
+    """The light that comes to one arm."""
+
+    present: Mask
+    extras: Bytes | None
+    delays_ps: Picoseconds | None
+    train: Train
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """What the analyser tells of k pairs."""
+
+    outcomes: Bytes  # 0 Phi+, 1 Psi+, 2 Phi-, 3 Psi-; NO_CLICK without a coincidence
+    clicks: int
+    incidents: dict[str, int]  # what was out of the ordinary
+
+
+class Mismatch:
+    """How much later photon k of one half has come than photon k of the other, up to a constant."""
+
+    def __init__(self, halves: tuple[Half, Half]) -> None:
+        """Compare the halves; `ps` is None if no photon differs from the others."""
+        first, second = halves
+        self.ps: Picoseconds | None = None
+        intervals_ns = first.train.interval_ns, second.train.interval_ns
+        if all(intervals_ns) and intervals_ns[0] != intervals_ns[1]:
+            slower_ps = (intervals_ns[0] - intervals_ns[1]) * 1e3
+            self.ps = np.arange(first.train.count, dtype=np.float64) * slower_ps
+        for delays_ps, sign in ((first.delays_ps, 1), (second.delays_ps, -1)):
+            if delays_ps is not None:
+                self.ps = sign * delays_ps if self.ps is None else self.ps + sign * delays_ps
+        self.most_ps = 0.0
+        if self.ps is not None:
+            self.most_ps = max(float(self.ps.max()), -float(self.ps.min()))
+
+
+class Analyser:
+    """The Bell analyser of one host."""
+
+    def __init__(self, device: Device, arms: tuple[DetectorPair, DetectorPair]) -> None:
+        """Look with the detectors of these arms: phase, parity."""
+        self._like, self._detectors, self._arms = device.analyser, device.detectors, arms
+
+    def analyse(self, states: Bytes, halves: tuple[Half, Half], chance: Chance) -> Analysis:
+        """Return what is told of pairs in these Bell states (NO_CLICK: not both are there)."""
+        mismatch = Mismatch(halves)
+        incidents = {}
+        flips = self._distinguished(mismatch, chance)
+        if flips.size:
+            flips = flips[states[flips] != NO_CLICK]
+            states = states.copy()
+            states[flips] ^= PHASE
+            incidents["distinguishable"] = flips.size
+        if all(arm.ideal for arm in self._arms) and all(half.extras is None for half in halves):
+            outcomes, told = states.copy(), states != NO_CLICK
+            clicks = sum(int(np.count_nonzero(half.present)) for half in halves)
+            found = None
+        else:
+            found = self._look(states, halves, chance)
+            outcomes, told, clicks, more = _combine(found, states)
+            incidents |= more
+        late = self._late(told, found, halves, mismatch, chance)
+        if late.size:
+            outcomes[late] = NO_CLICK
+            incidents["late"] = late.size
+        if self._like.kind == "linear":
+            outcomes ^= (outcomes == PHI_MINUS) * PHASE
+        return Analysis(outcomes, clicks, incidents)
+
+    def _distinguished(self, mismatch: Mismatch, chance: Chance) -> NDArray[np.intp]:
+        """Draw which pairs show no interference, so that their phase is wrong."""
+        worst = float(self._wrong(np.float64(mismatch.most_ps)))
+        if worst == 0:
+            return np.zeros(0, dtype=np.intp)
+        # Draw as if all were as far apart as the worst; keep of those what their own mismatch says.
+        some = chance.events("interference", worst)
+        if mismatch.ps is None or not self._like.bandwidth_rad_per_s:
+            return some
+        wrong = self._wrong(mismatch.ps[some])
+        return some[chance.generator("visibility").random(some.size) * worst < wrong]
+
+    def _wrong(self, mismatch_ps: Picoseconds | np.float64) -> Picoseconds | np.float64:
+        """Return how likely a phase is wrong after a mismatch."""
+        like = self._like
+        decay = np.exp(-((like.bandwidth_rad_per_s * 1e-12 * mismatch_ps) ** 2))
+        wrong: Picoseconds | np.float64 = (1 - like.visibility * decay) / 2
+        return wrong
+
+    def _look(
+        self, states: Bytes, halves: tuple[Half, Half], chance: Chance
+    ) -> tuple[Detection, Detection]:
+        """Let the detectors of both arms look at the pairs."""
+        both = states != NO_CLICK
+        found = []
+        for arm, half in enumerate(halves):
+            inside = chance.at(f"arm {arm}")
+            bits = hide(states & np.uint8(1) if arm else states >> np.uint8(1), ~both)
+            lone = np.flatnonzero(half.present & ~both)
+            if lone.size:
+                bits[lone] = inside.coins("lone photon", lone.size)
+            found.append(self._arms[arm].detect(bits, half.extras, half.train, inside))
+        return found[0], found[1]
+
+    def _late(
+        self,
+        told: Mask,
+        found: tuple[Detection, Detection] | None,
+        halves: tuple[Half, Half],
+        mismatch: Mismatch,
+        chance: Chance,
+    ) -> NDArray[np.intp]:
+        """Return the pairs whose clicks are too far apart."""
+        window_ps = self._like.coincidence_window_s * 1e12
+        jitter_ps = self._detectors.jitter_ps * np.sqrt(2)  # of the difference of two clicks
+        gate_ps = self._detectors.gate_s * 1e12
+        lightless = [None, None] if found is None else [arm.lightless for arm in found]
+        dark = any(mask is not None for mask in lightless)
+        most_ps = mismatch.most_ps + SURE_SIGMAS * jitter_ps + gate_ps * dark
+        if most_ps <= window_ps:
+            return np.zeros(0, dtype=np.intp)
+        pairs = np.flatnonzero(told)
+        apart_ps = np.zeros(pairs.size) if mismatch.ps is None else mismatch.ps[pairs]
+        if jitter_ps:
+            apart_ps += chance.generator("jitter").standard_normal(pairs.size) * jitter_ps
+        for half, mask, sign in zip(halves, lightless, (1, -1), strict=True):
+            if mask is None:
+                continue
+            # A click without light comes at any time while the detector looks.
+            without = np.flatnonzero(mask[pairs])
+            if half.delays_ps is not None:
+                apart_ps[without] -= sign * half.delays_ps[pairs[without]]
+            moments = chance.generator(f"moment in the gate {sign}").random(without.size) - 0.5
+            apart_ps[without] += sign * moments * gate_ps
+        return pairs[np.abs(apart_ps) > window_ps]
+
+
+def _combine(
+    found: tuple[Detection, Detection], states: Bytes
+) -> tuple[Bytes, Mask, int, dict[str, int]]:
+    """Return outcomes, where there is one, clicks, and what was out of the ordinary."""
+    phase, parity = found
+    told = (phase.bits != NO_CLICK) & (parity.bits != NO_CLICK)
+    outcomes = hide(parity.bits | (phase.bits << np.uint8(1)), ~told)
+    genuine = phase.own & parity.own & (states != NO_CLICK)
+    incidents = {**phase.incidents()}
+    for name, count in parity.incidents().items():
+        incidents[name] = incidents.get(name, 0) + count
+    if accidental := int(np.count_nonzero(told & ~genuine)):
+        incidents["accidental"] = accidental
+    return outcomes, told, phase.clicks + parity.clicks, incidents

@@ -1,0 +1,75 @@
+"""Which clicks of a detector with a dead time are seen: that of a click is not extended by others.
+
+    candidates   x x x . x . . x x
+    dead 3       x d d . x . . x d      (x: seen, d: while dead)
+
+The clicks that are seen make a chain, each link of which follows from the one before. To walk it
+without a step in Python for each click, it is walked from many entries at once. A click after
+a pause of a dead time is one, whatever came before. Where there are few such pauses the clicks are
+cut into about sqrt(n) pieces, and where a walk leaves a piece is found for all its places at once.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Mask = NDArray[np.bool_]
+Positions = NDArray[np.int32]
+
+MOST_STEPS = 64  # of a walk, however few clicks there are
+
+
+def seen(clicks: Mask, dead_slots: int) -> Mask:
+    """Return which clicks come at least `dead_slots` slots after the last that is seen."""
+    slots = np.flatnonzero(clicks).astype(np.int32)
+    if dead_slots <= 1 or not slots.size:
+        return clicks
+    dead_slots = min(dead_slots, clicks.size)
+    # The first click that the detector can see after each: clicks before a slot, counted.
+    before = np.zeros(clicks.size + 1, dtype=np.int32)
+    np.cumsum(clicks, out=before[1:])
+    following = before[np.minimum(slots + np.int32(dead_slots), clicks.size)]
+    entries = np.append(0, np.flatnonzero(slots[1:] - slots[:-1] >= dead_slots) + 1)
+    longest = np.diff(entries, append=slots.size).max()
+    if longest > MOST_STEPS + 2 * np.sqrt(slots.size):
+        entries = _entries(following)
+    found = np.zeros(clicks.size, dtype=bool)
+    found[slots[_walk(following, entries)]] = True
+    return found
+
+
+def _walk(following: Positions, entries: NDArray[np.signedinteger]) -> Mask:
+    """Return what is visited from all entries; each walk ends at an entry, or at n."""
+    stops = np.zeros(following.size + 1, dtype=bool)
+    stops[entries] = stops[-1] = True
+    visited = stops[:-1].copy()
+    positions = entries
+    while positions.size:
+        positions = following[positions]
+        positions = positions[~stops[positions]]
+        visited[positions] = True
+    return visited
+
+
+def _entries(following: Positions) -> NDArray[np.intp]:
+    """Cut 0..n-1 into pieces; return where the walk 0, following[0], ... enters each of them."""
+    count = following.size
+    width = int(np.sqrt(count)) + 1
+    pieces = -(-count // width)
+    exits = np.full((pieces, width), count, dtype=np.int32)
+    exits.reshape(-1)[:count] = following
+    exits = exits.T.copy()  # row r, column p: place r of piece p
+    # A step within its piece is looked up further down, one out of it in its own place.
+    below = exits - np.arange(pieces, dtype=np.int32) * width
+    outside = (below >= width) | (exits == count)
+    np.copyto(below, np.arange(width, dtype=np.int32)[:, None], where=outside)
+    below *= pieces
+    below += np.arange(pieces, dtype=np.int32)
+    flat = exits.reshape(-1)
+    for row in range(width - 1, -1, -1):
+        exits[row] = flat[below[row]]
+    entered, position = [], 0
+    while position < count:
+        entered.append(position)
+        piece, row = divmod(position, width)
+        position = int(exits[row, piece])
+    return np.array(entered)

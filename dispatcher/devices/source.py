@@ -1,0 +1,78 @@
+"""What a source of Bell pairs emits: which Bell states, how many pairs in a pulse, and when.
+
+Pairs in a pulse are counted by the statistics of the source: poisson for many modes of light,
+thermal for one (Loudon, The Quantum Theory of Light, chapters 3 and 6). Of several pairs one is
+simulated; the photons of the others only make detectors click, as independent pairs would.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dispatcher.chance import Chance
+from wire.physics import PairSource
+
+MOST_PAIRS = 255  # in a pulse: fits a byte; rarer than 1e-10 at the largest mean
+
+
+class Emission(NamedTuple):
+    """What differs from one Phi+ in each of k pulses; None where nothing does."""
+
+    paulis: NDArray[np.uint8] | None  # on one half: the Bell state of that number
+    pairs: NDArray[np.uint8] | None
+    delays_ps: NDArray[np.float64] | None  # the same for both halves
+    exact: bool
+
+
+def emit(source: PairSource, chance: Chance) -> Emission:
+    """Draw what a source emits, one pulse for each photon of a half."""
+    pairs = None if source.statistics == "single" else _pairs(source, chance)
+    return Emission(
+        paulis=_bell_states(source.bell_probabilities(), chance),
+        pairs=pairs,
+        delays_ps=_delays_ps(source.jitter_ps, pairs, chance) if source.jitter_ps else None,
+        exact=pairs is None,
+    )
+
+
+def pair_probabilities(statistics: str, mean_pairs: float) -> NDArray[np.float64]:
+    """Return how likely 0, 1, 2, … pairs are, up to MOST_PAIRS."""
+    counts = np.arange(MOST_PAIRS + 1)
+    if statistics == "thermal":
+        return np.array((mean_pairs / (1 + mean_pairs)) ** counts / (1 + mean_pairs))
+    factors = np.append(math.exp(-mean_pairs), mean_pairs / counts[1:])
+    return np.cumprod(factors, dtype=np.float64)
+
+
+def _bell_states(probabilities: tuple[float, ...], chance: Chance) -> NDArray[np.uint8] | None:
+    """Draw the Bell states: first which are not Phi+, then which of the others they are."""
+    others = sum(probabilities[1:])
+    if others == 0:
+        return None
+    wrong = chance.events("not Phi+", others)
+    states = np.zeros(chance.photons, dtype=np.uint8)
+    states[wrong] = 1 + chance.which("Bell state", wrong.size, probabilities[1:])
+    return states
+
+
+def _pairs(source: PairSource, chance: Chance) -> NDArray[np.uint8]:
+    """Draw the number of pairs in each pulse: first where there are any, then how many."""
+    probabilities = pair_probabilities(source.statistics, source.mean_pairs)
+    some = chance.events("light", 1 - float(probabilities[0]))
+    pairs = np.zeros(chance.photons, dtype=np.uint8)
+    pairs[some] = 1 + chance.which("pairs", some.size, probabilities[1:])
+    return pairs
+
+
+def _delays_ps(
+    jitter_ps: float, pairs: NDArray[np.uint8] | None, chance: Chance
+) -> NDArray[np.float64]:
+    """Draw how late each pulse leaves; one without light does not matter."""
+    if pairs is None:
+        return chance.normal("jitter") * jitter_ps
+    delays_ps = np.zeros(chance.photons)
+    some = np.flatnonzero(pairs > 0)
+    delays_ps[some] = chance.generator("jitter").standard_normal(some.size) * jitter_ps
+    return delays_ps

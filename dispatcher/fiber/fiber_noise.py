@@ -1,0 +1,43 @@
+"""Which noise models a fibre has: those whose parameters say that something happens."""
+
+import math
+from collections.abc import Iterator
+
+from dispatcher.fiber import own_noise
+from dispatcher.fiber.classical_light import ClassicalLight
+from dispatcher.fiber.fluctuations import Bursts, PolarizationDrift, ThermalDrift
+from dispatcher.fiber.noise import Dephasing, Depolarizing, Loss, NoiseModel
+from wire.fiber import FiberOptics
+
+PS_PER_S_AND_PPM = 1e6
+
+
+def models(optics: FiberOptics) -> dict[str, NoiseModel]:
+    """Return a fibre's noise models by name, in the order in which light meets them."""
+    return {
+        f"{number} {type(model).__name__}": model for number, model in enumerate(_models(optics))
+    }
+
+
+def _models(optics: FiberOptics) -> Iterator[NoiseModel]:
+    if optics.loss_db > 0:
+        yield Loss(optics.loss_db)
+    if optics.depolarizing > 0:
+        yield Depolarizing(optics.depolarizing)
+    if optics.dephasing > 0:
+        yield Dephasing(optics.dephasing)
+    if optics.burst_depolarizing > 0 and optics.burst_start_hz > 0:
+        yield Bursts(optics.burst_depolarizing, optics.burst_start_hz, optics.burst_end_hz)
+    drift_rad = optics.drift_rad_per_sqrt_km * math.sqrt(optics.length_km)
+    if drift_rad > 0:
+        yield PolarizationDrift(drift_rad, optics.drift_time_s)
+    ps_per_k = optics.delay_s * optics.thermal_ppm_per_k * PS_PER_S_AND_PPM
+    if ps_per_k * (abs(optics.temperature_slope_k_per_s) + optics.temperature_walk_k_per_sqrt_s):
+        yield ThermalDrift(
+            ps_per_k, optics.temperature_slope_k_per_s, optics.temperature_walk_k_per_sqrt_s
+        )
+    light = ClassicalLight(optics)
+    if light.photons_per_mw > 0:
+        yield light
+    if optics.noise:
+        yield own_noise.load(optics.noise, optics.noise_parameters)

@@ -1,0 +1,166 @@
+"""Noise with a memory: it changes over time, and blocks that are close in time meet much the same.
+
+Each model follows a random process through the times at which photons pass, and keeps in its
+Past where the process was. What was reached before is looked up there; beyond, it goes on from
+the latest value.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dispatcher.fiber.noise import Effect, Passage, depolarized
+
+Values = NDArray[np.float64]
+# Continues a process: seconds since the latest value (None: there is none), that value, seconds
+# between new values, and for each of these a normal draw.
+Continue = Callable[[float | None, float, float, Values], Values]
+
+STEPS_A_TIME = 64  # how often a process is evaluated in its correlation time
+STEPS_A_BLOCK = 64  # the same for one without
+
+
+@dataclass(frozen=True)
+class PolarizationDrift:
+    """Birefringence turns the polarisation by an angle that wanders: an Ornstein-Uhlenbeck process.
+
+    d(angle) = -angle dt / T + rms sqrt(2 / T) dW: mean 0, the given rms, autocorrelation
+    rms^2 exp(-t / T) (Uhlenbeck and Ornstein, Physical Review 36, 823 (1930)). It is evaluated
+    64 times in T. Angles of several fibres add up and become one Z with probability
+    sin^2(angle / 2) at the measurement, which is an approximation.
+    """
+
+    rms_rad: float
+    time_s: float
+
+    def effect(self, passage: Passage) -> Effect:
+        """Follow the angle."""
+        angles_rad = follow(passage, self.time_s / STEPS_A_TIME, self._continue)
+        return Effect(angles_rad=angles_rad, exact=False)
+
+    def _continue(self, gap_s: float | None, latest: float, step_s: float, drawn: Values) -> Values:
+        keep = np.exp(-step_s / self.time_s)
+        values = drawn * (self.rms_rad * np.sqrt(-np.expm1(-2 * step_s / self.time_s)))
+        values[0] = drawn[0] * self.rms_rad
+        if gap_s is not None:
+            values[0] *= np.sqrt(-np.expm1(-2 * gap_s / self.time_s))
+            values[0] += latest * np.exp(-gap_s / self.time_s)
+        return _accumulate(values, keep)
+
+
+@dataclass(frozen=True)
+class ThermalDrift:
+    """The path gets longer as the fibre warms: delay = ps_per_k times the warming.
+
+    The warming since the last calibration, or since the first light, is a slope and a Wiener
+    process: variance walk^2 t. 8.2e-6 of the delay for each kelvin are the 40 ps/(km K) of
+    Slavik et al., Scientific Reports 5, 15447 (2015).
+    """
+
+    ps_per_k: float
+    slope_k_per_s: float
+    walk_k_per_sqrt_s: float
+
+    def effect(self, passage: Passage) -> Effect:
+        """Follow the temperature."""
+        schedule = passage.schedule
+        block_s = schedule.interval_ns * schedule.photons / 1e9
+        delays_ps = follow(passage, block_s / STEPS_A_BLOCK, self._continue)  # kelvins so far
+        delays_ps *= self.ps_per_k
+        return Effect(delays_ps=delays_ps)
+
+    def _continue(self, gap_s: float | None, latest: float, step_s: float, drawn: Values) -> Values:
+        gaps_s = np.full(len(drawn), step_s)
+        gaps_s[0] = gap_s or 0.0
+        moved = gaps_s * self.slope_k_per_s + np.sqrt(gaps_s) * self.walk_k_per_sqrt_s * drawn
+        values: Values = latest + moved.cumsum()
+        return values
+
+
+@dataclass(frozen=True)
+class Bursts:
+    """The channel is good or bad, and depolarises while it is bad.
+
+    The model of Gilbert, Bell System Technical Journal 39, 1253 (1960), and Elliott, ibid. 42,
+    1977 (1963), in continuous time: it turns bad at the rate start_hz and good at end_hz. So it
+    is bad for start / (start + end) of the time, for 1 / end on average, and forgets within
+    1 / (start + end). That is the same as to draw the state anew, bad with that probability, at
+    the rate start + end.
+    """
+
+    p: float
+    start_hz: float
+    end_hz: float
+
+    def effect(self, passage: Passage) -> Effect:
+        """Follow the state."""
+        bad = np.flatnonzero(self.states(passage))
+        if not len(bad):
+            return Effect()
+        hit = passage.generator("error").random(len(bad)) < 0.75 * self.p
+        return Effect(paulis=depolarized(passage, bad[hit]))
+
+    def states(self, passage: Passage) -> NDArray[np.bool_]:
+        """Return which photons pass while the channel is bad, shape (k,)."""
+        schedule, past, photons = passage.schedule, passage.past, passage.photons
+        known = reached(passage)
+        if known == photons:
+            return past.at(passage.times_ns) > 0
+        renewed = passage.events("renew", self._renewal(schedule.interval_ns))
+        starts = np.concatenate([[known], renewed[renewed.searchsorted(known, "right") :]])
+        generator = passage.generator("state")
+        drawn = generator.random(len(starts)) * (self.start_hz + self.end_hz) < self.start_hz
+        if past.latest is not None:
+            since_ns, latest = past.latest
+            if generator.random() >= self._renewal(schedule.time_ns(known) - since_ns):
+                drawn[0] = latest > 0
+        states = np.repeat(drawn, np.diff(starts, append=photons))
+        if known:
+            states = np.concatenate([past.at(passage.times_ns[:known]) > 0, states])
+        past.remember(schedule.of(starts), drawn.astype(np.float64))
+        return states
+
+    def _renewal(self, interval_ns: float) -> float:
+        """Return how likely the state is drawn anew within a time."""
+        return float(-np.expm1(-(self.start_hz + self.end_hz) * interval_ns / 1e9))
+
+
+def follow(passage: Passage, step_s: float, go_on: Continue) -> Values:
+    """Return a process at each photon, a new array (k,): looked up, or gone on with by steps."""
+    schedule, past, photons = passage.schedule, passage.past, passage.photons
+    known = reached(passage)
+    if known == photons:
+        return past.at(passage.times_ns)
+    stride = min(max(int(step_s * 1e9 / schedule.interval_ns), 1), photons)
+    starts = np.arange(known, photons, stride)
+    gap_s, latest = None, 0.0
+    if past.latest is not None:
+        since_ns, latest = past.latest
+        gap_s = (schedule.time_ns(known) - since_ns) / 1e9
+    drawn = passage.generator("step").standard_normal(len(starts))
+    values = go_on(gap_s, latest, stride * schedule.interval_ns / 1e9, drawn)
+    found = np.repeat(values, stride)[: photons - known]
+    if known:
+        found = np.concatenate([past.at(passage.times_ns[:known]), found])
+    past.remember(schedule.of(starts), values)
+    return found
+
+
+def reached(passage: Passage) -> int:
+    """Return how many photons pass no later than the latest value that is remembered."""
+    latest = passage.past.latest
+    if latest is None or latest[0] < passage.schedule.first_ns:
+        return 0
+    return int(passage.times_ns.searchsorted(latest[0], side="right"))
+
+
+def _accumulate(values: Values, keep: float) -> Values:
+    """Return x with x[0] = values[0], x[j] = keep x[j - 1] + values[j], by doubling strides."""
+    stride = 1
+    while stride < len(values) and keep > 1e-17:
+        shifted = values.copy()
+        shifted[stride:] += keep * values[:-stride]
+        values, keep, stride = shifted, keep * keep, 2 * stride
+    return values

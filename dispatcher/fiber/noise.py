@@ -1,0 +1,157 @@
+"""What a fibre does to the photons that pass it.
+
+A noise model turns physical parameters, and what the channel did before, into erasures, Paulis,
+angles and delays; it does not simulate. Models without memory are here, the others in
+dispatcher/fiber/fluctuations.py. A model of your own has the form of NoiseModel: see README.md.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dispatcher.chance import Chance, Source
+from dispatcher.fiber.past import Past
+
+Z = 2
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """Photons one after the other: photon j at j interval_ns after the first."""
+
+    interval_ns: float
+    photons: int
+
+    @cached_property
+    def offsets_ns(self) -> NDArray[np.int64]:
+        """How long after the first each photon comes, shape (k,)."""
+        return self.of(np.arange(self.photons))
+
+    def of(self, photons: NDArray[np.int64]) -> NDArray[np.int64]:
+        """How long after the first these photons come."""
+        return (photons * self.interval_ns).astype(np.int64)
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """When the photons of a block are at a point."""
+
+    first_ns: int
+    pattern: Pattern
+
+    @property
+    def photons(self) -> int:
+        """How many there are."""
+        return self.pattern.photons
+
+    @property
+    def interval_ns(self) -> float:
+        """How long after each photon the next one comes."""
+        return self.pattern.interval_ns
+
+    @cached_property
+    def times_ns(self) -> NDArray[np.int64]:
+        """When each photon is there, shape (k,), ascending."""
+        return self.pattern.offsets_ns + self.first_ns
+
+    def of(self, photons: NDArray[np.int64]) -> NDArray[np.int64]:
+        """When these photons are there."""
+        return self.pattern.of(photons) + self.first_ns
+
+    def time_ns(self, photon: int) -> int:
+        """When one photon is there."""
+        return self.first_ns + int(photon * self.interval_ns)
+
+    @property
+    def last_ns(self) -> int:
+        """When the last photon is there."""
+        return self.time_ns(self.photons - 1)
+
+
+class Passage(Chance):
+    """What a noise model is told: a block's photons at the far end of a fibre.
+
+    `photons` is k, `schedule` when they are there, `past` what this model remembered of this
+    fibre in this direction; uniform, normal, events and happens draw (dispatcher/chance.py). All
+    k photons count, also those that have taken another way: the noise is the channel's.
+    """
+
+    def __init__(
+        self, draws: Source, block: tuple[int, int, int], place: str, schedule: Schedule, past: Past
+    ) -> None:
+        """Draw from a block's generators for one passage."""
+        super().__init__(draws, block, place, schedule.photons)
+        self.schedule, self.past = schedule, past
+
+    @property
+    def times_ns(self) -> NDArray[np.int64]:
+        """When each photon is at the far end, shape (k,), ascending."""
+        return self.schedule.times_ns
+
+
+class Effect(NamedTuple):
+    """What happens to each of k photons; None where nothing does."""
+
+    lost: NDArray[np.bool_] | None = None
+    paulis: NDArray[np.uint8] | None = None  # 0 I, 1 X, 2 Z, 3 XZ
+    # Coherent rotation about the Z axis. Angles add up and become a Pauli at the measurement.
+    angles_rad: NDArray[np.float64] | None = None
+    delays_ps: NDArray[np.float64] | None = None
+    transmission: float = 1.0  # how likely light that is in the same pulse comes through
+    exact: bool = True  # whether this is what the physics does, or an approximation of it
+    extras: NDArray[np.uint8] | None = None  # more photons that come out with each
+
+
+class NoiseModel(Protocol):
+    """One kind of noise with its parameters."""
+
+    def effect(self, passage: Passage) -> Effect:
+        """Draw what happens to each photon."""
+
+
+@dataclass(frozen=True)
+class Loss:
+    """Photons are absorbed: of an attenuation in dB, 10^(-loss_db / 10) come through."""
+
+    loss_db: float
+
+    def effect(self, passage: Passage) -> Effect:
+        """Draw which photons are lost."""
+        transmission = 10 ** (-self.loss_db / 10)
+        lost = ~passage.happens("pass", transmission)
+        return Effect(lost=lost, transmission=transmission)
+
+
+@dataclass(frozen=True)
+class Depolarizing:
+    """With probability p a photon is replaced by noise: X, Z and XZ happen with p/4 each."""
+
+    p: float
+
+    def effect(self, passage: Passage) -> Effect:
+        """Draw a Pauli for each photon."""
+        return Effect(paulis=depolarized(passage, passage.events("error", 0.75 * self.p)))
+
+
+@dataclass(frozen=True)
+class Dephasing:
+    """With this probability a photon's phase flips: Z."""
+
+    probability: float
+
+    def effect(self, passage: Passage) -> Effect:
+        """Draw which phases flip."""
+        paulis = np.zeros(passage.photons, dtype=np.uint8)
+        paulis[passage.events("flip", self.probability)] = Z
+        return Effect(paulis=paulis)
+
+
+def depolarized(passage: Passage, photons: NDArray[np.int64]) -> NDArray[np.uint8]:
+    """Return X, Z or XZ, any alike, for these photons; shape (k,)."""
+    paulis = np.zeros(passage.photons, dtype=np.uint8)
+    drawn = passage.generator("which").integers(1, 4, len(photons), dtype=np.uint8)
+    paulis[photons] = drawn
+    return paulis

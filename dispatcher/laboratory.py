@@ -1,0 +1,183 @@
+"""The physical layer without a network around it: what hosts ask, at the speed of the simulation.
+
+    alice = Laboratory(config).host("alice")
+    await alice.create(1000)
+    await alice.send({(0, 1): "alice-q0"})
+
+Every request takes the way that a host's takes, checks included; only sockets and waiting are
+missing: the clock jumps to whatever is waited for.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dispatcher.calls.acts import Act, acts
+from dispatcher.light.transport import Transport
+from dispatcher.measurements import Measurements
+from dispatcher.operations import Operations
+from dispatcher.ownership import BlockName
+from dispatcher.sabot.backend import Bytes
+from dispatcher.server import build_layer
+from dispatcher.switch.switching import Switching
+from wire.config import DispatcherConfig
+from wire.dispatcher_pb2 import (
+    ApplyRequest,
+    BellMeasureRequest,
+    BlockId,
+    Connection,
+    CreateRequest,
+    DiscardRequest,
+    Feedback,
+    Gate,
+    Launch,
+    MeasureRequest,
+    ReceiveRequest,
+    SendRequest,
+    StoreRequest,
+)
+
+START_NS = 1_700_000_000_000_000_000
+RECEIVE_TIMEOUT_S = 1.0  # not needed: the light is there
+RATE_HZ = 1_000_000_000
+SESSION = 1
+
+BlockKey = tuple[int, int]  # number and half of a block
+Request = (
+    CreateRequest
+    | ApplyRequest
+    | SendRequest
+    | ReceiveRequest
+    | MeasureRequest
+    | BellMeasureRequest
+    | StoreRequest
+    | DiscardRequest
+)
+
+
+class JumpingClock:
+    """A clock that jumps to whatever time is waited for."""
+
+    def __init__(self, time_ns: int = START_NS) -> None:
+        """Begin at this time."""
+        self.time_ns = time_ns
+
+    def now_ns(self) -> int:
+        """Return the time."""
+        return self.time_ns
+
+    async def wait_until(self, time_ns: int) -> None:
+        """Jump to just after the time."""
+        self.time_ns = max(self.time_ns, time_ns + 1)
+
+
+class Laboratory:
+    """The hosts, fibres and switches of a configuration."""
+
+    def __init__(self, config: DispatcherConfig) -> None:
+        """Build the layer; raise BadConfig for a network that cannot be."""
+        self.clock = JumpingClock()
+        self.layer = build_layer(config, self.clock, None)
+        self.switching = Switching(self.layer)
+        self._errors: list[BaseException] = []
+        transport = Transport(self.layer, self._errors.append)
+        self._acts = acts(Operations(self.layer), Measurements(self.layer), transport)
+
+    def host(self, name: str) -> "LaboratoryHost":
+        """Return the host of this name; it need not have fibres."""
+        return LaboratoryHost(self, name)
+
+    async def connect(self, switch: str, connections: dict[int, int]) -> None:
+        """Replace a switch's cross-connects, and wait until light passes."""
+        ports = [Connection(in_port=i, out_port=o) for i, o in connections.items()]
+        await self.switching.cross_connect(switch, ports)
+
+    async def wait(self, seconds: float) -> None:
+        """Let time pass."""
+        await self.clock.wait_until(self.clock.now_ns() + round(seconds * 1e9))
+
+    async def act(self, node: str, operation: str, request: Request) -> Feedback:
+        """Do what a host asks; raise Refusal as the dispatcher's service would."""
+        act: Act = self._acts[operation]
+        feedback = await act(node, request)
+        if self._errors:  # flights are tasks of their own
+            raise self._errors[0]
+        return feedback
+
+
+class LaboratoryHost:
+    """One host's requests, with blocks of one session named by number and half."""
+
+    def __init__(self, laboratory: Laboratory, name: str) -> None:
+        """Ask in the name of this host."""
+        self._laboratory, self.name = laboratory, name
+
+    async def create(
+        self, count: int, number: int = 0, state: CreateRequest.State = CreateRequest.BELL_PAIRS
+    ) -> Feedback:
+        """Make a block of `count` Bell pairs, or of qubits in |0>."""
+        request = CreateRequest(session=SESSION, number=number, count=count, state=state)
+        return await self._act("create", request)
+
+    async def apply(
+        self, block: BlockKey, paulis: Bytes | None = None, gates: Sequence[Gate] = ()
+    ) -> Feedback:
+        """Apply a Pauli to each photon (0 I, 1 X, 2 Z, 3 XZ; shape (k,)), then gates to all."""
+        packed = b"" if paulis is None else paulis.tobytes()
+        return await self._act(
+            "apply", ApplyRequest(block=block_id(block), paulis=packed, gates=gates)
+        )
+
+    async def send(self, launches: dict[BlockKey, str], rate_hz: int = RATE_HZ) -> Feedback:
+        """Launch blocks together, each into the port named; return when all have come out."""
+        ways = [Launch(block=block_id(block), port=port) for block, port in launches.items()]
+        return await self._act("send", SendRequest(launches=ways, rate_hz=rate_hz))
+
+    async def receive(self, block: BlockKey, port: str) -> Feedback | None:
+        """Take a block from a port; return None if no light came.
+
+        What was sent has come or is lost by now: nobody need wait for it.
+        """
+        name = BlockName(SESSION, *block)
+        if self._laboratory.layer.ownership.at(name, self.name, port) is None:
+            return None
+        request = ReceiveRequest(block=block_id(block), port=port, timeout_s=RECEIVE_TIMEOUT_S)
+        return await self._act("receive", request)
+
+    async def measure(
+        self,
+        block: BlockKey,
+        basis: MeasureRequest.Basis = MeasureRequest.Z,
+        bases: Bytes | None = None,
+    ) -> Bytes:
+        """Measure and use up a block; return the outcomes, 255 for no click, shape (k,)."""
+        packed = b"" if bases is None else bases.tobytes()
+        request = MeasureRequest(block=block_id(block), basis=basis, bases=packed)
+        return outcomes(await self._act("measure", request))
+
+    async def bell_measure(self, first: BlockKey, second: BlockKey) -> Bytes:
+        """Bell-measure two blocks; return 0 Phi+, 1 Psi+, 2 Phi-, 3 Psi-, 255 none, shape (k,)."""
+        request = BellMeasureRequest(first=block_id(first), second=block_id(second))
+        return outcomes(await self._act("bell_measure", request))
+
+    async def store(self, block: BlockKey) -> Feedback:
+        """Put a block into the host's memory."""
+        return await self._act("store", StoreRequest(block=block_id(block)))
+
+    async def discard(self, block: BlockKey) -> Feedback:
+        """Discard a block."""
+        return await self._act("discard", DiscardRequest(block=block_id(block)))
+
+    async def _act(self, operation: str, request: Request) -> Feedback:
+        return await self._laboratory.act(self.name, operation, request)
+
+
+def block_id(block: BlockKey) -> BlockId:
+    """Return the name of a block as requests have it."""
+    number, half = block
+    return BlockId(session=SESSION, number=number, half=half)
+
+
+def outcomes(feedback: Feedback) -> Bytes:
+    """Return the outcomes of a measurement."""
+    return np.frombuffer(feedback.outcomes, dtype=np.uint8)

@@ -1,0 +1,1 @@
+"""Light on its way through fibres and switches."""

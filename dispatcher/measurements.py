@@ -1,0 +1,100 @@
+"""What a node measures of blocks it holds: first their states, then what its detectors tell."""
+
+import numpy as np
+
+from dispatcher.calls import limits
+from dispatcher.chance import Chance
+from dispatcher.devices.analyser import Analyser, Half
+from dispatcher.devices.detector import Train
+from dispatcher.layer import PhysicalLayer, tally
+from dispatcher.light import drift
+from dispatcher.operations import require_pairs
+from dispatcher.ownership import Block, BlockName
+from dispatcher.refusal import invalid
+from dispatcher.sabot.draws import PhotonDraws
+from dispatcher.sabot.manager import NO_CLICK
+from dispatcher.sabot.room import GateStep
+from wire.dispatcher_pb2 import Feedback, MeasureRequest
+from wire.physics import BELL_STATES
+
+BASES = ("Z", "X", "Y")
+
+
+class Measurements:
+    """Measure and Bell-measure."""
+
+    def __init__(self, layer: PhysicalLayer) -> None:
+        """Act on this layer."""
+        self._layer = layer
+
+    def measure(self, node: str, name: BlockName, basis: int, bases: bytes) -> Feedback:
+        """Measure and use up every photon, each in its basis."""
+        layer = self._layer
+        block = layer.ownership.require(name, node)
+        size = block.register.size
+        if basis not in MeasureRequest.Basis.values():
+            raise invalid(f"basis {basis} is unknown; use Z, X or Y")
+        values = np.full(size, basis, np.uint8)
+        if bases:
+            values = limits.packed("bases", bases, size, 2)
+        layer.take_up(block)
+        if values.any():  # a measurement of Z does not see the angles
+            drift.twirl(block, layer.sabot, layer.draws)
+        feedback = layer.feedback(block)
+        bits = layer.sabot.measure(block.register, values, self._draws(block))
+        layer.ownership.remove(block)
+        chance = Chance(layer.draws, block.name, f"detectors of {node}", size)
+        detectors = layer.devices.detectors(node, "measure")
+        found = detectors.detect(bits, block.pulses.extras, _train(block), chance)
+        told = f"{tally(values, BASES)}: {tally(found.bits, ('0', '1'))}"
+        layer.record(node, "measure", block, detail=told + _listed(found.incidents()))
+        feedback.clicks, feedback.outcomes = found.clicks, found.bits.tobytes()
+        return feedback
+
+    def bell_measure(self, node: str, names: tuple[BlockName, BlockName]) -> Feedback:
+        """Measure and use up pairs of photons, in the Bell basis."""
+        layer = self._layer
+        first, second = (layer.ownership.require(name, node) for name in names)
+        require_pairs(first, second)
+        layer.sabot.require_room(first.register, [GateStep("CX", second.register)])
+        layer.take_up(first, second)
+        feedback = layer.feedback(first, second)
+        feedback.first_ns = min(first.first_ns, second.first_ns)
+        feedback.last_ns = max(first.last_ns, second.last_ns)
+        halves = _half(first), _half(second)
+        states = layer.sabot.bell_measure(
+            first.register, second.register, (self._draws(first), self._draws(second))
+        )
+        drift.twirl_pairs(first, second, states, layer.draws)
+        feedback.exact = layer.count_exact((first, second))
+        for block in (first, second):
+            layer.ownership.remove(block)
+        chance = Chance(layer.draws, first.name, f"analyser of {node}", first.register.size)
+        found = self._analyser(node).analyse(states, halves, chance)
+        told = f"with {second.name.number}/{second.name.half}: {tally(found.outcomes, BELL_STATES)}"
+        layer.record(node, "bell-measure", first, detail=told + _listed(found.incidents))
+        feedback.clicks = found.clicks
+        feedback.coincidences = int(np.count_nonzero(found.outcomes != NO_CLICK))
+        feedback.outcomes = found.outcomes.tobytes()
+        return feedback
+
+    def _analyser(self, node: str) -> Analyser:
+        devices = self._layer.devices
+        arms = devices.detectors(node, "phase"), devices.detectors(node, "parity")
+        return Analyser(devices.of(node), arms)
+
+    def _draws(self, block: Block) -> PhotonDraws:
+        return self._layer.draws.photons(block.name, "measure", block.register.size)
+
+
+def _train(block: Block) -> Train:
+    return Train(block.start_ns, block.interval_ns, block.register.size)
+
+
+def _half(block: Block) -> Half:
+    pulses = block.pulses
+    return Half(block.register.present, pulses.extras, pulses.delays_ps, _train(block))
+
+
+def _listed(incidents: dict[str, int]) -> str:
+    return "".join(f", {name}={count}" for name, count in incidents.items())

@@ -1,0 +1,1 @@
+"""What the dispatcher is asked, written down and done again."""

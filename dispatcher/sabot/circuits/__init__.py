@@ -1,0 +1,1 @@
+"""Circuits as users write them: read from OpenQASM 2.0 or `.chp`, and run on any backend."""

@@ -1,0 +1,176 @@
+"""The gates that a QASM program may use: built in, of qelib1.inc, or defined by itself."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from openqasm3 import ast
+
+from dispatcher.sabot.circuits.circuit import MAX_OPERATIONS, Gate
+from dispatcher.sabot.circuits.expressions import evaluate
+from dispatcher.sabot.circuits.rotations import lowered
+from dispatcher.sabot.circuits.source import Source
+from dispatcher.sabot.circuits.syntax import parse_qasm
+
+STANDARD_LIBRARY = Path(__file__).with_name("qelib1.inc")
+MAX_DEPTH = 64  # of definitions that use definitions
+MOST_NAMES = 60  # in an error message
+
+# Name in QASM: our name, qubits, parameters.
+BUILT_IN: dict[str, tuple[str, int, int]] = {
+    **{name: (name.upper(), 1, 0) for name in ("x", "y", "z", "h", "s", "t")},
+    "id": ("I", 1, 0),
+    "sdg": ("S_DAG", 1, 0),
+    "tdg": ("T_DAG", 1, 0),
+    "cx": ("CX", 2, 0),
+    "cz": ("CZ", 2, 0),
+    **{name: (name.upper(), 1, 1) for name in ("rx", "ry", "rz")},
+}
+
+
+class BadGate(ValueError):
+    """A gate that cannot be applied so; the message says why."""
+
+
+@dataclass(frozen=True)
+class Primitive:
+    """A gate that the interpreter knows."""
+
+    name: str
+    qubits: int
+    parameters: int
+
+
+@dataclass(frozen=True)
+class Step:
+    """One gate in a definition, which qubits of it the gate is given, and with what angles."""
+
+    gate: "Primitive | Definition"
+    qubits: tuple[int, ...]
+    arguments: tuple[ast.Expression, ...]
+
+
+@dataclass(frozen=True)
+class Definition:
+    """A gate made of gates that were known when it was defined."""
+
+    name: str
+    qubits: int
+    parameter_names: tuple[str, ...]
+    body: tuple[Step, ...]
+    cost: int  # how many gates it is when written out, or a little more
+    depth: int  # of definitions that use definitions
+
+    @property
+    def parameters(self) -> int:
+        """Return how many angles it takes."""
+        return len(self.parameter_names)
+
+
+class Gates:
+    """Gates by name; one that is defined later hides an earlier one."""
+
+    def __init__(self, known: Mapping[str, Primitive | Definition]) -> None:
+        """Begin with these."""
+        self.known = dict(known)
+
+    def define(self, definition: ast.QuantumGateDefinition) -> None:
+        """Add a gate; raise BadGate if its body uses what there is not."""
+        qubits = [name.name for name in definition.qubits]
+        parameters = [name.name for name in definition.arguments]
+        named = [*parameters, *qubits]
+        repeated = [name for name in named if named.count(name) > 1]
+        if repeated:
+            raise BadGate(f"{repeated[0]!r} is named twice; name each parameter and qubit once")
+        body = tuple(
+            self._step(step, qubits)
+            for step in definition.body
+            if not isinstance(step, ast.QuantumBarrier)
+        )
+        used = [step.gate for step in body if isinstance(step.gate, Definition)]
+        depth = 1 + max((gate.depth for gate in used), default=0)
+        cost = 1 + len(body) + sum(gate.cost for gate in used)
+        if depth > MAX_DEPTH or cost > MAX_OPERATIONS:
+            raise BadGate(
+                f"the gate is {cost:,} gates, defined {depth} deep; at most {MAX_OPERATIONS:,} "
+                f"and {MAX_DEPTH} are allowed"
+            )
+        name = definition.name.name
+        self.known[name] = Definition(name, len(qubits), tuple(parameters), body, cost, depth)
+
+    def apply(self, name: str, angles: Sequence[float], qubits: tuple[int, ...]) -> Iterator[Gate]:
+        """Yield what a gate does to qubits, in gates that the interpreter knows.
+
+        Raise BadGate for an unknown gate or a wrong number of anything.
+        """
+        gate = self._require(name, len(angles), len(qubits))
+        _require_different(name, qubits)
+        yield from _written_out(gate, angles, qubits)
+
+    def _require(self, name: str, parameters: int, qubits: int) -> Primitive | Definition:
+        gate = self.known.get(name)
+        if gate is None:
+            names = ", ".join(sorted(self.known)[:MOST_NAMES])
+            raise BadGate(f"unknown gate {name!r}; define it, or use one of {names}")
+        for what, given, fitting in (
+            ("qubit", qubits, gate.qubits),
+            ("parameter", parameters, gate.parameters),
+        ):
+            if given != fitting:
+                plural = "" if fitting == 1 else "s"
+                raise BadGate(f"{name} takes {fitting} {what}{plural}, not {given}")
+        return gate
+
+    def _step(self, step: ast.QuantumStatement, qubits: Sequence[str]) -> Step:
+        if not isinstance(step, ast.QuantumGate) or step.modifiers:
+            raise BadGate("a gate is made of gates; OpenQASM 2.0 has nothing else in it")
+        names = [_qubit_name(qubit) for qubit in step.qubits]
+        for name in names:
+            if name not in qubits:
+                raise BadGate(f"{name!r} is no qubit of the gate; it has {', '.join(qubits)}")
+        gate = self._require(step.name.name, len(step.arguments), len(names))
+        _require_different(step.name.name, names)
+        return Step(gate, tuple(qubits.index(name) for name in names), tuple(step.arguments))
+
+
+def _written_out(
+    gate: Primitive | Definition, angles: Sequence[float], qubits: tuple[int, ...]
+) -> Iterator[Gate]:
+    if isinstance(gate, Primitive):
+        # A rotation by 4 pi is none at all.
+        angle_rad = math.remainder(angles[0], 4 * math.pi) if angles else 0.0
+        yield from lowered(Gate(gate.name, qubits, angle_rad))
+        return
+    parameters = dict(zip(gate.parameter_names, angles, strict=True))
+    for step in gate.body:
+        values = [evaluate(argument, parameters) for argument in step.arguments]
+        yield from _written_out(step.gate, values, tuple(qubits[which] for which in step.qubits))
+
+
+def _require_different(name: str, qubits: Sequence[int | str]) -> None:
+    if len(set(qubits)) < len(qubits):
+        raise BadGate(f"{name} is given the same qubit twice; give it different ones")
+
+
+def _qubit_name(qubit: ast.Identifier | ast.IndexedIdentifier) -> str:
+    """Return the name of a qubit in a definition, where none has an index."""
+    if isinstance(qubit, ast.IndexedIdentifier):
+        raise BadGate(f"{qubit.name.name} has an index; in a gate each qubit has its own name")
+    return qubit.name
+
+
+@cache
+def _standard() -> Mapping[str, Primitive | Definition]:
+    gates = Gates({name: Primitive(*gate) for name, gate in BUILT_IN.items()})
+    program = parse_qasm(Source(STANDARD_LIBRARY.name, STANDARD_LIBRARY.read_text()))
+    for statement in program.statements:
+        assert isinstance(statement, ast.QuantumGateDefinition)
+        gates.define(statement)
+    return gates.known
+
+
+def standard_gates() -> Gates:
+    """Return the gates that a program begins with."""
+    return Gates(_standard())

@@ -1,0 +1,182 @@
+"""Runs a circuit on a backend: k shots are the k members of one state.
+
+A condition or a measurement that holds for some shots only divides the state; Paulis under a
+condition do not, because members may differ by them.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dispatcher.sabot.backend import Backend, Begin, Bytes, CliffordName, GateName
+from dispatcher.sabot.circuits.circuit import (
+    MAX_SHOTS,
+    Barrier,
+    Circuit,
+    CircuitError,
+    ClassicalRegister,
+    Gate,
+    If,
+    Measure,
+    Operation,
+    Reset,
+)
+from dispatcher.sabot.circuits.gate_names import CLIFFORD, PAULIS, ROTATIONS
+from dispatcher.sabot.dense import MAX_QUBITS as MOST_DENSE
+from dispatcher.sabot.dense import Dense, TooLarge
+from dispatcher.sabot.draws import Draws
+from dispatcher.sabot.registers import Mask
+from dispatcher.sabot.room import require_amplitudes
+
+MAX_RESULT_BITS = 1 << 28  # shots times classical bits
+# Shots that are simulated at once, so that a state vector of each fits into 64 MB. It depends on
+# the circuit alone: another backend draws the same random numbers.
+BATCH_AMPLITUDES = 1 << 22
+LARGEST_BATCH = 1 << 16
+
+
+def run_circuit(circuit: Circuit, backend: Begin, shots: int, seed: int) -> Iterator[Bytes]:
+    """Yield what was measured, batch by batch: arrays of shape (bits, shots of the batch).
+
+    Raise CircuitError, before anything runs, for what this backend cannot run.
+    """
+    try:
+        _check(circuit, backend, shots)
+    except TooLarge as error:
+        raise CircuitError(f"the backend {backend.NAME}: {error}") from error
+    return _batches(circuit, backend, shots, Draws(seed))
+
+
+def _check(circuit: Circuit, backend: Begin, shots: int) -> None:
+    if not 1 <= shots <= MAX_SHOTS:
+        raise CircuitError(f"{shots} shots: choose 1 to {MAX_SHOTS:,}")
+    if shots * circuit.bits > MAX_RESULT_BITS:
+        most = MAX_RESULT_BITS // circuit.bits
+        raise CircuitError(f"{shots} shots of {circuit.bits} bits: choose at most {most:,} shots")
+    if backend.NAME == Dense.NAME:
+        require_amplitudes(circuit.qubits, 1, 0)
+        return
+    for gate in _gates(circuit.operations):
+        if gate.name not in CLIFFORD and gate.name not in PAULIS:
+            angle = f"({gate.angle_rad:.6g})" if gate.name in ROTATIONS else ""
+            raise CircuitError(
+                f"{gate.name}{angle} is not a Clifford gate, which {backend.NAME} cannot simulate; "
+                "use the backend dense"
+            )
+
+
+def _gates(operations: tuple[Operation, ...]) -> Iterator[Gate]:
+    for operation in operations:
+        if isinstance(operation, If):
+            yield from _gates(operation.operations)
+        elif isinstance(operation, Gate):
+            yield operation
+
+
+def _batches(circuit: Circuit, backend: Begin, shots: int, draws: Draws) -> Iterator[Bytes]:
+    size = LARGEST_BATCH
+    if circuit.qubits <= MOST_DENSE:
+        size = min(size, BATCH_AMPLITUDES >> circuit.qubits)
+    for number, first in enumerate(range(0, shots, size)):
+        batch = _Batch(circuit, backend, min(size, shots - first), draws, number)
+        batch.run(circuit.operations, None)
+        yield batch.bits
+
+
+@dataclass
+class _Branch:
+    """Shots that have had the same gates and measurements."""
+
+    members: NDArray[np.uint32]  # ascending
+    state: Backend
+
+
+class _Batch:
+    """Shots that are simulated together."""
+
+    def __init__(
+        self, circuit: Circuit, backend: Begin, shots: int, draws: Draws, number: int
+    ) -> None:
+        self.bits: Bytes = np.zeros((circuit.bits, shots), dtype=np.uint8)
+        self._shots, self._draws, self._number = shots, draws, number
+        self._branches = [
+            _Branch(np.arange(shots, dtype=np.uint32), backend(circuit.qubits, shots))
+        ]
+        self._measured = 0
+
+    def run(self, operations: tuple[Operation, ...], where: Mask | None) -> None:
+        """Do operations in order, to the shots of a mask; None: to all."""
+        for operation in operations:
+            match operation:
+                case If(register, value, conditional):
+                    holds = self._equals(register, value)
+                    self.run(conditional, holds if where is None else holds & where)
+                case Gate(name, qubits) if name in PAULIS:
+                    self._pauli(qubits[0], PAULIS[name], where)
+                case Gate():
+                    self._gate(operation, where)
+                case Measure(qubit, bit):
+                    self._measure(qubit, bit, where)
+                case Reset(qubit):
+                    self._reset(qubit, where)
+                case Barrier():
+                    pass
+
+    def _equals(self, register: ClassicalRegister, value: int) -> Mask:
+        wanted = np.array([value >> bit & 1 for bit in range(register.size)], dtype=np.uint8)
+        found = self.bits[register.first : register.first + register.size]
+        equal: Mask = (found == wanted[:, None]).all(axis=0)
+        return equal
+
+    def _pauli(self, qubit: int, pauli: int, where: Mask | None) -> None:
+        values = np.full(self._shots, pauli, dtype=np.uint8)
+        if where is not None:
+            values *= where
+        for branch in self._branches:
+            branch.state.pauli(qubit, values[branch.members])
+
+    def _gate(self, gate: Gate, where: Mask | None) -> None:
+        for branch in self._selected(where):
+            if isinstance(branch.state, Dense):
+                name = cast(GateName, gate.name)
+                branch.state.gate(name, *gate.qubits, angle_rad=gate.angle_rad)
+            else:
+                branch.state.gate(cast(CliffordName, gate.name), *gate.qubits)
+
+    def _measure(self, qubit: int, bit: int, where: Mask | None) -> None:
+        for branch, outcomes in self._read(qubit, where):
+            self.bits[bit, branch.members] = outcomes
+
+    def _reset(self, qubit: int, where: Mask | None) -> None:
+        for branch, outcomes in self._read(qubit, where):
+            branch.state.pauli(qubit, outcomes)
+
+    def _read(self, qubit: int, where: Mask | None) -> Iterator[tuple[_Branch, Bytes]]:
+        """Measure Z of a qubit; each measurement of the circuit has random numbers of its own."""
+        key = (self._number, self._measured, 0)
+        self._measured += 1
+        draws = self._draws.photons(key, "circuit", self._shots)
+        for branch in self._selected(where):
+            outcomes, _determined = branch.state.measure(qubit, draws.at(branch.members))
+            yield branch, outcomes
+
+    def _selected(self, where: Mask | None) -> list[_Branch]:
+        """Return the branches of the shots of a mask, divided off where they were with others."""
+        if where is None:
+            return self._branches
+        selected, branches = [], []
+        for branch in self._branches:
+            own = where[branch.members]
+            parts = [branch] if own.all() or not own.any() else _divided(branch, own)
+            branches += parts
+            selected += [part for part in parts if where[part.members[0]]]
+        self._branches = branches
+        return selected
+
+
+def _divided(branch: _Branch, own: Mask) -> list[_Branch]:
+    parts = (np.flatnonzero(own), np.flatnonzero(~own))
+    return [_Branch(branch.members[part], branch.state.take(part)) for part in parts]

@@ -1,0 +1,47 @@
+"""The gates by name, and which of them a stabilizer state can undergo.
+
+Gates that are not Clifford gates are rotations exp(-i angle/2 P) about a Pauli axis; T is RZ
+by a quarter of pi up to a phase that nobody sees.
+"""
+
+from math import pi
+from typing import Literal, get_args
+
+from dispatcher.sabot.backend import CliffordName, GateName
+
+RotationName = Literal["RX", "RY", "RZ"]
+
+CLIFFORDS: tuple[CliffordName, ...] = get_args(CliffordName)
+ROTATIONS: tuple[RotationName, ...] = get_args(RotationName)
+TWO_QUBIT_GATES = ("CX", "CZ")
+THEMSELVES: dict[str, tuple[CliffordName]] = {name: (name,) for name in CLIFFORDS}
+EIGHTH_TURNS = {"T": pi / 4, "T_DAG": -pi / 4}
+
+PRECISION = 1e-12  # of an angle in quarter turns, below which it is a whole number of them
+QUARTERS: tuple[tuple[CliffordName, ...], ...] = ((), ("S",), ("S", "S"), ("S_DAG",))
+AXES: dict[str, tuple[tuple[CliffordName, ...], tuple[CliffordName, ...]]] = {
+    "RX": (("H",), ("H",)),
+    "RY": (("S_DAG", "H"), ("H", "S")),
+    "RZ": ((), ()),
+}
+
+
+def as_clifford(name: GateName, angle_rad: float = 0.0) -> tuple[CliffordName, ...] | None:
+    """Return Clifford gates that do the same, in order; None if there are none."""
+    if name in THEMSELVES:
+        return THEMSELVES[name]
+    turns = angle_rad / (pi / 2)
+    if name not in AXES or abs(turns - round(turns)) > PRECISION:
+        return None
+    before, after = AXES[name]
+    return before + QUARTERS[round(turns) % 4] + after
+
+
+def as_rotation(name: GateName, angle_rad: float = 0.0) -> tuple[RotationName, float] | None:
+    """Return the rotation that a gate is, and its angle; None if it is a Clifford gate."""
+    if name in EIGHTH_TURNS:
+        return "RZ", EIGHTH_TURNS[name]
+    for rotation in ROTATIONS:
+        if name == rotation:
+            return rotation, angle_rad
+    return None

@@ -1,0 +1,270 @@
+"""The simulation manager in another process: each operation is a call over its Unix socket.
+
+A call blocks the caller, as the work itself does when the manager is in this process. What is
+lost is known on this side, too, because the physical layer asks for it all the time.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any, Self
+
+import grpc
+import numpy as np
+
+from dispatcher.sabot.backend import Bytes, GateName
+from dispatcher.sabot.dense import TooLarge
+from dispatcher.sabot.draws import PhotonDraws
+from dispatcher.sabot.gates import as_clifford
+from dispatcher.sabot.registers import Mask, Register
+from dispatcher.sabot.remote.requests import packed_mask
+from dispatcher.sabot.room import GateStep
+from wire import sabot_pb2 as messages
+from wire.sabot_pb2_grpc import SabotStub
+from wire.service import CHANNEL_OPTIONS
+
+DEADLINE_S = 60.0  # the largest blocks take seconds
+
+
+class SabotUnreachable(ConnectionError):
+    """The Sabot server does not do what it should; the message names socket and remedy."""
+
+
+@dataclass(eq=False, slots=True)
+class RemoteRegister(Register):
+    """A register that the server holds under a number."""
+
+    number: int = 0
+
+
+class RemoteSabot:
+    """All quantum states of a network, held by a Sabot server."""
+
+    def __init__(self, socket: str, backend: str) -> None:
+        """Begin a workspace on a server; raise SabotUnreachable if there is none."""
+        self._socket = socket
+        self._channel = grpc.insecure_channel(f"unix:{socket}", CHANNEL_OPTIONS)
+        self._stub = SabotStub(self._channel)  # type: ignore[no-untyped-call]
+        self._backend = backend
+        self._one_backend = backend == "chp"  # only gates that are not Clifford bring another
+        self._done = messages.Done()
+        begun = self._call(self._stub.Begin, messages.BeginRequest(backend=backend))
+        self._workspace = int(begun.workspace)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        with suppress(SabotUnreachable):
+            self._call(self._stub.End, messages.EndRequest(workspace=self._workspace))
+        self._channel.close()
+
+    @property
+    def backend(self) -> str:
+        """Return the name of the backend on which states begin."""
+        return self._backend
+
+    @property
+    def live_qubits(self) -> int:
+        """Return how many qubits are held, lost ones included."""
+        return self._done.live_qubits
+
+    @property
+    def live_bytes(self) -> int:
+        """Return the memory that their states take on the server."""
+        return self._done.live_bytes
+
+    def simulated_by(self, *registers: Register) -> str:
+        """Return the backends that hold registers, joined by + if there are several."""
+        if self._one_backend or not registers:
+            return self._backend
+        names: set[str] = set()
+        for register in registers:
+            request = messages.DumpRequest(workspace=self._workspace, registers=[_number(register)])
+            names |= set(self._call(self._stub.Dump, request).backend.split("+"))
+        return "+".join(sorted(names))
+
+    def zeros(self, count: int) -> Register:
+        """Return a register of `count` qubits in |0>."""
+        (register,) = self._create(count, messages.CreateRequest.ZEROS)
+        return register
+
+    def bell_pairs(self, count: int) -> tuple[Register, Register]:
+        """Return the halves of `count` pairs in (|00> + |11>)/sqrt 2."""
+        first, second = self._create(count, messages.CreateRequest.BELL_PAIRS)
+        return first, second
+
+    def pauli(self, register: Register, paulis: Bytes) -> None:
+        """Apply to qubit j the Pauli paulis[j]: 0 I, 1 X, 2 Z, 3 XZ; shape (k,)."""
+        values = paulis.astype(np.uint8, copy=False).tobytes()
+        self._apply(register, paulis=values)
+
+    def require_room(self, register: Register, steps: Sequence[GateStep]) -> None:
+        """Raise TooLarge if these gates would need state vectors beyond the limits."""
+        if self._one_backend and not any(map(_needs_vectors, steps)):
+            return
+        self._apply(register, gates=map(_gate, steps), check=True)
+
+    def gate(
+        self,
+        name: GateName,
+        register: Register,
+        target: Register | None = None,
+        angle_rad: float = 0.0,
+    ) -> None:
+        """Apply a gate to every qubit, or to every pair of which both are there."""
+        step = GateStep(name, target, angle_rad)
+        self._apply(register, gates=[_gate(step)])
+        if _needs_vectors(step):
+            self._one_backend = False
+
+    def measure(self, register: Register, bases: Bytes, draws: PhotonDraws) -> Bytes:
+        """Measure and discard every qubit in its own basis: 0 Z, 1 X, 2 Y."""
+        request = messages.MeasureRequest(
+            workspace=self._workspace,
+            register=_number(register),
+            bases=bases.tobytes(),
+            draws=_draws(draws),
+        )
+        return self._outcomes(self._call(self._stub.Measure, request))
+
+    def bell_measure(
+        self, first: Register, second: Register, draws: tuple[PhotonDraws, PhotonDraws]
+    ) -> Bytes:
+        """Measure in the Bell basis and discard: 0 Phi+, 1 Psi+, 2 Phi-, 3 Psi-."""
+        request = messages.BellMeasureRequest(
+            workspace=self._workspace,
+            first=_number(first),
+            second=_number(second),
+            first_draws=_draws(draws[0]),
+            second_draws=_draws(draws[1]),
+        )
+        return self._outcomes(self._call(self._stub.BellMeasure, request))
+
+    def reset(self, register: Register, mask: Mask, draws: PhotonDraws) -> None:
+        """Put the qubits of mask, shape (k,), into |0>."""
+        request = messages.ResetRequest(
+            workspace=self._workspace,
+            register=_number(register),
+            mask=packed_mask(mask),
+            draws=_draws(draws),
+        )
+        self._done = self._call(self._stub.Reset, request)
+
+    def drop(self, register: Register, draws: PhotonDraws) -> None:
+        """Discard a register whatever its state, as measuring it unseen does."""
+        request = messages.DropRequest(
+            workspace=self._workspace, register=_number(register), draws=_draws(draws)
+        )
+        self._done = self._call(self._stub.Drop, request)
+
+    def lose(self, register: Register, lost: Mask) -> int:
+        """Mark qubits as lost, shape (k,); return how many were there until now."""
+        more = int(np.count_nonzero(register.present & lost))
+        if more:
+            request = messages.LoseRequest(
+                workspace=self._workspace, register=_number(register), mask=packed_mask(lost)
+            )
+            self._done = self._call(self._stub.Lose, request)
+        _mark_lost(register, lost)
+        return more
+
+    def part(self, register: Register, mask: Mask) -> Register:
+        """Move the qubits of mask, shape (k,), into a register of their own."""
+        request = messages.PartRequest(
+            workspace=self._workspace, register=_number(register), mask=packed_mask(mask)
+        )
+        reply = self._call(self._stub.Part, request)
+        self._done = reply.done
+        part = RemoteRegister(register.size, number=reply.registers[0])
+        part.lost = ~(register.present & mask)
+        _mark_lost(register, mask)
+        return part
+
+    def explain(self, register: Register, place: str, photons: Bytes | Mask) -> None:
+        """Hear where what is done next to photons, those that are not 0, comes from.
+
+        It changes nothing; `dispatcher.tracing` writes it down.
+        """
+
+    def unite(self, register: Register, other: Register) -> None:
+        """Move the qubits of another part of the same register into this one."""
+        request = messages.UniteRequest(
+            workspace=self._workspace, register=_number(register), other=_number(other)
+        )
+        self._done = self._call(self._stub.Unite, request)
+        register.lost = ~(register.present | other.present)
+
+    def _create(self, count: int, state: messages.CreateRequest.State) -> list[Register]:
+        request = messages.CreateRequest(workspace=self._workspace, count=count, state=state)
+        reply = self._call(self._stub.Create, request)
+        self._done = reply.done
+        return [RemoteRegister(count, number=number) for number in reply.registers]
+
+    def _apply(
+        self,
+        register: Register,
+        paulis: bytes = b"",
+        gates: Iterable[messages.Gate] = (),
+        check: bool = False,
+    ) -> None:
+        request = messages.ApplyRequest(
+            workspace=self._workspace,
+            register=_number(register),
+            paulis=paulis,
+            gates=gates,
+            check=check,
+        )
+        self._done = self._call(self._stub.Apply, request)
+
+    def _outcomes(self, reply: messages.Outcomes) -> Bytes:
+        self._done = reply.done
+        return np.frombuffer(reply.outcomes, dtype=np.uint8).copy()
+
+    def _call(self, method: Callable[..., Any], request: object) -> Any:
+        try:
+            return method(request, timeout=DEADLINE_S)
+        except grpc.RpcError as error:
+            if error.code() == grpc.StatusCode.RESOURCE_EXHAUSTED:
+                raise TooLarge(error.details()) from error
+            raise SabotUnreachable(
+                f"the Sabot server at {self._socket}: {error.details()}; start it with "
+                f"python -m dispatcher.sabot --socket {self._socket}"
+            ) from error
+
+
+def _gate(step: GateStep) -> messages.Gate:
+    target = _number(step.target) if step.target is not None else 0
+    return messages.Gate(name=step.name, target=target, angle_rad=step.angle_rad)
+
+
+def _needs_vectors(step: GateStep) -> bool:
+    return as_clifford(step.name, step.angle_rad) is None
+
+
+def _draws(draws: PhotonDraws) -> messages.Draws:
+    if draws.name is None:
+        raise ValueError("only random numbers that Draws.photons has named can go to a server")
+    session, number, half = draws.name.key
+    return messages.Draws(
+        seed=str(draws.name.seed),
+        session=session,
+        number=number,
+        half=half,
+        purpose=draws.name.purpose,
+    )
+
+
+def _number(register: Register) -> int:
+    assert isinstance(register, RemoteRegister)
+    return register.number
+
+
+def _mark_lost(register: Register, lost: Mask) -> None:
+    register.lost = lost.copy() if register.lost is None else register.lost | lost

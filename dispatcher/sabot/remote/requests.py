@@ -1,0 +1,102 @@
+"""What a request to the Sabot server must be: decoded whole or refused, nothing changed."""
+
+import math
+import re
+from collections.abc import Sequence
+from typing import cast, get_args
+
+import numpy as np
+
+from dispatcher.calls import limits
+from dispatcher.refusal import invalid
+from dispatcher.sabot.backend import Bytes, GateName
+from dispatcher.sabot.draws import Draws, PhotonDraws
+from dispatcher.sabot.gates import ROTATIONS, TWO_QUBIT_GATES
+from dispatcher.sabot.registers import Mask, Register
+from dispatcher.sabot.remote.workspace import Workspace
+from dispatcher.sabot.room import GateStep
+from wire import sabot_pb2 as messages
+
+SEED = re.compile(r"-?\d{1,100}")
+MAX_PURPOSE = 200  # letters
+GATE_NAMES = get_args(GateName)
+
+
+def mask(packed: bytes, register: Register) -> Mask:
+    """Return which qubits of a register are meant, from one bit for each."""
+    if len(packed) != (register.size + 7) // 8:
+        raise invalid(
+            f"mask has {len(packed)} bytes for {register.size} qubits; send one bit for each"
+        )
+    bits = np.unpackbits(np.frombuffer(packed, np.uint8), bitorder="little")
+    if bits[register.size :].any():
+        raise invalid("the mask has bits behind its last qubit; make them 0")
+    return bits[: register.size].astype(bool)
+
+
+def packed_mask(bits: Mask) -> bytes:
+    """Return one bit for each qubit."""
+    return np.packbits(bits, bitorder="little").tobytes()
+
+
+def bases(values: bytes, register: Register) -> Bytes:
+    """Return the basis of each qubit: 0 Z, 1 X, 2 Y."""
+    if not values:
+        return np.zeros(register.size, dtype=np.uint8)
+    return limits.packed("bases", values, register.size, 2)
+
+
+def paulis(values: bytes, register: Register) -> Bytes | None:
+    """Return the Pauli of each qubit, None if none is given."""
+    return limits.packed("paulis", values, register.size, 3) if values else None
+
+
+def draws(named: messages.Draws, register: Register) -> PhotonDraws:
+    """Return the random numbers of this name."""
+    if not SEED.fullmatch(named.seed):
+        raise invalid(f"seed {named.seed[:MAX_PURPOSE]!r} is no whole number of up to 100 digits")
+    if len(named.purpose) > MAX_PURPOSE:
+        raise invalid(f"a purpose of {len(named.purpose)} letters; use at most {MAX_PURPOSE}")
+    key = (named.session, named.number, named.half)
+    return Draws(int(named.seed)).photons(key, named.purpose, register.size)
+
+
+def steps(
+    workspace: Workspace, register: Register, gates: Sequence[messages.Gate]
+) -> list[GateStep]:
+    """Return what the manager is asked; each register must be there and pair up."""
+    if len(gates) > limits.MAX_GATES:
+        raise invalid(f"{len(gates)} gates; send at most {limits.MAX_GATES} in a request")
+    return [_step(workspace, register, gate) for gate in gates]
+
+
+def _step(workspace: Workspace, register: Register, gate: messages.Gate) -> GateStep:
+    if gate.name not in GATE_NAMES:
+        names = ", ".join(GATE_NAMES)
+        raise invalid(f"gate {gate.name[:MAX_PURPOSE]!r} is unknown; use one of {names}")
+    name = cast(GateName, gate.name)
+    if name in ROTATIONS and not math.isfinite(gate.angle_rad):
+        raise invalid(f"angle_rad {gate.angle_rad} of {name} is not finite; send a number")
+    angle_rad = gate.angle_rad if name in ROTATIONS else 0.0
+    if name not in TWO_QUBIT_GATES:
+        return GateStep(name, None, angle_rad)
+    target = workspace.require(gate.target)
+    require_pair(register, target)
+    return GateStep(name, target, angle_rad)
+
+
+def require_pair(first: Register, second: Register) -> None:
+    """Refuse registers whose qubits do not pair up."""
+    if first is second:
+        raise invalid("a register is named twice; name two different ones")
+    if first.size != second.size:
+        raise invalid(
+            f"registers of {first.size} and {second.size} qubits; their qubits must pair up"
+        )
+
+
+def require_parts(register: Register, other: Register) -> None:
+    """Refuse to unite registers that are not parts of one."""
+    require_pair(register, other)
+    if register.lost is None or ((register.labels() >= 0) & (other.labels() >= 0)).any():
+        raise invalid("these registers are not two parts of one; unite what Part has parted")

@@ -1,0 +1,159 @@
+"""Stabilizer states held by stim (Gidney, arXiv:2103.02202): one simulator for all members.
+
+Members differ from the simulator's state by a Pauli frame: an X and a Z bit for each qubit.
+"""
+
+from typing import ClassVar, Self
+
+import numpy as np
+import stim
+from numpy.typing import NDArray
+
+from dispatcher.sabot.backend import Bytes, CliffordName, Generators, Randomness
+from dispatcher.sabot.factoring import Bits, independent_groups
+
+
+class StimState:
+    """A stabilizer state of n qubits, with a Pauli frame for each of k members."""
+
+    NAME: ClassVar[str] = "stim"
+
+    def __init__(self, qubits: int, members: int = 1) -> None:
+        """Begin with every qubit of every member in |0>."""
+        # What the simulator draws is undone by the frames: outcomes come from the caller.
+        self._simulator = stim.TableauSimulator(seed=0)
+        self._simulator.set_num_qubits(qubits)
+        self._x: Bytes = np.zeros((qubits, members), dtype=np.uint8)
+        self._z: Bytes = np.zeros((qubits, members), dtype=np.uint8)
+
+    @classmethod
+    def _of(cls, simulator: stim.TableauSimulator, x: Bytes, z: Bytes) -> Self:
+        state = cls(0, 0)
+        state._simulator, state._x, state._z = simulator, x, z
+        return state
+
+    @property
+    def qubits(self) -> int:
+        """Return n."""
+        return len(self._x)
+
+    @property
+    def members(self) -> int:
+        """Return k."""
+        return int(self._x.shape[1])
+
+    @property
+    def nbytes(self) -> int:
+        """Return the memory of the frames and of a tableau of 2n rows of 2n + 1 bits."""
+        rows = 2 * self.qubits
+        return self._x.nbytes + self._z.nbytes + rows * (rows + 1) // 8
+
+    def generators(self) -> Generators:
+        """Return the stabilizers."""
+        rows = self._simulator.canonical_stabilizers()
+        x, z = _letters(rows)
+        plain = np.array([row.sign == -1 for row in rows], dtype=np.uint8)
+        flips = x.astype(np.uint8) @ self._z + z.astype(np.uint8) @ self._x
+        return Generators(x, z, (flips + plain[:, None]) & np.uint8(1))
+
+    def gate(self, name: CliffordName, *qubits: int) -> None:
+        """Apply the gate of that name to every member."""
+        x, z = self._x, self._z
+        match name, qubits:
+            case "H", (qubit,):
+                self._simulator.h(qubit)
+                x[qubit], z[qubit] = z[qubit], x[qubit].copy()
+            case "S", (qubit,):
+                self._simulator.s(qubit)
+                z[qubit] ^= x[qubit]
+            case "S_DAG", (qubit,):
+                self._simulator.s_dag(qubit)
+                z[qubit] ^= x[qubit]
+            case "CX", (control, target):
+                self._simulator.cx(control, target)
+                x[target] ^= x[control]
+                z[control] ^= z[target]
+            case "CZ", (control, target):
+                self._simulator.cz(control, target)
+                z[target] ^= x[control]
+                z[control] ^= x[target]
+            case _:
+                raise ValueError(f"gate {name} does not act on {len(qubits)} qubits")
+
+    def pauli(self, qubit: int, paulis: Bytes) -> None:
+        """Apply to member j the Pauli paulis[j]: 0 I, 1 X, 2 Z, 3 XZ."""
+        self._x[qubit] ^= paulis & 1
+        self._z[qubit] ^= paulis >> 1
+
+    def measure(self, qubit: int, randomness: Randomness) -> tuple[Bytes, bool]:
+        """Measure Z; return a bit for each member and whether the state determined them.
+
+        An outcome that is not determined is the fair bit.
+        """
+        outcome, kickback = self._simulator.measure_kickback(qubit)
+        found = self._x[qubit] ^ np.uint8(outcome)
+        if kickback is None:
+            return found, True
+        bits = randomness.bits().copy()
+        x, z = kickback.to_numpy()
+        flips = found ^ bits
+        self._x[: len(x)][x] ^= flips
+        self._z[: len(z)][z] ^= flips
+        return bits, False
+
+    def discard(self, qubit: int) -> None:
+        """Drop a qubit whose Z is determined; those behind it move up by one."""
+        if not self._simulator.peek_z(qubit):
+            raise ValueError(f"qubit {qubit} is not in a state of Z: measure it first")
+        rows = [str(row) for row in self._simulator.canonical_stabilizers()]
+        # Among reduced generators the qubit stands alone as Z.
+        rest = [row[: qubit + 1] + row[qubit + 2 :] for row in rows if row[qubit + 1] == "_"]
+        self._simulator = _simulator(rest)
+        self._x, self._z = (np.delete(frame, qubit, axis=0) for frame in (self._x, self._z))
+
+    def tensor(self, other: Self) -> Self:
+        """Return the joint state of both; the other's qubits follow this one's."""
+        simulator = stim.TableauSimulator(seed=0)
+        simulator.set_inverse_tableau(
+            self._simulator.current_inverse_tableau() + other._simulator.current_inverse_tableau()
+        )
+        x, z = np.concatenate((self._x, other._x)), np.concatenate((self._z, other._z))
+        return self._of(simulator, x, z)
+
+    def take(self, members: NDArray[np.intp]) -> Self:
+        """Return a copy that holds these members alone."""
+        return self._of(
+            self._simulator.copy(), self._x.take(members, axis=1), self._z.take(members, axis=1)
+        )
+
+    def factor(self) -> list[tuple[list[int], Self]]:
+        """Return the independent parts of the state, each with the qubits it consists of."""
+        rows = self._simulator.canonical_stabilizers()
+        x, z = _letters(rows)
+        groups = independent_groups(x | z)
+        if len(groups) == 1:
+            return [(list(range(self.qubits)), self)]
+        texts = [str(row) for row in rows]
+        parts = []
+        for group, qubits in groups:
+            letters = [
+                texts[row][0] + "".join(texts[row][qubit + 1] for qubit in qubits) for row in group
+            ]
+            part = self._of(_simulator(letters), self._x[qubits], self._z[qubits])
+            parts.append((qubits, part))
+        return parts
+
+
+def _simulator(stabilizers: list[str]) -> stim.TableauSimulator:
+    """Return a simulator of the state that these stabilize, such as +XX, +ZZ."""
+    simulator = stim.TableauSimulator(seed=0)
+    if stabilizers:
+        tableau = stim.Tableau.from_stabilizers([stim.PauliString(row) for row in stabilizers])
+        simulator.set_inverse_tableau(tableau.inverse())
+    return simulator
+
+
+def _letters(rows: list[stim.PauliString]) -> tuple[Bits, Bits]:
+    """Return where Pauli strings have an X bit and where a Z bit, shape (n, n) each."""
+    bits = [row.to_numpy() for row in rows]
+    return np.array([x for x, _z in bits]), np.array([z for _x, z in bits])

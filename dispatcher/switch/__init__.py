@@ -1,0 +1,1 @@
+"""Quantum switches: their optics, what they are connected to over time, what is asked of them."""

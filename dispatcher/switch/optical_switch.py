@@ -1,0 +1,207 @@
+"""The optics of one quantum switch: what becomes of the light that comes to one of its ports.
+
+    in_port: filter -> path that was open then (or, by crosstalk, another output in use)
+             -> loss of the path, more if hot -> attenuator and filter of the output
+
+Everything that changes is kept over time, because light is resolved when it has passed.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dispatcher.chance import Chance
+from dispatcher.sabot.registers import Mask
+from dispatcher.switch.steps import Steps
+from dispatcher.switch.timeline import Circuit, Timeline
+from wire.config import PathOptics, QuantumSwitch
+from wire.optical import DEFAULT_FREQUENCY_MHZ
+
+Times = NDArray[np.int64]  # ascending, shape (k,)
+MAX_POWER_DBM = 0.0
+BIAS_AT_THRESHOLD_MA = 10.0
+BIAS_PER_MW_MA = 10.0
+
+
+@dataclass(frozen=True)
+class Light:
+    """Light that comes to a port: in which pulses of a block, when, and its colour."""
+
+    pulses: Mask
+    photons: Mask  # of those, the ones whose own photon is there
+    times_ns: Times
+    frequency_mhz: int
+
+
+class Passed(NamedTuple):
+    """Light that leaves by a port."""
+
+    pulses: Mask  # that took this path
+    photons: Mask  # of those, the ones whose own photon has come through
+    transmission: float | NDArray[np.float64]  # of light in these pulses, shape () or (k,)
+
+
+class Port:
+    """A fibre port: its filter, its attenuator and what it has counted."""
+
+    def __init__(self, frequency_mhz: int) -> None:
+        """Begin with this filter, full power and no photons."""
+        self.frequency_mhz = Steps(frequency_mhz)
+        self.power_dbm = Steps(MAX_POWER_DBM)
+        self.photons_in = self.photons_out = self.photons_lost = 0
+
+    @property
+    def bias_ma(self) -> float:
+        """Bias current of the supervisory laser: threshold, and then linear in its power."""
+        power_mw = 10 ** (self.power_dbm.now / 10)
+        return BIAS_AT_THRESHOLD_MA + BIAS_PER_MW_MA * float(power_mw)
+
+
+class OpticalSwitch:
+    """An N x N cross-connect of linear optics; it never measures what passes."""
+
+    def __init__(self, config: QuantumSwitch, ports: Iterable[int]) -> None:
+        """Build the switch with these fibre ports, all dark."""
+        self.config, self.name = config, config.name
+        self.timeline = Timeline(round(config.switching_time_s * 1e9))
+        frequency_mhz = nearest_channel(config, DEFAULT_FREQUENCY_MHZ)
+        self.ports = {port: Port(frequency_mhz) for port in sorted(ports)}
+        self.stuck: dict[int, int] = {}  # in_port to out_port
+        self.temperature_c = config.temperature_c
+        self._hot = Steps(self._is_hot)
+        self._paths = {(path.in_port, path.out_port): path for path in config.paths}
+
+    @property
+    def hot(self) -> bool:
+        """Whether the switch is above its limit, so that every path loses more."""
+        return bool(self._hot.now)
+
+    @property
+    def hot_loss_db(self) -> float:
+        """What every path loses more just now."""
+        return self.config.hot_loss_db if self.hot else 0.0
+
+    @property
+    def paths(self) -> list[PathOptics]:
+        """The paths that differ from the rest, as they are just now."""
+        more = self.hot_loss_db
+        return [
+            replace(path, insertion_loss_db=path.insertion_loss_db + more)
+            for path in self._paths.values()
+        ]
+
+    def set_temperature(self, temperature_c: float, now_ns: int) -> None:
+        """Have this temperature from now on; light that has passed already lost no more."""
+        self.temperature_c = temperature_c
+        self._hot.set(self._is_hot, now_ns)
+
+    def rotation(self, in_port: int, out_port: int) -> int:
+        """Return the Pauli that a path applies."""
+        path = self._paths.get((in_port, out_port))
+        return self.config.rotation if path is None else path.rotation
+
+    def cross(self, in_port: int, light: Light, chance: Chance) -> dict[int, Passed]:
+        """Return what leaves by which port, and count the photons; all other light is lost.
+
+        Photons that stray take all the light of their pulse with them.
+        """
+        times_ns = light.times_ns
+        entered = light.pulses & self._passes_filter(in_port, light)
+        leaving = self._route(in_port, entered, times_ns)
+        if self.config.crosstalk_db is not None:
+            leaving = self._stray(leaving, times_ns, chance)
+        passed = {}
+        for out_port, pulses in leaving.items():
+            pulses &= self._passes_filter(out_port, light)
+            loss_db = self._loss_db(in_port, out_port, times_ns)
+            transmission = 10 ** (-loss_db / 10)
+            photons = pulses & light.photons
+            if np.any(loss_db):
+                photons &= chance.happens("pass", transmission)
+            passed[out_port] = Passed(pulses, photons, transmission)
+        self._count(in_port, light, passed)
+        return passed
+
+    def lose(self, in_port: int, photons: int) -> None:
+        """Count photons that came by a port and go nowhere."""
+        self.ports[in_port].photons_in += photons
+        self.ports[in_port].photons_lost += photons
+
+    def circuits(self, now_ns: int) -> list[Circuit]:
+        """Return the circuits that are open or were not long ago."""
+        return self.timeline.circuits(now_ns)
+
+    @property
+    def _is_hot(self) -> bool:
+        return self.temperature_c > self.config.max_temperature_c
+
+    def _passes_filter(self, port: int, light: Light) -> Mask | np.bool_:
+        """Say for which photons a port is tuned to within half the grid of their colour."""
+        offset_mhz = np.abs(self.ports[port].frequency_mhz.at(light.times_ns) - light.frequency_mhz)
+        passes: Mask | np.bool_ = offset_mhz < self.config.grid_mhz / 2
+        return passes
+
+    def _route(self, in_port: int, photons: Mask, times_ns: Times) -> dict[int, Mask]:
+        """Send photons by the paths that were open."""
+        leaving: dict[int, Mask] = {}
+        for part, interval in self.timeline.passages(in_port, times_ns):
+            mask = leaving.setdefault(interval.out_port, np.zeros(len(photons), dtype=bool))
+            mask[part] = photons[part]
+        return leaving
+
+    def _stray(self, leaving: dict[int, Mask], times_ns: Times, chance: Chance) -> dict[int, Mask]:
+        """Let some light leave by another output that was in use just then, any alike."""
+        assert self.config.crosstalk_db is not None
+        drawn = chance.happens("crosstalk", 10 ** (-self.config.crosstalk_db / 10))
+        in_use = self.timeline.outputs_in_use(times_ns)
+        outputs = sorted(in_use)
+        open_then = np.array([in_use[port] for port in outputs]).reshape(len(outputs), -1)
+        result = {port: photons.copy() for port, photons in leaving.items()}
+        for out_port, photons in leaving.items():
+            strays = np.flatnonzero(photons & drawn)
+            wrong = open_then[:, strays]
+            wrong[outputs.index(out_port)] = False
+            strays, wrong = strays[wrong.any(axis=0)], wrong[:, wrong.any(axis=0)]
+            chosen = _choose(wrong, chance.uniform("wrong output")[strays])
+            result[out_port][strays] = False
+            for row in np.unique(chosen):
+                mask = result.setdefault(outputs[row], np.zeros(len(photons), dtype=bool))
+                mask[strays[chosen == row]] = True
+        return result
+
+    def _loss_db(self, in_port: int, out_port: int, times_ns: Times) -> float | NDArray[np.float64]:
+        path = self._paths.get((in_port, out_port), self.config)
+        attenuation_db = -self.ports[out_port].power_dbm.at(times_ns)
+        hot = self._hot.at(times_ns)
+        return path.insertion_loss_db + self.config.hot_loss_db * hot + attenuation_db
+
+    def _count(self, in_port: int, light: Light, passed: dict[int, Passed]) -> None:
+        came = int(np.count_nonzero(light.photons))
+        left = 0
+        for out_port, leaving in passed.items():
+            photons = int(np.count_nonzero(leaving.photons))
+            self.ports[out_port].photons_out += photons
+            left += photons
+        self.ports[in_port].photons_in += came
+        self.ports[in_port].photons_lost += came - left
+        # In an interval a photon of this input by this output has not strayed.
+        for part, interval in self.timeline.passages(in_port, light.times_ns):
+            counted = passed[interval.out_port].photons[part]
+            interval.circuit.count(counted, light.times_ns[part])
+
+
+def nearest_channel(config: QuantumSwitch, frequency_mhz: int) -> int:
+    """Return the frequency of a switch's grid that is nearest to this one."""
+    highest = (config.max_frequency_mhz - config.min_frequency_mhz) // config.grid_mhz
+    step = round((frequency_mhz - config.min_frequency_mhz) / config.grid_mhz)
+    return config.min_frequency_mhz + min(max(step, 0), highest) * config.grid_mhz
+
+
+def _choose(possible: NDArray[np.bool_], draws: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return for each column one of its true rows, uniformly by a draw from [0, 1)."""
+    rank = (draws * possible.sum(axis=0)).astype(np.int64)
+    chosen: NDArray[np.int64] = (possible.cumsum(axis=0) > rank).argmax(axis=0)
+    return chosen

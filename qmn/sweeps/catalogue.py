@@ -1,0 +1,28 @@
+"""The experiments that there are, by name."""
+
+import asyncio
+
+from qmn.sweeps.bell_test import CHSH
+from qmn.sweeps.dead_time import DEAD
+from qmn.sweeps.experiment import Experiment, Outcome
+from qmn.sweeps.interference import HOM
+from qmn.sweeps.parameters import Values
+from qmn.sweeps.seeds import point_seed
+from qmn.sweeps.superdense import SUPERDENSE
+from qmn.sweeps.teleportation import SWAP, TELEPORT
+
+EXPERIMENTS: dict[str, Experiment] = {
+    each.name: each for each in (SUPERDENSE, TELEPORT, SWAP, CHSH, HOM, DEAD)
+}
+
+
+def measure(name: str, values: Values, seed: int) -> dict[str, tuple[float, float]]:
+    """Run an experiment at one point; return value and standard error of each measure.
+
+    What happens depends on the experiment, the values and the seed, and on nothing else: not
+    on the machine, nor on which points were measured before. This is what workers are asked.
+    """
+    run = EXPERIMENTS[name].run
+    assert run is not None  # all of these can
+    outcome: Outcome = asyncio.run(run(values, point_seed(name, values, seed)))
+    return {key: (estimate.value, estimate.error) for key, estimate in outcome.items()}

@@ -1,0 +1,120 @@
+"""Points measured in a whole network, each started and ended for it alone, as `qmn run` does."""
+
+import argparse
+import json
+import random
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from tempfile import NamedTemporaryFile
+
+from rich.console import Console
+
+from qmn import run
+from qmn.sweeps import theory
+from qmn.sweeps.estimates import proportion
+from qmn.sweeps.experiment import Experiment, Measure, Outcome, SweepError, number
+from qmn.sweeps.grid import Grid, Measurer, Row
+from qmn.sweeps.link import FIBER, PRESET, implied
+from qmn.sweeps.parameters import Parameter, Values
+from qmn.sweeps.seeds import point_seed
+from qmn.sweeps.superdense import FEC, INTERLEAVE, LOSSES, RATE, loss_db
+from qmn.transfer import TransferError
+from topologies.network import Signals
+from topologies.programs import NetworkError
+
+# charlie's photon for alice passes two fibres to her and two more to bob, the other one two.
+FIBERS_PASSED = 6
+MESSAGE_BYTES = Parameter("message_bytes", 65_536, 1, 1 << 30)
+OPTIONS = (
+    PRESET,
+    RATE,
+    Parameter("frame_bytes", 32, 1, 65_536),
+    FEC,
+)  # of `qmn run`, by these names
+
+
+def in_networks(runs: Path, signals: Signals) -> Measurer:
+    """Return what measures points in networks, one after the other; each leaves a folder."""
+
+    def measurer(grid: Grid, points: Sequence[Values], seed: int) -> Iterator[Row]:
+        for values in points:
+            own_seed = point_seed(grid.experiment.name, values, seed)
+            yield values, measure(values, own_seed, runs, signals)
+
+    return measurer
+
+
+def measure(values: Values, seed: int, runs: Path, signals: Signals) -> Outcome:
+    """Send a random message through a network of its own."""
+    with NamedTemporaryFile(prefix="qmn-sweep-") as message:
+        data = random.Random(seed).randbytes(int(values[MESSAGE_BYTES.name]))  # noqa: S311
+        message.write(data)
+        message.flush()
+        given = arguments(values, seed, Path(message.name), runs)
+        try:
+            run.run(given, signals, Console(quiet=True))
+        except (NetworkError, TransferError, run.BadInput) as error:
+            raise SweepError(f"{EMULATED['sdc'].place(values)} failed: {error}") from error
+    return outcome(json.loads((runs / "latest" / "result.json").read_text()))
+
+
+def arguments(values: Values, seed: int, message: Path, runs: Path) -> argparse.Namespace:
+    """Return what `qmn run sdc` would be told."""
+    parser = argparse.ArgumentParser()
+    run.add_parser(parser.add_subparsers())
+    options = {each.name.replace("_", "-"): values[each.name] for each in OPTIONS}
+    options |= {"seed": seed, "file": str(message), "runs": str(runs)}
+    words = [f"--{name}={value}" for name, value in options.items()]
+    words += [f"--fiber={each.name}={values[each.name]}" for each in FIBER]
+    if values[INTERLEAVE.name] == "on":
+        words.append("--interleave")
+    return parser.parse_args(["run", "sdc", "--no-capture", *words])
+
+
+def outcome(result: dict[str, float]) -> Outcome:
+    """Return what the result of a run says."""
+    pairs, lost, errors = (result[n] for n in ("bell_pairs", "lost_pairs", "symbol_errors"))
+    came = int(pairs - lost)
+    return {
+        "dibit_error": proportion(int(errors), came),
+        "arrived": proportion(came, int(pairs)),
+    }
+
+
+def dibit_error(values: Values) -> float | None:
+    """Return the theory of dibit_error: every fibre that a pair passes depolarises."""
+    if not is_known(values):
+        return None
+    return theory.dibit_error(theory.together(*[number(values, "depolarizing")] * FIBERS_PASSED))
+
+
+def arrived(values: Values) -> float | None:
+    """Return the theory of arrived."""
+    return theory.transmission(FIBERS_PASSED * loss_db(values)) if is_known(values) else None
+
+
+def fiber_implied(given: Values) -> Values:
+    """Return what preset and kind of fibre say of the fibre."""
+    values = implied(given)
+    return {each.name: values[each.name] for each in FIBER}
+
+
+def is_known(values: Values) -> bool:
+    """Return whether there is no noise but loss and depolarising."""
+    numbers = (each for each in FIBER if each.name not in ("kind", "depolarizing", *LOSSES))
+    plain = all(values[each.name] == each.default for each in numbers)
+    return plain and values[PRESET.name] == PRESET.default
+
+
+EMULATED = {
+    "sdc": Experiment(
+        "sdc",
+        "superdense coding in the emulated network",
+        (*FIBER, *OPTIONS, INTERLEAVE, MESSAGE_BYTES),
+        (
+            Measure("dibit_error", "dibit error", dibit_error),
+            Measure("arrived", "part of the pairs that arrives", arrived),
+        ),
+        implied=fiber_implied,
+    )
+}

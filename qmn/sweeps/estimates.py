@@ -1,0 +1,86 @@
+"""Measured numbers with their standard errors."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+SIGMAS = 5  # how far a measured number may be from theory, in standard errors
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A measured number and its standard error; NaN where nothing was measured."""
+
+    value: float
+    error: float
+
+    def agrees(self, theory: float) -> bool:
+        """Return whether theory is within SIGMAS standard errors; rounding is forgiven."""
+        return abs(self.value - theory) <= SIGMAS * self.error + 1e-12
+
+
+NOTHING = Estimate(math.nan, math.nan)
+
+
+def proportion(events: int, trials: int) -> Estimate:
+    """Return how often something happened in independent trials.
+
+    The error is that of a proportion with one event of either kind more (Laplace), so that
+    it is not 0 where no event was seen.
+    """
+    if not trials:
+        return NOTHING
+    likely = (events + 1) / (trials + 2)
+    return Estimate(events / trials, math.sqrt(likely * (1 - likely) / trials))
+
+
+def mean(values: Sequence[float], counts: Sequence[int]) -> Estimate:
+    """Return the mean of independent draws of which counts[i] gave values[i].
+
+    The error is never below what one draw more of the largest value would change.
+    """
+    total = sum(counts)
+    if not total:
+        return NOTHING
+    weights = np.asarray(counts) / total
+    value = float(weights @ np.asarray(values))
+    variance = float(weights @ (np.asarray(values) - value) ** 2)
+    least = max(abs(each) for each in values) / total
+    return Estimate(value, max(math.sqrt(variance / total), least))
+
+
+def ratio(parts: ArrayLike, wholes: ArrayLike, clump: int = 1) -> Estimate:
+    """Return sum(parts) / sum(wholes) over independent batches, with the error between them.
+
+    It is never below 1 / sum(wholes). Where nothing was counted it is that of one event, which
+    may count up to `clump` at once.
+    """
+    part, whole = np.asarray(parts, np.float64), np.asarray(wholes, np.float64)
+    total = whole.sum()
+    if not total:
+        return NOTHING
+    value = float(part.sum() / total)
+    batches = len(part)
+    residue = ((part - value * whole) ** 2).sum() * batches / max(batches - 1, 1)
+    least = 1 if value else clump
+    return Estimate(value, max(math.sqrt(residue), least) / float(total))
+
+
+def information(counts: Sequence[int]) -> Estimate:
+    """Return 2 - H of the frequencies of the four dibit errors: the capacity in bits.
+
+    The error is that of first order, and at least that of second order, which alone is left
+    where all four are alike.
+    """
+    total = sum(counts)
+    if not total:
+        return NOTHING
+    frequencies = np.array([count / total for count in counts if count])
+    bits = np.log2(frequencies)
+    entropy = -float((frequencies * bits).sum())
+    variance = float((frequencies * bits**2).sum()) - entropy**2
+    error = math.sqrt(max(variance, 0) / total)
+    return Estimate(2 - entropy, max(error, len(counts) / total))

@@ -1,0 +1,61 @@
+"""The Hong-Ou-Mandel dip: how often photons that come apart by tau show no interference.
+
+Phi+ is measured by an analyser whose photons are late by tau: distinguishable photons give the
+wrong phase, with the probability of a coincidence in a Hong-Ou-Mandel interferometer.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from dispatcher.laboratory import Laboratory
+from qmn.sweeps import constant_delay, theory
+from qmn.sweeps.estimates import proportion
+from qmn.sweeps.experiment import Experiment, Measure, Outcome, number, pairs_parameter
+from qmn.sweeps.link import PLAIN, TESTED, configuration, fiber
+from qmn.sweeps.parameters import Parameter, Values
+from qmn.sweeps.superdense import blocks, transmit
+from wire.physics import BellAnalyser, Device
+
+PS_PER_S = 1e12
+DELAY = Parameter("delay_ps", 0.0, -1e6, 1e6, "ps")
+VISIBILITY = Parameter("visibility", 1.0)
+BANDWIDTH = Parameter("bandwidth_rad_per_s", 1e12, 0.0, 1e15, "rad/s")
+WRONG_PHASE = 2
+
+
+async def dip(values: Values, seed: int) -> Outcome:
+    """Count how often Phi+ is taken for Phi-."""
+    delay = f"{Path(constant_delay.__file__)}:{constant_delay.ConstantDelay.__name__}"
+    parameters = {DELAY.name: number(values, DELAY.name)}
+    fibers = [fiber(*TESTED, noise=delay, noise_parameters=parameters), fiber(*PLAIN)]
+    analyser = BellAnalyser(
+        visibility=number(values, VISIBILITY.name),
+        bandwidth_rad_per_s=number(values, BANDWIDTH.name),
+    )
+    devices = {"bob": Device(analyser=analyser)}
+    laboratory = Laboratory(configuration(seed, fibers, devices))
+    alice, bob = laboratory.host("alice"), laboratory.host("bob")
+    wrong = pairs = 0
+    for block, size in enumerate(blocks(int(values["pairs"]))):
+        received = await transmit(alice, bob, block, np.zeros(size, np.uint8))
+        wrong += int(np.count_nonzero(received == WRONG_PHASE))
+        pairs += size
+    return {"coincidences": proportion(wrong, pairs)}
+
+
+def coincidences(values: Values) -> float:
+    """Return the theory of coincidences."""
+    delay_s = number(values, DELAY.name) / PS_PER_S
+    return theory.coincidences(
+        delay_s, number(values, VISIBILITY.name), number(values, BANDWIDTH.name)
+    )
+
+
+HOM = Experiment(
+    "hom",
+    "Hong-Ou-Mandel interference of photons that come apart",
+    (DELAY, VISIBILITY, BANDWIDTH, pairs_parameter()),
+    (Measure("coincidences", "coincidence probability", coincidences),),
+    dip,
+)

@@ -1,0 +1,159 @@
+"""The parameters of an experiment, and the values that a user gives them.
+
+A value is typed as 0.1, several as 0.1,0.2,0.5, evenly spaced ones as from:to:count, and
+1e-3:1:7:log is evenly spaced on a logarithmic scale.
+"""
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+Value = float | int | str
+Values = dict[str, Value]
+
+MAX_VALUES = 10_000
+UNITS = (
+    ("_rad_per_sqrt_km", "rad/sqrt km"),
+    ("_rad_per_s", "rad/s"),
+    ("_k_per_sqrt_s", "K/sqrt s"),
+    ("_k_per_s", "K/s"),
+    ("_ppm_per_k", "ppm/K"),
+    ("_per_km_nm", "1/(km nm)"),
+    ("_mw", "mW"),
+    ("_nm", "nm"),
+    ("_db_per_km", "dB/km"),
+    ("_km", "km"),
+    ("_db", "dB"),
+    ("_hz", "Hz"),
+    ("_ps", "ps"),
+    ("_rad", "rad"),
+    ("_s", "s"),
+)
+
+
+class BadGrid(ValueError):
+    """A grid that cannot be; the message names parameter, value and range."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A number from `least` to `most`, whole if these are, or one of the choices."""
+
+    name: str
+    default: Value
+    least: float = 0.0
+    most: float = 1.0
+    unit: str = ""
+    choices: tuple[str, ...] = ()
+
+    @property
+    def whole(self) -> bool:
+        """Whether only whole numbers will do."""
+        return isinstance(self.least, int)
+
+    @property
+    def range(self) -> str:
+        """What may be chosen, in words."""
+        if self.choices:
+            return f"choose {', '.join(self.choices)}"
+        number = " (a whole number)" if self.whole else ""
+        unit = f" {self.unit}" if self.unit else ""
+        return f"choose {self.least:g} to {self.most:g}{unit}{number}"
+
+    @property
+    def label(self) -> str:
+        """Return the name with the unit, for an axis."""
+        return f"{self.words} ({self.unit})" if self.unit else self.words
+
+    @property
+    def words(self) -> str:
+        """Return the name without the unit."""
+        endings = (ending for ending, unit in UNITS if unit == self.unit)
+        return self.name.removesuffix(next(endings, "")).replace("_", " ")
+
+    def said(self, value: Value) -> str:
+        """Return a value of the parameter with name and unit."""
+        number = f"{value:g}" if isinstance(value, float) else f"{value}"
+        return f"{self.words} {number} {self.unit}".rstrip()
+
+    def value(self, given: object) -> Value:
+        """Return a value of the right type; raise BadGrid for one that cannot be."""
+        if self.choices:
+            if given not in self.choices:
+                raise self._bad(given)
+            return str(given)
+        if isinstance(given, bool) or not isinstance(given, (int, float, str)):
+            raise self._bad(given)
+        try:
+            number = float(given)
+        except ValueError:
+            raise self._bad(given) from None
+        if not self.least <= number <= self.most or (self.whole and not number.is_integer()):
+            raise self._bad(given)
+        return int(number) if self.whole else number
+
+    def axis(self, given: object) -> list[Value]:
+        """Return the values that text, a number, a list or a table asks for, each once."""
+        values = [self.value(each) for each in self._spread(given)]
+        if not values:
+            raise BadGrid(f"{self.name} has no value: {self.range}")
+        return list(dict.fromkeys(values))
+
+    def _spread(self, given: object) -> list[Any]:
+        if isinstance(given, list):
+            return given
+        if isinstance(given, dict):
+            return self._spaced_by_table(given)
+        if not isinstance(given, str) or (self.choices and ":" not in given and "," not in given):
+            return [given]
+        if ":" in given and not self.choices:
+            return self._spaced(given)
+        return given.split(",")
+
+    def _spaced_by_table(self, table: dict[str, Any]) -> list[float]:
+        keys = {"from", "to", "points", "log"}
+        if not {"from", "to", "points"} <= table.keys() <= keys:
+            raise BadGrid(f"{self.name} {table}: say from, to and points, and log if you like")
+        text = f"{table['from']}:{table['to']}:{table['points']}"
+        return self._spaced(text + (":log" if table.get("log") else ""))
+
+    def _spaced(self, text: str) -> list[float]:
+        parts = text.split(":")
+        logarithmic = parts[3:] == ["log"]
+        if len(parts) != (4 if logarithmic else 3):
+            raise BadGrid(f"{self.name} {text}: write from:to:count or from:to:count:log")
+        first, last = (float(self.value(part)) for part in parts[:2])
+        count = Parameter(f"{self.name} {text}: count", 2, 2, MAX_VALUES).value(parts[2])
+        if logarithmic and (first <= 0 or last <= 0):
+            raise BadGrid(f"{self.name} {text}: a logarithmic scale has no 0")
+        spaced = (np.geomspace if logarithmic else np.linspace)(first, last, int(count))
+        spaced = np.rint(spaced) if self.whole else spaced
+        # What is typed as .3 shall not come out as .30000000000000004.
+        return [float(f"{number:.12g}") for number in spaced]
+
+    def _bad(self, given: object) -> BadGrid:
+        return BadGrid(f"{self.name} {given!r}: {self.range}")
+
+
+def of_dataclass(prefix: str, device: Any) -> list[Parameter]:
+    """Return the parameters that a description of a device declares, with its ranges."""
+    found = []
+    for each in fields(device):
+        name, default = f"{prefix}{each.name}", getattr(device, each.name)
+        if default is None:
+            continue
+        if "choices" in each.metadata:
+            found.append(Parameter(name, default, choices=each.metadata["choices"]))
+        elif "range" in each.metadata:
+            least, most = each.metadata["range"]
+            found.append(Parameter(name, default, least, most, unit_of(each.name)))
+    return found
+
+
+def unit_of(name: str) -> str:
+    """Return the unit that a name ends in."""
+    for ending, unit in UNITS:
+        if name.endswith(ending):
+            return unit
+    return ""

@@ -1,0 +1,47 @@
+"""Which figures a sweep has: one for each measure, over the axis with the most values."""
+
+import math
+from collections.abc import Sequence
+
+from qmn.sweeps.estimates import Estimate
+from qmn.sweeps.experiment import Outcome
+from qmn.sweeps.figure import MAX_SERIES, Picture, Point
+from qmn.sweeps.grid import Grid
+from qmn.sweeps.parameters import Parameter, Values
+
+Rows = Sequence[tuple[Values, Outcome]]
+
+
+def pictures(grid: Grid, rows: Rows) -> list[Picture]:
+    """Return a picture for each measure; none if nothing was varied."""
+    x = horizontal(grid)
+    if x is None:
+        return []
+    others = [grid.experiment.parameter(name) for name in grid.varied if name != x.name]
+    return [
+        Picture(
+            f"{grid.experiment.what}",
+            x,
+            x.label,
+            measure,
+            series(rows, others, measure.name)[:MAX_SERIES],
+        )
+        for measure in grid.experiment.measures
+        if not all(math.isnan(outcome[measure.name].value) for _values, outcome in rows)
+    ]
+
+
+def horizontal(grid: Grid) -> Parameter | None:
+    """Return the parameter with the most values, a number if there is one."""
+    varied = [grid.experiment.parameter(name) for name in grid.varied]
+    varied.sort(key=lambda each: (bool(each.choices), -len(grid.axes[each.name])))
+    return varied[0] if varied else None
+
+
+def series(rows: Rows, by: Sequence[Parameter], measure: str) -> list[tuple[str, list[Point]]]:
+    """Group the rows by the values of these parameters, each group with its label."""
+    groups: dict[str, list[tuple[Values, Estimate]]] = {}
+    for values, outcome in rows:
+        label = ", ".join(each.said(values[each.name]) for each in by)
+        groups.setdefault(label, []).append((values, outcome[measure]))
+    return list(groups.items())

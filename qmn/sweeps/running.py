@@ -1,0 +1,66 @@
+"""A sweep from its grid to its rows: what is known already, what is measured, what theory says."""
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager
+
+from distributed import Client
+
+from qmn.sweeps import cluster
+from qmn.sweeps.estimates import Estimate
+from qmn.sweeps.experiment import Experiment
+from qmn.sweeps.grid import Grid, Measurer, Row
+from qmn.sweeps.parameters import Values
+from qmn.sweeps.table import Table
+
+
+def missing(grid: Grid, seed: int, table: Table) -> list[Values]:
+    """Return the points that are not in the table."""
+    return [values for values in grid.points() if table.get(values, seed) is None]
+
+
+def fill(grid: Grid, seed: int, table: Table, measurer: Measurer) -> Iterator[Row]:
+    """Measure what is missing; yield each point when it is in the table."""
+    for values, outcome in measurer(grid, missing(grid, seed, table), seed):
+        table.add(values, seed, outcome)
+        yield values, outcome
+
+
+def rows(grid: Grid, seed: int, table: Table) -> list[Row]:
+    """Return all points of the grid that are in the table, in the grid's order."""
+    known = ((values, table.get(values, seed)) for values in grid.points())
+    return [(values, outcome) for values, outcome in known if outcome is not None]
+
+
+def on_cluster(client: Client, check: Callable[[], None]) -> Measurer:
+    """Return what measures points with Dask; `check` may end it by raising."""
+
+    def measurer(grid: Grid, points: Sequence[Values], seed: int) -> Iterator[Row]:
+        name = grid.experiment.name
+        for values, numbers in cluster.measured(client, name, points, seed, check):
+            yield values, {key: Estimate(*number) for key, number in numbers.items()}
+
+    return measurer
+
+
+def client(scheduler: str, workers: int) -> AbstractContextManager[Client]:
+    """Return the client of a cluster, or of so many processes here."""
+    return cluster.remote_client(scheduler) if scheduler else cluster.local_client(workers)
+
+
+def disagreements(experiment: Experiment, found: Iterable[Row]) -> list[str]:
+    """Name every point that is too far from theory.
+
+    Left out is what has no theory, and what could not be measured, as errors of lost light.
+    """
+    far = []
+    for values, outcome in found:
+        for measure in experiment.measures:
+            theory, estimate = measure.theory(values), outcome[measure.name]
+            if theory is None or math.isnan(estimate.value) or estimate.agrees(theory):
+                continue
+            far.append(
+                f"{experiment.place(values)}: {measure.name} {estimate.value:.6g} "
+                f"+- {estimate.error:.2g}, theory {theory:.6g}"
+            )
+    return far

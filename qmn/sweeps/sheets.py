@@ -1,0 +1,222 @@
+"""The curves that `make curves` draws: each a grid, and the figures made of it."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+from qmn.sweeps import theory
+from qmn.sweeps.catalogue import EXPERIMENTS
+from qmn.sweeps.figure import Mark, Picture
+from qmn.sweeps.grid import Grid, Row, build
+from qmn.sweeps.pictures import series
+
+CODES = ("none", "repetition", "hamming", "golay")
+EXPERIMENT = Mark(
+    theory.EXPERIMENT_P,
+    *theory.EXPERIMENT_BITS,
+    "experiment, arXiv:1609.00713\n(at the p of this capacity)",
+)
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One figure: a measure over one axis, with a series for each value of the others."""
+
+    file: str
+    title: str
+    x: str
+    x_label: str
+    measure: str
+    by: Sequence[str] = ()
+    marks: Sequence[Mark] = field(default=())
+    levels: Sequence[tuple[float, str]] = field(default=())
+    logarithmic: bool = False
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """A grid and its curves."""
+
+    name: str
+    experiment: str
+    axes: dict[str, object]
+    curves: Sequence[Curve]
+
+    @property
+    def grid(self) -> Grid:
+        """Return the grid."""
+        return build(EXPERIMENTS[self.experiment], self.axes)
+
+    def unmeasured(self, rows: Sequence[Row]) -> list[str]:
+        """Name every point of a curve at which nothing could be measured."""
+        experiment = EXPERIMENTS[self.experiment]
+        return [
+            f"{experiment.place(values)}: no {curve.measure} was measured"
+            for curve in self.curves
+            for values, outcome in rows
+            if math.isnan(outcome[curve.measure].value)
+        ]
+
+    def picture(self, curve: Curve, rows: Sequence[Row]) -> Picture:
+        """Return a curve of the sheet with these points."""
+        experiment = EXPERIMENTS[self.experiment]
+        measure = experiment.measure(curve.measure)
+        if curve.logarithmic:
+            measure = replace(measure, logarithmic=True)
+        return Picture(
+            curve.title,
+            experiment.parameter(curve.x),
+            curve.x_label,
+            measure,
+            series(rows, [experiment.parameter(name) for name in curve.by], curve.measure),
+            curve.marks,
+            curve.levels,
+        )
+
+
+DEPOLARIZING = "depolarising probability p of the fibre"
+SHEETS = (
+    Sheet(
+        "superdense",
+        "sdc",
+        {"depolarizing": "0:0.2:11", "pairs": 500_000},
+        [
+            Curve(
+                "bit-error",
+                "Superdense coding: bit error p/2",
+                "depolarizing",
+                DEPOLARIZING,
+                "bit_error",
+            ),
+            Curve(
+                "dibit-error",
+                "Superdense coding: dibit error 3p/4",
+                "depolarizing",
+                DEPOLARIZING,
+                "dibit_error",
+            ),
+            Curve(
+                "capacity",
+                "Superdense coding: capacity 2 - H(1-3p/4, p/4, p/4, p/4)",
+                "depolarizing",
+                DEPOLARIZING,
+                "capacity",
+                marks=[EXPERIMENT],
+            ),
+        ],
+    ),
+    Sheet(
+        "codes",
+        "sdc",
+        {
+            "depolarizing": [0.02, 0.035, 0.05, 0.075, 0.1, 0.15, 0.2],
+            "fec": list(CODES),
+            "interleave": ["off", "on"],
+            "pairs": 2_000_000,
+        },
+        [
+            Curve(
+                "codes",
+                "Bit error after decoding",
+                "depolarizing",
+                DEPOLARIZING,
+                "residual_error",
+                by=["fec", "interleave"],
+            )
+        ],
+    ),
+    Sheet(
+        "loss",
+        "sdc",
+        {"length_km": "0:50:11", "loss_db_per_km": [0.2, 0.35, 3.0], "pairs": 200_000},
+        [
+            Curve(
+                "loss",
+                "Light that comes through a fibre: 10^(-loss/10 dB)",
+                "length_km",
+                "length of the fibre (km)",
+                "arrived",
+                by=["loss_db_per_km"],
+                logarithmic=True,
+            )
+        ],
+    ),
+    Sheet(
+        "teleportation",
+        "teleport",
+        {"fidelity": "0.25:1:11", "pairs": 500_000},
+        [
+            Curve(
+                "teleportation",
+                "Teleportation by Werner pairs: (2F + 1)/3",
+                "fidelity",
+                "fidelity F of the pairs",
+                "teleported",
+            )
+        ],
+    ),
+    Sheet(
+        "swapping",
+        "swap",
+        {
+            "first_fidelity": "0.25:1:11",
+            "second_fidelity": [0.7, 0.9, 1.0],
+            "pairs": 500_000,
+        },
+        [
+            Curve(
+                "swapping",
+                "Swapping of Werner pairs: F1 F2 + (1 - F1)(1 - F2)/3",
+                "first_fidelity",
+                "fidelity F1 of the first pair",
+                "swapped",
+                by=["second_fidelity"],
+            )
+        ],
+    ),
+    Sheet(
+        "chsh",
+        "chsh",
+        {"fidelity": "0.25:1:11", "pairs": 400_000},
+        [
+            Curve(
+                "chsh",
+                "CHSH test: S = 2 sqrt 2 (4F - 1)/3",
+                "fidelity",
+                "fidelity F of the pairs",
+                "chsh",
+                levels=[(2.0, "local realism: at most 2")],
+            )
+        ],
+    ),
+    Sheet(
+        "interference",
+        "hom",
+        {"delay_ps": "-3:3:13", "visibility": [0.7, 0.9, 1.0], "pairs": 400_000},
+        [
+            Curve(
+                "hong-ou-mandel",
+                "Hong-Ou-Mandel dip, bandwidth 1e12 rad/s",
+                "delay_ps",
+                "delay tau between the photons (ps)",
+                "coincidences",
+                by=["visibility"],
+            )
+        ],
+    ),
+    Sheet(
+        "dead-time",
+        "dead-time",
+        {"dead_time_s": "0:2e-7:9", "efficiency": [0.1, 0.3, 0.9], "pairs": 400_000},
+        [
+            Curve(
+                "dead-time",
+                "Dead time of a detector, 100 million pulses/s",
+                "dead_time_s",
+                "dead time",
+                "clicks",
+                by=["efficiency"],
+            )
+        ],
+    ),
+)

@@ -1,0 +1,89 @@
+"""One timeline of a run: all packets and all quantum events in one file, in time order."""
+
+import mmap
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import IO, NamedTuple
+
+from topologies.runtime import EVENT_CAPTURE
+from wire.pcapng import TRAILER_BYTES, Interface, Packet, PcapReader, Reader, Writer
+
+TIMELINE = "all.pcapng"
+LEAST_PCAP_BYTES = 24  # its header; a capture that was killed at its start has less
+
+
+class NoCaptures(Exception):
+    """A folder in which nothing was captured; the text names value and remedy."""
+
+
+class _Place(NamedTuple):
+    """Where a packet's bytes are; places sort by time, then by order of interfaces."""
+
+    time_ns: int
+    interface: int
+    file: int
+    offset: int
+    size: int
+    length: int
+
+
+def captured_bytes(run: Path) -> int:
+    """Return how much there is to merge."""
+    return sum(file.stat().st_size for file in _captures(run))
+
+
+def merge(run: Path, target: Path | None = None) -> Path:
+    """Write the timeline of a run's folder, by default into it; return the file.
+
+    Packets are on interfaces named after their capture files, events on those that they
+    have in the dispatcher's file. Raise NoCaptures where there is nothing, MalformedPacket
+    for a file that is no capture.
+    """
+    captures = _captures(run)
+    if not captures:
+        raise NoCaptures(f"no captures in {run}: name the folder of a run, as runs/latest")
+    target = target or run / TIMELINE
+    unfinished = target.with_name(f".{target.name}")
+    interfaces: list[Interface] = []
+    places: list[_Place] = []
+    with ExitStack() as stack:
+        contents = []
+        for number, capture in enumerate(captures):
+            file = stack.enter_context(capture.open("rb"))
+            places += _places(file, number, capture, interfaces)
+            content = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+            contents.append(stack.enter_context(content))
+        places.sort()
+        with unfinished.open("wb") as output:
+            writer = Writer(output, interfaces)
+            for time_ns, interface, file_number, offset, size, length in places:
+                data = contents[file_number][offset : offset + size]
+                writer.write(Packet(time_ns, data, length, interface))
+    unfinished.replace(target)
+    return target
+
+
+def _places(
+    file: IO[bytes], number: int, capture: Path, interfaces: list[Interface]
+) -> Iterator[_Place]:
+    """Yield where the packets of a file are; add its interfaces to the list."""
+    first = len(interfaces)
+    if capture.suffix == ".pcap":
+        pcap = PcapReader(file)
+        interfaces.append(Interface(capture.stem, pcap.link_type))
+        for time_ns, data, length, _interface in pcap.packets():
+            size = len(data)
+            yield _Place(time_ns, first, number, file.tell() - size, size, length)
+        return
+    events = Reader(file)
+    for time_ns, data, length, interface in events.packets():
+        end = file.tell() - TRAILER_BYTES - (-len(data) % 4)
+        yield _Place(time_ns, first + interface, number, end - len(data), len(data), length)
+    interfaces += events.interfaces
+
+
+def _captures(run: Path) -> list[Path]:
+    """Return the files to merge, those of packets first."""
+    files = [*sorted(run.glob("*.pcap")), run / EVENT_CAPTURE]
+    return [file for file in files if file.exists() and file.stat().st_size >= LEAST_PCAP_BYTES]

@@ -1,0 +1,37 @@
+"""`qmn sweep --emulate` from outside: a network for each point, and what they measure."""
+
+import csv
+import subprocess
+import sys
+from pathlib import Path
+
+from conftest import ROOT
+
+FIBERS_PASSED = 6
+COMMAND = [sys.executable, "-m", "qmn", "sweep", "sdc", "--emulate", "--message-bytes", "4096"]
+
+
+def sweep(out: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    """Run the command to its end."""
+    command = [*COMMAND, "--out", str(out), *words]
+    return subprocess.run(
+        command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=110
+    )
+
+
+def test_a_network_for_each_point_measures_what_theory_says(tmp_path: Path) -> None:
+    first = sweep(tmp_path, "--depolarizing", "0.002")
+    assert first.returncode == 0, first.stderr
+    again = sweep(tmp_path, "--depolarizing", "0.002,0")
+    assert again.returncode == 0, again.stderr
+    assert "2 points, seed 1; 1 are in" in again.stdout
+    with (tmp_path / "sdc-emulated.csv").open() as file:
+        lines = list(csv.DictReader(file))
+    assert [line["depolarizing"] for line in lines] == ["0.002", "0.0"]
+    for line in lines:
+        p = 1 - (1 - float(line["depolarizing"])) ** FIBERS_PASSED
+        distance = abs(float(line["dibit_error"]) - 3 * p / 4)
+        assert distance <= 5 * float(line["dibit_error_standard_error"])
+        assert float(line["arrived"]) == 1
+    assert len(list((tmp_path / "runs").glob("*-sdc"))) == len(lines)
+    assert (tmp_path / "sdc-emulated-dibit_error.png").stat().st_size > 10_000

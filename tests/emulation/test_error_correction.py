@@ -1,0 +1,80 @@
+"""Codes and three symbols over the real components."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+from conftest import ROOT, qmn, wait_until
+
+from hosts.software import QuantumSocket
+from topologies.network import Network, Signals
+from topologies.runtime import Runtime
+from topologies.sdc import SdcTopo
+from wire.metadata import Fec, Pauli
+from wire.physics import BellAnalyser
+
+
+class LinearTopo(SdcTopo):
+    """bob's Bell analyser is linear optics, behind a switch whose every path flips."""
+
+    def build(self, **fiber: Any) -> None:
+        """Change what hosts and switch are like."""
+        super().build(**fiber)
+        self.nodeInfo("bob")["analyser"] = BellAnalyser("linear")
+        self.nodeInfo("q1")["rotation"] = Pauli.X
+
+
+def change(*words: str) -> str:
+    """Run `qmn set`; return what it prints."""
+    command = [sys.executable, "-m", "qmn", "set", *words]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=30)
+    return done.stdout + done.stderr
+
+
+def send(network: Network, data: bytes) -> dict[str, Any]:
+    """Send from alice to bob; return what the session has used."""
+    with (
+        QuantumSocket(network.runtime.socket("bob")) as listener,
+        QuantumSocket(network.runtime.socket("alice")) as sender,
+    ):
+        listener.listen(7)
+        sender.connect(("bob", 7))
+        receiver, _peer = listener.accept()
+        with receiver:
+            sender.sendall(data)
+            assert receiver.recv(1 << 16) == data
+            sender.shutdown()
+        return sender.statistics
+
+
+def test_a_noisy_network_delivers_by_an_interleaved_code(tmp_path: Path) -> None:
+    message = "A noisy channel can be met by a code. " * 20
+    coding = ["--fec", "golay", "--interleave", "--frame-bytes", "16"]
+    done = qmn("--message", message, "--depolarizing", "0.02", *coding, runs=tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    result = json.loads((tmp_path / "latest" / "result.json").read_text())
+    assert (tmp_path / "latest" / "received").read_text() == message
+    assert (result["in_use"]["fec"], result["in_use"]["interleave"]) == ("golay", "on")
+    assert result["corrected_symbols"] > 100
+    frames = -(-len(message) // 16)
+    assert result["repeated_frames"] < frames  # without a code nearly every try fails
+    assert "golay, interleaved, rate 0.5" in done.stdout
+
+
+def test_linear_optics_carries_eleven_bits_in_seven_pairs_and_codes_too(tmp_path: Path) -> None:
+    data = bytes(range(220))
+    settings = Runtime(log_folder=tmp_path / "run")
+    with Signals() as signals, Network(LinearTopo, settings, signals) as network:
+        plain = send(network, data)
+        assert (plain["symbols"], plain["bell_pairs"]) == (3, 160 * 7)
+        wait_until(lambda: "fec golay" in change("alice", "fec", "golay"), "alice is set")
+        assert change("alice", "interleave", "on") == (
+            "alice: overridden in new sessions: fec golay, interleave on\n"
+        )
+        coded = send(network, data)
+        assert (coded["fec"], coded["interleave"]) == (Fec.GOLAY, 1)
+        code_bits = -(-8 * len(data) // 12) * 23
+        assert coded["bell_pairs"] == -(-code_bits // 11) * 7
+        assert plain["repeated_frames"] == coded["repeated_frames"] == 0

@@ -1,0 +1,84 @@
+"""What a run leaves for Wireshark: one timeline that tshark reads with our dissectors."""
+
+import json
+import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
+
+from conftest import ROOT, qmn, qmn_command, wait_until
+
+from topologies.runtime import RUNTIME_ROOT
+
+
+def tshark(run: Path, *options: str) -> list[str]:
+    script = ["-X", f"lua_script:{run / 'qmn.lua'}"]
+    command = ["tshark", "-2", *script, "-r", str(run / "all.pcapng"), *options]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
+    assert "Lua" not in done.stderr + done.stdout
+    return done.stdout.splitlines()
+
+
+def fields(run: Path, expression: str, *names: str) -> list[tuple[str, ...]]:
+    options = ["-Y", expression, "-T", "fields"]
+    for name in names:
+        options += ["-e", name]
+    return [tuple(line.split("\t")) for line in tshark(run, *options)]
+
+
+def test_wireshark_sees_packets_and_qubits_on_one_timeline(tmp_path: Path) -> None:
+    message = "see " * 20
+    # Slow enough that the controller asks the switch for the light of its ports meanwhile.
+    done = qmn("--message", message, "--rate-hz", "250", "--block-pairs", "400", runs=tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    run = tmp_path / "latest"
+
+    capinfos = ["capinfos", str(run / "all.pcapng"), str(run / "quantum.pcapng")]
+    info = subprocess.run(capinfos, capture_output=True, text=True, check=True, timeout=30)
+    assert info.stderr.replace("\n", "").startswith("Running as user") or info.stderr == ""
+    for name in ("s1-eth1", "c0", "fiber alice-q0", "fiber charlie-q1", "dispatcher"):
+        assert f"Name = {name}\n" in info.stdout
+    assert "Strict time order:   True" in info.stdout
+
+    # alice hangs on s1-eth1, bob on s1-eth2: pending before the controller, granted behind it.
+    seen = fields(
+        run, 'qmeta.service == "SDC"', "frame.interface_name", "qmeta.verdict", "qmeta.response_in"
+    )
+    assert [row[:2] for row in seen] == [("s1-eth1", "0"), ("s1-eth2", "1")]
+    assert all(row[2] for row in seen)
+    kinds = Counter(row[0] for row in fields(run, "qevent", "qevent.kind"))
+    assert kinds.keys() >= {"open", "create", "send", "arrive", "receive", "apply", "bell-measure"}
+    log = (run / "quantum.log").read_text().splitlines()
+    assert kinds.total() == len(log)
+    assert fields(run, "qof", "frame.interface_name").count(("c0",)) > 0
+    assert fields(run, 'qdev.kind == "DeviceReport" && qdev.request_in', "qdev.host")
+    bad = "qmeta.malformed || qdev.malformed || qevent.malformed || qof.malformed"
+    assert tshark(run, "-Y", bad) == []
+
+    # One clock: the light path opens before the controller lets the set-up message go on, and
+    # light is measured before bob reports it.
+    times = {
+        what: float(fields(run, expression, "frame.time_epoch")[0][0])
+        for what, expression in {
+            "open": 'qevent.kind == "open"',
+            "granted": 'qmeta.verdict == "GRANTED"',
+            "measured": 'qevent.kind == "bell-measure"',
+            "reported": 'qmeta.kind == "Report"',
+        }.items()
+    }
+    assert times["open"] < times["granted"] < times["measured"] < times["reported"]
+
+
+def test_a_spy_sees_every_event_of_a_run_and_ends_with_it(tmp_path: Path) -> None:
+    spy = [sys.executable, "-m", "qmn", "spy", "--history", "--json"]
+    pipe = subprocess.PIPE
+    with subprocess.Popen([*qmn_command(tmp_path), "--message", "spied"], stdout=pipe) as run:
+        wait_until(lambda: list(RUNTIME_ROOT.glob("*/dispatcher.json")), "a dispatcher", 30)
+        with subprocess.Popen(spy, cwd=ROOT, stdout=pipe, stderr=pipe, text=True) as process:
+            run.communicate(timeout=60)
+            lines, said = process.communicate(timeout=30)
+    assert process.returncode == 0, said
+    seen = [json.loads(line) for line in lines.splitlines()]
+    log = (tmp_path / "latest" / "quantum.log").read_text().splitlines()
+    assert [event["time"] for event in seen] == [line.split()[0] for line in log]
+    assert said == f"qmn: {len(log)} events shown, 0 dropped\n"

@@ -1,0 +1,156 @@
+"""Bell analysers against closed forms, within 5 standard errors; the seed is 1."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from five_sigma import within
+from numpy.typing import NDArray
+from test_detectors import COUNT, TRAIN, NoDraws
+
+from dispatcher.chance import Chance
+from dispatcher.devices.analyser import Analyser, Analysis, Half
+from dispatcher.devices.detector import Train
+from dispatcher.devices.detectors import DetectorPair
+from dispatcher.sabot.draws import Draws
+from dispatcher.sabot.manager import NO_CLICK
+from wire.physics import BellAnalyser, Detectors, Device
+
+STATES = np.random.default_rng(1).integers(0, 4, COUNT, dtype=np.uint8)
+NONE = np.full(COUNT, NO_CLICK, dtype=np.uint8)
+LIGHT = Half(np.ones(COUNT, dtype=bool), None, None, TRAIN)
+DARKNESS = Half(np.zeros(COUNT, dtype=bool), None, None, TRAIN)
+CHANCE = Chance(Draws(1), (7, 0, 0), "analyser", COUNT)
+
+
+def analyse(
+    analyser: BellAnalyser = BellAnalyser(),  # noqa: B008 - frozen
+    detectors: Detectors = Detectors(),  # noqa: B008
+    states: NDArray[np.uint8] = STATES,
+    halves: tuple[Half, Half] = (LIGHT, LIGHT),
+    chance: Chance = CHANCE,
+) -> Analysis:
+    """Analyse pairs with devices like this."""
+    arms = DetectorPair(detectors), DetectorPair(detectors)
+    device = Device(detectors=detectors, analyser=analyser)
+    return Analyser(device, arms).analyse(states, halves, chance)
+
+
+def late(delay_ps: float | NDArray[np.float64]) -> Half:
+    """Return light that has come later."""
+    return replace(LIGHT, delays_ps=np.broadcast_to(delay_ps, COUNT).astype(np.float64))
+
+
+def test_a_complete_analyser_tells_all_states_and_draws_nothing() -> None:
+    nothing = Chance(NoDraws(), (7, 0, 0), "analyser", COUNT)
+    found = analyse(chance=nothing)
+    assert np.array_equal(found.outcomes, STATES)
+    assert (found.clicks, found.incidents) == (2 * COUNT, {})
+
+
+def test_linear_optics_tell_psi_apart_and_report_both_phi_as_phi_plus() -> None:
+    outcomes = analyse(BellAnalyser(kind="linear")).outcomes
+    assert np.array_equal(outcomes, np.array([0, 1, 0, 3], dtype=np.uint8)[STATES])
+
+
+@pytest.mark.parametrize("visibility", [1.0, 0.9])
+@pytest.mark.parametrize("mismatch_ps", [0.0, 5.0, -10.0, 100.0])
+def test_phases_flip_as_hong_ou_and_mandel_count_coincidences(
+    visibility: float, mismatch_ps: float
+) -> None:
+    """P = [1 - V0 exp(-(bandwidth * mismatch)^2)] / 2."""
+    analyser = BellAnalyser(visibility=visibility, bandwidth_rad_per_s=1e11)
+    found = analyse(analyser, halves=(late(30.0 + mismatch_ps), late(30.0)))
+    flipped = found.outcomes ^ STATES
+    assert not (flipped & 1).any()
+    expected = (1 - visibility * np.exp(-((0.1 * mismatch_ps) ** 2))) / 2
+    assert within(int((flipped == 2).sum()), COUNT, expected)
+    assert found.incidents.get("distinguishable", 0) == (flipped == 2).sum()
+
+
+def test_each_photons_own_mismatch_counts() -> None:
+    """The mean of P over mismatches of rms s: V = V0 / sqrt(1 + 2 (bandwidth s)^2)."""
+    jitter_ps = np.random.default_rng(1).standard_normal(COUNT) * 8
+    found = analyse(BellAnalyser(bandwidth_rad_per_s=1e11), halves=(late(jitter_ps), LIGHT))
+    flipped = int(((found.outcomes ^ STATES) == 2).sum())
+    assert within(flipped, COUNT, (1 - 1 / (1 + 2 * 0.8**2) ** 0.5) / 2)
+    shared = analyse(BellAnalyser(bandwidth_rad_per_s=1e11), halves=(late(jitter_ps),) * 2)
+    assert np.array_equal(shared.outcomes, STATES)
+
+
+def test_pairs_that_lack_a_photon_are_no_coincidence() -> None:
+    there = np.arange(COUNT) % 2 == 0
+    states = np.where(there, STATES, np.uint8(NO_CLICK))
+    found = analyse(states=states, halves=(LIGHT, replace(LIGHT, present=there)))
+    assert np.array_equal(found.outcomes, states)
+    assert found.clicks == COUNT + COUNT // 2
+
+
+def test_both_photons_must_be_detected() -> None:
+    outcomes = analyse(detectors=Detectors(efficiency=0.7)).outcomes
+    seen = outcomes != NO_CLICK
+    assert within(int(seen.sum()), COUNT, 0.7**2)
+    assert np.array_equal(outcomes[seen], STATES[seen])
+
+
+def test_dark_counts_alone_make_accidental_coincidences_of_any_outcome() -> None:
+    detectors = Detectors(dark_count_hz=1e8, gate_s=1e-9)
+    found = analyse(detectors=detectors, states=NONE, halves=(DARKNESS, DARKNESS))
+    arm = 1 - np.exp(-2 * 0.1)
+    told = int((found.outcomes != NO_CLICK).sum())
+    assert within(told, COUNT, arm**2)
+    assert found.incidents["accidental"] == told
+    assert all(within(int((found.outcomes == state).sum()), told, 0.25) for state in range(4))
+
+
+def test_a_short_window_keeps_part_of_the_accidental_coincidences() -> None:
+    """Two moments in a gate of g are within w with probability 1 - (1 - w/g)^2."""
+    detectors = Detectors(dark_count_hz=1e8, gate_s=1e-9)
+    found = analyse(
+        BellAnalyser(coincidence_window_s=0.3e-9), detectors, NONE, (DARKNESS, DARKNESS)
+    )
+    told = int((found.outcomes != NO_CLICK).sum())
+    assert within(told, COUNT, (1 - np.exp(-0.2)) ** 2 * (1 - 0.7**2))
+
+
+def test_a_dark_count_beside_a_lone_photon_is_an_accidental_coincidence() -> None:
+    detectors = Detectors(dark_count_hz=1e8, gate_s=1e-9)
+    found = analyse(detectors=detectors, states=NONE, halves=(LIGHT, DARKNESS))
+    told = int((found.outcomes != NO_CLICK).sum())
+    assert within(told, COUNT, 1 - np.exp(-0.2))
+    assert found.incidents["accidental"] == told
+    assert all(within(int((found.outcomes == state).sum()), told, 0.25) for state in range(4))
+
+
+def test_clicks_too_far_apart_are_no_coincidence() -> None:
+    delays_ps = np.where(np.arange(COUNT) % 4 == 0, 2e6, 0.0)
+    found = analyse(halves=(late(delays_ps), LIGHT))
+    assert np.array_equal(found.outcomes == NO_CLICK, np.arange(COUNT) % 4 == 0)
+    assert found.incidents == {"late": COUNT // 4}
+
+
+def test_the_jitter_of_both_detectors_takes_clicks_apart() -> None:
+    """Of a normal difference of rms s, erf(w / (s sqrt 2)) is within w; here w = s."""
+    detectors = Detectors(jitter_ps=100.0)
+    window_s = 100e-12 * 2**0.5
+    found = analyse(BellAnalyser(coincidence_window_s=window_s), detectors)
+    assert within(int((found.outcomes != NO_CLICK).sum()), COUNT, 0.6826895)
+
+
+def test_trains_of_different_rates_run_apart() -> None:
+    slower = replace(LIGHT, train=Train(TRAIN.start_ns + 5_000_000, 40.0, COUNT))
+    found = analyse(halves=(LIGHT, slower))
+    assert np.flatnonzero(found.outcomes != NO_CLICK).tolist() == list(range(51))  # 1 us at 20 ns
+
+
+def test_the_delay_line_takes_out_how_much_later_one_half_has_come() -> None:
+    delayed = replace(LIGHT, train=replace(TRAIN, start_ns=TRAIN.start_ns + 5_000_000))
+    assert np.array_equal(analyse(halves=(LIGHT, delayed)).outcomes, STATES)
+
+
+def test_further_photons_make_outcomes_random() -> None:
+    extras = np.ones(COUNT, dtype=np.uint8)
+    half = replace(DARKNESS, extras=extras)
+    found = analyse(states=NONE, halves=(half, half))
+    assert all(within(int((found.outcomes == state).sum()), COUNT, 0.25) for state in range(4))
+    assert found.incidents["accidental"] == COUNT

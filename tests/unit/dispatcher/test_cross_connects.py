@@ -1,0 +1,125 @@
+"""The socket for cross-connects: who may use it for what, and what it makes of rubbish."""
+
+import asyncio
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager, closing
+from pathlib import Path
+
+import grpc
+import pytest
+from dispatcher_network import DEADLINE_S, Bench, JumpingClock, configuration, running
+
+from wire import frames
+from wire.dispatcher_pb2 import Connection, CrossConnectOutcome, CrossConnectRequest
+
+Code = grpc.StatusCode
+TOKEN = frames.encode(b"token of q1")
+
+
+def cross_connect(*connections: tuple[int, int], switch: str = "q1") -> CrossConnectRequest:
+    """Return the request that sets cross-connects."""
+    ports = [Connection(in_port=i, out_port=o) for i, o in connections]
+    return CrossConnectRequest(switch=switch, connections=ports)
+
+
+def play(folder: Path, scene: Callable[[Bench], Awaitable[None]]) -> None:
+    """Run a scene on the network."""
+
+    async def run() -> None:
+        async with running(configuration(folder), JumpingClock()) as bench:
+            await asyncio.wait_for(scene(bench), DEADLINE_S)
+
+    asyncio.run(run())
+
+
+@asynccontextmanager
+async def connection(
+    bench: Bench,
+) -> AsyncIterator[tuple[asyncio.StreamReader, asyncio.StreamWriter]]:
+    """Connect to the socket, and say nothing yet."""
+    reader, writer = await asyncio.open_unix_connection(bench.socket)
+    with closing(writer):
+        yield reader, writer
+
+
+def paths(bench: Bench) -> dict[int, int]:
+    """Return the cross-connects that there are."""
+    return bench.layer.network.switches["q1"].timeline.connections
+
+
+@pytest.mark.parametrize(
+    ("node", "request_", "code", "text"),
+    [
+        ("alice", cross_connect((1, 3)), Code.PERMISSION_DENIED, "its own agent"),
+        ("runner", cross_connect((1, 3)), Code.PERMISSION_DENIED, "its own agent"),
+        ("eve", cross_connect((1, 3)), Code.UNAUTHENTICATED, "unknown token"),
+        ("q1", cross_connect((1, 9)), Code.NOT_FOUND, "port 9 of q1"),
+        ("q1", cross_connect((1, 3), switch="q2"), Code.NOT_FOUND, "there is q1"),
+        ("q1", cross_connect((1, 3), (1, 4)), Code.INVALID_ARGUMENT, "port 1 is named twice"),
+        ("q1", cross_connect((1, 3), (2, 3)), Code.INVALID_ARGUMENT, "share output"),
+    ],
+)
+def test_refused_cross_connects_say_why_and_change_nothing(
+    tmp_path: Path, node: str, request_: CrossConnectRequest, code: grpc.StatusCode, text: str
+) -> None:
+    async def scene(bench: Bench) -> None:
+        await bench.switch.connect((2, 4))
+        events = bench.layer.history.count
+        async with connection(bench) as (reader, writer):
+            writer.write(frames.encode(f"token of {node}".encode()))
+            for _again in range(2):  # it goes on
+                writer.write(frames.encode(request_.SerializeToString()))
+                outcome = CrossConnectOutcome.FromString(await frames.read(reader))
+                assert outcome.code == code.value[0]
+                assert text in outcome.text
+        assert paths(bench) == {2: 4}
+        assert bench.layer.history.count == events
+
+    play(tmp_path, scene)
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        frames.encode(b"\xff"),  # no token: it is not text
+        TOKEN + frames.encode(b"\xff"),  # no request
+        TOKEN + frames.LENGTH.pack(frames.MAX_LENGTH + 1),
+    ],
+)
+def test_rubbish_ends_its_connection_and_no_other(tmp_path: Path, said: bytes) -> None:
+    async def scene(bench: Bench) -> None:
+        async with connection(bench) as (reader, writer):
+            writer.write(said)
+            assert await reader.read() == b""
+        await bench.switch.connect((1, 3))
+        assert paths(bench) == {1: 3}
+
+    play(tmp_path, scene)
+
+
+@pytest.mark.parametrize("said", [b"", TOKEN[:3], TOKEN, TOKEN + frames.LENGTH.pack(9) + b"\n"])
+def test_a_connection_that_ends_early_changes_nothing(tmp_path: Path, said: bytes) -> None:
+    async def scene(bench: Bench) -> None:
+        async with connection(bench) as (reader, writer):
+            writer.write(said)
+            writer.write_eof()
+            assert await reader.read() == b""
+        assert paths(bench) == {}
+
+    play(tmp_path, scene)
+
+
+def test_requests_of_one_connection_are_answered_in_their_order(tmp_path: Path) -> None:
+    async def scene(bench: Bench) -> None:
+        async with connection(bench) as (reader, writer):
+            asked = [cross_connect((1, 3)), cross_connect((1, 9)), cross_connect((2, 4))]
+            requests = [frames.encode(one.SerializeToString()) for one in asked]
+            writer.write(TOKEN + b"".join(requests))
+            outcomes = [CrossConnectOutcome.FromString(await frames.read(reader)) for _ in asked]
+        assert [outcome.code for outcome in outcomes] == [0, Code.NOT_FOUND.value[0], 0]
+        assert outcomes[0].ready_ns < outcomes[2].ready_ns
+        assert paths(bench) == {2: 4}
+        kinds = [(event.kind, event.detail) for event in bench.layer.history._events]
+        assert kinds == [("open", "1 -> 3"), ("close", "1 -> 3"), ("open", "2 -> 4")]
+
+    play(tmp_path, scene)

@@ -1,0 +1,43 @@
+"""Dead time that later light does not extend, against a walk click by click; the seed is 1."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from dispatcher.devices.dead_time import seen
+
+Mask = NDArray[np.bool_]
+
+
+def one_by_one(clicks: Mask, dead_slots: int) -> Mask:
+    """Return which clicks are seen, click by click."""
+    found, last = np.zeros_like(clicks), -dead_slots
+    for slot in np.flatnonzero(clicks).tolist():
+        if slot - last >= dead_slots:
+            found[slot], last = True, slot
+    return found
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 10, 97, 3_000])
+@pytest.mark.parametrize("probability", [0.0, 0.01, 0.3, 1.0])
+@pytest.mark.parametrize("dead_slots", [0, 1, 2, 3, 50, 2_000])
+def test_clicks_are_seen_as_one_after_the_other(
+    count: int, probability: float, dead_slots: int
+) -> None:
+    random = np.random.default_rng(1)
+    for _ in range(5):
+        clicks = random.random(count) < probability
+        assert np.array_equal(seen(clicks, dead_slots), one_by_one(clicks, dead_slots))
+
+
+@pytest.mark.parametrize(("probability", "dead_slots"), [(0.3, 5), (0.05, 100), (0.9, 2)])
+def test_the_rate_is_that_of_a_dead_time_that_is_not_extended(
+    probability: float, dead_slots: int
+) -> None:
+    """For pulses n / (1 + n tau) becomes p / (1 + p (d - 1)); bound: 5 sigma of a renewal."""
+    count = 1_000_000
+    clicks = np.random.default_rng(1).random(count) < probability
+    found = int(np.count_nonzero(seen(clicks, dead_slots)))
+    mean = dead_slots - 1 + 1 / probability
+    sigma = (count * (1 - probability) / probability**2 / mean**3) ** 0.5
+    assert abs(found - count / mean) < 5 * sigma + 1

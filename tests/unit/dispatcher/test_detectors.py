@@ -1,0 +1,169 @@
+"""Detectors against closed forms, within 5 standard errors; the seed is 1."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from five_sigma import within
+from numpy.typing import NDArray
+
+from dispatcher.chance import Chance
+from dispatcher.devices.detector import Detector, Train
+from dispatcher.devices.detectors import Detection, DetectorPair
+from dispatcher.sabot.draws import Draws
+from dispatcher.sabot.manager import NO_CLICK
+from wire.physics import Detectors
+
+COUNT = 200_000
+START_NS = 1_700_000_000_000_000_000
+TRAIN = Train(START_NS, 20.0, COUNT)
+DARK = np.full(COUNT, NO_CLICK, dtype=np.uint8)
+BITS = np.random.default_rng(1).integers(0, 2, COUNT, dtype=np.uint8)
+
+
+class NoDraws:
+    """Draws that must not be made."""
+
+    def generator(self, _key: tuple[int, int, int], purpose: str) -> np.random.Generator:
+        """Fail."""
+        raise AssertionError(f"drew for {purpose}")
+
+
+def chance(number: int = 0, count: int = COUNT) -> Chance:
+    """Return the draws of a block."""
+    return Chance(Draws(1), (7, number, 0), "detectors", count)
+
+
+def look(bits: NDArray[np.uint8] = BITS, train: Train = TRAIN, **like: float) -> Detection:
+    """Look at light with detectors like this."""
+    return DetectorPair(Detectors(**like)).detect(bits, None, train, chance(count=train.count))
+
+
+def test_ideal_detectors_tell_the_bits_and_draw_nothing() -> None:
+    nothing = Chance(NoDraws(), (7, 0, 0), "detectors", COUNT)
+    found = DetectorPair(Detectors()).detect(BITS, None, TRAIN, nothing)
+    assert found.bits is BITS
+    assert (found.clicks, found.incidents()) == (COUNT, {})
+
+
+def test_light_is_seen_with_the_efficiency() -> None:
+    found = look(efficiency=0.8)
+    seen = found.bits != NO_CLICK
+    assert within(int(seen.sum()), COUNT, 0.8)
+    assert np.array_equal(found.bits[seen], BITS[seen])
+    assert found.clicks == seen.sum()
+
+
+@pytest.mark.parametrize("dark_count_hz", [1e5, 1e8])
+def test_dark_counts_come_with_their_rate_while_the_gate_is_open(dark_count_hz: float) -> None:
+    found = look(DARK, dark_count_hz=dark_count_hz, gate_s=2e-9)
+    expected = 1 - np.exp(-dark_count_hz * 2e-9)
+    assert within(found.dark, 2 * COUNT, expected)
+    assert found.clicks == found.dark
+    told = found.bits[found.bits != NO_CLICK]
+    assert within(len(told), COUNT, 1 - (1 - expected) ** 2)
+    assert within(int(told.sum()), len(told), 0.5)
+    assert found.lightless is not None
+    assert np.array_equal(found.lightless, found.bits != NO_CLICK)
+
+
+def test_two_clicks_at_once_are_squashed_to_a_random_bit() -> None:
+    zeros = np.zeros(COUNT, dtype=np.uint8)
+    found = look(zeros, dark_count_hz=5e8, gate_s=1e-9)
+    dark = 1 - np.exp(-0.5)
+    assert within(found.double, COUNT, dark)
+    assert within(int(found.bits.sum()), COUNT, dark / 2)
+
+
+def test_further_photons_of_a_pulse_click_in_either_detector() -> None:
+    """With n photons and efficiency e, neither clicks with (1-e)^n, both with what is left."""
+    extras = np.full(COUNT, 2, dtype=np.uint8)
+    found = DetectorPair(Detectors(efficiency=0.6)).detect(DARK, extras, TRAIN, chance())
+    assert within(int((found.bits == NO_CLICK).sum()), COUNT, 0.4**2)
+    assert within(found.double, COUNT, 1 - 2 * 0.7**2 + 0.4**2)
+    assert within(int((found.bits == 1).sum()), COUNT, (1 - 0.4**2) / 2)
+    assert not found.own.any()
+
+
+def test_each_detector_is_dead_on_its_own() -> None:
+    alternating = (np.arange(COUNT) % 2).astype(np.uint8)
+    assert look(alternating, dead_time_s=40e-9).dead == 0  # the same detector every 40 ns
+    assert look(np.zeros_like(alternating), dead_time_s=40e-9).dead == COUNT // 2
+
+
+def test_the_dead_time_goes_on_into_the_next_block() -> None:
+    pair = DetectorPair(Detectors(dead_time_s=1e-6))
+    zeros = np.zeros(3, dtype=np.uint8)
+
+    def seen(start_ns: int) -> list[int]:
+        train = Train(START_NS + start_ns, 20.0, 3)
+        return list(pair.detect(zeros, None, train, chance(count=3)).bits)
+
+    assert seen(0) == [0, NO_CLICK, NO_CLICK]
+    assert seen(960) == [NO_CLICK, NO_CLICK, 0]  # live again at 1000 ns
+    assert seen(5_000) == [0, NO_CLICK, NO_CLICK]
+
+
+def test_light_that_was_in_no_fibre_is_measured_at_leisure() -> None:
+    train = replace(TRAIN, interval_ns=0.0)
+    found = look(train=train, dead_time_s=1e-3, afterpulse_probability=0.5)
+    assert np.array_equal(found.bits, BITS)
+
+
+def test_afterpulses_are_a_share_of_the_clicks() -> None:
+    """Those within half a slot of their click fall into its own gate and are not seen."""
+    light = DARK.copy()
+    light[::200] = 0
+    found = look(light, gate_s=20e-9, afterpulse_probability=0.3, afterpulse_s=100e-9)
+    assert within(found.afterpulses, COUNT // 200, 0.3 * np.exp(-10 / 100))
+    assert found.clicks == COUNT // 200 + found.afterpulses
+
+
+def test_afterpulses_outside_the_gates_are_not_seen() -> None:
+    light = DARK.copy()
+    light[::200] = 0
+    found = look(light, gate_s=5e-9, afterpulse_probability=1.0, afterpulse_s=1e-6)
+    assert abs(found.afterpulses - COUNT / 200 * 0.25) < 5 * (COUNT / 200 * 0.25) ** 0.5
+
+
+def test_afterpulses_of_a_block_are_seen_in_the_next() -> None:
+    detector = Detector(Detectors(gate_s=20e-9, afterpulse_probability=1.0, afterpulse_s=1e-4))
+    light, dark = np.ones(1_000, dtype=bool), np.zeros(100_000, dtype=bool)
+    assert detector.watch(light, Train(START_NS, 20.0, 1_000), chance(0, 1_000)).seen.all()
+    later = detector.watch(dark, Train(START_NS + 20_000, 20.0, 100_000), chance(1, 100_000))
+    # All 1,000 but those that came already: 1 - E[e^(-u)], u uniform over 0 to .2.
+    assert within(later.afterpulses, 1_000, (1 - np.exp(-0.2)) / 0.2)
+    again = detector.watch(dark, Train(START_NS + 3_000_000, 20.0, 100_000), chance(2, 100_000))
+    assert again.afterpulses == 0
+
+
+@pytest.mark.parametrize("dead_slots", [1, 2, 7])
+def test_dead_time_and_afterpulses_together_are_as_one_after_the_other(dead_slots: int) -> None:
+    count = 20_000
+    like = Detectors(
+        gate_s=20e-9,
+        dead_time_s=dead_slots * 20e-9,
+        afterpulse_probability=0.4,
+        afterpulse_s=100e-9,
+    )
+    light = np.random.default_rng(1).random(count) < 0.3
+    drawn = chance(0, count)
+    found = Detector(like).watch(light, Train(START_NS, 20.0, count), drawn)
+    causes = drawn.events("afterpulse", 0.4)
+    waits = drawn.generator("afterpulse delay").standard_exponential(causes.size) * 5
+    target = dict(zip(causes.tolist(), np.rint(causes + waits).astype(int).tolist(), strict=True))
+    pulses, expected, last = set[int](), np.zeros(count, dtype=bool), -dead_slots
+    for slot in range(count):
+        if slot - last >= dead_slots and (light[slot] or slot in pulses):
+            expected[slot], last = True, slot
+            if light[slot] and slot in target:
+                pulses.add(target[slot])
+    assert np.array_equal(found.seen, expected)
+
+
+def test_the_same_block_is_seen_the_same_whatever_was_measured_before() -> None:
+    like = Detectors(efficiency=0.7, dark_count_hz=1e7)
+    alone, second = DetectorPair(like), DetectorPair(like)
+    second.detect(BITS, None, TRAIN, chance(1))
+    one, other = (pair.detect(BITS, None, TRAIN, chance(2)) for pair in (alone, second))
+    assert np.array_equal(one.bits, other.bits)

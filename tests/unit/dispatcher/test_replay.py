@@ -1,0 +1,380 @@
+"""A run that is replayed gives the same events, byte for byte; a spoiled record is refused."""
+
+import asyncio
+import io
+import random
+import stat
+from collections.abc import Awaitable, Callable
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import grpc
+import pytest
+from dispatcher_network import (
+    DEADLINE_S,
+    START_NS,
+    Bench,
+    Client,
+    JumpingClock,
+    block,
+    configuration,
+    running,
+    with_fibers,
+)
+
+from dispatcher.clock import CaptureClock, Clock
+from dispatcher.replaying.replay import replay
+from dispatcher.server import build_service, open_layer
+from wire import record
+from wire.dispatcher_pb2 import (
+    AdjustFiberRequest,
+    ApplyRequest,
+    Connection,
+    CreateRequest,
+    DiscardRequest,
+    Launch,
+    MeasureRequest,
+    Order,
+    ReceiveRequest,
+    SendRequest,
+    Step,
+    StoreRequest,
+)
+from wire.physics import BellAnalyser, Detectors, Device, Memory, PairSource
+from wire.record import BadRecord
+from wire.record_pb2 import Clock as ClockEntry
+from wire.record_pb2 import Entry, Header, Request, Resumed
+
+Act = Callable[[Bench], Awaitable[None]]
+
+
+def recorded(folder: Path, clock: Clock, act: Act, **changes: Any) -> tuple[bytes, str]:
+    """Let something happen in a noisy network; return the record and the event log."""
+    file, log = folder / "dispatcher.record", folder / "quantum.log"
+    config = configuration(folder, event_log=str(log), record=str(file))
+    config = with_fibers(config, loss_db_per_km=5.0, depolarizing=0.4, length_km=0.3)
+    config = replace(config, **changes)
+
+    async def run() -> None:
+        async with running(config, clock) as bench:
+            await act(bench)
+
+    asyncio.run(run())
+    assert stat.S_IMODE(file.stat().st_mode) == 0o600
+    content = file.read_bytes()
+    assert b"token of" not in content
+    return content, log.read_text()
+
+
+def replayed(content: bytes) -> str:
+    """Replay a record; return its event log."""
+    log = io.StringIO()
+    replay(io.BytesIO(content), log)
+    return log.getvalue()
+
+
+async def superdense(bench: Bench) -> None:
+    """Send a message by superdense coding."""
+    await bench.switch.connect((3, 4))
+    await bench.alice.create(200)
+    await bench.alice.apply(block(0, 1), bytes(n % 4 for n in range(200)))
+    await bench.alice.send((block(0, 0), "alice-q9"), (block(0, 1), "alice-q0"))
+    await bench.bob.receive(block(0, 0), "bob-q9")
+    await bench.bob.receive(block(0, 1), "bob-q0")
+    await bench.bob.bell_measure(block(0, 0), block(0, 1))
+
+
+@pytest.mark.parametrize("clock", [JumpingClock, CaptureClock])
+@pytest.mark.parametrize("backend", ["chp", "stim", "dense"])
+def test_a_transmission_is_replayed_byte_for_byte(
+    tmp_path: Path, clock: Callable[[], Clock], backend: str
+) -> None:
+    content, log = recorded(tmp_path, clock(), superdense, backend=backend)
+    assert log.count("\n") >= 10
+    assert replayed(content) == log
+
+
+class Crowd:
+    """Hosts that ask for many things at once, in no order that anybody planned."""
+
+    def __init__(self, bench: Bench, seed: int) -> None:
+        """Use this network."""
+        self.bench, self.random = bench, random.Random(seed)
+
+    async def run(self) -> None:
+        """Let everyone do something at the same time."""
+        async with asyncio.timeout(30), asyncio.TaskGroup() as group:
+            for number in range(12):
+                group.create_task(self.transmit(number))
+                group.create_task(self.receive(number))
+            group.create_task(self.switch())
+            group.create_task(self.orders())
+            group.create_task(self.look())
+
+    async def transmit(self, number: int) -> None:
+        """Make a block and send both halves, one through the switch."""
+        alice, count = self.bench.alice, self.random.randint(1, 60)
+        await alice.create(count, number=number)
+        await alice.apply(block(number, 1), bytes(self.random.randrange(4) for _ in range(count)))
+        await alice.send(
+            (block(number, 0), "alice-q9"),
+            (block(number, 1), "alice-q0"),
+            rate_hz=self.random.choice([10_000, 1_000_000]),
+        )
+
+    async def receive(self, number: int) -> None:
+        """Wait for a block, not always long enough; some go away while they wait."""
+        bob = self.bench.bob
+        patience_s = self.random.choice([0.002, 1.0])
+        try:
+            await bob.receive(block(number, 0), "bob-q9", timeout_s=patience_s)
+            await bob.measure(block(number, 0), MeasureRequest.X)
+            await asyncio.wait_for(bob.receive(block(number, 1), "bob-q0"), 0.02)
+            await bob.measure(block(number, 1))
+        except (grpc.RpcError, TimeoutError):
+            await bob.discard(DiscardRequest(session=7))
+
+    async def switch(self) -> None:
+        """Change cross-connects while light is on its way."""
+        for _ in range(20):
+            ways = self.random.choice([[(3, 4)], [(3, 5)], [(3, 4), (1, 5)], []])
+            await self.bench.switch.connect(*ways)
+            await self.bench.switch.tune(4, power_dbm=-self.random.random())
+            await asyncio.sleep(self.random.random() / 300)
+        stuck = Connection(in_port=3, out_port=4)
+        await self.bench.runner.inject(stuck=stuck)
+        await self.bench.runner.inject(repair=True)
+
+    async def orders(self) -> None:
+        """Let charlie perform orders side by side, one of which fails."""
+
+        async def given() -> Any:
+            for number in range(1, 9):
+                create = CreateRequest(session=9, number=number // 2, count=20)
+                name = block(number // 2, 0, session=9)
+                launch = Launch(block=name, port="charlie-q0")
+                yield Order(
+                    number=number,
+                    steps=[
+                        Step(create=create),
+                        Step(apply=ApplyRequest(block=name, paulis=bytes(20))),
+                        Step(send=SendRequest(launches=[launch], rate_hz=50_000)),
+                        Step(receive=ReceiveRequest(block=name, port="charlie-q0", timeout_s=0.01)),
+                    ],
+                )
+
+        charlie: Client = self.bench.charlie
+        async for _outcome in charlie.stub.Perform(given(), metadata=charlie.metadata, timeout=20):
+            pass
+
+    async def look(self) -> None:
+        """Ask what changes nothing, but reads the clock."""
+        for _ in range(20):
+            await self.bench.switch.statistics()
+            await self.bench.runner.status()
+            await asyncio.sleep(0.001)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_happens_at_the_same_time_is_replayed_in_its_order(tmp_path: Path, seed: int) -> None:
+    async def act(bench: Bench) -> None:
+        await Crowd(bench, seed).run()
+
+    content, log = recorded(tmp_path, CaptureClock(), act)
+    assert log.count("\n") > 100
+    assert replayed(content) == log
+
+
+EVERYTHING = {
+    "dephasing": 0.1,
+    "drift_rad_per_sqrt_km": 1.0,
+    "drift_time_s": 1e-3,
+    "burst_depolarizing": 0.9,
+    "burst_start_hz": 1e4,
+    "burst_end_hz": 1e4,
+    "temperature_walk_k_per_sqrt_s": 5.0,
+    "classical_mw": 1.0,
+    "raman_per_km_nm": 1e-4,
+}
+DEVICE = Device(
+    source=PairSource(statistics="thermal", mean_pairs=0.5, fidelity=0.9, jitter_ps=300.0),
+    memory=Memory(t1_s=0.1, t2_s=0.15, efficiency=0.9),
+    detectors=Detectors(0.7, dark_count_hz=1e6, dead_time_s=1e-7, afterpulse_probability=0.3),
+    analyser=BellAnalyser(visibility=0.8),
+)
+
+
+@pytest.mark.parametrize("damping", ["twirl", "dense"])
+def test_every_noise_that_there_is_is_replayed(tmp_path: Path, damping: Any) -> None:
+    async def act(bench: Bench) -> None:
+        for number in range(3):
+            await bench.alice.create(100, number=number)
+            for half in (0, 1):
+                await bench.alice.feedback("Store", StoreRequest(block=block(number, half)))
+            await bench.alice.send((block(number, 0), "alice-q9"), rate_hz=10_000)
+            adjust = AdjustFiberRequest(a="alice", b="bob", classical_mw=float(number))
+            await bench.runner.call("AdjustFiber", adjust)
+            await bench.runner.call(
+                "AdjustFiber", AdjustFiberRequest(a="alice", b="bob", calibrate=True)
+            )
+            await bench.alice.send((block(number, 1), "alice-q9"), rate_hz=10_000)
+            for half in (0, 1):
+                await bench.bob.receive(block(number, half), "bob-q9")
+            await bench.bob.bell_measure(block(number, 0), block(number, 1))
+
+    device = replace(DEVICE, memory=replace(DEVICE.memory, damping=damping))
+    fibers = with_fibers(configuration(tmp_path), length_km=0.3, **EVERYTHING).fibers
+    devices = {"alice": device, "bob": device}
+    content, log = recorded(tmp_path, CaptureClock(), act, fibers=fibers, devices=devices)
+    for word in ("calibrate", "dark", "in pulses", "after 0.0"):
+        assert word in log
+    assert replayed(content) == log
+
+
+class TogetherClock:
+    """A clock on which all waits end at once."""
+
+    def __init__(self) -> None:
+        """Begin before the end of all waits."""
+        self.over = asyncio.Event()
+
+    def now_ns(self) -> int:
+        """Return the time."""
+        return START_NS
+
+    async def wait_until(self, _time_ns: int) -> None:
+        """Wait for the end of all waits."""
+        await self.over.wait()
+
+
+def test_waits_that_end_together_are_replayed_in_their_order(tmp_path: Path) -> None:
+    clock, file, log = TogetherClock(), tmp_path / "record", io.StringIO()
+    config = configuration(tmp_path, record=str(file))
+
+    async def run() -> None:
+        with ExitStack() as stack:
+            layer = open_layer(config, clock, log, stack)
+            service = build_service(config, layer, lambda error: None)
+            tasks = []
+            for number in range(2):
+                name = block(number)
+                create = CreateRequest(session=7, number=number, count=1)
+                send = SendRequest(launches=[Launch(block=name, port="alice-q9")], rate_hz=1)
+                receive = ReceiveRequest(block=name, port="bob-q9", timeout_s=5)
+                await service.change("alice", "create", create)
+                tasks += [
+                    asyncio.create_task(service.change(node, kind, request))
+                    for node, kind, request in (
+                        ("bob", "receive", receive),
+                        ("alice", "send", send),
+                    )
+                ]
+            await asyncio.sleep(0.01)
+            clock.over.set()
+            await asyncio.gather(*tasks)
+
+    asyncio.run(run())
+    kinds = [line.split()[2] for line in log.getvalue().splitlines()]
+    assert kinds[-4:] == ["arrive", "arrive", "receive", "receive"]
+    assert replayed(file.read_bytes()) == log.getvalue()
+
+
+def test_a_run_that_ends_while_light_is_on_its_way_is_replayed(tmp_path: Path) -> None:
+    async def act(bench: Bench) -> None:
+        await bench.alice.create(10)
+        sending = asyncio.ensure_future(bench.alice.send((block(), "alice-q9"), rate_hz=1))
+        async with asyncio.timeout(DEADLINE_S):
+            while bench.layer.history.count < 2:  # created, and sent
+                await asyncio.sleep(0.001)
+        sending.cancel()
+
+    content, log = recorded(tmp_path, CaptureClock(), act)
+    assert log.count("\n") == 2
+    assert replayed(content) == log
+
+
+def test_another_seed_gives_another_log(tmp_path: Path) -> None:
+    content, log = recorded(tmp_path, JumpingClock(), superdense)
+    assert replayed(content.replace(b'"seed": 1,', b'"seed": 2,')) != log
+
+
+def test_a_record_is_never_written_over(tmp_path: Path) -> None:
+    recorded(tmp_path, JumpingClock(), superdense)
+    with pytest.raises(FileExistsError):
+        recorded(tmp_path, JumpingClock(), superdense)
+
+
+def entries(*parts: Entry) -> bytes:
+    """Return a record of these entries."""
+    file = io.BytesIO()
+    record.begin(file)
+    for part in parts:
+        record.write(file, part)
+    return file.getvalue()
+
+
+def header(folder: Path) -> Entry:
+    """Return the header of a small network's record."""
+    content, _log = recorded(folder, JumpingClock(), superdense)
+    return next(record.read(io.BytesIO(content)))
+
+
+def test_every_cut_of_a_record_is_refused_or_shorter(tmp_path: Path) -> None:
+    content, log = recorded(tmp_path, JumpingClock(), superdense)
+    whole = 0
+    for length in range(0, len(content), 7):
+        try:
+            assert log.startswith(replayed(content[:length]))
+            whole += 1
+        except BadRecord:
+            continue
+    assert whole < len(content) / 7 / 5
+
+
+def test_spoiled_bytes_are_refused_or_give_other_events(tmp_path: Path) -> None:
+    content, _log = recorded(tmp_path, JumpingClock(), superdense)
+    draws = random.Random(1)
+    for _ in range(200):
+        spoiled = bytearray(content)
+        for _ in range(draws.randint(1, 5)):
+            spoiled[draws.randrange(len(spoiled))] = draws.randrange(256)
+        try:
+            replayed(bytes(spoiled))
+        except BadRecord:
+            continue
+
+
+def test_what_is_no_record_is_refused_with_the_reason(tmp_path: Path) -> None:
+    first = header(tmp_path)
+    request = Request(number=1, node="alice", kind="create", message=b"\x18\x01")
+    for content, reason in (
+        (b"", "does not begin as a record"),
+        (b"#!/bin/sh\n" * 10, "does not begin as a record"),
+        (entries(), "empty"),
+        (entries(Entry(request=request)), "the header comes first"),
+        (entries(first, first), "the header comes first"),
+        (entries(first, Entry()), "no known kind"),
+        (entries(Entry(header=Header(config="{}"))), "configuration is not of this version"),
+        (entries(Entry(header=Header(config="["))), "configuration is not of this version"),
+        (entries(first) + b"\xff\xff\xff\xff", "claims 4,294,967,295 bytes"),
+        (entries(first) + b"\x00\x00\x00\x02\xff\xff", "malformed"),
+        (entries(first, Entry(request=request)), "reads the clock more often"),
+        (
+            entries(first, Entry(resumed=Resumed(request=3, task=1))),
+            "task 1 of request 3 does not wait",
+        ),
+        (
+            entries(first, Entry(request=Request(number=1, kind="destroy"))),
+            "unknown kind 'destroy'",
+        ),
+        (
+            entries(first, Entry(request=Request(number=1, kind="create", message=b"\xff"))),
+            "request 1 is malformed",
+        ),
+    ):
+        with pytest.raises(BadRecord, match=reason):
+            replayed(content)
+    clock = Entry(clock=ClockEntry(request=1, time_ns=5))
+    assert "create" in replayed(entries(first, Entry(request=request), *[clock] * 4))

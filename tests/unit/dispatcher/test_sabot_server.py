@@ -1,0 +1,429 @@
+"""Sabot in another process: same results as in the dispatcher, and nothing that harms it."""
+
+import asyncio
+import os
+import signal
+import stat
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import grpc
+import numpy as np
+import pytest
+from dispatcher_network import JumpingClock, block, configuration, running, with_fibers
+
+from dispatcher.calls.limits import MAX_COUNT
+from dispatcher.sabot.backends import BACKENDS
+from dispatcher.sabot.dense import TooLarge
+from dispatcher.sabot.draws import Draws
+from dispatcher.sabot.manager import Sabot
+from dispatcher.sabot.registers import Register
+from dispatcher.sabot.remote.client import RemoteSabot, SabotUnreachable
+from dispatcher.sabot.remote.server import serving
+from dispatcher.sabot.remote.workspace import MAX_WORKSPACES
+from dispatcher.sabot.simulation import Simulation
+from wire import sabot_pb2 as messages
+from wire.dispatcher_pb2 import ApplyRequest, Feedback, Gate
+from wire.sabot_pb2_grpc import SabotStub
+
+Code = grpc.StatusCode
+DEADLINE_S = 20
+MAX_LIVE = 100_000
+PAIRS, ZEROS = messages.CreateRequest.BELL_PAIRS, messages.CreateRequest.ZEROS
+DRAWS = messages.Draws(seed="1", session=7, purpose="test")
+
+
+@contextmanager
+def serving_in(folder: Path) -> Iterator[str]:
+    """Run a server; return the path of its socket."""
+    socket = str(folder / "s.sock")
+    with serving(socket, MAX_LIVE):
+        yield socket
+
+
+@contextmanager
+def stub_of(folder: Path) -> Iterator[Any]:
+    """Run a server; return a stub."""
+    with serving_in(folder) as socket, grpc.insecure_channel(f"unix:{socket}") as channel:
+        yield SabotStub(channel)  # type: ignore[no-untyped-call]
+
+
+class Experiment:
+    """The same random steps on any simulation; what they find is noted."""
+
+    def __init__(self, sabot: Simulation, seed: int) -> None:
+        """Begin with two blocks of Bell pairs."""
+        self.sabot, self.random, self.draws = sabot, np.random.default_rng(seed), Draws(seed)
+        self.size = 6
+        self.registers = [*sabot.bell_pairs(self.size), *sabot.bell_pairs(self.size)]
+        self.found: list[Any] = []
+        self.number = 0
+
+    def photons(self) -> Any:
+        """Return random numbers that were not used yet."""
+        self.number += 1
+        return self.draws.photons((7, self.number, 0), "test", self.size)
+
+    def step(self) -> None:
+        """Do one random thing, and note what can be seen."""
+        which, target = (int(index) for index in self.random.permutation(4)[:2])
+        register, other = self.registers[which], self.registers[target]
+        values = self.random.integers(0, 4, self.size, dtype=np.uint8)
+        self.act(int(self.random.integers(9)), which, register, other, values)
+        self.found.append((self.sabot.live_qubits, register.remaining, register.present.tolist()))
+
+    def act(self, kind: int, which: int, register: Register, other: Register, values: Any) -> None:
+        """Do a thing of this kind."""
+        sabot = self.sabot
+        if kind == 0:
+            sabot.pauli(register, values)
+        elif kind == 1:
+            sabot.gate("H" if values[0] % 2 else "S", register)
+        elif kind == 2:
+            sabot.gate("CX", register, other)
+        elif kind == 3:
+            self.found.append(sabot.lose(register, values == 0))
+        elif kind == 4:
+            sabot.reset(register, values == 1, self.photons())
+        elif kind == 5:
+            part = sabot.part(register, values > 1)
+            self.found += [part.present.tolist(), register.present.tolist()]
+            sabot.gate("H", part)
+            sabot.unite(register, part)
+        elif kind == 6:
+            self.found.append(sabot.simulated_by(register))
+            self.found.append(sabot.measure(register, values % 3, self.photons()).tolist())
+            self.registers[which] = sabot.zeros(self.size)
+        elif kind == 7:
+            pair = self.photons(), self.photons()
+            self.found.append(sabot.bell_measure(register, other, pair).tolist())
+            self.registers[which] = sabot.zeros(self.size)
+            self.registers[self.registers.index(other)] = sabot.zeros(self.size)
+        else:
+            sabot.drop(register, self.photons())
+            self.registers[which] = sabot.zeros(self.size)
+
+
+@pytest.mark.parametrize("backend", sorted(BACKENDS))
+def test_a_server_does_what_the_manager_does(tmp_path: Path, backend: str) -> None:
+    with serving_in(tmp_path) as socket, RemoteSabot(socket, backend) as remote:
+        for seed in range(8):
+            here, there = (Experiment(s, seed) for s in (Sabot(BACKENDS[backend]), remote))
+            there.found = []
+            base = remote.live_qubits - 4 * here.size
+            for _ in range(60):
+                here.step()
+                there.step()
+            expected = [(e[0] + base, *e[1:]) if isinstance(e, tuple) else e for e in here.found]
+            assert there.found == expected
+
+
+def test_gates_that_are_not_clifford_bring_state_vectors_and_their_limits(tmp_path: Path) -> None:
+    with serving_in(tmp_path) as socket, RemoteSabot(socket, "chp") as remote:
+        register, other = remote.zeros(4), remote.zeros(4)
+        assert remote.simulated_by(register) == "chp"
+        remote.gate("RX", register, angle_rad=0.3)
+        assert remote.simulated_by(register) == "dense"
+        assert remote.simulated_by(register, other) == "chp+dense"
+        chain = [remote.zeros(1) for _ in range(13)]
+        remote.gate("T", chain[0])
+        for first, second in pairwise(chain[:12]):
+            remote.gate("CX", first, second)
+        before = remote.live_qubits
+        with pytest.raises(TooLarge, match="at most 12"):
+            remote.gate("CX", chain[11], chain[12])
+        remote.gate("H", chain[12])
+        assert remote.live_qubits == before
+        assert remote.simulated_by(chain[12]) == "chp"
+
+
+async def transmission(folder: Path, **changes: Any) -> tuple[list[Feedback], str]:
+    """Send noisy Bell pairs by the dispatcher's real service; return all answers and the log."""
+    folder.mkdir()
+    log = folder / "quantum.log"
+    config = configuration(folder, event_log=str(log), **changes)
+    config = with_fibers(config, loss_db_per_km=100.0, depolarizing=0.3)
+    answers: list[Feedback] = []
+    async with running(config, JumpingClock()) as bench:
+        await bench.switch.connect((3, 4))
+        answers.append(await bench.alice.create(200))
+        answers.append(await bench.alice.create(100, number=1))
+        answers.append(await bench.alice.apply(block(0, 1), bytes(n % 4 for n in range(200))))
+        answers.append(await bench.alice.send((block(0, 0), "alice-q9"), (block(0, 1), "alice-q0")))
+        answers.append(await bench.bob.receive(block(0, 0), "bob-q9"))
+        answers.append(await bench.bob.receive(block(0, 1), "bob-q0"))
+        answers.append(await bench.bob.bell_measure(block(0, 0), block(0, 1)))
+        tilted = ApplyRequest(block=block(1), gates=[Gate(name=Gate.RX, angle_rad=0.4)])
+        answers.append(await bench.alice.feedback("Apply", tilted))
+        answers += [await bench.alice.measure(block(1, half)) for half in (0, 1)]
+        assert (await bench.runner.status()).live_qubits == 0
+    return answers, log.read_text()
+
+
+@pytest.mark.parametrize("backend", sorted(BACKENDS))
+def test_the_dispatcher_gives_the_same_over_the_socket(tmp_path: Path, backend: str) -> None:
+    here = asyncio.run(transmission(tmp_path / "here", backend=backend))
+    with serving_in(tmp_path) as socket:
+        there = asyncio.run(transmission(tmp_path / "there", backend=backend, sabot=socket))
+    assert there == here
+
+
+def test_a_dispatcher_without_its_server_says_so_in_one_line(tmp_path: Path) -> None:
+    config = configuration(tmp_path, sabot=str(tmp_path / "absent.sock"))
+    config.write(tmp_path / "dispatcher.json")
+    command = [sys.executable, "-m", "dispatcher", "--config", str(tmp_path / "dispatcher.json")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE_S, check=False)
+    assert done.returncode == 1
+    assert "absent.sock" in done.stderr
+    assert "start it with python -m dispatcher.sabot --socket" in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_a_server_that_dies_is_an_error_and_not_a_result(tmp_path: Path) -> None:
+    with serving_in(tmp_path) as socket:
+        remote = RemoteSabot(socket, "chp")
+        register = remote.zeros(3)
+    with pytest.raises(SabotUnreachable, match=r"s\.sock"):
+        remote.gate("H", register)
+
+
+def prepare(stub: Any) -> messages.Done:
+    """Make registers 1 and 2 (a pair), 3 (of another size) and 4 in workspace 1."""
+    stub.Begin(messages.BeginRequest(backend="chp"))
+    for count, state in ((4, PAIRS), (5, ZEROS), (4, ZEROS)):
+        stub.Create(messages.CreateRequest(workspace=1, count=count, state=state))
+    return status(stub)
+
+
+def status(stub: Any) -> messages.Done:
+    """Return what the workspace holds."""
+    done: messages.Done = stub.Apply(messages.ApplyRequest(workspace=1, register=4))
+    return done
+
+
+def gate(name: str, **fields: Any) -> messages.ApplyRequest:
+    """Return the request of one gate on register 1."""
+    gates = [messages.Gate(name=name, **fields)]
+    return messages.ApplyRequest(workspace=1, register=1, gates=gates)
+
+
+def draws(**fields: Any) -> messages.MeasureRequest:
+    """Return the request to measure with these draws."""
+    named = messages.Draws(**{"seed": "1", "purpose": "test", **fields})
+    return messages.MeasureRequest(workspace=1, register=1, draws=named)
+
+
+def measure(**fields: Any) -> messages.MeasureRequest:
+    """Return the request to measure."""
+    return messages.MeasureRequest(**{"workspace": 1, "register": 1, "draws": DRAWS, **fields})
+
+
+def bell(first: int, second: int) -> messages.BellMeasureRequest:
+    """Return the request to Bell-measure."""
+    return messages.BellMeasureRequest(
+        workspace=1, first=first, second=second, first_draws=DRAWS, second_draws=DRAWS
+    )
+
+
+REFUSED = [
+    ("Begin", messages.BeginRequest(backend="magic"), Code.INVALID_ARGUMENT, "chp, dense, stim"),
+    ("End", messages.EndRequest(workspace=9), Code.NOT_FOUND, "no workspace 9"),
+    ("Create", messages.CreateRequest(workspace=9, count=1), Code.NOT_FOUND, "no workspace 9"),
+    ("Create", messages.CreateRequest(workspace=1), Code.INVALID_ARGUMENT, "count 0"),
+    (
+        "Create",
+        messages.CreateRequest(workspace=1, count=MAX_COUNT + 1),
+        Code.INVALID_ARGUMENT,
+        "count 4000001",
+    ),
+    (
+        "Create",
+        messages.CreateRequest(workspace=1, count=MAX_LIVE),
+        Code.RESOURCE_EXHAUSTED,
+        "limit of 100000",
+    ),
+    (
+        "Create",
+        messages.CreateRequest.FromString(b"\x08\x01\x10\x01\x18\x07"),
+        Code.INVALID_ARGUMENT,
+        "state 7",
+    ),
+    (
+        "Apply",
+        messages.ApplyRequest(workspace=1, register=99),
+        Code.NOT_FOUND,
+        "no register 99",
+    ),
+    (
+        "Apply",
+        messages.ApplyRequest(workspace=1, register=1, paulis=b"\x00\x01"),
+        Code.INVALID_ARGUMENT,
+        "2 bytes for 4 photons",
+    ),
+    (
+        "Apply",
+        messages.ApplyRequest(workspace=1, register=1, paulis=b"\x00\x01\x02\x04"),
+        Code.INVALID_ARGUMENT,
+        "paulis[3] is 4",
+    ),
+    ("Apply", gate("SWAP"), Code.INVALID_ARGUMENT, "'SWAP' is unknown"),
+    ("Apply", gate("CX"), Code.NOT_FOUND, "no register 0"),
+    ("Apply", gate("CX", target=1), Code.INVALID_ARGUMENT, "named twice"),
+    ("Apply", gate("CX", target=3), Code.INVALID_ARGUMENT, "must pair up"),
+    ("Apply", gate("RX", angle_rad=float("nan")), Code.INVALID_ARGUMENT, "not finite"),
+    (
+        "Apply",
+        messages.ApplyRequest(workspace=1, register=1, gates=[messages.Gate(name="H")] * 257),
+        Code.INVALID_ARGUMENT,
+        "257 gates",
+    ),
+    ("Measure", measure(register=99), Code.NOT_FOUND, "no register 99"),
+    ("Measure", measure(bases=b"\x00"), Code.INVALID_ARGUMENT, "1 bytes for 4 photons"),
+    ("Measure", measure(bases=b"\x00\x03\x00\x00"), Code.INVALID_ARGUMENT, "bases[1] is 3"),
+    ("Measure", draws(seed=""), Code.INVALID_ARGUMENT, "seed ''"),
+    ("Measure", draws(seed="9" * 101), Code.INVALID_ARGUMENT, "no whole number"),
+    ("Measure", draws(purpose="x" * 201), Code.INVALID_ARGUMENT, "201 letters"),
+    ("BellMeasure", bell(1, 1), Code.INVALID_ARGUMENT, "named twice"),
+    ("BellMeasure", bell(1, 3), Code.INVALID_ARGUMENT, "must pair up"),
+    (
+        "Reset",
+        messages.ResetRequest(workspace=1, register=1, mask=b"", draws=DRAWS),
+        Code.INVALID_ARGUMENT,
+        "0 bytes for 4 qubits",
+    ),
+    (
+        "Lose",
+        messages.LoseRequest(workspace=1, register=1, mask=b"\x1f"),
+        Code.INVALID_ARGUMENT,
+        "behind its last qubit",
+    ),
+    (
+        "Part",
+        messages.PartRequest(workspace=1, register=1, mask=b"\x01\x00"),
+        Code.INVALID_ARGUMENT,
+        "2 bytes for 4 qubits",
+    ),
+    (
+        "Unite",
+        messages.UniteRequest(workspace=1, register=1, other=2),
+        Code.INVALID_ARGUMENT,
+        "not two parts",
+    ),
+    (
+        "Unite",
+        messages.UniteRequest(workspace=1, register=1, other=1),
+        Code.INVALID_ARGUMENT,
+        "named twice",
+    ),
+    ("Drop", messages.DropRequest(workspace=1, register=1), Code.INVALID_ARGUMENT, "seed ''"),
+    (
+        "Dump",
+        messages.DumpRequest(workspace=1, registers=[1], members=65),
+        Code.INVALID_ARGUMENT,
+        "at most 64",
+    ),
+    ("Dump", messages.DumpRequest(workspace=1), Code.INVALID_ARGUMENT, "0 registers"),
+    (
+        "Dump",
+        messages.DumpRequest(workspace=1, registers=[1, 3]),
+        Code.INVALID_ARGUMENT,
+        "different sizes",
+    ),
+]
+
+
+def test_a_refused_request_names_the_value_and_changes_nothing(tmp_path: Path) -> None:
+    with stub_of(tmp_path) as stub:
+        before = prepare(stub)
+        for method, request, code, text in REFUSED:
+            with pytest.raises(grpc.RpcError) as raised:
+                getattr(stub, method)(request, timeout=DEADLINE_S)
+            assert (raised.value.code(), text in str(raised.value.details())) == (code, True), (
+                request
+            )
+            assert status(stub) == before
+        # The pair is still one.
+        answers = [stub.Measure(measure(register=n), timeout=DEADLINE_S) for n in (1, 2)]
+        assert answers[0].outcomes == answers[1].outcomes
+
+
+def test_bytes_that_are_no_message_are_refused(tmp_path: Path) -> None:
+    with (
+        serving_in(tmp_path) as socket,
+        grpc.insecure_channel(f"unix:{socket}") as channel,
+    ):
+        for method in ("Begin", "Create", "Apply", "Measure", "Dump"):
+            send = channel.unary_unary(f"/qmn.sabot.Sabot/{method}", None, None)
+            with pytest.raises(grpc.RpcError) as raised:
+                send(b"\xff" * 50, timeout=DEADLINE_S)
+            assert raised.value.code() == Code.INTERNAL
+        assert RemoteSabot(socket, "chp").zeros(1).size == 1
+
+
+def test_workspaces_are_limited_and_apart(tmp_path: Path) -> None:
+    with stub_of(tmp_path) as stub:
+        prepare(stub)
+        begin = messages.BeginRequest(backend="chp")
+        numbers = [stub.Begin(begin).workspace for _ in range(MAX_WORKSPACES - 1)]
+        with pytest.raises(grpc.RpcError, match="16 workspaces are in use"):
+            stub.Begin(begin)
+        with pytest.raises(grpc.RpcError, match="no register 1"):
+            stub.Measure(measure(workspace=numbers[0]))
+        stub.End(messages.EndRequest(workspace=1))
+        with pytest.raises(grpc.RpcError, match="no workspace 1"):
+            status(stub)
+        stub.Begin(begin)
+
+
+def test_states_are_dumped_as_stabilizers_or_amplitudes(tmp_path: Path) -> None:
+    with stub_of(tmp_path) as stub:
+        prepare(stub)
+        flips = messages.ApplyRequest(workspace=1, register=1, paulis=bytes((0, 1, 2, 3)))
+        stub.Apply(flips)
+        dump = stub.Dump(messages.DumpRequest(workspace=1, registers=[1, 2], members=4))
+        assert dump.backend == "chp"
+        assert [tuple(state.registers) for state in dump.states] == [(1, 2)] * 4
+        signs = [set(state.stabilizers.split("\n")) for state in dump.states]
+        assert signs == [
+            {"+XX", "+ZZ"},
+            {"+XX", "-ZZ"},
+            {"-XX", "+ZZ"},
+            {"-XX", "-ZZ"},
+        ]
+        tilt = messages.Gate(name="RY", angle_rad=2 * 0.3)
+        stub.Apply(messages.ApplyRequest(workspace=1, register=4, gates=[tilt]))
+        (state,) = stub.Dump(messages.DumpRequest(workspace=1, registers=[4], members=1)).states
+        assert (state.backend, state.stabilizers) == ("dense", "")
+        assert state.real == pytest.approx([np.cos(0.3), np.sin(0.3)])
+        assert state.imaginary == pytest.approx([0, 0])
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_the_program_serves_its_owner_alone_and_ends_cleanly(tmp_path: Path, number: int) -> None:
+    socket = tmp_path / "s.sock"
+    command = [sys.executable, "-m", "dispatcher.sabot", "--socket", str(socket)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as program:
+        assert program.stdout
+        assert program.stdout.readline() == b"ready\n"
+        assert stat.S_IMODE(socket.stat().st_mode) == 0o600
+        with RemoteSabot(str(socket), "chp") as remote:
+            assert remote.zeros(2).size == 2
+        os.kill(program.pid, number)
+        assert program.wait(DEADLINE_S) == 0
+        assert program.stderr
+        assert program.stderr.read() == b""
+    assert not socket.exists()
+
+
+@pytest.mark.parametrize("name", ["s" * 100, "absent/s.sock"])
+def test_a_socket_that_cannot_be_is_named(tmp_path: Path, name: str) -> None:
+    command = [sys.executable, "-m", "dispatcher.sabot", "--socket", str(tmp_path / name)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE_S, check=False)
+    assert done.returncode == 1
+    assert str(tmp_path / name) in done.stderr
+    assert done.stderr.count("\n") == 1

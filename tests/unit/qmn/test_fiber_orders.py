@@ -1,0 +1,72 @@
+"""The verbs calibrate and classical against a real dispatcher that runs as its own process."""
+
+import argparse
+from pathlib import Path
+
+import pytest
+from test_fault import network
+
+from qmn import calibrate, classical, fiber_order, running
+
+
+def run(
+    root: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, words: str
+) -> tuple[int, str]:
+    """Run a verb with private folders under a root; return its status and what it says."""
+    monkeypatch.setattr(
+        fiber_order,
+        "dispatcher_of_running_network",
+        lambda: running.dispatcher_of_running_network(root),
+    )
+    parser = argparse.ArgumentParser()
+    verbs = parser.add_subparsers()
+    calibrate.add_parser(verbs)
+    classical.add_parser(verbs)
+    arguments = parser.parse_args(words.split())
+    status = arguments.call(arguments)
+    said = capsys.readouterr()
+    return status, said.out + said.err
+
+
+def test_orders_reach_the_fibres_of_the_running_network(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with network(tmp_path) as (_process, log):
+        for words, said, logged in (
+            ("calibrate alice q1", "2 fibres between alice and q1: calibrated\n", "calibrate"),
+            (
+                "classical q1 alice 2.5",
+                "2 fibres between q1 and alice: classical light of 2.5 mW\n",
+                "classical light 2.5 mW",
+            ),
+        ):
+            assert run(tmp_path, capsys, monkeypatch, words) == (0, said)
+            assert len([line for line in log.read_text().splitlines() if logged in line]) == 4
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        ("calibrate alice bob", "no fibre joins alice and bob; alice is joined to q1"),
+        ("classical alice q1 2000", "classical_mw 2000.0 is not 0 to 1000"),
+    ],
+)
+def test_an_order_that_cannot_be_followed_is_named(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    words: str,
+    text: str,
+) -> None:
+    with network(tmp_path):
+        status, said = run(tmp_path, capsys, monkeypatch, words)
+        assert status == 1
+        assert text in said
+        assert said.count("\n") == 1
+
+
+def test_where_no_network_runs_the_verbs_say_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    status, said = run(tmp_path, capsys, monkeypatch, "calibrate alice q1")
+    assert (status, "no network runs on this machine" in said) == (1, True)

@@ -1,0 +1,45 @@
+"""What `make bench` measures of the physical layer is superdense coding indeed."""
+
+import asyncio
+
+import numpy as np
+import pytest
+
+from qmn.measure.physical_layer import BLOCK_PAIRS, CASES, Case, Scene, speed
+from qmn.sweeps.theory import dibit_error, together
+
+NO_COINCIDENCE = 255
+FIBERS_PASSED = 6
+IDEAL, LOSSY, *NOISY = CASES
+
+
+async def wrong_and_lost(case: Case) -> tuple[float, float]:
+    """Return which part of the dibits that came was wrong, and which part was lost."""
+    scene = Scene(case)
+    await scene.begin()
+    seen = await scene.block()
+    came = seen != NO_COINCIDENCE
+    return float((seen != scene.dibits)[came].mean()), 1 - float(came.mean())
+
+
+def test_ideal_light_brings_every_dibit() -> None:
+    assert asyncio.run(wrong_and_lost(IDEAL)) == (0, 0)
+
+
+def test_lossy_light_has_the_errors_of_all_fibres_that_it_passes() -> None:
+    wrong, lost = asyncio.run(wrong_and_lost(LOSSY))
+    expected = dibit_error(together(*[LOSSY.fiber.depolarizing] * FIBERS_PASSED))
+    transmission = 10 ** (-FIBERS_PASSED * LOSSY.fiber.loss_db / 10)
+    assert wrong == pytest.approx(expected, abs=5 * np.sqrt(expected / BLOCK_PAIRS / transmission))
+    assert 1 - lost == pytest.approx(transmission, abs=5 * np.sqrt(1 / BLOCK_PAIRS))
+
+
+@pytest.mark.parametrize("case", NOISY, ids=lambda case: case.name.strip())
+def test_noisy_light_still_tells_more_than_chance(case: Case) -> None:
+    wrong, lost = asyncio.run(wrong_and_lost(case))
+    assert 0.05 < wrong < 0.6
+    assert 0.3 < lost < 0.999
+
+
+def test_the_speed_is_that_of_whole_blocks() -> None:
+    assert asyncio.run(speed(IDEAL, blocks=2)) > 100_000

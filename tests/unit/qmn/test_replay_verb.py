@@ -1,0 +1,96 @@
+"""qmn replay, as a user types it."""
+
+import asyncio
+import subprocess
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from dispatcher.clock import CaptureClock
+from dispatcher.server import build_service, open_layer
+from wire.config import DispatcherConfig, Fiber, FiberEnd
+from wire.dispatcher_pb2 import BlockId, CreateRequest, Launch, MeasureRequest, SendRequest
+
+DEADLINE_S = 30
+
+
+@pytest.fixture
+def run_folder(tmp_path: Path) -> Path:
+    """Return the folder of a run of a small network."""
+    fiber = Fiber(FiberEnd("alice", "a0"), FiberEnd("bob", "b0"), depolarizing=0.2)
+    config = DispatcherConfig(
+        listen="",
+        socket="",
+        seed=4,
+        tokens={},
+        fibers=[fiber],
+        switches=[],
+        event_log=str(tmp_path / "quantum.log"),
+        record=str(tmp_path / "dispatcher.record"),
+    )
+
+    async def act() -> None:
+        with ExitStack() as stack:
+            log = stack.enter_context(Path(config.event_log).open("a"))
+            layer = open_layer(config, CaptureClock(), log, stack)
+            service = build_service(config, layer, lambda error: None)
+            block = BlockId(session=1)
+            create = CreateRequest(session=1, count=20)
+            await service.change("alice", "create", create)
+            send = SendRequest(launches=[Launch(block=block, port="a0")], rate_hz=1000)
+            await service.change("alice", "send", send)
+            half = BlockId(session=1, half=1)
+            await service.change("alice", "measure", MeasureRequest(block=half))
+
+    asyncio.run(act())
+    return tmp_path
+
+
+def replay(folder: Path) -> subprocess.CompletedProcess[str]:
+    """Run the command."""
+    command = [sys.executable, "-m", "qmn", "replay", str(folder)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE_S, check=False)
+
+
+def test_a_run_is_identical(run_folder: Path) -> None:
+    done = replay(run_folder)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout == "identical: 4 events of 3 requests\n"
+
+
+def test_the_first_line_that_differs_is_shown(run_folder: Path) -> None:
+    log = run_folder / "quantum.log"
+    lines = log.read_text().splitlines(keepends=True)
+    log.write_text("".join([*lines[:2], lines[2].replace("arrive", "vanish"), lines[3]]))
+    done = replay(run_folder)
+    assert done.returncode == 1
+    first, recorded, replayed = done.stdout.splitlines()
+    assert first == "different from line 3"
+    assert recorded == f"  recorded: {lines[2].replace('arrive', 'vanish').rstrip()}"
+    assert replayed == f"  replayed: {lines[2].rstrip()}"
+
+
+@pytest.mark.parametrize("change", [lambda text: text + "more\n", lambda text: text[:-10]])
+def test_a_log_of_another_length_differs(run_folder: Path, change: object) -> None:
+    assert callable(change)
+    log = run_folder / "quantum.log"
+    log.write_text(change(log.read_text()))
+    assert replay(run_folder).returncode == 1
+
+
+def test_a_folder_without_a_record_is_named(tmp_path: Path) -> None:
+    done = replay(tmp_path)
+    assert done.returncode == 2
+    assert f"cannot read {tmp_path / 'dispatcher.record'}" in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_a_record_that_was_cut_off_is_said_to_be_so(run_folder: Path) -> None:
+    record = run_folder / "dispatcher.record"
+    record.write_bytes(record.read_bytes()[:-1])
+    done = replay(run_folder)
+    assert done.returncode == 2
+    assert "ends in the middle of an entry" in done.stderr
+    assert done.stderr.count("\n") == 1

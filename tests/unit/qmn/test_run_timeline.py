@@ -1,0 +1,126 @@
+"""The merged timeline of a run, checked by Wireshark's own tools."""
+
+import random
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+from scapy.utils import PcapWriter
+
+from dispatcher.event_capture import EventCapture
+from qmn.event_sources import recorded
+from qmn.timeline import NoCaptures, captured_bytes, merge
+from topologies.runtime import EVENT_CAPTURE
+from wire.config import Fiber, FiberEnd
+from wire.dispatcher_pb2 import Event
+from wire.events import decode_record
+from wire.metadata import MalformedPacket
+from wire.pcapng import Packet, Reader
+
+START_S = 1_700_000_000
+FIBERS = [
+    Fiber(FiberEnd("alice", "alice-q0"), FiberEnd("q1", "2")),
+    Fiber(FiberEnd("q1", "3"), FiberEnd("q2", "4")),
+]
+
+
+def capture(file: Path, offsets_ns: list[int]) -> None:
+    with PcapWriter(str(file), linktype=1, nano=True) as writer:
+        writer.write_header(None)
+        for offset in offsets_ns:
+            frame = offset.to_bytes(60, "big")
+            writer.write_packet(frame, sec=START_S, usec=offset, caplen=60)
+
+
+def record(file: Path, events: list[Event]) -> None:
+    with file.open("wb") as opened:
+        event_capture = EventCapture(opened, FIBERS)
+        for event in events:
+            event_capture.record(event)
+
+
+def event(offset_ns: int, node: str = "alice", port: str = "") -> Event:
+    return Event(time_ns=START_S * 10**9 + offset_ns, node=node, kind="send", port=port)
+
+
+def read(file: Path) -> tuple[list[str], list[Packet]]:
+    with file.open("rb") as opened:
+        reader = Reader(opened)
+        packets = list(reader.packets())
+    return [interface.name for interface in reader.interfaces], packets
+
+
+def test_packets_and_events_are_in_time_order_on_named_interfaces(tmp_path: Path) -> None:
+    capture(tmp_path / "s1-eth1.pcap", [10, 5, 30])  # as two processors may leave them
+    capture(tmp_path / "s1-eth2.pcap", [20])
+    events = [event(25, port="alice-q0"), event(7), event(8, "q1", "2"), event(9, "q2", "4")]
+    record(tmp_path / EVENT_CAPTURE, events)
+    file = merge(tmp_path)
+    assert file == tmp_path / "all.pcapng"
+    names, packets = read(file)
+    seen = [(packet.time_ns - START_S * 10**9, names[packet.interface]) for packet in packets]
+    assert seen == [
+        (5, "s1-eth1"),
+        (7, "dispatcher"),
+        (8, "fiber alice-q0"),
+        (9, "fiber q1:3 q2:4"),
+        (10, "s1-eth1"),
+        (20, "s1-eth2"),
+        (25, "fiber alice-q0"),
+        (30, "s1-eth1"),
+    ]
+    for packet, (offset, name) in zip(packets, seen, strict=True):
+        if name.startswith("s1"):
+            assert int.from_bytes(packet.data, "big") == offset
+        else:
+            assert decode_record(packet.data).time_ns == packet.time_ns
+    assert [event.time_ns % 10**9 for event in recorded(file, follow=False)] == [7, 8, 9, 25]
+    info = subprocess.run(["capinfos", file], capture_output=True, text=True, check=True)
+    assert info.stderr == ""
+    assert "Strict time order:   True" in info.stdout
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "s1-eth1.pcap",
+        "s1-eth2.pcap",
+        EVENT_CAPTURE,
+        "all.pcapng",
+    }
+
+
+def test_what_was_cut_off_is_left_out(tmp_path: Path) -> None:
+    capture(tmp_path / "a.pcap", [1, 2])
+    (tmp_path / "empty.pcap").touch()
+    record(tmp_path / EVENT_CAPTURE, [event(3), event(4)])
+    for name in ("a.pcap", EVENT_CAPTURE):
+        whole = (tmp_path / name).read_bytes()
+        (tmp_path / name).write_bytes(whole[:-1])
+    _names, packets = read(merge(tmp_path))
+    assert [packet.time_ns % 10**9 for packet in packets] == [1, 3]
+
+
+def test_a_capture_without_packets_keeps_its_interface(tmp_path: Path) -> None:
+    capture(tmp_path / "a.pcap", [])
+    record(tmp_path / EVENT_CAPTURE, [])
+    names, packets = read(merge(tmp_path))
+    assert names == ["a", "dispatcher", "fiber alice-q0", "fiber q1:3 q2:4"]
+    assert packets == []
+
+
+def test_nothing_to_merge_is_said(tmp_path: Path) -> None:
+    with pytest.raises(NoCaptures, match="no captures in"):
+        merge(tmp_path)
+    (tmp_path / "a.pcap").write_bytes(b"no capture at all" * 9)
+    with pytest.raises(MalformedPacket):
+        merge(tmp_path)
+    assert not (tmp_path / "all.pcapng").exists()
+
+
+def test_as_many_packets_as_of_a_mebibyte_take_seconds(tmp_path: Path) -> None:
+    draw = random.Random(1)
+    for name in "abcd":
+        capture(tmp_path / f"{name}.pcap", sorted(draw.randrange(10**9) for _ in range(10_000)))
+    before = time.monotonic()
+    _names, packets = read(merge(tmp_path))
+    assert time.monotonic() - before < 5
+    assert len(packets) == 40_000
+    assert captured_bytes(tmp_path) == 4 * (24 + 10_000 * 76)

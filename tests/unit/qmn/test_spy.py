@@ -1,0 +1,243 @@
+"""The verb against a real dispatcher in a process of its own, and on the file that it leaves."""
+
+import argparse
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import grpc
+import pytest
+
+from qmn import running, spy
+from topologies.runtime import EVENT_CAPTURE
+from wire.config import DispatcherConfig, Fiber, FiberEnd
+from wire.dispatcher_pb2 import BlockId, CreateRequest, Launch, SendRequest
+from wire.dispatcher_pb2_grpc import DispatcherStub
+from wire.service import RUNNER, metadata
+
+PROGRAM = """
+import sys
+from pathlib import Path
+from qmn import __main__, running, spy
+root = Path(sys.argv.pop(1))
+find = running.dispatcher_of_running_network
+spy.dispatcher_of_running_network = lambda: find(root)
+sys.exit(__main__.main())
+"""
+
+
+class Scene:
+    """A dispatcher, a host that makes events, and the verb."""
+
+    def __init__(self, folder: Path, process: subprocess.Popen[str]) -> None:
+        self.folder, self.process = folder, process
+
+    def act(self, session: int, count: int = 1) -> None:
+        """Let alice make blocks and send half 0 of each to bob: three events each."""
+        channel = grpc.insecure_channel(f"unix:{self.folder}/d.sock")
+        with channel:
+            stub = DispatcherStub(channel)  # type: ignore[no-untyped-call]
+            token = metadata("token of alice")
+            for number in range(count):
+                create = CreateRequest(session=session, number=number, count=4)
+                stub.Create(create, metadata=token, timeout=10)
+                block = BlockId(session=session, number=number)
+                launch = Launch(block=block, port="alice-q0")
+                send = SendRequest(launches=[launch], rate_hz=10**9)
+                stub.Send(send, metadata=token, timeout=10)
+
+    def spy(self, *words: str) -> subprocess.Popen[str]:
+        """Start the verb; it is attached when it has shown what is remembered."""
+        return subprocess.Popen(
+            [sys.executable, "-c", PROGRAM, str(self.folder), "spy", *words],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+
+    def spied(self, *words: str) -> tuple[int, list[str], str]:
+        """Run the verb to its end; return status, lines and what it says of itself."""
+        with self.spy(*words) as process:
+            lines, said = process.communicate(timeout=30)
+        return process.returncode, lines.splitlines(), said
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Iterator[Scene]:
+    with dispatcher(tmp_path) as started:
+        yield started
+
+
+@contextmanager
+def dispatcher(folder: Path) -> Iterator[Scene]:
+    config = DispatcherConfig(
+        listen="127.0.0.1:0",
+        socket=str(folder / "d.sock"),
+        seed=1,
+        tokens={node: f"token of {node}" for node in ("alice", "bob", RUNNER)},
+        fibers=[Fiber(FiberEnd("alice", "alice-q0"), FiberEnd("bob", "bob-q0"))],
+        switches=[],
+        event_log=str(folder / "quantum.log"),
+        event_capture=str(folder / EVENT_CAPTURE),
+    )
+    config.write(folder / "config.json")
+    command = [sys.executable, "-m", "dispatcher", "--config", str(folder / "config.json")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout
+            assert process.stdout.readline() == "ready\n"
+            private = folder / str(process.pid)
+            private.mkdir()
+            config.write(private / "dispatcher.json")
+            yield Scene(folder, process)
+        finally:
+            process.kill()
+
+
+def kinds(lines: list[str]) -> list[str]:
+    return [line.split()[2] for line in lines]
+
+
+def test_the_file_of_a_run_holds_the_lines_of_its_log(scene: Scene) -> None:
+    scene.act(session=3)
+    status, lines, said = scene.spied(str(scene.folder))
+    assert (status, said) == (0, "qmn: 3 events shown, 0 dropped\n")
+    assert lines == (scene.folder / "quantum.log").read_text().splitlines()
+    assert kinds(lines) == ["create", "send", "arrive"]
+
+
+def test_filters_choose(scene: Scene) -> None:
+    scene.act(session=3)
+    scene.act(session=0xABC)
+    folder = str(scene.folder)
+    assert kinds(scene.spied(folder, "--node", "bob")[1]) == ["arrive"] * 2
+    assert (
+        kinds(scene.spied(folder, "--kind", "send", "--kind", "create")[1])
+        == [
+            "create",
+            "send",
+        ]
+        * 2
+    )
+    lines = scene.spied(folder, "--session", "0abc", "--json")[1]
+    events: list[dict[str, Any]] = [json.loads(line) for line in lines]
+    assert [event["kind"] for event in events] == ["create", "send", "arrive"]
+    assert {event["session"] for event in events} == {"0000000000000abc"}
+    assert scene.spied(folder, "--session", "3", "--node", "bob", "--kind", "send")[1] == []
+
+
+def test_an_attached_spy_sees_events_as_they_happen_and_ends_with_the_network(
+    scene: Scene,
+) -> None:
+    scene.act(session=1)
+    with scene.spy("--history", "--session", "1", "--session", "2") as process:
+        assert process.stdout
+        assert kinds([process.stdout.readline() for _ in range(3)]) == ["create", "send", "arrive"]
+        scene.act(session=2)
+        scene.act(session=4)
+        lines = [process.stdout.readline() for _ in range(3)]
+        assert all("session=0000000000000002" in line for line in lines)
+        scene.process.terminate()
+        rest, said = process.communicate(timeout=20)
+        assert (process.returncode, rest) == (0, "")
+        assert said == "qmn: 6 events shown, 0 dropped\n"
+
+
+@pytest.mark.parametrize("attached", [True, False])
+def test_ctrl_c_ends_it_cleanly(scene: Scene, attached: bool) -> None:
+    scene.act(session=1)
+    words = ["--history"] if attached else [str(scene.folder), "--follow"]
+    with scene.spy(*words) as process:
+        assert process.stdout
+        for _ in range(3):
+            process.stdout.readline()
+        process.send_signal(signal.SIGINT)
+        rest, said = process.communicate(timeout=20)
+        assert (process.returncode, rest) == (0, "")
+        assert said == "qmn: 3 events shown, 0 dropped\n"
+
+
+def test_a_closed_pipe_ends_it_without_a_word(scene: Scene) -> None:
+    scene.act(session=1, count=50)
+    with scene.spy(str(scene.folder)) as process:
+        assert process.stdout
+        assert process.stderr
+        process.stdout.close()
+        assert process.wait(timeout=20) == 128 + signal.SIGPIPE
+        assert process.stderr.read() == ""
+
+
+def test_a_spy_that_does_not_read_is_told_what_was_dropped(scene: Scene) -> None:
+    scene.act(session=1)
+    with scene.spy("--history") as process:
+        assert process.stdout
+        process.stdout.readline()
+        os.kill(process.pid, signal.SIGSTOP)
+        scene.act(session=2, count=6000)
+        os.kill(process.pid, signal.SIGCONT)
+        shown = []
+        while "dropped" not in shown:
+            shown += kinds([process.stdout.readline()])
+        scene.process.terminate()
+        shown += kinds(process.stdout.read().splitlines())
+        assert process.wait(timeout=20) == 0
+        assert process.stderr
+        said = process.stderr.read()
+    assert "dropped" in shown, said
+    words = said.split()
+    count, dropped = int(words[1].replace(",", "")), int(words[4].replace(",", ""))
+    assert dropped > 0
+    assert len(shown) + 1 == count + shown.count("dropped")
+
+
+def test_following_a_run_ends_when_it_has_left_its_result(scene: Scene) -> None:
+    scene.act(session=1)
+    with scene.spy(str(scene.folder), "--follow") as process:
+        assert process.stdout
+        for _ in range(3):
+            process.stdout.readline()
+        scene.act(session=2)
+        for _ in range(3):
+            assert "session=0000000000000002" in process.stdout.readline()
+        (scene.folder / "result.json").touch()
+        assert process.wait(timeout=20) == 0
+
+
+def test_without_following_the_running_network_shows_what_was(scene: Scene) -> None:
+    scene.act(session=1)
+    assert kinds(scene.spied("--no-follow")[1]) == ["create", "send", "arrive"]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--node", "carol"], "unknown node 'carol': choose one of alice, bob, runner"),
+        (["/nowhere"], "no quantum events at /nowhere: name the folder of a run"),
+        (["/etc/hostname"], "not a pcapng file of ours"),
+        (["--session", "x"], "'x' is not 1 to 16 hexadecimal digits"),
+    ],
+)
+def test_what_cannot_be_shown_is_said(scene: Scene, words: list[str], said: str) -> None:
+    status, lines, text = scene.spied(*words)
+    assert status > 0
+    assert lines == []
+    assert said in text
+    assert "Traceback" not in text
+
+
+def test_without_a_network_it_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    find = running.dispatcher_of_running_network
+    monkeypatch.setattr(spy, "dispatcher_of_running_network", lambda: find(tmp_path))
+    arguments = argparse.ArgumentParser()
+    spy.add_parser(arguments.add_subparsers())
+    parsed = arguments.parse_args(["spy"])
+    assert parsed.call(parsed) == 1
+    assert "no network runs on this machine" in capsys.readouterr().err

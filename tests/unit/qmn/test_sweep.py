@@ -1,0 +1,178 @@
+"""qmn sweep and qmn curves from the command line to table, figures and exit status."""
+
+import argparse
+import csv
+from pathlib import Path
+
+import matplotlib.image
+import pytest
+from distributed import LocalCluster
+
+from qmn import curves, sweep
+from qmn.sweeps import cluster, sheets, theory
+from qmn.sweeps.parameters import BadGrid
+from qmn.sweeps.sheets import Curve, Sheet
+
+POINTS = ("--fidelity", "0.5,0.75,1", "--pairs", "6000")
+FIDELITY = 0.5
+
+
+def parse(*words: str) -> argparse.Namespace:
+    """Return what the command line says."""
+    parser = argparse.ArgumentParser()
+    verbs = parser.add_subparsers()
+    sweep.add_parser(verbs)
+    curves.add_parser(verbs)
+    return parser.parse_args(words)
+
+
+def run(*words: str) -> int:
+    """Run a command and return its exit status."""
+    arguments = parse(*words)
+    status: int = arguments.call(arguments)
+    return status
+
+
+def rows(file: Path) -> list[list[str]]:
+    """Return the lines of a table in an order of their own."""
+    with file.open() as opened:
+        return sorted(csv.reader(opened))
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Sweep with one worker."""
+    folder = tmp_path_factory.mktemp("one")
+    assert run("sweep", "teleport", *POINTS, "--out", str(folder), "--workers", "1") == 0
+    return folder
+
+
+def test_a_sweep_leaves_a_table_and_a_figure(swept: Path) -> None:
+    table = rows(swept / "teleport.csv")
+    assert len(table) == 4
+    for line in table[:-1]:
+        value, error, expected = map(float, line[-3:])
+        assert expected == theory.teleported_fidelity(float(line[1]))
+        assert abs(value - expected) < 5 * error
+    picture = matplotlib.image.imread(swept / "teleport-teleported.png")
+    assert picture.shape[0] > 400
+    assert picture.std() > 0.05  # something is drawn
+
+
+def test_two_workers_measure_the_same_as_one(swept: Path, tmp_path: Path) -> None:
+    assert run("sweep", "teleport", *POINTS, "--out", str(tmp_path), "--workers", "2") == 0
+    assert rows(tmp_path / "teleport.csv") == rows(swept / "teleport.csv")
+
+
+def test_a_cluster_measures_the_same_as_processes(swept: Path, tmp_path: Path) -> None:
+    with LocalCluster(
+        n_workers=2,
+        threads_per_worker=2,
+        processes=False,
+        protocol="tcp",
+        host="127.0.0.1",
+        dashboard_address=cluster.HTTP_ADDRESS,
+        scheduler_kwargs={"dashboard": False},
+        local_directory=tmp_path / "dask",
+    ) as there:
+        scheduler = ("--scheduler", there.scheduler_address)
+        assert run("sweep", "teleport", *POINTS, "--out", str(tmp_path), *scheduler) == 0
+    assert rows(tmp_path / "teleport.csv") == rows(swept / "teleport.csv")
+
+
+def test_another_seed_measures_something_else(swept: Path, tmp_path: Path) -> None:
+    assert run("sweep", "teleport", *POINTS, "--seed", "2", "--out", str(tmp_path)) == 0
+    values = [[line[-3] for line in rows(f / "teleport.csv")[:2]] for f in (swept, tmp_path)]
+    assert values[0] != values[1]
+
+
+def test_known_points_are_not_measured_again(
+    swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    header, first, second, third = (swept / "teleport.csv").read_text().splitlines(keepends=True)
+    cells = first.split(",")
+    known = ",".join([*cells[:3], "0.123", *cells[4:]])  # what no measurement would give
+    table = tmp_path / "teleport.csv"
+    table.write_text(header + known + second[:9])  # as a killed sweep leaves it
+    assert run("sweep", "teleport", *POINTS, "--out", str(tmp_path)) == 0
+    said = capsys.readouterr().out
+    assert "3 points, seed 1; 1 are in" in said
+    assert "its last line was half written" in said
+    lines = table.read_text().splitlines(keepends=True)
+    assert lines[:2] == [header, known]
+    assert sorted(lines[2:]) == sorted([second, third])
+
+
+def test_a_file_with_a_grid_is_swept_and_flags_come_first(tmp_path: Path) -> None:
+    file = tmp_path / "grid.toml"
+    file.write_text('sweep = "teleport"\nseed = 4\n[grid]\nfidelity = [0.5, 0.9]\npairs = 6000\n')
+    out = ("--out", str(tmp_path))
+    assert run("sweep", str(file), "--fidelity", "0.7", "--workers", "1", *out) == 0
+    (line, _header) = rows(tmp_path / "teleport.csv")
+    assert line[:3] == ["4", "0.7", "6000"]
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["nonsense"], "unknown sweep 'nonsense': choose sdc, teleport"),
+        (["teleport", "--emulate"], "unknown sweep 'teleport': choose sdc with --emulate"),
+        (["teleport", "--depolarizing", "0.1"], "depolarizing is no parameter of teleport"),
+        (["teleport", "--fidelity", "0.1"], "fidelity '0.1': choose 0.25 to 1"),
+        (["teleport", "--workers", "0"], "--workers 0: choose 1 to 256"),
+        (["/nowhere.toml"], "cannot read /nowhere.toml"),
+        (["sdc", "--emulate", "--scheduler", "tcp://x:1"], "leave --scheduler out"),
+        (["sdc", "--emulate", "--pairs", "5000"], "pairs is no parameter of sdc"),
+    ],
+)
+def test_bad_input_is_refused_before_anything_runs(
+    words: list[str], text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    with pytest.raises(BadGrid) as caught:
+        sweep.asked(parse("sweep", *words))
+    assert text in str(caught.value)
+    assert run("sweep", *words, "--out", str(out)) == 1
+    assert text in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_a_scheduler_that_is_not_there_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(cluster, "CONNECT_TIMEOUT_S", 0.5)
+    words = ("--scheduler", "tcp://127.0.0.1:1", "--out", str(tmp_path))
+    assert run("sweep", "teleport", *words) == 1
+    assert "no Dask scheduler answers at tcp://127.0.0.1:1" in capsys.readouterr().err
+
+
+@pytest.fixture
+def one_sheet(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let there be one small sheet."""
+    curve = Curve("small", "Teleportation", "fidelity", "fidelity F", "teleported")
+    axes: dict[str, object] = {"fidelity": [FIDELITY, 1.0], "pairs": 60_000}
+    monkeypatch.setattr(sheets, "SHEETS", (Sheet("small", "teleport", axes, [curve]),))
+
+
+@pytest.mark.usefixtures("one_sheet")
+def test_curves_that_agree_with_theory_pass(tmp_path: Path) -> None:
+    assert run("curves", "--out", str(tmp_path), "--workers", "1") == 0
+    assert matplotlib.image.imread(tmp_path / "small.png").std() > 0.05
+
+
+@pytest.mark.usefixtures("one_sheet")
+def test_a_point_that_theory_does_not_explain_fails_the_command_and_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # A theory that takes F for the fidelity of the teleported state: right for F = 1 alone.
+    monkeypatch.setattr(theory, "teleported_fidelity", lambda fidelity: fidelity)
+    assert run("curves", "--out", str(tmp_path), "--workers", "1") == 1
+    said = capsys.readouterr().err
+    assert "teleport at fidelity 0.5, pairs 60000: teleported 0.66" in said
+    assert "theory 0.5" in said
+    assert said.count("further from theory") == 1
+
+
+def test_unknown_curves_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("curves", "--only", "nothing", "--out", str(tmp_path)) == 1
+    assert "--only nothing: choose superdense" in capsys.readouterr().err

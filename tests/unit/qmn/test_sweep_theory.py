@@ -1,0 +1,74 @@
+"""The closed forms give the numbers that the literature gives."""
+
+import pytest
+
+from qmn.sweeps import theory
+from qmn.sweeps.catalogue import EXPERIMENTS, measure
+from qmn.sweeps.coding_theory import residual_error
+from qmn.sweeps.estimates import Estimate
+from qmn.sweeps.parameters import Values
+
+SEED = 3
+
+
+def test_the_capacity_at_the_experiments_p_is_the_experiments() -> None:
+    assert theory.capacity(theory.EXPERIMENT_P) == pytest.approx(1.665, abs=5e-4)
+
+
+@pytest.mark.parametrize(
+    ("p", "code", "consecutive", "interleaved"),
+    [
+        (0.05, "none", 2.5e-2, 2.5e-2),
+        (0.05, "repetition", 1.313e-2, 1.844e-3),
+        (0.05, "hamming", 2.008e-2, 5.230e-3),
+        (0.05, "golay", 3.665e-3, 7.271e-4),
+        (0.1, "repetition", 2.75e-2, 7.25e-3),
+        (0.1, "hamming", 4.252e-2, 1.943e-2),
+        (0.1, "golay", 1.699e-2, 8.018e-3),
+    ],
+)
+def test_the_table_of_codes(p: float, code: str, consecutive: float, interleaved: float) -> None:
+    assert residual_error(code, False, p) == pytest.approx(consecutive, rel=5e-4)
+    assert residual_error(code, True, p) == pytest.approx(interleaved, rel=5e-4)
+
+
+def test_a_code_that_is_not_perfect_has_no_theory() -> None:
+    assert residual_error("reed-solomon", True, 0.05) is None
+
+
+def test_swapping_is_not_the_product_of_fidelities() -> None:
+    assert theory.swapped_fidelity(0.9, 0.8) == pytest.approx(0.9 * 0.8 + 0.1 * 0.2 / 3)
+    assert theory.swapped_fidelity(0.25, 1.0) == 0.25
+
+
+def test_a_perfect_pair_breaks_bells_inequality_and_noise_does_not() -> None:
+    assert theory.chsh(1.0) == pytest.approx(2 * 2**0.5)
+    assert theory.chsh(0.25) == 0
+
+
+def test_depolarising_and_dephasing_convolve_as_paulis_do() -> None:
+    likely = theory.pauli_probabilities(0.2, 0.1)
+    assert sum(likely) == pytest.approx(1)
+    assert likely == pytest.approx((0.85 * 0.9 + 0.05 * 0.1, 0.05, 0.85 * 0.1 + 0.05 * 0.9, 0.05))
+    assert 2 - theory.entropy(theory.pauli_probabilities(0.1, 0)) == theory.capacity(0.1)
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"depolarizing": 0.1, "dephasing": 0.05, "source_fidelity": 0.9},
+        {"analyser_visibility": 0.8},
+        {"preset": "fiber-2017"},
+        {"loss_db_per_km": 0.2, "length_km": 10.0, "detectors_efficiency": 0.7},
+        {"burst_depolarizing": 0.5, "connectors_db": 3.0},
+        {"depolarizing": 0.05, "fec": "hamming", "interleave": "on"},
+    ],
+)
+def test_the_physical_layer_agrees_with_every_theory_of_superdense_coding(given: Values) -> None:
+    sdc = EXPERIMENTS["sdc"]
+    values = sdc.complete({**given, "pairs": 100_000})
+    measured = measure("sdc", values, SEED)
+    known = {each.name: each.theory(values) for each in sdc.measures}
+    assert any(value is not None for value in known.values())
+    for name, value in known.items():
+        assert value is None or Estimate(*measured[name]).agrees(value), name

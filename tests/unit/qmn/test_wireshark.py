@@ -1,0 +1,79 @@
+"""qmn wireshark where there is a Wireshark, and where there is none."""
+
+import argparse
+import shlex
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from dispatcher.event_capture import EventCapture
+from qmn import wireshark
+from topologies.runtime import EVENT_CAPTURE
+from wire.dispatcher_pb2 import Event
+
+EVENT = Event(time_ns=1_700_000_000_000_000_000, node="alice", kind="create")
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    """Return the folder of a run that was ended before it merged anything."""
+    folder = tmp_path / "a run"
+    folder.mkdir()
+    with (folder / EVENT_CAPTURE).open("wb") as opened:
+        EventCapture(opened, []).record(EVENT)
+    return folder
+
+
+def verb(run: Path) -> int:
+    parser = argparse.ArgumentParser()
+    wireshark.add_parser(parser.add_subparsers())
+    arguments = parser.parse_args(["wireshark", str(run)])
+    status: int = arguments.call(arguments)
+    return status
+
+
+def test_without_a_display_it_prints_what_to_type(
+    run: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    assert verb(run) == 0
+    lines = [line.strip() for line in capsys.readouterr().out.splitlines()]
+    (graphical,) = [line for line in lines if line.startswith("wireshark ")]
+    (typed,) = [line for line in lines if line.startswith("tshark ")]
+    done = subprocess.run(shlex.split(typed), capture_output=True, text=True, check=True)
+    assert "alice create" in done.stdout
+    # tshark takes the same options as Wireshark does: the columns, too.
+    options = ["tshark", *shlex.split(graphical)[1:]]
+    shown = subprocess.run(options, capture_output=True, text=True, check=True).stdout
+    assert shown.split()[2:4] == ["dispatcher", "alice"]
+
+
+def test_where_it_can_wireshark_is_started(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    program = tmp_path / "wireshark"
+    program.write_text(f'#!/bin/sh\nprintf "%s\\n" "$@" >"{tmp_path}/said"\nexit 3\n')
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
+    monkeypatch.setenv("DISPLAY", ":0")
+    assert verb(run) == 3
+    said = (tmp_path / "said").read_text().splitlines()
+    assert said[:2] == ["-X", f"lua_script:{run / 'qmn.lua'}"]
+    assert said[-2:] == ["-r", str(run / "all.pcapng")]
+
+
+def test_the_script_of_the_run_itself_is_kept(run: Path) -> None:
+    (run / "qmn.lua").write_text("-- of that version\n")
+    wireshark.prepare(run)
+    assert (run / "qmn.lua").read_text() == "-- of that version\n"
+    assert (run / "all.pcapng").exists()
+
+
+def test_a_folder_without_captures_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert verb(tmp_path) == 1
+    assert "name the folder of a run" in capsys.readouterr().err
+    assert verb(tmp_path / "none") == 1

@@ -1,0 +1,97 @@
+"""Lets tshark dissect what wire/ encodes: captures of frames, fields that tshark shows."""
+
+import functools
+import subprocess
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from scapy.layers.inet import IP, TCP, UDP
+from scapy.layers.l2 import Ether
+
+from wire.dissectors import script
+from wire.metadata import METADATA_PORT
+from wire.pcapng import LINKTYPE_ETHERNET, LINKTYPE_USER0, Interface, Packet, Writer
+
+INTERFACES = [Interface("s1-eth1", LINKTYPE_ETHERNET), Interface("dispatcher", LINKTYPE_USER0)]
+START_NS = 1_700_000_000_000_000_000
+STEP_NS = 1_000_000
+SEPARATOR, AGGREGATOR = "\t", "|"
+
+
+@functools.cache
+def script_file() -> Path:
+    folder = Path(tempfile.mkdtemp(prefix="qmn-dissectors-"))
+    file = folder / "qmn.lua"
+    file.write_text(script())
+    return file
+
+
+def segment(
+    data: bytes, connection: int = 0, seq: int = 1, answer: bool = False, port: int = METADATA_PORT
+) -> bytes:
+    """Return a TCP segment of a connection; answers go the other way."""
+    ends = [("10.0.0.1", 20_000 + connection), ("10.0.0.2", port)]
+    (source, sport), (destination, dport) = reversed(ends) if answer else ends
+    head = IP(src=source, dst=destination) / TCP(sport=sport, dport=dport, seq=seq, flags="PA")
+    return bytes(_ether() / head / data)
+
+
+def datagram(data: bytes, port: int) -> bytes:
+    head = IP(src="10.0.0.1", dst="10.0.0.2") / UDP(sport=port, dport=port)
+    return bytes(_ether() / head / data)
+
+
+def _ether() -> Any:
+    return Ether(src="02:00:00:00:00:01", dst="02:00:00:00:00:02")
+
+
+def tshark(folder: Path, frames: Sequence[bytes], *options: str, interface: int = 0) -> list[str]:
+    """Return the lines that tshark prints of the frames; fail if a dissector has an error."""
+    file = folder / "frames.pcapng"
+    with file.open("wb") as opened:
+        writer = Writer(opened, INTERFACES)
+        for number, frame in enumerate(frames):
+            time_ns = START_NS + number * STEP_NS
+            writer.write(Packet(time_ns, frame, len(frame), interface))
+    return tshark_file(file, *options)
+
+
+def tshark_file(file: Path, *options: str) -> list[str]:
+    command = ["tshark", "-2", "-X", f"lua_script:{script_file()}", "-r", str(file), "-n"]
+    done = subprocess.run(
+        [*command, *options], capture_output=True, text=True, check=False, timeout=100
+    )
+    assert done.returncode == 0, done.stderr
+    assert "Lua" not in done.stderr, done.stderr
+    assert "Lua Error" not in done.stdout
+    return done.stdout.splitlines()
+
+
+def shown(
+    folder: Path, frames: Sequence[bytes], names: Sequence[str], interface: int = 0
+) -> list[dict[str, list[str]]]:
+    """Return, for each frame, all values of each field."""
+    options = ["-T", "fields", "-E", f"aggregator={AGGREGATOR}", "-E", f"separator={SEPARATOR}"]
+    for name in names:
+        options += ["-e", name]
+    lines = tshark(folder, frames, *options, interface=interface)
+    assert len(lines) == len(frames)
+    rows = []
+    for line in lines:
+        cells = line.split(SEPARATOR)
+        cells += [""] * (len(names) - len(cells))
+        rows.append(
+            {
+                name: cell.split(AGGREGATOR) if cell else []
+                for name, cell in zip(names, cells, strict=True)
+            }
+        )
+    return rows
+
+
+def errors_of_lua(folder: Path, frames: Sequence[bytes], interface: int = 0) -> list[str]:
+    """Return the lines of a full dissection that tell of an error in a script."""
+    lines = tshark(folder, frames, "-V", interface=interface)
+    return [line for line in lines if "Lua" in line]

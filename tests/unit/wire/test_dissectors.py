@@ -1,0 +1,510 @@
+"""The Wireshark dissectors, run by tshark on what wire/ itself encodes, and on rubbish."""
+
+import hmac
+import random
+import struct
+from dataclasses import astuple, fields
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+from dissection import datagram, errors_of_lua, segment, shown, tshark
+
+from wire import optical
+from wire.device import (
+    DEVICE_PORT,
+    Datagram,
+    DevicePort,
+    DeviceQuery,
+    DeviceReport,
+    DeviceSettings,
+    SetDevice,
+    Subscribe,
+    open_sealed,
+)
+from wire.dispatcher_pb2 import BlockId, Event
+from wire.dissectors import lua
+from wire.events import decode_record, encode_record
+from wire.layout import COUNTED, Layout, device_layouts, metadata_layouts
+from wire.metadata import (
+    HEADER,
+    Answer,
+    Block,
+    Emit,
+    Finish,
+    Frame,
+    Handshake,
+    MalformedPacket,
+    Message,
+    Pauli,
+    Reason,
+    Report,
+    Service,
+    Setup,
+    Verdict,
+    decode,
+    message_length,
+)
+
+SEED = 7
+KEY = "00" * 32
+SETUP = Setup(
+    session=0x8102030405060708,
+    service=Service.SDC,
+    handshake=Handshake.PER_PAIR,
+    source="10.0.0.3",
+    pairs=65_536,
+    frame_bytes=257,
+    rate_hz=4_000_000_000,
+    port=7,
+    block=11,
+    encoding=0b00_11_10_01,
+    fec=3,
+    interleave=1,
+    polarization=4,
+    memory=5,
+    wavelength_pm=1_550_121,
+    phase_mrad=-6,
+    sync_window_ps=12,
+    fidelity_ppm=13,
+    verdict=Verdict.REFUSED,
+    rotation=Pauli.XZ,
+    reason=Reason.BUSY,
+)
+METADATA: list[Message] = [
+    SETUP,
+    Answer(2, Reason.OK),
+    Answer(2, Reason.OK, "", 3, 0b00_11_10_01),
+    Answer(3, Reason.TOO_NOISY, "später"),
+    Emit(4, 5, 6, 7),
+    Block(5, 8, 4 * 9 + 4 * 10 + 1, 1, 1 << 63, (Frame(6, 9, 0xDEADBEEF), Frame(7, 10, 11))),
+    Block(6, 12, 0, 0, 13),
+    Report(7, 8, 9, 2, 10, 11, 12, (11, 12), b"\x80\x01"),
+    Report(8, 8, 9, 0, 10, 11, 12),
+    Finish(9, (1 << 40) + 1, bytes(range(32))),
+]
+SETTINGS = DeviceSettings(rate_hz=1_000_000, frame_bytes=64)
+REPORT = DeviceReport(
+    1,
+    sending=2,
+    receiving=3,
+    serving=4,
+    pairs_sent=5,
+    pairs_made=6,
+    pairs_received=7,
+    pairs_lost=(1 << 64) - 1,
+    symbol_errors=9,
+    repeated_frames=10,
+    rate_hz=11,
+    frame_bytes=12,
+    fec=13,
+    interleave=18,
+    wavelength_pm=14,
+    period_ms=15,
+    lost_ppm=16,
+    symbol_error_ppm=17,
+    settings=SETTINGS,
+    ports=(DevicePort("alice-q0", True), DevicePort("alice-q1", False)),
+)
+DEVICES: list[Message] = [
+    DeviceQuery(1),
+    Subscribe(2, 3, 4, 5),
+    SetDevice(3, SETTINGS),
+    REPORT,
+    Answer(5, Reason.NOT_ALLOWED, "no"),
+]
+
+
+def plain(text: str) -> int | str:
+    """Return a number that tshark shows, as a number; anything else as it is."""
+    try:
+        return int(text, 0)
+    except ValueError:
+        return text
+
+
+def expected(message: Message, layout: Layout, prefix: str) -> dict[str, list[Any]]:
+    """Return what tshark shall show of a message, from its attributes alone."""
+    values: dict[str, list[Any]] = {f"{prefix}.session": [message.session]}
+    tails = {tail.name: tail for tail in layout.tails}
+    for item in fields(message)[1:]:
+        value, name = getattr(message, item.name), f"{prefix}.{item.name}"
+        if isinstance(value, DeviceSettings):
+            given = {k: v for k, v in vars(value).items() if v is not None}
+            values |= {f"{name}.{key}": [number] for key, number in given.items()}
+        elif isinstance(value, tuple):
+            if tails[item.name].kind == COUNTED:
+                values[f"{name}_count"] = [len(value)]
+            if value and isinstance(value[0], int):
+                values[name] = list(value)
+            for element in value if value and not isinstance(value[0], int) else ():
+                for key, number in vars(element).items():
+                    values.setdefault(f"{name}.{key}", []).append(number)
+        elif isinstance(value, bytes):
+            values[name] = [value.hex()] if value else []
+        else:
+            values[name] = [value] if value != "" else []
+    return values
+
+
+def check_all(
+    folder: Path,
+    messages: list[Message],
+    frames: list[bytes],
+    layouts: list[Layout],
+    prefix: str,
+) -> None:
+    known = {layout.number: layout for layout in layouts}
+    wanted = [expected(message, known[message.KIND], prefix) for message in messages]
+    names = sorted({name for row in wanted for name in row})
+    assert len(names) > 20
+    for message, row, want in zip(messages, shown(folder, frames, names), wanted, strict=True):
+        seen = {name: _read(values, want.get(name)) for name, values in row.items() if values}
+        assert seen == {name: values for name, values in want.items() if values}, message
+
+
+def _read(values: list[str], want: list[Any] | None) -> list[int | str]:
+    text = want is not None and bool(want) and isinstance(want[0], str)
+    return [value if text else plain(value) for value in values]
+
+
+def test_every_field_of_every_metadata_message_is_shown(tmp_path: Path) -> None:
+    assert {type(message) for message in METADATA} >= {
+        kind for kind in Message.__subclasses__() if kind.__module__ == "wire.metadata"
+    }
+    frames = [segment(message.encode(), number) for number, message in enumerate(METADATA)]
+    check_all(tmp_path, METADATA, frames, metadata_layouts(), "qmeta")
+
+
+def test_every_field_of_every_device_message_is_shown(tmp_path: Path) -> None:
+    frames = [
+        datagram(Datagram(message, "alice", 99).seal(KEY, Datagram.FROM_HOST), DEVICE_PORT)
+        for message in DEVICES
+    ]
+    check_all(tmp_path, DEVICES, frames, device_layouts(), "qdev")
+    rows = shown(tmp_path, frames, ["qdev.host", "qdev.number", "qdev.malformed"])
+    assert [astuple_of(row) for row in rows] == [("alice", "99", "")] * len(DEVICES)
+
+
+def astuple_of(row: dict[str, list[str]]) -> tuple[str, ...]:
+    return tuple("|".join(values) for values in row.values())
+
+
+def test_filters_take_the_names_of_numbers(tmp_path: Path) -> None:
+    frames = [segment(message.encode(), number) for number, message in enumerate(METADATA)]
+    for expression, count in (
+        ('qmeta.service == "SDC"', 1),
+        ('qmeta.verdict == "REFUSED"', 1),
+        ('qmeta.kind == "Report"', 2),
+        ("qmeta.session == 9", 1),
+        ("qmeta.refused", 2),
+    ):
+        assert len(tshark(tmp_path, frames, "-Y", expression)) == count, expression
+
+
+def test_messages_are_put_together_across_segments(tmp_path: Path) -> None:
+    draw = random.Random(SEED)
+    frames = tuple(Frame(number, 1, number) for number in range(4096))
+    messages = [*METADATA, Block(77, 1, 4 * 4096, 0, 1, frames), *METADATA]
+    stream = b"".join(message.encode() for message in messages)
+    cuts = sorted({0, len(stream), *(draw.randrange(len(stream)) for _ in range(60))})
+    segments = [segment(stream[start:end], seq=1 + start) for start, end in pairwise(cuts)]
+    rows = shown(tmp_path, segments, ["qmeta.session", "qmeta.malformed", "qmeta.frames.crc32"])
+    sessions = [plain(text) for row in rows for text in row["qmeta.session"]]
+    assert sessions == [message.session for message in messages]
+    assert not any(row["qmeta.malformed"] for row in rows)
+    assert sum(len(row["qmeta.frames.crc32"]) for row in rows) == 4096 + 4
+
+
+def test_requests_and_answers_are_linked(tmp_path: Path) -> None:
+    ask = [SETUP, Emit(1, 2, 3, 4), Block(1, 5, 0, 0, 1), Block(1, 6, 0, 0, 1), Finish(1, 0, b"")]
+    answers = [Answer(1, 0), Answer(1, 0), Report(1, 6, 0), Report(1, 5, 0), Answer(1, 0)]
+    frames, places = [], [1, 1]
+    for message, is_answer in [
+        *((message, False) for message in ask[:1]),
+        *((message, True) for message in answers[:1]),
+        *((message, False) for message in ask[1:]),
+        *((message, True) for message in answers[1:]),
+    ]:
+        data = message.encode()
+        frames.append(segment(data, seq=places[is_answer], answer=is_answer))
+        places[is_answer] += len(data)
+    names = ["qmeta.request_in", "qmeta.response_in", "qmeta.response_ms"]
+    rows = [astuple_of(row) for row in shown(tmp_path, frames, names)]
+    assert [row[:2] for row in rows] == [
+        ("", "2"),  # set-up
+        ("1", ""),
+        ("", "7"),  # emit
+        ("", "9"),  # block 5
+        ("", "8"),  # block 6
+        ("", "10"),  # finish
+        ("3", ""),
+        ("5", ""),
+        ("4", ""),
+        ("6", ""),
+    ]
+    assert float(rows[6][2]) == pytest.approx(4.0)
+
+
+def test_device_requests_and_reports_are_linked(tmp_path: Path) -> None:
+    frames = [
+        datagram(Datagram(message, "alice", 1).seal(KEY, Datagram.FROM_HOST), DEVICE_PORT)
+        for message in (DeviceQuery(5), DeviceReport(0), DeviceReport(5))
+    ]
+    rows = shown(tmp_path, frames, ["qdev.request_in", "qdev.response_in"])
+    assert [astuple_of(row) for row in rows] == [("", "3"), ("", ""), ("1", "")]
+
+
+def mutated(draw: random.Random, data: bytes) -> bytes:
+    """Return a message with some bytes changed, cut or added; mostly its length is right."""
+    body = bytearray(data)
+    for _ in range(draw.randrange(4)):
+        body[draw.randrange(len(body))] = draw.choice([0, 1, 2, 5, 0x7F, 0x80, 0xFF])
+    if draw.random() < 0.3:
+        body = body[: draw.randrange(HEADER.size, len(body) + 1)]
+    if draw.random() < 0.3:
+        body += draw.randbytes(draw.randrange(1, 20))
+    if draw.random() < 0.7:
+        body[4:8] = len(body).to_bytes(4, "big")
+    return bytes(body)
+
+
+def with_other_values(messages: list[Message], layouts: list[Layout]) -> list[bytes]:
+    """Return each message with each of its fixed fields 0, all ones, or another number."""
+    known = {layout.number: layout for layout in layouts}
+    changed = []
+    for message in messages:
+        for field in known[message.KIND].fields:
+            numbers = range(256) if field.size == 1 else range(24)
+            wholes = [number.to_bytes(field.size, "big") for number in numbers]
+            for whole in [*wholes, b"\xff" * field.size]:
+                data = bytearray(message.encode())
+                start = HEADER.size + field.offset
+                data[start : start + field.size] = whole
+                changed.append(bytes(data))
+    return changed
+
+
+def refused(data: bytes) -> bool:
+    """Return whether Python finds one of the messages malformed that bytes begin with."""
+    try:
+        while data and (length := message_length(data)) is not None and length <= len(data):
+            decode(data[:length])
+            data = data[length:]
+    except MalformedPacket:
+        return True
+    return False
+
+
+def test_what_python_refuses_is_marked_as_malformed_and_nothing_else(tmp_path: Path) -> None:
+    draw = random.Random(SEED)
+    sources = [*METADATA, SETUP, SETUP, METADATA[4], METADATA[6]]
+    mutants = [mutated(draw, draw.choice(sources).encode()) for _ in range(3000)]
+    mutants += with_other_values(METADATA, metadata_layouts())
+    frames = [segment(data, number) for number, data in enumerate(mutants)]
+    rows = shown(tmp_path, frames, ["qmeta.malformed"])
+    wanted = [refused(data) for data in mutants]
+    assert 0.2 < sum(wanted) / len(wanted) < 0.8
+    wrong = [
+        (data.hex(), want)
+        for data, row, want in zip(mutants, rows, wanted, strict=True)
+        if bool(row["qmeta.malformed"]) != want
+    ]
+    assert wrong == []
+    assert errors_of_lua(tmp_path, frames) == []
+
+
+def test_device_datagrams_that_python_refuses_are_marked(tmp_path: Path) -> None:
+    draw = random.Random(SEED)
+    sealed = []
+    for _ in range(1500):
+        whole = Datagram(draw.choice(DEVICES), "alice", 9).seal(KEY, Datagram.FROM_HOST)
+        data = sign(mutated(draw, whole[:-16]) if draw.random() < 0.5 else inside(draw, whole))
+        sealed.append(data)
+    trailer = Datagram(DEVICES[0], "alice", 9).seal(KEY, Datagram.FROM_HOST)[-56:-16]
+    sealed += [sign(data + trailer) for data in with_other_values(DEVICES, device_layouts())]
+    wanted = [device_refused(data) for data in sealed]
+    frames = [datagram(data, DEVICE_PORT) for data in sealed]
+    rows = shown(tmp_path, frames, ["qdev.malformed"])
+    assert 0.2 < sum(wanted) / len(wanted) < 0.8
+    wrong = [
+        (data.hex(), want)
+        for data, row, want in zip(sealed, rows, wanted, strict=True)
+        if bool(row["qdev.malformed"]) != want
+    ]
+    assert wrong == []
+    assert errors_of_lua(tmp_path, frames) == []
+
+
+def inside(draw: random.Random, whole: bytes) -> bytes:
+    """Return a datagram, not yet signed, whose message is changed and whose length is right."""
+    message, trailer = whole[:-56], whole[-56:-16]
+    changed = bytearray(mutated(draw, message))
+    changed[4:8] = len(changed).to_bytes(4, "big")
+    return bytes(changed) + trailer
+
+
+def sign(data: bytes) -> bytes:
+    key = bytes.fromhex(KEY)
+    return data + hmac.digest(key, Datagram.FROM_HOST + data, "sha256")[:16]
+
+
+def device_refused(data: bytes) -> bool:
+    try:
+        open_sealed(data, KEY, Datagram.FROM_HOST)
+    except MalformedPacket:
+        return True
+    return False
+
+
+EVENT = Event(
+    time_ns=1_700_000_000_123_456_789,
+    node="bob",
+    kind="bell-measure",
+    block=BlockId(session=0xFEDCBA9876543210, number=3, half=1),
+    port="bob-q0",
+    photons=1_000_000,
+    lost=7,
+    detail="with 3/0: Phi+=8 später",
+)
+
+
+def test_every_field_of_an_event_is_shown(tmp_path: Path) -> None:
+    values = {
+        "qevent.time_ns": EVENT.time_ns,
+        "qevent.node": EVENT.node,
+        "qevent.kind": EVENT.kind,
+        "qevent.session": EVENT.block.session,
+        "qevent.block.number": 3,
+        "qevent.block.half": 1,
+        "qevent.port": EVENT.port,
+        "qevent.photons": EVENT.photons,
+        "qevent.lost": 7,
+        "qevent.detail": EVENT.detail,
+    }
+    every = {field.name for field in Event.DESCRIPTOR.fields}
+    assert {name.split(".")[1] for name in values} >= every - {"block"}, "a new field: name it here"
+    later = encode_record(EVENT) + b"\xa2\x06\x03new\xa8\x06\x05"  # fields 100 and 101
+    rows = shown(tmp_path, [encode_record(EVENT), later], [*values, "qevent.unknown"], interface=1)
+    assert [plain(rows[0][name][0]) for name in values] == list(values.values())
+    assert [rows[1][name] for name in values] == [rows[0][name] for name in values]
+    assert rows[0]["qevent.unknown"] == []
+    assert len(rows[1]["qevent.unknown"]) == 2
+    filtered = tshark(
+        tmp_path, [encode_record(EVENT)], "-Y", "qevent.session == 0xfedcba9876543210", interface=1
+    )
+    assert len(filtered) == 1
+
+
+def test_events_that_python_refuses_are_marked(tmp_path: Path) -> None:
+    draw = random.Random(SEED)
+    records = []
+    for _ in range(2000):
+        data = bytearray(encode_record(EVENT))
+        for _change in range(draw.randrange(4)):
+            data[draw.randrange(len(data))] = draw.randrange(256)
+        records.append(bytes(data[: draw.randrange(1, len(data) + 1)]))
+    rows = shown(tmp_path, records, ["qevent.malformed"], interface=1)
+    wrong = [
+        data.hex()
+        for data, row in zip(records, rows, strict=True)
+        if bool(row["qevent.malformed"]) != event_refused(data)
+    ]
+    assert wrong == []
+    assert errors_of_lua(tmp_path, records, interface=1) == []
+
+
+def event_refused(data: bytes) -> bool:
+    try:
+        decode_record(data)
+    except MalformedPacket:
+        return True
+    return False
+
+
+def openflow(kind: int, body: bytes) -> bytes:
+    return struct.pack("!BBHI", 5, kind, 8 + len(body), 1) + body
+
+
+def openflow_messages() -> list[tuple[str, bytes, list[Any]]]:
+    """Return messages with optics: prefix of the fields, bytes, what they say."""
+    description = optical.PortOptics(15, 2, 3, 4, 5, 6, 7, -200, 30)
+    light = optical.PortLight(15, 1, -2, 3, 4, -5, 6, -7, -8, 9, -10)
+    tuning = optical.PortTuning(15, 193_400_000, -1, 50_000, -30)
+    paths = [optical.PathOptics(1, 2, 3000, 3, True), optical.PathOptics(4, 5, 6, 0)]
+    port = struct.pack("!IH2x6s2x16sII", 7, 40 + len(description.encode()), b"", b"p", 0, 0)
+    stats = struct.pack("!H2xIII8Q", 80 + len(light.encode()), 7, 0, 0, *range(8))
+    mod = struct.pack("!I4x6s2xII", 7, b"", 0, 0)
+    experimenter = struct.pack("!II", optical.EXPERIMENTER, optical.PATH_OPTICS)
+    modify = openflow(16, mod + tuning.encode())
+    return [
+        ("description", reply(13, port + description.encode()), [description]),
+        ("statistics", reply(4, stats + light.encode()), [light]),
+        ("tuning", modify, [tuning]),
+        ("tuning", openflow(34, struct.pack("!I2xH", 1, 0) + modify), [tuning]),
+        ("description", openflow(12, b"\0" * 8 + port + description.encode()), [description]),
+        ("path", reply(0xFFFF, experimenter + optical.encode_path_optics(paths)), paths),
+    ]
+
+
+def reply(part: int, body: bytes) -> bytes:
+    return openflow(19, struct.pack("!HH4x", part, 0) + body)
+
+
+def test_optics_in_openflow_are_shown(tmp_path: Path) -> None:
+    messages = openflow_messages()
+    frames = [
+        segment(data, number, port=6653) for number, (_, data, _structures) in enumerate(messages)
+    ]
+    names = {
+        f"qof.{prefix}.{item.name}"
+        for prefix, _data, structures in messages
+        for item in fields(structures[0])
+    }
+    ordered = sorted(names)
+    for (prefix, _data, structures), row in zip(
+        messages, shown(tmp_path, frames, ordered), strict=True
+    ):
+        want = {
+            f"qof.{prefix}.{item.name}": [int(getattr(one, item.name)) for one in structures]
+            for item in fields(structures[0])
+        }
+        seen = {name: [plain(text) for text in values] for name, values in row.items() if values}
+        assert seen == want
+        assert [astuple(one) for one in structures]
+
+
+def test_spoiled_openflow_is_no_error_of_the_script(tmp_path: Path) -> None:
+    draw = random.Random(SEED)
+    frames = []
+    for number in range(600):
+        data = bytearray(draw.choice(openflow_messages())[1])
+        for _ in range(draw.randrange(5)):
+            data[draw.randrange(8, len(data))] = draw.choice([0, 1, 8, 0x7F, 0xFF])
+        data = data[: draw.randrange(8, len(data) + 1)]
+        data[2:4] = len(data).to_bytes(2, "big")
+        frames.append(segment(bytes(data), number, port=6653))
+    assert errors_of_lua(tmp_path, frames) == []
+
+
+def test_a_first_byte_alone_is_waited_for(tmp_path: Path) -> None:
+    data = SETUP.encode()
+    frames = [segment(data[:1]), segment(data[1:], seq=2), segment(b"X", 1), segment(b"QX", 2)]
+    rows = shown(tmp_path, frames, ["qmeta.kind", "qmeta.malformed"])
+    assert [bool(row["qmeta.malformed"]) for row in rows] == [False, False, True, True]
+    assert rows[1]["qmeta.kind"] == ["1"]
+
+
+def test_copies_on_further_links_are_shown_too(tmp_path: Path) -> None:
+    frames = [segment(SETUP.encode()), segment(SETUP.encode())]
+    rows = shown(tmp_path, frames, ["qmeta.kind"])
+    assert [row["qmeta.kind"] for row in rows] == [["1"], ["1"]]
+
+
+def test_lua_text_cannot_end_its_quotes() -> None:
+    assert lua({"a": [1, True, None, "b"]}) == '{["a"] = {1, true, nil, "b"}}'
+    assert lua("a\\") == '"a\\\\"'
+    for value in ('"', "\n", "ä", 1.5):
+        with pytest.raises(TypeError):
+            lua(value)

@@ -1,0 +1,145 @@
+"""Capture files, checked by Wireshark's own tools."""
+
+import io
+import subprocess
+from pathlib import Path
+
+import pytest
+from scapy.layers.inet import IP, UDP
+from scapy.layers.l2 import Ether
+from scapy.utils import PcapWriter, RawPcapNgReader
+
+from wire.metadata import MalformedPacket
+from wire.pcapng import (
+    LINKTYPE_ETHERNET,
+    LINKTYPE_USER0,
+    Interface,
+    Packet,
+    PcapReader,
+    Reader,
+    Writer,
+)
+
+TIME_NS = 1_700_000_000_123_456_789
+INTERFACES = [Interface("s1-eth1", LINKTYPE_ETHERNET), Interface("fiber alice-q0", LINKTYPE_USER0)]
+FRAME = bytes(Ether(src="02:00:00:00:00:01", dst="02:00:00:00:00:02") / IP() / UDP() / b"x")
+PACKETS = [
+    Packet(TIME_NS, FRAME, len(FRAME), 0),
+    *(Packet(TIME_NS + 1 + size, b"abcd"[:size], size, 1) for size in range(5)),
+]
+
+
+def written() -> bytes:
+    file = io.BytesIO()
+    writer = Writer(file, INTERFACES)
+    for packet in PACKETS:
+        writer.write(packet)
+    return file.getvalue()
+
+
+def tool(*command: str) -> str:
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=30)
+    assert "appears to" not in done.stderr
+    return done.stdout
+
+
+def test_capinfos_finds_names_nanoseconds_and_order(tmp_path: Path) -> None:
+    file = tmp_path / "a.pcapng"
+    file.write_bytes(written())
+    report = tool("capinfos", str(file))
+    for words in (
+        "Name = s1-eth1",
+        "Name = fiber alice-q0",
+        "Encapsulation = USER 0",
+        "Time precision = nanoseconds (9)",
+        "Strict time order:   True",
+        "Number of packets:   6",
+        "2023-11-14 22:13:20.123456789",
+    ):
+        assert words in report, report
+
+
+def test_tshark_reads_times_and_bytes(tmp_path: Path) -> None:
+    file = tmp_path / "a.pcapng"
+    file.write_bytes(written())
+    fields = ["-e", "frame.time_epoch", "-e", "frame.interface_name", "-e", "frame.len"]
+    lines = tool("tshark", "-r", str(file), "-T", "fields", *fields).splitlines()
+    assert [line.split("\t") for line in lines] == [
+        [f"1700000000.{packet.time_ns % 10**9}", INTERFACES[packet.interface].name, str(packet[2])]
+        for packet in PACKETS
+    ]
+
+
+def test_scapy_reads_the_same_packets(tmp_path: Path) -> None:
+    file = tmp_path / "a.pcapng"
+    file.write_bytes(written())
+    with RawPcapNgReader(str(file)) as packets:
+        assert [data for data, _metadata in packets] == [packet.data for packet in PACKETS]
+
+
+def test_what_is_written_is_read() -> None:
+    reader = Reader(io.BytesIO(written()))
+    assert list(reader.packets()) == PACKETS
+    assert reader.interfaces == INTERFACES
+
+
+def test_a_reader_goes_on_when_more_was_written() -> None:
+    whole = written()
+    file = io.BytesIO()
+    reader, seen = Reader(file), []
+    for number in range(len(whole)):
+        place = file.tell()
+        file.seek(0, io.SEEK_END)
+        file.write(whole[number : number + 1])
+        file.seek(place)
+        seen += list(reader.packets())
+    assert seen == PACKETS
+
+
+def test_a_file_that_is_none_is_refused() -> None:
+    whole = written()
+    for data in (b"\xd4\xc3\xb2\xa1" + bytes(40), bytes(40), b"text " * 20, whole[28:]):
+        with pytest.raises(MalformedPacket):
+            list(Reader(io.BytesIO(data)).packets())
+
+
+def test_every_changed_byte_is_read_or_refused() -> None:
+    whole = written()
+    for place in range(len(whole)):
+        spoiled = bytearray(whole)
+        spoiled[place] ^= 0xFF
+        try:
+            packets = list(Reader(io.BytesIO(bytes(spoiled))).packets())
+        except MalformedPacket:
+            continue
+        assert len(packets) <= len(PACKETS)
+
+
+@pytest.mark.parametrize("nano", [True, False])
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_pcap_of_either_kind_is_read(tmp_path: Path, nano: bool, order: str) -> None:
+    file = tmp_path / "a.pcap"
+    with PcapWriter(str(file), linktype=1, endianness=order, nano=nano) as writer:
+        writer.write_header(None)
+        writer.write_packet(FRAME, sec=1_700_000_000, usec=123_456, caplen=len(FRAME))
+    with file.open("rb") as opened:
+        reader = PcapReader(opened)
+        fraction_ns = 123_456 if nano else 123_456_000
+        packet = Packet(1_700_000_000 * 10**9 + fraction_ns, FRAME, len(FRAME), 3)
+        assert list(reader.packets(3)) == [packet]
+        assert reader.link_type == 1
+
+
+def test_a_cut_pcap_gives_its_whole_packets(tmp_path: Path) -> None:
+    file = tmp_path / "a.pcap"
+    with PcapWriter(str(file), linktype=1, nano=True) as writer:
+        writer.write_header(None)
+        for _ in range(2):
+            writer.write_packet(FRAME, sec=1, usec=2, caplen=len(FRAME))
+    whole = file.read_bytes()
+    record = 16 + len(FRAME)
+    for size in range(24, len(whole)):
+        reader = PcapReader(io.BytesIO(whole[:size]))
+        assert len(list(reader.packets())) == (size - 24) // record
+    with pytest.raises(MalformedPacket):
+        PcapReader(io.BytesIO(whole[:23]))

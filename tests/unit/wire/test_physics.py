@@ -1,0 +1,64 @@
+"""What devices may be like: everything else is refused with host, name, value and range."""
+
+import json
+import re
+from dataclasses import asdict
+from typing import Any
+
+import pytest
+
+from wire.physics import BadParameter, BellAnalyser, Detectors, Device, Memory, PairSource
+
+REFUSED = [
+    (Device(PairSource(fidelity=0.2)), "alice, source: fidelity 0.2 is not 0.25 to 1"),
+    (Device(PairSource(mean_pairs=float("nan"))), "source: mean_pairs nan is not 0 to 10"),
+    (Device(PairSource(statistics="laser")), "statistics 'laser' is unknown; choose single"),
+    (Device(PairSource(bell_diagonal=(0.5, 0.5))), "bell_diagonal (0.5, 0.5) is not 4"),
+    (Device(PairSource(bell_diagonal=(0.5, 0.5, 0.5, -0.5))), "is not 4 probabilities"),
+    (Device(PairSource(bell_diagonal=(0.7, 0.1, 0.1, 0.2))), "that add up to 1"),
+    (
+        Device(PairSource(fidelity=0.9, bell_diagonal=(0.7, 0.1, 0.1, 0.1))),
+        "are both given; name one",
+    ),
+    (Device(memory=Memory(t1_s=0.0)), "alice, memory: t1_s 0.0 is not 1e-12 to inf"),
+    (Device(memory=Memory(t1_s=1.0, t2_s=2.1)), "memory: t2_s 2.1 is not 1e-12 to 2 (twice t1_s)"),
+    (Device(memory=Memory(t1_s=1.0)), "memory: t2_s inf is not"),
+    (Device(memory=Memory(capacity=1.5)), "capacity 1.5 is not 0 to 4e+06 (a whole number)"),  # type: ignore[arg-type]
+    (Device(detectors=Detectors(efficiency=80)), "detectors: efficiency 80 is not 0 to 1"),
+    (Device(detectors=Detectors(dark_count_hz=-1.0)), "dark_count_hz -1.0 is not 0 to 1e+09"),
+    (Device(analyser=BellAnalyser(kind="half")), "kind 'half' is unknown; choose complete, linear"),
+    (Device(analyser=BellAnalyser(visibility=True)), "visibility True is not 0 to 1"),
+    (Device(memory=Detectors()), "alice: memory Detectors("),  # type: ignore[arg-type]
+]
+
+
+@pytest.mark.parametrize(("device", "message"), REFUSED)
+def test_what_no_device_is_like_is_refused(device: Device, message: str) -> None:
+    with pytest.raises(BadParameter, match=re.escape(message)):
+        device.check("alice")
+
+
+@pytest.mark.parametrize(
+    "device",
+    [
+        Device(),
+        Device(PairSource("thermal", 0.05, bell_diagonal=(0.97, 0.01, 0.01, 0.01))),
+        Device(memory=Memory(t1_s=1e-3, t2_s=2e-3), detectors=Detectors(efficiency=0.8)),
+        Device(analyser=BellAnalyser("linear", 0.98, 1e11)),
+    ],
+)
+def test_a_device_reads_back_from_json_the_same(device: Device) -> None:
+    device.check("alice")
+    assert Device.from_dict(json.loads(json.dumps(asdict(device)))) == device
+
+
+@pytest.mark.parametrize(
+    "given", [{"laser": {}}, {"memory": {"t3_s": 1.0}}, {"source": {"brightness": 2}}]
+)
+def test_a_part_that_no_device_has_is_refused(given: dict[str, Any]) -> None:
+    with pytest.raises((BadParameter, TypeError), match=r"laser|t3_s|brightness"):
+        Device.from_dict(given)
+
+
+def test_a_fidelity_means_the_other_bell_states_alike() -> None:
+    assert PairSource(fidelity=0.7).bell_probabilities() == pytest.approx((0.7, 0.1, 0.1, 0.1))

@@ -1,0 +1,95 @@
+"""The scapy layers read and build the very bytes that wire/ encodes."""
+
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import pytest
+from dissection import INTERFACES, datagram, segment
+from scapy.layers.l2 import Ether
+from scapy.utils import rdpcap
+from test_dissectors import DEVICES, EVENT, KEY, METADATA, SETUP
+
+from wire.device import DEVICE_PORT, Datagram, DeviceSettings
+from wire.events import encode_record
+from wire.metadata import MalformedPacket, Message, decode
+from wire.pcapng import Packet, Writer
+from wire.scapy_layers import LAYERS, QDevice, QEvent, QMeta, QMetaStream, decode_layers
+
+
+def check_fields(message: Message, packet: Any) -> None:
+    if not message.FIELDS.size:
+        return  # scapy makes no layer of no bytes
+    layer = packet[LAYERS[message.KIND]]
+    for item in fields(message)[1:]:
+        want, seen = getattr(message, item.name), getattr(layer, item.name)
+        if isinstance(want, tuple) and want and not isinstance(want[0], int):
+            for element, packet in zip(want, seen, strict=True):
+                for name, value in vars(element).items():
+                    shown = getattr(packet, "interface" if name == "name" else name)
+                    assert plain(shown, value) == value
+        elif isinstance(want, DeviceSettings):
+            assert len(seen) == 4 * len(fields(want))
+        else:
+            assert plain(seen, want) == want, item.name
+
+
+def plain(seen: Any, want: Any) -> Any:
+    if isinstance(want, str) and isinstance(seen, bytes):
+        return seen.rstrip(b"\0").decode()
+    return tuple(seen) if isinstance(want, tuple) else seen
+
+
+@pytest.mark.parametrize("message", [*METADATA, *DEVICES], ids=lambda m: type(m).__name__)
+def test_a_layer_has_the_fields_and_builds_the_bytes_again(message: Message) -> None:
+    data = message.encode()
+    packet = decode_layers(data)
+    assert packet.session == message.session
+    check_fields(message, packet)
+    packet.length = None
+    for name in [field.name for field in packet.payload.fields_desc]:
+        if name.endswith("_count"):
+            setattr(packet.payload, name, None)
+    packet.clear_cache()
+    assert bytes(packet) == data
+
+
+def test_what_scapy_builds_python_decodes() -> None:
+    layer = LAYERS[SETUP.KIND]
+    setup = layer(service="SDC", handshake=1, source="10.0.0.3", pairs=1, frame_bytes=2, rate_hz=3)
+    message = decode(bytes(QMeta(session=5, kind=SETUP.KIND) / setup))
+    assert (message.session, message.source, message.rate_hz) == (5, "10.0.0.3", 3)  # type: ignore[attr-defined]
+
+
+def test_a_segment_may_hold_several_messages() -> None:
+    data = b"".join(message.encode() for message in METADATA)
+    packet = Ether(segment(data))
+    messages = packet[QMetaStream].messages
+    assert [message.kind for message in messages] == [message.KIND for message in METADATA]
+    assert bytes(packet[QMetaStream]) == data
+
+
+@pytest.mark.parametrize("message", DEVICES, ids=lambda m: type(m).__name__)
+def test_a_datagram_has_message_host_and_hmac(message: Message) -> None:
+    data = Datagram(message, "alice", 99).seal(KEY, Datagram.FROM_HOST)
+    packet = Ether(datagram(data, DEVICE_PORT))[QDevice]
+    assert (packet.host.rstrip(b"\0"), packet.number, packet.hmac) == (b"alice", 99, data[-16:])
+    check_fields(message, packet.messages[0])
+    assert bytes(packet) == data
+
+
+def test_rdpcap_reads_events(tmp_path: Path) -> None:
+    file = tmp_path / "quantum.pcapng"
+    data = encode_record(EVENT)
+    with file.open("wb") as opened:
+        Writer(opened, INTERFACES).write(Packet(EVENT.time_ns, data, len(data), 1))
+    (packet,) = rdpcap(str(file))
+    assert packet[QEvent].event == EVENT
+    assert bytes(packet) == data
+    with pytest.raises(MalformedPacket):
+        _ = QEvent(b"\0" * 9).event
+
+
+def test_half_a_message_is_refused() -> None:
+    with pytest.raises(MalformedPacket):
+        decode_layers(SETUP.encode()[:-1])

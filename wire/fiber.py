@@ -1,0 +1,117 @@
+"""What a fibre is like: every parameter with its unit, range and default, declared here alone.
+
+The default is an ideal fibre of 10 m. `optics` fills in what a kind of fibre brings along.
+"""
+
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any, Self
+
+from wire.physics import BadParameter, check, choice, parameter
+
+SPEED_IN_FIBER_M_PER_S = 2.04e8  # group index 1.468
+
+# What kinds of fibre bring along at 1550 nm. The standard fibre loses least and turns the
+# polarisation as it likes; the polarisation-maintaining (PM) one keeps it, and loses more.
+# smf: catalogues of ITU-T G.652.D fibre have .2 dB/km. Nothing holds the polarisation: the angle
+#   has walked half a turn after 1 km; it changes within minutes.
+# pm: PANDA fibre, .5 dB/km at most (Fujikura's SM15-PS). A crosstalk of -25 dB in 100 m is
+#   .0316 = sin^2(angle / 2) after 1 km.
+KINDS: dict[str, dict[str, float]] = {
+    "ideal": {},
+    "smf": {"loss_db_per_km": 0.2, "drift_rad_per_sqrt_km": 3.14, "drift_time_s": 100.0},
+    "pm": {"loss_db_per_km": 0.5, "drift_rad_per_sqrt_km": 0.36, "drift_time_s": 100.0},
+    "custom": {},
+}
+
+
+@dataclass(frozen=True)
+class FiberEnd:
+    """A port that a fibre ends in: a host's interface, or a port number of a switch."""
+
+    node: str
+    port: str  # of a host: its interface name; of a quantum switch: its OpenFlow port number
+
+
+@dataclass(frozen=True, kw_only=True)
+class FiberOptics:
+    """The parameters of a fibre, alike in both directions; the formulas are in dispatcher/."""
+
+    kind: str = choice(*KINDS)
+    length_km: float = parameter(0.01, 0.0, 2_000.0)  # 9.8 ms; a switch remembers 60 s
+    loss_db_per_km: float = parameter(0.0, 0.0, 1_000.0)
+    connectors_db: float = parameter(0.0, 0.0, 100.0)  # of all connectors and splices together
+    depolarizing: float = parameter(0.0, 0.0, 1.0)  # probability p: X, Y and Z each with p/4
+    dephasing: float = parameter(0.0, 0.0, 1.0)  # probability of Z
+    # Polarisation drift: rms angle, growing as the root of the length, and how long it lasts.
+    drift_rad_per_sqrt_km: float = parameter(0.0, 0.0, 100.0)
+    drift_time_s: float = parameter(100.0, 1e-9, 1e9)
+    # Bursts: depolarising while the fibre is in its bad state, and how often it changes.
+    burst_depolarizing: float = parameter(0.0, 0.0, 1.0)
+    burst_start_hz: float = parameter(1.0, 0.0, 1e12)  # from good to bad
+    burst_end_hz: float = parameter(1_000.0, 0.0, 1e12)  # from bad to good
+    # Temperature since the last calibration: a slope and a random walk; what it does to the delay.
+    temperature_slope_k_per_s: float = parameter(0.0, -10.0, 10.0)
+    temperature_walk_k_per_sqrt_s: float = parameter(0.0, 0.0, 10.0)
+    thermal_ppm_per_k: float = parameter(8.2, 0.0, 1_000.0)
+    # Light of classical traffic that goes along with the photons, and what it scatters.
+    classical_mw: float = parameter(0.0, 0.0, 1_000.0)
+    raman_per_km_nm: float = parameter(2e-9, 0.0, 1e-3)
+    filter_nm: float = parameter(0.4, 0.0, 100.0)  # about 50 GHz
+    pulse_window_s: float = parameter(1e-9, 0.0, 1e-3)
+    # A user's own model: "path/to/file.py:ClassName" and the keywords to make it with.
+    noise: str = ""
+    noise_parameters: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def loss_db(self) -> float:
+        """Attenuation from end to end."""
+        return self.loss_db_per_km * self.length_km + self.connectors_db
+
+    @property
+    def delay_s(self) -> float:
+        """How long light takes from end to end."""
+        return self.length_km * 1e3 / SPEED_IN_FIBER_M_PER_S
+
+    def check(self, where: str) -> None:
+        """Raise BadParameter for what no fibre is like."""
+        check(where, self)
+        if not isinstance(self.noise, str) or not isinstance(self.noise_parameters, dict):
+            raise BadParameter(
+                f'{where}: noise {self.noise!r} is not "file.py:ClassName" with a dictionary of '
+                f"noise_parameters {self.noise_parameters!r}"
+            )
+        if self.noise and not all(part for part in self.noise.rpartition(":")):
+            raise BadParameter(f'{where}: noise {self.noise!r} is not "file.py:ClassName"')
+
+
+@dataclass(frozen=True)
+class Fiber(FiberOptics):
+    """A fibre between two ports."""
+
+    a: FiberEnd
+    b: FiberEnd
+
+    @classmethod
+    def joining(cls, a: FiberEnd, b: FiberEnd, optics: FiberOptics) -> Self:
+        """Return the fibre of these optics between two ports."""
+        return cls(a, b, **asdict(optics))
+
+    @classmethod
+    def from_dict(cls, given: dict[str, Any]) -> Self:
+        """Build the fibre from decoded JSON."""
+        ends = {end: FiberEnd(**given[end]) for end in ("a", "b")}
+        return cls(**{**given, **ends})
+
+
+def optics(where: str, **given: Any) -> FiberOptics:
+    """Return a fibre's optics: what is given, else what its kind brings along.
+
+    Raise BadParameter for a name, a kind or a value that cannot be.
+    """
+    known = [each.name for each in fields(FiberOptics)]
+    if unknown := sorted(given.keys() - set(known)):
+        raise BadParameter(f"{where} has no {', '.join(unknown)}; choose of {', '.join(known)}")
+    kind = given.get("kind", "ideal")
+    result = FiberOptics(**{**KINDS.get(kind, {}), **given})
+    result.check(where)
+    return result

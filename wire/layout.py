@@ -1,0 +1,128 @@
+"""Where each field of a message is, read off the classes that encode and decode it.
+
+What is generated from here cannot drift apart from them: the tables of the Wireshark
+dissectors (wire/dissectors.py) and the scapy layers (wire/scapy_layers.py).
+"""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from enum import IntEnum
+from struct import Struct, calcsize
+from types import MappingProxyType
+from typing import Any
+
+from wire import device, metadata
+from wire.device import DeviceReport, DeviceSettings
+from wire.metadata import Answer, Block, Frame, Message, Report
+
+ENUMS: Mapping[str, type[IntEnum]] = MappingProxyType(
+    {
+        "service": metadata.Service,
+        "handshake": metadata.Handshake,
+        "verdict": metadata.Verdict,
+        "rotation": metadata.Pauli,
+        "reason": metadata.Reason,
+    }
+)
+# What follows the fixed fields. A counted list has its number of elements as last fixed field.
+TEXT, BYTES, COUNTED, UNTIL_END = "text", "bytes", "counted", "until_end"
+
+
+@dataclass(frozen=True)
+class Field:
+    """A field at a fixed place."""
+
+    name: str
+    offset: int  # from the end of the header
+    size: int
+    kind: str  # uint, int, ipv4, text or bytes
+    values: Mapping[int, str] | None = None  # names of numbers
+
+
+@dataclass(frozen=True)
+class Tail:
+    """What follows the fixed fields: text, bytes, or elements that all have the same fields."""
+
+    name: str
+    kind: str
+    element: tuple[Field, ...] = ()
+
+
+@dataclass(frozen=True)
+class Layout:
+    """A kind of message."""
+
+    name: str
+    number: int
+    size: int  # of the fixed fields
+    fields: tuple[Field, ...]
+    tails: tuple[Tail, ...] = ()
+
+
+def metadata_layouts() -> list[Layout]:
+    """Return the kinds of quantum metadata."""
+    return [_layout(kind) for kind in metadata.KINDS.values()]
+
+
+def device_layouts() -> list[Layout]:
+    """Return the kinds that controller and node agents exchange."""
+    return [_layout(kind) for kind in device.KINDS.values()]
+
+
+def settings_fields() -> tuple[Field, ...]:
+    """Return the fields of device settings, each four bytes."""
+    names = [item.name for item in fields(DeviceSettings)]
+    return tuple(Field(name, 4 * place, 4, "uint") for place, name in enumerate(names))
+
+
+def placed(form: Struct, names: list[str]) -> tuple[Field, ...]:
+    """Return the fields of a struct; raise ValueError if these are not as many names."""
+    codes = re.findall(r"(\d*)([a-zA-Z?])", form.format)
+    placed_fields: list[Field] = []
+    offset, left = 0, list(names)
+    for count, code in codes:
+        for item in [count + code] if code in "sx" else [code] * int(count or 1):
+            size = calcsize(f"!{item}")
+            if code != "x":
+                if not left:
+                    raise ValueError(f"{form.format} has more fields than {', '.join(names)}")
+                placed_fields.append(_field(left.pop(0), offset, size, code))
+            offset += size
+    if left:
+        raise ValueError(f"{form.format} has no place for {', '.join(left)}")
+    return tuple(placed_fields)
+
+
+def _field(name: str, offset: int, size: int, code: str) -> Field:
+    if code == "s":
+        named = {"source": "ipv4", "name": "text", "host": "text"}
+        return Field(name, offset, size, named.get(name, "bytes"))
+    values = {int(member): member.name for member in ENUMS[name]} if name in ENUMS else None
+    return Field(name, offset, size, "int" if code in "bhiq" else "uint", values)
+
+
+def _layout(kind: type[Message]) -> Layout:
+    tails = _tails(kind)
+    counted = [f"{tail.name}_count" for tail in tails if tail.kind == COUNTED]
+    variable = {tail.name for tail in tails}
+    names = [item.name for item in fields(kind) if item.name not in {"session", *variable}]
+    fixed = placed(kind.FIELDS, [*names, *counted])
+    return Layout(kind.__name__, kind.KIND, kind.FIELDS.size, fixed, tails)
+
+
+def _tails(kind: type[Message]) -> tuple[Tail, ...]:
+    if kind is Answer:
+        return (Tail("text", TEXT),)
+    if kind is Block:
+        return (Tail("frames", COUNTED, _element(Frame)),)
+    if kind is Report:
+        number = (Field("frame", 0, 4, "uint"),)
+        return (Tail("failed", COUNTED, number), Tail(fields(kind)[-1].name, BYTES))
+    if kind is DeviceReport:
+        return (Tail("ports", UNTIL_END, placed(device.PORT, ["name", "up"])),)
+    return ()
+
+
+def _element(kind: Any) -> tuple[Field, ...]:
+    return placed(kind.FIELDS, [item.name for item in fields(kind)])

@@ -1,0 +1,173 @@
+"""What the devices at the ends of fibres are like: parameters with unit and range.
+
+The defaults are ideal devices. A topology file names what differs, beside host or link.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any, Self
+
+BELL_STATES = ("Phi+", "Psi+", "Phi-", "Psi-")  # as Bell measurements number them
+ANALYSERS = ("complete", "linear")  # kinds of Bell analysers
+SUM_TOLERANCE = 1e-9  # by which probabilities may miss 1
+
+
+class BadParameter(ValueError):
+    """A parameter that cannot be; the message names where, which, its value and its range."""
+
+
+def parameter(default: Any, least: float, most: float) -> Any:
+    """Return a dataclass field with the range of its values; NaN is in none."""
+    return field(default=default, metadata={"range": (least, most)})
+
+
+def choice(default: str, *others: str) -> Any:
+    """Return a dataclass field with the names it may hold."""
+    return field(default=default, metadata={"choices": (default, *others)})
+
+
+def check(where: str, parameters: Any) -> None:
+    """Raise BadParameter for a field out of its range; one whose default is None may be None."""
+    for each in fields(parameters):
+        value = getattr(parameters, each.name)
+        if value is None and each.default is None:
+            continue
+        if "choices" in each.metadata and value not in each.metadata["choices"]:
+            names = ", ".join(each.metadata["choices"])
+            raise BadParameter(f"{where}: {each.name} {value!r} is unknown; choose {names}")
+        if "range" in each.metadata:
+            _check_range(f"{where}: {each.name}", value, *each.metadata["range"])
+
+
+def _check_range(what: str, value: object, least: float, most: float) -> None:
+    whole = isinstance(least, int)
+    kinds = int if whole else (int, float)
+    if isinstance(value, bool) or not isinstance(value, kinds) or not least <= value <= most:
+        number = " (a whole number)" if whole else ""
+        raise BadParameter(f"{what} {value!r} is not {least:g} to {most:g}{number}")
+
+
+@dataclass(frozen=True)
+class PairSource:
+    """A source of Bell pairs: one pair a pulse and Phi+, if nothing else is said."""
+
+    statistics: str = choice("single", "poisson", "thermal")  # of the pairs in a pulse
+    mean_pairs: float = parameter(1.0, 0.0, 10.0)  # a pulse, if not single
+    fidelity: float = parameter(1.0, 0.25, 1.0)  # Werner: the other Bell states alike
+    # Instead of fidelity: the probabilities of Phi+, Psi+, Phi- and Psi-.
+    bell_diagonal: tuple[float, ...] | None = None
+    jitter_ps: float = parameter(0.0, 0.0, 1e9)  # rms, of the moment of emission
+    max_rate_hz: float = parameter(4e9, 1.0, 1e12)  # pulses; more are refused
+
+    def check(self, where: str) -> None:
+        """Raise BadParameter for what no source is like."""
+        check(where, self)
+        given = self.bell_diagonal
+        if given is None:
+            return
+        numbers = isinstance(given, tuple) and all(_is_probability(value) for value in given)
+        if not numbers or len(given) != len(BELL_STATES) or abs(sum(given) - 1) > SUM_TOLERANCE:
+            raise BadParameter(
+                f"{where}: bell_diagonal {given!r} is not 4 probabilities that add up to 1"
+            )
+        if self.fidelity != 1.0:
+            raise BadParameter(
+                f"{where}: fidelity {self.fidelity!r} and bell_diagonal {given!r} are both given; "
+                "name one of them"
+            )
+
+    def bell_probabilities(self) -> tuple[float, ...]:
+        """Return how likely Phi+, Psi+, Phi- and Psi- are."""
+        return self.bell_diagonal or (self.fidelity, *[(1 - self.fidelity) / 3] * 3)
+
+
+@dataclass(frozen=True)
+class Memory:
+    """A quantum memory or delay line; infinite times: nothing decays."""
+
+    t1_s: float = parameter(float("inf"), 1e-12, float("inf"))
+    t2_s: float = parameter(float("inf"), 1e-12, float("inf"))  # at most 2 T1
+    # Where T2 > T1: approximate relaxation by Paulis, or follow it in state vectors (small blocks).
+    damping: str = choice("twirl", "dense")
+    efficiency: float = parameter(1.0, 0.0, 1.0)  # of storing and reading together
+    capacity: int = parameter(4_000_000, 0, 4_000_000)  # qubits
+
+    def check(self, where: str) -> None:
+        """Raise BadParameter for what no memory is like."""
+        check(where, self)
+        if self.t2_s > 2 * self.t1_s:
+            raise BadParameter(
+                f"{where}: t2_s {self.t2_s!r} is not 1e-12 to {2 * self.t1_s:g} (twice t1_s)"
+            )
+
+
+@dataclass(frozen=True)
+class Detectors:
+    """The single-photon detectors of a host, all alike, one for each outcome."""
+
+    efficiency: float = parameter(1.0, 0.0, 1.0)
+    dark_count_hz: float = parameter(0.0, 0.0, 1e9)
+    gate_s: float = parameter(1e-9, 0.0, 1e-3)  # how long a detector looks for one photon
+    dead_time_s: float = parameter(0.0, 0.0, 1.0)  # not extended by light that comes meanwhile
+    afterpulse_probability: float = parameter(0.0, 0.0, 1.0)  # of a click, once
+    afterpulse_s: float = parameter(1e-7, 1e-12, 1.0)  # mean delay, exponential
+    jitter_ps: float = parameter(0.0, 0.0, 1e9)  # rms
+
+    def check(self, where: str) -> None:
+        """Raise BadParameter for what no detector is like."""
+        check(where, self)
+
+
+@dataclass(frozen=True)
+class BellAnalyser:
+    """How a host makes Bell measurements."""
+
+    # complete (hyperentangled): 4 outcomes; linear (optics): Phi+ and Phi- are one outcome,
+    # which is reported as Phi+.
+    kind: str = choice(*ANALYSERS)
+    visibility: float = parameter(1.0, 0.0, 1.0)  # V0: of Hong-Ou-Mandel interference at best
+    bandwidth_rad_per_s: float = parameter(0.0, 0.0, 1e15)  # rms of the spectral intensity
+    coincidence_window_s: float = parameter(1e-6, 1e-12, 1.0)
+
+    def check(self, where: str) -> None:
+        """Raise BadParameter for what no analyser is like."""
+        check(where, self)
+
+
+@dataclass(frozen=True)
+class Device:
+    """The quantum hardware of one host."""
+
+    source: PairSource = PairSource()
+    memory: Memory = Memory()
+    detectors: Detectors = Detectors()
+    analyser: BellAnalyser = BellAnalyser()
+
+    @classmethod
+    def from_dict(cls, given: Mapping[str, Any]) -> Self:
+        """Build the device from decoded JSON; what is absent is ideal."""
+        if unknown := given.keys() - {part.name for part in fields(cls)}:
+            raise BadParameter(f"a device has no {', '.join(sorted(unknown))}")
+        source = dict(given.get("source", {}))
+        if source.get("bell_diagonal") is not None:
+            source["bell_diagonal"] = tuple(source["bell_diagonal"])
+        return cls(
+            PairSource(**source),
+            Memory(**given.get("memory", {})),
+            Detectors(**given.get("detectors", {})),
+            BellAnalyser(**given.get("analyser", {})),
+        )
+
+    def check(self, where: str) -> None:
+        """Raise BadParameter for what no device is like."""
+        for part in fields(self):
+            value: Any = getattr(self, part.name)
+            kind: type[Any] = type(part.default)
+            if not isinstance(value, kind):
+                raise BadParameter(f"{where}: {part.name} {value!r} is not a {kind.__name__}")
+            value.check(f"{where}, {part.name}")
+
+
+def _is_probability(value: object) -> bool:
+    return isinstance(value, (int, float)) and not math.isnan(value) and 0 <= value <= 1
