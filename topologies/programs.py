@@ -17,6 +17,7 @@ ENVIRONMENT = {
     "PYTHONUNBUFFERED": "1",
     # gRPC's older I/O engine: a small message takes it half the processor time.
     "GRPC_EXPERIMENTS": "-event_engine_client,-event_engine_listener",
+    "GRPC_VERBOSITY": "ERROR",  # the last line of a log is to say what ended the program
 }
 
 
