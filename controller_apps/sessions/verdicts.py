@@ -22,15 +22,15 @@ class Verdicts:
         assert session is not None
         session.open = True
         answer = self.answer(request, Verdict.GRANTED, Reason.OK)
-        # Kept first: what the hosts know of must not be lost.
+        # Kept and noted first: what the hosts know of must not be lost with a controller.
         kept = [keep(session)] if request.lasts else []
-        return [*kept, *answer, *notes, Note("granted", session.number)]
+        return [*kept, *notes, Note("granted", session.number), *answer]
 
     def refuse(self, request: Request, reason: Reason, now: float) -> list[Action]:
         """Let a request on with a refusal, and undo what was done for it."""
         undone = self._leave(request, now)
         note = Note("refused", request.setup.session, detail=reason.name)
-        return [*undone, *self.answer(request, Verdict.REFUSED, reason), note]
+        return [*undone, note, *self.answer(request, Verdict.REFUSED, reason)]
 
     def answer(self, request: Request, verdict: Verdict, reason: Reason) -> list[Action]:
         """Release the message that waits, with a verdict in it."""

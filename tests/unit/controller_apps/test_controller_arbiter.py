@@ -233,7 +233,7 @@ def test_refusals_name_their_reason_and_open_nothing() -> None:
         state = arbiter(rotation=1)
         actions = ask(state, setup)
         assert answer(actions) == replace(setup, verdict=Verdict.REFUSED, reason=reason)
-        assert [type(action) for action in actions] == [Forward, Note]
+        assert [type(action) for action in actions] == [Note, Forward]
         assert answer(ask(state, setup, 0.2)).reason == reason  # again for a retransmission
         assert not state.sessions.by_number
         assert not state.sessions.occupied

@@ -91,12 +91,12 @@ def entries(number: int = FRAMED.session) -> list[tuple[int, Hop | None]]:
     return [(number, hop) for hop in HOPS]
 
 
-def test_what_is_kept_is_kept_before_the_hosts_hear_of_it() -> None:
+def test_what_is_kept_and_noted_is_so_before_the_hosts_hear_of_it() -> None:
     state = arbiter()
     (opening,) = ask(state, FRAMED, 0.0)
     assert isinstance(opening, OpenPaths)
     granted = state.barrier_passed(Q1, opening.transaction, 0.0)
-    assert [type(action) for action in granted[:2]] == [Keep, Forward]
+    assert [type(action) for action in granted] == [Keep, Note, Note, Forward]
 
 
 def test_a_session_lives_by_its_bypass_and_ends_with_its_connection() -> None:
