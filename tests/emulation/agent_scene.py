@@ -28,6 +28,7 @@ from os_ken.ofproto.ofproto_parser import msg as parse
 from os_ken.ofproto.ofproto_protocol import ProtocolDesc
 
 from qswitch_agent.openflow.messages import HEADER, Framer
+from topologies.programs import ENVIRONMENT
 from wire import dispatcher_pb2 as pb
 from wire import frames, optical
 from wire.config import AgentConfig
@@ -310,7 +311,14 @@ class Switch:
         command = [sys.executable, "-m", "qswitch_agent", "--config", str(self.config)]
         with self.log.open("a") as log:
             self.agents.append(
-                subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True, cwd=ROOT)
+                subprocess.Popen(
+                    command,
+                    stdout=subprocess.PIPE,
+                    stderr=log,
+                    text=True,
+                    cwd=ROOT,
+                    env={**os.environ, **ENVIRONMENT},
+                )
             )
         assert self.agent.stdout is not None
         lines: queue.Queue[str] = queue.Queue()

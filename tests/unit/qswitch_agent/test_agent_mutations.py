@@ -385,8 +385,11 @@ def test_spoiled_replies_open_no_path_and_stop_nothing() -> None:
     async def one_connection(now: Stage, random: Random) -> None:
         bridge, controller = await now.connect()
         hearing = asyncio.create_task(hear_out(controller))
-        asking = asyncio.create_task(hear_out(bridge))
         controller.says(of.flow_request(10, aggregate=True), of.barrier_request(8))
+        # A connection that is closed before all of it was read takes along what was said on it.
+        while (await bridge.next())[1] != ofp.OFPT_BARRIER_REQUEST:
+            pass
+        asking = asyncio.create_task(hear_out(bridge))
         for _message in range(FEW):
             bridge.says(spoiled(random.choice(replies_of_a_bridge), random))
         bridge.writer.write_eof()
@@ -410,5 +413,5 @@ def test_spoiled_replies_open_no_path_and_stop_nothing() -> None:
 
     replies_of_a_bridge = replies()
     play(scene(), DEADLINE_S)
-    assert told[ofp.OFPT_MULTIPART_REPLY] > 200
-    assert told[ofp.OFPT_PACKET_IN] > 200
+    assert told[ofp.OFPT_MULTIPART_REPLY] > 400
+    assert told[ofp.OFPT_PACKET_IN] > 400
