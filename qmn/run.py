@@ -18,6 +18,7 @@ from hosts.middleware.coding import CODES
 from hosts.middleware.frame_format import MAX_BLOCK_PAIRS, FrameFormat
 from qmn import result
 from qmn.device_words import differences
+from qmn.dispatcher_calls import status
 from qmn.network_options import (
     BadInput,
     add_network_options,
@@ -36,7 +37,7 @@ from qmn.networks import (
 )
 from qmn.run_folder import give_to_invoker, make_folder, point_latest
 from qmn.timeline import NoCaptures, captured_bytes, merge
-from qmn.transfer import Transfer, TransferError, dispatcher_status, transfer
+from qmn.transfer import Transfer, TransferError, transfer
 from topologies.network import Interrupted, Network, Signals, require_root
 from topologies.presets import preset
 from topologies.programs import NetworkError
@@ -279,7 +280,7 @@ def run_network(
     )
     console.print(f"starting the network ({arguments.controller}, seed {arguments.seed}) ...")
     with Network(topology(arguments), runtime, signals) as network:
-        facts["backend"] = dispatcher_status(network).backend
+        facts["backend"] = status(network).backend
         if not arguments.no_capture:
             files = [*network.capture("s1"), network.capture_openflow()]
             facts["captures"] = [str(file) for file in files]
@@ -290,7 +291,7 @@ def run_network(
         size = order.file.stat().st_size
         with progress_bar(console, facts, size, pairs_of(arguments, size)) as progress:
             progress(transfer(network, order, progress)[0])
-        facts["exact"] = dispatcher_status(network).exact
+        facts["exact"] = status(network).exact
     facts["packets_not_captured"] = network.packets_missed
 
 

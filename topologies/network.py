@@ -72,6 +72,26 @@ class Signals:
             self._deferring = False
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
+    @contextmanager
+    def at_once(self) -> Iterator[None]:
+        """Let Ctrl-C interrupt what is being done (KeyboardInterrupt), and other signals end it.
+
+        For a person at the keyboard, or a script, who waits without checks.
+        """
+        others = (number for number in self.NUMBERS if number != signal.SIGINT)
+        handlers = {signal.SIGINT: signal.default_int_handler, **dict.fromkeys(others, self._raise)}
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        try:
+            yield
+        finally:
+            for number in self.NUMBERS:
+                signal.signal(number, self._note)
+
+    def _raise(self, number: int, frame: FrameType | None) -> None:
+        self._note(number, frame)  # for the next check, if somebody swallows what is raised
+        self.check()
+
     def __exit__(
         self,
         kind: type[BaseException] | None,
