@@ -4,6 +4,7 @@ with start("sdc", length_km=1.0) as network:
     print(network.send("alice", "bob", b"hello").bell_pairs)
 """
 
+import argparse
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -25,10 +26,18 @@ from qmn.network_options import (
     from_keywords,
     settings,
 )
-from qmn.networks import TOPOLOGIES, topology
+from qmn.networks import FIBER, SIZES, TOPOLOGIES, topology
 from topologies.network import Network, Signals
 from topologies.nodes import QuantumHost
 
+# What only a topology that is chosen by name understands.
+NAMED_ONLY = {
+    "preset",
+    "fiber",
+    "device",
+    *FIBER,
+    *(size for own in SIZES.values() for size in own),
+}
 PING_BYTES = 16
 PART_BYTES = 1 << 16
 
@@ -161,14 +170,24 @@ def start(
     NetworkError if it does not start; Ctrl-C is a KeyboardInterrupt, and cleans up, too.
     """
     arguments = from_keywords(options)
-    check_network(arguments)
     if isinstance(topo, str):
         if topo not in TOPOLOGIES:
             raise BadInput(f"unknown topology {topo!r}: choose one of {', '.join(TOPOLOGIES)}")
         arguments.topology = topo
         topo = topology(arguments)
-    logs = Path(folder) if folder is not None else None
+    elif unused := sorted(options.keys() & NAMED_ONLY):
+        raise BadInput(f"{unused[0]} is of the topologies of qmn: say it in your own, or leave it")
+    check_network(arguments)
+    with running(topo, arguments, Path(folder) if folder is not None else None) as network:
+        yield network
+
+
+@contextmanager
+def running(
+    topo: Callable[[], Topo], arguments: argparse.Namespace, folder: Path | None
+) -> Iterator[QuantumNetwork]:
+    """Run a network; a signal that comes while it starts is raised as Interrupted."""
     with Signals() as signals:
-        runtime = settings(arguments, logs)
+        runtime = settings(arguments, folder)
         with QuantumNetwork(topo, runtime, signals) as network, signals.at_once():
             yield network
