@@ -86,6 +86,7 @@ class QuantumCLI(CLI):
         if line.lstrip().startswith("#"):
             return False
         before = self._errors.count
+        sys.stdout.flush()  # so that what `sh` prints comes behind it
         try:
             stop = super().onecmd(line)
         except FAULTS as error:

@@ -78,10 +78,9 @@ class Signals:
 
         For a person at the keyboard, or a script, who waits without checks.
         """
-        others = (number for number in self.NUMBERS if number != signal.SIGINT)
-        handlers = {signal.SIGINT: signal.default_int_handler, **dict.fromkeys(others, self._raise)}
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
+        for number in self.NUMBERS:
+            ctrl_c = number == signal.SIGINT
+            signal.signal(number, signal.default_int_handler if ctrl_c else self._raise)
         try:
             yield
         finally:
