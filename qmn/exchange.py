@@ -13,6 +13,7 @@ from qmn.transfer import APPLICATION_PORT, STALL_TIMEOUT_S, TransferError, check
 from topologies.network import Network
 
 READ_BYTES = 1 << 16
+COUNTS = ("bell_pairs", "lost_pairs", "received_symbols", "symbol_errors", "repeated_frames")
 
 
 @dataclass(frozen=True)
@@ -57,40 +58,6 @@ def exchange(
 
     Raise TransferError if not all arrived, NetworkError if the network failed.
     """
-    try:
-        return _exchange(network, sender, receiver, parts, keep, options)
-    except (QuantumSocketError, TimeoutError) as error:
-        check_cause(network)
-        text = f"{sender} to {receiver}: no progress for {STALL_TIMEOUT_S:g} s"
-        raise TransferError(text if isinstance(error, TimeoutError) else str(error)) from error
-
-
-@contextmanager
-def connection(
-    network: Network, sender: str, receiver: str, **options: Any
-) -> Iterator[tuple[QuantumSocket, QuantumSocket]]:
-    """Open a session, and yield both its ends; the receiving one is the caller's to close.
-
-    Raise QuantumSocketError if it is refused.
-    """
-    stack = network.runtime.socket
-    with QuantumSocket(stack(receiver)) as listener, QuantumSocket(stack(sender)) as sending:
-        for each in (listener, sending):
-            each.settimeout(STALL_TIMEOUT_S)
-        listener.listen(APPLICATION_PORT)
-        sending.connect((receiver, APPLICATION_PORT), **options)
-        receiving, _peer = listener.accept()
-        yield sending, receiving
-
-
-def _exchange(
-    network: Network,
-    sender: str,
-    receiver: str,
-    parts: Iterable[bytes],
-    keep: bool,
-    options: dict[str, Any],
-) -> Exchange:
     received, size = bytearray(), 0
 
     def take(data: bytes) -> None:
@@ -99,12 +66,12 @@ def _exchange(
         if keep:
             received.extend(data)
 
-    chunk = CHUNK_BYTES[options.get("handshake", "framed")]
     asked = time.monotonic()
     with ThreadPoolExecutor(1) as pool, connection(network, sender, receiver, **options) as ends:
         sending, receiving = ends
         opened = time.monotonic()
         reading = pool.submit(_read, receiving, take)
+        chunk = CHUNK_BYTES[options.get("handshake", "framed")]
         for part in parts:
             for start in range(0, len(part), chunk):
                 sending.sendall(part[start : start + chunk])
@@ -117,11 +84,7 @@ def _exchange(
         size,
         setup_s=opened - asked,
         elapsed_s=ended - opened,
-        bell_pairs=used["bell_pairs"],
-        lost_pairs=used["lost_pairs"],
-        received_symbols=used["received_symbols"],
-        symbol_errors=used["symbol_errors"],
-        repeated_frames=used["repeated_frames"],
+        **{name: used[name] for name in COUNTS},
     )
 
 
@@ -129,3 +92,26 @@ def _read(receiving: QuantumSocket, take: Callable[[bytes], None]) -> None:
     with receiving:
         while data := receiving.recv(READ_BYTES):
             take(data)
+
+
+@contextmanager
+def connection(
+    network: Network, sender: str, receiver: str, **options: Any
+) -> Iterator[tuple[QuantumSocket, QuantumSocket]]:
+    """Open a session, and yield both its ends; the receiving one is the caller's to close.
+
+    Raise TransferError if it is refused or breaks, NetworkError if the network failed.
+    """
+    stack = network.runtime.socket
+    try:
+        with QuantumSocket(stack(receiver)) as listener, QuantumSocket(stack(sender)) as sending:
+            for each in (listener, sending):
+                each.settimeout(STALL_TIMEOUT_S)
+            listener.listen(APPLICATION_PORT)
+            sending.connect((receiver, APPLICATION_PORT), **options)
+            receiving, _peer = listener.accept()
+            yield sending, receiving
+    except (QuantumSocketError, TimeoutError) as error:
+        check_cause(network)
+        text = f"{sender} to {receiver}: no progress for {STALL_TIMEOUT_S:g} s"
+        raise TransferError(text if isinstance(error, TimeoutError) else str(error)) from error
