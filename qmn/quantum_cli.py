@@ -115,7 +115,7 @@ class QuantumCLI(CLI):
         if host in self.mn and verb in QUANTUM_VERBS:
             self.onecmd(f"{verb} {host} {rest}")
         elif host in self.mn and verb and self._script is not None and not line.endswith("&"):
-            super().default(f"{line}; {STATUS}=$?")
+            super().default(f"{line} ; {STATUS}=$?")  # Mininet puts addresses for whole words
             status = self.mn[host].cmd(f'echo "${STATUS}"').strip()
             if status != "0":
                 self._fail(f"{line}: status {status}")

@@ -3,6 +3,7 @@
 import os
 import pty
 import re
+import select
 import signal
 import subprocess
 import sys
@@ -19,6 +20,7 @@ from topologies.chain import ChainTopo
 from wire.metadata import Pauli
 
 TIMEOUT_S = 90
+KEYBOARD_S = 15
 
 
 def cli(script: str, *options: str, runs: Path) -> subprocess.CompletedProcess[str]:
@@ -131,9 +133,11 @@ class Keyboard:
 
     def read_until(self, text: str) -> None:
         """Read what is shown until this is, within the deadline."""
-        deadline = time.monotonic() + TIMEOUT_S
+        deadline = time.monotonic() + KEYBOARD_S
         while text not in self._seen:
-            assert time.monotonic() < deadline, f"not seen: {text!r} in {self._seen!r}"
+            wait_s = max(0.0, deadline - time.monotonic())
+            ready = select.select([self._terminal], [], [], wait_s)[0]
+            assert ready, f"not seen: {text!r} in {self._seen!r}"
             try:
                 self._seen += os.read(self._terminal, 4096).decode(errors="replace")
             except OSError as error:
