@@ -89,16 +89,15 @@ def exchange(
 
 
 def _read(receiving: QuantumSocket, take: Callable[[bytes], None]) -> None:
-    with receiving:
-        while data := receiving.recv(READ_BYTES):
-            take(data)
+    while data := receiving.recv(READ_BYTES):
+        take(data)
 
 
 @contextmanager
 def connection(
     network: Network, sender: str, receiver: str, **options: Any
 ) -> Iterator[tuple[QuantumSocket, QuantumSocket]]:
-    """Open a session, and yield both its ends; the receiving one is the caller's to close.
+    """Open a session, and yield both its ends.
 
     Raise TransferError if it is refused or breaks, NetworkError if the network failed.
     """
@@ -110,7 +109,8 @@ def connection(
             listener.listen(APPLICATION_PORT)
             sending.connect((receiver, APPLICATION_PORT), **options)
             receiving, _peer = listener.accept()
-            yield sending, receiving
+            with receiving:  # what waits for it, waits no more
+                yield sending, receiving
     except (QuantumSocketError, TimeoutError) as error:
         check_cause(network)
         text = f"{sender} to {receiver}: no progress for {STALL_TIMEOUT_S:g} s"

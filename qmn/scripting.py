@@ -118,7 +118,7 @@ class QuantumNetwork(Network):
         """Open a session that sends nothing, and return the light paths that it gets."""
         check_two_hosts(sender, receiver, self.quantum_hosts)
         before = {path["session"] for path in ask("paths")["paths"]}
-        with connection(self, sender, receiver) as (_sending, receiving), receiving:
+        with connection(self, sender, receiver):
             paths = [path for path in ask("paths")["paths"] if path["session"] not in before]
             mine = [path for path in paths if (path["from"], path["to"]) == (sender, receiver)]
             return self._light_paths(mine)
