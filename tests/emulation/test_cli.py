@@ -51,7 +51,7 @@ def test_every_verb_works_from_a_script(tmp_path: Path) -> None:
         alice ping -c1 -W5 bob
         pingall
         sh echo from the shell
-        py network.send('bob', 'alice', b'from py').data
+        py network.send('alice', 'bob', b'from py').data
         help qtrace
     """
     options = ("sdc", "--length-km", "2", "--loss-db-per-km", "0.1")
@@ -97,10 +97,13 @@ def test_ctrl_c_ends_the_verb_and_ctrl_d_the_network(tmp_path: Path) -> None:
         time.sleep(1)  # into the transfer
         keyboard.type("\x03")
         keyboard.read_until("Interrupt")
+        keyboard.read_until("qmn> ")
         keyboard.type("alice qsend bob still here\n")
         keyboard.read_until("10 bytes")
+        keyboard.read_until("qmn> ")
         keyboard.type("qst\t al\t\n")
         keyboard.read_until("blocks: none")
+        keyboard.read_until("qmn> ")  # Ctrl-D means the end only to who reads just then
         keyboard.type("\x04")
         assert keyboard.ended() == 0
 
@@ -145,12 +148,15 @@ class Keyboard:
         self._seen = self._seen.partition(text)[2]
 
     def ended(self) -> int:
-        """Wait for its end and return its status."""
-        try:
-            while os.read(self._terminal, 4096):
-                continue
-        except OSError:
-            pass  # the terminal of a process that has ended
+        """Return its status when it has ended, within the deadline."""
+        deadline = time.monotonic() + KEYBOARD_S
+        while select.select([self._terminal], [], [], max(0.0, deadline - time.monotonic()))[0]:
+            try:
+                os.read(self._terminal, 4096)
+            except OSError:
+                break  # the terminal of a process that has ended
+        else:
+            os.kill(self.pid, signal.SIGKILL)
         status = os.waitstatus_to_exitcode(os.waitpid(self.pid, 0)[1])
         self.pid = 0
         return status
