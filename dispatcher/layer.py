@@ -14,7 +14,7 @@ from dispatcher.ownership import Block, BlockName, Ownership
 from dispatcher.replaying.journal import Journal
 from dispatcher.sabot.draws import Draws
 from dispatcher.sabot.simulation import Simulation
-from wire.dispatcher_pb2 import BlockId, Event, Feedback
+from wire.dispatcher_pb2 import BlockId, Event, Feedback, HeldBlock
 
 
 @dataclass
@@ -82,6 +82,15 @@ class PhysicalLayer:
             if detail is not None:
                 self.photons_lost += before - block.register.remaining
                 self.record(block.node, "recall", block, detail=detail)
+
+    def held(self, block: Block) -> HeldBlock:
+        """Return where a block is and what is left of it."""
+        return HeldBlock(
+            block=block_id(block.name),
+            port=block.port,
+            photons=block.register.remaining,
+            stored=self.memories.holds(block),
+        )
 
     def drop(self, block: Block) -> None:
         """Discard a block whatever its state."""

@@ -129,6 +129,13 @@ class Ownership:
         """Return all blocks of a session at a node, those at its ports included."""
         return list(self._by_session.get((node, session), ()))
 
+    def at_node(self, node: str) -> list[Block]:
+        """Return all blocks at a node, those at its ports included; none at no node."""
+        if not node:
+            return []
+        places = [place for place in self._by_session if place[0] == node]
+        return [block for place in places for block in self._by_session[place]]
+
     def _leave(self, block: Block) -> None:
         place = (block.node, block.name.session)
         del self._by_session[place][block]

@@ -10,6 +10,7 @@ The application needs to know nothing of qubits (paper, section "Host Nodes"):
 
 import os
 import socket
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -123,7 +124,12 @@ class QuantumSocket:
         self.statistics = self._done()
 
     def close(self) -> None:
-        """Close; without shutdown before it the other end learns that bytes may be missing."""
+        """Close; without shutdown before it the other end learns that bytes may be missing.
+
+        A call of another thread that waits on this socket ends, with QuantumSocketError.
+        """
+        with suppress(OSError):  # the stack may have ended before
+            self._socket.shutdown(socket.SHUT_RDWR)
         self._socket.close()
 
     def _done(self) -> dict[str, Any]:

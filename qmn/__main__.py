@@ -13,6 +13,7 @@ from qmn import (  # noqa: E402
     calibrate,
     classical,
     clean,
+    cli,
     curves,
     devices,
     doctor,
@@ -30,6 +31,7 @@ from qmn import (  # noqa: E402
 
 VERBS = (
     run,
+    cli,
     sweep,
     curves,
     devices,

@@ -72,6 +72,25 @@ class Signals:
             self._deferring = False
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
+    @contextmanager
+    def at_once(self) -> Iterator[None]:
+        """Let Ctrl-C interrupt what is being done (KeyboardInterrupt), and other signals end it.
+
+        For a person at the keyboard, or a script, who waits without checks.
+        """
+        for number in self.NUMBERS:
+            ctrl_c = number == signal.SIGINT
+            signal.signal(number, signal.default_int_handler if ctrl_c else self._raise)
+        try:
+            yield
+        finally:
+            for number in self.NUMBERS:
+                signal.signal(number, self._note)
+
+    def _raise(self, number: int, frame: FrameType | None) -> None:
+        self._note(number, frame)  # for the next check, if somebody swallows what is raised
+        self.check()
+
     def __exit__(
         self,
         kind: type[BaseException] | None,

@@ -195,10 +195,11 @@ class Service(DispatcherServicer):
 
     @call
     async def Status(
-        self, _request: messages.StatusRequest, node: str, _context: Context
+        self, request: messages.StatusRequest, node: str, _context: Context
     ) -> messages.StatusReply:
-        """Tell the runner how much there is."""
+        """Tell the runner how much there is, and which blocks a node holds if one is named."""
         self.callers.require_runner(node, "ask for the status")
+        at = request.blocks_at
         return messages.StatusReply(
             live_qubits=self.layer.sabot.live_qubits,
             live_bytes=self.layer.sabot.live_bytes,
@@ -207,6 +208,7 @@ class Service(DispatcherServicer):
             events=self.layer.history.count,
             backend=self.layer.sabot.backend,
             exact=self.layer.exact,
+            blocks=[self.layer.held(block) for block in self.layer.ownership.at_node(at)],
         )
 
     @call

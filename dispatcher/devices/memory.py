@@ -44,6 +44,10 @@ class Memories:
         stored[block] = more
         block.stored_ns, block.stores = self._clock.now_ns(), block.stores + 1
 
+    def holds(self, block: Block) -> bool:
+        """Return whether a block is in its node's memory."""
+        return block in self._stored.get(block.node, {})
+
     def forget(self, block: Block) -> None:
         """Free the place of a block that is discarded."""
         self._stored.get(block.node, {}).pop(block, None)
@@ -53,7 +57,7 @@ class Memories:
 
         Raise TooLarge, and leave it there, if that would take too large state vectors.
         """
-        if block not in self._stored.get(block.node, {}):
+        if not self.holds(block):
             return None
         waited_ns = self._clock.now_ns() - block.stored_ns
         memory = self._devices.of(block.node).memory
