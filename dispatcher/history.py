@@ -33,16 +33,18 @@ class Watcher:
             not self._session or event.block.session == self._session
         )
 
-    def push(self, event: Event) -> None:
-        """Queue an event, or count it as dropped if the queue is full."""
+    def push(self, event: Event) -> bool:
+        """Queue an event; if the queue is full, count it as dropped and return False."""
         if not self.wants(event):
-            return
-        if len(self._events) >= WATCHER_DEPTH:
-            self._dropped += 1
-        else:
+            return True
+        has_room = len(self._events) < WATCHER_DEPTH
+        if has_room:
             self._report_dropped(event.time_ns)
             self._events.append(event)
+        else:
+            self._dropped += 1
         self._some.set()
+        return has_room
 
     async def next(self) -> Event:
         """Wait for the next event."""
@@ -70,7 +72,7 @@ class History:
         self, depth: int, log: TextIO | None = None, capture: EventCapture | None = None
     ) -> None:
         """Remember `depth` events; write each to `log` as a line, to `capture` as a packet."""
-        self.count = 0
+        self.count = self.dropped = 0  # all events, and those that slow watchers have lost
         self._events: deque[Event] = deque(maxlen=depth)
         self._depth = depth
         self._pasts: dict[tuple[str, ...], Past] = {}
@@ -88,7 +90,7 @@ class History:
             self._capture.record(*events)
         for watcher in self._watchers:
             for event in events:
-                watcher.push(event)
+                self.dropped += not watcher.push(event)
 
     def past(self, *place: str) -> Past:
         """Return what has been remembered of a place: a fibre's direction and a noise model."""

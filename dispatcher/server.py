@@ -4,8 +4,8 @@ import asyncio
 import logging
 import os
 import signal
-from collections.abc import Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import AsyncIterator, Iterable, Iterator
+from contextlib import ExitStack, asynccontextmanager, contextmanager
 from pathlib import Path
 from typing import TextIO
 
@@ -98,7 +98,29 @@ def open_layer(
 def build_service(config: DispatcherConfig, layer: PhysicalLayer, failed: Failed) -> Service:
     """Return the service for the layer; it calls `failed` with unexpected errors."""
     callers = Callers(config.tokens, layer.network.switches.keys())
-    return Service(layer, callers, failed)
+    if config.metrics_fd is None:
+        return Service(layer, callers, failed)
+    from dispatcher.metrics import MeasuredService
+
+    return MeasuredService(layer, callers, failed)
+
+
+@asynccontextmanager
+async def metrics(config: DispatcherConfig, service: Service) -> AsyncIterator[None]:
+    """Tell Prometheus the service's figures meanwhile, if it has any."""
+    if config.metrics_fd is None:
+        yield
+        return
+    from dispatcher.metrics import MeasuredService
+    from wire.metrics import inherited
+    from wire.metrics_server import serve as serve_metrics
+
+    assert isinstance(service, MeasuredService)
+    endpoint = await serve_metrics(inherited(config.metrics_fd), service.registry)
+    try:
+        yield
+    finally:
+        endpoint.close()
 
 
 class Server:
@@ -162,16 +184,18 @@ async def serve(config: DispatcherConfig) -> None:
             stack.enter_context(Path(config.event_log).open("a")) if config.event_log else None
         )
         layer = open_layer(config, CaptureClock(), event_log, stack)
-        server = build_server(config, build_service(config, layer, failed))
-        await server.start()
-        for number in (signal.SIGTERM, signal.SIGINT):
-            loop.add_signal_handler(number, stop)
-        log.info("serving on %s and %s, seed %d", config.listen, config.socket, config.seed)
-        print("ready", flush=True)
-        try:
-            await ended
-        finally:
-            await server.stop(STOP_GRACE_S)
+        service = build_service(config, layer, failed)
+        server = build_server(config, service)
+        async with metrics(config, service):
+            await server.start()
+            for number in (signal.SIGTERM, signal.SIGINT):
+                loop.add_signal_handler(number, stop)
+            log.info("serving on %s and %s, seed %d", config.listen, config.socket, config.seed)
+            print("ready", flush=True)
+            try:
+                await ended
+            finally:
+                await server.stop(STOP_GRACE_S)
     log.info("stopped after %d events", layer.history.count)
 
 

@@ -20,6 +20,7 @@ from hosts.middleware.coding import CODES
 from hosts.middleware.frame_format import MAX_BLOCK_PAIRS, FrameFormat
 from qmn import result
 from qmn.device_words import differences
+from qmn.metrics_targets import announce
 from qmn.networks import TOPOLOGIES, BadTopology, every_device, every_fiber, topology
 from qmn.run_folder import give_to_invoker, make_folder, point_latest
 from qmn.timeline import NoCaptures, captured_bytes, merge
@@ -90,6 +91,7 @@ def add_parser(verbs: Any) -> None:
     add("--loss-budget-db", type=float, default=30.0, metavar="DB", help="of a light path (30)")
     add("--contention", choices=["refuse", "queue"], default="refuse", help="if light is taken")
     add("--policy", type=Path, metavar="FILE", help="who may do what, in TOML (allow everything)")
+    add("--metrics", action="store_true", help="figures for Prometheus (docs/metrics.md)")
     add("--rest", default="", metavar="ADDRESS", help="serve what c0 knows there, over HTTP")
     add(
         "--app",
@@ -339,6 +341,7 @@ def run_network(
         policy=str(arguments.policy.resolve()) if arguments.policy else "",
         rest=arguments.rest,
         apps=arguments.apps,
+        metrics=arguments.metrics,
     )
     order = Transfer(
         Path(facts["file"]),
@@ -355,6 +358,10 @@ def run_network(
     console.print(f"starting the network ({arguments.controller}, seed {arguments.seed}) ...")
     with Network(topology(arguments), settings, signals) as network:
         facts["backend"] = dispatcher_status(network).backend
+        if arguments.metrics:
+            facts["metrics"] = urls = announce(settings.metrics_addresses, folder)
+            for program, url in urls.items():
+                console.print(f"figures of {program}: {url}", soft_wrap=True)
         if not arguments.no_capture:
             files = [*network.capture("s1"), network.capture_openflow()]
             facts["captures"] = [str(file) for file in files]

@@ -3,6 +3,7 @@
 import select
 import shlex
 from collections.abc import Iterable
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from wire.config import (
     ControllerConfig,
     DispatcherConfig,
     HostConfig,
+    MeasuredConfig,
     PathOptics,
     QuantumSwitch,
 )
@@ -41,10 +43,17 @@ def launch(
 ) -> Program:
     """Start one of our programs with its configuration, in a host's namespace if given."""
     path = network.folder / f"{name}.json"
-    config.write(path)
     program = network.program(name)
     command = [python(), "-m", module, "--config", str(path)]
-    program.start(command, host.pid if host else None)
+    with ExitStack() as stack:
+        descriptors = []
+        if network.metrics and isinstance(config, MeasuredConfig):
+            # A socket stays in the namespace that it was opened in: this machine's.
+            listener = stack.enter_context(runtime.metrics_listener(network, name))
+            descriptors = [listener.fileno()]
+            config = replace(config, metrics_fd=listener.fileno())
+        config.write(path)
+        program.start(command, host.pid if host else None, descriptors)
     return program
 
 

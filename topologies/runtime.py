@@ -56,6 +56,8 @@ class Runtime:
     apps: list[str] = field(default_factory=list)  # further apps in the controller
     prefix_length: int = 24  # of the hosts' network
     device_keys: dict[str, str] = field(default_factory=dict)  # of the hosts' node agents
+    metrics: bool = False  # whether programs tell Prometheus their figures
+    metrics_addresses: dict[str, str] = field(default_factory=dict)  # by program: where
 
     def __post_init__(self) -> None:
         self.name = str(os.getpid())
@@ -86,6 +88,17 @@ class Runtime:
     def remove(self) -> None:
         """Remove the private folder with its tokens and sockets."""
         shutil.rmtree(self.folder, ignore_errors=True)
+
+
+def metrics_listener(network: Runtime, name: str) -> socket.socket:
+    """Return a socket on this machine's loopback for the figures of a program.
+
+    A program that is started again keeps its address.
+    """
+    host, _, port = network.metrics_addresses.get(name, "127.0.0.1:0").partition(":")
+    listener = socket.create_server((host, int(port)))
+    network.metrics_addresses[name] = "{}:{}".format(*listener.getsockname())
+    return listener
 
 
 def free_port() -> int:

@@ -199,6 +199,10 @@ class Service(DispatcherServicer):
     ) -> messages.StatusReply:
         """Tell the runner how much there is."""
         self.callers.require_runner(node, "ask for the status")
+        return self.status()
+
+    def status(self) -> messages.StatusReply:
+        """Return how much there is."""
         return messages.StatusReply(
             live_qubits=self.layer.sabot.live_qubits,
             live_bytes=self.layer.sabot.live_bytes,
