@@ -38,8 +38,10 @@ from wire.service import MESSAGE_LIMITS, cross_connects_socket
 
 MAX_SOCKET_PATH_BYTES = 100
 STOP_GRACE_S = 0.2
+STOP_TIMEOUT_S = 1.0  # behind the grace, for what calls still have to say
 
 log = logging.getLogger("dispatcher")
+_left: list[grpc.aio.Server] = []  # deleting one would wait for the calls that it still has
 
 
 def build_layer(
@@ -146,7 +148,12 @@ class Server:
     async def stop(self, grace_s: float | None) -> None:
         """End all calls, after a while in which those that run may end; remove the sockets."""
         self._cross_connects.stop()
-        await self._grpc.stop(grace_s)
+        try:
+            async with asyncio.timeout((grace_s or 0) + STOP_TIMEOUT_S):
+                await self._grpc.stop(grace_s)
+        except TimeoutError:
+            log.warning("a watcher does not read: its call is left as it is")
+            _left.append(self._grpc)
         for path in self._paths:
             Path(path).unlink(missing_ok=True)
 

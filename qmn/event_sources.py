@@ -7,6 +7,7 @@ from typing import TypeVar
 
 import grpc
 
+from qmn.unread_events import Unread
 from topologies.programs import NetworkError
 from wire.config import DispatcherConfig
 from wire.dispatcher_pb2 import Event, WatchRequest
@@ -31,7 +32,8 @@ def attached(
     """Yield events as they happen, until the network ends.
 
     One node or session is asked for, several are left to the caller to choose from. The
-    dispatcher keeps a bounded number for a slow reader and says how many it has dropped.
+    dispatcher keeps a bounded number for a slow reader and says how many it has dropped; those
+    that it still keeps when it ends are counted as dropped, too.
     """
     request = WatchRequest(node=_single(nodes, ""), session=_single(sessions, 0), history=history)
     with grpc.insecure_channel(f"unix:{config.socket}", options=CHANNEL_OPTIONS) as channel:
@@ -44,13 +46,17 @@ def attached(
             ) from error
         stub = DispatcherStub(channel)  # type: ignore[no-untyped-call]
         stream = stub.Watch(request, metadata=metadata(config.tokens[RUNNER]))
-        try:
-            yield from stream
-        except grpc.RpcError as error:
-            if error.code() not in ENDED:
-                raise NetworkError(f"the dispatcher ended it: {error.details()}") from error
-        finally:
-            stream.cancel()
+        with Unread(Path(config.event_capture), request, time.time_ns()) as unread:
+            try:
+                for event in stream:
+                    unread.read(event)
+                    yield event
+            except grpc.RpcError as error:
+                if error.code() not in ENDED:
+                    raise NetworkError(f"the dispatcher ended it: {error.details()}") from error
+                yield from filter(None, [unread.end()])
+            finally:
+                stream.cancel()
 
 
 def recorded(file: Path, follow: bool) -> Iterator[Event]:

@@ -11,6 +11,7 @@ from typing import Any
 
 from qmn.event_sources import attached, recorded
 from qmn.running import dispatcher_of_running_network
+from qmn.unread_events import dropped
 from topologies.programs import NetworkError
 from topologies.runtime import EVENT_CAPTURE
 from wire.dispatcher_pb2 import Event
@@ -129,7 +130,7 @@ class Spy:
 
     def _note(self, event: Event) -> None:
         if event.kind == DROPPED:
-            self._dropped += int(event.detail.split()[0])
+            self._dropped += dropped(event)
         else:
             self._count += 1
 
