@@ -1,5 +1,6 @@
 """Where quantum events come from: the dispatcher of a running network, or the file of a run."""
 
+import os
 import time
 from collections.abc import Collection, Iterator
 from pathlib import Path
@@ -46,7 +47,7 @@ def attached(
             ) from error
         stub = DispatcherStub(channel)  # type: ignore[no-untyped-call]
         stream = stub.Watch(request, metadata=metadata(config.tokens[RUNNER]))
-        with Unread(Path(config.event_capture), request, time.time_ns()) as unread:
+        with Unread(Path(config.event_capture or os.devnull), request, time.time_ns()) as unread:
             try:
                 for event in stream:
                     unread.read(event)

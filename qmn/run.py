@@ -105,6 +105,7 @@ def add_parser(verbs: Any) -> None:
     add("--runs", type=Path, default=Path("runs"), metavar="DIR", help="what runs leave (runs)")
     add("--qasm", action="store_true", help="write what is done to qubits to quantum.qasm")
     add("--no-capture", action="store_true", help="do not capture packets")
+    add("--no-events", action="store_true", help="do not write what happens to qubits")
     add("--no-record", action="store_true", help="do not record what `qmn replay` needs")
     parser.set_defaults(call=call)
 
@@ -313,6 +314,7 @@ def beginning(arguments: argparse.Namespace, folder: Path) -> dict[str, Any]:
         },
         "file": str(file.resolve()),
         "captures": [],
+        "events": not arguments.no_events,
         "backend": arguments.backend,
         "exact": None,
     }
@@ -331,6 +333,7 @@ def run_network(
         backend=arguments.backend,
         sabot=arguments.sabot and str(Path(arguments.sabot).resolve()),
         record=not arguments.no_record,
+        events=not arguments.no_events,
         qasm=arguments.qasm,
         framework=arguments.controller,
         openflow_port=arguments.openflow_port,

@@ -15,7 +15,7 @@ from topologies.addresses import broadcast, free_address
 from topologies.fiber import qnics
 from topologies.programs import ROOT, Program, python
 from topologies.record import RECORD
-from topologies.runtime import CONSOLE, DISPATCHER, EVENT_CAPTURE, Runtime
+from topologies.runtime import CONSOLE, DISPATCHER, EVENT_CAPTURE, EVENT_LOG, Runtime
 from wire import switch_check
 from wire.config import (
     DISPATCHER_PORT,
@@ -132,12 +132,12 @@ class DispatcherHost(ClassicalHost):
             tokens=network.tokens,
             fibers=network.fibers,
             switches=list(network.switches.values()),
-            event_log=str(network.logs / "quantum.log"),
+            event_log=str(network.logs / EVENT_LOG) if network.events else "",
             sabot=network.sabot,
             record=str(network.logs / "dispatcher.record") if network.record else "",
             qasm=str(network.logs / "quantum.qasm") if network.qasm else "",
             devices=network.devices,
-            event_capture=str(network.logs / EVENT_CAPTURE),
+            event_capture=str(network.logs / EVENT_CAPTURE) if network.events else "",
             history_depth=network.history_depth,
         )
         self.program = launch(network, DISPATCHER, "dispatcher", config, self)

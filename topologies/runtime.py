@@ -23,7 +23,8 @@ RUNTIME_ROOT = Path("/run/qmn")
 OPENFLOW_PORT = 6653
 DISPATCHER = "dispatcher"  # the program, and its socket
 CONSOLE = "console"  # the controller's socket
-EVENT_CAPTURE = "quantum.pcapng"  # what happened to the qubits, for Wireshark and qmn spy
+EVENT_LOG = "quantum.log"  # what happened to the qubits, a line an event
+EVENT_CAPTURE = "quantum.pcapng"  # the same for Wireshark and qmn spy
 
 
 @dataclass
@@ -33,6 +34,7 @@ class Runtime:
     seed: int = 1
     sabot: str = ""  # path of a Sabot server's socket; empty: the dispatcher simulates by itself
     record: bool = False  # whether the dispatcher records what it is asked, for a replay
+    events: bool = True  # whether the dispatcher writes what happens to qubits
     qasm: bool = False  # whether the dispatcher dumps what is done to qubits
     backend: str = "chp"  # of wire.config.BACKENDS: what simulates the quantum states
     framework: str = "ryu"
