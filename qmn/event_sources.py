@@ -8,6 +8,7 @@ from typing import TypeVar
 
 import grpc
 
+from hosts.software import QuantumSocket, QuantumSocketError, StackEnded
 from qmn.unread_events import Unread
 from topologies.programs import NetworkError
 from wire.config import DispatcherConfig
@@ -58,6 +59,21 @@ def attached(
                 yield from filter(None, [unread.end()])
             finally:
                 stream.cancel()
+
+
+def through_stack(stack: str, sessions: Collection[int] | None, history: bool) -> Iterator[Event]:
+    """Yield what happens at one host, as its stack tells an application, until the network ends.
+
+    Events that the dispatcher still keeps for a slow reader then are lost, and not counted:
+    a host cannot read the file of the run.
+    """
+    try:
+        with QuantumSocket(stack) as quantum_socket:
+            yield from quantum_socket.watch(_single(sessions, 0), history)
+    except StackEnded:
+        return
+    except QuantumSocketError as error:
+        raise NetworkError(str(error)) from error
 
 
 def recorded(file: Path, follow: bool) -> Iterator[Event]:

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import os
 import re
 import signal
 import sys
@@ -9,7 +10,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from qmn.event_sources import attached, recorded
+from hosts.software import STACK_VARIABLE
+from qmn.event_sources import attached, recorded, through_stack
 from qmn.running import dispatcher_of_running_network
 from qmn.unread_events import dropped
 from topologies.programs import NetworkError
@@ -31,7 +33,7 @@ def add_parser(verbs: Any) -> None:
         type=Path,
         nargs="?",
         metavar="RUN",
-        help="folder of a run, such as runs/latest (default: the network that runs)",
+        help="folder of a run, such as runs/latest (default: what happens now; on a host, there)",
     )
     add = parser.add_argument
     add("--node", action="append", metavar="NAME", help="only this node (more than once)")
@@ -83,6 +85,9 @@ def events(arguments: argparse.Namespace) -> Iterator[Event]:
         if arguments.history:
             raise BadFilter("--history is of the network that runs; a run is shown from its start")
         return recorded(find_record(arguments.run), follow=bool(arguments.follow))
+    stack = os.environ.get(STACK_VARIABLE)
+    if stack:
+        return of_this_node(arguments, stack)
     config = dispatcher_of_running_network()
     known = {*config.tokens, *(switch.name for switch in config.switches)}
     for node in arguments.node or ():
@@ -91,6 +96,17 @@ def events(arguments: argparse.Namespace) -> Iterator[Event]:
     if arguments.follow is False:
         return recorded(find_record(Path(config.event_capture)), follow=False)
     return attached(config, arguments.node, arguments.session, arguments.history)
+
+
+def of_this_node(arguments: argparse.Namespace, stack: str) -> Iterator[Event]:
+    """Return what happens at the host that the verb is called on."""
+    node = Path(stack).stem
+    if arguments.follow is False:
+        raise BadFilter(f"--no-follow is of a run: on {node} only what happens now is told")
+    for wanted in arguments.node or ():
+        if wanted != node:
+            raise BadFilter(f"--node {wanted}: on {node} only what happens there is told")
+    return through_stack(stack, arguments.session, arguments.history)
 
 
 def find_record(run: Path) -> Path:
