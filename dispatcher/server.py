@@ -68,7 +68,7 @@ def build_layer(
         draws=draws,
         network=Network(config.fibers, config.switches),
         ownership=Ownership(),
-        history=History(config.history_depth, event_log, capture),
+        history=History(config.history_depth, event_log, capture, config.per_qubit),
         devices=devices,
         memories=Memories(devices, clock, sabot, draws),
         max_live_qubits=config.max_live_qubits,

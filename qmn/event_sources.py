@@ -25,19 +25,12 @@ RESULT = "result.json"  # written when a run has ended
 ENDED = (grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.CANCELLED)
 
 
-def attached(
-    config: DispatcherConfig,
-    nodes: Collection[str] | None,
-    sessions: Collection[int] | None,
-    history: bool,
-) -> Iterator[Event]:
+def attached(config: DispatcherConfig, request: WatchRequest) -> Iterator[Event]:
     """Yield events as they happen, until the network ends.
 
-    One node or session is asked for, several are left to the caller to choose from. The
-    dispatcher keeps a bounded number for a slow reader and says how many it has dropped; those
+    The dispatcher keeps a bounded number for a slow reader and says how many it has dropped; those
     that it still keeps when it ends are counted as dropped, too.
     """
-    request = WatchRequest(node=_single(nodes, ""), session=_single(sessions, 0), history=history)
     with grpc.insecure_channel(f"unix:{config.socket}", options=CHANNEL_OPTIONS) as channel:
         try:
             grpc.channel_ready_future(channel).result(CONNECT_TIMEOUT_S)
@@ -61,7 +54,7 @@ def attached(
                 stream.cancel()
 
 
-def through_stack(stack: str, sessions: Collection[int] | None, history: bool) -> Iterator[Event]:
+def through_stack(stack: str, session: int, history: bool) -> Iterator[Event]:
     """Yield what happens at one host, as its stack tells an application, until the network ends.
 
     Events that the dispatcher still keeps for a slow reader then are lost, and not counted:
@@ -69,7 +62,7 @@ def through_stack(stack: str, sessions: Collection[int] | None, history: bool) -
     """
     try:
         with QuantumSocket(stack) as quantum_socket:
-            yield from quantum_socket.watch(_single(sessions, 0), history)
+            yield from quantum_socket.watch(session, history)
     except StackEnded:
         return
     except QuantumSocketError as error:
@@ -91,5 +84,6 @@ def recorded(file: Path, follow: bool) -> Iterator[Event]:
             time.sleep(POLL_S)
 
 
-def _single(wanted: Collection[T] | None, every: T) -> T:
+def single(wanted: Collection[T] | None, every: T) -> T:
+    """Return what is wanted if it is one thing alone."""
     return next(iter(wanted)) if wanted and len(wanted) == 1 else every

@@ -105,6 +105,8 @@ def add_parser(verbs: Any) -> None:
     add("--runs", type=Path, default=Path("runs"), metavar="DIR", help="what runs leave (runs)")
     add("--qasm", action="store_true", help="write what is done to qubits to quantum.qasm")
     add("--no-capture", action="store_true", help="do not capture packets")
+    text = "write an event for each of the first N photons of a block (1000), too"
+    add("--per-qubit", type=int, nargs="?", const=1000, default=0, metavar="N", help=text)
     add("--no-events", action="store_true", help="do not write what happens to qubits")
     add("--no-record", action="store_true", help="do not record what `qmn replay` needs")
     parser.set_defaults(call=call)
@@ -176,6 +178,7 @@ def check_input(arguments: argparse.Namespace) -> int:
         ("rate_hz", 1, 4_000_000_000),
         ("openflow_port", 1, 65_535),
         ("history_depth", 0, 10_000_000),
+        ("per_qubit", 0, 1_000_000),
         ("loss_budget_db", 0, 1_000),
     ):
         value = getattr(arguments, name)
@@ -334,6 +337,7 @@ def run_network(
         sabot=arguments.sabot and str(Path(arguments.sabot).resolve()),
         record=not arguments.no_record,
         events=not arguments.no_events,
+        per_qubit=arguments.per_qubit,
         qasm=arguments.qasm,
         framework=arguments.controller,
         openflow_port=arguments.openflow_port,

@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from hosts.software import STACK_VARIABLE
-from qmn.event_sources import attached, recorded, through_stack
+from qmn.event_sources import attached, recorded, single, through_stack
 from qmn.running import dispatcher_of_running_network
 from qmn.unread_events import dropped
 from topologies.programs import NetworkError
 from topologies.runtime import EVENT_CAPTURE
-from wire.dispatcher_pb2 import Event
+from wire.dispatcher_pb2 import Event, WatchRequest
 from wire.events import DROPPED, format_line, to_json
 from wire.metadata import MalformedPacket
 
@@ -51,6 +51,7 @@ def add_parser(verbs: Any) -> None:
         help="go on with what happens next (default for the network that runs)",
     )
     add("--history", action="store_true", help="begin with what the dispatcher still remembers")
+    add("--per-qubit", action="store_true", help="also what became of single photons")
     add("--json", action="store_true", help="one JSON object a line, for programs")
     parser.set_defaults(call=call)
 
@@ -95,7 +96,17 @@ def events(arguments: argparse.Namespace) -> Iterator[Event]:
             raise BadFilter(f"unknown node {node!r}: choose one of {', '.join(sorted(known))}")
     if arguments.follow is False:
         return recorded(find_record(Path(config.event_capture)), follow=False)
-    return attached(config, arguments.node, arguments.session, arguments.history)
+    return attached(config, watch_request(arguments))
+
+
+def watch_request(arguments: argparse.Namespace) -> WatchRequest:
+    """Return what to ask the dispatcher for: several nodes or sessions are chosen from here."""
+    return WatchRequest(
+        node=single(arguments.node, ""),
+        session=single(arguments.session, 0),
+        history=arguments.history,
+        per_qubit=arguments.per_qubit,
+    )
 
 
 def of_this_node(arguments: argparse.Namespace, stack: str) -> Iterator[Event]:
@@ -106,7 +117,7 @@ def of_this_node(arguments: argparse.Namespace, stack: str) -> Iterator[Event]:
     for wanted in arguments.node or ():
         if wanted != node:
             raise BadFilter(f"--node {wanted}: on {node} only what happens there is told")
-    return through_stack(stack, arguments.session, arguments.history)
+    return through_stack(stack, single(arguments.session, 0), arguments.history)
 
 
 def find_record(run: Path) -> Path:
@@ -125,7 +136,7 @@ class Spy:
         self._nodes = frozenset(arguments.node or ())
         self._sessions = frozenset(arguments.session or ())
         self._kinds = frozenset(arguments.kind or ())
-        self._as_json = arguments.json
+        self._as_json, self._per_qubit = arguments.json, arguments.per_qubit
         self._count = self._dropped = 0
 
     def print_all(self, source: Iterator[Event]) -> None:
@@ -139,7 +150,8 @@ class Spy:
     def wants(self, event: Event) -> bool:
         """Return whether to show an event; that some were dropped is always shown."""
         return event.kind == DROPPED or (
-            (not self._nodes or event.node in self._nodes)
+            (self._per_qubit or not event.photon)
+            and (not self._nodes or event.node in self._nodes)
             and (not self._sessions or event.block.session in self._sessions)
             and (not self._kinds or event.kind in self._kinds)
         )

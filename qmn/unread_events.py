@@ -25,6 +25,8 @@ class Unread:
 
     def read(self, event: Event) -> None:
         """Note an event that was read."""
+        if event.photon:
+            return  # of a block whose event has come, and not always in the file
         if event.kind == DROPPED:
             self._told += dropped(event)
         else:
@@ -52,6 +54,8 @@ class Unread:
 
     def _wanted(self, event: Event) -> bool:
         request = self._request
+        if event.photon:
+            return False
         if self._last is None and not request.history and event.time_ns < self._since_ns:
             return False
         return (not request.node or event.node == request.node) and (

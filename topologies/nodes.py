@@ -139,6 +139,7 @@ class DispatcherHost(ClassicalHost):
             devices=network.devices,
             event_capture=str(network.logs / EVENT_CAPTURE) if network.events else "",
             history_depth=network.history_depth,
+            per_qubit=network.per_qubit,
         )
         self.program = launch(network, DISPATCHER, "dispatcher", config, self)
         return result

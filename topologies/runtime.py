@@ -35,6 +35,7 @@ class Runtime:
     sabot: str = ""  # path of a Sabot server's socket; empty: the dispatcher simulates by itself
     record: bool = False  # whether the dispatcher records what it is asked, for a replay
     events: bool = True  # whether the dispatcher writes what happens to qubits
+    per_qubit: int = 0  # so many photons of each block have events of their own in there
     qasm: bool = False  # whether the dispatcher dumps what is done to qubits
     backend: str = "chp"  # of wire.config.BACKENDS: what simulates the quantum states
     framework: str = "ryu"

@@ -116,6 +116,7 @@ class DispatcherConfig(MeasuredConfig):
     event_capture: str = ""  # path of the same as a pcapng file; empty: none
     devices: dict[str, Device] = field(default_factory=dict)  # of hosts; ideal if not listed
     history_depth: int = 10_000
+    per_qubit: int = 0  # so many photons of each block have events of their own in log and capture
     max_live_qubits: int = 8_000_000
     backend: str = "chp"  # on which quantum states begin: one of BACKENDS
     record: str = ""  # path of a private record to replay, which must not exist; empty: none

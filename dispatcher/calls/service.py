@@ -217,7 +217,9 @@ class Service(DispatcherServicer):
     async def Watch(self, request: messages.WatchRequest, node: str, context: Context) -> None:
         """Tell the runner what happens, and a node what happens there, until it goes away."""
         watched = self.callers.watched_by(node, request.node)
-        with self.layer.history.watching(watched, request.session, request.history) as watcher:
+        with self.layer.history.watching(
+            watched, request.session, request.history, request.per_qubit
+        ) as watcher:
             while True:
                 event = await watcher.next()
                 try:
