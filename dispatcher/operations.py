@@ -119,7 +119,8 @@ class Operations:
             step = gate.step
             layer.sabot.gate(step.name, block.register, step.target, step.angle_rad)
             gate.spread_approximation(block)
-        layer.record(node, "apply", block, detail=" ".join(details))
+        each = None if values is None else lambda position: PAULIS[values[position]]
+        layer.record(node, "apply", block, detail=" ".join(details), each=each)
         return layer.feedback(block)
 
     def store(self, node: str, name: BlockName) -> Feedback:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Coroutine
 from dataclasses import asdict
 from typing import Any
 
+from hosts.event_watching import Watch, tell_events
 from hosts.hardware.qnic import HardwareError
 from hosts.middleware.channel import SessionError
 from hosts.middleware.options import SessionOptions
@@ -90,8 +91,8 @@ class Incoming:
 class ApplicationsPort:
     """Listening ports and connections of the applications on this host."""
 
-    def __init__(self, connect: Callable[[SessionOptions], SendingSession]) -> None:
-        self._connect = connect
+    def __init__(self, connect: Callable[[SessionOptions], SendingSession], watch: Watch) -> None:
+        self._connect, self._watch = connect, watch
         self._listening: dict[int, asyncio.Queue[Incoming]] = {}
 
     def incoming(self, port: int, peer: str) -> Incoming:
@@ -118,6 +119,7 @@ class ApplicationsPort:
                 Call.CONNECT: self._serve_sender,
                 Call.LISTEN: self._serve_listener,
                 Call.ACCEPT: self._serve_receiver,
+                Call.WATCH: self._serve_watcher,
             }
             if call not in handlers:
                 raise SessionError(Reason.PROTOCOL, f"{call.name} on a socket that is not open")
@@ -155,6 +157,16 @@ class ApplicationsPort:
         finally:
             await _end(coming)
             await session.close()
+
+    async def _serve_watcher(
+        self, fields: dict[str, Any], reader: asyncio.StreamReader, writer: asyncio.StreamWriter
+    ) -> None:
+        watching = tell_events(self._watch, fields, writer)
+        coming = asyncio.create_task(_read(reader))
+        try:
+            await _unless_gone(watching, coming)
+        finally:
+            await _end(coming)
 
     async def _serve_listener(
         self, fields: dict[str, Any], reader: asyncio.StreamReader, writer: asyncio.StreamWriter

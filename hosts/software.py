@@ -10,11 +10,14 @@ The application needs to know nothing of qubits (paper, section "Host Nodes"):
 
 import os
 import socket
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+from wire.dispatcher_pb2 import Event
+from wire.events import decode_record
 from wire.metadata import Reason
 from wire.socket_calls import (
     HEADER,
@@ -35,6 +38,10 @@ class QuantumSocketError(ConnectionError):
     def __init__(self, text: str, reason: Reason = Reason.PROTOCOL) -> None:
         super().__init__(text)
         self.reason = reason
+
+
+class StackEnded(QuantumSocketError):
+    """The host's stack has ended, as it does with its network."""
 
 
 class QuantumSocket:
@@ -123,6 +130,19 @@ class QuantumSocket:
         self._socket.sendall(encode(Call.CLOSE))
         self.statistics = self._done()
 
+    def watch(self, session: int = 0, history: bool = False) -> Iterator[Event]:
+        """Yield what happens to qubits at this host; of one session unless it is 0.
+
+        History: begin with what is remembered. Raise StackEnded when the network ends.
+        """
+        self._socket.sendall(encode_fields(Call.WATCH, session=session, history=history))
+        self._done()
+        while True:
+            call, payload = self._read()
+            if call != Call.EVENT:
+                raise QuantumSocketError(f"the stack answered {call.name} to watch")
+            yield decode_record(payload)
+
     def close(self) -> None:
         """Close; without shutdown before it the other end learns that bytes may be missing.
 
@@ -162,7 +182,7 @@ class QuantumSocket:
         while len(parts) < size:
             part = self._socket.recv(size - len(parts))
             if not part:
-                raise QuantumSocketError("the host's stack has ended")
+                raise StackEnded("the host's stack has ended")
             parts += part
         return bytes(parts)
 

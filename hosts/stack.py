@@ -35,7 +35,7 @@ class Stack:
         self._sessions_made = 0
         self._receiving: dict[int, ReceivingSession] = {}
         self.device = Device(lambda: read_ports(config.qnics))
-        self.applications = ApplicationsPort(self.connect)
+        self.applications = ApplicationsPort(self.connect, qnic.watch)
 
     def connect(self, options: SessionOptions) -> SendingSession:
         """Prepare a session to a host; raise SessionError if the names are not known."""

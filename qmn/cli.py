@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from qmn.metrics_targets import announce
 from qmn.network_options import BadInput, add_network_options, check_network
 from qmn.networks import TOPOLOGIES, BadTopology, topology
 from qmn.run_folder import give_to_invoker, make_folder, point_latest
@@ -58,6 +59,9 @@ def start_and_obey(arguments: argparse.Namespace) -> int:
     try:
         print(f"starting the network; its logs and quantum events: {folder}", flush=True)
         with running(topo, arguments, folder) as network:
+            if arguments.metrics:
+                for program, url in announce(network.runtime.metrics_addresses, folder).items():
+                    print(f"figures of {program}: {url}")
             if arguments.capture:
                 network.capture("s1")
                 network.capture_openflow()

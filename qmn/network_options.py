@@ -43,7 +43,9 @@ class NetworkOptions(TypedDict, total=False):
     policy: str | Path
     rest: str
     apps: list[str]
+    metrics: bool
     history_depth: int
+    per_qubit: int
 
 
 def add_network_options(parser: argparse.ArgumentParser) -> None:
@@ -75,7 +77,10 @@ def add_network_options(parser: argparse.ArgumentParser) -> None:
     add("--rest", default="", metavar="ADDRESS", help="serve what c0 knows there, over HTTP")
     text = "load a controller app beside ours, such as ryu.app.ofctl_rest (more than once)"
     add("--app", dest="apps", action="append", default=[], metavar="MODULE", help=text)
+    add("--metrics", action="store_true", help="figures for Prometheus (docs/metrics.md)")
     add("--history-depth", type=int, default=10_000, metavar="N", help="events kept (10000)")
+    text = "write an event for each of the first N photons of a block (1000), too"
+    add("--per-qubit", type=int, nargs="?", const=1000, default=0, metavar="N", help=text)
 
 
 class _Parser(argparse.ArgumentParser):
@@ -92,8 +97,11 @@ def from_keywords(options: Mapping[str, Any]) -> argparse.Namespace:
     words = []
     for name, value in options.items():
         option = "--app" if name == "apps" else f"--{name.replace('_', '-')}"
-        values = value if isinstance(value, list) else [value]
-        words += [f"{option}={each}" for each in values]
+        if isinstance(value, bool):
+            words += [option] * value
+        else:
+            values = value if isinstance(value, list) else [value]
+            words += [f"{option}={each}" for each in values]
     return parser.parse_args(words)
 
 
@@ -120,6 +128,7 @@ def check_network(arguments: argparse.Namespace) -> None:
         raise BadInput(f"--rest needs --controller ryu: {arguments.controller} has no HTTP server")
     check_range(arguments, "openflow_port", 1, 65_535)
     check_range(arguments, "history_depth", 0, 10_000_000)
+    check_range(arguments, "per_qubit", 0, 1_000_000)
     check_range(arguments, "loss_budget_db", 0, 1_000)
 
 
@@ -133,7 +142,11 @@ def check_two_hosts(sender: str, receiver: str, hosts: list[str]) -> None:
 
 
 def settings(
-    arguments: argparse.Namespace, folder: Path | None, record: bool = False, qasm: bool = False
+    arguments: argparse.Namespace,
+    folder: Path | None,
+    record: bool = False,
+    qasm: bool = False,
+    events: bool = True,
 ) -> Runtime:
     """Return the settings of a network that leaves its logs in a folder; None: leaves none."""
     return Runtime(
@@ -142,6 +155,8 @@ def settings(
         sabot=arguments.sabot and str(Path(arguments.sabot).resolve()),
         record=record,
         qasm=qasm,
+        events=events,
+        per_qubit=arguments.per_qubit,
         framework=arguments.controller,
         openflow_port=arguments.openflow_port,
         history_depth=arguments.history_depth,
@@ -151,4 +166,5 @@ def settings(
         policy=str(arguments.policy.resolve()) if arguments.policy else "",
         rest=arguments.rest,
         apps=arguments.apps,
+        metrics=arguments.metrics,
     )

@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from topologies.record import read_record
+from topologies.runtime import EVENT_LOG
 from wire.device import RANGES, setting_name
 
 COUNTS = (
@@ -110,7 +111,7 @@ def show(console: Console, facts: dict[str, Any], folder: Path) -> None:
         else f"p50 {setup['p50']:.2f} ms, p99 {setup['p99']:.2f} ms, n {setup['n']}",
         "quantum states": f"{facts['backend']}, {EXACTNESS[facts['exact']]}",
         "captures": captures(facts, folder),
-        "quantum events": f"{folder}/quantum.log",
+        "quantum events": f"{folder}/{EVENT_LOG}" if facts["events"] else "not written",
         "one timeline of both": facts["timeline"],
         "all facts": f"{folder}/result.json",
     }

@@ -19,6 +19,7 @@ from hosts.middleware.frame_format import MAX_BLOCK_PAIRS, FrameFormat
 from qmn import result
 from qmn.device_words import differences
 from qmn.dispatcher_calls import status
+from qmn.metrics_targets import announce
 from qmn.network_options import (
     BadInput,
     add_network_options,
@@ -77,6 +78,9 @@ def add_parser(verbs: Any) -> None:
     add("--runs", type=Path, default=Path("runs"), metavar="DIR", help="what runs leave (runs)")
     add("--qasm", action="store_true", help="write what is done to qubits to quantum.qasm")
     add("--no-capture", action="store_true", help="do not capture packets")
+    text = "write an event for each of the first N photons of a block (1000), too"
+    add("--per-qubit", type=int, nargs="?", const=1000, default=0, metavar="N", help=text)
+    add("--no-events", action="store_true", help="do not write what happens to qubits")
     add("--no-record", action="store_true", help="do not record what `qmn replay` needs")
     parser.set_defaults(call=call)
 
@@ -252,6 +256,7 @@ def beginning(arguments: argparse.Namespace, folder: Path) -> dict[str, Any]:
         },
         "file": str(file.resolve()),
         "captures": [],
+        "events": not arguments.no_events,
         "backend": arguments.backend,
         "exact": None,
     }
@@ -265,7 +270,13 @@ def run_network(
     console: Console,
 ) -> None:
     """Start the network, send, and add to the facts."""
-    runtime = settings(arguments, folder, record=not arguments.no_record, qasm=arguments.qasm)
+    runtime = settings(
+        arguments,
+        folder,
+        record=not arguments.no_record,
+        qasm=arguments.qasm,
+        events=not arguments.no_events,
+    )
     order = Transfer(
         Path(facts["file"]),
         folder / "received",
@@ -281,6 +292,10 @@ def run_network(
     console.print(f"starting the network ({arguments.controller}, seed {arguments.seed}) ...")
     with Network(topology(arguments), runtime, signals) as network:
         facts["backend"] = status(network).backend
+        if arguments.metrics:
+            facts["metrics"] = urls = announce(runtime.metrics_addresses, folder)
+            for program, url in urls.items():
+                console.print(f"figures of {program}: {url}", soft_wrap=True)
         if not arguments.no_capture:
             files = [*network.capture("s1"), network.capture_openflow()]
             facts["captures"] = [str(file) for file in files]

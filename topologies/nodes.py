@@ -3,6 +3,7 @@
 import select
 import shlex
 from collections.abc import Iterable
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from topologies.addresses import broadcast, free_address
 from topologies.fiber import qnics
 from topologies.programs import ROOT, Program, python
 from topologies.record import RECORD
-from topologies.runtime import CONSOLE, DISPATCHER, EVENT_CAPTURE, Runtime
+from topologies.runtime import CONSOLE, DISPATCHER, EVENT_CAPTURE, EVENT_LOG, Runtime
 from wire import switch_check
 from wire.config import (
     DISPATCHER_PORT,
@@ -24,6 +25,7 @@ from wire.config import (
     ControllerConfig,
     DispatcherConfig,
     HostConfig,
+    MeasuredConfig,
     PathOptics,
     QuantumSwitch,
 )
@@ -41,10 +43,17 @@ def launch(
 ) -> Program:
     """Start one of our programs with its configuration, in a host's namespace if given."""
     path = network.folder / f"{name}.json"
-    config.write(path)
     program = network.program(name)
     command = [python(), "-m", module, "--config", str(path)]
-    program.start(command, host.pid if host else None)
+    with ExitStack() as stack:
+        descriptors = []
+        if network.metrics and isinstance(config, MeasuredConfig):
+            # A socket stays in the namespace that it was opened in: this machine's.
+            listener = stack.enter_context(runtime.metrics_listener(network, name))
+            descriptors = [listener.fileno()]
+            config = replace(config, metrics_fd=listener.fileno())
+        config.write(path)
+        program.start(command, host.pid if host else None, descriptors)
     return program
 
 
@@ -123,13 +132,14 @@ class DispatcherHost(ClassicalHost):
             tokens=network.tokens,
             fibers=network.fibers,
             switches=list(network.switches.values()),
-            event_log=str(network.logs / "quantum.log"),
+            event_log=str(network.logs / EVENT_LOG) if network.events else "",
             sabot=network.sabot,
             record=str(network.logs / "dispatcher.record") if network.record else "",
             qasm=str(network.logs / "quantum.qasm") if network.qasm else "",
             devices=network.devices,
-            event_capture=str(network.logs / EVENT_CAPTURE),
+            event_capture=str(network.logs / EVENT_CAPTURE) if network.events else "",
             history_depth=network.history_depth,
+            per_qubit=network.per_qubit,
         )
         self.program = launch(network, DISPATCHER, "dispatcher", config, self)
         return result

@@ -23,7 +23,8 @@ RUNTIME_ROOT = Path("/run/qmn")
 OPENFLOW_PORT = 6653
 DISPATCHER = "dispatcher"  # the program, and its socket
 CONSOLE = "console"  # the controller's socket
-EVENT_CAPTURE = "quantum.pcapng"  # what happened to the qubits, for Wireshark and qmn spy
+EVENT_LOG = "quantum.log"  # what happened to the qubits, a line an event
+EVENT_CAPTURE = "quantum.pcapng"  # the same for Wireshark and qmn spy
 
 
 @dataclass
@@ -33,6 +34,8 @@ class Runtime:
     seed: int = 1
     sabot: str = ""  # path of a Sabot server's socket; empty: the dispatcher simulates by itself
     record: bool = False  # whether the dispatcher records what it is asked, for a replay
+    events: bool = True  # whether the dispatcher writes what happens to qubits
+    per_qubit: int = 0  # so many photons of each block have events of their own in there
     qasm: bool = False  # whether the dispatcher dumps what is done to qubits
     backend: str = "chp"  # of wire.config.BACKENDS: what simulates the quantum states
     framework: str = "ryu"
@@ -56,6 +59,8 @@ class Runtime:
     apps: list[str] = field(default_factory=list)  # further apps in the controller
     prefix_length: int = 24  # of the hosts' network
     device_keys: dict[str, str] = field(default_factory=dict)  # of the hosts' node agents
+    metrics: bool = False  # whether programs tell Prometheus their figures
+    metrics_addresses: dict[str, str] = field(default_factory=dict)  # by program: where
 
     def __post_init__(self) -> None:
         self.name = str(os.getpid())
@@ -86,6 +91,17 @@ class Runtime:
     def remove(self) -> None:
         """Remove the private folder with its tokens and sockets."""
         shutil.rmtree(self.folder, ignore_errors=True)
+
+
+def metrics_listener(network: Runtime, name: str) -> socket.socket:
+    """Return a socket on this machine's loopback for the figures of a program.
+
+    A program that is started again keeps its address.
+    """
+    host, _, port = network.metrics_addresses.get(name, "127.0.0.1:0").partition(":")
+    listener = socket.create_server((host, int(port)))
+    network.metrics_addresses[name] = "{}:{}".format(*listener.getsockname())
+    return listener
 
 
 def free_port() -> int:

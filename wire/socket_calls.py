@@ -14,6 +14,10 @@ LISTEN {port}           ->  listening lasts as long as this socket
                         <-  DONE
 ACCEPT {port}           ->  on a socket of its own
                         <-  DONE {peer}, then DATA …, then CLOSE {statistics}
+
+application                 stack
+WATCH {session, history} -> of this host alone, for as long as this socket; session 0: all
+                        <-  DONE, then EVENT record (wire.events) …
 """
 
 import json
@@ -37,6 +41,8 @@ class Call(IntEnum):
     CLOSE = 5
     DONE = 6
     FAILED = 7
+    WATCH = 8
+    EVENT = 9
 
 
 def encode(call: Call, payload: bytes = b"") -> bytes:

@@ -199,7 +199,13 @@ class Service(DispatcherServicer):
     ) -> messages.StatusReply:
         """Tell the runner how much there is, and which blocks a node holds if one is named."""
         self.callers.require_runner(node, "ask for the status")
-        at = request.blocks_at
+        reply = self.status()
+        held = self.layer.ownership.at_node(request.blocks_at)
+        reply.blocks.extend(self.layer.held(block) for block in held)
+        return reply
+
+    def status(self) -> messages.StatusReply:
+        """Return how much there is, without the blocks."""
         return messages.StatusReply(
             live_qubits=self.layer.sabot.live_qubits,
             live_bytes=self.layer.sabot.live_bytes,
@@ -208,14 +214,15 @@ class Service(DispatcherServicer):
             events=self.layer.history.count,
             backend=self.layer.sabot.backend,
             exact=self.layer.exact,
-            blocks=[self.layer.held(block) for block in self.layer.ownership.at_node(at)],
         )
 
     @call
     async def Watch(self, request: messages.WatchRequest, node: str, context: Context) -> None:
         """Tell the runner what happens, and a node what happens there, until it goes away."""
         watched = self.callers.watched_by(node, request.node)
-        with self.layer.history.watching(watched, request.session, request.history) as watcher:
+        with self.layer.history.watching(
+            watched, request.session, request.history, request.per_qubit
+        ) as watcher:
             while True:
                 event = await watcher.next()
                 try:

@@ -5,6 +5,7 @@ equipment implements the same calls (paper, section "Host Nodes").
 """
 
 import logging
+from collections.abc import AsyncIterator
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -89,6 +90,12 @@ class Qnic(Protocol):
 
     async def let_go(self, session: int, number: int) -> None:
         """Let go of what has come of both halves of a block."""
+
+    def watch(self, session: int, history: bool) -> AsyncIterator[bytes]:
+        """Yield what happens at this host (wire.events), of one session or, with 0, of all.
+
+        History: begin with what is remembered. Raise HardwareError if it cannot go on.
+        """
 
     async def discard(self, session: int) -> None:
         """Let go of all photons of a session, also of those still on their way."""

@@ -1,12 +1,13 @@
 """The simulated QNIC: every call is a request to the dispatcher, over the host's own CNIC."""
 
+from collections.abc import AsyncIterator
 from contextlib import suppress
 
 import grpc
 import numpy as np
 
 from hosts.hardware.orders import NotHere, Orders
-from hosts.hardware.qnic import BlockName, Coincidences, NoLight, Symbols
+from hosts.hardware.qnic import BlockName, Coincidences, HardwareError, NoLight, Symbols
 from wire.dispatcher_pb2 import (
     ApplyRequest,
     BellMeasureRequest,
@@ -17,10 +18,12 @@ from wire.dispatcher_pb2 import (
     ReceiveRequest,
     SendRequest,
     Step,
+    WatchRequest,
 )
 from wire.dispatcher_pb2_grpc import DispatcherStub
+from wire.events import encode_record
 from wire.optical import frequency_mhz
-from wire.service import CHANNEL_OPTIONS
+from wire.service import CHANNEL_OPTIONS, metadata
 
 
 class SimulatedQnic:
@@ -28,8 +31,9 @@ class SimulatedQnic:
 
     def __init__(self, dispatcher: str, token: str, ports: list[str]) -> None:
         self._channel = grpc.aio.insecure_channel(dispatcher, CHANNEL_OPTIONS)
-        stub = DispatcherStub(self._channel)  # type: ignore[no-untyped-call]
-        self._orders = Orders(stub, token)
+        self._stub = DispatcherStub(self._channel)  # type: ignore[no-untyped-call]
+        self._token = token
+        self._orders = Orders(self._stub, token)
         self._ports = ports
 
     @property
@@ -88,6 +92,18 @@ class SimulatedQnic:
             raise
         outcomes = np.frombuffer(feedback.outcomes, dtype=np.uint8)
         return Coincidences(outcomes, feedback.clicks, feedback.time_ns)
+
+    async def watch(self, session: int, history: bool) -> AsyncIterator[bytes]:
+        """Yield what happens at this host; the dispatcher tells a host nothing else."""
+        request = WatchRequest(session=session, history=history)
+        stream = self._stub.Watch(request, metadata=metadata(self._token))
+        try:
+            async for event in stream:
+                yield encode_record(event)
+        except grpc.aio.AioRpcError as error:
+            raise HardwareError(f"dispatcher: {error.details()}") from error
+        finally:
+            stream.cancel()
 
     async def discard(self, session: int) -> None:
         """Let go of all photons of a session."""

@@ -19,7 +19,7 @@ def test_a_keyword_means_the_same_as_its_option() -> None:
     parser = argparse.ArgumentParser()
     add_network_options(parser)
     words = ["--seed=7", "--length-km=2.5", "--fiber=drift_time_s=1", "--fiber=filter_nm=2"]
-    words += ["--controller=os-ken", "--app=one", "--app=two"]
+    words += ["--controller=os-ken", "--app=one", "--app=two", "--metrics"]
     assert from_keywords(
         {
             "seed": 7,
@@ -27,6 +27,7 @@ def test_a_keyword_means_the_same_as_its_option() -> None:
             "fiber": ["drift_time_s=1", "filter_nm=2"],
             "controller": "os-ken",
             "apps": ["one", "two"],
+            "metrics": True,
         }
     ) == parser.parse_args(words)
 

@@ -366,6 +366,7 @@ EVENT = Event(
     port="bob-q0",
     photons=1_000_000,
     lost=7,
+    photon=5,
     detail="with 3/0: Phi+=8 später",
 )
 
@@ -382,6 +383,7 @@ def test_every_field_of_an_event_is_shown(tmp_path: Path) -> None:
         "qevent.photons": EVENT.photons,
         "qevent.lost": 7,
         "qevent.detail": EVENT.detail,
+        "qevent.photon": EVENT.photon,
     }
     every = {field.name for field in Event.DESCRIPTOR.fields}
     assert {name.split(".")[1] for name in values} >= every - {"block"}, "a new field: name it here"
