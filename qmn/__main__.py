@@ -20,6 +20,7 @@ from qmn import (  # noqa: E402
     paths,
     policy,
     replay,
+    report,
     run,
     sabot,
     set,  # noqa: A004
@@ -43,6 +44,7 @@ VERBS = (
     classical,
     sabot,
     replay,
+    report,
     doctor,
     clean,
     bench,

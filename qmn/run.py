@@ -20,7 +20,9 @@ from hosts.middleware.coding import CODES
 from hosts.middleware.frame_format import MAX_BLOCK_PAIRS, FrameFormat
 from qmn import result
 from qmn.device_words import differences
+from qmn.network_facts import network_facts
 from qmn.networks import TOPOLOGIES, BadTopology, every_device, every_fiber, topology
+from qmn.report import report_of_run
 from qmn.run_folder import give_to_invoker, make_folder, point_latest
 from qmn.timeline import NoCaptures, captured_bytes, merge
 from qmn.transfer import Transfer, TransferError, dispatcher_status, transfer
@@ -139,8 +141,9 @@ def run(arguments: argparse.Namespace, signals: Signals, console: Console) -> in
     finally:
         facts["timeline"] = make_timeline(folder)
         result.complete(facts, folder)
+        report = report_of_run(folder)
         give_to_invoker(folder)
-    result.show(console, facts, folder)
+    result.show(console, facts, folder, report)
     return 0 if facts["delivered"] else 1
 
 
@@ -298,6 +301,7 @@ def beginning(arguments: argparse.Namespace, folder: Path) -> dict[str, Any]:
                 "spines",
                 "loss_budget_db",
                 "contention",
+                "openflow_port",
             )
             if getattr(arguments, name) is not None
         },
@@ -354,6 +358,7 @@ def run_network(
     )
     console.print(f"starting the network ({arguments.controller}, seed {arguments.seed}) ...")
     with Network(topology(arguments), settings, signals) as network:
+        facts["network"] = network_facts(network).to_dict()
         facts["backend"] = dispatcher_status(network).backend
         if not arguments.no_capture:
             files = [*network.capture("s1"), network.capture_openflow()]
@@ -364,7 +369,9 @@ def run_network(
         )
         size = order.file.stat().st_size
         with progress_bar(console, facts, size, pairs_of(arguments, size)) as progress:
-            progress(transfer(network, order, progress)[0])
+            sent, received = transfer(network, order, progress)
+            progress(sent)
+        facts["confusion"] = received.get("confusion")
         facts["exact"] = dispatcher_status(network).exact
     facts["packets_not_captured"] = network.packets_missed
 
