@@ -1,6 +1,6 @@
 """The charts of a run: its rate, errors, symbols, losses, and how long paths took."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import ceil
 
 import numpy as np
@@ -13,32 +13,34 @@ from qmn.reports.drawing import BAD, INK, METADATA, MUTED, QUANTUM, SMALL_INCHES
 from qmn.reports.light_paths import LightPath
 
 MAX_BINS = 60
-SYMBOLS = ("0 (00)", "1 (01)", "2 (10)", "3 (11)")
+SYMBOLS = {3: "012", 4: ("00", "01", "10", "11")}  # three states carry no whole bits
 
 
-def rate(times_ns: Sequence[int], pairs: Sequence[int], lost: Sequence[int]) -> str:
-    """Draw Bell pairs measured a second, and of these the lost ones, over the run.
+@drawing.styled
+def rate(begin_ns: int, times_ns: Sequence[int], pairs: Sequence[int], lost: Sequence[int]) -> str:
+    """Draw Bell pairs measured a second, and of these the lost ones, from a time on.
 
     Bins are alike and as many as there are blocks, at most MAX_BINS.
     """
-    seconds = (np.array(times_ns) - times_ns[0]) / 1e9
-    span = max(float(seconds[-1]), 1e-3)
+    seconds = (np.array(times_ns) - begin_ns) / 1e9
+    span = max(float(seconds[-1]), 1e-6)
     edges = np.linspace(0, span, min(MAX_BINS, len(times_ns)) + 1)
-    made, (axes,) = drawing.figure(*SMALL_INCHES)
+    made, axes = drawing.figure(*SMALL_INCHES)
     for counts, colour, label in ((pairs, QUANTUM, "measured"), (lost, BAD, "lost")):
         found, _edges = np.histogram(seconds, edges, weights=counts)
         axes.stairs(found / np.diff(edges), edges, color=colour, linewidth=1.8, label=label)
     axes.set_ylim(bottom=0)
-    axes.set_xlabel("time since the first measurement (s)")
+    axes.set_xlabel("time since the first pairs were made (s)")
     axes.set_ylabel("Bell pairs/s")
     axes.yaxis.set_major_formatter(EngFormatter())
     made.legend(loc="outside upper center", ncols=2)
     return drawing.svg(made, "Bell pairs a second over time")
 
 
-def errors(seconds: Sequence[float], counts: dict[str, Sequence[int]]) -> str:
+@drawing.styled
+def errors(seconds: Sequence[float], counts: Mapping[str, Sequence[int]]) -> str:
     """Draw counts that have grown during the run, as the sender has heard of them."""
-    made, (axes,) = drawing.figure(*SMALL_INCHES)
+    made, axes = drawing.figure(*SMALL_INCHES)
     for (label, values), colour in zip(counts.items(), (BAD, METADATA, QUANTUM), strict=False):
         marker = "o" if len(seconds) < 20 else ""
         axes.plot(
@@ -52,12 +54,13 @@ def errors(seconds: Sequence[float], counts: dict[str, Sequence[int]]) -> str:
     return drawing.svg(made, "errors over time")
 
 
+@drawing.styled
 def confusion(counts: NDArray[np.int64], states: int) -> str:
     """Draw how often each symbol that was sent was received as which."""
     shown = counts[:states, :states]
     rows = shown.sum(axis=1, keepdims=True)
     shares = shown / np.maximum(rows, 1)
-    made, (axes,) = drawing.figure(*SMALL_INCHES)
+    made, axes = drawing.figure(*SMALL_INCHES)
     axes.grid(visible=False)
     for sent, received in np.ndindex(shown.shape):
         share, count = float(shares[sent, received]), int(shown[sent, received])
@@ -70,8 +73,8 @@ def confusion(counts: NDArray[np.int64], states: int) -> str:
         axes.text(received, sent, text, ha="center", va="center", color=INK, fontsize=9)
     axes.set_xlim(-0.5, states - 0.5)
     axes.set_ylim(states - 0.5, -0.5)
-    axes.set_xticks(range(states), SYMBOLS[:states])
-    axes.set_yticks(range(states), SYMBOLS[:states])
+    axes.set_xticks(range(states), list(SYMBOLS[states]))
+    axes.set_yticks(range(states), list(SYMBOLS[states]))
     axes.set_xlabel("symbol received")
     axes.set_ylabel("symbol sent")
     axes.tick_params(length=0)
@@ -83,11 +86,12 @@ def _cell(corner: tuple[float, float], colour: str, alpha: float) -> Rectangle:
     return Rectangle(corner, 0.92, 0.88, facecolor=colour, alpha=alpha, edgecolor="none")
 
 
+@drawing.styled
 def loss_budget(paths: Sequence[LightPath], budget_db: float) -> str:
     """Draw what each hop of each path loses, one bar for a hop, and the budget of a path."""
     bars = [(path, hop) for path in paths for hop in path.hops]
     heights = len(bars) + 1.3 * len(paths)
-    made, (axes,) = drawing.figure(SMALL_INCHES[0], max(SMALL_INCHES[1], 0.75 + 0.21 * heights))
+    made, axes = drawing.figure(SMALL_INCHES[0], max(SMALL_INCHES[1], 0.75 + 0.21 * heights))
     y = 0.0
     for path in paths:
         axes.text(0, y, f"{path.begin} → {path.end}", fontsize=9, weight="bold", va="center")
@@ -115,9 +119,10 @@ def loss_budget(paths: Sequence[LightPath], budget_db: float) -> str:
     return drawing.svg(made, "loss of each hop")
 
 
+@drawing.styled
 def setup_times(times_ms: Sequence[float]) -> str:
     """Draw how often the set-up of a path took how long, with median and 99th percentile."""
-    made, (axes,) = drawing.figure(*SMALL_INCHES)
+    made, axes = drawing.figure(*SMALL_INCHES)
     bins = min(40, max(5, ceil(2 * len(times_ms) ** 0.5)))
     axes.hist(times_ms, bins=bins, color=METADATA, alpha=0.75)
     for share, style in ((50, "-"), (99, ":")):

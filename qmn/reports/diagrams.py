@@ -14,11 +14,12 @@ from qmn.reports.sequence import Step
 
 COLOURS = {sequence.METADATA: METADATA, sequence.OPENFLOW: OPENFLOW, sequence.QUANTUM: QUANTUM}
 ROW_INCHES, LANE_INCHES, TIMES_INCHES, HEAD_INCHES = 0.24, 1.75, 1.0, 0.45
-NETWORK_INCHES = (7.2, 4.6)
+NETWORK_INCHES = (7.2, 4.2)
 NODE_INCHES = (0.95, 0.36)
 Place = tuple[float, float]
 
 
+@drawing.styled
 def network(facts: NetworkFacts, paths: Sequence[LightPath]) -> str:
     """Draw hosts, switches, copper and fibres with length and loss; light paths are strong."""
     made, axes = drawing.diagram(*NETWORK_INCHES)
@@ -37,9 +38,9 @@ def network(facts: NetworkFacts, paths: Sequence[LightPath]) -> str:
         used = fiber_name(fiber) in lit
         _line(axes, begin, end, QUANTUM if used else MUTED, width=2.4 if used else 1.0)
         share = 0.38 + 0.2 * number
-        middle = tuple(one + share * (two - one) for one, two in zip(begin, end, strict=True))
+        x, y = (one + share * (two - one) for one, two in zip(begin, end, strict=True))
         text = f"{fiber.length_km:g} km, {fiber.loss_db:.3g} dB"
-        _text(axes, *middle, text, INK if used else MUTED, size=8)
+        _text(axes, x, y, text, INK if used else MUTED, size=8)
     quantum = {switch.name for switch in facts.switches}
     for node, place in places.items():
         _node(axes, place, node, facts.addresses.get(node, ""), node in quantum)
@@ -104,6 +105,7 @@ def _text(axes: Axes, x: float, y: float, text: str, colour: str, size: float) -
     axes.text(x, y, text, color=colour, fontsize=size, ha="center", va="center", bbox=box, zorder=3)
 
 
+@drawing.styled
 def handshake(steps: Sequence[Step], names: Sequence[str]) -> str:
     """Draw who sent what to whom; every row is a moment, with its time on the left."""
     moments = _moments(steps)
@@ -157,12 +159,11 @@ def _step(axes: Axes, step: Step, begin: Place, end: Place) -> None:
     right = end[0] >= begin[0]
     axes.text(
         begin[0] + (0.1 if right else -0.1),
-        begin[1] - (0.02 if step.to_lane else 0),
+        begin[1] - (0.01 if step.to_lane else 0),
         step.text,
         color=colour,
         fontsize=8,
         ha="left" if right else "right",
-        va="bottom" if step.to_lane and begin[1] == end[1] else "center",
-        bbox={"facecolor": PAPER, "edgecolor": "none", "pad": 0.4, "alpha": 0.85},
+        va="bottom" if step.to_lane else "center",
         zorder=5,
     )

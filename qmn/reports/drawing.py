@@ -6,6 +6,7 @@ so that the same figure is right on white and on black.
 
 import re
 from io import StringIO
+from typing import Any
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
@@ -23,7 +24,7 @@ VARIABLES = {
     OPENFLOW: "openflow",
     BAD: "bad",
 }
-STYLE = {
+STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",
     "svg.hashsalt": "qmn",
     "font.size": 10,
@@ -45,31 +46,29 @@ STYLE = {
     "axes.facecolor": "none",
     "savefig.facecolor": "none",
 }
+styled = mpl.rc_context(STYLE)  # decorates what draws: matplotlib asks for a style at many times
 SMALL_INCHES = (4.8, 3.2)  # a chart: two beside each other, or one on a phone
 
 
-def figure(width: float, height: float, rows: int = 1) -> tuple[Figure, list[Axes]]:
-    """Return an empty figure of inches, and its axes from top to bottom."""
-    with mpl.rc_context(STYLE):
-        made = Figure(figsize=(width, height), layout="constrained")
-        axes = made.subplots(rows, sharex=True, squeeze=False)
-    return made, list(axes[:, 0])
+def figure(width: float, height: float) -> tuple[Figure, Axes]:
+    """Return an empty figure of inches, and its axes."""
+    made = Figure(figsize=(width, height), layout="constrained")
+    return made, made.add_subplot()
 
 
 def diagram(width: float, height: float) -> tuple[Figure, Axes]:
     """Return a figure of inches that its axes, which nobody sees, fill; the origin is top left."""
-    with mpl.rc_context(STYLE):
-        made = Figure(figsize=(width, height))
-        axes = made.add_axes((0, 0, 1, 1))
-        axes.set_axis_off()
-        axes.set_xlim(0, width)
-        axes.set_ylim(height, 0)
+    made = Figure(figsize=(width, height))
+    axes = made.add_axes((0, 0, 1, 1))
+    axes.set_axis_off()
+    axes.set_xlim(0, width)
+    axes.set_ylim(height, 0)
     return made, axes
 
 
 def svg(made: Figure, label: str) -> str:
     """Return the figure as an element of a page; `label` is for those who do not see it."""
-    with mpl.rc_context(STYLE), StringIO() as text:
+    with StringIO() as text:
         made.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
         drawn = text.getvalue()
     drawn = drawn[drawn.index("<svg") :]

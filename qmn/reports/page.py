@@ -97,7 +97,7 @@ def _handshake(run: RunFacts) -> str:
         text = "Packets were not captured: quantum events alone, from the first on."
     text += f" {more:,} further steps are not shown." if more else ""
     drawn = diagrams.handshake(steps, lanes(steps, run.network))
-    return _figure("The handshake, in both layers", drawn, text, "wide")
+    return _figure("The handshake, in both layers", drawn, text, "wide handshake")
 
 
 def _charts(run: RunFacts, paths: Sequence[LightPath]) -> Iterator[str]:
@@ -107,8 +107,9 @@ def _charts(run: RunFacts, paths: Sequence[LightPath]) -> Iterator[str]:
     if measured:
         lists = [(event.time_ns, event.photons, event.lost) for event in measured]
         times, pairs, lost = map(list, zip(*lists, strict=True))
-        text = f"{len(measured):,} blocks, when the receiver measured them."
-        yield _figure(title, charts.rate(times, pairs, lost), text)
+        begin_ns = min([*times, *(e.time_ns for e in run.events if e.kind == "create")])
+        text = f"Blocks counted when the receiver measured them: {len(measured):,}."
+        yield _figure(title, charts.rate(begin_ns, times, pairs, lost), text)
     else:
         yield _missing(title, "no Bell pair was measured.")
     title = "Errors over time"
@@ -132,7 +133,7 @@ def _charts(run: RunFacts, paths: Sequence[LightPath]) -> Iterator[str]:
         yield _missing(title, "no light path stood.")
     title = "Set-up of light paths"
     if run.setup_ms:
-        text = f"From metadata at the controller to light path, {len(run.setup_ms):,} times."
+        text = f"From metadata at the controller to light path; paths: {len(run.setup_ms):,}."
         yield _figure(title, charts.setup_times(run.setup_ms), text)
     else:
         yield _missing(title, "no light path was set up.")
@@ -192,7 +193,8 @@ def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     body = "".join(
         "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
     )
-    return f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
+    table = f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+    return f'<div class="scroll">{table}</div>'
 
 
 def _figure(title: str, drawn: str, text: str, kind: str = "") -> str:
