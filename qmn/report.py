@@ -9,7 +9,7 @@ from qmn.run_folder import give
 from topologies.runtime import EVENT_CAPTURE
 from wire.metadata import MalformedPacket
 
-AT_MOST_EVENT_BYTES = 50_000_000  # read at the end of a run: some seconds
+AT_MOST_EVENT_BYTES = 10_000_000  # read at the end of a run: about 5 s
 
 
 class NoReport(Exception):

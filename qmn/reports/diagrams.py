@@ -1,7 +1,7 @@
 """Two drawings of a run: its network with the light paths, and its handshake."""
 
 from collections.abc import Sequence
-from math import cos, pi, sin
+from math import atan2, degrees
 
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle, FancyBboxPatch
@@ -14,7 +14,9 @@ from qmn.reports.sequence import Step
 
 COLOURS = {sequence.METADATA: METADATA, sequence.OPENFLOW: OPENFLOW, sequence.QUANTUM: QUANTUM}
 ROW_INCHES, LANE_INCHES, TIMES_INCHES, HEAD_INCHES = 0.24, 1.75, 1.0, 0.45
-NETWORK_INCHES = (7.2, 4.2)
+NETWORK_INCHES = (8.6, 4.2)  # at least so high
+COLUMNS = (0.075, 0.28, 0.58, 0.92)  # shares of the width
+NODE_ROW_INCHES = 0.62
 NODE_INCHES = (0.95, 0.36)
 Place = tuple[float, float]
 
@@ -22,11 +24,20 @@ Place = tuple[float, float]
 @drawing.styled
 def network(facts: NetworkFacts, paths: Sequence[LightPath]) -> str:
     """Draw hosts, switches, copper and fibres with length and loss; light paths are strong."""
-    made, axes = drawing.diagram(*NETWORK_INCHES)
-    places = _places(facts)
+    columns = _columns(facts)
+    width, height = NETWORK_INCHES
+    height = max(height, NODE_ROW_INCHES * max(map(len, columns)))
+    places = {
+        name: (share * width, height * (number + 0.5) / len(names))
+        for names, share in zip(columns, COLUMNS, strict=True)
+        for number, name in enumerate(names)
+    }
+    made, axes = drawing.diagram(width, height)
     for node1, _interface1, node2, _interface2 in facts.copper:
         if node1 in places and node2 in places:
-            _line(axes, places[node1], places[node2], MUTED, dashed=True)
+            to_quantum = {node1, node2} & {switch.name for switch in facts.switches}
+            colour = drawing.GRID if to_quantum else MUTED  # those pass behind hosts
+            _line(axes, places[node1], places[node2], colour, dashed=True)
     lit = {hop.name for path in paths for hop in path.hops if hop.ends != ("", "")}
     beside: dict[frozenset[str], int] = {}
     for fiber in facts.fibers:
@@ -37,32 +48,33 @@ def network(facts: NetworkFacts, paths: Sequence[LightPath]) -> str:
         begin, end = _moved(places[fiber.a.node], places[fiber.b.node], offset)
         used = fiber_name(fiber) in lit
         _line(axes, begin, end, QUANTUM if used else MUTED, width=2.4 if used else 1.0)
-        share = 0.38 + 0.2 * number
-        x, y = (one + share * (two - one) for one, two in zip(begin, end, strict=True))
         text = f"{fiber.length_km:g} km, {fiber.loss_db:.3g} dB"
-        _text(axes, x, y, text, INK if used else MUTED, size=8)
+        _label(axes, begin, end, text, INK if used else MUTED)
     quantum = {switch.name for switch in facts.switches}
     for node, place in places.items():
         _node(axes, place, node, facts.addresses.get(node, ""), node in quantum)
     return drawing.svg(made, "the network: hosts, switches, fibres with length and loss")
 
 
-def _places(facts: NetworkFacts) -> dict[str, Place]:
-    """Return where nodes are: classical switches on the left, hosts, quantum switches right."""
+def _columns(facts: NetworkFacts) -> tuple[list[str], ...]:
+    """Return the nodes in columns from left to right: classical switches, hosts, quantum switches.
+
+    Quantum switches without a host, as spines, have a column of their own on the right. Each
+    host is about as high as its switch, so that few fibres cross.
+    """
     quantum = [switch.name for switch in facts.switches]
     copper = {name for link in facts.copper for name in (link[0], link[2])}
     classical = sorted(copper - facts.addresses.keys() - set(quantum))
-    width, height = NETWORK_INCHES
-    column = height - 0.5
-    places: dict[str, Place] = {}
-    for names, x in ((classical, 0.7), (list(facts.addresses), 0.36 * width)):
-        for number, name in enumerate(names):
-            places[name] = (x, 0.25 + column * (number + 0.5) / len(names))
-    centre, radius = (0.76 * width, height / 2), min(1.5, 0.55 * (len(quantum) - 1))
-    for number, name in enumerate(quantum):
-        angle = 2 * pi * number / len(quantum) - pi / 2
-        places[name] = (centre[0] + 0.8 * radius * cos(angle), centre[1] + radius * sin(angle))
-    return places
+    joined = [(fiber.a.node, fiber.b.node) for fiber in facts.fibers]
+    joined += [(two, one) for one, two in joined]
+    edge = [name for name in quantum if any((name, host) in joined for host in facts.addresses)]
+    inner = [name for name in quantum if name not in edge]
+    heights = {name: number for number, name in enumerate(edge)}
+    hosts = sorted(
+        facts.addresses,
+        key=lambda host: min((heights[q] for q in edge if (host, q) in joined), default=len(edge)),
+    )
+    return classical, hosts, edge, inner
 
 
 def _node(axes: Axes, place: Place, name: str, below: str, quantum: bool) -> None:
@@ -85,7 +97,7 @@ def _node(axes: Axes, place: Place, name: str, below: str, quantum: bool) -> Non
 
 
 def _moved(one: Place, two: Place, offset: float) -> tuple[Place, Place]:
-    """Return a line beside another, in inches."""
+    """Return a line beside another that leads to the right, or up; in inches."""
     (x1, y1), (x2, y2) = sorted((one, two))
     length = ((x2 - x1) ** 2 + (y2 - y1) ** 2) ** 0.5 or 1.0
     across = (-(y2 - y1) / length * offset, (x2 - x1) / length * offset)
@@ -100,9 +112,23 @@ def _line(
     axes.plot([x1, x2], [y1, y2], color=colour, linewidth=width, linestyle=style, zorder=2)
 
 
-def _text(axes: Axes, x: float, y: float, text: str, colour: str, size: float) -> None:
-    box = {"facecolor": PAPER, "edgecolor": "none", "pad": 0.8}
-    axes.text(x, y, text, color=colour, fontsize=size, ha="center", va="center", bbox=box, zorder=3)
+def _label(axes: Axes, one: Place, two: Place, text: str, colour: str) -> None:
+    """Write along a line that leads to the right, or straight up or down."""
+    (x1, y1), (x2, y2) = one, two
+    # Lines that cross do so in the middle.
+    place = 0.5 if x1 == x2 else 0.42
+    axes.text(
+        x1 + place * (x2 - x1),
+        y1 + place * (y2 - y1),
+        text,
+        color=colour,
+        fontsize=8,
+        ha="center",
+        va="center",
+        rotation=degrees(atan2(y1 - y2, x2 - x1)),
+        bbox={"facecolor": PAPER, "edgecolor": "none", "pad": 0.8},
+        zorder=3,
+    )
 
 
 @drawing.styled

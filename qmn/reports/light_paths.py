@@ -38,11 +38,15 @@ def light_paths(network: NetworkFacts, events: Iterable[Event]) -> list[LightPat
     plant = _Plant(network)
     found: dict[LightPath, None] = {}
     ways: dict[FiberEnd, str] = {}
+    known: set[frozenset[tuple[FiberEnd, str]]] = set()  # a run may open the same path often
     for event in events:
         if event.kind == "open":
             in_port, _arrow, out_port = event.detail.split()[:3]
             ways[FiberEnd(event.node, in_port)] = out_port
-            found.update(dict.fromkeys(plant.paths(ways)))
+            connected = frozenset(ways.items())
+            if connected not in known:
+                known.add(connected)
+                found.update(dict.fromkeys(plant.paths(ways)))
         elif event.kind == "close":
             ways.pop(FiberEnd(event.node, event.port), None)
     return list(found)
