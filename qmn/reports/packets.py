@@ -90,9 +90,9 @@ def flights(folder: Path, network: NetworkFacts, limit: int) -> list[Flight]:
         host = network.host_at(file.stem)
         for time_ns, flow, sequence, message in islice(messages(file), limit):
             if hosts.get(flow.source) == host:
-                left.setdefault((flow, sequence), (time_ns, message))
+                left[flow, sequence] = time_ns, message
             elif hosts.get(flow.target) == host:
-                arrived.setdefault((flow, sequence), (time_ns, message))
+                arrived[flow, sequence] = time_ns, message
     found = []
     for key, (left_ns, message) in left.items():
         flow, _sequence = key
