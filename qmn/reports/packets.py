@@ -29,6 +29,7 @@ from wire.pcapng import LINKTYPE_ETHERNET, Packet, PcapReader
 
 _IPV4, _TCP = 0x0800, 6
 _ETHERNET_BYTES = 14
+MAX_PACKETS = 100_000  # looked at in each capture: a handshake is at its beginning
 _OPENFLOW = struct.Struct("!BBHI")  # version, type, length, transaction
 OPENFLOW_1_4 = 5
 _SETUP = struct.pack("!HBBI", MAGIC, VERSION, Setup.KIND, SETUP_LENGTH)
@@ -67,12 +68,12 @@ class Flight:
 
 
 def segments(file: Path) -> Iterator[Segment]:
-    """Yield the TCP segments with data of a capture; raise MalformedPacket if it is none."""
+    """Yield the first TCP segments with data of a capture; raise MalformedPacket if it is none."""
     with file.open("rb") as opened:
         reader = PcapReader(opened)
         if reader.link_type != LINKTYPE_ETHERNET:
             raise MalformedPacket(f"{file.name}: link type {reader.link_type} is not Ethernet")
-        for packet in reader.packets():
+        for packet in islice(reader.packets(), MAX_PACKETS):
             segment = _segment(packet)
             if segment is not None:
                 yield segment
@@ -88,6 +89,8 @@ def flights(folder: Path, network: NetworkFacts, limit: int) -> list[Flight]:
     arrived: dict[tuple[Flow, int], tuple[int, Message]] = {}
     for file in sorted(folder.glob("*.pcap")):
         host = network.host_at(file.stem)
+        if not host:
+            continue
         for time_ns, flow, sequence, message in islice(messages(file), limit):
             if hosts.get(flow.source) == host:
                 left[flow, sequence] = time_ns, message

@@ -32,7 +32,7 @@ MAX_MOMENTS = 64
 MAX_EVENTS = 200  # looked at: more than can be shown
 BARRIER, BARRIER_REPLY = 20, 21  # types of OpenFlow messages
 HOLDING = (10, 13)  # packet-in and packet-out
-PROGRAMMING = MappingProxyType({14: "FLOW_MOD", 34: "BUNDLE_ADD of a FLOW_MOD"})
+PROGRAMMING = MappingProxyType({14: "FLOW_MOD", 34: "bundled FLOW_MOD"})
 Spoken = tuple[int, Flow, bytes]
 
 
@@ -57,7 +57,7 @@ def handshake(
     folder: Path, network: NetworkFacts, events: Sequence[Event], openflow_port: int
 ) -> tuple[list[Step], int]:
     """Return the first steps of a run from its first set-up on, and how many of these followed."""
-    seen = flights(folder, network, MAX_MOMENTS)
+    seen = flights(folder, network, 2 * MAX_MOMENTS)
     steps = [_metadata_step(flight) for flight in seen]
     begin = min((step.time_ns for step in steps), default=0)
     end = max((step.arrival_ns or step.time_ns for step in steps), default=1 << 63)

@@ -24,7 +24,7 @@ def test_a_run_ends_with_a_report_of_both_layers(tmp_path: Path) -> None:
     order = [
         "Setup SDC, code golay: GRANTED",
         "packet-in: set-up held",
-        "BUNDLE_ADD of a FLOW_MOD",
+        "bundled FLOW_MOD",
         "barrier reply: path ready",
         "packet-out: set-up released",
         "Setup PAIR SOURCE, code golay: GRANTED",
