@@ -95,7 +95,7 @@ def _handshake(run: RunFacts) -> str:
     )
     if not any(step.layer == "metadata" for step in steps):
         text = "Packets were not captured: quantum events alone, from the first on."
-    text += f" {more:,} further steps are not shown." if more else ""
+    text += " What followed is in all.pcapng." if more else ""
     drawn = diagrams.handshake(steps, lanes(steps, run.network))
     return _figure("The handshake, in both layers", drawn, text, "wide handshake")
 
