@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from math import ceil
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import EngFormatter, MaxNLocator
 from numpy.typing import NDArray
@@ -30,7 +31,8 @@ def rate(begin_ns: int, times_ns: Sequence[int], pairs: Sequence[int], lost: Seq
         found, _edges = np.histogram(seconds, edges, weights=counts)
         axes.stairs(found / np.diff(edges), edges, color=colour, linewidth=1.8, label=label)
     axes.set_ylim(bottom=0)
-    axes.set_xlabel("time since the first pairs were made (s)")
+    axes.set_xlabel("time since the first pairs were made")
+    _seconds(axes)
     axes.set_ylabel("Bell pairs/s")
     axes.yaxis.set_major_formatter(EngFormatter())
     made.legend(loc="outside upper center", ncols=2)
@@ -48,10 +50,16 @@ def errors(seconds: Sequence[float], counts: Mapping[str, Sequence[int]]) -> str
         )
     axes.set_ylim(bottom=0, top=max(1, *(max(values) * 1.1 for values in counts.values())))
     axes.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=6))
-    axes.set_xlabel("time since the session began (s)")
+    axes.set_xlabel("time since the session began")
+    _seconds(axes)
     axes.set_ylabel("count so far")
     made.legend(loc="outside upper center", ncols=len(counts), columnspacing=1)
     return drawing.svg(made, "errors over time")
+
+
+def _seconds(axes: Axes) -> None:
+    axes.xaxis.set_major_locator(MaxNLocator(nbins=6))
+    axes.xaxis.set_major_formatter(EngFormatter(unit="s"))
 
 
 @drawing.styled
@@ -103,8 +111,15 @@ def loss_budget(paths: Sequence[LightPath], budget_db: float) -> str:
             colour = QUANTUM if hop.ends != ("", "") else METADATA
             axes.barh(y, hop.loss_db, left=before, height=0.7, color=colour)
             axes.plot([before, before], [y - 0.35, y + 0.35], color=colour, linewidth=1.5)
-            text = f" {hop.name}: {hop.loss_db:.3g} dB"
-            axes.text(before + hop.loss_db, y, text, va="center", fontsize=8)
+            text = f"{hop.name}: {hop.loss_db:.3g} dB"
+            axes.annotate(
+                text,
+                (before + hop.loss_db, y),
+                (3, 0),
+                textcoords="offset points",
+                va="center",
+                fontsize=8,
+            )
             before += hop.loss_db
         y += 1.3
     most = max((path.loss_db for path in paths), default=0.0)
