@@ -11,8 +11,17 @@ from conftest import ROOT, qmn
 
 
 def test_a_run_ends_with_a_report_of_both_layers(tmp_path: Path) -> None:
-    noise = ("--depolarizing", "0.02", "--length-km", "5", "--loss-db-per-km", "0.2")
-    done = qmn("--message", "look at it " * 20, *noise, "--fec", "golay", runs=tmp_path)
+    noise = ("--depolarizing", "0.005", "--length-km", "5", "--loss-db-per-km", "0.2")
+    done = qmn(
+        "--message",
+        "look at it " * 20,
+        *noise,
+        "--fec",
+        "golay",
+        "--frame-bytes",
+        "32",
+        runs=tmp_path,
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     run = tmp_path / "latest"
     page = (run / "report.html").read_text()
