@@ -1,5 +1,6 @@
 """Which light paths stood in a run: cross-connects that opened, joined by fibres."""
 
+import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -8,6 +9,8 @@ from qmn.network_facts import NetworkFacts
 from wire.config import QuantumSwitch
 from wire.dispatcher_pb2 import Event
 from wire.fiber import Fiber, FiberEnd
+
+_OUTCOME = re.compile(r"(?:Phi|Psi)[+-]=(\d+)")
 
 
 @dataclass(frozen=True)
@@ -112,3 +115,11 @@ def photons_by_port(events: Iterable[Event]) -> dict[str, tuple[int, int]]:
             photons, lost = counts[event.port]
             counts[event.port] = (photons + event.photons, lost + event.lost)
     return dict(counts)
+
+
+def without_outcome(event: Event) -> int:
+    """Return of how many pairs a Bell measurement says nothing, as one or both halves were lost.
+
+    `lost` of the event is of one half alone.
+    """
+    return int(event.photons) - sum(map(int, _OUTCOME.findall(event.detail)))

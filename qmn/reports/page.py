@@ -7,7 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from qmn.reports import charts, diagrams
-from qmn.reports.light_paths import LightPath, fiber_name, light_paths, photons_by_port
+from qmn.reports.light_paths import (
+    LightPath,
+    fiber_name,
+    light_paths,
+    photons_by_port,
+    without_outcome,
+)
 from qmn.reports.run_facts import RunFacts, read_run
 from qmn.reports.sequence import handshake, lanes
 from topologies.runtime import OPENFLOW_PORT
@@ -105,7 +111,7 @@ def _charts(run: RunFacts, paths: Sequence[LightPath]) -> Iterator[str]:
     measured.sort(key=lambda event: event.time_ns)
     title = "Bell pairs a second"
     if measured:
-        lists = [(event.time_ns, event.photons, event.lost) for event in measured]
+        lists = [(event.time_ns, event.photons, without_outcome(event)) for event in measured]
         times, pairs, lost = map(list, zip(*lists, strict=True))
         begin_ns = min([*times, *(e.time_ns for e in run.events if e.kind == "create")])
         text = f"Blocks counted when the receiver measured them: {len(measured):,}."

@@ -150,7 +150,8 @@ def _lost(event: Event) -> str:
 def _describe_event(event: Event, switches: set[str]) -> str:
     if event.node in switches:
         return f"{event.node} {event.kind} {event.detail.replace(' -> ', '→')}"
-    counts = f" {event.photons:,}{_lost(event)}" if event.photons else ""
+    lost = "" if event.kind == "bell-measure" else _lost(event)  # there of one half alone
+    counts = f" {event.photons:,}{lost}" if event.photons else ""
     outcomes = event.detail.partition(": ")[2] if event.kind == "bell-measure" else ""
     return f"{event.kind}{counts}{' ' if outcomes else ''}{outcomes}"
 

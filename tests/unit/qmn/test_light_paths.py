@@ -4,7 +4,7 @@ import pytest
 from recorded_run import NETWORK, events
 
 from qmn.network_facts import NetworkFacts
-from qmn.reports.light_paths import light_paths, photons_by_port
+from qmn.reports.light_paths import light_paths, photons_by_port, without_outcome
 
 
 def test_a_path_leads_through_switches_that_were_connected_at_the_same_time() -> None:
@@ -34,6 +34,12 @@ def test_light_that_goes_in_circles_is_no_path() -> None:
 
 def test_photons_are_counted_where_they_arrive() -> None:
     assert photons_by_port(events()) == {"bob-q0": (100, 40)}
+
+
+def test_a_pair_is_lost_if_either_half_is() -> None:
+    measured = next(event for event in events() if event.kind == "bell-measure")
+    measured.detail = "with 1/1: Phi+=20 Psi-=11"
+    assert (without_outcome(measured), measured.lost) == (69, 40)
 
 
 def test_a_network_survives_json() -> None:
