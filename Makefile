@@ -4,7 +4,7 @@ SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help setup packages run-sdc test test-docker lint types unit emulation bench curves image clean lock
+.PHONY: help setup packages run-sdc test test-docker lint types unit emulation bench curves image clean lock browser
 
 PYTHON := .venv/bin/python
 # The caches and byte code of root would be in the user's way.
@@ -48,7 +48,7 @@ lint: setup ## Check style and formatting
 types: setup ## Check types
 	$(PYTHON) -m mypy
 
-unit: setup ## Run the unit tests (no root)
+unit: setup browser ## Run the unit tests (no root)
 	$(PYTEST) tests/unit
 
 emulation: setup ## Run the emulation tests (root, Open vSwitch)
@@ -72,6 +72,9 @@ lock: ## Choose new versions of the Python packages
 
 packages:
 	@setup/packages apt-packages.txt
+
+browser:
+	@setup/browser
 
 .venv/complete: requirements.lock ryu.lock build-constraints.txt | packages
 	@setup/environment

@@ -21,6 +21,7 @@ from qmn import (  # noqa: E402
     paths,
     policy,
     replay,
+    report,
     run,
     sabot,
     set,  # noqa: A004
@@ -45,6 +46,7 @@ VERBS = (
     classical,
     sabot,
     replay,
+    report,
     doctor,
     clean,
     bench,

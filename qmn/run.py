@@ -20,6 +20,7 @@ from qmn import result
 from qmn.device_words import differences
 from qmn.dispatcher_calls import status
 from qmn.metrics_targets import announce
+from qmn.network_facts import network_facts
 from qmn.network_options import (
     BadInput,
     add_network_options,
@@ -36,6 +37,7 @@ from qmn.networks import (
     quantum_hosts,
     topology,
 )
+from qmn.report import report_of_run
 from qmn.run_folder import give_to_invoker, make_folder, point_latest
 from qmn.timeline import NoCaptures, captured_bytes, merge
 from qmn.transfer import Transfer, TransferError, transfer
@@ -78,8 +80,6 @@ def add_parser(verbs: Any) -> None:
     add("--runs", type=Path, default=Path("runs"), metavar="DIR", help="what runs leave (runs)")
     add("--qasm", action="store_true", help="write what is done to qubits to quantum.qasm")
     add("--no-capture", action="store_true", help="do not capture packets")
-    text = "write an event for each of the first N photons of a block (1000), too"
-    add("--per-qubit", type=int, nargs="?", const=1000, default=0, metavar="N", help=text)
     add("--no-events", action="store_true", help="do not write what happens to qubits")
     add("--no-record", action="store_true", help="do not record what `qmn replay` needs")
     parser.set_defaults(call=call)
@@ -117,8 +117,9 @@ def run(arguments: argparse.Namespace, signals: Signals, console: Console) -> in
     finally:
         facts["timeline"] = make_timeline(folder)
         result.complete(facts, folder)
+        report = report_of_run(folder)
         give_to_invoker(folder)
-    result.show(console, facts, folder)
+    result.show(console, facts, folder, report)
     return 0 if facts["delivered"] else 1
 
 
@@ -243,6 +244,7 @@ def beginning(arguments: argparse.Namespace, folder: Path) -> dict[str, Any]:
                 "spines",
                 "loss_budget_db",
                 "contention",
+                "openflow_port",
             )
             if getattr(arguments, name) is not None
         },
@@ -291,6 +293,7 @@ def run_network(
     )
     console.print(f"starting the network ({arguments.controller}, seed {arguments.seed}) ...")
     with Network(topology(arguments), runtime, signals) as network:
+        facts["network"] = network_facts(network).to_dict()
         facts["backend"] = status(network).backend
         if arguments.metrics:
             facts["metrics"] = urls = announce(runtime.metrics_addresses, folder)
@@ -305,7 +308,9 @@ def run_network(
         )
         size = order.file.stat().st_size
         with progress_bar(console, facts, size, pairs_of(arguments, size)) as progress:
-            progress(transfer(network, order, progress)[0])
+            sent, received = transfer(network, order, progress)
+            progress(sent)
+        facts["confusion"] = received.get("confusion")
         facts["exact"] = status(network).exact
     facts["packets_not_captured"] = network.packets_missed
 
