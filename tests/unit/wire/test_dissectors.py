@@ -32,6 +32,7 @@ from wire.metadata import (
     Answer,
     Block,
     Emit,
+    Envelope,
     Finish,
     Frame,
     Handshake,
@@ -42,6 +43,8 @@ from wire.metadata import (
     Report,
     Service,
     Setup,
+    Topic,
+    Values,
     Verdict,
     decode,
     message_length,
@@ -83,6 +86,8 @@ METADATA: list[Message] = [
     Report(7, 8, 9, 2, 10, 11, 12, (11, 12), b"\x80\x01"),
     Report(8, 8, 9, 0, 10, 11, 12),
     Finish(9, (1 << 40) + 1, bytes(range(32))),
+    Values(10, Topic.ARRIVED, 1, 14, 11, b"\xff\xe0"),
+    Envelope(11, 200, b"own format"),
 ]
 SETTINGS = DeviceSettings(rate_hz=1_000_000, frame_bytes=64)
 REPORT = DeviceReport(
