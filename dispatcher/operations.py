@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import grpc
+import numpy as np
 
 from dispatcher.calls import limits
 from dispatcher.devices.emission import emit_into
@@ -128,7 +129,9 @@ class Operations:
         block = self._layer.ownership.require(name, node)
         self._layer.memories.store(block)
         self._layer.record(node, "store", block)
-        return self._layer.feedback(block)
+        feedback = self._layer.feedback(block)
+        feedback.arrived = block.register.present.astype(np.uint8).tobytes()
+        return feedback
 
     def discard(self, node: str, name: BlockName) -> Feedback:
         """Discard a block, also one that waits at a port of the node."""

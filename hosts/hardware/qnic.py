@@ -44,6 +44,14 @@ class Coincidences:
     time_ns: int
 
 
+@dataclass(frozen=True)
+class Stored:
+    """What a memory has taken."""
+
+    arrived: NDArray[np.bool_]  # shape (k,): whether each photon is in it
+    time_ns: int
+
+
 class Qnic(Protocol):
     """The light ports of a host and its source, modulators and detectors."""
 
@@ -86,6 +94,44 @@ class Qnic(Protocol):
         """Make Bell measurements on the halves 0 and 1 that arrive at two ports.
 
         Raise NoLight if no photon of a half arrives; what came of the other is let go.
+        """
+
+    async def prepare(self, session: int, number: int, states: Symbols) -> BlockName:
+        """Make a photon in each of these states (half 0), at this host; shape (k,).
+
+        States: 0 |0>, 1 |1>, 2 |+>, 3 |->, 4 |+i>, 5 |-i>.
+        """
+
+    async def send(self, block: BlockName, port: str, rate_hz: int, wavelength_pm: int) -> int:
+        """Send photons of this host into a port; return when (ns) the first one left.
+
+        Return when the last photon has reached the far end.
+        """
+
+    async def receive_into_memory(self, block: BlockName, port: str, timeout_s: float) -> Stored:
+        """Store the photons that arrive at a port; raise NoLight if none does.
+
+        From then on they decohere until they are used.
+        """
+
+    async def apply(self, block: BlockName, paulis: Symbols) -> None:
+        """Apply one Pauli operator (two bits: X, Z) to each photon at this host; shape (k,)."""
+
+    async def measure(self, block: BlockName, bases: Symbols) -> Symbols:
+        """Measure photons at this host, each in a basis (0 Z, 1 X, 2 Y); shape (k,).
+
+        Return 0 or 1 for each, 255 where no detector clicked; the photons are used up.
+        """
+
+    async def measure_arrivals(
+        self, block: BlockName, port: str, bases: Symbols, timeout_s: float
+    ) -> Symbols:
+        """Measure the photons that arrive at a port, as `measure` does; NoLight if none does."""
+
+    async def bell_measure(self, first: BlockName, second: BlockName) -> Symbols:
+        """Make Bell measurements on pairs of photons at this host; shape (k,).
+
+        Return 0 Phi+, 1 Psi+, 2 Phi-, 3 Psi- for each pair, 255 where there was no coincidence.
         """
 
     async def let_go(self, session: int, number: int) -> None:

@@ -7,7 +7,7 @@ import grpc
 import numpy as np
 
 from hosts.hardware.orders import NotHere, Orders
-from hosts.hardware.qnic import BlockName, Coincidences, HardwareError, NoLight, Symbols
+from hosts.hardware.qnic import BlockName, Coincidences, HardwareError, NoLight, Stored, Symbols
 from wire.dispatcher_pb2 import (
     ApplyRequest,
     BellMeasureRequest,
@@ -15,9 +15,11 @@ from wire.dispatcher_pb2 import (
     CreateRequest,
     DiscardRequest,
     Launch,
+    MeasureRequest,
     ReceiveRequest,
     SendRequest,
     Step,
+    StoreRequest,
     WatchRequest,
 )
 from wire.dispatcher_pb2_grpc import DispatcherStub
@@ -67,7 +69,7 @@ class SimulatedQnic:
         timeout_s: float,
     ) -> int:
         """Apply Pauli operators to the photons that arrive and send them back."""
-        name = _half(block.session, block.number, block.half)
+        name = _named(block)
         feedbacks = await self._orders.perform(
             Step(receive=ReceiveRequest(block=name, port=port, timeout_s=timeout_s)),
             Step(apply=ApplyRequest(block=name, paulis=paulis.tobytes())),
@@ -92,6 +94,63 @@ class SimulatedQnic:
             raise
         outcomes = np.frombuffer(feedback.outcomes, dtype=np.uint8)
         return Coincidences(outcomes, feedback.clicks, feedback.time_ns)
+
+    async def prepare(self, session: int, number: int, states: Symbols) -> BlockName:
+        """Make a photon in each of these states, at this host."""
+        create = CreateRequest(
+            session=session,
+            number=number,
+            count=states.size,
+            state=CreateRequest.PREPARED,
+            states=states.tobytes(),
+        )
+        await self._orders.perform(Step(create=create))
+        return BlockName(session, number, 0)
+
+    async def send(self, block: BlockName, port: str, rate_hz: int, wavelength_pm: int) -> int:
+        """Send photons of this host into a port."""
+        launches = [Launch(block=_named(block), port=port)]
+        (feedback,) = await self._orders.perform(
+            Step(send=_send(launches, rate_hz, wavelength_pm))
+        )
+        return int(feedback.first_ns)
+
+    async def receive_into_memory(self, block: BlockName, port: str, timeout_s: float) -> Stored:
+        """Store the photons that arrive at a port."""
+        name = _named(block)
+        _received, feedback = await self._orders.perform(
+            Step(receive=ReceiveRequest(block=name, port=port, timeout_s=timeout_s)),
+            Step(store=StoreRequest(block=name)),
+        )
+        return Stored(np.frombuffer(feedback.arrived, dtype=bool), feedback.time_ns)
+
+    async def apply(self, block: BlockName, paulis: Symbols) -> None:
+        """Apply one Pauli operator to each photon at this host."""
+        apply = ApplyRequest(block=_named(block), paulis=paulis.tobytes())
+        await self._orders.perform(Step(apply=apply))
+
+    async def measure(self, block: BlockName, bases: Symbols) -> Symbols:
+        """Measure photons at this host, each in a basis."""
+        measure = MeasureRequest(block=_named(block), bases=bases.tobytes())
+        (feedback,) = await self._orders.perform(Step(measure=measure))
+        return np.frombuffer(feedback.outcomes, dtype=np.uint8)
+
+    async def measure_arrivals(
+        self, block: BlockName, port: str, bases: Symbols, timeout_s: float
+    ) -> Symbols:
+        """Measure the photons that arrive at a port."""
+        name = _named(block)
+        feedbacks = await self._orders.perform(
+            Step(receive=ReceiveRequest(block=name, port=port, timeout_s=timeout_s)),
+            Step(measure=MeasureRequest(block=name, bases=bases.tobytes())),
+        )
+        return np.frombuffer(feedbacks[-1].outcomes, dtype=np.uint8)
+
+    async def bell_measure(self, first: BlockName, second: BlockName) -> Symbols:
+        """Make Bell measurements on pairs of photons at this host."""
+        bell = BellMeasureRequest(first=_named(first), second=_named(second))
+        (feedback,) = await self._orders.perform(Step(bell_measure=bell))
+        return np.frombuffer(feedback.outcomes, dtype=np.uint8)
 
     async def watch(self, session: int, history: bool) -> AsyncIterator[bytes]:
         """Yield what happens at this host; the dispatcher tells a host nothing else."""
@@ -125,6 +184,10 @@ class SimulatedQnic:
 def _send(launches: list[Launch], rate_hz: int, wavelength_pm: int) -> SendRequest:
     frequency = frequency_mhz(wavelength_pm)
     return SendRequest(launches=launches, rate_hz=rate_hz, frequency_mhz=frequency)
+
+
+def _named(block: BlockName) -> BlockId:
+    return _half(block.session, block.number, block.half)
 
 
 def _half(session: int, number: int, half: int) -> BlockId:
