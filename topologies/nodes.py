@@ -291,12 +291,12 @@ class OpticalSwitch(ClassicalSwitch):
         The target is set when the agent answers, because Open vSwitch would wait a second
         before it tried again; no flow can be there earlier.
         """
-        network = self.network
-        port = runtime.free_port()
+        network, commanding = self.network, self._controllers(controllers)
+        port = runtime.free_port(len(commanding))
         config = AgentConfig(
             switch=self.name,
             listen=f"127.0.0.1:{port}",
-            controllers=self._controllers(controllers),
+            controllers=commanding,
             management=str(openvswitch.RUN_FOLDER / f"{self.name}.mgmt"),
             dispatcher=network.socket(DISPATCHER),
             token=network.token(self.name),

@@ -10,6 +10,7 @@ import os
 import secrets
 import shutil
 import socket
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
@@ -22,6 +23,9 @@ from wire.service import RUNNER
 RUNTIME_ROOT = Path("/run/qmn")
 OPENFLOW_PORT = 6653
 DISPATCHER = "dispatcher"  # the program, and its socket
+FIRST_PORT = 10_000
+EPHEMERAL_PORTS = Path("/proc/sys/net/ipv4/ip_local_port_range")  # of connections
+ATTEMPTS = 100
 CONSOLE = "console"  # the controller's socket
 EVENT_LOG = "quantum.log"  # what happened to the qubits, a line an event
 EVENT_CAPTURE = "quantum.pcapng"  # the same for Wireshark and qmn spy
@@ -98,17 +102,32 @@ def metrics_listener(network: Runtime, name: str) -> socket.socket:
 
     A program that is started again keeps its address.
     """
-    host, _, port = network.metrics_addresses.get(name, "127.0.0.1:0").partition(":")
-    listener = socket.create_server((host, int(port)))
-    network.metrics_addresses[name] = "{}:{}".format(*listener.getsockname())
-    return listener
+    address = network.metrics_addresses.setdefault(name, f"127.0.0.1:{free_port()}")
+    host, _, port = address.partition(":")
+    return socket.create_server((host, int(port)))
 
 
-def free_port() -> int:
-    """Return a loopback TCP port that nobody uses now."""
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        port: int = probe.getsockname()[1]
-        return port
+def free_port(count: int = 1) -> int:
+    """Return the first of so many loopback TCP ports in a row that nobody uses now.
+
+    Where it can be, the kernel gives none of them to connections, so that they stay free until
+    somebody listens. Raise NetworkError if there are none.
+    """
+    ephemeral = int(EPHEMERAL_PORTS.read_text().split()[0])
+    limit = (ephemeral if ephemeral > FIRST_PORT + ATTEMPTS else 1 << 16) - count
+    for _ in range(ATTEMPTS):
+        first = FIRST_PORT + secrets.randbelow(limit - FIRST_PORT)
+        try:
+            with ExitStack() as probes:
+                for port in range(first, first + count):
+                    probes.enter_context(socket.create_server(("127.0.0.1", port)))
+        except OSError:
+            continue
+        return first
+    raise NetworkError(
+        f"{ATTEMPTS} TCP ports of 127.0.0.1 from {FIRST_PORT} to {limit} were in use; end what "
+        f"uses them, or see {EPHEMERAL_PORTS}"
+    )
 
 
 def only_run() -> IO[str]:

@@ -29,6 +29,7 @@ from os_ken.ofproto.ofproto_protocol import ProtocolDesc
 
 from qswitch_agent.openflow.messages import HEADER, Framer
 from topologies.programs import ENVIRONMENT
+from topologies.runtime import free_port
 from wire import dispatcher_pb2 as pb
 from wire import frames, optical
 from wire.config import AgentConfig
@@ -286,8 +287,7 @@ class Switch:
         self.dispatcher = Dispatcher(folder / "dispatcher.sock")
         self.controllers = [Controller() for _ in range(controllers)]
         self.controller = self.controllers[0]
-        with socket.create_server(("127.0.0.1", 0)) as probe:
-            self.port = probe.getsockname()[1]
+        self.port = free_port(controllers)
         self.config = folder / "agent.json"
         AgentConfig(
             switch="q1",

@@ -21,6 +21,7 @@ from scapy.contrib.lldp import (
 from scapy.layers.inet import IP, TCP
 from scapy.layers.l2 import Ether
 
+from topologies.runtime import free_port
 from wire.config import ControllerConfig
 from wire.metadata import METADATA_PORT, Handshake, Service, Setup, decode
 
@@ -45,12 +46,6 @@ def wait_for(what: str, condition: Callable[[], object]) -> None:
 
 def flows(bridge: str) -> str:
     return run("ovs-ofctl", "-O", "OpenFlow14", "dump-flows", bridge)
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 class Wire:

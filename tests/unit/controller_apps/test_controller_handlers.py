@@ -1,7 +1,6 @@
 """The handlers on each framework, in a process of its own: see CASES."""
 
 import os
-import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from topologies.runtime import free_port
 from wire.config import ControllerConfig
 
 CASES = ("handler_cases.py", "device_cases.py")
@@ -61,9 +61,7 @@ def test_an_unusable_address_is_named_with_its_remedy(tmp_path: Path) -> None:
 def test_what_a_framework_cannot_do_is_named_at_the_start(
     tmp_path: Path, framework: str, fields: dict[str, Any], words: str
 ) -> None:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port()
     config = tmp_path / "config.json"
     ControllerConfig(f"127.0.0.1:{port}", framework, **fields).write(config)
     assert words in refused(config)
@@ -107,9 +105,7 @@ launcher.run(ControllerConfig.read(Path(sys.argv[1])))
 
 @pytest.mark.parametrize("framework", ["ryu", "os-ken"])
 def test_a_fault_in_a_handler_ends_the_program(framework: str, tmp_path: Path) -> None:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port()
     config = tmp_path / "config.json"
     ControllerConfig(f"127.0.0.1:{port}", framework).write(config)
     done = subprocess.run(

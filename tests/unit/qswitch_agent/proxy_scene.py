@@ -23,6 +23,7 @@ from qswitch_agent.openflow.messages import Framer
 from qswitch_agent.proxy.proxy import Proxy
 from qswitch_agent.supervision import SupervisoryChannels
 from qswitch_agent.switch import Switch
+from topologies.runtime import free_port
 
 DEADLINE_S = 5.0
 TUNING = Tuning(191_350_000, 196_100_000, 50_000, -20.0, 0.0)
@@ -141,14 +142,6 @@ class Listener:
         self.connections.put_nowait(End(reader, writer))
 
 
-async def free_port() -> int:
-    listener = Listener()
-    number = await listener.start()
-    listener.server.close()
-    await listener.server.wait_closed()
-    return number
-
-
 @dataclass
 class Stage:
     """A proxy with its bridge's and its controller's end."""
@@ -209,7 +202,7 @@ async def stage(hold_deadline_s: float = DEADLINE_S) -> AsyncIterator[Stage]:
     async with running_switch() as (switch, hardware, reports, commanded):
         controllers = Listener()
         proxy = Proxy(("127.0.0.1", await controllers.start()), switch, hold_deadline_s)
-        number = await free_port()  # only now: the listener's would be free, too
+        number = free_port()
         await proxy.serve(("127.0.0.1", number))
         bridge = End(*await asyncio.open_connection("127.0.0.1", number))
         controller = await controllers.connections.get()

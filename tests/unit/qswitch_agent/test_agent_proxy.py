@@ -7,7 +7,7 @@ import warnings
 import openflow_messages as of
 import pytest
 from os_ken.ofproto import ofproto_v1_4 as ofp
-from proxy_scene import End, Listener, Stage, free_port, play, running_switch, stage
+from proxy_scene import End, Listener, Stage, play, running_switch, stage
 
 from qswitch_agent.hardware.optics import (
     CircuitReading,
@@ -25,6 +25,7 @@ from qswitch_agent.openflow.instructions import Mark, light_instructions
 from qswitch_agent.openflow.messages import encode, hello
 from qswitch_agent.proxy.link import PRIVATE_XID
 from qswitch_agent.proxy.proxy import Proxy
+from topologies.runtime import free_port
 from wire import optical
 
 ECHO = encode(ofp.OFPT_ECHO_REQUEST, 3, b"are you there?")
@@ -501,7 +502,7 @@ def test_end_of_one_side_ends_the_other(leaver: str) -> None:
 
 def test_bridge_is_connected_when_the_controller_comes_up() -> None:
     async def scene() -> None:
-        port, controller_port = await free_port(), await free_port()
+        port, controller_port = free_port(), free_port()
         async with running_switch() as (switch, *_rest):
             proxy = Proxy(("127.0.0.1", controller_port), switch)
             await proxy.serve(("127.0.0.1", port))
@@ -521,7 +522,7 @@ def test_bridge_is_connected_when_the_controller_comes_up() -> None:
 
 def test_bridge_that_leaves_is_not_connected_later() -> None:
     async def scene() -> None:
-        port, controller_port = await free_port(), await free_port()
+        port, controller_port = free_port(), free_port()
         async with running_switch() as (switch, *_rest):
             proxy = Proxy(("127.0.0.1", controller_port), switch)
             await proxy.serve(("127.0.0.1", port))
