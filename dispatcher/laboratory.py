@@ -119,6 +119,17 @@ class LaboratoryHost:
         request = CreateRequest(session=SESSION, number=number, count=count, state=state)
         return await self._act("create", request)
 
+    async def prepare(self, states: Bytes, number: int = 0) -> Feedback:
+        """Make a block of photons in these states (dispatcher.devices.preparation.STATES)."""
+        request = CreateRequest(
+            session=SESSION,
+            number=number,
+            count=states.size,
+            state=CreateRequest.PREPARED,
+            states=states.tobytes(),
+        )
+        return await self._act("create", request)
+
     async def apply(
         self, block: BlockKey, paulis: Bytes | None = None, gates: Sequence[Gate] = ()
     ) -> Feedback:

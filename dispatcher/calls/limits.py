@@ -4,13 +4,14 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from dispatcher.devices import preparation
 from dispatcher.ownership import Block
 from dispatcher.refusal import invalid
 from dispatcher.sabot.backend import Bytes
 from dispatcher.sabot.gates import ROTATIONS
 from dispatcher.switch.optical_switch import MAX_POWER_DBM
 from wire.config import QuantumSwitch
-from wire.dispatcher_pb2 import Connection
+from wire.dispatcher_pb2 import Connection, CreateRequest
 from wire.switch_check import TEMPERATURE_C
 
 MAX_COUNT = 4_000_000
@@ -35,6 +36,16 @@ def packed(field: str, values: bytes, count: int, largest: int) -> Bytes:
             f"{field}[{position}] is {array[position]}; each must be between 0 and {largest}"
         )
     return array
+
+
+def states(request: CreateRequest) -> Bytes | None:
+    """Return the state of each photon of a block that is to be prepared, None of any other."""
+    if request.state == CreateRequest.PREPARED:
+        return packed("states", request.states, request.count, len(preparation.STATES) - 1)
+    if request.states:
+        name = CreateRequest.State.Name(request.state)
+        raise invalid(f"{len(request.states)} states for a block of {name}; only PREPARED has any")
+    return None
 
 
 def require_count(count: int) -> None:

@@ -96,6 +96,25 @@ def test_a_transmission_is_replayed_byte_for_byte(
     assert replayed(content) == log
 
 
+async def prepared(bench: Bench) -> None:
+    """Send photons in the six cardinal states."""
+    states = bytes(n % 6 for n in range(200))
+    request = CreateRequest(session=7, count=200, state=CreateRequest.PREPARED, states=states)
+    await bench.alice.call("Create", request)
+    await bench.alice.send((block(), "alice-q9"))
+    await bench.bob.receive(block(), "bob-q9")
+    await bench.bob.call(
+        "Measure", MeasureRequest(block=block(), bases=bytes(n % 3 for n in range(200)))
+    )
+
+
+@pytest.mark.parametrize("backend", ["chp", "stim", "dense"])
+def test_prepared_photons_are_replayed_byte_for_byte(tmp_path: Path, backend: str) -> None:
+    content, log = recorded(tmp_path, JumpingClock(), prepared, backend=backend)
+    assert "prepared: |0>=34 |1>=34" in log
+    assert replayed(content) == log
+
+
 class Crowd:
     """Hosts that ask for many things at once, in no order that anybody planned."""
 

@@ -33,6 +33,7 @@ from wire.dispatcher_pb2 import (
 )
 
 Code = grpc.StatusCode
+PREPARED = CreateRequest.PREPARED
 MINE, THEIRS, ABSENT = block(0), block(1), block(99)
 
 
@@ -108,6 +109,36 @@ REFUSED = [
     ("alice", "Create", create(count=0), Code.INVALID_ARGUMENT, "count 0"),
     ("alice", "Create", create(count=4_000_001), Code.INVALID_ARGUMENT, "count 4000001"),
     ("alice", "Create", create(state=5), Code.INVALID_ARGUMENT, "state 5"),
+    (
+        "alice",
+        "Create",
+        create(state=PREPARED, count=3, states=bytes(2)),
+        Code.INVALID_ARGUMENT,
+        "2 bytes for 3 photons",
+    ),
+    ("alice", "Create", create(state=PREPARED), Code.INVALID_ARGUMENT, "0 bytes for 1 photons"),
+    (
+        "alice",
+        "Create",
+        create(state=PREPARED, count=3, states=bytes((5, 6, 0))),
+        Code.INVALID_ARGUMENT,
+        r"states\[1\] is 6",
+    ),
+    ("alice", "Create", create(states=b"\1"), Code.INVALID_ARGUMENT, "1 states .* BELL_PAIRS"),
+    (
+        "alice",
+        "Create",
+        create(state=CreateRequest.ZEROS, states=b"\0"),
+        Code.INVALID_ARGUMENT,
+        "1 states .* ZEROS",
+    ),
+    (
+        "alice",
+        "Create",
+        create(state=PREPARED, count=100, states=bytes(100)),
+        Code.RESOURCE_EXHAUSTED,
+        "limit of 100",
+    ),
     ("alice", "Create", create(count=100), Code.RESOURCE_EXHAUSTED, "limit of 100"),
     (
         "alice",

@@ -18,7 +18,7 @@ from dispatcher.sabot.circuits.source import Source
 from dispatcher.sabot.manager import NO_CLICK
 from dispatcher.tracing.writer import PHOTONS
 from wire.config import PathOptics, QuantumSwitch
-from wire.dispatcher_pb2 import ApplyRequest, DiscardRequest, Gate, MeasureRequest
+from wire.dispatcher_pb2 import ApplyRequest, CreateRequest, DiscardRequest, Gate, MeasureRequest
 
 SHOTS = 32
 
@@ -73,6 +73,22 @@ def test_a_noisy_transmission_gives_the_same_outcomes_again(tmp_path: Path) -> N
     for shot in range(SHOTS):
         again = flips[:, shot] | (phases[:, shot] << 1)
         assert (again[seen] == found[seen]).all()
+
+
+async def prepared(bench: Bench) -> bytes:
+    """Prepare the six cardinal states and measure each in its own basis."""
+    states = bytes(n % 6 for n in range(30))
+    create = CreateRequest(session=7, count=30, state=CreateRequest.PREPARED, states=states)
+    await bench.alice.call("Create", create)
+    measure = MeasureRequest(block=block(), bases=bytes(n % 6 // 2 for n in range(30)))
+    return (await bench.alice.feedback("Measure", measure)).outcomes
+
+
+def test_prepared_photons_are_prepared_in_the_dump_too(tmp_path: Path) -> None:
+    text, outcomes = dumped(tmp_path, prepared)
+    _circuit, bits = run(text)
+    assert list(outcomes) == [0, 1] * 15
+    assert (bits == np.frombuffer(outcomes, np.uint8)[:, None]).all()
 
 
 def test_every_pauli_and_every_loss_says_where_it_comes_from(tmp_path: Path) -> None:
