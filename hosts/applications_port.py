@@ -3,7 +3,7 @@
 import asyncio
 import logging
 from collections.abc import Callable, Coroutine
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from hosts.event_watching import Watch, tell_events
@@ -11,6 +11,7 @@ from hosts.hardware.qnic import HardwareError
 from hosts.middleware.channel import SessionError
 from hosts.middleware.options import SessionOptions
 from hosts.middleware.sender import SendingSession
+from hosts.middleware.services.session import OpeningSession
 from wire.metadata import MalformedPacket, Reason
 from wire.socket_calls import (
     HEADER,
@@ -25,8 +26,17 @@ from wire.socket_calls import (
 log = logging.getLogger("applications")
 
 BACKLOG = 8
+BYTES = "sdc"  # the service that carries bytes
 ACCEPT_TIMEOUT_S = 5.0
 READ_TIMEOUT_S = 25.0  # the sender waits 30 s for its report
+
+
+@dataclass(frozen=True)
+class Listening:
+    """An application that waits for connections on a port."""
+
+    service: str
+    queue: "asyncio.Queue[Incoming]"
 
 
 class Incoming:
@@ -53,6 +63,12 @@ class Incoming:
         for start in range(0, len(data), MAX_PAYLOAD):
             writer.write(encode(Call.DATA, data[start : start + MAX_PAYLOAD]))
             await self._drain(writer)
+
+    async def tell(self, **fields: Any) -> None:
+        """Pass a result of a service to the application."""
+        writer = await self._writer()
+        writer.write(encode_fields(Call.RESULT, **fields))
+        await self._drain(writer)
 
     async def finish(self, statistics: dict[str, Any]) -> None:
         """Tell the application that all bytes came and were right."""
@@ -91,17 +107,28 @@ class Incoming:
 class ApplicationsPort:
     """Listening ports and connections of the applications on this host."""
 
-    def __init__(self, connect: Callable[[SessionOptions], SendingSession], watch: Watch) -> None:
-        self._connect, self._watch = connect, watch
-        self._listening: dict[int, asyncio.Queue[Incoming]] = {}
+    def __init__(
+        self,
+        connect: Callable[[SessionOptions], SendingSession],
+        request: Callable[[dict[str, Any]], OpeningSession],
+        watch: Watch,
+    ) -> None:
+        self._connect, self._request, self._watch = connect, request, watch
+        self._listening: dict[int, Listening] = {}
 
-    def incoming(self, port: int, peer: str) -> Incoming:
+    def incoming(self, port: int, peer: str, service: str = BYTES) -> Incoming:
         """Queue a connection from a host for the application on a port."""
-        queue = self._listening.get(port)
-        if queue is None:
+        listening = self._listening.get(port)
+        if listening is None:
             raise SessionError(
                 Reason.NO_LISTENER, f"no application listens on port {port}; start it first"
             )
+        if listening.service != service:
+            raise SessionError(
+                Reason.NO_LISTENER,
+                f"the application on port {port} takes part in {listening.service}, not {service}",
+            )
+        queue = listening.queue
         for waiting in [queue.get_nowait() for _ in range(queue.qsize())]:
             if not waiting.ended.is_set():  # those that have failed make room
                 queue.put_nowait(waiting)
@@ -117,6 +144,7 @@ class ApplicationsPort:
             call, payload = await _read(reader)
             handlers = {
                 Call.CONNECT: self._serve_sender,
+                Call.REQUEST: self._serve_requester,
                 Call.LISTEN: self._serve_listener,
                 Call.ACCEPT: self._serve_receiver,
                 Call.WATCH: self._serve_watcher,
@@ -158,6 +186,22 @@ class ApplicationsPort:
             await _end(coming)
             await session.close()
 
+    async def _serve_requester(
+        self, fields: dict[str, Any], reader: asyncio.StreamReader, writer: asyncio.StreamWriter
+    ) -> None:
+        async def tell(**result: Any) -> None:
+            writer.write(encode_fields(Call.RESULT, **result))
+            await writer.drain()
+
+        session = self._request(fields)
+        coming = asyncio.create_task(_read(reader))
+        try:
+            await _unless_gone(session.run(tell), coming)
+            writer.write(encode_fields(Call.CLOSE, **session.summary))
+        finally:
+            await _end(coming)
+            await session.close()
+
     async def _serve_watcher(
         self, fields: dict[str, Any], reader: asyncio.StreamReader, writer: asyncio.StreamWriter
     ) -> None:
@@ -174,7 +218,8 @@ class ApplicationsPort:
         port = _port(fields)
         if port in self._listening:
             raise SessionError(Reason.BUSY, f"port {port} is taken by another application")
-        self._listening[port] = asyncio.Queue(BACKLOG)
+        service = fields.get("service", BYTES)
+        self._listening[port] = Listening(service, asyncio.Queue(BACKLOG))
         try:
             writer.write(encode_fields(Call.DONE))
             await _closed(reader)
@@ -188,7 +233,7 @@ class ApplicationsPort:
         if port not in self._listening:
             raise SessionError(Reason.NO_LISTENER, f"accept on port {port}, which does not listen")
         gone = asyncio.create_task(_closed(reader))
-        arrival = asyncio.create_task(self._listening[port].get())
+        arrival = asyncio.create_task(self._listening[port].queue.get())
         await asyncio.wait([gone, arrival], return_when=asyncio.FIRST_COMPLETED)
         if not arrival.done():
             arrival.cancel()

@@ -44,13 +44,14 @@ class Service(IntEnum):
 class Topic(IntEnum):
     """What an array of values is about; a service may use numbers that are not listed here."""
 
-    TERMS = 1  # what the opener wants, as its service defines
+    COMING = 1  # how many photons the block has that comes next; answered when it may come
     STATES = 2  # that were prepared: wire.dispatcher.proto, CreateRequest.states
     BASES = 3  # that were measured in: 0 Z, 1 X, 2 Y
     OUTCOMES = 4  # of measurements
     CORRECTIONS = 5  # Pauli operators that the receiver of the message applies
     ARRIVED = 6  # 1 for what was detected, or kept, 0 for what was not
-    SAMPLE = 7  # positions of what is sacrificed for an estimate
+    SAMPLE = 7  # 1 for what is sacrificed for an estimate
+    COUNTS = 8  # what came of a block, as its service defines
 
 
 class Handshake(IntEnum):

@@ -15,6 +15,14 @@ LISTEN {port}           ->  listening lasts as long as this socket
 ACCEPT {port}           ->  on a socket of its own
                         <-  DONE {peer}, then DATA …, then CLOSE {statistics}
 
+application                 stack (the end that asks for a service)
+REQUEST {service, host, port, …} ->
+                        <-  RESULT {…} …, then CLOSE {summary} or FAILED {reason, text}
+
+application                 stack (the end that is asked)
+LISTEN {port, service}  ->  and ACCEPT {port} as above
+                        <-  DONE {peer}, then RESULT {…} …, then CLOSE {summary} or FAILED
+
 application                 stack
 WATCH {session, history} -> of this host alone, for as long as this socket; session 0: all
                         <-  DONE, then EVENT record (wire.events) …
@@ -43,6 +51,8 @@ class Call(IntEnum):
     FAILED = 7
     WATCH = 8
     EVENT = 9
+    REQUEST = 10
+    RESULT = 11
 
 
 def encode(call: Call, payload: bytes = b"") -> bytes:

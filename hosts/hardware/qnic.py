@@ -114,8 +114,11 @@ class Qnic(Protocol):
         From then on they decohere until they are used.
         """
 
-    async def apply(self, block: BlockName, paulis: Symbols) -> None:
-        """Apply one Pauli operator (two bits: X, Z) to each photon at this host; shape (k,)."""
+    async def apply(self, block: BlockName, paulis: Symbols) -> int:
+        """Apply one Pauli operator (two bits: X, Z) to each photon at this host; shape (k,).
+
+        Return when (ns) that was done.
+        """
 
     async def measure(self, block: BlockName, bases: Symbols) -> Symbols:
         """Measure photons at this host, each in a basis (0 Z, 1 X, 2 Y); shape (k,).

@@ -110,9 +110,7 @@ class SimulatedQnic:
     async def send(self, block: BlockName, port: str, rate_hz: int, wavelength_pm: int) -> int:
         """Send photons of this host into a port."""
         launches = [Launch(block=_named(block), port=port)]
-        (feedback,) = await self._orders.perform(
-            Step(send=_send(launches, rate_hz, wavelength_pm))
-        )
+        (feedback,) = await self._orders.perform(Step(send=_send(launches, rate_hz, wavelength_pm)))
         return int(feedback.first_ns)
 
     async def receive_into_memory(self, block: BlockName, port: str, timeout_s: float) -> Stored:
@@ -124,10 +122,11 @@ class SimulatedQnic:
         )
         return Stored(np.frombuffer(feedback.arrived, dtype=bool), feedback.time_ns)
 
-    async def apply(self, block: BlockName, paulis: Symbols) -> None:
+    async def apply(self, block: BlockName, paulis: Symbols) -> int:
         """Apply one Pauli operator to each photon at this host."""
         apply = ApplyRequest(block=_named(block), paulis=paulis.tobytes())
-        await self._orders.perform(Step(apply=apply))
+        (feedback,) = await self._orders.perform(Step(apply=apply))
+        return int(feedback.time_ns)
 
     async def measure(self, block: BlockName, bases: Symbols) -> Symbols:
         """Measure photons at this host, each in a basis."""

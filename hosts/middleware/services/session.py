@@ -1,0 +1,117 @@
+"""A session of a service at either end: arranged, run, and ended, whatever happens."""
+
+from typing import Any
+
+import numpy as np
+
+from hosts.hardware.qnic import Qnic, release
+from hosts.middleware.arrangement import Arrangement
+from hosts.middleware.channel import MetadataChannel, SessionError
+from hosts.middleware.encoding import LINEAR_STATES, TOLD_APART
+from hosts.middleware.receiver import check_wavelength
+from hosts.middleware.services.options import ServiceOptions
+from hosts.middleware.services.service import AcceptorEnd, OpenerEnd, ServiceKind, Tell
+from wire.metadata import Finish, Reason, Service, Setup
+from wire.services import LIGHT, Role, fibers_needed
+
+NO_DIGEST = bytes(32)
+
+
+def told_apart(analyser: str) -> frozenset[int]:
+    """Return the Bell states that a host's analyser of this kind tells from all others."""
+    if TOLD_APART[analyser] == len(LINEAR_STATES):
+        # It reports Phi- as Phi+ (wire/dispatcher.proto, Feedback.outcomes).
+        return frozenset({1, 3})
+    return frozenset(range(4))
+
+
+def draws_of(seed: int, host: str, session: int) -> np.random.Generator:
+    """Return the choices of a host in a session; the same seed, the same choices."""
+    return np.random.default_rng([seed, session, *host.encode()])
+
+
+class OpeningSession:
+    """A session that this host asks for."""
+
+    def __init__(
+        self,
+        kind: ServiceKind,
+        options: ServiceOptions,
+        qnic: Qnic,
+        arrangement: Arrangement,
+        setup: Setup,
+        analyser: str,
+        draws: np.random.Generator,
+    ) -> None:
+        require_fibers(setup, Role.OPENER, qnic)
+        self._kind, self._options = kind, options
+        self._qnic, self._arrangement, self._setup = qnic, arrangement, setup
+        self._analyser, self._draws = analyser, draws
+        self.summary: dict[str, Any] = {}
+
+    async def run(self, tell: Tell) -> None:
+        """Arrange light, do what the service does, end; raise SessionError if it cannot be."""
+        await self._arrangement.open()
+        if any(end.role == Role.SOURCE for beam in LIGHT[self._kind.service] for end in beam):
+            await self._arrangement.engage_source()
+        channel = self._arrangement.channel
+        end = OpenerEnd(
+            self._qnic,
+            self._setup,
+            channel,
+            tell,
+            self._draws,
+            told_apart(self._analyser),
+            arrangement=self._arrangement,
+        )
+        await self._kind.open(end, self._options)
+        await channel.request(Finish(self._setup.session, 0, NO_DIGEST))
+        self.summary = end.summary
+
+    async def close(self) -> None:
+        """Let go of connections and photons."""
+        self._arrangement.close()
+        await release(self._qnic, self._setup.session)
+
+
+class AcceptingSession:
+    """A session that another host has asked for."""
+
+    def __init__(
+        self,
+        kind: ServiceKind,
+        qnic: Qnic,
+        channel: MetadataChannel,
+        setup: Setup,
+        analyser: str,
+        draws: np.random.Generator,
+    ) -> None:
+        check_wavelength(setup)
+        require_fibers(setup, Role.ACCEPTOR, qnic)
+        self._kind, self._qnic, self._channel, self._setup = kind, qnic, channel, setup
+        self._analyser, self._draws = analyser, draws
+        self.summary: dict[str, Any] = {}
+
+    async def run(self, tell: Tell) -> None:
+        """Do what the service does until the opener ends it; raise SessionError if it fails."""
+        apart = told_apart(self._analyser)
+        end = AcceptorEnd(self._qnic, self._setup, self._channel, tell, self._draws, apart)
+        end.agree()
+        await self._kind.accept(end)
+        self.summary = end.summary
+        end.agree()
+
+    async def close(self) -> None:
+        """Let go of photons."""
+        await release(self._qnic, self._setup.session)
+
+
+def require_fibers(setup: Setup, role: Role, qnic: Qnic) -> None:
+    """Raise SessionError if this host has fewer fibres than its role needs."""
+    service = Service(setup.service)
+    needed, there = fibers_needed(service, role), len(qnic.ports)
+    if there < needed:
+        text = (
+            f"{role.value} of {service.name.lower()} needs {needed} fibres, this host has {there}"
+        )
+        raise SessionError(Reason.UNSUPPORTED, text)
