@@ -7,11 +7,11 @@ import numpy as np
 from hosts.hardware.qnic import Qnic, release
 from hosts.middleware.arrangement import Arrangement
 from hosts.middleware.channel import MetadataChannel, SessionError
-from hosts.middleware.encoding import LINEAR_STATES, TOLD_APART
+from hosts.middleware.encoding import TOLD_APART
 from hosts.middleware.receiver import check_wavelength
 from hosts.middleware.services.options import ServiceOptions
 from hosts.middleware.services.service import AcceptorEnd, OpenerEnd, ServiceKind, Tell
-from wire.metadata import Finish, Reason, Service, Setup
+from wire.metadata import Finish, Pauli, Reason, Service, Setup
 from wire.services import LIGHT, Role, fibers_needed
 
 NO_DIGEST = bytes(32)
@@ -19,10 +19,9 @@ NO_DIGEST = bytes(32)
 
 def told_apart(analyser: str) -> frozenset[int]:
     """Return the Bell states that a host's analyser of this kind tells from all others."""
-    if TOLD_APART[analyser] == len(LINEAR_STATES):
-        # It reports Phi- as Phi+ (wire/dispatcher.proto, Feedback.outcomes).
-        return frozenset({1, 3})
-    return frozenset(range(4))
+    if TOLD_APART[analyser] == len(Pauli):
+        return frozenset(range(4))
+    return frozenset({1, 3})  # it reports Phi- as Phi+ (wire/dispatcher.proto, Feedback.outcomes)
 
 
 def draws_of(seed: int, host: str, session: int) -> np.random.Generator:

@@ -10,7 +10,7 @@ from itertools import islice
 from pathlib import Path
 
 import pytest
-from test_sessions import network, transfer
+from stacks_scene import network, transfer
 
 from hosts.software import QuantumSocket, QuantumSocketError
 from wire.dispatcher_pb2 import Event
