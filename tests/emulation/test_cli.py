@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 
 import pytest
-from conftest import ROOT
+from conftest import ROOT, verb
 from test_metrics_of_a_run import figures
 from test_timeline_of_a_run import fields
 
@@ -141,14 +141,6 @@ def test_a_signal_ends_the_network_at_the_prompt_and_what_was_captured_stays(
     assert result["error"] == "interrupted by SIGTERM"
     assert {Path(file).stem for file in result["captures"]} >= {"c0", "s1-eth1", "s1-eth5"}
     assert result["packets_not_captured"] == 0
-
-
-def verb(*words: str) -> subprocess.CompletedProcess[str]:
-    """Run another verb to its end; fail unless it succeeds."""
-    command = [sys.executable, "-m", "qmn", *words]
-    return subprocess.run(
-        command, cwd=ROOT, capture_output=True, text=True, check=True, timeout=KEYBOARD_S
-    )
 
 
 class Keyboard:

@@ -14,6 +14,7 @@ from typing import Any
 import grpc
 import pytest
 
+from hosts.software import STACK_VARIABLE
 from qmn import running, spy
 from topologies.runtime import EVENT_CAPTURE
 from wire.config import DispatcherConfig, Fiber, FiberEnd
@@ -292,7 +293,7 @@ def test_what_a_network_does_not_write_can_only_be_followed(
 ) -> None:
     config = DispatcherConfig(listen="", socket="", seed=1, tokens={}, fibers=[], switches=[])
     monkeypatch.setattr(spy, "dispatcher_of_running_network", lambda: config)
-    monkeypatch.delenv(spy.STACK_VARIABLE, raising=False)
+    monkeypatch.delenv(STACK_VARIABLE, raising=False)
     arguments = argparse.ArgumentParser()
     spy.add_parser(arguments.add_subparsers())
     parsed = arguments.parse_args(["spy", "--no-follow"])
