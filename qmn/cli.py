@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from qmn.metrics_targets import announce
+from qmn.metrics_targets import urls
 from qmn.network_options import BadInput, add_network_options, check_network
 from qmn.networks import TOPOLOGIES, BadTopology, topology
 from qmn.run_folder import give_to_invoker, make_folder, point_latest
@@ -59,9 +59,8 @@ def start_and_obey(arguments: argparse.Namespace) -> int:
     try:
         print(f"starting the network; its logs and quantum events: {folder}", flush=True)
         with running(topo, arguments, folder) as network:
-            if arguments.metrics:
-                for program, url in announce(network.runtime.metrics_addresses, folder).items():
-                    print(f"figures of {program}: {url}")
+            for program, url in urls(network.runtime.metrics_addresses).items():
+                print(f"figures of {program}: {url}", flush=True)
             if arguments.capture:
                 network.capture("s1")
                 network.capture_openflow()

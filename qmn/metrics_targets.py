@@ -14,4 +14,9 @@ def announce(addresses: dict[str, str], folder: Path) -> dict[str, str]:
         for program, address in addresses.items()
     ]
     (folder / TARGETS).write_text(json.dumps(targets, indent=1) + "\n")
+    return urls(addresses)
+
+
+def urls(addresses: dict[str, str]) -> dict[str, str]:
+    """Return where each program's figures are."""
     return {program: f"http://{address}{PATH}" for program, address in addresses.items()}

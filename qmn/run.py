@@ -39,13 +39,12 @@ from qmn.networks import (
 )
 from qmn.report import report_of_run
 from qmn.run_folder import give_to_invoker, make_folder, point_latest
-from qmn.timeline import NoCaptures, captured_bytes, merge
+from qmn.timeline import timeline_of_run
 from qmn.transfer import Transfer, TransferError, transfer
 from topologies.network import Interrupted, Network, Signals, require_root
 from topologies.presets import preset
 from topologies.programs import NetworkError
-from wire.dissectors import SCRIPT, script
-from wire.metadata import FEC_NAMES, MalformedPacket
+from wire.metadata import FEC_NAMES
 
 MESSAGE = Path(__file__).with_name("message.txt")
 MIN_BLOCK_PAIRS = 4
@@ -56,7 +55,6 @@ DECODING_RATE = {"reed-solomon": 300_000}  # pairs a second, of codes that take 
 CAPTURED_BYTES_PER_PAIR = {"framed": 4.4, "per-pair": 4_900}
 SIZE_LIMIT = {"framed": 1 << 30, "per-pair": 1 << 16}
 TELL_ESTIMATE_ABOVE_S = 10
-MERGE_AT_MOST_BYTES = 500_000_000  # of captures, at the end of a run: a few seconds
 
 
 def add_parser(verbs: Any) -> None:
@@ -115,24 +113,12 @@ def run(arguments: argparse.Namespace, signals: Signals, console: Console) -> in
         facts["error"] = str(error)
         raise
     finally:
-        facts["timeline"] = make_timeline(folder)
+        facts["timeline"] = timeline_of_run(folder)
         result.complete(facts, folder)
         report = report_of_run(folder)
         give_to_invoker(folder)
     result.show(console, facts, folder, report)
     return 0 if facts["delivered"] else 1
-
-
-def make_timeline(folder: Path) -> str:
-    """Merge what was captured, beside dissectors for it; return the file, or why there is none."""
-    (folder / SCRIPT).write_text(script())
-    size = captured_bytes(folder)
-    if size > MERGE_AT_MOST_BYTES:
-        return f"not made, of {size / 1e6:,.0f} MB of captures: `qmn wireshark {folder}` makes it"
-    try:
-        return str(merge(folder))
-    except (NoCaptures, MalformedPacket, OSError) as error:
-        return f"not made: {error}"
 
 
 def check_input(arguments: argparse.Namespace) -> int:

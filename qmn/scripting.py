@@ -17,7 +17,10 @@ from mininet.topo import Topo
 from qmn.controller_console import ask
 from qmn.dispatcher_calls import held_blocks, switch_conditions, switch_statistics
 from qmn.exchange import Exchange, connection, exchange
+from qmn.left_behind import left_behind
 from qmn.light import FiberState, LightPath, fiber_state, light_path
+from qmn.metrics_targets import announce
+from qmn.network_facts import network_facts
 from qmn.network_options import (
     BadInput,
     NetworkOptions,
@@ -187,7 +190,11 @@ def running(
     topo: Callable[[], Topo], arguments: argparse.Namespace, folder: Path | None
 ) -> Iterator[QuantumNetwork]:
     """Run a network; a signal that comes while it starts is raised as Interrupted."""
-    with Signals() as signals:
+    with Signals() as signals, left_behind(arguments, folder) as facts:
         runtime = settings(arguments, folder)
         with QuantumNetwork(topo, runtime, signals) as network, signals.at_once():
+            facts["network"] = network_facts(network).to_dict()
+            if folder is not None and runtime.metrics:
+                facts["metrics"] = announce(runtime.metrics_addresses, folder)
             yield network
+        facts["packets_not_captured"] = network.packets_missed

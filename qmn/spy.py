@@ -95,6 +95,8 @@ def events(arguments: argparse.Namespace) -> Iterator[Event]:
         if node not in known:
             raise BadFilter(f"unknown node {node!r}: choose one of {', '.join(sorted(known))}")
     if arguments.follow is False:
+        if not config.event_capture:
+            raise BadFilter("--no-follow: this network writes no events (--no-events); follow it")
         return recorded(find_record(Path(config.event_capture)), follow=False)
     return attached(config, watch_request(arguments))
 

@@ -51,6 +51,8 @@ def read_run(folder: Path) -> RunFacts:
             f"{folder / RESULT} does not say what the network was ({error}): it did not start, or "
             "another version made the run"
         ) from error
+    if "delivered" not in result:
+        raise BadRun(f"{folder} is of `qmn cli` or a script: only `qmn run` has a report")
     capture = folder / EVENT_CAPTURE
     return RunFacts(
         folder.resolve(),

@@ -1,5 +1,6 @@
 """`qmn cli` from outside, and scripts, over the real components."""
 
+import json
 import os
 import pty
 import re
@@ -11,7 +12,9 @@ import time
 from pathlib import Path
 
 import pytest
-from conftest import ROOT
+from conftest import ROOT, verb
+from test_metrics_of_a_run import figures
+from test_timeline_of_a_run import fields
 
 from qmn.network_options import BadInput
 from qmn.scripting import start
@@ -90,8 +93,10 @@ def test_a_script_goes_on_after_failures_and_its_status_tells(tmp_path: Path) ->
 
 
 def test_ctrl_c_ends_the_verb_and_ctrl_d_the_network(tmp_path: Path) -> None:
-    with Keyboard("sdc", "--runs", str(tmp_path)) as keyboard:
-        keyboard.read_until("qmn> ")
+    with Keyboard("sdc", "--metrics", "--runs", str(tmp_path)) as keyboard:
+        shown = keyboard.read_until("qmn> ")
+        addresses = dict(re.findall(r"figures of (\S+): (http://\S+)", shown))
+        assert addresses.keys() == {"dispatcher", "q1-agent", "c0"}
         keyboard.type("qiperf alice bob 60\n")
         keyboard.read_until("qiperf alice bob 60")
         time.sleep(1)  # into the transfer
@@ -101,6 +106,8 @@ def test_ctrl_c_ends_the_verb_and_ctrl_d_the_network(tmp_path: Path) -> None:
         keyboard.type("alice qsend bob still here\n")
         keyboard.read_until("10 bytes")
         keyboard.read_until("qmn> ")
+        assert figures(addresses["dispatcher"])["qmn_pairs_created_total"] >= 40
+        assert figures(addresses["c0"])["qmn_path_setup_seconds_count"] == 2
         keyboard.type("qst\t al\t\n")
         keyboard.read_until("blocks: none")
         keyboard.read_until("qmn> ")  # Ctrl-D means the end only to who reads just then
@@ -108,12 +115,32 @@ def test_ctrl_c_ends_the_verb_and_ctrl_d_the_network(tmp_path: Path) -> None:
         assert keyboard.ended() == 0
 
 
-def test_a_signal_ends_the_network_at_the_prompt(tmp_path: Path) -> None:
-    with Keyboard("sdc", "--runs", str(tmp_path)) as keyboard:
+def test_a_signal_ends_the_network_at_the_prompt_and_what_was_captured_stays(
+    tmp_path: Path,
+) -> None:
+    with Keyboard("sdc", "--capture", "--runs", str(tmp_path), "--seed", "5") as keyboard:
+        keyboard.read_until("qmn> ")
+        keyboard.type("alice qsend bob seen\n")
+        keyboard.read_until("4 bytes")
         keyboard.read_until("qmn> ")
         os.kill(keyboard.pid, signal.SIGTERM)
         keyboard.read_until("interrupted by SIGTERM; everything is cleaned up")
         assert keyboard.ended() == 128 + signal.SIGTERM
+    run = tmp_path / "latest"
+    verdicts = fields(run, 'qmeta.service == "SDC"', "frame.interface_name", "qmeta.verdict")
+    assert verdicts == [("s1-eth1", "0"), ("s1-eth2", "1")]
+    assert ("c0",) in fields(run, "openflow_v5", "frame.interface_name")
+    log = (run / "quantum.log").read_text().splitlines()
+    assert len(fields(run, "qevent", "qevent.kind")) == len(log) > 10
+    # Following ends, because result.json says that this network has ended.
+    spied = verb("spy", str(run), "--follow")
+    assert spied.stdout.splitlines() == log
+    assert "all.pcapng" in verb("wireshark", str(run)).stdout
+    result = json.loads((run / "result.json").read_text())
+    assert (result["topology"], result["seed"]) == ("sdc", 5)
+    assert result["error"] == "interrupted by SIGTERM"
+    assert {Path(file).stem for file in result["captures"]} >= {"c0", "s1-eth1", "s1-eth5"}
+    assert result["packets_not_captured"] == 0
 
 
 class Keyboard:
@@ -134,8 +161,8 @@ class Keyboard:
         """Press keys."""
         os.write(self._terminal, text.encode())
 
-    def read_until(self, text: str) -> None:
-        """Read what is shown until this is, within the deadline."""
+    def read_until(self, text: str) -> str:
+        """Read what is shown until this is, within the deadline; return what came before."""
         deadline = time.monotonic() + KEYBOARD_S
         while text not in self._seen:
             wait_s = max(0.0, deadline - time.monotonic())
@@ -145,7 +172,8 @@ class Keyboard:
                 self._seen += os.read(self._terminal, 4096).decode(errors="replace")
             except OSError as error:
                 raise AssertionError(f"ended without {text!r}: {self._seen!r}") from error
-        self._seen = self._seen.partition(text)[2]
+        before, _, self._seen = self._seen.partition(text)
+        return before
 
     def ended(self) -> int:
         """Return its status when it has ended, within the deadline."""

@@ -4,8 +4,10 @@ import json
 import re
 import subprocess
 import urllib.request
+from functools import partial
 from pathlib import Path
 
+import pytest
 from conftest import ROOT, qmn_command, wait_until
 from prometheus_client.parser import text_string_to_metric_families
 
@@ -20,8 +22,15 @@ def figures(url: str) -> dict[str, float]:
     return total
 
 
-def test_a_run_tells_its_figures_while_it_lasts(tmp_path: Path) -> None:
-    words = ["--metrics", "--message", "x" * 500, "--rate-hz", "400", "--block-pairs", "200"]
+def counted(url: str, name: str) -> bool:
+    return figures(url).get(name, 0) > 0
+
+
+@pytest.mark.parametrize("controller", ["ryu", "os-ken"])
+def test_a_run_tells_its_figures_while_it_lasts(tmp_path: Path, controller: str) -> None:
+    words = ["--metrics", "--controller", controller, "--message", "x" * 250]
+    words += ["--rate-hz", "400", "--block-pairs", "200", "--frame-bytes", "8"]
+    words += ["--loss-db-per-km", "10", "--depolarizing", "0.004"]
     with subprocess.Popen(
         [*qmn_command(tmp_path), *words], cwd=ROOT, stdout=subprocess.PIPE, text=True
     ) as run:
@@ -37,10 +46,13 @@ def test_a_run_tells_its_figures_while_it_lasts(tmp_path: Path) -> None:
             wait_until(
                 lambda: figures(found["dispatcher"])["qmn_pairs_created_total"] >= 400, "pairs"
             )
+            wait_until(lambda: figures(found["dispatcher"])["qmn_live_qubits"] >= 100, "qubits")
+            assert figures(found["dispatcher"])["qmn_photons_lost_total"] > 0
             assert figures(found["dispatcher"])["qmn_rpc_seconds_count"] > 2
             assert figures(found["q1-agent"])["qmn_light_paths"] == 3
             assert figures(found["c0"])["qmn_path_setup_seconds_count"] >= 1
-            wait_until(lambda: figures(found["c0"])["qmn_pairs_made_total"] > 0, "charlie's report")
+            for name in ("pairs_made", "pairs_lost", "symbol_errors"):  # as hosts report them
+                wait_until(partial(counted, found["c0"], f"qmn_{name}_total"), name)
         finally:
             output, _ = run.communicate(timeout=60)
     assert run.returncode == 0, output

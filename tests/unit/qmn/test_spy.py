@@ -14,6 +14,7 @@ from typing import Any
 import grpc
 import pytest
 
+from hosts.software import STACK_VARIABLE
 from qmn import running, spy
 from topologies.runtime import EVENT_CAPTURE
 from wire.config import DispatcherConfig, Fiber, FiberEnd
@@ -285,3 +286,16 @@ def test_without_a_network_it_says_so(
     parsed = arguments.parse_args(["spy"])
     assert parsed.call(parsed) == 1
     assert "no network runs on this machine" in capsys.readouterr().err
+
+
+def test_what_a_network_does_not_write_can_only_be_followed(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = DispatcherConfig(listen="", socket="", seed=1, tokens={}, fibers=[], switches=[])
+    monkeypatch.setattr(spy, "dispatcher_of_running_network", lambda: config)
+    monkeypatch.delenv(STACK_VARIABLE, raising=False)
+    arguments = argparse.ArgumentParser()
+    spy.add_parser(arguments.add_subparsers())
+    parsed = arguments.parse_args(["spy", "--no-follow"])
+    assert parsed.call(parsed) == 1
+    assert "writes no events (--no-events)" in capsys.readouterr().err
