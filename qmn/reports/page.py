@@ -6,7 +6,9 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from qmn.reports import charts, diagrams
+from qmn.reports import charts
+from qmn.reports.drawing import variable
+from qmn.reports.handshake_diagram import handshake_diagram
 from qmn.reports.light_paths import (
     LightPath,
     fiber_name,
@@ -14,6 +16,7 @@ from qmn.reports.light_paths import (
     photons_by_port,
     without_outcome,
 )
+from qmn.reports.network_diagram import network_diagram, path_colour
 from qmn.reports.run_facts import RunFacts, read_run
 from qmn.reports.sequence import handshake, lanes
 from topologies.runtime import OPENFLOW_PORT
@@ -61,7 +64,7 @@ def _outcome(result: Mapping[str, Any]) -> str:
     numbers = {
         "Bell pairs": f"{result['bell_pairs']:,}",
         "Bell pairs/s": f"{result['pairs_per_s']:,.0f}",
-        "lost": f"{result['lost_pairs']:,}",
+        "lost pairs": f"{result['lost_pairs']:,}",
         "symbol error rate": "–" if rate is None else f"{rate:.3g}",  # noqa: RUF001
         "message": f"{result['message_bytes']:,} bytes",
         "seed": f"{result['seed']}",
@@ -77,8 +80,8 @@ def _sections(run: RunFacts) -> Iterator[str]:
     paths = light_paths(run.network, run.events)
     yield _figure(
         "The network",
-        diagrams.network(run.network, paths),
-        "Fibres with length and loss; strong lines carried light. Dashed: copper.",
+        network_diagram(run.network, paths),
+        "Fibres with length and loss, all in the table below; dashed: copper. " + _legend(paths),
         "wide",
     )
     yield _handshake(run)
@@ -87,6 +90,16 @@ def _sections(run: RunFacts) -> Iterator[str]:
     yield "</div>"
     yield _fibers(run)
     yield _parameters(run.result)
+
+
+def _legend(paths: Sequence[LightPath]) -> str:
+    if not paths:
+        return "No light path stood."
+    named = (
+        f'<b style="color: {variable(path_colour(number))}">{path.begin} → {path.end}</b>'
+        for number, path in enumerate(paths)
+    )
+    return f"Light paths: {', '.join(named)}."
 
 
 def _handshake(run: RunFacts) -> str:
@@ -102,7 +115,7 @@ def _handshake(run: RunFacts) -> str:
     if not any(step.layer == "metadata" for step in steps):
         text = "Packets were not captured: quantum events alone, from the first on."
     text += " What followed is in all.pcapng." if more else ""
-    drawn = diagrams.handshake(steps, lanes(steps, run.network))
+    drawn = handshake_diagram(steps, lanes(steps, run.network))
     return _figure("The handshake, in both layers", drawn, text, "wide handshake")
 
 
@@ -125,7 +138,8 @@ def _charts(run: RunFacts, paths: Sequence[LightPath]) -> Iterator[str]:
         counts = {
             label: [0, *(line[name] for line in run.sender)] for label, name in ERRORS.items()
         }
-        text = "As the sender has heard of them, chunk by chunk."
+        last = ", ".join(f"{values[-1]:,} {label}" for label, values in counts.items())
+        text = f"As the sender has heard of them, chunk by chunk; in the end {last}."
         yield _figure(title, charts.errors(seconds, counts), text)
     else:
         yield _missing(title, "the sender has said nothing.")
@@ -186,20 +200,24 @@ def _parameters(result: Mapping[str, Any]) -> str:
     rows += [
         [f"device: {host}", _said(parts)] for host, parts in result["devices"].items() if parts
     ]
-    table = _table(["parameter", "value"], rows)
+    table = _table(["parameter", "value"], rows, "parameters")
     return f"<section><h2>Parameters and seed</h2>{table}</section>"
 
 
 def _said(value: Any) -> str:
+    if isinstance(value, list):
+        return ", ".join(map(_said, value)) or "–"  # noqa: RUF001
+    if isinstance(value, dict):
+        return ", ".join(f"{name}: {_said(each)}" for name, each in value.items())
     return value if isinstance(value, str) else json.dumps(value)
 
 
-def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+def _table(heads: Sequence[str], rows: Sequence[Sequence[str]], kind: str = "") -> str:
     head = "".join(f"<th>{escape(name)}</th>" for name in heads)
     body = "".join(
         "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
     )
-    table = f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+    table = f'<table class="{kind}"><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>'
     return f'<div class="scroll">{table}</div>'
 
 
