@@ -10,7 +10,8 @@ from pathlib import Path
 from types import MappingProxyType
 
 from qmn.network_facts import NetworkFacts
-from qmn.reports.packets import Flight, Flow, flights, holds_setup, openflow
+from qmn.reports.packets import Flight, flights, holds_setup, openflow
+from qmn.reports.streams import Flow
 from wire.dispatcher_pb2 import Event
 from wire.metadata import (
     FEC_NAMES,

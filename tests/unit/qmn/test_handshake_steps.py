@@ -49,6 +49,20 @@ def test_messages_are_put_together_and_taken_apart(tmp_path: Path) -> None:
     assert [place for _time, _flow, place, _message in found] == [sequence, cut - 5 - 10]
 
 
+def test_a_switch_may_change_the_order_of_segments(tmp_path: Path) -> None:
+    data = (SETUP.encode() + ANSWER.encode()) * 3
+    cuts = [*range(0, len(data), 20), len(data)]
+    parts = [(cuts[n], data[cuts[n] : cuts[n + 1]]) for n in range(len(cuts) - 1)]
+    # The first begins the stream; one comes again, with more behind it.
+    order = [parts[0], parts[4], parts[2], parts[1], (0, data[:50]), *parts[5:], parts[3]]
+    packets = [(time, segment(THERE, 7 + place, part)) for time, (place, part) in enumerate(order)]
+    capture(tmp_path / "a.pcap", packets)
+    found = list(messages(tmp_path / "a.pcap"))
+    assert [message for *_where, message in found] == [SETUP, ANSWER] * 3
+    length = len(SETUP.encode())
+    assert [place - 7 for _time, _flow, place, _message in found][:2] == [0, length]
+
+
 def test_rubbish_and_gaps_hide_no_later_message(tmp_path: Path) -> None:
     packets = [
         (0, segment(THERE, 1, b"rubbish")),
