@@ -46,11 +46,19 @@ def errors(seconds: Sequence[float], counts: Mapping[str, Sequence[int]]) -> str
     for (label, values), colour in zip(counts.items(), (BAD, METADATA, QUANTUM), strict=False):
         marker = "o" if len(seconds) < 20 else ""
         axes.plot(
-            seconds, values, color=colour, label=label, linewidth=1.8, marker=marker, markersize=4
+            seconds,
+            values,
+            color=colour,
+            label=label,
+            linewidth=1.8,
+            marker=marker,
+            markersize=4,
+            drawstyle="steps-post",
         )
     top = max(1.0, *(max(values) * 1.1 for values in counts.values()))
     axes.set_ylim(-top / 50, top)  # a line of zeros is to be seen whole
     axes.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=6))
+    axes.yaxis.set_major_formatter(EngFormatter())
     axes.set_xlabel("time since the session began")
     _seconds(axes)
     axes.set_ylabel("count so far")

@@ -5,12 +5,14 @@ from collections.abc import Sequence
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle
 
-from qmn.reports import drawing, sequence
+from qmn.reports import drawing
+from qmn.reports import steps as layers
 from qmn.reports.drawing import BAD, GRID, METADATA, MUTED, OPENFLOW, QUANTUM
-from qmn.reports.sequence import Step
+from qmn.reports.steps import Step
 
-COLOURS = {sequence.METADATA: METADATA, sequence.OPENFLOW: OPENFLOW, sequence.QUANTUM: QUANTUM}
+COLOURS = {layers.METADATA: METADATA, layers.OPENFLOW: OPENFLOW, layers.QUANTUM: QUANTUM}
 ROW_INCHES, LANE_INCHES, TIMES_INCHES, HEAD_INCHES = 0.24, 1.75, 0.75, 0.45
+LETTER_INCHES = 0.06
 Place = tuple[float, float]
 
 
@@ -51,13 +53,13 @@ def _height(row: int) -> float:
 
 def _step(axes: Axes, step: Step, begin: Place, end: Place) -> None:
     colour = COLOURS[step.layer]
-    lost = step.to_lane and step.layer == sequence.METADATA and step.arrival_ns is None
+    lost = step.to_lane and step.layer == layers.METADATA and step.arrival_ns is None
     if step.to_lane:
-        dashed = (0, (1, 1.5)) if step.layer == sequence.QUANTUM else "-"
+        dashed = (0, (1, 1.5)) if step.layer == layers.QUANTUM else "-"
         arrow = {
             "arrowstyle": "-|>",
             "color": BAD if lost else colour,
-            "linewidth": 1.6 if step.layer == sequence.QUANTUM else 1.2,
+            "linewidth": 1.6 if step.layer == layers.QUANTUM else 1.2,
             "linestyle": dashed,
             "shrinkA": 0,
             "shrinkB": 0,
@@ -65,7 +67,8 @@ def _step(axes: Axes, step: Step, begin: Place, end: Place) -> None:
         axes.annotate("", end, begin, arrowprops=arrow)
     else:
         axes.add_patch(Circle(begin, 0.05, color=colour, zorder=4))
-    right = end[0] >= begin[0]
+    fits = begin[0] + 0.1 + LETTER_INCHES * len(step.text) < axes.get_xlim()[1]
+    right = end[0] > begin[0] or (not step.to_lane and fits)
     axes.text(
         begin[0] + (0.1 if right else -0.1),
         begin[1] - (0.01 if step.to_lane else 0),

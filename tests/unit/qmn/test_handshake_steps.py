@@ -19,7 +19,8 @@ from recorded_run import (
 )
 
 from qmn.reports.packets import Flight, flights, messages
-from qmn.reports.sequence import Step, describe, handshake, lanes
+from qmn.reports.sequence import describe, handshake, lanes
+from qmn.reports.steps import METADATA, OPENFLOW, QUANTUM, Step, together
 from wire.metadata import KINDS, Block, Emit, Finish, Frame, MalformedPacket, Message, Report
 
 THERE = (ALICE, BOB)
@@ -104,6 +105,21 @@ def test_both_layers_are_on_one_clock(tmp_path: Path) -> None:
         4 * MS, None, None, None, 4 * MS, None, None, 6 * MS,
     ]  # fmt: skip
     assert lanes(steps, NETWORK) == ["alice", "bob", "s1", "c0", "q1 … q2"]
+
+
+def test_what_happens_at_one_time_is_one_step() -> None:
+    ways = [Step(QUANTUM, "q1", 5, f"q1 open {way}") for way in ("2→4", "5→2 X", "6→3")]
+    other = Step(QUANTUM, "q1", 5, "q2 open 1→2")
+    flows = [Step(OPENFLOW, "c0", 6, "FLOW_MOD", "q1")] * 3
+    barrier = Step(OPENFLOW, "c0", 6, "barrier", "q1")
+    answers = [Step(METADATA, "bob", time, "Answer OK", "alice", 9) for time in (7, 8)]
+    assert together([*ways, other, *flows, barrier, *answers]) == [
+        Step(QUANTUM, "q1", 5, "q1 open 2→4, 5→2 X, 6→3"),
+        other,
+        Step(OPENFLOW, "c0", 6, "FLOW_MOD × 3", "q1"),  # noqa: RUF001
+        barrier,
+        *answers,
+    ]
 
 
 def test_without_captures_quantum_events_alone_are_shown(tmp_path: Path) -> None:
