@@ -46,10 +46,19 @@ def errors(seconds: Sequence[float], counts: Mapping[str, Sequence[int]]) -> str
     for (label, values), colour in zip(counts.items(), (BAD, METADATA, QUANTUM), strict=False):
         marker = "o" if len(seconds) < 20 else ""
         axes.plot(
-            seconds, values, color=colour, label=label, linewidth=1.8, marker=marker, markersize=4
+            seconds,
+            values,
+            color=colour,
+            label=label,
+            linewidth=1.8,
+            marker=marker,
+            markersize=4,
+            drawstyle="steps-post",
         )
-    axes.set_ylim(bottom=0, top=max(1, *(max(values) * 1.1 for values in counts.values())))
+    top = max(1.0, *(max(values) * 1.1 for values in counts.values()))
+    axes.set_ylim(-top / 50, top)  # a line of zeros is to be seen whole
     axes.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=6))
+    axes.yaxis.set_major_formatter(EngFormatter())
     axes.set_xlabel("time since the session began")
     _seconds(axes)
     axes.set_ylabel("count so far")
@@ -99,7 +108,7 @@ def loss_budget(paths: Sequence[LightPath], budget_db: float) -> str:
     """Draw what each hop of each path loses, one bar for a hop, and the budget of a path."""
     bars = [(path, hop) for path in paths for hop in path.hops]
     heights = len(bars) + 1.3 * len(paths)
-    made, axes = drawing.figure(SMALL_INCHES[0], max(SMALL_INCHES[1], 0.75 + 0.21 * heights))
+    made, axes = drawing.figure(SMALL_INCHES[0], max(SMALL_INCHES[1], 0.75 + 0.23 * heights))
     y = 0.0
     for path in paths:
         axes.text(0, y, f"{path.begin} → {path.end}", fontsize=9, weight="bold", va="center")
@@ -118,7 +127,7 @@ def loss_budget(paths: Sequence[LightPath], budget_db: float) -> str:
                 (3, 0),
                 textcoords="offset points",
                 va="center",
-                fontsize=8,
+                fontsize=9,
             )
             before += hop.loss_db
         y += 1.3

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 
 INK, MUTED, GRID, PAPER = "#010101", "#020202", "#030303", "#040404"
 METADATA, QUANTUM, OPENFLOW, BAD = "#050505", "#060606", "#070707", "#080808"
+PATHS = (QUANTUM, "#090909", "#0a0a0a", "#0b0b0b")  # light paths beside each other
 VARIABLES = {
     INK: "ink",
     MUTED: "muted",
@@ -23,6 +24,7 @@ VARIABLES = {
     QUANTUM: "quantum",
     OPENFLOW: "openflow",
     BAD: "bad",
+    **{colour: f"path-{number}" for number, colour in enumerate(PATHS) if number},
 }
 STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",
@@ -47,7 +49,7 @@ STYLE: dict[Any, Any] = {
     "savefig.facecolor": "none",
 }
 styled = mpl.rc_context(STYLE)  # decorates what draws: matplotlib asks for a style at many times
-SMALL_INCHES = (4.8, 3.2)  # a chart: two beside each other, or one on a phone
+SMALL_INCHES = (4.4, 3.0)  # a chart: two beside each other, or one on a phone
 
 
 def figure(width: float, height: float) -> tuple[Figure, Axes]:
@@ -76,11 +78,12 @@ def svg(made: Figure, label: str) -> str:
     (box,) = re.findall(r'viewBox="([^"]+)"', head)
     body = re.sub(r"<metadata>.*?</metadata>", "", body, flags=re.DOTALL)
     body = re.sub(r'<g id="[^"]*">', "<g>", body)  # not unique among the figures of a page
-    body = re.sub(r"#(0[1-8])\1\1\b", lambda found: _variable(found[0]), body)
+    body = re.sub(r"#(0[1-9ab])\1\1\b", lambda found: variable(found[0]), body)
     return f'<svg viewBox="{box}" role="img" aria-label="{_attribute(label)}">{body}'
 
 
-def _variable(colour: str) -> str:
+def variable(colour: str) -> str:
+    """Return what the page calls a colour."""
     return f"var(--{VARIABLES[colour]})"
 
 

@@ -6,14 +6,13 @@ set-up message, have taken.
 """
 
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from ipaddress import IPv4Address
 from itertools import islice
 from pathlib import Path
-from typing import NamedTuple
 
 from qmn.network_facts import NetworkFacts
+from qmn.reports.streams import Flow, framed
 from wire.metadata import (
     MAGIC,
     METADATA_PORT,
@@ -25,35 +24,10 @@ from wire.metadata import (
     decode,
     message_length,
 )
-from wire.pcapng import LINKTYPE_ETHERNET, Packet, PcapReader
 
-_IPV4, _TCP = 0x0800, 6
-_ETHERNET_BYTES = 14
-MAX_PACKETS = 100_000  # looked at in each capture: a handshake is at its beginning
 _OPENFLOW = struct.Struct("!BBHI")  # version, type, length, transaction
 OPENFLOW_1_4 = 5
 _SETUP = struct.pack("!HBBI", MAGIC, VERSION, Setup.KIND, SETUP_LENGTH)
-
-
-class Segment(NamedTuple):
-    """A TCP segment with data."""
-
-    time_ns: int
-    source: str
-    source_port: int
-    target: str
-    target_port: int
-    sequence: int
-    data: bytes
-
-
-class Flow(NamedTuple):
-    """One direction of a connection."""
-
-    source: str
-    source_port: int
-    target: str
-    target_port: int
 
 
 @dataclass(frozen=True)
@@ -65,18 +39,6 @@ class Flight:
     receiver: str
     left_ns: int
     arrived_ns: int | None
-
-
-def segments(file: Path) -> Iterator[Segment]:
-    """Yield the first TCP segments with data of a capture; raise MalformedPacket if it is none."""
-    with file.open("rb") as opened:
-        reader = PcapReader(opened)
-        if reader.link_type != LINKTYPE_ETHERNET:
-            raise MalformedPacket(f"{file.name}: link type {reader.link_type} is not Ethernet")
-        for packet in islice(reader.packets(), MAX_PACKETS):
-            segment = _segment(packet)
-            if segment is not None:
-                yield segment
 
 
 def flights(folder: Path, network: NetworkFacts, limit: int) -> list[Flight]:
@@ -122,45 +84,6 @@ def openflow(file: Path, port: int) -> Iterator[tuple[int, Flow, bytes]]:
         yield time_ns, flow, data
 
 
-def framed(
-    file: Path, port: int, length_of: Callable[[bytes], int | None]
-) -> Iterator[tuple[int, Flow, int, bytes]]:
-    """Yield the messages in the TCP streams from and to a port, put together from segments.
-
-    `length_of` returns the length of the message that its argument begins with, None if that is
-    too short to tell, and raises MalformedPacket if it is none.
-    """
-    streams: dict[Flow, tuple[int, bytes]] = {}
-    for segment in segments(file):
-        if port not in (segment.source_port, segment.target_port):
-            continue
-        flow = Flow(*segment[1:5])
-        expected, held = streams.get(flow, (segment.sequence, b""))
-        if segment.sequence != expected:
-            if (expected - segment.sequence) % 2**32 < 2**31:
-                continue  # a retransmission
-            held = b""  # something was not captured: go on behind it
-        data, start = held + segment.data, segment.sequence - len(held)
-        parts, rest = _split(data, length_of)
-        for place, part in parts:
-            yield segment.time_ns, flow, (start + place) % 2**32, part
-        streams[flow] = (segment.sequence + len(segment.data)) % 2**32, rest
-
-
-def _split(
-    data: bytes, length_of: Callable[[bytes], int | None]
-) -> tuple[list[tuple[int, bytes]], bytes]:
-    """Return the whole messages with their places, and what is behind them if it begins one."""
-    parts, place = [], 0
-    try:
-        while (length := length_of(data[place:])) and len(data) >= place + length:
-            parts.append((place, data[place : place + length]))
-            place += length
-    except MalformedPacket:
-        return parts, b""
-    return parts, data[place:]
-
-
 def _openflow_length(data: bytes) -> int | None:
     if len(data) < _OPENFLOW.size:
         return None
@@ -168,23 +91,6 @@ def _openflow_length(data: bytes) -> int | None:
     if version != OPENFLOW_1_4 or length < _OPENFLOW.size:
         raise MalformedPacket(f"not OpenFlow 1.4: {data[:8].hex()}")
     return int(length)
-
-
-def _segment(packet: Packet) -> Segment | None:
-    """Read Ethernet, IPv4 and TCP; None for anything else, for no data, for what was cut."""
-    data = packet.data[_ETHERNET_BYTES:]
-    if len(data) < 20 or struct.unpack_from("!H", packet.data, 12) != (_IPV4,):
-        return None
-    (total,) = struct.unpack_from("!H", data, 2)
-    header = 4 * (data[0] & 15)
-    if data[9] != _TCP or not header + 20 <= total <= len(data):
-        return None
-    source_port, target_port, sequence = struct.unpack_from("!HHI", data, header)
-    payload = data[header + 4 * (data[header + 12] >> 4) : total]
-    if not payload:
-        return None
-    ends = str(IPv4Address(data[12:16])), source_port, str(IPv4Address(data[16:20])), target_port
-    return Segment(packet.time_ns, *ends, sequence, payload)
 
 
 def holds_setup(data: bytes) -> bool:

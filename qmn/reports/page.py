@@ -1,30 +1,18 @@
 """The report as one page: HTML, CSS and SVG, no script, nothing from elsewhere."""
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from html import escape
 from pathlib import Path
 from typing import Any
 
-from qmn.reports import charts, diagrams
-from qmn.reports.light_paths import (
-    LightPath,
-    fiber_name,
-    light_paths,
-    photons_by_port,
-    without_outcome,
-)
+from qmn.reports import figures
+from qmn.reports.light_paths import fiber_name, light_paths, photons_by_port
+from qmn.reports.markup import table
 from qmn.reports.run_facts import RunFacts, read_run
-from qmn.reports.sequence import handshake, lanes
-from topologies.runtime import OPENFLOW_PORT
 
 REPORT = "report.html"
 STYLE = Path(__file__).with_name("report.css")
-ERRORS = {
-    "symbol errors": "symbol_errors",
-    "lost pairs": "lost_pairs",
-    "repeated frames": "repeated_frames",
-}
 
 
 def write_report(folder: Path) -> Path:
@@ -61,9 +49,9 @@ def _outcome(result: Mapping[str, Any]) -> str:
     numbers = {
         "Bell pairs": f"{result['bell_pairs']:,}",
         "Bell pairs/s": f"{result['pairs_per_s']:,.0f}",
-        "lost": f"{result['lost_pairs']:,}",
+        "lost pairs": f"{result['lost_pairs']:,}",
         "symbol error rate": "–" if rate is None else f"{rate:.3g}",  # noqa: RUF001
-        "message": f"{result['message_bytes']:,} bytes",
+        "bytes of message": f"{result['message_bytes']:,}",
         "seed": f"{result['seed']}",
     }
     tiles = "".join(
@@ -75,83 +63,13 @@ def _outcome(result: Mapping[str, Any]) -> str:
 
 def _sections(run: RunFacts) -> Iterator[str]:
     paths = light_paths(run.network, run.events)
-    yield _figure(
-        "The network",
-        diagrams.network(run.network, paths),
-        "Fibres with length and loss; strong lines carried light. Dashed: copper.",
-        "wide",
-    )
-    yield _handshake(run)
+    yield figures.network(run, paths)
+    yield figures.handshake_figure(run)
     yield '<div class="charts">'
-    yield from _charts(run, paths)
+    yield from figures.chart_figures(run, paths)
     yield "</div>"
     yield _fibers(run)
     yield _parameters(run.result)
-
-
-def _handshake(run: RunFacts) -> str:
-    port = run.result["parameters"].get("openflow_port", OPENFLOW_PORT)
-    steps, more = handshake(run.folder, run.network, run.events, port)
-    if not steps:
-        return _missing("The handshake", "nothing was captured, and no quantum event happened.")
-    text = (
-        'On one clock: <span class="metadata">quantum metadata</span> as it leaves one host and '
-        'reaches another, <span class="openflow">OpenFlow</span>, <span class="quantum">quantum '
-        "events</span>. Times count from the first set-up."
-    )
-    if not any(step.layer == "metadata" for step in steps):
-        text = "Packets were not captured: quantum events alone, from the first on."
-    text += " What followed is in all.pcapng." if more else ""
-    drawn = diagrams.handshake(steps, lanes(steps, run.network))
-    return _figure("The handshake, in both layers", drawn, text, "wide handshake")
-
-
-def _charts(run: RunFacts, paths: Sequence[LightPath]) -> Iterator[str]:
-    measured = [event for event in run.events if event.kind == "bell-measure"]
-    measured.sort(key=lambda event: event.time_ns)
-    title = "Bell pairs a second"
-    if measured:
-        lists = [(event.time_ns, event.photons, without_outcome(event)) for event in measured]
-        times, pairs, lost = map(list, zip(*lists, strict=True))
-        begin_ns = min([*times, *(e.time_ns for e in run.events if e.kind == "create")])
-        text = f"Blocks counted when the receiver measured them: {len(measured):,}."
-        yield _figure(title, charts.rate(begin_ns, times, pairs, lost), text)
-    else:
-        yield _missing(title, "no Bell pair was measured.")
-    title = "Errors over time"
-    if run.sender:
-        # A session begins without an error.
-        seconds = [0.0, *(line["elapsed_s"] for line in run.sender)]
-        counts = {
-            label: [0, *(line[name] for line in run.sender)] for label, name in ERRORS.items()
-        }
-        text = "As the sender has heard of them, chunk by chunk."
-        yield _figure(title, charts.errors(seconds, counts), text)
-    else:
-        yield _missing(title, "the sender has said nothing.")
-    yield _confusion(run)
-    title = "Loss of each hop"
-    if paths:
-        budget = run.result["parameters"]["loss_budget_db"]
-        text = "Every light path that stood, as declared: fibres and ways through switches."
-        yield _figure(title, charts.loss_budget(paths, budget), text)
-    else:
-        yield _missing(title, "no light path stood.")
-    title = "Set-up of light paths"
-    if run.setup_ms:
-        text = f"From metadata at the controller to light path; paths: {len(run.setup_ms):,}."
-        yield _figure(title, charts.setup_times(run.setup_ms), text)
-    else:
-        yield _missing(title, "no light path was set up.")
-
-
-def _confusion(run: RunFacts) -> str:
-    title, counts = "Symbols sent and received", run.confusion
-    if not counts.any():
-        return _missing(title, "no frame was delivered whole.")
-    text = "Of the frames delivered in the end, with their rejected versions: before a frame's "
-    text += "check is right, the receiver does not know what was sent. Lost pairs are not counted."
-    return _figure(title, charts.confusion(counts, run.result.get("bell_states") or 4), text)
 
 
 def _fibers(run: RunFacts) -> str:
@@ -174,7 +92,7 @@ def _fibers(run: RunFacts) -> str:
         )
     heads = ["fibre", "kind", "length", "loss", "delay", "photons to its host", "of these lost"]
     note = "<p>Photons count with the blocks they belong to; lost: anywhere before.</p>"
-    return f"<section><h2>Fibres</h2>{_table(heads, rows)}{note}</section>"
+    return f"<section><h2>Fibres</h2>{table(heads, rows)}{note}</section>"
 
 
 def _parameters(result: Mapping[str, Any]) -> str:
@@ -186,28 +104,15 @@ def _parameters(result: Mapping[str, Any]) -> str:
     rows += [
         [f"device: {host}", _said(parts)] for host, parts in result["devices"].items() if parts
     ]
-    table = _table(["parameter", "value"], rows)
-    return f"<section><h2>Parameters and seed</h2>{table}</section>"
+    made = table(["parameter", "value"], rows, "parameters")
+    return f"<section><h2>Parameters and seed</h2>{made}</section>"
 
 
 def _said(value: Any) -> str:
+    if isinstance(value, list):
+        return ", ".join(map(_said, value)) or "–"  # noqa: RUF001
+    if isinstance(value, dict):
+        return ", ".join(f"{name}: {_said(each)}" for name, each in value.items())
+    if value is None:
+        return "–"  # noqa: RUF001
     return value if isinstance(value, str) else json.dumps(value)
-
-
-def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    head = "".join(f"<th>{escape(name)}</th>" for name in heads)
-    body = "".join(
-        "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
-    )
-    table = f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
-    return f'<div class="scroll">{table}</div>'
-
-
-def _figure(title: str, drawn: str, text: str, kind: str = "") -> str:
-    """Return a figure; `text` is HTML of ours."""
-    caption = f"<figcaption><h2>{title}</h2><p>{text}</p></figcaption>"
-    return f'<figure class="{kind}">{caption}<div class="scroll">{drawn}</div></figure>'
-
-
-def _missing(title: str, why: str) -> str:
-    return f"<section><h2>{title}</h2><p>Not drawn: {why}</p></section>"

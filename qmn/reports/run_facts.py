@@ -33,9 +33,23 @@ class RunFacts:
     sender: list[dict[str, Any]]  # what the sending application said, line by line
 
     @property
-    def confusion(self) -> NDArray[np.int64]:
-        """How often each symbol sent (row) was received as which (column), of frames delivered."""
-        return np.array(self.result.get("confusion") or np.zeros((4, 4)), dtype=np.int64)
+    def has_events(self) -> bool:
+        """Whether the run wrote what happened to qubits."""
+        return bool(self.result.get("events", True))
+
+    @property
+    def has_packets(self) -> bool:
+        """Whether the run captured packets."""
+        return bool(self.result.get("captures"))
+
+    @property
+    def confusion(self) -> NDArray[np.int64] | None:
+        """How often each symbol sent (row) was received as which (column), of frames delivered.
+
+        None if the receiver did not come to say it.
+        """
+        counts = self.result.get("confusion")
+        return None if counts is None else np.array(counts, dtype=np.int64)
 
 
 def read_run(folder: Path) -> RunFacts:

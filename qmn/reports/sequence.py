@@ -4,13 +4,14 @@ All times are on one clock: that of the captures, to which the dispatcher's is a
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from types import MappingProxyType
 
 from qmn.network_facts import NetworkFacts
-from qmn.reports.packets import Flight, Flow, flights, holds_setup, openflow
+from qmn.reports.packets import Flight, flights, holds_setup, openflow
+from qmn.reports.steps import METADATA, OPENFLOW, QUANTUM, Step, together
+from qmn.reports.streams import Flow
 from wire.dispatcher_pb2 import Event
 from wire.metadata import (
     FEC_NAMES,
@@ -26,7 +27,6 @@ from wire.metadata import (
     Verdict,
 )
 
-METADATA, OPENFLOW, QUANTUM = "metadata", "openflow", "quantum"
 CONTROLLER, CLASSICAL_SWITCH = "c0", "s1"
 MAX_MOMENTS = 64
 MAX_EVENTS = 200  # looked at: more than can be shown
@@ -34,23 +34,6 @@ BARRIER, BARRIER_REPLY = 20, 21  # types of OpenFlow messages
 HOLDING = (10, 13)  # packet-in and packet-out
 PROGRAMMING = MappingProxyType({14: "FLOW_MOD", 34: "bundled FLOW_MOD"})
 Spoken = tuple[int, Flow, bytes]
-
-
-@dataclass(frozen=True)
-class Step:
-    """Something at one node, or on its way from one to another."""
-
-    layer: str
-    lane: str
-    time_ns: int
-    text: str
-    to_lane: str = ""
-    arrival_ns: int | None = None
-
-    @property
-    def moments(self) -> int:
-        """How many times on the clock it has."""
-        return 2 if self.arrival_ns is not None else 1
 
 
 def handshake(
@@ -67,7 +50,7 @@ def handshake(
     if seen and capture.exists():
         spoken = list(_between(openflow(capture, openflow_port), begin, end))
         steps += _openflow_steps(spoken, openflow_port, switches_lane(network))
-    steps.sort(key=lambda step: step.time_ns)
+    steps = together(sorted(steps, key=lambda step: step.time_ns))
     moments, shown = 0, 0
     for step in steps:
         if moments + step.moments > MAX_MOMENTS:
@@ -100,12 +83,16 @@ def describe(message: Message) -> str:
     words: dict[type[Message], Callable[..., str]] = {
         Setup: _describe_setup,
         Answer: lambda m: f"Answer {Reason(m.reason).name}",
-        Emit: lambda m: f"Emit {m.pairs:,} pairs",
-        Block: lambda m: f"Block {m.block}: {m.pairs:,} pairs",
-        Report: lambda m: f"Report {m.block}: {m.lost:,} lost, {m.errors:,} errors",
-        Finish: lambda m: f"Finish {m.size:,} bytes",
+        Emit: lambda m: f"Emit {_count(m.pairs, 'pair')}",
+        Block: lambda m: f"Block {m.block}: {_count(m.pairs, 'pair')}",
+        Report: lambda m: f"Report {m.block}: {m.lost:,} lost, {_count(m.errors, 'error')}",
+        Finish: lambda m: f"Finish {_count(m.size, 'byte')}",
     }
     return words[type(message)](message)
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number:,} {what}" + ("" if number == 1 else "s")
 
 
 def _describe_setup(setup: Setup) -> str:
@@ -125,7 +112,7 @@ def _quantum_steps(events: Sequence[Event], network: NetworkFacts) -> Iterator[S
             landing = next((each for each in landings if _follows(event, each)), None)
             if landing is not None:
                 landings.remove(landing)
-                text = f"{event.photons:,} photons" + _lost(landing)
+                text = _count(event.photons, "photon") + _lost(landing)
                 ends = landing.node, landing.time_ns
                 yield Step(QUANTUM, lane, event.time_ns, text, *ends)
                 continue

@@ -125,7 +125,12 @@ def record_run(folder: Path, captured: bool = True, delivered: bool = True) -> P
         "controller": "ryu",
         "handshake": "framed",
         "seed": 1,
-        "parameters": {"fec": "none <&>", "loss_budget_db": 30.0, "openflow_port": 6653},
+        "parameters": {
+            "sender": "alice",
+            "fec": "none <&>",
+            "loss_budget_db": 30.0,
+            "openflow_port": 6653,
+        },
         "optics": {"length_km": 5.0},
         "devices": {},
         "file": str(folder / "message"),

@@ -19,7 +19,8 @@ from recorded_run import (
 )
 
 from qmn.reports.packets import Flight, flights, messages
-from qmn.reports.sequence import Step, describe, handshake, lanes
+from qmn.reports.sequence import describe, handshake, lanes
+from qmn.reports.steps import METADATA, OPENFLOW, QUANTUM, Step, together
 from wire.metadata import KINDS, Block, Emit, Finish, Frame, MalformedPacket, Message, Report
 
 THERE = (ALICE, BOB)
@@ -47,6 +48,20 @@ def test_messages_are_put_together_and_taken_apart(tmp_path: Path) -> None:
     found = list(messages(tmp_path / "a.pcap"))
     assert [message for _time, _flow, _sequence, message in found] == [SETUP, ANSWER]
     assert [place for _time, _flow, place, _message in found] == [sequence, cut - 5 - 10]
+
+
+def test_a_switch_may_change_the_order_of_segments(tmp_path: Path) -> None:
+    data = (SETUP.encode() + ANSWER.encode()) * 3
+    cuts = [*range(0, len(data), 20), len(data)]
+    parts = [(cuts[n], data[cuts[n] : cuts[n + 1]]) for n in range(len(cuts) - 1)]
+    # The first begins the stream; one comes again, with more behind it.
+    order = [parts[0], parts[4], parts[2], parts[1], (0, data[:50]), *parts[5:], parts[3]]
+    packets = [(time, segment(THERE, 7 + place, part)) for time, (place, part) in enumerate(order)]
+    capture(tmp_path / "a.pcap", packets)
+    found = list(messages(tmp_path / "a.pcap"))
+    assert [message for *_where, message in found] == [SETUP, ANSWER] * 3
+    length = len(SETUP.encode())
+    assert [place - 7 for _time, _flow, place, _message in found][:2] == [0, length]
 
 
 def test_rubbish_and_gaps_hide_no_later_message(tmp_path: Path) -> None:
@@ -90,6 +105,21 @@ def test_both_layers_are_on_one_clock(tmp_path: Path) -> None:
         4 * MS, None, None, None, 4 * MS, None, None, 6 * MS,
     ]  # fmt: skip
     assert lanes(steps, NETWORK) == ["alice", "bob", "s1", "c0", "q1 … q2"]
+
+
+def test_what_happens_at_one_time_is_one_step() -> None:
+    ways = [Step(QUANTUM, "q1", 5, f"q1 open {way}") for way in ("2→4", "5→2 X", "6→3")]
+    other = Step(QUANTUM, "q1", 5, "q2 open 1→2")
+    flows = [Step(OPENFLOW, "c0", 6, "FLOW_MOD", "q1")] * 3
+    barrier = Step(OPENFLOW, "c0", 6, "barrier", "q1")
+    answers = [Step(METADATA, "bob", time, "Answer OK", "alice", 9) for time in (7, 8)]
+    assert together([*ways, other, *flows, barrier, *answers]) == [
+        Step(QUANTUM, "q1", 5, "q1 open 2→4, 5→2 X, 6→3"),
+        other,
+        Step(OPENFLOW, "c0", 6, "FLOW_MOD × 3", "q1"),  # noqa: RUF001
+        barrier,
+        *answers,
+    ]
 
 
 def test_without_captures_quantum_events_alone_are_shown(tmp_path: Path) -> None:

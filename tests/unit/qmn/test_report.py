@@ -7,11 +7,13 @@ from argparse import Namespace
 from pathlib import Path
 
 import pytest
-from recorded_run import record_run
+from recorded_run import ALICE, BOB, MS, NETWORK, SETUP, capture, record_run, segment
 
 from qmn import report
 from qmn.report import NoReport, made_report, report_of_run
+from qmn.reports.error_counts import reported
 from qmn.reports.run_facts import read_run
+from wire.metadata import Report
 
 FIGURES = [
     "The network",
@@ -100,7 +102,47 @@ def test_what_was_not_recorded_is_said_and_not_drawn(tmp_path: Path) -> None:
 def test_a_run_without_captures_shows_its_quantum_events(tmp_path: Path) -> None:
     page = made_page(record_run(tmp_path, captured=False))
     assert "Packets were not captured" in page
-    assert list(figures(page)) == FIGURES
+    drawn = [title.replace("in the quantum layer", "in both layers") for title in figures(page)]
+    assert drawn == FIGURES
+
+
+def test_a_run_that_wrote_no_events_does_not_say_that_nothing_happened(tmp_path: Path) -> None:
+    record_run(tmp_path)
+    (tmp_path / "quantum.pcapng").unlink()
+    result = json.loads((tmp_path / "result.json").read_text())
+    (tmp_path / "result.json").write_text(json.dumps({**result, "events": False}))
+    page = made_page(tmp_path)
+    assert "The handshake, in the classical layer" in figures(page)
+    assert page.count("what happened to qubits was not written (--no-events)") == 4
+    assert "No light path stood" not in page
+    assert "no Bell pair was measured" not in page
+
+
+def test_errors_are_drawn_from_the_reports_of_all_sessions(tmp_path: Path) -> None:
+    record_run(tmp_path)
+    assert "in the end 3 symbol errors, 40 lost pairs, 1 repeated frames" in made_page(tmp_path)
+    reports = [
+        Report(1, 1, 100, lost=5, errors=2, failed=(0,)),
+        Report(2, 1, 100, lost=7, errors=4),
+        Report(1, 2, 100, errors=3),
+    ]
+    data = [SETUP.encode(), *(report.encode() for report in reports)]
+    places = [sum(map(len, data[:n])) for n in range(4)]
+    packets = [
+        (n * MS, segment((BOB, ALICE), place, part))
+        for n, (place, part) in enumerate(zip(places, data, strict=True))
+    ]
+    capture(tmp_path / "s1-eth1.pcap", packets)
+    counts = reported(tmp_path, NETWORK, "alice")
+    assert counts is not None
+    assert counts.seconds == [0, 0.001, 0.002, 0.003]
+    assert counts.counts == {
+        "symbol errors": [0, 2, 6, 7],
+        "lost pairs": [0, 5, 12, 12],
+        "repeated frames": [0, 1, 1, 1],
+    }
+    assert "in the end 7 symbol errors, 12 lost pairs, 1 repeated frames" in made_page(tmp_path)
+    assert reported(tmp_path, NETWORK, "bob") is None
 
 
 def test_the_same_run_gives_the_same_page(tmp_path: Path) -> None:
