@@ -93,7 +93,7 @@ def captures(facts: dict[str, Any], folder: Path) -> str:
     return f"{folder}/*.pcap" + (f", {missed:,} packets missed" if missed else "")
 
 
-def show(console: Console, facts: dict[str, Any], folder: Path, report: str) -> None:
+def show(console: Console, facts: dict[str, Any], folder: Path) -> None:
     """Print the table."""
     table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
     setup, rate = facts["path_setup_ms"], facts["symbol_error_rate"]
@@ -113,7 +113,7 @@ def show(console: Console, facts: dict[str, Any], folder: Path, report: str) -> 
         "captures": captures(facts, folder),
         "quantum events": f"{folder}/{EVENT_LOG}" if facts["events"] else "not written",
         "one timeline of both": facts["timeline"],
-        "report to look at": report,
+        "report to look at": facts["report"],
         "all facts": f"{folder}/result.json",
     }
     for name, value in rows.items():

@@ -1,11 +1,9 @@
-"""qmn run TOPOLOGY: start a network, do its job, report, clean up."""
+"""qmn run JOB: start a network, do its job, report, clean up."""
 
 import argparse
 import os
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,34 +14,29 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from hosts.applications.send import CHUNK_BYTES
 from hosts.middleware.coding import CODES
 from hosts.middleware.frame_format import MAX_BLOCK_PAIRS, FrameFormat
-from qmn import result
-from qmn.device_words import differences
-from qmn.dispatcher_calls import status
-from qmn.metrics_targets import announce
-from qmn.network_facts import network_facts
+from qmn import result, service_run
 from qmn.network_options import (
     BadInput,
     add_network_options,
     check_network,
     check_range,
     check_two_hosts,
-    settings,
 )
 from qmn.networks import (
     TOPOLOGIES,
-    BadTopology,
-    every_device,
-    every_fiber,
     quantum_hosts,
     topology,
 )
-from qmn.report import report_of_run
-from qmn.run_folder import give_to_invoker, make_folder, point_latest
-from qmn.timeline import timeline_of_run
-from qmn.transfer import Transfer, TransferError, transfer
-from topologies.network import Interrupted, Network, Signals, require_root
-from topologies.presets import preset
-from topologies.programs import NetworkError
+from qmn.run_frame import (
+    add_run_options,
+    begin_folder,
+    ending,
+    guarded,
+    known_facts,
+    running_network,
+)
+from qmn.transfer import Transfer, transfer
+from topologies.network import Signals, require_root
 from wire.metadata import FEC_NAMES
 
 MESSAGE = Path(__file__).with_name("message.txt")
@@ -55,14 +48,32 @@ DECODING_RATE = {"reed-solomon": 300_000}  # pairs a second, of codes that take 
 CAPTURED_BYTES_PER_PAIR = {"framed": 4.4, "per-pair": 4_900}
 SIZE_LIMIT = {"framed": 1 << 30, "per-pair": 1 << 16}
 TELL_ESTIMATE_ABOVE_S = 10
+PARAMETERS = (
+    "sender",
+    "receiver",
+    "frame_bytes",
+    "block_pairs",
+    "rate_hz",
+    "fec",
+    "interleave",
+)
 
 
 def add_parser(verbs: Any) -> None:
     """Describe the verb."""
-    parser = verbs.add_parser("run", help="start a network and do its job", description=__doc__)
+    words = "start a network and do its job"
+    parser = verbs.add_parser("run", help=words, description=__doc__)
+    jobs = parser.add_subparsers(dest="job", metavar="JOB", required=True)
+    for name, (_topo, what) in TOPOLOGIES.items():
+        text = f"superdense coding over {what}"
+        job = jobs.add_parser(name, help=text, description=f"{text}: {__doc__}")
+        _add_options(job)
+        job.set_defaults(topology=name, call=partial(guarded, run))
+    service_run.add_parsers(jobs)
+
+
+def _add_options(parser: argparse.ArgumentParser) -> None:
     add = partial(parser.add_argument)
-    names = ", ".join(f"{name}: {what}" for name, (_topo, what) in TOPOLOGIES.items())
-    add("topology", choices=sorted(TOPOLOGIES), help=f"superdense coding over {names}")
     what = parser.add_mutually_exclusive_group()
     what.add_argument("--message", help="text to send (default: a short text of ours)")
     what.add_argument("--file", type=Path, help="file to send")
@@ -75,25 +86,7 @@ def add_parser(verbs: Any) -> None:
     add("--rate-hz", type=int, default=50_000_000, metavar="HZ", help="of the source (50000000)")
     add("--fec", choices=FEC_NAMES, default="none", help="error-correction code (none)")
     add("--interleave", action="store_true", help="spread the codewords of --fec over a frame")
-    add("--runs", type=Path, default=Path("runs"), metavar="DIR", help="what runs leave (runs)")
-    add("--qasm", action="store_true", help="write what is done to qubits to quantum.qasm")
-    add("--no-capture", action="store_true", help="do not capture packets")
-    add("--no-events", action="store_true", help="do not write what happens to qubits")
-    add("--no-record", action="store_true", help="do not record what `qmn replay` needs")
-    parser.set_defaults(call=call)
-
-
-def call(arguments: argparse.Namespace) -> int:
-    """Run; turn every fault into one line and an exit status."""
-    try:
-        with Signals() as signals:
-            return run(arguments, signals, Console(highlight=False))
-    except (BadInput, BadTopology, NetworkError, TransferError) as error:
-        print(f"qmn: {error}", file=sys.stderr)
-        return 1
-    except Interrupted as error:
-        print(f"qmn: {error}; everything is cleaned up", file=sys.stderr)
-        return error.status
+    add_run_options(parser)
 
 
 def run(arguments: argparse.Namespace, signals: Signals, console: Console) -> int:
@@ -101,23 +94,11 @@ def run(arguments: argparse.Namespace, signals: Signals, console: Console) -> in
     size = check_input(arguments)
     require_root()
     tell_estimate(arguments, size, console)
-    try:
-        folder = make_folder(arguments.runs, arguments.topology)
-    except OSError as error:
-        raise BadInput(f"cannot write to --runs {arguments.runs}: {error.strerror}") from error
-    point_latest(folder)
+    folder = begin_folder(arguments.runs, arguments.topology)
     facts = beginning(arguments, folder)
-    try:
+    with ending(folder, facts, result.complete):
         run_network(arguments, folder, facts, signals, console)
-    except (NetworkError, TransferError, Interrupted) as error:
-        facts["error"] = str(error)
-        raise
-    finally:
-        facts["timeline"] = timeline_of_run(folder)
-        result.complete(facts, folder)
-        report = report_of_run(folder)
-        give_to_invoker(folder)
-    result.show(console, facts, folder, report)
+    result.show(console, facts, folder)
     return 0 if facts["delivered"] else 1
 
 
@@ -203,50 +184,9 @@ def beginning(arguments: argparse.Namespace, folder: Path) -> dict[str, Any]:
         (folder / "message").write_bytes(arguments.message.encode())
     file = folder / "message" if arguments.message is not None else arguments.file or MESSAGE
     return {
-        "topology": arguments.topology,
-        "mode": os.environ.get("QMN_MODE", "native"),
-        "controller": arguments.controller,
+        **known_facts(arguments, PARAMETERS),
         "handshake": arguments.handshake,
-        "seed": arguments.seed,
-        "parameters": {
-            name: getattr(arguments, name)
-            for name in (
-                "sender",
-                "receiver",
-                "frame_bytes",
-                "block_pairs",
-                "rate_hz",
-                "fec",
-                "interleave",
-                "preset",
-                "length_km",
-                "loss_db_per_km",
-                "depolarizing",
-                "kind",
-                "fiber",
-                "device",
-                "switches",
-                "leaves",
-                "spines",
-                "loss_budget_db",
-                "contention",
-                "openflow_port",
-            )
-            if getattr(arguments, name) is not None
-        },
-        "optics": asdict(every_fiber(arguments)),
-        "devices": {
-            host: differences(device)
-            for host, device in {
-                "every": preset(arguments.preset).device,
-                **every_device(arguments),
-            }.items()
-        },
         "file": str(file.resolve()),
-        "captures": [],
-        "events": not arguments.no_events,
-        "backend": arguments.backend,
-        "exact": None,
     }
 
 
@@ -258,13 +198,6 @@ def run_network(
     console: Console,
 ) -> None:
     """Start the network, send, and add to the facts."""
-    runtime = settings(
-        arguments,
-        folder,
-        record=not arguments.no_record,
-        qasm=arguments.qasm,
-        events=not arguments.no_events,
-    )
     order = Transfer(
         Path(facts["file"]),
         folder / "received",
@@ -277,17 +210,7 @@ def run_network(
         arguments.fec,
         arguments.interleave,
     )
-    console.print(f"starting the network ({arguments.controller}, seed {arguments.seed}) ...")
-    with Network(topology(arguments), runtime, signals) as network:
-        facts["network"] = network_facts(network).to_dict()
-        facts["backend"] = status(network).backend
-        if arguments.metrics:
-            facts["metrics"] = urls = announce(runtime.metrics_addresses, folder)
-            for program, url in urls.items():
-                console.print(f"figures of {program}: {url}", soft_wrap=True)
-        if not arguments.no_capture:
-            files = [*network.capture("s1"), network.capture_openflow()]
-            facts["captures"] = [str(file) for file in files]
+    with running_network(arguments, folder, facts, signals, console) as network:
         console.print(
             f"sending {order.file.name} from {order.sender} to {order.receiver} "
             f"by superdense coding ({order.handshake})"
@@ -297,8 +220,6 @@ def run_network(
             sent, received = transfer(network, order, progress)
             progress(sent)
         facts["confusion"] = received.get("confusion")
-        facts["exact"] = status(network).exact
-    facts["packets_not_captured"] = network.packets_missed
 
 
 @contextmanager

@@ -46,8 +46,8 @@ def transfer(
     try:
         receiver = _start_receiver(network, order)
         sender = _start_sender(network, order)
-        sent = _follow(network, sender, progress)
-        received = _follow(network, receiver, lambda _line: None)
+        sent = follow(network, sender, progress)
+        received = follow(network, receiver, lambda _line: None)
     except (TransferError, NetworkError):
         network.check()  # what died in the network is the cause
         raise
@@ -80,7 +80,7 @@ def _start_sender(network: Network, order: Transfer) -> Program:
     return network.run_on(order.sender, "sender", [*command, order.receiver, str(APPLICATION_PORT)])
 
 
-def _follow(
+def follow(
     network: Network, program: Program, progress: Callable[[dict[str, Any]], None]
 ) -> dict[str, Any]:
     """Read a program's lines of JSON until its last; every wait here has a deadline."""

@@ -18,16 +18,20 @@ from wire.metadata import (
     Answer,
     Block,
     Emit,
+    Envelope,
     Finish,
     Message,
     Reason,
     Report,
     Service,
     Setup,
+    Topic,
+    Values,
     Verdict,
 )
 
 CONTROLLER, CLASSICAL_SWITCH = "c0", "s1"
+CODED = (Service.SDC, Service.PAIR_SOURCE)
 MAX_MOMENTS = 64
 MAX_EVENTS = 200  # looked at: more than can be shown
 BARRIER, BARRIER_REPLY = 20, 21  # types of OpenFlow messages
@@ -87,8 +91,14 @@ def describe(message: Message) -> str:
         Block: lambda m: f"Block {m.block}: {_count(m.pairs, 'pair')}",
         Report: lambda m: f"Report {m.block}: {m.lost:,} lost, {_count(m.errors, 'error')}",
         Finish: lambda m: f"Finish {_count(m.size, 'byte')}",
+        Values: lambda m: f"Values {_topic(m.topic)} of block {m.block}: {m.count:,}",
+        Envelope: lambda m: f"Envelope {_topic(m.topic)}, {_count(len(m.content), 'byte')}",
     }
     return words[type(message)](message)
+
+
+def _topic(number: int) -> str:
+    return Topic(number).name if number in Topic.__members__.values() else str(number)
 
 
 def _count(number: int, what: str) -> str:
@@ -98,7 +108,8 @@ def _count(number: int, what: str) -> str:
 def _describe_setup(setup: Setup) -> str:
     codes = {int(number): name for name, number in FEC_NAMES.items()}
     service = Service(setup.service).name.replace("_", " ")
-    text = f"Setup {service}, code {codes.get(setup.fec, setup.fec)}"
+    code = f", code {codes.get(setup.fec, setup.fec)}" if setup.service in CODED else ""
+    text = f"Setup {service}{code}"
     return text if setup.verdict == Verdict.PENDING else f"{text}: {Verdict(setup.verdict).name}"
 
 

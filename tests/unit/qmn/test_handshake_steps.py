@@ -21,7 +21,19 @@ from recorded_run import (
 from qmn.reports.packets import Flight, flights, messages
 from qmn.reports.sequence import describe, handshake, lanes
 from qmn.reports.steps import METADATA, OPENFLOW, QUANTUM, Step, together
-from wire.metadata import KINDS, Block, Emit, Finish, Frame, MalformedPacket, Message, Report
+from wire.metadata import (
+    KINDS,
+    Block,
+    Emit,
+    Envelope,
+    Finish,
+    Frame,
+    MalformedPacket,
+    Message,
+    Report,
+    Topic,
+    Values,
+)
 
 THERE = (ALICE, BOB)
 
@@ -138,6 +150,8 @@ def test_every_kind_of_metadata_has_words(kind: type[Message]) -> None:
         Block(1, 1, 4, 0, 0, (Frame(0, 1, 0),)),
         Report(1, 1, 4, 2, 3),
         Finish(1, 37, b"\0" * 32),
+        Values(1, Topic.BASES, 2, 3, 4, b"\0"),
+        Envelope(1, 200, b"own"),
     )
     (example,) = (each for each in examples if type(each) is kind)
     assert describe(example).startswith(kind.__name__)
