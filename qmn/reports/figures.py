@@ -65,10 +65,11 @@ def handshake_figure(run: RunFacts) -> str:
 
 
 def chart_figures(run: RunFacts, paths: Sequence[LightPath]) -> Iterator[str]:
-    """Yield the charts."""
-    yield _rate(run)
-    yield _errors(run)
-    yield _confusion(run)
+    """Yield the charts; those of symbols for superdense coding alone."""
+    if run.service == "sdc":
+        yield _rate(run)
+        yield _errors(run)
+        yield _confusion(run)
     yield _losses(run, paths)
     yield _setup_times(run)
 

@@ -10,6 +10,7 @@ from qmn.reports import figures
 from qmn.reports.light_paths import fiber_name, light_paths, photons_by_port
 from qmn.reports.markup import table
 from qmn.reports.run_facts import RunFacts, read_run
+from qmn.service_result import figure
 
 REPORT = "report.html"
 STYLE = Path(__file__).with_name("report.css")
@@ -35,30 +36,41 @@ def page(run: RunFacts) -> str:
             '<meta name="viewport" content="width=device-width, initial-scale=1">',
             '<meta name="color-scheme" content="light dark"><link rel="icon" href="data:,">',
             f"<title>{name} · qmn</title><style>{STYLE.read_text()}</style></head><body>",
-            f"<header><h1>{name}</h1>{_outcome(run.result)}</header><main>",
+            f"<header><h1>{name}</h1>{_outcome(run)}</header><main>",
             *_sections(run),
             "</main></body></html>\n",
         ]
     )
 
 
-def _outcome(result: Mapping[str, Any]) -> str:
-    words = "delivered exactly" if result["delivered"] else "NOT DELIVERED"
-    kind = "good" if result["delivered"] else "failed"
+def _outcome(run: RunFacts) -> str:
+    result, done = run.result, run.result["delivered"]
+    words = {True: "delivered exactly", False: "NOT DELIVERED"}
+    if run.service != "sdc":
+        words = {True: f"{run.service}: done", False: f"{run.service}: NOT DONE"}
+    kind = "good" if done else "failed"
+    numbers = _figures(result) if run.service != "sdc" else _transfer_figures(result)
+    numbers["seed"] = f"{result['seed']}"
+    tiles = "".join(
+        f"<div><b>{value}</b><span>{name}</span></div>" for name, value in numbers.items()
+    )
+    error = f"<p>{escape(result['error'])}</p>" if result.get("error") else ""
+    return f'<p class="{kind}">{words[done]}</p>{error}<div class="tiles">{tiles}</div>'
+
+
+def _figures(result: Mapping[str, Any]) -> dict[str, str]:
+    return {name.replace("_", " "): figure(value) for name, value in result["asking"].items()}
+
+
+def _transfer_figures(result: Mapping[str, Any]) -> dict[str, str]:
     rate = result["symbol_error_rate"]
-    numbers = {
+    return {
         "Bell pairs": f"{result['bell_pairs']:,}",
         "Bell pairs/s": f"{result['pairs_per_s']:,.0f}",
         "lost pairs": f"{result['lost_pairs']:,}",
         "symbol error rate": "–" if rate is None else f"{rate:.3g}",  # noqa: RUF001
         "bytes of message": f"{result['message_bytes']:,}",
-        "seed": f"{result['seed']}",
     }
-    tiles = "".join(
-        f"<div><b>{value}</b><span>{name}</span></div>" for name, value in numbers.items()
-    )
-    error = f"<p>{escape(result['error'])}</p>" if result.get("error") else ""
-    return f'<p class="{kind}">{words}</p>{error}<div class="tiles">{tiles}</div>'
 
 
 def _sections(run: RunFacts) -> Iterator[str]:
@@ -96,10 +108,12 @@ def _fibers(run: RunFacts) -> str:
 
 
 def _parameters(result: Mapping[str, Any]) -> str:
-    names = ("seed", "topology", "handshake", "controller", "backend", "exact", "mode")
+    names = ("seed", "service", "topology", "handshake", "controller", "backend", "exact", "mode")
     rows = [[name, _said(result.get(name))] for name in names]
     rows += [[name, _said(value)] for name, value in result["parameters"].items()]
-    rows += [[f"in use: {name}", _said(value)] for name, value in (result["in_use"] or {}).items()]
+    rows += [
+        [f"in use: {name}", _said(value)] for name, value in (result.get("in_use") or {}).items()
+    ]
     rows += [[f"fibre: {name}", _said(value)] for name, value in result["optics"].items()]
     rows += [
         [f"device: {host}", _said(parts)] for host, parts in result["devices"].items() if parts

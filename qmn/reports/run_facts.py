@@ -33,6 +33,11 @@ class RunFacts:
     sender: list[dict[str, Any]]  # what the sending application said, line by line
 
     @property
+    def service(self) -> str:
+        """The service that was used."""
+        return str(self.result.get("service", "sdc"))
+
+    @property
     def has_events(self) -> bool:
         """Whether the run wrote what happened to qubits."""
         return bool(self.result.get("events", True))
