@@ -55,6 +55,11 @@ class Block:
     source_rate_hz: float = float("inf")  # at most, while they have not left their source
     stored_ns: int = 0  # when the block was put into memory last
     stores: int = 0  # how often that was
+    lineage: str = ""  # which photons have been gathered here, if any: names of random numbers
+
+    def draws_for(self, purpose: str) -> str:
+        """Return a purpose of random numbers that no other photons of this name have."""
+        return f"{self.lineage} {purpose}" if self.lineage else purpose
 
 
 class Ownership:
