@@ -3,10 +3,12 @@
     block 0/0   0 1 2 3 4 5          into block 1/0   4 0 3
                                      and block 2/0    5 2 1
 
-Nothing happens to the photons: a host only counts them anew. What is left of the blocks is let go.
+Nothing happens to the photons: a host only counts them anew. What is left of the blocks is let go
+if it is not to be kept.
 """
 
 from collections.abc import Sequence
+from functools import partial
 from hashlib import blake2b
 from typing import NamedTuple
 
@@ -18,10 +20,12 @@ from dispatcher.calls import limits
 from dispatcher.layer import PhysicalLayer, block_name
 from dispatcher.light import pulses
 from dispatcher.ownership import Block, BlockName
-from dispatcher.refusal import Refusal, invalid
+from dispatcher.refusal import Refusal, exhausted, invalid
+from dispatcher.sabot.registers import Mask
 from dispatcher.sabot.registers import Pick as RegisterPick
 from wire.dispatcher_pb2 import Feedback, Pick
 
+MOST_PLACES = 2  # for each qubit that may live
 MOST_TOLD = 8  # blocks that an event names
 
 
@@ -39,21 +43,29 @@ class Gathering:
         """Act on this layer."""
         self._layer = layer
 
-    def gather(self, node: str, into: BlockName, picks: Sequence[Pick]) -> Feedback:
-        """Make a block of the photons that are picked, and let go of the rest of their blocks."""
+    def gather(
+        self, node: str, into: BlockName, picks: Sequence[Pick], keep_rest: bool
+    ) -> Feedback:
+        """Make a block of the photons that are picked; keep or let go of the rest."""
         layer = self._layer
         picked = self._look_up(node, picks)
-        self._require_free(into, picked)
-        kept = self._take_up([block for block, _positions in picked])
+        blocks = [block for block, _positions in picked]
+        self._require_free(into, [] if keep_rest else blocks)
+        if keep_rest:
+            self._require_room(sum(positions.size for _block, positions in picked))
+        stored = self._take_up(blocks)
         gathered = self._block(node, into, picked)
-        if kept:
-            layer.memories.replace([block for block, _positions in picked], gathered)
-        for block, _positions in picked:
-            layer.drop(block)
+        if keep_rest:
+            for block, positions in picked:
+                pulses.darken(block.pulses, _mask(positions, block.register.size))
+        else:
+            for block in blocks:
+                layer.drop(block)
+        if stored:
+            layer.memories.exchange(blocks if keep_rest else [], gathered)
         layer.ownership.add(gathered)
-        layer.record(
-            node, "gather", gathered, detail=_told(picked, kept), each=lambda k: _origin(picked, k)
-        )
+        detail = _told(picked) + (", still stored" if stored else "")
+        layer.record(node, "gather", gathered, detail=detail, each=partial(_origin, picked))
         return layer.feedback(gathered)
 
     def _look_up(self, node: str, picks: Sequence[Pick]) -> list[Picked]:
@@ -73,12 +85,24 @@ class Gathering:
         limits.require_count(count)
         return list(picked.values())
 
-    def _require_free(self, into: BlockName, picked: Sequence[Picked]) -> None:
-        """Refuse a name that other photons have, wherever they are."""
-        own = [block for block, _positions in picked]
-        if any(part not in own for part in self._layer.ownership.parts(into)):
-            message = f"{into} exists; discard it, take another number or pick from it, too"
+    def _require_free(self, into: BlockName, leaving: Sequence[Block]) -> None:
+        """Refuse a name that photons have which do not leave, wherever they are."""
+        ownership = self._layer.ownership
+        if any(part not in leaving for part in ownership.parts(into)):
+            message = f"{into} exists, here or elsewhere; discard it or take another number"
             raise Refusal(grpc.StatusCode.ALREADY_EXISTS, message)
+
+    def _require_room(self, more: int) -> None:
+        """Refuse to divide blocks again and again, of which little but their places is left."""
+        layer = self._layer
+        if layer.ownership.count >= limits.MAX_BLOCKS:
+            raise exhausted(f"{limits.MAX_BLOCKS} blocks are live; discard some")
+        most = MOST_PLACES * layer.max_live_qubits
+        if layer.ownership.places + more > most:
+            raise exhausted(
+                f"{more} more places for photons with {layer.ownership.places}, those of lost "
+                f"ones included, exceed the limit of {most}; discard what little is left in"
+            )
 
     def _take_up(self, blocks: Sequence[Block]) -> bool:
         """Decide what waiting has done to stored blocks; return whether all of them stay stored."""
@@ -120,7 +144,13 @@ def _lineage(picked: Sequence[Picked]) -> str:
     return digest.hexdigest()
 
 
-def _told(picked: Sequence[Picked], kept: bool) -> str:
+def _mask(positions: NDArray[np.uint32], size: int) -> Mask:
+    mask = np.zeros(size, dtype=bool)
+    mask[positions] = True
+    return mask
+
+
+def _told(picked: Sequence[Picked]) -> str:
     """Return what the event log says."""
     told = [
         f"{positions.size} of {block.register.size} of {_short(block)}"
@@ -128,7 +158,7 @@ def _told(picked: Sequence[Picked], kept: bool) -> str:
     ]
     if len(picked) > MOST_TOLD:
         told.append(f"and of {len(picked) - MOST_TOLD} more blocks")
-    return ", ".join(told) + (", still stored" if kept else "")
+    return ", ".join(told)
 
 
 def _origin(picked: Sequence[Picked], photon: int) -> str:

@@ -8,7 +8,7 @@ Every request takes the way that a host's takes, checks included; only sockets a
 missing: the clock jumps to whatever is waited for.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -185,10 +185,16 @@ class LaboratoryHost:
         """Discard a block."""
         return await self._act("discard", DiscardRequest(block=block_id(block)))
 
-    async def gather(self, into: BlockKey, picks: dict[BlockKey, NDArray[np.integer]]) -> Feedback:
-        """Make a block of photons of others, by their positions; let go of the rest of those."""
+    async def gather(
+        self,
+        into: BlockKey,
+        picks: Mapping[BlockKey, NDArray[np.integer]],
+        keep_rest: bool = False,
+    ) -> Feedback:
+        """Make a block of photons of others, by their positions; keep or let go of the rest."""
         every = [Pick(block=block_id(block), photons=at.tolist()) for block, at in picks.items()]
-        return await self._act("gather", GatherRequest(into=block_id(into), picks=every))
+        request = GatherRequest(into=block_id(into), picks=every, keep_rest=keep_rest)
+        return await self._act("gather", request)
 
     async def _act(self, operation: str, request: Request) -> Feedback:
         return await self._laboratory.act(self.name, operation, request)

@@ -71,6 +71,7 @@ class Ownership:
         self._by_session: dict[tuple[str, int], dict[Block, None]] = {}
         self._closed: deque[tuple[str, int]] = deque(maxlen=CLOSED_SESSIONS)
         self.count = 0
+        self.places = 0  # for photons in all blocks, those that are lost included
 
     def close(self, node: str, session: int) -> None:
         """Note that a node wants no more light of a session."""
@@ -86,6 +87,7 @@ class Ownership:
         self._by_name.setdefault(block.name, []).append(block)
         self._by_session.setdefault((block.node, block.name.session), {})[block] = None
         self.count += 1
+        self.places += block.register.size
 
     def remove(self, block: Block) -> None:
         """Forget a block."""
@@ -95,6 +97,7 @@ class Ownership:
             del self._by_name[block.name]
         self._leave(block)
         self.count -= 1
+        self.places -= block.register.size
 
     def move(self, block: Block, node: str, port: str = "") -> None:
         """Bring a block to a port of a node, or to the node itself."""

@@ -58,7 +58,8 @@ def acts(
         return operations.discard(node, block_name(request.block))
 
     async def gather(node: str, request: messages.GatherRequest) -> messages.Feedback:
-        return gathering.gather(node, block_name(request.into), request.picks)
+        into = block_name(request.into)
+        return gathering.gather(node, into, request.picks, request.keep_rest)
 
     return {
         "create": create,

@@ -67,12 +67,12 @@ class Memories:
         """
         return self._wait_is_over(block, leaves=False)
 
-    def replace(self, blocks: Sequence[Block], block: Block) -> None:
-        """Keep a block in the place of others, which it is made of, all that are stored."""
-        for other in blocks:
-            self.forget(other)
-        self._stored.setdefault(block.node, {})[block] = block.register.remaining
-        block.stored_ns = self._clock.now_ns()
+    def exchange(self, givers: Sequence[Block], taker: Block) -> None:
+        """Let a new block be in the memory with photons that were in there: a part of others'."""
+        stored = self._stored.setdefault(taker.node, {})
+        for block in (*givers, taker):
+            stored[block] = block.register.remaining
+        taker.stored_ns = self._clock.now_ns()
 
     def _wait_is_over(self, block: Block, leaves: bool) -> str:
         now_ns = self._clock.now_ns()
