@@ -101,7 +101,8 @@ class PhysicalLayer:
     def drop(self, block: Block) -> None:
         """Discard a block whatever its state."""
         self.memories.forget(block)
-        draws = self.draws.photons(block.name, "discard", block.register.size)
+        purpose = block.draws_for("discard")
+        draws = self.draws.photons(block.name, purpose, block.register.size)
         self.sabot.drop(block.register, draws)
         self.ownership.remove(block)
 

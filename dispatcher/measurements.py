@@ -46,7 +46,8 @@ class Measurements:
         feedback = layer.feedback(block)
         bits = layer.sabot.measure(block.register, values, self._draws(block))
         layer.ownership.remove(block)
-        chance = Chance(layer.draws, block.name, f"detectors of {node}", size)
+        place = block.draws_for(f"detectors of {node}")
+        chance = Chance(layer.draws, block.name, place, size)
         detectors = layer.devices.detectors(node, "measure")
         found = detectors.detect(bits, block.pulses.extras, _train(block), chance)
         told = f"{tally(values, BASES)}: {tally(found.bits, ('0', '1'))}"
@@ -73,7 +74,8 @@ class Measurements:
         feedback.exact = layer.count_exact((first, second))
         for block in (first, second):
             layer.ownership.remove(block)
-        chance = Chance(layer.draws, first.name, f"analyser of {node}", first.register.size)
+        place = first.draws_for(f"analyser of {node}")
+        chance = Chance(layer.draws, first.name, place, first.register.size)
         found = self._analyser(node).analyse(states, halves, chance)
         told = f"with {second.name.number}/{second.name.half}: {tally(found.outcomes, BELL_STATES)}"
         each = partial(_outcome, found.outcomes, BELL_STATES)
@@ -89,7 +91,8 @@ class Measurements:
         return Analyser(devices.of(node), arms)
 
     def _draws(self, block: Block) -> PhotonDraws:
-        return self._layer.draws.photons(block.name, "measure", block.register.size)
+        purpose = block.draws_for("measure")
+        return self._layer.draws.photons(block.name, purpose, block.register.size)
 
 
 def _outcome(found: Bytes, names: tuple[str, ...], position: int) -> str:

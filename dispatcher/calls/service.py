@@ -13,6 +13,7 @@ from dispatcher.calls.acts import acts
 from dispatcher.calls.callers import Callers
 from dispatcher.calls.changes import changes
 from dispatcher.calls.orders import Orders
+from dispatcher.gathering import Gathering
 from dispatcher.layer import PhysicalLayer
 from dispatcher.light.transport import Transport
 from dispatcher.measurements import Measurements
@@ -62,7 +63,8 @@ class Service(DispatcherServicer):
         self.transport = Transport(layer, failed)
         self.switching = Switching(layer)
         self._operations = Operations(layer)
-        self._acts = acts(self._operations, Measurements(layer), self.transport)
+        parts = self._operations, Measurements(layer), self.transport, Gathering(layer)
+        self._acts = acts(*parts)
         self._changes = changes(layer, self.switching)
 
     @call
@@ -120,6 +122,13 @@ class Service(DispatcherServicer):
     ) -> messages.Feedback:
         """Discard a block or a session."""
         return await self._act(node, "discard", request)
+
+    @call
+    async def Gather(
+        self, request: messages.GatherRequest, node: str, _context: Context
+    ) -> messages.Feedback:
+        """Count photons anew, in a block of their own."""
+        return await self._act(node, "gather", request)
 
     @call
     async def Perform(
