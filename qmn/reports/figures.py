@@ -14,6 +14,11 @@ from qmn.timeline import TIMELINE
 from topologies.runtime import OPENFLOW_PORT
 
 NOT_WRITTEN = "what happened to qubits was not written (--no-events)."
+METADATA = (
+    '<span class="metadata">quantum metadata</span> as it leaves one host and reaches another'
+)
+OPENFLOW = '<span class="openflow">OpenFlow</span>'
+QUANTUM = '<span class="quantum">quantum events</span>'
 
 
 def network(run: RunFacts, paths: Sequence[LightPath]) -> str:
@@ -45,17 +50,16 @@ def handshake_figure(run: RunFacts) -> str:
         packets = "no set-up was captured" if run.has_packets else "packets were not captured"
         qubits = "nothing happened to a qubit." if run.has_events else NOT_WRITTEN
         return missing(title, f"{packets}, and {qubits}")
-    text = (
-        'On one clock: <span class="metadata">quantum metadata</span> as it leaves one host and '
-        'reaches another, <span class="openflow">OpenFlow</span>, <span class="quantum">quantum '
-        "events</span>. Times count from the first set-up."
-    )
     if not any(step.layer == "metadata" for step in steps):
         title = "The handshake, in the quantum layer"
         text = "Packets were not captured: quantum events alone, from the first on."
-    elif not run.has_events:
-        title = "The handshake, in the classical layer"
-        text += f" Of the latter there are none: {NOT_WRITTEN}"
+    else:
+        layers = f"{METADATA}, {OPENFLOW}"
+        text = f"On one clock: {layers}, {QUANTUM}." if run.has_events else f"{layers}."
+        text += " Times count from the first set-up."
+        if not run.has_events:
+            title = "The handshake, in the classical layer"
+            text += f" Quantum events are missing: {NOT_WRITTEN}"
     if more:
         file = TIMELINE if (run.folder / TIMELINE).exists() else "the captures"
         text += f" What followed is in {file}."

@@ -58,7 +58,8 @@ def _outcome(result: Mapping[str, Any]) -> str:
         f"<div><b>{value}</b><span>{name}</span></div>" for name, value in numbers.items()
     )
     error = f"<p>{escape(result['error'])}</p>" if result.get("error") else ""
-    return f'<p class="{kind}">{words}</p>{error}<div class="tiles">{tiles}</div>'
+    heard = "" if result["delivered"] else "<p>As far as the sender had heard when it ended.</p>"
+    return f'<p class="{kind}">{words}</p>{error}<div class="tiles">{tiles}</div>{heard}'
 
 
 def _sections(run: RunFacts) -> Iterator[str]:
