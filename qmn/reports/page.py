@@ -114,6 +114,6 @@ def _said(value: Any) -> str:
         return ", ".join(map(_said, value)) or "–"  # noqa: RUF001
     if isinstance(value, dict):
         return ", ".join(f"{name}: {_said(each)}" for name, each in value.items())
-    if value is None:
+    if value is None or value == "":
         return "–"  # noqa: RUF001
     return value if isinstance(value, str) else json.dumps(value)
