@@ -96,14 +96,14 @@ def _errors(run: RunFacts) -> str:
     found = error_counts.reported(run.folder, run.network, sender) or error_counts.said(run.sender)
     if found is None:
         return missing(title, "the sender has heard and said nothing.")
-    text = f"{found.whence}; in the end {found.last}."
+    text = f"{found.whence}; in the end: {found.last}."
     return figure(title, charts.errors(found.seconds, found.counts), text)
 
 
 def _confusion(run: RunFacts) -> str:
     title, counts = "Symbols sent and received", run.confusion
     if counts is None:
-        return missing(title, "the receiver counts when all has come, and it has not.")
+        return missing(title, "the receiver tells at the end, and the transfer had none.")
     if not counts.any():
         return missing(title, "no frame was delivered whole.")
     text = "Of the frames delivered in the end, with their rejected versions: before a frame's "

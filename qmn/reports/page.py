@@ -12,6 +12,7 @@ from qmn.reports.markup import table
 from qmn.reports.run_facts import RunFacts, read_run
 
 REPORT = "report.html"
+LAST_WORD = "Counts are the sender's last word; the figures may know more."
 STYLE = Path(__file__).with_name("report.css")
 
 
@@ -58,7 +59,11 @@ def _outcome(result: Mapping[str, Any]) -> str:
         f"<div><b>{value}</b><span>{name}</span></div>" for name, value in numbers.items()
     )
     error = f"<p>{escape(result['error'])}</p>" if result.get("error") else ""
-    heard = "" if result["delivered"] else "<p>As far as the sender had heard when it ended.</p>"
+    heard = (
+        ""
+        if result["delivered"]
+        else "<p>Counts are the sender's last word; the figures may know more.</p>"
+    )
     return f'<p class="{kind}">{words}</p>{error}<div class="tiles">{tiles}</div>{heard}'
 
 

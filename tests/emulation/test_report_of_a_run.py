@@ -50,6 +50,9 @@ def test_a_run_ends_with_a_report_of_both_layers(tmp_path: Path) -> None:
     wrong = confusion.sum() - confusion.trace()
     assert wrong == result["symbol_errors"] > 0
     assert confusion.sum() <= result["bell_pairs"] - result["lost_pairs"]
+    counts = (result[name] for name in ("symbol_errors", "lost_pairs", "repeated_frames"))
+    text = "in the end: symbol errors {:,}, lost pairs {:,}, repeated frames {:,}."
+    assert text.format(*counts) in page  # as the reports on the wire say
 
     command = [sys.executable, "-m", "qmn", "report", str(run)]
     subprocess.run(command, cwd=ROOT, check=True, timeout=60)
