@@ -16,9 +16,9 @@ from pathlib import Path
 from topologies.network import Signals
 from topologies.programs import NetworkError, python
 
-MESSAGE_BYTES = 16 << 20
-ROUNDS = 3
-TIMEOUT_S = 300.0
+MESSAGE_BYTES = 4 << 20
+ROUNDS = 5
+TIMEOUT_S = 120.0
 NO_CAPTURES, NO_EVENTS, NO_RECORD = "--no-capture", "--no-events", "--no-record"
 NOTHING, EVERYTHING = "nothing written", "everything written"
 KINDS: dict[str, tuple[str, ...]] = {
