@@ -1,7 +1,10 @@
 """Mininet node types of a quantum network: each starts its program and ends it again."""
 
+import os
 import select
 import shlex
+import signal
+import subprocess
 from collections.abc import Iterable
 from contextlib import ExitStack
 from dataclasses import replace
@@ -35,6 +38,7 @@ READY_TIMEOUT_S = 20.0
 STATE = "state"  # folder in which the controller keeps what its successor must know
 DEFAULT_PREFIX_LENGTH = 8  # Mininet's
 SHELL_POLL_MS = 50
+SHELL_END_TIMEOUT_S = 1.0
 RECONNECT_MS = 1000  # between a bridge's attempts to find its controller, at most
 
 
@@ -60,11 +64,26 @@ def launch(
 class ShellWatcher:
     """A Mininet node that notices when its shell has ended, where Mininet would wait for ever."""
 
+    name: str
+
     @property
     def shell_ended(self) -> bool:
         """Whether somebody has ended the node's shell."""
         shell = getattr(self, "shell", None)
         return shell is not None and shell.poll() is not None
+
+    def end_if_busy(self) -> None:
+        """End a shell in which a command still runs: it would not do what clean-up asks of it."""
+        if self.shell_ended or not getattr(self, "waiting", False):
+            return
+        shell: subprocess.Popen[bytes] = self.shell  # type: ignore[attr-defined]
+        for number in (signal.SIGHUP, signal.SIGKILL):
+            os.killpg(shell.pid, number)
+            try:
+                shell.wait(SHELL_END_TIMEOUT_S)
+            except subprocess.TimeoutExpired:
+                continue
+            return
 
     def cmd(self, *arguments: object, **options: object) -> str:
         """Run a command in the node's shell; one that has ended runs no more of them."""

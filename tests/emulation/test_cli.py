@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 
 import pytest
-from conftest import ROOT, verb
+from conftest import ROOT, verb, wait_until
 from test_metrics_of_a_run import figures
 from test_timeline_of_a_run import fields
 
@@ -115,7 +115,7 @@ def test_ctrl_c_ends_the_verb_and_ctrl_d_the_network(tmp_path: Path) -> None:
         assert keyboard.ended() == 0
 
 
-def test_a_signal_ends_the_network_at_the_prompt_and_what_was_captured_stays(
+def test_a_signal_ends_the_network_in_mid_command_and_what_was_captured_stays(
     tmp_path: Path,
 ) -> None:
     with Keyboard("sdc", "--capture", "--runs", str(tmp_path), "--seed", "5") as keyboard:
@@ -123,6 +123,9 @@ def test_a_signal_ends_the_network_at_the_prompt_and_what_was_captured_stays(
         keyboard.type("alice qsend bob seen\n")
         keyboard.read_until("4 bytes")
         keyboard.read_until("qmn> ")
+        keyboard.type("alice sleep 61.5\n")
+        sleeping = ["pgrep", "-f", "^sleep 61.5$"]  # the shell does nothing else meanwhile
+        wait_until(lambda: subprocess.run(sleeping, capture_output=True).returncode == 0, "sleep")
         os.kill(keyboard.pid, signal.SIGTERM)
         keyboard.read_until("interrupted by SIGTERM; everything is cleaned up")
         assert keyboard.ended() == 128 + signal.SIGTERM
