@@ -72,6 +72,10 @@ class ShellWatcher:
         shell = getattr(self, "shell", None)
         return shell is not None and shell.poll() is not None
 
+    def find_our_programs(self) -> None:
+        """Let `python -m qmn spy` and the like work in the node's shell."""
+        self.cmd(f'export PYTHONPATH="{ROOT}" PATH="{Path(python()).parent}:$PATH"')
+
     def end_if_busy(self) -> None:
         """End a shell in which a command still runs: it would not do what clean-up asks of it."""
         if self.shell_ended or not getattr(self, "waiting", False):
@@ -123,6 +127,7 @@ class ClassicalHost(ShellWatcher, Host):
         self.cmd("sysctl -qw net.ipv6.conf.all.disable_ipv6=1")
         if openvswitch.datapath() == "user":
             self.cmd(f"ethtool -K {self.defaultIntf()} tx off rx off")
+        self.find_our_programs()
         return result
 
     def terminate(self) -> None:
@@ -218,13 +223,7 @@ class QuantumHost(ClassicalHost):
             analyser=network.devices[self.name].analyser.kind,
         )
         self.program = launch(network, self.name, "hosts", config, self)
-        environment = {
-            "QMN_STACK": config.socket,
-            "PYTHONPATH": str(ROOT),
-            "PATH": f"{Path(python()).parent}:$PATH",
-        }
-        for name, value in environment.items():
-            self.cmd(f'export {name}="{value}"')
+        self.cmd(f'export QMN_STACK="{config.socket}"')
         return result
 
 
@@ -244,6 +243,16 @@ class ClassicalSwitch(ShellWatcher, OVSSwitch):
     def bridgeOpts(self) -> str:  # noqa: N802 (Mininet's name)
         """Return the bridge's options; the one that marks it as ours comes with its birth."""
         return f"{super().bridgeOpts()} {openvswitch.OWNER}={self.network.name}"
+
+    def start(self, controllers: list[Controller]) -> None:
+        """Start the bridge."""
+        super().start(controllers)
+        self.find_our_programs()
+
+    def dpctl(self, *arguments: str) -> str:
+        """Run ovs-ofctl in the bridge's version of OpenFlow."""
+        command, *rest = arguments
+        return self.cmd("ovs-ofctl -O OpenFlow14", command, self, *rest)
 
     def vsctl(self, *arguments: str, **_options: object) -> str:
         """Run ovs-vsctl; unlike Mininet's own, say so if it fails."""

@@ -53,6 +53,10 @@ def test_every_verb_works_from_a_script(tmp_path: Path) -> None:
         nodes
         alice ping -c1 -W5 bob
         pingall
+        iperf alice bob
+        dpctl dump-flows
+        ed timeout 30 python -m qmn spy --no-follow --kind bell-measure
+        q1 timeout 30 python -m qmn spy --no-follow --node=q1 --kind open
         sh echo from the shell
         py network.send('alice', 'bob', b'from py').data
         help qtrace
@@ -71,6 +75,10 @@ def test_every_verb_works_from_a_script(tmp_path: Path) -> None:
     assert len(re.findall(r"charlie-q\d to \w+-q\d: 0\.4 dB", shown)) == 2
     assert "1 packets transmitted, 1 received" in shown
     assert "0% dropped" in shown
+    assert re.search(r"Results: \['[\d.]+ \wbits/sec', '[\d.]+ \wbits/sec'\]", shown)
+    assert "OFPST_FLOW reply (OF1.4)" in shown
+    assert re.search(r"Z bob +bell-measure", shown)  # from node ed
+    assert re.search(r"Z q1 +open", shown)
     assert "b'from py'" in shown
     assert "Usage: qtrace" in shown
 
