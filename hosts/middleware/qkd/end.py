@@ -157,12 +157,15 @@ class End(ABC):
 
     def _attempt(self, step: Callable[[], list[QkdMessage]]) -> list[bytes]:
         """Take a step; a failure of it ends the session."""
+        sealed: list[bytes] = []
         try:
-            return [self._seal(message) for message in step()]
+            for message in step():
+                sealed.append(self._seal(message))  # those before a failure go out, too
         except SessionFailed as failed:
-            return self._abort(failed.reason, str(failed), *failed.first)
+            sealed += self._abort(failed.reason, str(failed), *failed.first)
         except ReconciliationError as error:
-            return self._abort(AbortReason.PROTOCOL, str(error))
+            sealed += self._abort(AbortReason.PROTOCOL, str(error))
+        return sealed
 
     def _add_sifted(self, part: Bits) -> None:
         self._parts.append(part)

@@ -44,7 +44,7 @@ class Record:
     @property
     def clicked(self) -> Mask:
         """Which photons were detected (or prepared)."""
-        return self.outcomes != NO_CLICK
+        return np.not_equal(self.outcomes, NO_CLICK)
 
 
 def choose(mine: Record, clicked: Mask, bases: Bits) -> Mask:
@@ -52,9 +52,11 @@ def choose(mine: Record, clicked: Mask, bases: Bits) -> Mask:
 
     `bases` has one element for each click. The answer has one for each click as well.
     """
-    return np.logical_and(mine.bases[clicked] == bases, mine.clicked[clicked])
+    kept: Mask = np.logical_and(mine.bases[clicked] == bases, mine.clicked[clicked])
+    return kept
 
 
 def sifted(mine: Record, clicked: Mask, kept: Mask) -> Bits:
     """Return the outcomes of the photons kept among those that the announcing end detected."""
-    return mine.outcomes[clicked][kept]
+    bits: Bits = mine.outcomes[clicked][kept]
+    return bits
