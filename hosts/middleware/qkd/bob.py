@@ -16,6 +16,7 @@ from hosts.middleware.qkd.bits import Bits, pack, unpack
 from hosts.middleware.qkd.cascade import Cascade
 from hosts.middleware.qkd.end import End, SessionFailed, State, Terms, out_of_place
 from hosts.middleware.qkd.estimation import compare, sample_mask, sample_size
+from hosts.middleware.qkd.ldpc_decoding import LdpcDecoding
 from hosts.middleware.qkd.questions import to_message
 from hosts.middleware.qkd.sifting import Record, sifted
 from hosts.middleware.qkd.verification import HASH_KEY_BYTES, key_tag
@@ -28,6 +29,7 @@ from wire.qkd import (
     Parities,
     Proposal,
     QkdMessage,
+    Reconciliation,
     Sample,
     Sifted,
     Verify,
@@ -109,7 +111,11 @@ class Bob(End):
 
     def _begin(self, seed: bytes) -> list[QkdMessage]:
         assert self._estimate
-        self._corrector = Cascade(self._raw, seed, self._estimate.qber)
+        self._corrector: Cascade | LdpcDecoding
+        if self._parameters.reconciliation is Reconciliation.LDPC:
+            self._corrector = LdpcDecoding(self._raw, seed, self._estimate)
+        else:
+            self._corrector = Cascade(self._raw, seed, self._estimate.qber)
         self._questions = self._corrector.questions()
         self.state = State.RECONCILING
         return [to_message(next(self._questions))]

@@ -1,7 +1,7 @@
 """A regular low-density parity-check code of any size, drawn from a public seed.
 
-Every bit of the key is in three checks (Gallager 1962), every check has as many bits as any
-other, one more or less. A code is the array of the three rows of each bit.
+Every bit of the key is in three checks, every check has about as many bits as any other
+(Gallager 1962). A code is the array of the three checks of each bit.
 """
 
 import numpy as np

@@ -6,7 +6,10 @@ from qkd_ends import random_bits
 
 from hosts.middleware.qkd.bits import Bits
 from hosts.middleware.qkd.cascade import Cascade, Corrected, long_passes, pass_sizes
+from hosts.middleware.qkd.estimation import Estimate
 from hosts.middleware.qkd.key_length import binary_entropy
+from hosts.middleware.qkd.ldpc_code import rows, syndrome
+from hosts.middleware.qkd.ldpc_decoding import LdpcDecoding
 from hosts.middleware.qkd.parities import (
     Blocks,
     Intervals,
@@ -23,15 +26,17 @@ SEED = bytes(range(32))
 SMALL = 400
 
 
-def reconcile(reference: ReferenceKey, cascade: Cascade) -> tuple[Corrected, list[Query]]:
-    questions = cascade.questions()
+def reconcile(
+    reference: ReferenceKey, corrector: Cascade | LdpcDecoding
+) -> tuple[Corrected, list[Query]]:
+    questions = corrector.questions()
     asked: list[Query] = []
     answer: Bits | None = None
     while True:
         try:
             query = next(questions) if answer is None else questions.send(answer)
         except StopIteration:
-            return cascade.result, asked
+            return corrector.result, asked
         asked.append(query)
         answer = reference.answer(query)
 
@@ -120,6 +125,47 @@ def rank(rows: list[int]) -> int:
         if row:
             pivots[row.bit_length()] = row
     return len(pivots)
+
+
+def test_a_syndrome_corrects_what_its_code_can() -> None:
+    rng = np.random.default_rng(6)
+    key, other = noisy(rng, 20_000, 0.03)
+    reference = ReferenceKey(key, SEED)
+    result, asked = reconcile(reference, LdpcDecoding(other, SEED, Estimate(60, 2000)))
+    assert np.array_equal(result.key, key)
+    assert result.errors == np.count_nonzero(key != other)
+    assert len(asked) == result.questions == 1
+    assert result.leaked_bits == reference.leaked_bits
+    assert result.leaked_bits < 2 * key.size * binary_entropy(0.03)
+
+
+def test_too_many_errors_for_a_syndrome_leave_the_key_as_it_was() -> None:
+    rng = np.random.default_rng(7)
+    key, other = noisy(rng, 2000, 0.2)
+    result, _asked = reconcile(
+        ReferenceKey(key, SEED), LdpcDecoding(other, SEED, Estimate(1, 1000))
+    )
+    assert np.array_equal(result.key, other)
+    assert result.errors == 0
+
+
+def test_every_bit_is_in_three_checks_of_about_the_same_size() -> None:
+    code = rows(SEED, 1000, 300)
+    assert all(len(set(row)) == 3 for row in code.tolist())
+    sizes = np.bincount(code.ravel(), minlength=300)
+    assert sizes.min() >= 6
+    assert sizes.max() <= 14
+    with pytest.raises(ValueError, match="7 checks, at least 8"):
+        rows(SEED, 1000, 7)
+
+
+def test_a_syndrome_is_the_product_of_code_and_key() -> None:
+    code = rows(SEED, 60, 20)
+    key = random_bits(np.random.default_rng(8), 60)
+    matrix = np.zeros((20, 60), dtype=np.int64)
+    for column, ones in enumerate(code):
+        matrix[ones, column] = 1
+    assert np.array_equal(syndrome(key, code, 20), matrix @ key % 2)
 
 
 def test_blocks_are_as_long_as_errors_are_rare() -> None:

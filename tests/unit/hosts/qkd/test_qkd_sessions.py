@@ -11,7 +11,7 @@ from hosts.middleware.qkd.end import End, State
 from hosts.middleware.qkd.key_length import finite_key_length
 from hosts.middleware.qkd.parameters import Parameters
 from hosts.middleware.qkd.sifting import NO_CLICK, Record
-from wire.qkd import AbortReason, unframe
+from wire.qkd import AbortReason, Reconciliation, unframe
 
 PHOTONS = 2000
 NOISE = 0.03
@@ -88,6 +88,21 @@ def test_entangled_pairs_that_either_end_may_miss_give_the_same_key() -> None:
     both = (alices.outcomes != NO_CLICK) & (bobs.outcomes != NO_CLICK)
     assert ends.alice.report.sifted == np.count_nonzero(both & (alices.bases == bobs.bases))
     assert same_key(ends)
+
+
+def test_ldpc_codes_give_the_same_key_at_both_ends_in_ten_messages() -> None:
+    rng = np.random.default_rng(18)
+    keys = 0
+    for _ in range(30):
+        ends = make_ends(rng, replace(SHORT, reconciliation=Reconciliation.LDPC))
+        ends.run(bb84(rng, 10_000, NOISE))
+        assert len(ends.log) == 10
+        if ends.alice.failure:
+            assert failures(ends) == [AbortReason.NOT_CORRECTED] * 2
+        else:
+            assert same_key(ends)
+            keys += 1
+    assert keys >= 27
 
 
 def test_an_announcement_may_come_before_the_light_has_ended_at_alice() -> None:
