@@ -87,25 +87,29 @@ class ReferenceKey:
         """Return the parities asked for; raise ReconciliationError if there can be none."""
         match query:
             case Blocks():
-                parities = self._blocks(query)
+                return self._blocks(query)
             case Intervals():
-                parities = self._intervals(query)
+                return self._intervals(query)
             case Syndrome():
-                parities = self._syndrome(query)
-        self.leaked_bits += parities.size
+                return self._syndrome(query)
+
+    def _tell(self, count: int) -> None:
+        """Count bits that an answer tells, before any work is done for it."""
+        self.leaked_bits += count
         if self.leaked_bits > self._key.size:
             raise ReconciliationError(f"more parities asked for than the {self._key.size} bits")
-        return parities
 
     def _blocks(self, query: Blocks) -> Bits:
         if not 1 <= query.size <= self._key.size or query.passes < 1:
             raise ReconciliationError(
                 f"{query.passes} passes with blocks of {query.size} of {self._key.size} bits"
             )
+        numbers = range(query.first, query.first + query.passes)
+        self._tell(sum(asked_blocks(number, self._key.size, query.size) for number in numbers))
         starts = block_starts(self._key.size, query.size)
         stops = np.minimum(starts + query.size, self._key.size)
         answers = []
-        for number in range(query.first, query.first + query.passes):
+        for number in numbers:
             asked = asked_blocks(number, self._key.size, query.size)
             prefix = self._prefix(number)
             answers.append(prefix[starts[:asked]] ^ prefix[stops[:asked]])
@@ -116,12 +120,14 @@ class ReferenceKey:
         right = (starts >= 0) & (starts < stops) & (stops <= self._key.size)
         if starts.shape != stops.shape or not right.all():
             raise ReconciliationError(f"intervals outside the {self._key.size} bits of the key")
+        self._tell(starts.size)
         prefix = self._prefix(query.number)
         return prefix[starts] ^ prefix[stops]
 
     def _syndrome(self, query: Syndrome) -> Bits:
         if not LEAST_CHECKS <= query.checks < self._key.size:
             raise ReconciliationError(f"{query.checks} checks of {self._key.size} bits")
+        self._tell(query.checks)
         return syndrome(self._key, rows(self._seed, self._key.size, query.checks), query.checks)
 
     def _prefix(self, number: int) -> Bits:
