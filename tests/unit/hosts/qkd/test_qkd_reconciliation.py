@@ -219,6 +219,23 @@ def test_an_answer_of_another_size_is_refused() -> None:
         questions.send(np.zeros(1, dtype=np.uint8))
 
 
+def test_parities_of_no_key_do_not_keep_cascade_busy_for_ever() -> None:
+    ends = []
+    for number in range(20):
+        rng = np.random.default_rng(number)
+        cascade = Cascade(random_bits(rng, 300), SEED, 0.1)
+        questions = cascade.questions()
+        query = next(questions)
+        reference = ReferenceKey(random_bits(rng, 300), SEED)
+        try:
+            while True:
+                reference.leaked_bits = 0
+                query = questions.send(random_bits(rng, reference.answer(query).size))
+        except (ReconciliationError, StopIteration) as end:
+            ends.append(type(end))
+    assert ReconciliationError in ends
+
+
 @pytest.mark.parametrize(
     "query",
     [
