@@ -137,7 +137,7 @@ class Bob(End):
     def _amplify(self, message: Amplify) -> list[QkdMessage]:
         length = self._key_length(self._leaked)
         count = seed_bits(self._raw.size, length)
-        if length == 0 or (message.length, message.count) != (length, count):
+        if (message.length, message.count) != (length, count):
             raise SessionFailed(
                 AbortReason.PROTOCOL,
                 f"a key of {message.length} bits by a seed of {message.count}, "

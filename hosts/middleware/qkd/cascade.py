@@ -79,6 +79,7 @@ class _Pass:
     """Order and blocks of one pass, and the parities of the reference key known in it.
 
     The parts of a block are numbered as in a heap: part 1 is the block, 2 and 3 its halves.
+    Only parities of left halves are kept: those of right halves are never looked up.
     """
 
     def __init__(self, number: int, seed: bytes, bits: int, size: int) -> None:
@@ -148,8 +149,6 @@ class Cascade:
         else:
             last = self._whole ^ int(np.bitwise_xor.reduce(parities, initial=0))
             parities = np.append(parities, np.uint8(last))
-        blocks = np.arange(new.starts.size)
-        new.learn(blocks, np.ones_like(blocks), parities)
         prefix = prefix_parities(self._key[new.order])
         new.odd = (prefix[new.starts] ^ prefix[new.stops] ^ parities).astype(np.bool_)
         self._passes.append(new)
@@ -164,6 +163,8 @@ class Cascade:
             places = yield from self._halve(shortest)
             self._key[places] ^= 1
             self._errors += places.size
+            if self._errors > self._key.size:
+                raise ReconciliationError("the parities are those of no key: they contradict")
             for one in self._passes:
                 one.flip(places)
 
@@ -188,7 +189,7 @@ class Cascade:
     def _ask_left(
         self, one: _Pass, blocks: Indices, parts: Indices, starts: Indices, middles: Indices
     ) -> Questions:
-        """Make known the left halves of parts of blocks; the right halves follow from them."""
+        """Make known the left halves of parts of blocks."""
         unknown = one.known(blocks, 2 * parts) == UNKNOWN
         if not unknown.any():
             return
@@ -196,7 +197,6 @@ class Cascade:
         query = Intervals(one.number, starts[unknown], middles[unknown])
         answer = yield from self._ask(query, blocks.size)
         one.learn(blocks, 2 * parts, answer)
-        one.learn(blocks, 2 * parts + 1, answer ^ one.known(blocks, parts))
 
     def _ask(self, query: Query, count: int) -> Generator[Query, Bits, Bits]:
         self._asked += 1

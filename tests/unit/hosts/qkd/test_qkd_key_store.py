@@ -16,6 +16,7 @@ from hosts.middleware.qkd.key_store import (
     MissingKey,
     StoredKey,
     StoreFull,
+    _write,
     cut,
     key_id,
 )
@@ -146,6 +147,13 @@ def test_a_key_is_put_once(tmp_path: Path, first: bool) -> None:
     with pytest.raises(DuplicateKey):
         store.put(StoredKey(key.key_id, b"other"), first=first)
     assert store.take_next() == key
+
+
+def test_a_file_is_never_written_over(tmp_path: Path) -> None:
+    _write(tmp_path / "key", b"first")
+    with pytest.raises(DuplicateKey):
+        _write(tmp_path / "key", b"second")
+    assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"first"]
 
 
 def test_an_unwanted_key_is_gone(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from hosts.middleware.qkd.end import End, State
 from hosts.middleware.qkd.key_length import finite_key_length
 from hosts.middleware.qkd.parameters import Parameters
 from hosts.middleware.qkd.sifting import NO_CLICK, Record
-from wire.qkd import AbortReason, Reconciliation, unframe
+from wire.qkd import AbortReason, Confirm, Reconciliation, unframe
 
 PHOTONS = 2000
 NOISE = 0.03
@@ -194,9 +194,11 @@ def a_log() -> list[bytes]:
 
 
 LOG = a_log()
+# Every kind of message: the middle of the session is questions and answers.
+TAMPERED = [*range(8), *range(8, len(LOG) - 5, 9), *range(len(LOG) - 5, len(LOG))]
 
 
-@pytest.mark.parametrize("number", range(len(LOG)))
+@pytest.mark.parametrize("number", TAMPERED)
 @pytest.mark.parametrize("attack", ["flip", "cut", "replay", "swap", "drop"])
 def test_no_end_has_a_key_after_a_message_was_tampered_with(attack: str, number: int) -> None:
     rng = np.random.default_rng(9)
@@ -276,6 +278,34 @@ def test_ends_that_run_out_of_authentication_key_both_say_so(messages: int) -> N
     ends = make_ends(rng, messages=messages)
     ends.run(bb84(rng, PHOTONS, NOISE))
     assert set(failures(ends)) == {AbortReason.NO_AUTHENTICATION_KEY}
+
+
+def test_alice_does_not_take_a_key_whose_length_bob_does_not_confirm(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rng = np.random.default_rng(19)
+    ends = make_ends(rng)
+    monkeypatch.setattr(ends.bob, "_amplify", lambda _message: [Confirm(1)])
+    ends.run(bb84(rng, PHOTONS, NOISE))
+    assert failures(ends) == [AbortReason.PROTOCOL] * 2
+
+
+def test_bob_does_not_take_a_key_longer_than_is_secret(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(20)
+    ends = make_ends(rng)
+    amplify = ends.alice._amplify
+    monkeypatch.setattr(ends.alice, "_amplify", lambda length: amplify(length + 1))
+    ends.run(bb84(rng, PHOTONS, NOISE))
+    assert failures(ends) == [AbortReason.PROTOCOL] * 2
+
+
+def test_bob_counts_the_leak_that_alice_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(21)
+    ends = make_ends(rng)
+    verify = ends.bob._verify
+    monkeypatch.setattr(ends.bob, "_verify", lambda: replace(verify(), leaked_bits=1))
+    ends.run(bb84(rng, PHOTONS, NOISE))
+    assert failures(ends) == [AbortReason.PROTOCOL] * 2
 
 
 def test_a_message_out_of_place_ends_the_session() -> None:
