@@ -50,7 +50,6 @@ class Alice(End):
         super().__init__(terms)
         self._records: deque[Record] = deque()
         self._early: deque[Detections] = deque()
-        self._blocks_sifted = 0
         self._enough = False
 
     def start(self) -> list[bytes]:
@@ -89,7 +88,7 @@ class Alice(End):
         raise out_of_place(message, self.state)
 
     def _announced(self, message: Detections) -> list[QkdMessage]:
-        number = self._blocks_sifted + len(self._early)
+        number = self.blocks_sifted + len(self._early)
         if message.block != number or len(self._early) == MAX_EARLY:
             raise SessionFailed(AbortReason.PROTOCOL, f"block {message.block}, not {number}")
         self._early.append(message)
@@ -113,8 +112,7 @@ class Alice(End):
         clicked = unpack(detections.clicked, record.photons).astype(bool)
         clicks = int(clicked.sum())
         kept = choose(record, clicked, unpack(detections.bases, clicks))
-        self._add_sifted(sifted(record, clicked, kept))
-        self._blocks_sifted += 1
+        self._add_sifted(sifted(record, clicked, kept), clicks)
         return Sifted(detections.block, clicks, pack(kept))
 
     def _disclose(self) -> Sample:

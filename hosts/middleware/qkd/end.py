@@ -64,6 +64,7 @@ class Failure:
 class Report:
     """Counts of a session so far; all in bits."""
 
+    raw: int  # photons that bob has detected
     sifted: int
     sample: int
     errors_in_sample: int
@@ -104,6 +105,7 @@ class End(ABC):
         self._signer, self._checker = (Authenticator(pool) for pool in self._pools)
         self._sent = self._received = 0
         self._random_bytes = terms.random_bytes
+        self._clicks = 0
         self._parts: list[Bits] = []  # sifted, block by block
         self._raw: Bits = NO_BITS  # what is left of them to make a key of
         self._estimate: Estimate | None = None
@@ -118,10 +120,21 @@ class End(ABC):
         return sum(part.size for part in self._parts)
 
     @property
+    def blocks_sifted(self) -> int:
+        """How many blocks have been sifted."""
+        return len(self._parts)
+
+    @property
+    def estimate(self) -> Estimate | None:
+        """What the disclosed sample says of the error rate; None before there is one."""
+        return self._estimate
+
+    @property
     def report(self) -> Report:
         """Counts for the application and for diagnosis, also of a session without a key."""
         estimate = self._estimate
         return Report(
+            self._clicks,
             self.sifted_bits,
             estimate.sample if estimate else 0,
             estimate.errors if estimate else 0,
@@ -172,8 +185,9 @@ class End(ABC):
             sealed += self._abort(AbortReason.PROTOCOL, str(error))
         return sealed
 
-    def _add_sifted(self, part: Bits) -> None:
+    def _add_sifted(self, part: Bits, clicks: int) -> None:
         self._parts.append(part)
+        self._clicks += clicks
         if self.sifted_bits > MAX_KEY_BITS:
             raise SessionFailed(
                 AbortReason.PROTOCOL,

@@ -14,7 +14,7 @@ stored_key_count and `capacity` max_key_count.
 """
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from uuid import UUID, uuid5
@@ -103,6 +103,27 @@ class KeyStore:
         if self.stored > self.capacity and self.discard(stored.key_id):
             raise self._full()  # another process was faster
 
+    def put_all(self, keys: Sequence[StoredKey], *, first: bool) -> None:
+        """Add keys, on disk when this returns; StoreFull or DuplicateKey: none is added."""
+        if self.stored + len(keys) > self.capacity:
+            raise self._full()
+        folder = self._first if first else self._second
+        other = self._second if first else self._first
+        added: list[StoredKey] = []
+        try:
+            for key in keys:
+                name = str(key.key_id)
+                if (other / name).exists():
+                    raise DuplicateKey(f"key {name} is in the store already")
+                _create(folder / name, key.key)
+                added.append(key)
+        except KeyStoreError:
+            for key in added:
+                self.discard(key.key_id)
+            raise
+        finally:
+            _sync(folder)
+
     def take(self, wanted: UUID) -> bytes:
         """Hand out a key that the other end handed out first; MissingKey if it is not here."""
         return _remove(self._second, str(wanted))
@@ -150,7 +171,13 @@ def _age(path: Path) -> int:
 
 
 def _write(path: Path, key: bytes) -> None:
-    """Create a file with its whole content, or raise DuplicateKey."""
+    """Create a file with its whole content, or raise DuplicateKey; both are on disk then."""
+    _create(path, key)
+    _sync(path.parent)
+
+
+def _create(path: Path, key: bytes) -> None:
+    """Create a file with its whole content, or raise DuplicateKey; the folder is not synced."""
     unfinished = path.with_name(f"{path.name}.{os.getpid()}{_UNFINISHED}")
     descriptor = os.open(unfinished, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
     try:
@@ -163,7 +190,6 @@ def _write(path: Path, key: bytes) -> None:
         raise DuplicateKey(f"key {path.name} is in the store already") from error
     finally:
         unfinished.unlink()
-    _sync(path.parent)
 
 
 def _remove(folder: Path, name: str) -> bytes:

@@ -139,6 +139,8 @@ async def start_host(
         source="charlie",
         seed=1,
         analyser=analyser,
+        pair_secrets={other: pair_secret(name, other) for other in QNICS if other != name},
+        keys=str(folder / "keys" / name),
     )
     qnic = SimulatedQnic(config.dispatcher, config.token, config.qnics)
     stack.push_async_callback(qnic.close)
@@ -151,6 +153,11 @@ async def start_host(
     for starting in servers:
         await stack.enter_async_context(await starting)
     return host
+
+
+def pair_secret(*pair: str) -> str:
+    """Return what two hosts share, whichever of them is named first."""
+    return " and ".join(sorted(pair)).encode().hex()
 
 
 def transfer(folder: Path, data: bytes, **options: Any) -> tuple[bytes, dict[str, Any]]:
