@@ -80,6 +80,7 @@ class Keyring:
 
     def withdraw(self, other: str, ids: list[UUID]) -> None:
         """Remove keys that the other end does not have."""
-        store = self.store(other)
-        for key_id in ids:
-            store.discard(key_id)
+        if ids:
+            store = self.store(other)
+            for key_id in ids:
+                store.discard(key_id)

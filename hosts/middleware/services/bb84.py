@@ -5,8 +5,9 @@ arrives, in a basis of its own choice.
 """
 
 from hosts.middleware.qkd.sifting import Record
-from hosts.middleware.services.key_distribution import AcceptorOfKeys, OpenerOfKeys
+from hosts.middleware.services.key_acceptor import AcceptorOfKeys
 from hosts.middleware.services.key_light import random_bases
+from hosts.middleware.services.key_opener import OpenerOfKeys
 from hosts.middleware.services.key_options import KeyOptions
 from hosts.middleware.services.service import AcceptorEnd, OpenerEnd, ServiceKind
 from wire.metadata import Service

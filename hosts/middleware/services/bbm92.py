@@ -5,8 +5,9 @@ bases, Z or X, in which the halves agree.
 """
 
 from hosts.middleware.qkd.sifting import Record
-from hosts.middleware.services.key_distribution import AcceptorOfKeys, OpenerOfKeys
+from hosts.middleware.services.key_acceptor import AcceptorOfKeys
 from hosts.middleware.services.key_light import measured, measuring, random_bases
+from hosts.middleware.services.key_opener import OpenerOfKeys
 from hosts.middleware.services.key_options import KeyOptions
 from hosts.middleware.services.service import AcceptorEnd, OpenerEnd, ServiceKind
 from wire.metadata import Service
