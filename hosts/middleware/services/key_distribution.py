@@ -37,10 +37,11 @@ def pools(end: End, opener: str, acceptor: str) -> tuple[KeyPool, KeyPool]:
     """
     keyring = end.keyring
     try:
+        shared = keyring.pools(opener, acceptor, end.setup.session)
         keyring.store(acceptor if opener == keyring.host else opener)
-        return keyring.pools(opener, acceptor, end.setup.session)
     except (NothingShared, KeyStoreError) as error:
         raise SessionError(Reason.NOT_ALLOWED, f"no key: {error}") from error
+    return shared
 
 
 async def stored(end: End, peer: str, keys: Alice | Bob, *, opened: bool) -> list[UUID]:

@@ -54,7 +54,7 @@ def next_photons(count: int, sifted: int, seen: int, on_the_way: int, most: int)
 
     `sifted` bits have come of the `seen` photons so far.
     """
-    share = sifted / seen if sifted else EVEN_CHANCE
+    share = max(sifted, EVEN_CHANCE) / seen if seen else EVEN_CHANCE
     missing = count - sifted - share * on_the_way
     if missing <= 0:
         return 0

@@ -15,7 +15,7 @@ from hosts.middleware.services.key_summary import Progress, so_far, summary
 from hosts.middleware.services.service import OpenerEnd
 from wire.metadata import Envelope, Reason, Topic
 
-DARK_BLOCKS = 5  # in a row without a sifted bit: the light does not arrive
+DARK_BLOCKS = 4  # in a row without a sifted bit: the light does not arrive
 
 Light = Callable[[OpenerEnd, int, int], Awaitable[Record]]  # of a block: number, photons
 
@@ -64,7 +64,7 @@ class OpenerOfKeys:
                 sizes.append(size)
             await self._sifted(len(sizes) - bool(size))
             dark = 0 if alice.sifted_bits > before else dark + 1
-            if dark > DARK_BLOCKS:
+            if dark == DARK_BLOCKS:
                 raise SessionError(
                     Reason.NO_LIGHT,
                     f"no key: of the last {dark} blocks no photon was measured by both ends: is a "
