@@ -49,7 +49,7 @@ def test_a_stranger_shares_nothing(tmp_path: Path) -> None:
     ring, _bob = rings(tmp_path)
     with pytest.raises(NothingShared, match="no authentication key with 'eve'"):
         ring.pools("eve", "alice", SESSION)
-    with pytest.raises(KeyStoreError, match="no keys with '../eve'"):
+    with pytest.raises(KeyStoreError, match="no keys with"):
         ring.store("../eve")
 
 
