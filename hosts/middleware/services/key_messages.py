@@ -73,6 +73,11 @@ class KeyMessages:
             reason = REASONS.get(failure.reason, Reason.PROTOCOL)
             raise SessionError(reason, f"no key: {words}{failure.text}")
 
+    def give_up(self, text: str) -> None:
+        """Tell the other end that there will be no key, unless this end has said so."""
+        for envelope in in_envelopes(self._end.setup.session, self._keys.cancel(text)):
+            self._end.channel.send(envelope)
+
     async def hear(self, envelope: Envelope) -> None:
         """Take what the other end says and answer it."""
         if envelope.topic != Topic.KEYS:
@@ -81,7 +86,7 @@ class KeyMessages:
             for data in self._cutter.feed(envelope.content):
                 await self.hear_message(data)
         except MalformedPacket as error:
-            self.say(self._keys.cancel(str(error)))
+            self.give_up(str(error))
             raise SessionError(Reason.PROTOCOL, f"no key: {error}") from error
 
     async def hear_message(self, data: bytes) -> None:

@@ -42,7 +42,8 @@ class OpenerOfKeys:
             await self._gather()
             self._messages.say(self._alice.distil())
             await self._messages.until(lambda: self._alice.state is State.DONE)
-        except SessionError:
+        except SessionError as error:
+            self._messages.give_up(str(error))
             await tell_of_failure(end, self._progress, self._alice)
             raise
         end.summary = summary(self._progress, self._alice, self._ids)

@@ -31,7 +31,7 @@ class Progress:
 def so_far(progress: Progress, keys: End) -> dict[str, Any]:
     """Return what is told while light is sent."""
     report = keys.report
-    return {"photons": progress.photons, "raw": report.raw, "sifted": report.sifted}
+    return {"photons": progress.photons, "raw_bits": report.raw, "sifted_bits": report.sifted}
 
 
 def summary(progress: Progress, keys: End, ids: list[UUID]) -> dict[str, Any]:
@@ -50,8 +50,8 @@ def summary(progress: Progress, keys: End, ids: list[UUID]) -> dict[str, Any]:
         "qber": qber,
         "qber_low": low,
         "qber_high": high,
-        "disclosed": report.sample,
-        "leaked": report.leaked,
+        "disclosed_bits": report.sample,
+        "leaked_bits": report.leaked,
         "key_bits": report.key,
         "key_fraction": report.key / report.sifted if report.sifted else None,
         "key_fraction_limit": None if qber is None else asymptotic_fraction(qber),
@@ -64,7 +64,7 @@ def summary(progress: Progress, keys: End, ids: list[UUID]) -> dict[str, Any]:
         "light_s": light_s,
         "elapsed_s": elapsed_s,
         "photons_per_s": progress.photons / light_s,
-        "raw_per_s": report.raw / light_s,
-        "sifted_per_s": report.sifted / light_s,
-        "key_per_s": report.key / elapsed_s,
+        "raw_bits_per_s": report.raw / light_s,
+        "sifted_bits_per_s": report.sifted / light_s,
+        "key_bits_per_s": report.key / elapsed_s,
     }
