@@ -1,6 +1,7 @@
 """The end that is asked for keys: measures, announces, corrects its errors, stores."""
 
 import asyncio
+from collections import deque
 from uuid import UUID
 
 from hosts.hardware.qnic import Symbols
@@ -19,6 +20,7 @@ from wire.metadata import Envelope, Finish, Message, Reason, Topic, Values
 from wire.qkd import Bound, Proposal, QkdMessage, Reconciliation, unframe
 
 MAX_NAME_BYTES = 64
+MAX_COMING = 2  # blocks: one is measured while the next is made
 
 
 class AcceptorOfKeys:
@@ -27,7 +29,8 @@ class AcceptorOfKeys:
     def __init__(self, end: AcceptorEnd, half: int) -> None:
         self._end, self._half = end, half
         self._progress = Progress()
-        self._coming: tuple[Symbols, asyncio.Task[Symbols]] | None = None  # bases, and light
+        self._announced = 0  # blocks
+        self._coming: deque[tuple[Symbols, asyncio.Task[Symbols]]] = deque()  # bases, and light
         self._ids: list[UUID] = []  # of the keys in the store
 
     async def run(self) -> None:
@@ -50,8 +53,8 @@ class AcceptorOfKeys:
                 await tell_of_failure(self._end, self._progress, bob)
             raise
         finally:
-            if self._coming is not None:
-                self._coming[1].cancel()
+            for _bases, light in self._coming:
+                light.cancel()
         self._end.summary = summary(self._progress, bob, self._ids)
 
     async def _introduced(self) -> tuple[str, Parameters, bytes, Cutter]:
@@ -91,24 +94,25 @@ class AcceptorOfKeys:
 
     def _get_ready(self, message: Values) -> None:
         """Begin to measure the block that comes next."""
-        if self._coming is not None:
-            raise SessionError(Reason.PROTOCOL, f"block {message.block} before the last is over")
-        end, number = self._end, self._progress.blocks
+        if len(self._coming) == MAX_COMING:
+            raise SessionError(Reason.PROTOCOL, f"block {message.block} before others are over")
+        end, number = self._end, self._announced
         (photons,) = expect(message, Topic.COMING, number, 1, end.setup.pairs).tolist()
         if photons == 0:
             raise SessionError(Reason.PROTOCOL, f"block {number} has no photons")
         bases = random_bases(end, photons)
-        self._coming = bases, measuring(end, end.block(number, self._half), bases)
+        self._coming.append((bases, measuring(end, end.block(number, self._half), bases)))
+        self._announced += 1
         end.agree()
 
     async def _measure(self, message: Values) -> Record:
         """Return what was measured of the block that is over."""
         expect(message, Topic.OVER, self._progress.blocks, 0, 0)
-        if self._coming is None:
+        if not self._coming:
             raise SessionError(Reason.PROTOCOL, f"the end of block {message.block}, not begun")
-        bases, light = self._coming
+        bases, light = self._coming[0]
         outcomes = await measured(self._end, light, bases.size)
-        self._coming = None
+        self._coming.popleft()
         self._progress.blocks += 1
         self._progress.photons += bases.size
         return Record(bases, turned_back(outcomes, bases, self._end.setup.rotation))

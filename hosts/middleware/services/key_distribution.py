@@ -3,7 +3,7 @@
     opener (alice of hosts.middleware.qkd)                     acceptor (bob)
       | Envelope(OPENER), Envelope(KEYS: Proposal) -------------> |
       | Values(COMING) -----------------------------------------> |  gets ready to measure
-      | <-------------------------------------------- Answer(OK)  |
+      | <-------------------------------------------- Answer(OK)  |  one block ahead
       |   light, as the protocol makes it                         |
       | Values(OVER) -------------------------------------------> |
       | <----------------------------- Envelope(KEYS: Detections) |

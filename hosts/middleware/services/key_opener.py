@@ -15,7 +15,7 @@ from hosts.middleware.services.key_summary import Progress, so_far, summary
 from hosts.middleware.services.service import OpenerEnd
 from wire.metadata import Envelope, Reason, Topic
 
-DARK_BLOCKS = 4  # in a row without a sifted bit: the light does not arrive
+DARK_BLOCKS = 3  # in a row without a sifted bit: the light does not arrive
 
 Light = Callable[[OpenerEnd, int, int], Awaitable[Record]]  # of a block: number, photons
 
@@ -31,6 +31,7 @@ class OpenerOfKeys:
         terms = Terms(end.setup.session, options.parameters(), outgoing, incoming, end.draws.bytes)
         self._alice = Alice(terms)
         self._messages = KeyMessages(end, self._alice, self._store)
+        self._sizes: list[int] = []  # of the blocks that were announced
         self._ids: list[UUID] = []
 
     async def run(self) -> None:
@@ -53,37 +54,49 @@ class OpenerOfKeys:
 
     async def _gather(self) -> None:
         """Send blocks until enough is sifted; a block is sifted while the next one flies."""
-        alice, count = self._alice, self._options.count
-        sizes: list[int] = []
-        dark = 0
-        while (before := alice.sifted_bits) < count:
-            seen = sum(sizes[: alice.blocks_sifted])
-            on_the_way = sum(sizes) - seen
-            size = next_photons(count, before, seen, on_the_way, self._end.setup.pairs)
-            if size:
-                await self._block(len(sizes), size)
-                sizes.append(size)
-            await self._sifted(len(sizes) - bool(size))
-            dark = 0 if alice.sifted_bits > before else dark + 1
-            if dark == DARK_BLOCKS:
+        dark, coming = 0, self._announce()
+        while coming is not None:
+            before = self._alice.sifted_bits
+            following = self._announce()
+            await self._send(coming)
+            dark = 0 if self._alice.sifted_bits > before else dark + 1
+            if dark > DARK_BLOCKS:  # the newest may not be sifted yet
                 raise SessionError(
                     Reason.NO_LIGHT,
-                    f"no key: of the last {dark} blocks no photon was measured by both ends: is a "
-                    "fibre cut, or its loss too high?",
+                    f"no key: of {DARK_BLOCKS} blocks in a row no photon was measured by both "
+                    "ends: is a fibre cut, or its loss too high?",
                 )
-            await self._end.tell(**so_far(self._progress, alice))
-        await self._sifted(len(sizes))
+            await self._end.tell(**so_far(self._progress, self._alice))
+            if following is None:
+                await self._sifted(len(self._sizes))
+                following = self._announce()
+            coming = following
 
-    async def _sifted(self, blocks: int) -> None:
-        """Wait until so many blocks are sifted."""
-        await self._messages.until(lambda: self._alice.blocks_sifted >= blocks)
-        self._progress.note(self._alice.blocks_sifted)
+    def _announce(self) -> int | None:
+        """Let the other end get ready for one more block; None if there may be enough."""
+        alice, sizes = self._alice, self._sizes
+        seen = sum(sizes[: alice.blocks_sifted])
+        on_the_way = sum(sizes) - seen
+        count, most = self._options.count, self._end.setup.pairs
+        size = next_photons(count, alice.sifted_bits, seen, on_the_way, most)
+        if size == 0:
+            return None
+        number = len(sizes)
+        sizes.append(size)
+        self._end.say(Topic.COMING, number, [size], 32)
+        return number
 
-    async def _block(self, number: int, photons: int) -> None:
-        end = self._end
-        end.say(Topic.COMING, number, [photons], 32)
+    async def _send(self, number: int) -> None:
+        """Send a block that was announced, and wait until the one before it is sifted."""
+        end, photons = self._end, self._sizes[number]
         await self._messages.answered()
         record = await self._light(end, number, photons)
         end.say(Topic.OVER, number, [], 1)
         self._progress.photons += photons
         self._messages.say(self._alice.add_block(record))
+        await self._sifted(number)
+
+    async def _sifted(self, blocks: int) -> None:
+        """Wait until so many blocks are sifted."""
+        await self._messages.until(lambda: self._alice.blocks_sifted >= blocks)
+        self._progress.note(self._alice.blocks_sifted)
