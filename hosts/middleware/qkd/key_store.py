@@ -117,7 +117,7 @@ class KeyStore:
                     raise DuplicateKey(f"key {name} is in the store already")
                 _create(folder / name, key.key)
                 added.append(key)
-        except KeyStoreError:
+        except (KeyStoreError, OSError):
             for key in added:
                 self.discard(key.key_id)
             raise

@@ -59,8 +59,11 @@ class Keyring:
         if not self._folder:
             raise KeyStoreError(f"{self.host} was given no folder to keep keys in")
         mine = Path(self._folder)
-        mine.mkdir(mode=0o700, parents=True, exist_ok=True)
-        return KeyStore(mine / other, CAPACITY)
+        try:
+            mine.mkdir(mode=0o700, parents=True, exist_ok=True)
+            return KeyStore(mine / other, CAPACITY)
+        except OSError as error:
+            raise KeyStoreError(f"no store of keys can be in {mine}: {error}") from error
 
     def keep(self, other: str, session: int, final: Bits, *, opened: bool) -> list[UUID]:
         """Store a final key as keys of KEY_BITS; return their ids.
@@ -70,12 +73,15 @@ class Keyring:
         """
         keys, store = cut(session, final), self.store(other)
         ids = [key.key_id for key in keys]
-        store.put_all(keys[0::2], first=opened)
         try:
-            store.put_all(keys[1::2], first=not opened)
-        except KeyStoreError:
-            self.withdraw(other, ids[0::2])
-            raise
+            store.put_all(keys[0::2], first=opened)
+            try:
+                store.put_all(keys[1::2], first=not opened)
+            except (KeyStoreError, OSError):
+                self.withdraw(other, ids[0::2])
+                raise
+        except OSError as error:
+            raise KeyStoreError(f"keys cannot be kept in {self._folder}: {error}") from error
         return ids
 
     def withdraw(self, other: str, ids: list[UUID]) -> None:

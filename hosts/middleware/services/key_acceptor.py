@@ -17,7 +17,7 @@ from hosts.middleware.services.key_summary import Progress, so_far, summary
 from hosts.middleware.services.service import AcceptorEnd
 from hosts.middleware.values import expect
 from wire.metadata import Envelope, Finish, Message, Reason, Topic, Values
-from wire.qkd import Bound, Proposal, QkdMessage, Reconciliation, unframe
+from wire.qkd import MAX_PHOTONS, Bound, Proposal, QkdMessage, Reconciliation, unframe
 
 MAX_NAME_BYTES = 64
 MAX_COMING = 2  # blocks: one is measured while the next is made
@@ -97,7 +97,8 @@ class AcceptorOfKeys:
         if len(self._coming) == MAX_COMING:
             raise SessionError(Reason.PROTOCOL, f"block {message.block} before others are over")
         end, number = self._end, self._announced
-        (photons,) = expect(message, Topic.COMING, number, 1, end.setup.pairs).tolist()
+        most = min(end.setup.pairs, MAX_PHOTONS)
+        (photons,) = expect(message, Topic.COMING, number, 1, most).tolist()
         if photons == 0:
             raise SessionError(Reason.PROTOCOL, f"block {number} has no photons")
         bases = random_bases(end, photons)

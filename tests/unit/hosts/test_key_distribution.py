@@ -23,13 +23,14 @@ from stacks_scene import (
 
 from hosts.middleware.qkd import keyring
 from hosts.middleware.services import key_light
+from hosts.middleware.values import values
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
 from wire import qkd, service
 from wire.config import PathOptics
 from wire.dispatcher_pb2 import StatusRequest
 from wire.dispatcher_pb2_grpc import DispatcherStub
-from wire.metadata import Envelope, Message, Pauli, Setup, Topic
+from wire.metadata import Envelope, Message, Pauli, Setup, Topic, Values
 
 PATHS = {"bb84": [(1, 2)], "bbm92": [(4, 1), (5, 2)]}
 FIBERS = {"bb84": 2, "bbm92": 4}  # that two correlated outcomes have passed together
@@ -277,6 +278,18 @@ def test_a_host_that_shares_no_secret_is_refused(tmp_path: Path) -> None:
     failed = failure(tmp_path, "bb84", change=change)
     for text in (failed.alice, failed.bob):
         assert "bob shares no authentication key with 'mallory'" in text
+
+
+def test_an_announcement_of_too_much_light_is_refused(tmp_path: Path) -> None:
+    def judge(setup: Setup) -> Setup:
+        return replace(grant(setup), pairs=1 << 31)
+
+    def change(way: str, message: Message) -> Message:
+        if isinstance(message, Values) and message.topic == Topic.COMING:
+            return values(message.session, Topic.COMING, message.block, [1 << 30], 32)
+        return message
+
+    assert "at most 1000000 is known" in failure(tmp_path, "bb84", judge, change).bob
 
 
 @protocols

@@ -80,6 +80,29 @@ def test_keys_that_do_not_all_fit_are_not_kept(
     assert alice.store("bob").stored == 0
 
 
+def test_a_disk_that_fails_is_told_and_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    alice, _bob = rings(tmp_path)
+    store = alice.store("bob")
+    written: list[Path] = []
+
+    def link(source: str, target: Path) -> None:
+        if len(written) == 7:
+            raise OSError(28, "No space left on device")
+        written.append(target)
+        Path(target).write_bytes(Path(source).read_bytes())
+
+    monkeypatch.setattr("os.link", link)
+    with pytest.raises(KeyStoreError, match="No space left"):
+        alice.keep("bob", SESSION, final(), opened=True)
+    assert len(written) == 7
+    assert store.stored == 0
+    (tmp_path / "file").touch()
+    with pytest.raises(KeyStoreError, match="no store of keys can be"):
+        Keyring("alice", {"bob": SECRET}, str(tmp_path / "file")).store("bob")
+
+
 def test_keys_of_a_known_id_leave_the_store_as_it_was(tmp_path: Path) -> None:
     alice, _bob = rings(tmp_path)
     store, keys = alice.store("bob"), cut(SESSION, final())
