@@ -1,4 +1,4 @@
-"""What `qmn run` can be told of services, and what it refuses before anything starts."""
+"""What `qmn run qkd` can be told, and what it refuses before anything starts."""
 
 import argparse
 from pathlib import Path
