@@ -19,6 +19,7 @@ from hosts.middleware.arrangement import Arrangement
 from hosts.middleware.channel import ANSWER_TIMEOUT_S, MetadataChannel, SessionError
 from hosts.middleware.device import Device
 from hosts.middleware.options import HANDSHAKES, SessionOptions
+from hosts.middleware.qkd.keyring import Keyring
 from hosts.middleware.receiver import ReceivingSession
 from hosts.middleware.sender import SendingSession
 from hosts.middleware.services import KINDS, NAMES
@@ -38,6 +39,7 @@ class Stack:
     def __init__(self, config: HostConfig, qnic: Qnic) -> None:
         self._config = config
         self._qnic = qnic
+        self._keyring = Keyring(config.name, config.pair_secrets, config.keys)
         self._sessions_made = 0
         self._receiving: dict[int, ReceivingSession] = {}
         self._accepting: set[int] = set()
@@ -91,6 +93,7 @@ class Stack:
             setup,
             self._config.analyser,
             self._draws(setup),
+            self._keyring,
         )
 
     def _draws(self, setup: Setup) -> np.random.Generator:
@@ -154,7 +157,9 @@ class Stack:
         service = Service(setup.service)
         draws = self._draws(setup)
         analyser = self._config.analyser
-        session = AcceptingSession(KINDS[service], self._qnic, channel, setup, analyser, draws)
+        session = AcceptingSession(
+            KINDS[service], self._qnic, channel, setup, analyser, draws, self._keyring
+        )
         if setup.session in self._accepting or len(self._accepting) >= MAX_SESSIONS:
             raise SessionError(Reason.BUSY)
         incoming = self.applications.incoming(setup.port, channel.peer, service.name.lower())

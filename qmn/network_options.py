@@ -43,6 +43,7 @@ class NetworkOptions(TypedDict, total=False):
     policy: str | Path
     rest: str
     apps: list[str]
+    keys: str | Path
     metrics: bool
     history_depth: int
     per_qubit: int
@@ -77,6 +78,8 @@ def add_network_options(parser: argparse.ArgumentParser) -> None:
     add("--rest", default="", metavar="ADDRESS", help="serve what c0 knows there, over HTTP")
     text = "load a controller app beside ours, such as ryu.app.ofctl_rest (more than once)"
     add("--app", dest="apps", action="append", default=[], metavar="MODULE", help=text)
+    text = "keep the keys that hosts make here, a new folder (they go with the network)"
+    add("--keys", type=Path, metavar="DIR", help=text)
     add("--metrics", action="store_true", help="figures for Prometheus (docs/metrics.md)")
     add("--history-depth", type=int, default=10_000, metavar="N", help="events kept (10000)")
     text = "write an event for each of the first N photons of a block (1000), too"
@@ -126,6 +129,8 @@ def check_network(arguments: argparse.Namespace) -> None:
         )
     if arguments.rest and arguments.controller != "ryu":
         raise BadInput(f"--rest needs --controller ryu: {arguments.controller} has no HTTP server")
+    if arguments.keys is not None and arguments.keys.exists():
+        raise BadInput(f"--keys {arguments.keys} exists: name a new folder for each network")
     check_range(arguments, "openflow_port", 1, 65_535)
     check_range(arguments, "history_depth", 0, 10_000_000)
     check_range(arguments, "per_qubit", 0, 1_000_000)
@@ -167,4 +172,5 @@ def settings(
         rest=arguments.rest,
         apps=arguments.apps,
         metrics=arguments.metrics,
+        keys=str(arguments.keys.resolve()) if arguments.keys else "",
     )

@@ -19,7 +19,7 @@ from qmn.network_facts import network_facts
 from qmn.network_options import BadInput, settings
 from qmn.networks import BadTopology, every_device, every_fiber, topology
 from qmn.report import report_of_run
-from qmn.run_folder import give_to_invoker, make_folder, point_latest
+from qmn.run_folder import give_to_invoker, given_at_the_end, make_folder, point_latest
 from qmn.timeline import timeline_of_run
 from qmn.transfer import TransferError
 from topologies.network import Interrupted, Network, Signals
@@ -123,7 +123,10 @@ def running_network(
         events=not arguments.no_events,
     )
     console.print(f"starting the network ({arguments.controller}, seed {arguments.seed}) ...")
-    with Network(topology(arguments), runtime, signals) as network:
+    with (
+        given_at_the_end(arguments.keys),
+        Network(topology(arguments), runtime, signals) as network,
+    ):
         facts["network"] = network_facts(network).to_dict()
         facts["backend"] = status(network).backend
         if arguments.metrics:

@@ -30,6 +30,7 @@ from qmn.network_options import (
     settings,
 )
 from qmn.networks import FIBER, SIZES, TOPOLOGIES, topology
+from qmn.run_folder import given_at_the_end
 from topologies.network import Network, Signals
 from topologies.nodes import QuantumHost
 
@@ -190,7 +191,11 @@ def running(
     topo: Callable[[], Topo], arguments: argparse.Namespace, folder: Path | None
 ) -> Iterator[QuantumNetwork]:
     """Run a network; a signal that comes while it starts is raised as Interrupted."""
-    with Signals() as signals, left_behind(arguments, folder) as facts:
+    with (
+        Signals() as signals,
+        given_at_the_end(arguments.keys),
+        left_behind(arguments, folder) as facts,
+    ):
         runtime = settings(arguments, folder)
         network = QuantumNetwork(topo, runtime, signals)
         try:

@@ -15,6 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from hosts.middleware.channel import SessionError
 from hosts.middleware.services import NAMES, teleport
+from hosts.middleware.services.key_options import BOUNDS, CORRECTIONS, KeyOptions
 from hosts.middleware.services.options import ServiceOptions
 from qmn import service_result
 from qmn.network_options import (
@@ -37,6 +38,7 @@ from topologies.network import Network, Signals, require_root
 from topologies.programs import NetworkError, Program, python
 
 SERVICE_PORT = 9
+KEYS = KeyOptions(host="", port=SERVICE_PORT)  # by default
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,7 @@ class Verb:
     help: str
     unit: str  # what --count counts
     options: Mapping[str, dict[str, Any]]  # of the service's own: argparse's words for each
+    protocols: tuple[str, ...] = ()  # services that do it; none: the one of the verb's name
 
 
 VERBS: Mapping[str, Verb] = MappingProxyType(
@@ -61,16 +64,62 @@ VERBS: Mapping[str, Verb] = MappingProxyType(
                 }
             },
         ),
+        "qkd": Verb(
+            "distribute secret keys",
+            "sifted_bits",
+            {
+                "correction": {
+                    "choices": tuple(CORRECTIONS),
+                    "default": KEYS.correction,
+                    "help": f"of errors ({KEYS.correction})",
+                },
+                "max_qber": {
+                    "type": float,
+                    "default": KEYS.max_qber,
+                    "metavar": "Q",
+                    "help": f"no key above this error rate ({KEYS.max_qber:g})",
+                },
+                "test_fraction": {
+                    "type": float,
+                    "default": KEYS.test_fraction,
+                    "metavar": "F",
+                    "help": f"of the sifted bits, disclosed ({KEYS.test_fraction:g})",
+                },
+                "epsilon": {
+                    "type": float,
+                    "default": KEYS.epsilon,
+                    "metavar": "P",
+                    "help": f"that the key is not secret, at most ({KEYS.epsilon:g})",
+                },
+                "bound": {
+                    "choices": tuple(BOUNDS),
+                    "default": KEYS.bound,
+                    "help": f"of the key's length: proven, or that of endless keys ({KEYS.bound})",
+                },
+            },
+            ("bb84", "bbm92"),
+        ),
     }
 )
+
+
+def verb_of(service: str) -> Verb:
+    """Return how the command line has a service."""
+    return next(verb for name, verb in VERBS.items() if service in (name, *verb.protocols))
 
 
 def add_parsers(jobs: Any) -> None:
     """Describe the services among what `qmn run` can do."""
     for name, verb in VERBS.items():
         parser = jobs.add_parser(name, help=verb.help, description=__doc__)
-        _add_options(parser, name, verb)
         parser.set_defaults(call=partial(guarded, run), service=name)
+        if verb.protocols:
+            name, *_ = verb.protocols
+            text = f"by which photons, or pairs ({name})"
+            parser.add_argument(
+                "--protocol", dest="service", choices=verb.protocols, default=name, help=text
+            )
+        _add_options(parser, name, verb)
 
 
 def _add_options(parser: argparse.ArgumentParser, name: str, verb: Verb) -> None:
@@ -80,7 +129,7 @@ def _add_options(parser: argparse.ArgumentParser, name: str, verb: Verb) -> None
     add("--topology", choices=sorted(TOPOLOGIES), default="sdc", help=text)
     add("--from", dest="sender", default="alice", metavar="HOST", help="that asks (alice)")
     add("--to", dest="receiver", default="bob", metavar="HOST", help="that is asked (bob)")
-    text = f"{verb.unit} ({defaults.count})"
+    text = f"{verb.unit.replace('_', ' ')} ({defaults.count})"
     add("--count", type=int, default=defaults.count, metavar="N", help=text)
     for option, words in verb.options.items():
         add(f"--{option.replace('_', '-')}", **words)
@@ -107,7 +156,7 @@ def run(arguments: argparse.Namespace, signals: Signals, console: Console) -> in
 
 def own_options(service: str) -> tuple[str, ...]:
     """Return the names of what a service can be told beside where it goes."""
-    return ("count", "block_pairs", "rate_hz", *VERBS[service].options)
+    return ("count", "block_pairs", "rate_hz", *verb_of(service).options)
 
 
 def check_input(arguments: argparse.Namespace) -> ServiceOptions:
@@ -133,8 +182,9 @@ def _use(
 ) -> None:
     with running_network(arguments, folder, facts, signals, console) as network:
         sender, receiver = arguments.sender, arguments.receiver
-        unit = VERBS[arguments.service].unit
-        console.print(f"{arguments.service} from {sender} to {receiver}: {options.count:,} {unit}")
+        unit = verb_of(arguments.service).unit
+        what = f"{options.count:,} {unit.replace('_', ' ')}"
+        console.print(f"{arguments.service} from {sender} to {receiver}: {what}")
         with _progress_bar(console, unit, options.count, facts) as progress:
             try:
                 asked = _start(network, arguments, receiver, "asked", [])
@@ -162,7 +212,12 @@ def _start(
 def _progress_bar(
     console: Console, unit: str, total: int, facts: dict[str, Any]
 ) -> Iterator[Callable[[dict[str, Any]], None]]:
-    columns = (TextColumn(unit), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    columns = (
+        TextColumn(unit.replace("_", " ")),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+    )
     with Progress(*columns, console=console) as bar:
         task = bar.add_task(unit, total=total)
 

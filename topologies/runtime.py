@@ -63,6 +63,8 @@ class Runtime:
     apps: list[str] = field(default_factory=list)  # further apps in the controller
     prefix_length: int = 24  # of the hosts' network
     device_keys: dict[str, str] = field(default_factory=dict)  # of the hosts' node agents
+    pair_secrets: dict[frozenset[str], str] = field(default_factory=dict)  # of two hosts each
+    keys: str = ""  # path of the folder for keys that are kept; empty: they go with the network
     metrics: bool = False  # whether programs tell Prometheus their figures
     metrics_addresses: dict[str, str] = field(default_factory=dict)  # by program: where
 
@@ -81,6 +83,20 @@ class Runtime:
     def device_key(self, host: str) -> str:
         """Return the secret that a host's node agent shares with the controller."""
         return self.device_keys.setdefault(host, secrets.token_hex(16))
+
+    def secrets_of(self, host: str) -> dict[str, str]:
+        """Return the secrets that a host shares with each other host, to authenticate by."""
+        return {
+            other: self.pair_secrets.setdefault(frozenset((host, other)), secrets.token_hex(32))
+            for other in self.devices
+            if other != host
+        }
+
+    def key_folder(self, host: str) -> str:
+        """Return the path of the folder for the keys of a host; its parent is private."""
+        folder = Path(self.keys) if self.keys else self.folder / "keys"
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        return str(folder / host)
 
     def socket(self, name: str) -> str:
         """Return the path of a Unix socket (they cross network namespaces)."""

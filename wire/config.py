@@ -152,6 +152,8 @@ class HostConfig(Config):
     seed: int
     report_to: str = ""  # address that the node agent reports to (the subnet's broadcast)
     device_key: str = ""  # that the node agent shares with the controller; empty: no node agent
+    pair_secrets: dict[str, str] = field(default_factory=dict)  # shared with each other host, hex
+    keys: str = ""  # path of the folder for keys that it distributes; empty: it keeps none
     analyser: str = "complete"  # or "linear": its Bell analyser (wire.physics.BellAnalyser.kind)
 
     def __post_init__(self) -> None:

@@ -52,6 +52,9 @@ class Topic(IntEnum):
     ARRIVED = 6  # 1 for what was detected, or kept, 0 for what was not
     SAMPLE = 7  # 1 for what is sacrificed for an estimate
     COUNTS = 8  # what came of a block, as its service defines
+    KEYS = 9  # messages of wire.qkd, cut into envelopes anywhere
+    OPENER = 10  # name of the host that has opened the session, UTF-8
+    OVER = 11  # the light of the block is over; no values
 
 
 class Handshake(IntEnum):

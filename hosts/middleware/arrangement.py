@@ -21,6 +21,11 @@ class Arrangement:
         self._pairs: MetadataChannel | None = None
         self._source_turn = asyncio.Lock()
 
+    @property
+    def peer(self) -> str:
+        """Name of the other end."""
+        return self._peer[0]
+
     async def open(self) -> Answer:
         """Arrange light paths; return what the peer accepts, or raise SessionError.
 

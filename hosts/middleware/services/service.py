@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 from hosts.hardware.qnic import BlockName, NoLight, Qnic, Stored
 from hosts.middleware.arrangement import Arrangement
 from hosts.middleware.channel import ANSWER_TIMEOUT_S, MetadataChannel, SessionError
+from hosts.middleware.qkd.keyring import Keyring
 from hosts.middleware.values import Numbers, expect, values
 from wire.metadata import Answer, Finish, Reason, Service, Setup, Topic, Values
 
@@ -40,6 +41,7 @@ class End:
     tell: Tell  # called with fields for the application
     draws: np.random.Generator  # of this host's own choices; they follow from the seed
     told_apart: frozenset[int]  # the Bell states that this host's analyser tells apart
+    keyring: Keyring  # what this host shares with others
     summary: dict[str, Any] = field(default_factory=dict)  # for the application, at the end
 
     def block(self, number: int, half: int = 0) -> BlockName:

@@ -8,6 +8,7 @@ from hosts.hardware.qnic import Qnic, release
 from hosts.middleware.arrangement import Arrangement
 from hosts.middleware.channel import MetadataChannel, SessionError
 from hosts.middleware.encoding import TOLD_APART
+from hosts.middleware.qkd.keyring import Keyring
 from hosts.middleware.receiver import check_wavelength
 from hosts.middleware.services.options import ServiceOptions
 from hosts.middleware.services.service import AcceptorEnd, OpenerEnd, ServiceKind, Tell
@@ -41,11 +42,12 @@ class OpeningSession:
         setup: Setup,
         analyser: str,
         draws: np.random.Generator,
+        keyring: Keyring,
     ) -> None:
         require_fibers(setup, Role.OPENER, qnic)
         self._kind, self._options = kind, options
         self._qnic, self._arrangement, self._setup = qnic, arrangement, setup
-        self._analyser, self._draws = analyser, draws
+        self._analyser, self._draws, self._keyring = analyser, draws, keyring
         self.summary: dict[str, Any] = {}
 
     async def run(self, tell: Tell) -> None:
@@ -61,6 +63,7 @@ class OpeningSession:
             tell,
             self._draws,
             told_apart(self._analyser),
+            self._keyring,
             arrangement=self._arrangement,
         )
         await self._kind.open(end, self._options)
@@ -84,17 +87,20 @@ class AcceptingSession:
         setup: Setup,
         analyser: str,
         draws: np.random.Generator,
+        keyring: Keyring,
     ) -> None:
         check_wavelength(setup)
         require_fibers(setup, Role.ACCEPTOR, qnic)
         self._kind, self._qnic, self._channel, self._setup = kind, qnic, channel, setup
-        self._analyser, self._draws = analyser, draws
+        self._analyser, self._draws, self._keyring = analyser, draws, keyring
         self.summary: dict[str, Any] = {}
 
     async def run(self, tell: Tell) -> None:
         """Do what the service does until the opener ends it; raise SessionError if it fails."""
         apart = told_apart(self._analyser)
-        end = AcceptorEnd(self._qnic, self._setup, self._channel, tell, self._draws, apart)
+        end = AcceptorEnd(
+            self._qnic, self._setup, self._channel, tell, self._draws, apart, self._keyring
+        )
         end.agree()
         await self._kind.accept(end)
         self.summary = end.summary

@@ -24,14 +24,17 @@ from hosts.stack import Stack
 from hosts.stack_socket import QuantumSocketError
 from qswitch_agent.hardware.optics import CrossConnect
 from qswitch_agent.hardware.simulated import SimulatedSwitch
-from wire.config import DispatcherConfig, Fiber, FiberEnd, HostConfig, QuantumSwitch
+from wire.config import DispatcherConfig, Fiber, FiberEnd, HostConfig, PathOptics, QuantumSwitch
 from wire.device import DeviceSettings
 from wire.metadata import (
+    HEADER,
     METADATA_PORT,
     SETUP_LENGTH,
+    Message,
     Setup,
     Verdict,
     decode,
+    message_length,
 )
 from wire.physics import BellAnalyser, Device
 
@@ -47,6 +50,7 @@ RELAYED = {name: address.replace("127.0.0", "127.0.1") for name, address in OWN_
 DEADLINE_S = 30
 
 Judge = Callable[[Setup], Setup]
+Change = Callable[[str, Message], Message | None]  # "forth" or "back"; None: cut the connection
 
 
 def grant(setup: Setup) -> Setup:
@@ -64,15 +68,41 @@ async def pump(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> No
         writer.close()
 
 
-def relay(name: str, judge: Judge) -> Callable[..., Coroutine[Any, Any, None]]:
-    """Return the server of a relay to a host."""
+async def alter(
+    reader: asyncio.StreamReader, writer: asyncio.StreamWriter, way: str, change: Change
+) -> None:
+    """Pass messages on as a person in the middle would like them; end where that one cuts."""
+    try:
+        while True:
+            header = await reader.readexactly(HEADER.size)
+            length = message_length(header)
+            assert length is not None
+            data = header + await reader.readexactly(length - HEADER.size)
+            changed = change(way, decode(data))
+            if changed is None:
+                break
+            writer.write(changed.encode())
+    except (ConnectionError, asyncio.IncompleteReadError):
+        pass
+    finally:
+        writer.close()
+
+
+def relay(
+    name: str, judge: Judge, change: Change | None = None
+) -> Callable[..., Coroutine[Any, Any, None]]:
+    """Return the server of a relay to a host; it changes what this host and others say."""
 
     async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         setup = decode(await reader.readexactly(SETUP_LENGTH))
         assert isinstance(setup, Setup)
         there = await asyncio.open_connection(OWN_ADDRESS[name], METADATA_PORT)
         there[1].write(judge(setup).encode())
-        await asyncio.gather(pump(reader, there[1]), pump(there[0], writer))
+        forth, back = (reader, there[1]), (there[0], writer)
+        if change is None:
+            await asyncio.gather(pump(*forth), pump(*back))
+        else:
+            await asyncio.gather(alter(*forth, "forth", change), alter(*back, "back", change))
 
     return serve
 
@@ -86,6 +116,8 @@ async def network(
     settings: DeviceSettings | None = None,
     paths: Sequence[tuple[int, int]] = PATHS,
     devices: dict[str, Device] | None = None,
+    change: Change | None = None,
+    optics: Sequence[PathOptics] = (),
     **fiber: Any,
 ) -> AsyncIterator[Path]:
     """Run everything; the sockets of the stacks are in the folder."""
@@ -98,7 +130,7 @@ async def network(
             Fiber(FiberEnd(port.split("-")[0], port), FiberEnd("q1", str(number)), **fiber)
             for port, number in PORTS.items()
         ],
-        switches=[QuantumSwitch("q1", rotation=rotation)],
+        switches=[QuantumSwitch("q1", rotation=rotation, paths=[*optics])],
         devices={"bob": Device(analyser=BellAnalyser(analyser)), **(devices or {})},
     )
     errors: list[BaseException] = []
@@ -110,7 +142,7 @@ async def network(
         stack.push_async_callback(server.stop, 0)
         await connect_paths(config.socket, paths)
         for name in QNICS:
-            host = await start_host(stack, folder, config.socket, name, judge, analyser)
+            host = await start_host(stack, folder, config.socket, name, judge, analyser, change)
             if settings is not None:
                 host.device.set(settings)
         yield folder
@@ -125,7 +157,13 @@ async def connect_paths(dispatcher: str, paths: Sequence[tuple[int, int]]) -> No
 
 
 async def start_host(
-    stack: AsyncExitStack, folder: Path, dispatcher: str, name: str, judge: Judge, analyser: str
+    stack: AsyncExitStack,
+    folder: Path,
+    dispatcher: str,
+    name: str,
+    judge: Judge,
+    analyser: str,
+    change: Change | None,
 ) -> Stack:
     """Start a host's stack and the relay in front of it."""
     config = HostConfig(
@@ -139,18 +177,25 @@ async def start_host(
         source="charlie",
         seed=1,
         analyser=analyser,
+        pair_secrets={other: pair_secret(name, other) for other in QNICS if other != name},
+        keys=str(folder / "keys" / name),
     )
     qnic = SimulatedQnic(config.dispatcher, config.token, config.qnics)
     stack.push_async_callback(qnic.close)
     host = Stack(config, qnic)
     servers = (
         asyncio.start_server(host.serve, config.address, METADATA_PORT),
-        asyncio.start_server(relay(name, judge), RELAYED[name], METADATA_PORT),
+        asyncio.start_server(relay(name, judge, change), RELAYED[name], METADATA_PORT),
         asyncio.start_unix_server(host.applications.serve, config.socket),
     )
     for starting in servers:
         await stack.enter_async_context(await starting)
     return host
+
+
+def pair_secret(*pair: str) -> str:
+    """Return what two hosts share, whichever of them is named first."""
+    return " and ".join(sorted(pair)).encode().hex()
 
 
 def transfer(folder: Path, data: bytes, **options: Any) -> tuple[bytes, dict[str, Any]]:
