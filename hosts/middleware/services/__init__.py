@@ -3,11 +3,11 @@
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from hosts.middleware.services import teleport
+from hosts.middleware.services import distribute, teleport
 from hosts.middleware.services.service import ServiceKind
 from wire.metadata import Service
 
 KINDS: Mapping[Service, ServiceKind] = MappingProxyType(
-    {kind.service: kind for kind in (teleport.KIND,)}
+    {kind.service: kind for kind in (distribute.KIND, teleport.KIND)}
 )
 NAMES = {service.name.lower(): kind for service, kind in KINDS.items()}  # what users call them

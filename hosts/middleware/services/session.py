@@ -4,13 +4,13 @@ from typing import Any
 
 import numpy as np
 
-from hosts.hardware.qnic import Qnic, release
+from hosts.hardware.qnic import HardwareError, Qnic, release
 from hosts.middleware.arrangement import Arrangement
-from hosts.middleware.channel import MetadataChannel, SessionError
+from hosts.middleware.channel import IDLE_TIMEOUT_S, MetadataChannel, SessionError
 from hosts.middleware.encoding import TOLD_APART
 from hosts.middleware.receiver import check_wavelength
 from hosts.middleware.services.options import ServiceOptions
-from hosts.middleware.services.service import AcceptorEnd, OpenerEnd, ServiceKind, Tell
+from hosts.middleware.services.service import AcceptorEnd, Answerer, OpenerEnd, ServiceKind, Tell
 from wire.metadata import Finish, Pauli, Reason, Service, Setup
 from wire.services import LIGHT, Role, fibers_needed
 
@@ -47,9 +47,10 @@ class OpeningSession:
         self._qnic, self._arrangement, self._setup = qnic, arrangement, setup
         self._analyser, self._draws = analyser, draws
         self.summary: dict[str, Any] = {}
+        self.answer: Answerer | None = None  # to the application's questions, if it may ask
 
     async def run(self, tell: Tell) -> None:
-        """Arrange light, do what the service does, end; raise SessionError if it cannot be."""
+        """Arrange light, do what the service does; raise SessionError if it cannot be."""
         await self._arrangement.open()
         if any(end.role == Role.SOURCE for beam in LIGHT[self._kind.service] for end in beam):
             await self._arrangement.engage_source()
@@ -63,9 +64,23 @@ class OpeningSession:
             told_apart(self._analyser),
             arrangement=self._arrangement,
         )
-        await self._kind.open(end, self._options)
-        await channel.request(Finish(self._setup.session, 0, NO_DIGEST))
+        try:
+            self.answer = await self._kind.open(end, self._options)
+        except (SessionError, HardwareError) as error:
+            end.give_up(error)
+            raise
         self.summary = end.summary
+
+    async def lost(self) -> None:
+        """Wait for as long as nothing is heard of the other end; raise SessionError then."""
+        message = await self._arrangement.channel.receive(Finish, IDLE_TIMEOUT_S)
+        text = f"{type(message).__name__} from an end that has not opened the session"
+        raise SessionError(Reason.PROTOCOL, text)
+
+    async def finish(self) -> None:
+        """End the session at both ends."""
+        finish = Finish(self._setup.session, 0, NO_DIGEST)
+        await self._arrangement.channel.request(finish)
 
     async def close(self) -> None:
         """Let go of connections and photons."""
@@ -89,16 +104,25 @@ class AcceptingSession:
         require_fibers(setup, Role.ACCEPTOR, qnic)
         self._kind, self._qnic, self._channel, self._setup = kind, qnic, channel, setup
         self._analyser, self._draws = analyser, draws
+        self._end: AcceptorEnd | None = None
         self.summary: dict[str, Any] = {}
+        self.answer: Answerer | None = None  # to the application's questions, if it may ask
 
     async def run(self, tell: Tell) -> None:
-        """Do what the service does until the opener ends it; raise SessionError if it fails."""
+        """Do what the service does; raise SessionError if it fails."""
         apart = told_apart(self._analyser)
         end = AcceptorEnd(self._qnic, self._setup, self._channel, tell, self._draws, apart)
         end.agree()
-        await self._kind.accept(end)
+        self._end = end
+        self.answer = await self._kind.accept(end)
         self.summary = end.summary
-        end.agree()
+
+    async def finish(self) -> None:
+        """Wait until the opener ends the session, if it has not yet, and agree."""
+        assert self._end is not None
+        if self.answer is not None and await self._end.told() is not None:
+            raise SessionError(Reason.PROTOCOL, "values after all was done")
+        self._end.agree()
 
     async def close(self) -> None:
         """Let go of photons."""

@@ -183,7 +183,8 @@ def accepted(folder: Path, service: str, listening: "Future[None]") -> dict[str,
         listening.set_result(None)
         connection, _peer = listener.accept()
         with connection:
-            list(connection.results())
+            while not connection.over:
+                list(connection.results())
             return connection.summary
 
 
@@ -195,6 +196,7 @@ def requested(folder: Path, service: str, **options: Any) -> list[dict[str, Any]
         listening.result(DEADLINE_S)
         asking.settimeout(DEADLINE_S)
         list(asking.request(service, ("bob", 9), **options))
+        asking.shutdown()
         return [asking.summary, bob.result(DEADLINE_S)]
 
 
