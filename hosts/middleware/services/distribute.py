@@ -207,10 +207,13 @@ class Opening:
             text = f"no pair of the last {MOST_DARK} blocks of light has arrived at both ends"
             raise SessionError(Reason.NO_LIGHT, f"{text}: see that fibres are whole, and the loss")
         if pairs.emitted > MOST_EMITTED + MOST_EMITTED_EACH * count:
-            if self._too_noisy or self._pairs.rounds:
-                raise self._not_reached("pairs are used up faster than they come")
-            text = f"{pairs.available} of {count} pairs after {pairs.emitted} were made"
-            raise SessionError(Reason.NO_LIGHT, f"{text}: use fibres of less loss")
+            reason = Reason.TOO_NOISY if pairs.rounds else Reason.NO_LIGHT
+            raise SessionError(
+                reason,
+                f"{pairs.available} of {count} pairs after {pairs.emitted} were made, of which "
+                f"{pairs.shared} arrived at both ends, and {pairs.rounds} rounds of purification: "
+                "use fibres of less loss or a better source, or ask for less fidelity",
+            )
 
     def _not_reached(self, remedy: str) -> SessionError:
         estimate = self._pairs.estimate

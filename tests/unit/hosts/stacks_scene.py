@@ -24,7 +24,7 @@ from hosts.stack import Stack
 from hosts.stack_socket import QuantumSocketError
 from qswitch_agent.hardware.optics import CrossConnect
 from qswitch_agent.hardware.simulated import SimulatedSwitch
-from wire.config import DispatcherConfig, Fiber, FiberEnd, HostConfig, QuantumSwitch
+from wire.config import DispatcherConfig, Fiber, FiberEnd, HostConfig, PathOptics, QuantumSwitch
 from wire.device import DeviceSettings
 from wire.metadata import (
     METADATA_PORT,
@@ -64,7 +64,24 @@ async def pump(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> No
         writer.close()
 
 
-def relay(name: str, judge: Judge) -> Callable[..., Coroutine[Any, Any, None]]:
+class Cut:
+    """Cuts, for good, all connections of metadata between hosts."""
+
+    def __init__(self) -> None:
+        self._loop = asyncio.get_running_loop()
+        self._writers: list[asyncio.StreamWriter] = []
+
+    def watch(self, *writers: asyncio.StreamWriter) -> None:
+        """Have these cut, too."""
+        self._writers.extend(writers)
+
+    def __call__(self) -> None:
+        """Cut them, from any thread."""
+        for writer in self._writers:
+            self._loop.call_soon_threadsafe(writer.transport.abort)
+
+
+def relay(name: str, judge: Judge, cut: Cut) -> Callable[..., Coroutine[Any, Any, None]]:
     """Return the server of a relay to a host."""
 
     async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -72,6 +89,7 @@ def relay(name: str, judge: Judge) -> Callable[..., Coroutine[Any, Any, None]]:
         assert isinstance(setup, Setup)
         there = await asyncio.open_connection(OWN_ADDRESS[name], METADATA_PORT)
         there[1].write(judge(setup).encode())
+        cut.watch(writer, there[1])
         await asyncio.gather(pump(reader, there[1]), pump(there[0], writer))
 
     return serve
@@ -86,6 +104,8 @@ async def network(
     settings: DeviceSettings | None = None,
     paths: Sequence[tuple[int, int]] = PATHS,
     devices: dict[str, Device] | None = None,
+    optics: Sequence[PathOptics] = (),
+    cuts: "Future[Cut] | None" = None,
     **fiber: Any,
 ) -> AsyncIterator[Path]:
     """Run everything; the sockets of the stacks are in the folder."""
@@ -98,10 +118,13 @@ async def network(
             Fiber(FiberEnd(port.split("-")[0], port), FiberEnd("q1", str(number)), **fiber)
             for port, number in PORTS.items()
         ],
-        switches=[QuantumSwitch("q1", rotation=rotation)],
+        switches=[QuantumSwitch("q1", rotation=rotation, paths=list(optics))],
         devices={"bob": Device(analyser=BellAnalyser(analyser)), **(devices or {})},
     )
     errors: list[BaseException] = []
+    cut = Cut()
+    if cuts is not None:
+        cuts.set_result(cut)
     server = build_server(
         config, build_service(config, build_layer(config, CaptureClock(), None), errors.append)
     )
@@ -110,7 +133,7 @@ async def network(
         stack.push_async_callback(server.stop, 0)
         await connect_paths(config.socket, paths)
         for name in QNICS:
-            host = await start_host(stack, folder, config.socket, name, judge, analyser)
+            host = await start_host(stack, folder, config.socket, name, judge, analyser, cut)
             if settings is not None:
                 host.device.set(settings)
         yield folder
@@ -125,7 +148,13 @@ async def connect_paths(dispatcher: str, paths: Sequence[tuple[int, int]]) -> No
 
 
 async def start_host(
-    stack: AsyncExitStack, folder: Path, dispatcher: str, name: str, judge: Judge, analyser: str
+    stack: AsyncExitStack,
+    folder: Path,
+    dispatcher: str,
+    name: str,
+    judge: Judge,
+    analyser: str,
+    cut: Cut,
 ) -> Stack:
     """Start a host's stack and the relay in front of it."""
     config = HostConfig(
@@ -145,7 +174,7 @@ async def start_host(
     host = Stack(config, qnic)
     servers = (
         asyncio.start_server(host.serve, config.address, METADATA_PORT),
-        asyncio.start_server(relay(name, judge), RELAYED[name], METADATA_PORT),
+        asyncio.start_server(relay(name, judge, cut), RELAYED[name], METADATA_PORT),
         asyncio.start_unix_server(host.applications.serve, config.socket),
     )
     for starting in servers:
