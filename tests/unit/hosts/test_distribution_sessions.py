@@ -10,13 +10,16 @@ from typing import Any
 
 import grpc
 import pytest
-from stacks_scene import DEADLINE_S, Cut, network, refusal
+from stacks_scene import DEADLINE_S, OWN_ADDRESS, Cut, grant, network, refusal
 
+from hosts.middleware.channel import MetadataChannel, SessionError
+from hosts.middleware.services.distribute import Step
+from hosts.middleware.values import values
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
 from wire.dispatcher_pb2 import HeldBlock, StatusReply, StatusRequest
 from wire.dispatcher_pb2_grpc import DispatcherStub
-from wire.metadata import Reason
+from wire.metadata import Finish, Message, Reason, Service, Setup, Topic, Values
 from wire.physics import Device, Memory, PairSource
 from wire.service import metadata
 
@@ -273,6 +276,41 @@ def test_a_cut_connection_ends_the_session_at_both_ends(tmp_path: Path, count: i
                         list(end.results())
 
     inside(tmp_path, scene, cuts=cuts)
+
+
+@pytest.mark.parametrize(
+    ("messages", "words"),
+    [
+        ([values(5, Step.PURIFY, 1, [1, 7], 32)], "there are no pairs of block 1"),
+        ([values(5, Topic.SAMPLE, 1, [1, 1], 1)], "there are no pairs of block 1"),
+        ([values(5, Step.DELIVER, 0, [7], 32)], "7 of 0 pairs to deliver"),
+        ([values(5, Step.DELIVER, 0, [2_000_000], 32)], "at most 1000000 is known"),
+        ([values(5, Topic.COMING, 1, [20_000], 32)], "a value of topic 1 is 20000"),
+        ([values(5, 99, 0, [1], 32)], "values of topic 99"),
+        ([Finish(5, 0, bytes(32))], "ended before pairs were delivered"),
+    ],
+)
+def test_an_opener_that_breaks_the_protocol_is_refused(
+    tmp_path: Path, messages: list[Message], words: str
+) -> None:
+    async def run() -> None:
+        async with network(tmp_path):
+            with ServiceSocket(tmp_path / "bob.sock") as listener:
+                await asyncio.to_thread(listener.listen, 9, "distribute")
+                accepting = asyncio.create_task(asyncio.to_thread(listener.accept))
+                channel = await MetadataChannel.connect("bob", OWN_ADDRESS["bob"])
+                setup = Setup(5, Service.DISTRIBUTE, 1, "10.0.0.9", 16_384, 1, 1_000_000, port=9)
+                await channel.request(grant(setup))
+                for message in messages:
+                    channel.send(message)
+                with pytest.raises(SessionError, match=words):
+                    await channel.receive(Values, DEADLINE_S)
+                channel.close()
+                with (await accepting)[0] as bob, pytest.raises(QuantumSocketError, match=words):
+                    await asyncio.to_thread(list, bob.results())
+            await asyncio.to_thread(require_nothing_left, tmp_path)
+
+    asyncio.run(run())
 
 
 @pytest.mark.parametrize(
