@@ -124,8 +124,9 @@ class QuantumCLI(CLI):
 
     def getLocals(self) -> dict[str, Any]:  # noqa: N802 (Mininet's name)
         """Return what `py` sees: `network` as scripts have it, `net`, and every node."""
-        seen: dict[str, Any] = super().getLocals()
-        return {**seen, "network": self.network}
+        seen: dict[str, Any] = super().getLocals()  # which keeps what `px` has named
+        seen["network"] = self.network
+        return seen
 
     def completenames(self, text: str, *_where: object) -> list[str]:
         """Return verbs and nodes that begin so."""

@@ -192,9 +192,12 @@ def running(
     """Run a network; a signal that comes while it starts is raised as Interrupted."""
     with Signals() as signals, left_behind(arguments, folder) as facts:
         runtime = settings(arguments, folder)
-        with QuantumNetwork(topo, runtime, signals) as network, signals.at_once():
-            facts["network"] = network_facts(network).to_dict()
-            if folder is not None and runtime.metrics:
-                facts["metrics"] = announce(runtime.metrics_addresses, folder)
-            yield network
-        facts["packets_not_captured"] = network.packets_missed
+        network = QuantumNetwork(topo, runtime, signals)
+        try:
+            with network, signals.at_once():
+                facts["network"] = network_facts(network).to_dict()
+                if folder is not None and runtime.metrics:
+                    facts["metrics"] = announce(runtime.metrics_addresses, folder)
+                yield network
+        finally:
+            facts["packets_not_captured"] = network.packets_missed

@@ -5,11 +5,9 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
 
-from qmn.result import EXACTNESS, captures, controller_facts
+from qmn.result import controller_facts, print_rows, rows_of_every_run
 from topologies.record import read_record
-from topologies.runtime import EVENT_LOG
 
 NOT_FIGURES = ("event", "peer")
 
@@ -25,23 +23,8 @@ def complete(facts: dict[str, Any], folder: Path) -> None:
 
 def show(console: Console, facts: dict[str, Any], folder: Path) -> None:
     """Print the table."""
-    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
-    setup = facts["path_setup_ms"]
-    rows = {
-        **{name.replace("_", " "): figure(value) for name, value in facts["asking"].items()},
-        "metadata to light path": "no path was set up"
-        if setup["p50"] is None
-        else f"p50 {setup['p50']:.2f} ms, p99 {setup['p99']:.2f} ms, n {setup['n']}",
-        "quantum states": f"{facts['backend']}, {EXACTNESS[facts['exact']]}",
-        "captures": captures(facts, folder),
-        "quantum events": f"{folder}/{EVENT_LOG}" if facts["events"] else "not written",
-        "one timeline of both": facts["timeline"],
-        "report to look at": facts["report"],
-        "all facts": f"{folder}/result.json",
-    }
-    for name, value in rows.items():
-        table.add_row(name, value)
-    console.print(table, soft_wrap=True)
+    told = {name.replace("_", " "): figure(value) for name, value in facts["asking"].items()}
+    print_rows(console, {**told, **rows_of_every_run(facts, folder)})
 
 
 def figure(value: Any) -> str:

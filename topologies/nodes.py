@@ -1,7 +1,10 @@
 """Mininet node types of a quantum network: each starts its program and ends it again."""
 
+import os
 import select
 import shlex
+import signal
+import subprocess
 from collections.abc import Iterable
 from contextlib import ExitStack
 from dataclasses import replace
@@ -35,6 +38,7 @@ READY_TIMEOUT_S = 20.0
 STATE = "state"  # folder in which the controller keeps what its successor must know
 DEFAULT_PREFIX_LENGTH = 8  # Mininet's
 SHELL_POLL_MS = 50
+SHELL_END_TIMEOUT_S = 1.0
 RECONNECT_MS = 1000  # between a bridge's attempts to find its controller, at most
 
 
@@ -60,11 +64,30 @@ def launch(
 class ShellWatcher:
     """A Mininet node that notices when its shell has ended, where Mininet would wait for ever."""
 
+    name: str
+
     @property
     def shell_ended(self) -> bool:
         """Whether somebody has ended the node's shell."""
         shell = getattr(self, "shell", None)
         return shell is not None and shell.poll() is not None
+
+    def find_our_programs(self) -> None:
+        """Let `python -m qmn spy` and the like work in the node's shell."""
+        self.cmd(f'export PYTHONPATH="{ROOT}" PATH="{Path(python()).parent}:$PATH"')
+
+    def end_if_busy(self) -> None:
+        """End a shell in which a command still runs: it would not do what clean-up asks of it."""
+        if self.shell_ended or not getattr(self, "waiting", False):
+            return
+        shell: subprocess.Popen[bytes] = self.shell  # type: ignore[attr-defined]
+        for number in (signal.SIGHUP, signal.SIGKILL):
+            os.killpg(shell.pid, number)
+            try:
+                shell.wait(SHELL_END_TIMEOUT_S)
+            except subprocess.TimeoutExpired:
+                continue
+            return
 
     def cmd(self, *arguments: object, **options: object) -> str:
         """Run a command in the node's shell; one that has ended runs no more of them."""
@@ -104,6 +127,7 @@ class ClassicalHost(ShellWatcher, Host):
         self.cmd("sysctl -qw net.ipv6.conf.all.disable_ipv6=1")
         if openvswitch.datapath() == "user":
             self.cmd(f"ethtool -K {self.defaultIntf()} tx off rx off")
+        self.find_our_programs()
         return result
 
     def terminate(self) -> None:
@@ -199,13 +223,7 @@ class QuantumHost(ClassicalHost):
             analyser=network.devices[self.name].analyser.kind,
         )
         self.program = launch(network, self.name, "hosts", config, self)
-        environment = {
-            "QMN_STACK": config.socket,
-            "PYTHONPATH": str(ROOT),
-            "PATH": f"{Path(python()).parent}:$PATH",
-        }
-        for name, value in environment.items():
-            self.cmd(f'export {name}="{value}"')
+        self.cmd(f'export QMN_STACK="{config.socket}"')
         return result
 
 
@@ -225,6 +243,16 @@ class ClassicalSwitch(ShellWatcher, OVSSwitch):
     def bridgeOpts(self) -> str:  # noqa: N802 (Mininet's name)
         """Return the bridge's options; the one that marks it as ours comes with its birth."""
         return f"{super().bridgeOpts()} {openvswitch.OWNER}={self.network.name}"
+
+    def start(self, controllers: list[Controller]) -> None:
+        """Start the bridge."""
+        super().start(controllers)
+        self.find_our_programs()
+
+    def dpctl(self, *arguments: str) -> str:
+        """Run ovs-ofctl in the bridge's version of OpenFlow."""
+        command, *rest = arguments
+        return self.cmd("ovs-ofctl -O OpenFlow14", command, self, *rest)
 
     def vsctl(self, *arguments: str, **_options: object) -> str:
         """Run ovs-vsctl; unlike Mininet's own, say so if it fails."""

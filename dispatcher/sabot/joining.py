@@ -39,6 +39,9 @@ def same(one: Positions, other: Positions) -> bool:
 
 def _joined(first: Register, second: Register) -> Pairs | None:
     """Return the pairs of shares if all are joined already, as blocks of pairs are."""
+    if len(first.shares) == len(second.shares) == 1:
+        (share,), (other,) = first.shares, second.shares
+        return [(share, other)] if _place(share) == _place(other) else None
     theirs = {_place(share): share for share in second.shares}
     ours = {_place(share): share for share in first.shares}
     if ours.keys() != theirs.keys():

@@ -93,9 +93,12 @@ class Component:
     @property
     def nbytes(self) -> int:
         """Return the memory that it takes, in bytes."""
-        positions = {id(share.positions): share.positions for share in self.shares}
-        arrays = (array for array in positions.values() if not isinstance(array, slice))
-        return self.state.nbytes + sum(array.nbytes for array in arrays)
+        arrays = {
+            id(at): at.nbytes
+            for share in self.shares
+            if not isinstance(at := share.positions, slice)
+        }
+        return self.state.nbytes + sum(arrays.values())
 
     def take(self, members: NDArray[np.intp]) -> "Component":
         """Return a component with these members alone, for the same registers."""

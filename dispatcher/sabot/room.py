@@ -50,6 +50,8 @@ def require_room(register: Register, steps: Sequence[GateStep], live: int) -> No
     """
     open_gates = [step for step in steps if as_clifford(step.name, step.angle_rad) is None]
     targets = [step.target for step in steps if step.target is not None]
+    if not open_gates and not live and not targets:
+        return
     registers = list(dict.fromkeys([register, *targets]))
     across = bool(targets) and _reach_across(registers)
     if not open_gates and not live and not across:
@@ -121,7 +123,8 @@ def _reach_across(registers: Sequence[Register]) -> bool:
     places: dict[Component, Positions] = {}
     for register in registers:
         for share in register.shares:
-            if not same(places.setdefault(share.component, share.positions), share.positions):
+            place = places.setdefault(share.component, share.positions)
+            if place is not share.positions and not same(place, share.positions):
                 return True
     return False
 

@@ -16,9 +16,9 @@ from pathlib import Path
 from topologies.network import Signals
 from topologies.programs import NetworkError, python
 
-MESSAGE_BYTES = 16 << 20
-ROUNDS = 3
-TIMEOUT_S = 300.0
+MESSAGE_BYTES = 4 << 20
+ROUNDS = 5
+TIMEOUT_S = 120.0
 NO_CAPTURES, NO_EVENTS, NO_RECORD = "--no-capture", "--no-events", "--no-record"
 NOTHING, EVERYTHING = "nothing written", "everything written"
 KINDS: dict[str, tuple[str, ...]] = {
@@ -61,11 +61,11 @@ def order(number: int) -> list[str]:
 
 
 def figures(rounds: list[Round]) -> Iterator[tuple[str, str]]:
-    """Yield the median rate of each kind, and the median of its shares of the bare run's."""
+    """Yield each kind's median rate, and median and range of its shares of the bare run's."""
     for kind in KINDS:
         rates = [each[kind].pairs_per_s for each in rounds]
         shares = [each[kind].pairs_per_s / each[NOTHING].pairs_per_s for each in rounds]
-        share = f"{statistics.median(shares):.0%}"
+        share = f"{statistics.median(shares):.0%} ({min(shares):.0%} to {max(shares):.0%})"
         yield f"qmn run sdc, {kind}", f"{statistics.median(rates):,.0f} Bell pairs/s, {share}"
     missed = sum(run.packets_missed for each in rounds for run in each.values())
     yield "  packets not captured", f"{missed:,}"

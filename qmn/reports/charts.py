@@ -14,6 +14,7 @@ from qmn.reports.drawing import BAD, INK, METADATA, MUTED, QUANTUM, SMALL_INCHES
 from qmn.reports.light_paths import LightPath
 
 MAX_BINS = 60
+MAX_RATIO = 50  # of counts on one scale
 SYMBOLS = {3: "012", 4: ("00", "01", "10", "11")}  # three states carry no whole bits
 
 
@@ -55,9 +56,14 @@ def errors(seconds: Sequence[float], counts: Mapping[str, Sequence[int]]) -> str
             markersize=4,
             drawstyle="steps-post",
         )
-    top = max(1.0, *(max(values) * 1.1 for values in counts.values()))
-    axes.set_ylim(-top / 50, top)  # a line of zeros is to be seen whole
-    axes.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=6))
+    last = [values[-1] for values in counts.values()]
+    if max(last) > MAX_RATIO * min((value for value in last if value), default=1):
+        axes.set_yscale("symlog", linthresh=1)  # few of one kind beside many of another
+        axes.set_ylim(-0.1, 2 * max(last))
+    else:
+        top = max(1.0, 1.1 * max(last))
+        axes.set_ylim(-top / 50, top)  # a line of zeros is to be seen whole
+        axes.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=6))
     axes.yaxis.set_major_formatter(EngFormatter())
     axes.set_xlabel("time since the session began")
     _seconds(axes)

@@ -1,6 +1,5 @@
 """How errors grew during a run: by the receiver's reports, or else by what the sender said."""
 
-from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,7 +7,7 @@ from typing import Any
 
 from qmn.network_facts import NetworkFacts
 from qmn.reports.packets import messages
-from wire.metadata import Report
+from wire.metadata import Block, Emit, Report
 
 MAX_CAPTURE_BYTES = 50_000_000  # 0.4 s to read
 NAMES = {
@@ -29,21 +28,31 @@ class ErrorCounts:
     @property
     def last(self) -> str:
         """The counts of the end, in words."""
-        return ", ".join(f"{values[-1]:,} {label}" for label, values in self.counts.items())
+        return ", ".join(f"{label} {values[-1]:,}" for label, values in self.counts.items())
 
 
 def reported(folder: Path, network: NetworkFacts, sender: str) -> ErrorCounts | None:
-    """Return what the receiver's reports said as they came to a host; None if none is captured."""
+    """Return what reports said as they came to a sending host; None if none is captured.
+
+    Pairs of which no light came to the sender itself are in no report: they are those that the
+    sender ordered, less those that it announced.
+    """
     captures = [file for file in folder.glob("*.pcap") if network.host_at(file.stem) == sender]
     if not captures or captures[0].stat().st_size > MAX_CAPTURE_BYTES:
         return None
     rows: list[tuple[int, int, int, int]] = []
-    wrong: dict[int, int] = defaultdict(int)  # by session
-    lost = repeated = 0
+    wrong: dict[int, int] = {}  # by session
+    ordered = lost = repeated = 0  # pairs ordered of the source since the last block
     for time_ns, flow, _place, message in messages(captures[0]):
         if not rows:
             rows.append((time_ns, 0, 0, 0))
-        if isinstance(message, Report) and flow.target == network.addresses.get(sender):
+        if flow.source == network.addresses[sender]:
+            if isinstance(message, Emit):
+                ordered += message.pairs
+            elif isinstance(message, Block):
+                lost += ordered - message.pairs  # no light of them came to the sender
+                ordered = 0
+        elif isinstance(message, Report):
             wrong[message.session] = message.errors
             lost += message.lost
             repeated += len(message.failed)
@@ -52,7 +61,7 @@ def reported(folder: Path, network: NetworkFacts, sender: str) -> ErrorCounts | 
         return None
     times, *columns = map(list, zip(*rows, strict=True))
     seconds = [(time_ns - times[0]) / 1e9 for time_ns in times]
-    text = "From the receiver's reports as they came, after every block"
+    text = "After every block, when the receiver's report of it came"
     return ErrorCounts(seconds, dict(zip(NAMES, columns, strict=True)), text)
 
 

@@ -14,6 +14,11 @@ from qmn.timeline import TIMELINE
 from topologies.runtime import OPENFLOW_PORT
 
 NOT_WRITTEN = "what happened to qubits was not written (--no-events)."
+METADATA = (
+    '<span class="metadata">quantum metadata</span> as it leaves one host and reaches another'
+)
+OPENFLOW = '<span class="openflow">OpenFlow</span>'
+QUANTUM = '<span class="quantum">quantum events</span>'
 
 
 def network(run: RunFacts, paths: Sequence[LightPath]) -> str:
@@ -45,17 +50,16 @@ def handshake_figure(run: RunFacts) -> str:
         packets = "no set-up was captured" if run.has_packets else "packets were not captured"
         qubits = "nothing happened to a qubit." if run.has_events else NOT_WRITTEN
         return missing(title, f"{packets}, and {qubits}")
-    text = (
-        'On one clock: <span class="metadata">quantum metadata</span> as it leaves one host and '
-        'reaches another, <span class="openflow">OpenFlow</span>, <span class="quantum">quantum '
-        "events</span>. Times count from the first set-up."
-    )
     if not any(step.layer == "metadata" for step in steps):
         title = "The handshake, in the quantum layer"
         text = "Packets were not captured: quantum events alone, from the first on."
-    elif not run.has_events:
-        title = "The handshake, in the classical layer"
-        text += f" Of the latter there are none: {NOT_WRITTEN}"
+    else:
+        layers = f"{METADATA}, {OPENFLOW}"
+        text = f"On one clock: {layers}, {QUANTUM}." if run.has_events else f"{layers}."
+        text += " Times count from the first set-up."
+        if not run.has_events:
+            title = "The handshake, in the classical layer"
+            text += f" Quantum events are missing: {NOT_WRITTEN}"
     if more:
         file = TIMELINE if (run.folder / TIMELINE).exists() else "the captures"
         text += f" What followed is in {file}."
@@ -93,14 +97,14 @@ def _errors(run: RunFacts) -> str:
     found = error_counts.reported(run.folder, run.network, sender) or error_counts.said(run.sender)
     if found is None:
         return missing(title, "the sender has heard and said nothing.")
-    text = f"{found.whence}; in the end {found.last}."
+    text = f"{found.whence}; in the end: {found.last}."
     return figure(title, charts.errors(found.seconds, found.counts), text)
 
 
 def _confusion(run: RunFacts) -> str:
     title, counts = "Symbols sent and received", run.confusion
     if counts is None:
-        return missing(title, "the receiver counts when all has come, and it has not.")
+        return missing(title, "the receiver tells at the end, and the transfer had none.")
     if not counts.any():
         return missing(title, "no frame was delivered whole.")
     text = "Of the frames delivered in the end, with their rejected versions: before a frame's "

@@ -1,29 +1,23 @@
 """The drawing of a network: nodes, copper, fibres with length and loss, the ways light took."""
 
 from collections import Counter
-from collections.abc import Collection, Iterable, Sequence
-from math import atan2, ceil, degrees, dist
-from typing import Any
+from collections.abc import Collection, Sequence
+from math import dist
 
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import FancyBboxPatch
 
 from qmn.network_facts import NetworkFacts
 from qmn.reports import drawing
 from qmn.reports.drawing import GRID, INK, MUTED, PAPER, PATHS, QUANTUM
+from qmn.reports.labels import BUNDLE_INCHES, NODE_INCHES, Labels, Place
 from qmn.reports.light_paths import LightPath, fiber_name
 from qmn.reports.places import columns
 from wire.fiber import Fiber
 
 WIDTH_INCHES, LEAST_HEIGHT_INCHES, NODE_ROW_INCHES = 8.6, 3.6, 0.72
-NODE_INCHES = (0.95, 0.36)
-BESIDE_INCHES, BUNDLE_INCHES, STROKE_INCHES = 0.22, 0.3, 0.045  # between fibres; all; paths
-LABEL_POINTS, LETTER_INCHES, LINE_INCHES = 8, 0.058, 0.15
-LABEL_SHARES = (0.4, 0.5, 0.6, 0.34, 0.66, 0.28, 0.72)  # of a fibre's length
-CLEAR_INCHES = 0.13  # between labels; fibres that no light took have none if there is no room
+BESIDE_INCHES, STROKE_INCHES = 0.22, 0.045  # between fibres; between paths in one
 AT_SWITCH = 0.5  # of their distance at a host: many meet there
-Place = tuple[float, float]
 
 
 def path_colour(number: int) -> str:
@@ -48,11 +42,12 @@ def network_diagram(facts: NetworkFacts, paths: Sequence[LightPath]) -> str:
         one, two = sorted((fiber.a.node, fiber.b.node), key=lambda node: places[node])
         bundles.setdefault((one, two), []).append(fiber)
     lit = {hop.name for path in paths for hop in path.hops}
-    labels = _Labels(axes, places.values())
-    for (one, two), fibers in sorted(bundles.items(), key=lambda each: not _used(each[1], lit)):
-        ends = places[one], places[two]
-        _bundle(axes, ends, fibers, paths, AT_SWITCH if one in facts.addresses else 1.0)
-        labels.write(ends, _described(fibers), needed=_used(fibers, lit))
+    labels = Labels(axes, places.values())
+    for (one, two), fibers in bundles.items():
+        narrowing = AT_SWITCH if one in facts.addresses else 1.0
+        _bundle(axes, (places[one], places[two]), fibers, paths, narrowing)
+        labels.add((places[one], places[two]), _described(fibers), needed=_used(fibers, lit))
+    labels.write()
     for node, place in places.items():
         _node(axes, place, node, facts.addresses.get(node, ""), node in quantum)
     return drawing.svg(made, "the network: hosts, switches, fibres with length and loss")
@@ -60,7 +55,7 @@ def network_diagram(facts: NetworkFacts, paths: Sequence[LightPath]) -> str:
 
 def _places(filled: Sequence[Sequence[str]], height: float) -> dict[str, Place]:
     """Return where each node is, in inches; columns are nearer to each other on the left."""
-    shares = {3: (0.07, 0.36, 0.86), 4: (0.07, 0.27, 0.55, 0.86)}.get(len(filled))
+    shares = {3: (0.07, 0.36, 0.86), 4: (0.07, 0.25, 0.5, 0.86)}.get(len(filled))
     shares = shares or tuple((n + 0.5) / len(filled) for n in range(len(filled)))
     return {
         name: (share * WIDTH_INCHES, height * (number + 0.5) / len(names))
@@ -119,54 +114,6 @@ def _line(
 ) -> None:
     style = (0, (3, 3)) if dashed else "-"
     axes.plot(*zip(*ends, strict=True), color=colour, linewidth=width, linestyle=style, zorder=2)
-
-
-class _Labels:
-    """Words on fibres, which keep clear of each other and of nodes."""
-
-    def __init__(self, axes: Axes, nodes: Iterable[Place]) -> None:
-        self._axes = axes
-        across, down = (np.linspace(-size / 2, size / 2, 7) for size in NODE_INCHES)
-        self._taken = [(x + dx, y + dy) for x, y in nodes for dx in across for dy in down[1::4]]
-
-    def write(self, ends: tuple[Place, Place], text: str, needed: bool) -> None:
-        """Write along a line that leads to the right; beside one that leads straight down."""
-        (x1, y1), (x2, y2) = ends
-        style: dict[str, Any] = {"fontsize": LABEL_POINTS, "va": "center", "zorder": 3}
-        if x1 == x2:
-            x = x1 + BUNDLE_INCHES / 2 + 0.08
-            self._axes.text(x, (y1 + y2) / 2, text, ha="left", **style)
-            return
-        share = max(LABEL_SHARES, key=lambda share: self._clear(_extent(ends, share, text)))
-        if not needed and self._clear(_extent(ends, share, text)) < CLEAR_INCHES:
-            return
-        self._taken += _extent(ends, share, text)
-        self._axes.text(
-            x1 + share * (x2 - x1),
-            y1 + share * (y2 - y1),
-            text,
-            ha="center",
-            rotation=degrees(atan2(y1 - y2, x2 - x1)),
-            bbox={"facecolor": PAPER, "edgecolor": "none", "pad": 0.4},
-            **style,
-        )
-
-    def _clear(self, extent: Sequence[Place]) -> float:
-        """Return how far a label is from the others; far enough is as good as any farther."""
-        nearest = min(
-            (dist(one, two) for one in extent for two in self._taken), default=LINE_INCHES
-        )
-        return min(nearest, LINE_INCHES)
-
-
-def _extent(ends: tuple[Place, Place], share: float, text: str) -> list[Place]:
-    """Return points along a label, about a letter's height apart."""
-    (x1, y1), (x2, y2) = ends
-    length = dist(*ends)
-    half = LETTER_INCHES * max(map(len, text.split("\n"))) / 2
-    count = ceil(half / LINE_INCHES)
-    shares = [share + n * half / count / length for n in range(-count, count + 1)]
-    return [(x1 + share * (x2 - x1), y1 + share * (y2 - y1)) for share in shares]
 
 
 def _node(axes: Axes, place: Place, name: str, below: str, quantum: bool) -> None:

@@ -49,10 +49,11 @@ def flights(folder: Path, network: NetworkFacts, limit: int) -> list[Flight]:
     hosts = {address: host for host, address in network.addresses.items()}
     left: dict[tuple[Flow, int], tuple[int, Message]] = {}
     arrived: dict[tuple[Flow, int], tuple[int, Message]] = {}
+    with_light = {end.node for fiber in network.fibers for end in (fiber.a, fiber.b)}
     for file in sorted(folder.glob("*.pcap")):
         host = network.host_at(file.stem)
-        if not host:
-            continue
+        if host not in with_light:
+            continue  # the dispatcher's capture is the longest, and has no metadata
         for time_ns, flow, sequence, message in islice(messages(file), limit):
             if hosts.get(flow.source) == host:
                 left[flow, sequence] = time_ns, message

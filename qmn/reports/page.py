@@ -13,6 +13,7 @@ from qmn.reports.run_facts import RunFacts, read_run
 from qmn.service_result import figure
 
 REPORT = "report.html"
+LAST_WORD = "Counts are the sender's last word; the figures may know more."
 STYLE = Path(__file__).with_name("report.css")
 
 
@@ -55,7 +56,8 @@ def _outcome(run: RunFacts) -> str:
         f"<div><b>{value}</b><span>{name}</span></div>" for name, value in numbers.items()
     )
     error = f"<p>{escape(result['error'])}</p>" if result.get("error") else ""
-    return f'<p class="{kind}">{words[done]}</p>{error}<div class="tiles">{tiles}</div>'
+    heard = "" if done else "<p>Counts are the sender's last word; the figures may know more.</p>"
+    return f'<p class="{kind}">{words[done]}</p>{error}<div class="tiles">{tiles}</div>{heard}'
 
 
 def _figures(result: Mapping[str, Any]) -> dict[str, str]:
@@ -127,6 +129,6 @@ def _said(value: Any) -> str:
         return ", ".join(map(_said, value)) or "–"  # noqa: RUF001
     if isinstance(value, dict):
         return ", ".join(f"{name}: {_said(each)}" for name, each in value.items())
-    if value is None:
+    if value is None or value == "":
         return "–"  # noqa: RUF001
     return value if isinstance(value, str) else json.dumps(value)

@@ -28,7 +28,7 @@ class RunFacts:
     folder: Path
     result: dict[str, Any]
     network: NetworkFacts
-    events: list[Event]
+    events: list[Event]  # of blocks, not of single photons
     setup_ms: list[float]  # of every light path
     sender: list[dict[str, Any]]  # what the sending application said, line by line
 
@@ -73,11 +73,12 @@ def read_run(folder: Path) -> RunFacts:
     if "delivered" not in result:
         raise BadRun(f"{folder} is of `qmn cli` or a script: only `qmn run` has a report")
     capture = folder / EVENT_CAPTURE
+    events = recorded(capture, follow=False) if capture.exists() else iter(())
     return RunFacts(
         folder.resolve(),
         result,
         network,
-        list(recorded(capture, follow=False)) if capture.exists() else [],
+        [event for event in events if not event.photon],
         [line["setup_ms"] for line in read_record(folder) if line["event"] == "path_ready"],
         _lines(folder / SENDER_LOG),
     )

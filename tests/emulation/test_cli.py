@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 
 import pytest
-from conftest import ROOT, verb
+from conftest import ROOT, verb, wait_until
 from test_metrics_of_a_run import figures
 from test_timeline_of_a_run import fields
 
@@ -42,10 +42,10 @@ def cli(script: str, *options: str, runs: Path) -> subprocess.CompletedProcess[s
 def test_every_verb_works_from_a_script(tmp_path: Path) -> None:
     script = """
         # our own verbs
+        qpaths
         alice qsend bob hello over light
         qping alice bob 3
         qiperf alice bob 1
-        qpaths
         qlinks
         alice qstate
         qtrace alice bob
@@ -53,6 +53,10 @@ def test_every_verb_works_from_a_script(tmp_path: Path) -> None:
         nodes
         alice ping -c1 -W5 bob
         pingall
+        iperf alice bob
+        dpctl dump-flows
+        ed timeout 30 python -m qmn spy --no-follow --kind bell-measure
+        q1 timeout 30 python -m qmn spy --no-follow --node=q1 --kind open
         sh echo from the shell
         py network.send('alice', 'bob', b'from py').data
         help qtrace
@@ -71,6 +75,10 @@ def test_every_verb_works_from_a_script(tmp_path: Path) -> None:
     assert len(re.findall(r"charlie-q\d to \w+-q\d: 0\.4 dB", shown)) == 2
     assert "1 packets transmitted, 1 received" in shown
     assert "0% dropped" in shown
+    assert re.search(r"Results: \['[\d.]+ \wbits/sec', '[\d.]+ \wbits/sec'\]", shown)
+    assert len(re.findall(r"\*\*\* [qs]1 -+\n cookie=0x", shown)) == 2
+    assert re.search(r"Z bob +bell-measure", shown)  # from node ed
+    assert re.search(r"Z q1 +open", shown)
     assert "b'from py'" in shown
     assert "Usage: qtrace" in shown
 
@@ -115,7 +123,7 @@ def test_ctrl_c_ends_the_verb_and_ctrl_d_the_network(tmp_path: Path) -> None:
         assert keyboard.ended() == 0
 
 
-def test_a_signal_ends_the_network_at_the_prompt_and_what_was_captured_stays(
+def test_a_signal_ends_the_network_in_mid_command_and_what_was_captured_stays(
     tmp_path: Path,
 ) -> None:
     with Keyboard("sdc", "--capture", "--runs", str(tmp_path), "--seed", "5") as keyboard:
@@ -123,6 +131,9 @@ def test_a_signal_ends_the_network_at_the_prompt_and_what_was_captured_stays(
         keyboard.type("alice qsend bob seen\n")
         keyboard.read_until("4 bytes")
         keyboard.read_until("qmn> ")
+        keyboard.type("alice sleep 61.5\n")
+        sleeping = ["pgrep", "-f", "^sleep 61.5$"]  # the shell does nothing else meanwhile
+        wait_until(lambda: subprocess.run(sleeping, capture_output=True).returncode == 0, "sleep")
         os.kill(keyboard.pid, signal.SIGTERM)
         keyboard.read_until("interrupted by SIGTERM; everything is cleaned up")
         assert keyboard.ended() == 128 + signal.SIGTERM

@@ -466,3 +466,13 @@ def test_a_socket_that_cannot_be_is_named(tmp_path: Path, name: str) -> None:
     assert done.returncode == 1
     assert str(tmp_path / name) in done.stderr
     assert done.stderr.count("\n") == 1
+
+
+def test_a_dump_says_where_gathered_qubits_are(tmp_path: Path) -> None:
+    with stub_of(tmp_path) as stub:
+        prepare(stub)
+        stub.Gather(gather((2, [2, 0])))  # half of the pairs with register 1
+        dump = stub.Dump(messages.DumpRequest(workspace=1, registers=[5], members=4))
+    states = sorted((list(state.registers), list(state.positions)) for state in dump.states)
+    assert states == [([1, 5], [0, 1]), ([1, 5], [2, 0])]
+    assert sorted(state.position for state in dump.states) == [0, 1]

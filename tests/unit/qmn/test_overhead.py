@@ -11,8 +11,8 @@ def test_a_share_is_of_the_bare_run_in_the_same_round() -> None:
     ]
     rounds[1][EVERYTHING] = Measured(350_000.0, packets_missed=2)
     told = dict(figures(rounds))
-    assert told[f"qmn run sdc, {NOTHING}"] == "1,000,000 Bell pairs/s, 100%"
-    assert told[f"qmn run sdc, {EVERYTHING}"] == "900,000 Bell pairs/s, 80%"
+    assert told[f"qmn run sdc, {NOTHING}"] == "1,000,000 Bell pairs/s, 100% (100% to 100%)"
+    assert told[f"qmn run sdc, {EVERYTHING}"] == "900,000 Bell pairs/s, 80% (70% to 90%)"
     assert told["  packets not captured"] == "2"
     assert len(told) == len(KINDS) + 1
 

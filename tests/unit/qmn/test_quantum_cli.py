@@ -112,7 +112,8 @@ def test_a_program_that_has_died_is_told_once(
 
 
 def test_py_sees_what_scripts_see(network: Unstarted, capsys: pytest.CaptureFixture[str]) -> None:
-    QuantumCLI(network, ["py network.send('alice', 'bob', b'hi').bell_pairs", "py alice.name"])
+    script = ["px sent = network.send('alice', 'bob', b'hi')", "py sent.bell_pairs"]
+    QuantumCLI(network, [*script, "py alice.name"])
     assert capsys.readouterr().out == "200\nalice\n"
 
 

@@ -13,7 +13,7 @@ from qmn import report
 from qmn.report import NoReport, made_report, report_of_run
 from qmn.reports.error_counts import reported
 from qmn.reports.run_facts import read_run
-from wire.metadata import Report
+from wire.metadata import Block, Emit, Frame, Report
 
 FIGURES = [
     "The network",
@@ -120,28 +120,31 @@ def test_a_run_that_wrote_no_events_does_not_say_that_nothing_happened(tmp_path:
 
 def test_errors_are_drawn_from_the_reports_of_all_sessions(tmp_path: Path) -> None:
     record_run(tmp_path)
-    assert "in the end 3 symbol errors, 40 lost pairs, 1 repeated frames" in made_page(tmp_path)
-    reports = [
-        Report(1, 1, 100, lost=5, errors=2, failed=(0,)),
-        Report(2, 1, 100, lost=7, errors=4),
-        Report(1, 2, 100, errors=3),
+    assert "in the end: symbol errors 3, lost pairs 40, repeated frames 1" in made_page(tmp_path)
+    there, back = (ALICE, BOB), (BOB, ALICE)
+    said = [
+        (there, SETUP),
+        (there, Emit(1, 1, 103, 50_000_000)),  # of which 100 come to the sender
+        (there, Block(1, 1, 100, 0, 0, (Frame(0, 25, 0),))),
+        (back, Report(1, 1, 100, lost=5, errors=2, failed=(0,))),
+        (back, Report(2, 1, 100, lost=7, errors=4)),
+        (back, Report(1, 2, 100, errors=3)),
     ]
-    data = [SETUP.encode(), *(report.encode() for report in reports)]
-    places = [sum(map(len, data[:n])) for n in range(4)]
-    packets = [
-        (n * MS, segment((BOB, ALICE), place, part))
-        for n, (place, part) in enumerate(zip(places, data, strict=True))
-    ]
+    packets, places = [], {there: 0, back: 0}
+    for number, (ends, message) in enumerate(said):
+        data = message.encode()
+        packets.append((number * MS, segment(ends, places[ends], data)))
+        places[ends] += len(data)
     capture(tmp_path / "s1-eth1.pcap", packets)
     counts = reported(tmp_path, NETWORK, "alice")
     assert counts is not None
-    assert counts.seconds == [0, 0.001, 0.002, 0.003]
+    assert counts.seconds == [0, 0.003, 0.004, 0.005]
     assert counts.counts == {
         "symbol errors": [0, 2, 6, 7],
-        "lost pairs": [0, 5, 12, 12],
+        "lost pairs": [0, 8, 15, 15],
         "repeated frames": [0, 1, 1, 1],
     }
-    assert "in the end 7 symbol errors, 12 lost pairs, 1 repeated frames" in made_page(tmp_path)
+    assert "in the end: symbol errors 7, lost pairs 15, repeated frames 1" in made_page(tmp_path)
     assert reported(tmp_path, NETWORK, "bob") is None
 
 

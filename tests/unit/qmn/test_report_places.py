@@ -3,7 +3,7 @@
 import re
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
+from itertools import pairwise, product
 
 import pytest
 
@@ -76,6 +76,26 @@ def test_fibres_that_are_alike_share_a_label_and_each_path_has_its_colour() -> N
     assert sorted(labels) == ["2 km, 0.4 dB", "2 km, 0.4 dB", "2 × 2 km, 0.4 dB"]  # noqa: RUF001
     strokes = re.findall(r"stroke: var\(--([a-z0-9-]+)\); stroke-width: 2.4", drawn)
     assert strokes == ["quantum", "path-1", "quantum", "path-1"]
+
+
+@pytest.mark.parametrize(
+    ("switches", "joined"),
+    [
+        (["q1"], hosts_at("q1", "q1", "q1")),
+        (["q1", "q2"], [*hosts_at("q1", "q1", "q2"), *[("q1", "q2")] * 2]),
+        (LINE, [*hosts_at("q1", "q3", "q5"), *pairwise(LINE)]),
+        (LINE[:4], [*hosts_at("q1", "q2", "q3"), *[*pairwise(LINE[:4]), ("q4", "q1")] * 2]),
+        (LINE, [*hosts_at("q1", "q2", "q3"), *[*pairwise(LINE), ("q5", "q1")] * 2]),
+        (LINE, [*hosts_at("q1", "q2", "q3"), *product(LINE[:3], LINE[3:])]),
+    ],
+    ids=["one switch", "two switches", "line", "ring of four", "ring of five", "two stages"],
+)
+def test_every_fibre_of_a_usual_network_has_a_label(
+    switches: list[str], joined: list[tuple[str, str]]
+) -> None:
+    drawn = network_diagram(network(switches, joined), [])
+    labels = re.findall(r"<text[^>]*>(?:([0-9]+) × )?2 km, 0.4 dB</text>", drawn)  # noqa: RUF001
+    assert sum(int(count or 1) for count in labels) == len(joined)
 
 
 def test_a_crowded_network_names_the_fibres_that_light_took() -> None:
