@@ -50,15 +50,16 @@ def set_ups(captures: list[str]) -> Iterator[Setup]:
                 if TCP not in packet or packet[IP].dst != "10.0.0.2":
                     continue
                 payload = bytes(packet[TCP].payload)[:SETUP_LENGTH]
-                if packet[TCP].dport != METADATA_PORT or len(payload) < SETUP_LENGTH:
+                if packet[TCP].dport != METADATA_PORT or payload[3:4] != bytes([Setup.KIND]):
                     continue
                 setup = decode(payload)
-                if isinstance(setup, Setup) and setup.service == Service.DISTRIBUTE:
+                assert isinstance(setup, Setup)
+                if setup.service == Service.DISTRIBUTE:
                     yield setup
 
 
 def test_what_cannot_be_is_refused_before_a_network_starts(tmp_path: Path) -> None:
     done = run(tmp_path, "--fidelity", "2")
-    assert done.returncode == 2
+    assert done.returncode == 1
     assert "fidelity is 2.0: choose 0 to 1" in done.stderr
     assert not list(tmp_path.iterdir())

@@ -1,11 +1,13 @@
 """What becomes of distributed pairs: used by number, and let go of, whatever happens."""
 
 import asyncio
+import re
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 import grpc
@@ -23,6 +25,7 @@ from wire.metadata import Finish, Message, Reason, Service, Setup, Topic, Values
 from wire.physics import Device, Memory, PairSource
 from wire.service import metadata
 
+PAGE = Path(__file__).resolve().parents[3] / "docs" / "services.md"
 HOSTS = ("alice", "bob", "charlie")
 
 
@@ -125,6 +128,31 @@ def test_purified_pairs_have_the_same_numbers_at_both_ends(tmp_path: Path) -> No
             assert 900 < agreed < 1000
 
     inside(tmp_path, scene, devices={"charlie": Device(source=PairSource(fidelity=0.85))})
+
+
+def test_the_examples_of_the_page_get_the_same_outcomes(tmp_path: Path) -> None:
+    """The code is as it stands there; alice waits only until bob listens, or has measured."""
+    at_alice, at_bob = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
+    said: dict[str, list[Any]] = {"alice": [], "bob": []}
+    events = {"listening": Event(), "measured": Event()}
+
+    def perform(host: str, code: str) -> None:
+        code = code.replace("ServiceSocket()", f"ServiceSocket({str(tmp_path / host)!r} '.sock')")
+        names = {**events, "print": lambda *words: said[host].append(words[-1])}
+        exec(code, names)
+
+    def scene() -> None:
+        with ThreadPoolExecutor(1) as pool:
+            bob = at_bob.replace('"distribute")', '"distribute"); listening.set()')
+            bob = bob.replace("        list(", "        measured.set(); list(")
+            asked = pool.submit(perform, "bob", bob)
+            assert events["listening"].wait(DEADLINE_S)
+            perform("alice", at_alice.replace("asking.shut", "measured.wait(30); asking.shut"))
+            asked.result(DEADLINE_S)
+        assert said["alice"][-1] == said["bob"][-1]
+        assert len(said["bob"][-1]) == 4
+
+    inside(tmp_path, scene)
 
 
 def test_only_what_is_delivered_is_held_and_nothing_that_was_sacrificed(tmp_path: Path) -> None:
