@@ -151,14 +151,13 @@ class Opening:
         missing = max(self._options.count - pairs.available, 0)
         unsampled = max(self._least_sample - pairs.estimate.total, 0)
         if not pairs.emitted:
-            left: float = float(PHOTONS) ** -pairs.rounds
-            kept, sampled = (1 - share) * left, share * left
+            kept = (1 - share) * float(PHOTONS) ** -pairs.rounds
         elif pairs.available:
-            kept, sampled = pairs.available / pairs.emitted, pairs.estimate.total / pairs.emitted
+            kept = pairs.available / pairs.emitted
         else:
             return max(1, min(most, 4 * self._size))
-        light = max(missing / kept, unsampled / sampled if sampled else 0)
-        return max(1, min(most, ceil(MARGIN * light) + 10))
+        wanted = max(missing, unsampled * (1 - share) / share if share else 0)
+        return max(1, min(most, ceil(MARGIN * wanted / kept) + 10))
 
     async def _bring_up(self, number: int) -> None:
         """Purify a block as often as the others, and sacrifice a share of what is left."""
@@ -198,6 +197,8 @@ class Opening:
     def _remedy(self) -> str:
         if self._protocol == Protocol.NONE:
             return "allow purification (bbpssw or dejmps)"
+        if self._pairs.rounds == MAX_ROUNDS:
+            return "more rounds are not made"
         return f"allow more rounds (at most {MAX_ROUNDS})"
 
     def _require_hope(self) -> None:

@@ -23,7 +23,7 @@ from hosts.hardware.qnic import BlockName, HardwareError, NoLight, Qnic, Stored
 from hosts.middleware.arrangement import Arrangement
 from hosts.middleware.channel import ANSWER_TIMEOUT_S, MetadataChannel, SessionError
 from hosts.middleware.values import Numbers, expect, values
-from wire.metadata import Answer, Finish, Reason, Service, Setup, Topic, Values
+from wire.metadata import Answer, Finish, Message, Reason, Service, Setup, Topic, Values
 
 GRACE_S = 0.3  # light that has not come this long after the source's answer is lost
 LIGHT_TIMEOUT_S = 15.0
@@ -122,11 +122,8 @@ class AcceptorEnd(End):
         message = await self.channel.next()
         if isinstance(message, Finish):
             return None
-        if isinstance(message, Answer) and message.reason != Reason.OK:
-            raise SessionError(Reason(message.reason), message.text)
         if not isinstance(message, Values):
-            what = type(message).__name__ if message else "the end of the connection"
-            raise SessionError(Reason.PROTOCOL, f"{what} from {self.channel.peer} in mid-session")
+            raise unexpected(message, self.channel.peer)
         return message
 
     async def announced(self, most: int) -> tuple[int, int] | None:
@@ -143,6 +140,14 @@ class AcceptorEnd(End):
         if count == 0:
             raise SessionError(Reason.PROTOCOL, f"block {message.block} has no photons")
         return message.block, count
+
+
+def unexpected(message: Message | None, peer: str) -> SessionError:
+    """Return the error that a message is: a refusal, or one that has no place in a session."""
+    if isinstance(message, Answer) and message.reason != Reason.OK:
+        return SessionError(Reason(message.reason), message.text)
+    what = type(message).__name__ if message else "the end of the connection"
+    return SessionError(Reason.PROTOCOL, f"{what} from {peer} in mid-session")
 
 
 @dataclass(frozen=True)

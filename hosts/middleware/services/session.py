@@ -6,11 +6,18 @@ import numpy as np
 
 from hosts.hardware.qnic import HardwareError, Qnic, release
 from hosts.middleware.arrangement import Arrangement
-from hosts.middleware.channel import IDLE_TIMEOUT_S, MetadataChannel, SessionError
+from hosts.middleware.channel import IDLE_TIMEOUT_S, MetadataChannel, SessionError, SilentPeer
 from hosts.middleware.encoding import TOLD_APART
 from hosts.middleware.receiver import check_wavelength
 from hosts.middleware.services.options import ServiceOptions
-from hosts.middleware.services.service import AcceptorEnd, Answerer, OpenerEnd, ServiceKind, Tell
+from hosts.middleware.services.service import (
+    AcceptorEnd,
+    Answerer,
+    OpenerEnd,
+    ServiceKind,
+    Tell,
+    unexpected,
+)
 from wire.metadata import Finish, Pauli, Reason, Service, Setup
 from wire.services import LIGHT, Role, fibers_needed
 
@@ -72,10 +79,14 @@ class OpeningSession:
         self.summary = end.summary
 
     async def lost(self) -> None:
-        """Wait for as long as nothing is heard of the other end; raise SessionError then."""
-        message = await self._arrangement.channel.receive(Finish, IDLE_TIMEOUT_S)
-        text = f"{type(message).__name__} from an end that has not opened the session"
-        raise SessionError(Reason.PROTOCOL, text)
+        """Wait while the other end is there, but not for ever; raise SessionError then."""
+        channel = self._arrangement.channel
+        try:
+            message = await channel.next(IDLE_TIMEOUT_S)
+        except SilentPeer as error:
+            text = f"what a session leaves is kept for {IDLE_TIMEOUT_S:g} s: ask for more in time"
+            raise SessionError(Reason.PROTOCOL, text) from error
+        raise unexpected(message, channel.peer)
 
     async def finish(self) -> None:
         """End the session at both ends."""

@@ -15,6 +15,7 @@ import pytest
 from stacks_scene import DEADLINE_S, OWN_ADDRESS, Cut, grant, network, refusal
 
 from hosts.middleware.channel import MetadataChannel, SessionError
+from hosts.middleware.services import distribute
 from hosts.middleware.services.distribute import Step
 from hosts.middleware.values import values
 from hosts.service_socket import ServiceSocket
@@ -272,6 +273,34 @@ def test_without_light_at_one_end_there_are_no_pairs(tmp_path: Path) -> None:
         assert at_alice.reason == Reason.NO_LIGHT
 
     inside(tmp_path, scene, paths=[(4, 1)])
+
+
+@pytest.mark.parametrize(("rounds", "reason"), [(3, Reason.TOO_NOISY), (0, Reason.NO_LIGHT)])
+def test_light_is_not_asked_for_without_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rounds: int, reason: Reason
+) -> None:
+    monkeypatch.setattr(distribute, "MOST_EMITTED", 100)
+    monkeypatch.setattr(distribute, "MOST_EMITTED_EACH", 1)
+
+    def scene() -> None:
+        for error in failed(tmp_path, count=1000, rounds=rounds, block_pairs=200):
+            assert "of 1000 pairs after 1200 were made, of which" in str(error)
+            assert f"and {rounds} rounds of purification" in str(error)
+            assert error.reason == reason
+
+    inside(tmp_path, scene, loss_db_per_km=100.0)
+
+
+def test_an_application_that_was_asked_and_goes_in_mid_protocol_ends_it(tmp_path: Path) -> None:
+    def scene() -> None:
+        with two_sockets(tmp_path) as (alice, accepting):
+            results = alice.request("distribute", ("bob", 9), count=100_000, block_pairs=200)
+            next(results)
+            accepting.result(DEADLINE_S).close()
+            with pytest.raises(QuantumSocketError, match="receiving application has ended"):
+                list(results)
+
+    inside(tmp_path, scene)
 
 
 def test_an_opener_that_goes_in_mid_protocol_leaves_nothing_behind(tmp_path: Path) -> None:
