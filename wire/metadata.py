@@ -52,6 +52,8 @@ class Topic(IntEnum):
     ARRIVED = 6  # 1 for what was detected, or kept, 0 for what was not
     SAMPLE = 7  # 1 for what is sacrificed for an estimate
     COUNTS = 8  # what came of a block, as its service defines
+    PURIFY = 32  # protocol (1 BBPSSW, 2 DEJMPS) and seed of the twirl, of a round of a block
+    DELIVER = 33  # so many pairs, which have numbers from then on; answered
 
 
 class Handshake(IntEnum):

@@ -12,7 +12,6 @@ at either end may ask to measure some (Pairs.answer). They are called by session
 """
 
 from dataclasses import dataclass
-from enum import IntEnum
 from math import ceil
 from typing import Any
 
@@ -39,13 +38,6 @@ MOST_EMITTED = 1_000_000  # pairs, and so many more for each that is wanted:
 MOST_EMITTED_EACH = 1000
 MOST_DARK = 10  # blocks in a row of which nothing arrives
 MARGIN = 1.05  # of light beyond what is expected to be needed
-
-
-class Step(IntEnum):
-    """Topics of this service alone."""
-
-    PURIFY = 32  # a block: protocol and the seed of the twirl
-    DELIVER = 33  # so many pairs; answered
 
 
 @dataclass(frozen=True)
@@ -110,7 +102,7 @@ class Opening:
                 await self._acquire()
             await self._tell(min(pairs.available, count))
         await self._end.channel.request(
-            values(self._end.setup.session, Step.DELIVER, 0, [count], 32)
+            values(self._end.setup.session, Topic.DELIVER, 0, [count], 32)
         )
         await pairs.deliver(count)
         await self._tell(count)
@@ -164,7 +156,7 @@ class Opening:
         end, blocks = self._end, self._pairs.blocks
         while number in blocks and blocks[number].rounds < self._pairs.rounds:
             seed = int(end.draws.integers(MAX_NUMBER))
-            end.say(Step.PURIFY, number, [self._protocol, seed], 32)
+            end.say(Topic.PURIFY, number, [self._protocol, seed], 32)
             await self._pairs.purify(number, self._protocol, seed)
         if number in blocks:
             await self._sample(number, blocks[number].size)
@@ -240,8 +232,8 @@ async def receive(end: AcceptorEnd) -> Answerer:
         number = message.block
         if message.topic == Topic.COMING:
             await _share(end, pairs, message)
-        elif message.topic == Step.PURIFY:
-            protocol, seed = expect(message, Step.PURIFY, number, 2, MAX_NUMBER).tolist()
+        elif message.topic == Topic.PURIFY:
+            protocol, seed = expect(message, Topic.PURIFY, number, 2, MAX_NUMBER).tolist()
             if protocol not in (Protocol.BBPSSW, Protocol.DEJMPS):
                 raise SessionError(Reason.UNSUPPORTED, f"purification by protocol {protocol}")
             await pairs.purify(number, Protocol(protocol), seed)
@@ -254,7 +246,7 @@ async def receive(end: AcceptorEnd) -> Answerer:
             bases = await end.hear(Topic.BASES, number, count, 2)
             await pairs.sample(number, chosen, bases.astype(np.uint8))
         else:
-            (count,) = expect(message, Step.DELIVER, 0, 1, MAX_COUNT).tolist()
+            (count,) = expect(message, Topic.DELIVER, 0, 1, MAX_COUNT).tolist()
             await pairs.deliver(count)
             end.agree()
             end.summary = pairs.summary()

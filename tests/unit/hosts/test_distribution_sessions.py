@@ -16,7 +16,6 @@ from stacks_scene import DEADLINE_S, OWN_ADDRESS, Cut, grant, network, refusal
 
 from hosts.middleware.channel import MetadataChannel, SessionError
 from hosts.middleware.services import distribute
-from hosts.middleware.services.distribute import Step
 from hosts.middleware.values import values
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
@@ -338,10 +337,10 @@ def test_a_cut_connection_ends_the_session_at_both_ends(tmp_path: Path, count: i
 @pytest.mark.parametrize(
     ("messages", "words"),
     [
-        ([values(5, Step.PURIFY, 1, [1, 7], 32)], "there are no pairs of block 1"),
+        ([values(5, Topic.PURIFY, 1, [1, 7], 32)], "there are no pairs of block 1"),
         ([values(5, Topic.SAMPLE, 1, [1, 1], 1)], "there are no pairs of block 1"),
-        ([values(5, Step.DELIVER, 0, [7], 32)], "7 of 0 pairs to deliver"),
-        ([values(5, Step.DELIVER, 0, [2_000_000], 32)], "at most 1000000 is known"),
+        ([values(5, Topic.DELIVER, 0, [7], 32)], "7 of 0 pairs to deliver"),
+        ([values(5, Topic.DELIVER, 0, [2_000_000], 32)], "at most 1000000 is known"),
         ([values(5, Topic.COMING, 1, [20_000], 32)], "a value of topic 1 is 20000"),
         ([values(5, 99, 0, [1], 32)], "values of topic 99"),
         ([Finish(5, 0, bytes(32))], "ended before pairs were delivered"),
