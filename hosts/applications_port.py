@@ -6,8 +6,10 @@ from collections.abc import Callable, Coroutine
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from hosts.answering import reply
 from hosts.event_watching import Watch, tell_events
 from hosts.hardware.qnic import HardwareError
+from hosts.incoming import Incoming, failed
 from hosts.middleware.channel import SessionError
 from hosts.middleware.options import SessionOptions
 from hosts.middleware.sender import SendingSession
@@ -15,11 +17,9 @@ from hosts.middleware.services.session import OpeningSession
 from wire.metadata import MalformedPacket, Reason
 from wire.socket_calls import (
     HEADER,
-    MAX_PAYLOAD,
     Call,
     decode_fields,
     decode_header,
-    encode,
     encode_fields,
 )
 
@@ -27,8 +27,6 @@ log = logging.getLogger("applications")
 
 BACKLOG = 8
 BYTES = "sdc"  # the service that carries bytes
-ACCEPT_TIMEOUT_S = 5.0
-READ_TIMEOUT_S = 25.0  # the sender waits 30 s for its report
 
 
 @dataclass(frozen=True)
@@ -37,71 +35,6 @@ class Listening:
 
     service: str
     queue: "asyncio.Queue[Incoming]"
-
-
-class Incoming:
-    """A connection from another host, waiting for an application and then feeding it."""
-
-    def __init__(self, peer: str) -> None:
-        self.peer = peer
-        self._accepted: asyncio.Future[asyncio.StreamWriter] = (
-            asyncio.get_running_loop().create_future()
-        )
-        self._error: BaseException | None = None
-        self.ended = asyncio.Event()
-
-    def accept(self, writer: asyncio.StreamWriter) -> None:
-        """Hand the connection to an application."""
-        if self._error is not None:
-            writer.write(_failed(self._error))
-        else:
-            self._accepted.set_result(writer)
-
-    async def deliver(self, data: bytes) -> None:
-        """Pass bytes to the application; waits while it does not read."""
-        writer = await self._writer()
-        for start in range(0, len(data), MAX_PAYLOAD):
-            writer.write(encode(Call.DATA, data[start : start + MAX_PAYLOAD]))
-            await self._drain(writer)
-
-    async def tell(self, **fields: Any) -> None:
-        """Pass a result of a service to the application."""
-        writer = await self._writer()
-        writer.write(encode_fields(Call.RESULT, **fields))
-        await self._drain(writer)
-
-    async def finish(self, statistics: dict[str, Any]) -> None:
-        """Tell the application that all bytes came and were right."""
-        writer = await self._writer()
-        writer.write(encode_fields(Call.CLOSE, **statistics))
-        await self._drain(writer)
-        self.ended.set()
-
-    async def fail(self, error: BaseException) -> None:
-        """Tell the application, also one that accepts later, that bytes are missing."""
-        self._error = error
-        if self._accepted.done():
-            self._accepted.result().write(_failed(error))
-        self.ended.set()
-
-    async def _writer(self) -> asyncio.StreamWriter:
-        try:
-            async with asyncio.timeout(ACCEPT_TIMEOUT_S):
-                return await asyncio.shield(self._accepted)
-        except TimeoutError as error:
-            raise SessionError(
-                Reason.NO_LISTENER, f"the application did not accept in {ACCEPT_TIMEOUT_S:g} s"
-            ) from error
-
-    async def _drain(self, writer: asyncio.StreamWriter) -> None:
-        try:
-            async with asyncio.timeout(READ_TIMEOUT_S):
-                await writer.drain()
-        except TimeoutError as error:
-            text = f"the receiving application has not read for {READ_TIMEOUT_S:g} s"
-            raise SessionError(Reason.NO_LISTENER, text) from error
-        except ConnectionError as error:
-            raise SessionError(Reason.NO_LISTENER, "the receiving application has ended") from error
 
 
 class ApplicationsPort:
@@ -154,7 +87,7 @@ class ApplicationsPort:
             await handlers[call](decode_fields(payload), reader, writer)
         except (SessionError, HardwareError, MalformedPacket) as error:
             log.warning("%s", error)
-            writer.write(_failed(error))
+            writer.write(failed(error))
         except (asyncio.IncompleteReadError, ConnectionError):
             log.info("an application closed its socket")
         finally:
@@ -181,7 +114,7 @@ class ApplicationsPort:
                 await _unless_gone(session.send(payload), coming)
         except (SessionError, HardwareError) as error:
             log.warning("%s", error)
-            writer.write(_failed(error, **asdict(session.statistics)))
+            writer.write(failed(error, **asdict(session.statistics)))
         finally:
             await _end(coming)
             await session.close()
@@ -197,6 +130,10 @@ class ApplicationsPort:
         coming = asyncio.create_task(_read(reader))
         try:
             await _unless_gone(session.run(tell), coming)
+            if session.answer is not None:
+                writer.write(encode_fields(Call.DONE, **session.summary))
+                await _answer_until_closed(session, coming, reader, writer)
+            await session.finish()
             writer.write(encode_fields(Call.CLOSE, **session.summary))
         finally:
             await _end(coming)
@@ -240,9 +177,9 @@ class ApplicationsPort:
             return
         connection = arrival.result()
         writer.write(encode_fields(Call.DONE, peer=connection.peer))
+        await _end(gone)
         connection.accept(writer)
-        await connection.ended.wait()
-        gone.cancel()
+        await _listen_to(connection, reader, writer)
 
 
 async def _read(reader: asyncio.StreamReader) -> tuple[Call, bytes]:
@@ -262,6 +199,57 @@ async def _unless_gone(work: Coroutine[Any, Any, None], coming: asyncio.Task[Any
         await _end(doing)
 
 
+async def _answer_until_closed(
+    session: OpeningSession,
+    coming: asyncio.Task[tuple[Call, bytes]],
+    reader: asyncio.StreamReader,
+    writer: asyncio.StreamWriter,
+) -> None:
+    """Answer the application until it closes; raise SessionError if the other end is lost."""
+    lost = asyncio.create_task(session.lost())
+    try:
+        while True:
+            await asyncio.wait([lost, coming], return_when=asyncio.FIRST_COMPLETED)
+            if lost.done():
+                return lost.result()
+            call, question = await coming
+            if call == Call.CLOSE:
+                return None
+            if call != Call.ASK:
+                raise SessionError(Reason.PROTOCOL, f"{call.name} while pairs are held")
+            writer.write(await reply(session.answer, question))
+            await writer.drain()
+            coming = asyncio.create_task(_read(reader))
+    except (asyncio.IncompleteReadError, ConnectionError):
+        return None
+    finally:
+        await _end(lost)
+        await _end(coming)
+
+
+async def _listen_to(
+    connection: Incoming, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
+) -> None:
+    """Answer the application until its connection ends; what else it says is nothing to us."""
+    ended = asyncio.create_task(connection.ended.wait())
+    try:
+        while not ended.done():
+            coming = asyncio.create_task(_read(reader))
+            await asyncio.wait([ended, coming], return_when=asyncio.FIRST_COMPLETED)
+            if not coming.done():
+                await _end(coming)
+                return
+            call, question = coming.result()
+            if call == Call.ASK:
+                writer.write(await reply(connection.answer, question))
+                await writer.drain()
+    except (asyncio.IncompleteReadError, ConnectionError):
+        connection.left = connection.answer is not None
+        await ended
+    finally:
+        await _end(ended)
+
+
 async def _end(task: asyncio.Task[Any]) -> None:
     """Cancel a task unless it is done; what becomes of it matters no more."""
     task.cancel()
@@ -279,8 +267,3 @@ def _port(fields: dict[str, Any]) -> int:
     if not isinstance(port, int) or not 0 < port < 65_536:
         raise SessionError(Reason.UNSUPPORTED, f"port {port!r}: choose 1 to 65535")
     return port
-
-
-def _failed(error: BaseException, **statistics: int) -> bytes:
-    reason = error.reason if isinstance(error, SessionError) else Reason.HARDWARE
-    return encode_fields(Call.FAILED, reason=reason, text=str(error), **statistics)

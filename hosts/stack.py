@@ -12,9 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from hosts.applications_port import ApplicationsPort, Incoming
+from hosts.applications_port import ApplicationsPort
 from hosts.hardware.ports import read_ports
 from hosts.hardware.qnic import HardwareError, Qnic
+from hosts.incoming import Incoming
 from hosts.middleware.arrangement import Arrangement
 from hosts.middleware.channel import ANSWER_TIMEOUT_S, MetadataChannel, SessionError
 from hosts.middleware.device import Device
@@ -82,6 +83,7 @@ class Stack:
             frame_bytes=1,
             rate_hz=options.rate_hz,
             port=options.port,
+            fidelity_ppm=options.fidelity_ppm,
         )
         setup = self.device.override(setup)
         arrangement = Arrangement(setup, peer, self._config.source)
@@ -167,6 +169,9 @@ class Stack:
         try:
             with self.device.serves(setup):
                 await session.run(incoming.tell)
+                if session.answer is not None:
+                    await incoming.ready(session.summary, session.answer)
+                await session.finish()
             await incoming.finish(session.summary)
         except BaseException as error:  # whatever it is, the application must hear of it
             await incoming.fail(error)

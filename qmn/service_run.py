@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from hosts.middleware.channel import SessionError
-from hosts.middleware.services import NAMES, teleport
+from hosts.middleware.services import NAMES, distribute, teleport
 from hosts.middleware.services.key_options import BOUNDS, CORRECTIONS, KeyOptions
 from hosts.middleware.services.options import ServiceOptions
 from qmn import service_result
@@ -53,6 +53,35 @@ class Verb:
 
 VERBS: Mapping[str, Verb] = MappingProxyType(
     {
+        "distribute": Verb(
+            "put pairs of a wanted fidelity into the memories of two hosts",
+            "pairs",
+            {
+                "fidelity": {
+                    "type": float,
+                    "default": 0.0,
+                    "metavar": "F",
+                    "help": "at least, to Phi+ (0: any)",
+                },
+                "sample": {
+                    "type": float,
+                    "default": 0.1,
+                    "metavar": "SHARE",
+                    "help": "of the pairs, sacrificed for the estimate (0.1)",
+                },
+                "purification": {
+                    "choices": distribute.PROTOCOLS,
+                    "default": "dejmps",
+                    "help": "where it is needed (dejmps)",
+                },
+                "rounds": {
+                    "type": int,
+                    "default": None,
+                    "metavar": "N",
+                    "help": "of purification (as many as the fidelity needs)",
+                },
+            },
+        ),
         "teleport": Verb(
             "teleport states",
             "states",

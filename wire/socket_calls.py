@@ -23,6 +23,13 @@ application                 stack (the end that is asked)
 LISTEN {port, service}  ->  and ACCEPT {port} as above
                         <-  DONE {peer}, then RESULT {…} …, then CLOSE {summary} or FAILED
 
+Where a service leaves something to be used, as pairs in memory, at either end:
+                        <-  RESULT {…} …, then DONE {summary}: it is there
+ASK {…}                 ->  as often as wanted
+                        <-  DONE {…}, or DONE {refused, reason}
+CLOSE                   ->  of the end that has asked for the service, or its socket closes
+                        <-  CLOSE {summary}, at both ends
+
 application                 stack
 WATCH {session, history} -> of this host alone, for as long as this socket; session 0: all
                         <-  DONE, then EVENT record (wire.events) …
@@ -53,6 +60,7 @@ class Call(IntEnum):
     EVENT = 9
     REQUEST = 10
     RESULT = 11
+    ASK = 12
 
 
 def encode(call: Call, payload: bytes = b"") -> bytes:

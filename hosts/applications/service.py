@@ -18,6 +18,7 @@ def ask(arguments: argparse.Namespace) -> None:
         address = arguments.host, arguments.port
         for result in asking.request(arguments.service, address, **arguments.options):
             report("result", result)
+        asking.shutdown()
         report("done", asking.summary)
 
 
@@ -28,8 +29,9 @@ def wait(arguments: argparse.Namespace) -> None:
         report("listening", {"port": arguments.port})
         connection, peer = listener.accept()
     with connection:
-        for result in connection.results():
-            report("result", result)
+        while not connection.over:
+            for result in connection.results():
+                report("result", result)
         report("done", {"peer": peer, **connection.summary})
 
 

@@ -5,9 +5,9 @@ equipment implements the same calls (paper, section "Host Nodes").
 """
 
 import logging
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 log = logging.getLogger("qnic")
 
 Symbols = NDArray[np.uint8]
+Positions = NDArray[np.integer]
+LocalGate = Literal["H", "S", "S_DAG"]
 NO_COINCIDENCE = 255
 
 
@@ -118,6 +120,24 @@ class Qnic(Protocol):
         """Apply one Pauli operator (two bits: X, Z) to each photon at this host; shape (k,).
 
         Return when (ns) that was done.
+        """
+
+    async def rotate(self, block: BlockName, gates: Sequence[LocalGate]) -> None:
+        """Apply gates, one after the other, to every photon of a block at this host."""
+
+    async def controlled_x(self, control: BlockName, target: BlockName) -> None:
+        """Apply CX to pairs of photons of two blocks of one size at this host."""
+
+    async def store(self, block: BlockName) -> Stored:
+        """Put photons at this host into memory, where they decohere until they are used."""
+
+    async def gather(
+        self, into: BlockName, picks: Mapping[BlockName, Positions], keep_rest: bool = False
+    ) -> None:
+        """Make a block of photons at this host, by their positions in blocks, in this order.
+
+        The rest is let go or, to be kept, stays where it is; at least one photon is picked.
+        What is picked from stored blocks alone is stored, too.
         """
 
     async def measure(self, block: BlockName, bases: Symbols) -> Symbols:

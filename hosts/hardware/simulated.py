@@ -1,21 +1,33 @@
 """The simulated QNIC: every call is a request to the dispatcher, over the host's own CNIC."""
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import suppress
 
 import grpc
 import numpy as np
 
 from hosts.hardware.orders import NotHere, Orders
-from hosts.hardware.qnic import BlockName, Coincidences, HardwareError, NoLight, Stored, Symbols
+from hosts.hardware.qnic import (
+    BlockName,
+    Coincidences,
+    HardwareError,
+    LocalGate,
+    NoLight,
+    Positions,
+    Stored,
+    Symbols,
+)
 from wire.dispatcher_pb2 import (
     ApplyRequest,
     BellMeasureRequest,
     BlockId,
     CreateRequest,
     DiscardRequest,
+    Gate,
+    GatherRequest,
     Launch,
     MeasureRequest,
+    Pick,
     ReceiveRequest,
     SendRequest,
     Step,
@@ -127,6 +139,32 @@ class SimulatedQnic:
         apply = ApplyRequest(block=_named(block), paulis=paulis.tobytes())
         (feedback,) = await self._orders.perform(Step(apply=apply))
         return int(feedback.time_ns)
+
+    async def rotate(self, block: BlockName, gates: Sequence[LocalGate]) -> None:
+        """Apply gates to every photon of a block at this host."""
+        named = [Gate(name=gate) for gate in gates]
+        await self._orders.perform(Step(apply=ApplyRequest(block=_named(block), gates=named)))
+
+    async def controlled_x(self, control: BlockName, target: BlockName) -> None:
+        """Apply CX to pairs of photons of two blocks at this host."""
+        gates = [Gate(name=Gate.CX, target=_named(target))]
+        await self._orders.perform(Step(apply=ApplyRequest(block=_named(control), gates=gates)))
+
+    async def store(self, block: BlockName) -> Stored:
+        """Put photons at this host into memory."""
+        (feedback,) = await self._orders.perform(Step(store=StoreRequest(block=_named(block))))
+        return Stored(np.frombuffer(feedback.arrived, dtype=bool), feedback.time_ns)
+
+    async def gather(
+        self, into: BlockName, picks: Mapping[BlockName, Positions], keep_rest: bool = False
+    ) -> None:
+        """Make a block of photons at this host; keep or let go of the rest."""
+        picked = [
+            Pick(block=_named(block), photons=positions.tolist())
+            for block, positions in picks.items()
+        ]
+        gather = GatherRequest(into=_named(into), picks=picked, keep_rest=keep_rest)
+        await self._orders.perform(Step(gather=gather))
 
     async def measure(self, block: BlockName, bases: Symbols) -> Symbols:
         """Measure photons at this host, each in a basis."""

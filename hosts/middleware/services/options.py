@@ -29,6 +29,11 @@ class ServiceOptions:
         options.check()
         return options
 
+    @property
+    def fidelity_ppm(self) -> int:
+        """Return the pair fidelity wanted at least; 0 is any."""
+        return 0
+
     def check(self) -> None:
         """Raise SessionError for a value out of range."""
         for name, least, most in (

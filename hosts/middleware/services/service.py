@@ -4,6 +4,7 @@
       | Setup(service) ------ held until the paths are up ----------> |
       | <------------------------------------------------ Answer(OK) |
       |   kind.open(end)          messages and light    kind.accept(end)
+      |   applications use what is there, if it leaves anything
       | Finish ----------------------------------------------------> |
       | <------------------------------------------------ Answer(OK) |
 
@@ -18,17 +19,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hosts.hardware.qnic import BlockName, NoLight, Qnic, Stored
+from hosts.hardware.qnic import BlockName, HardwareError, NoLight, Qnic, Stored
 from hosts.middleware.arrangement import Arrangement
 from hosts.middleware.channel import ANSWER_TIMEOUT_S, MetadataChannel, SessionError
 from hosts.middleware.qkd.keyring import Keyring
 from hosts.middleware.values import Numbers, expect, values
-from wire.metadata import Answer, Finish, Reason, Service, Setup, Topic, Values
+from wire.metadata import Answer, Finish, Message, Reason, Service, Setup, Topic, Values
 
 GRACE_S = 0.3  # light that has not come this long after the source's answer is lost
 LIGHT_TIMEOUT_S = 15.0
 
 Tell = Callable[..., Coroutine[Any, Any, None]]
+Answerer = Callable[[dict[str, Any]], Awaitable[dict[str, Any]]]
 
 
 @dataclass
@@ -66,6 +68,11 @@ class End:
     def agree(self) -> None:
         """Answer that what was asked last is accepted."""
         self.channel.send(Answer(self.setup.session, Reason.OK))
+
+    def give_up(self, error: SessionError | HardwareError) -> None:
+        """Tell the other end why there is no going on."""
+        reason = error.reason if isinstance(error, SessionError) else Reason.HARDWARE
+        self.channel.send(Answer(self.setup.session, reason, str(error)))
 
     async def stored(self, light: asyncio.Task[Stored], photons: int) -> Stored:
         """Return what has come of light that is over; nothing if no photon has."""
@@ -112,18 +119,37 @@ class OpenerEnd(End):
 class AcceptorEnd(End):
     """The end that was asked."""
 
-    async def announced(self, most: int) -> tuple[int, int] | None:
-        """Return number and size of the block that comes next; None at the end of the session."""
+    async def told(self) -> Values | None:
+        """Return what the opener tells next; None at the end of the session."""
         message = await self.channel.next()
         if isinstance(message, Finish):
             return None
         if not isinstance(message, Values):
-            what = type(message).__name__ if message else "the end of the connection"
-            raise SessionError(Reason.PROTOCOL, f"{what} from {self.channel.peer} in mid-session")
+            raise unexpected(message, self.channel.peer)
+        return message
+
+    async def announced(self, most: int) -> tuple[int, int] | None:
+        """Return number and size of the block that comes next; None at the end of the session."""
+        message = await self.told()
+        if message is None:
+            return None
+        return self.coming(message, most)
+
+    @staticmethod
+    def coming(message: Values, most: int) -> tuple[int, int]:
+        """Return number and size of the block that a message announces."""
         (count,) = expect(message, Topic.COMING, message.block, 1, most).tolist()
         if count == 0:
             raise SessionError(Reason.PROTOCOL, f"block {message.block} has no photons")
         return message.block, count
+
+
+def unexpected(message: Message | None, peer: str) -> SessionError:
+    """Return the error that a message is: a refusal, or one that has no place in a session."""
+    if isinstance(message, Answer) and message.reason != Reason.OK:
+        return SessionError(Reason(message.reason), message.text)
+    what = type(message).__name__ if message else "the end of the connection"
+    return SessionError(Reason.PROTOCOL, f"{what} from {peer} in mid-session")
 
 
 @dataclass(frozen=True)
@@ -132,5 +158,7 @@ class ServiceKind:
 
     service: Service
     options: type[Any]  # a dataclass; its constructor raises SessionError for what cannot be
-    open: Callable[[OpenerEnd, Any], Awaitable[None]]
-    accept: Callable[[AcceptorEnd], Awaitable[None]]
+    # A service that leaves something to be used returns what answers the application of an end
+    # until the opener's application ends the session; its accept returns before Finish, then.
+    open: Callable[[OpenerEnd, Any], Awaitable[Answerer | None]]
+    accept: Callable[[AcceptorEnd], Awaitable[Answerer | None]]

@@ -4,14 +4,21 @@ from typing import Any
 
 import numpy as np
 
-from hosts.hardware.qnic import Qnic, release
+from hosts.hardware.qnic import HardwareError, Qnic, release
 from hosts.middleware.arrangement import Arrangement
-from hosts.middleware.channel import MetadataChannel, SessionError
+from hosts.middleware.channel import IDLE_TIMEOUT_S, MetadataChannel, SessionError, SilentPeer
 from hosts.middleware.encoding import TOLD_APART
 from hosts.middleware.qkd.keyring import Keyring
 from hosts.middleware.receiver import check_wavelength
 from hosts.middleware.services.options import ServiceOptions
-from hosts.middleware.services.service import AcceptorEnd, OpenerEnd, ServiceKind, Tell
+from hosts.middleware.services.service import (
+    AcceptorEnd,
+    Answerer,
+    OpenerEnd,
+    ServiceKind,
+    Tell,
+    unexpected,
+)
 from wire.metadata import Finish, Pauli, Reason, Service, Setup
 from wire.services import LIGHT, Role, fibers_needed
 
@@ -49,9 +56,10 @@ class OpeningSession:
         self._qnic, self._arrangement, self._setup = qnic, arrangement, setup
         self._analyser, self._draws, self._keyring = analyser, draws, keyring
         self.summary: dict[str, Any] = {}
+        self.answer: Answerer | None = None  # to the application's questions, if it may ask
 
     async def run(self, tell: Tell) -> None:
-        """Arrange light, do what the service does, end; raise SessionError if it cannot be."""
+        """Arrange light, do what the service does; raise SessionError if it cannot be."""
         await self._arrangement.open()
         if any(end.role == Role.SOURCE for beam in LIGHT[self._kind.service] for end in beam):
             await self._arrangement.engage_source()
@@ -66,9 +74,27 @@ class OpeningSession:
             self._keyring,
             arrangement=self._arrangement,
         )
-        await self._kind.open(end, self._options)
-        await channel.request(Finish(self._setup.session, 0, NO_DIGEST))
+        try:
+            self.answer = await self._kind.open(end, self._options)
+        except (SessionError, HardwareError) as error:
+            end.give_up(error)
+            raise
         self.summary = end.summary
+
+    async def lost(self) -> None:
+        """Wait while the other end is there, but not for ever; raise SessionError then."""
+        channel = self._arrangement.channel
+        try:
+            message = await channel.next(IDLE_TIMEOUT_S)
+        except SilentPeer as error:
+            text = f"what a session leaves is kept for {IDLE_TIMEOUT_S:g} s: ask for more in time"
+            raise SessionError(Reason.PROTOCOL, text) from error
+        raise unexpected(message, channel.peer)
+
+    async def finish(self) -> None:
+        """End the session at both ends."""
+        finish = Finish(self._setup.session, 0, NO_DIGEST)
+        await self._arrangement.channel.request(finish)
 
     async def close(self) -> None:
         """Let go of connections and photons."""
@@ -93,18 +119,27 @@ class AcceptingSession:
         require_fibers(setup, Role.ACCEPTOR, qnic)
         self._kind, self._qnic, self._channel, self._setup = kind, qnic, channel, setup
         self._analyser, self._draws, self._keyring = analyser, draws, keyring
+        self._end: AcceptorEnd | None = None
         self.summary: dict[str, Any] = {}
+        self.answer: Answerer | None = None  # to the application's questions, if it may ask
 
     async def run(self, tell: Tell) -> None:
-        """Do what the service does until the opener ends it; raise SessionError if it fails."""
+        """Do what the service does; raise SessionError if it fails."""
         apart = told_apart(self._analyser)
         end = AcceptorEnd(
             self._qnic, self._setup, self._channel, tell, self._draws, apart, self._keyring
         )
         end.agree()
-        await self._kind.accept(end)
+        self._end = end
+        self.answer = await self._kind.accept(end)
         self.summary = end.summary
-        end.agree()
+
+    async def finish(self) -> None:
+        """Wait until the opener ends the session, if it has not yet, and agree."""
+        assert self._end is not None
+        if self.answer is not None and await self._end.told() is not None:
+            raise SessionError(Reason.PROTOCOL, "values after all was done")
+        self._end.agree()
 
     async def close(self) -> None:
         """Let go of photons."""

@@ -88,8 +88,25 @@ async def alter(
         writer.close()
 
 
+class Cut:
+    """Cuts, for good, all connections of metadata between hosts."""
+
+    def __init__(self) -> None:
+        self._loop = asyncio.get_running_loop()
+        self._writers: list[asyncio.StreamWriter] = []
+
+    def watch(self, *writers: asyncio.StreamWriter) -> None:
+        """Have these cut, too."""
+        self._writers.extend(writers)
+
+    def __call__(self) -> None:
+        """Cut them, from any thread."""
+        for writer in self._writers:
+            self._loop.call_soon_threadsafe(writer.transport.abort)
+
+
 def relay(
-    name: str, judge: Judge, change: Change | None = None
+    name: str, judge: Judge, change: Change | None, cut: Cut
 ) -> Callable[..., Coroutine[Any, Any, None]]:
     """Return the server of a relay to a host; it changes what this host and others say."""
 
@@ -98,6 +115,7 @@ def relay(
         assert isinstance(setup, Setup)
         there = await asyncio.open_connection(OWN_ADDRESS[name], METADATA_PORT)
         there[1].write(judge(setup).encode())
+        cut.watch(writer, there[1])
         forth, back = (reader, there[1]), (there[0], writer)
         if change is None:
             await asyncio.gather(pump(*forth), pump(*back))
@@ -118,6 +136,7 @@ async def network(
     devices: dict[str, Device] | None = None,
     change: Change | None = None,
     optics: Sequence[PathOptics] = (),
+    cuts: "Future[Cut] | None" = None,
     **fiber: Any,
 ) -> AsyncIterator[Path]:
     """Run everything; the sockets of the stacks are in the folder."""
@@ -130,10 +149,13 @@ async def network(
             Fiber(FiberEnd(port.split("-")[0], port), FiberEnd("q1", str(number)), **fiber)
             for port, number in PORTS.items()
         ],
-        switches=[QuantumSwitch("q1", rotation=rotation, paths=[*optics])],
+        switches=[QuantumSwitch("q1", rotation=rotation, paths=list(optics))],
         devices={"bob": Device(analyser=BellAnalyser(analyser)), **(devices or {})},
     )
     errors: list[BaseException] = []
+    cut = Cut()
+    if cuts is not None:
+        cuts.set_result(cut)
     server = build_server(
         config, build_service(config, build_layer(config, CaptureClock(), None), errors.append)
     )
@@ -142,7 +164,9 @@ async def network(
         stack.push_async_callback(server.stop, 0)
         await connect_paths(config.socket, paths)
         for name in QNICS:
-            host = await start_host(stack, folder, config.socket, name, judge, analyser, change)
+            host = await start_host(
+                stack, folder, config.socket, name, judge, analyser, change, cut
+            )
             if settings is not None:
                 host.device.set(settings)
         yield folder
@@ -164,6 +188,7 @@ async def start_host(
     judge: Judge,
     analyser: str,
     change: Change | None,
+    cut: Cut,
 ) -> Stack:
     """Start a host's stack and the relay in front of it."""
     config = HostConfig(
@@ -185,7 +210,7 @@ async def start_host(
     host = Stack(config, qnic)
     servers = (
         asyncio.start_server(host.serve, config.address, METADATA_PORT),
-        asyncio.start_server(relay(name, judge, change), RELAYED[name], METADATA_PORT),
+        asyncio.start_server(relay(name, judge, change, cut), RELAYED[name], METADATA_PORT),
         asyncio.start_unix_server(host.applications.serve, config.socket),
     )
     for starting in servers:
@@ -228,7 +253,8 @@ def accepted(folder: Path, service: str, listening: "Future[None]") -> dict[str,
         listening.set_result(None)
         connection, _peer = listener.accept()
         with connection:
-            list(connection.results())
+            while not connection.over:
+                list(connection.results())
             return connection.summary
 
 
@@ -240,6 +266,7 @@ def requested(folder: Path, service: str, **options: Any) -> list[dict[str, Any]
         listening.result(DEADLINE_S)
         asking.settimeout(DEADLINE_S)
         list(asking.request(service, ("bob", 9), **options))
+        asking.shutdown()
         return [asking.summary, bob.result(DEADLINE_S)]
 
 
