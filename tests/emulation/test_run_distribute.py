@@ -10,7 +10,18 @@ from conftest import ROOT
 from scapy.layers.inet import IP, TCP
 from scapy.utils import PcapReader
 
-from wire.metadata import METADATA_PORT, SETUP_LENGTH, Service, Setup, Verdict, decode
+from wire.metadata import (
+    MAGIC,
+    METADATA_PORT,
+    SETUP_LENGTH,
+    VERSION,
+    Service,
+    Setup,
+    Verdict,
+    decode,
+)
+
+BEGIN = MAGIC.to_bytes(2, "big") + bytes([VERSION, Setup.KIND])
 
 
 def run(runs: Path, *options: str) -> "subprocess.CompletedProcess[str]":
@@ -50,7 +61,7 @@ def set_ups(captures: list[str]) -> Iterator[Setup]:
                 if TCP not in packet or packet[IP].dst != "10.0.0.2":
                     continue
                 payload = bytes(packet[TCP].payload)[:SETUP_LENGTH]
-                if packet[TCP].dport != METADATA_PORT or payload[3:4] != bytes([Setup.KIND]):
+                if packet[TCP].dport != METADATA_PORT or not payload.startswith(BEGIN):
                     continue
                 setup = decode(payload)
                 assert isinstance(setup, Setup)
