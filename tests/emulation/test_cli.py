@@ -240,7 +240,7 @@ def test_a_script_reads_results_of_a_topology_of_its_own(tmp_path: Path) -> None
         assert alice.photons_to_a == alice.photons_to_b == result.bell_pairs
         # Devices report every second.
         wait_until(
-            lambda: network.state("bob").device["pairs_received"] == result.bell_pairs,
+            lambda: network.state("bob").device.get("pairs_received") == result.bell_pairs,
             "bob's device has reported what it received",
         )
         with pytest.raises(BadInput, match="unknown host 'ed'"):
