@@ -4,7 +4,7 @@ SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help setup packages run-sdc test test-docker lint types unit emulation bench curves image clean lock
+.PHONY: help setup packages run-sdc run-teleport run-qkd cli test test-docker lint types unit emulation bench curves image clean lock browser
 
 PYTHON := .venv/bin/python
 # The caches and byte code of root would be in the user's way.
@@ -15,7 +15,8 @@ GENERATED := $(foreach end,_pb2.py _pb2.pyi _pb2_grpc.py,$(addsuffix $(end),$(PR
 
 # The values reach the program as they were typed: make expands no $ in them, and they
 # travel in the environment, past every shell.
-OPTIONS := MESSAGE FILE HANDSHAKE FEC INTERLEAVE SEED CONTROLLER MODE
+OPTIONS := MESSAGE FILE HANDSHAKE FEC INTERLEAVE SEED CONTROLLER MODE TOPO CAPTURE \
+    PROTOCOL STATE COUNT DEPOLARIZING
 $(foreach name,$(OPTIONS),$(if $(filter-out undefined,$(origin $(name))),\
     $(eval override $(name) := $$(value $(name)))$(eval export $(name))))
 
@@ -27,6 +28,15 @@ help: ## Print this help
 	    '  HANDSHAKE=...   framed (default: one for the session) or per-pair (as in the paper)' \
 	    '  FEC=...         none (default), repetition, hamming, golay or reed-solomon' \
 	    '  INTERLEAVE=1    Spread the codewords of FEC over a frame' \
+	    '' 'Variables of run-teleport and run-qkd:' \
+	    '  STATE=...       run-teleport: 0, 1, +, -, +i, -i or random (default)' \
+	    '  PROTOCOL=...    run-qkd: bb84 (default) or bbm92' \
+	    '  COUNT=N         States to teleport, or sifted bits to make a key of' \
+	    '  DEPOLARIZING=P  Of every fibre (default: 0)' \
+	    '' 'Variables of cli:' \
+	    '  TOPO=...        sdc (default), chain, ring or leaf-spine' \
+	    '  CAPTURE=1       Capture packets, as run-sdc does' \
+	    '' 'Variables of all:' \
 	    '  SEED=N          Makes the random draws repeatable' \
 	    '  CONTROLLER=...  ryu (default) or os-ken' \
 	    '  MODE=...        docker, native or auto (default: docker if an engine answers)'
@@ -35,6 +45,15 @@ setup: packages $(GENERATED) ## Install what is missing; a second time does noth
 
 run-sdc: ## Send a message from alice to bob by superdense coding
 	@setup/run-sdc
+
+run-teleport: ## Teleport states from alice to bob
+	@setup/run-teleport
+
+run-qkd: ## Make secret keys that alice and bob share
+	@setup/run-qkd
+
+cli: ## Start a network with a command line
+	@setup/cli
 
 test: setup lint types unit emulation ## Run all checks and tests natively
 
@@ -48,7 +67,7 @@ lint: setup ## Check style and formatting
 types: setup ## Check types
 	$(PYTHON) -m mypy
 
-unit: setup ## Run the unit tests (no root)
+unit: setup browser ## Run the unit tests (no root)
 	$(PYTEST) tests/unit
 
 emulation: setup ## Run the emulation tests (root, Open vSwitch)
@@ -72,6 +91,9 @@ lock: ## Choose new versions of the Python packages
 
 packages:
 	@setup/packages apt-packages.txt
+
+browser:
+	@setup/browser
 
 .venv/complete: requirements.lock ryu.lock build-constraints.txt | packages
 	@setup/environment

@@ -112,8 +112,9 @@ def start_apps(framework: Any, config: ControllerConfig) -> Any:
         state = StateFolder(config.state)
     except OSError as error:
         raise Fatal(f"cannot use the state folder {config.state!r}: {error.strerror}") from error
+    metrics = open_metrics(config)
     try:
-        record = Record(config.record)
+        record = metrics.record(config.record) if metrics else Record(config.record)
     except OSError as error:
         raise Fatal(f"cannot write the record {config.record!r}: {error.strerror}") from error
     try:
@@ -125,9 +126,20 @@ def start_apps(framework: Any, config: ControllerConfig) -> Any:
     apps = framework.start(
         modules + config.apps, config=config, mac_table=MacTable(), record=record, state=state
     )
-    if console is not None:
-        console.start(Facts(apps["QuantumMetadata"], apps["DeviceMonitor"]))
+    facts = Facts(apps["QuantumMetadata"], apps["DeviceMonitor"])
+    for server in (console, metrics):
+        if server is not None:
+            server.start(facts)
     return apps["QuantumMetadata"]
+
+
+def open_metrics(config: ControllerConfig) -> Any:
+    """Return what tells Prometheus the controller's figures; None if that is not configured."""
+    if config.metrics_fd is None:
+        return None
+    from controller_apps.metrics import Metrics
+
+    return Metrics(config.metrics_fd)
 
 
 def wait_until_listening(framework: Any, host: str, port: int) -> None:

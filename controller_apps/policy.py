@@ -30,11 +30,12 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from wire.device import MAX_SHARE, PERIODS_S, DeviceSettings, check_settings, setting_number
+from wire.services import LIGHT
 
 SHIPPED = Path(__file__).with_name("policies")
 DEFAULT = SHIPPED / "demo.toml"
 ACTIONS = ("allow", "deny")
-SERVICES = ("*", "sdc")
+SERVICES = ("*", *(service.name.lower() for service in LIGHT))
 WHO = {"from": "sender", "to": "receiver", "source": "source"}
 LIMITS = {
     "max_sessions": (1, 4096),

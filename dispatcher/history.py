@@ -5,7 +5,7 @@ The same depth is that of what noise models remember of the fibres (dispatcher/f
 
 import asyncio
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TextIO
 
@@ -15,14 +15,15 @@ from wire.dispatcher_pb2 import Event
 from wire.events import DROPPED, format_line
 
 WATCHER_DEPTH = 10_000
+WATCHED_PHOTONS = 1_000  # of a block, for a watcher who asks for them
 
 
 class Watcher:
     """One reader of events; it loses some when it is slow, and is told how many."""
 
-    def __init__(self, node: str, session: int) -> None:
-        """Watch a node (empty: all) and a session (0: all)."""
-        self._node, self._session = node, session
+    def __init__(self, node: str, session: int, per_qubit: bool = False) -> None:
+        """Watch a node (empty: all) and a session (0: all), also photon by photon if wanted."""
+        self._node, self._session, self.per_qubit = node, session, per_qubit
         self._events: deque[Event] = deque()
         self._dropped = 0
         self._some = asyncio.Event()
@@ -33,16 +34,18 @@ class Watcher:
             not self._session or event.block.session == self._session
         )
 
-    def push(self, event: Event) -> None:
-        """Queue an event, or count it as dropped if the queue is full."""
+    def push(self, event: Event) -> bool:
+        """Queue an event; if the queue is full, count it as dropped and return False."""
         if not self.wants(event):
-            return
-        if len(self._events) >= WATCHER_DEPTH:
-            self._dropped += 1
-        else:
+            return True
+        has_room = len(self._events) < WATCHER_DEPTH
+        if has_room:
             self._report_dropped(event.time_ns)
             self._events.append(event)
+        else:
+            self._dropped += 1
         self._some.set()
+        return has_room
 
     async def next(self) -> Event:
         """Wait for the next event."""
@@ -67,10 +70,18 @@ class History:
     """The last events, and everyone who wants to hear of new ones."""
 
     def __init__(
-        self, depth: int, log: TextIO | None = None, capture: EventCapture | None = None
+        self,
+        depth: int,
+        log: TextIO | None = None,
+        capture: EventCapture | None = None,
+        photons: int = 0,
     ) -> None:
-        """Remember `depth` events; write each to `log` as a line, to `capture` as a packet."""
-        self.count = 0
+        """Remember `depth` events; write each to `log` as a line, to `capture` as a packet.
+
+        The events of the first `photons` photons of each block are written, too.
+        """
+        self._photons = photons
+        self.count = self.dropped = 0  # all events, and those that slow watchers have lost
         self._events: deque[Event] = deque(maxlen=depth)
         self._depth = depth
         self._pasts: dict[tuple[str, ...], Past] = {}
@@ -81,23 +92,44 @@ class History:
         """Add events."""
         self.count += len(events)
         self._events += events
-        if self._log is not None:
+        self._write(events)
+        for watcher in self._watchers:
+            self._tell(watcher, events)
+
+    @property
+    def photons_wanted(self) -> int:
+        """Of how many photons of a block somebody wants to know each by itself."""
+        watched = any(watcher.per_qubit for watcher in self._watchers)
+        return max(self._photons, WATCHED_PHOTONS if watched else 0)
+
+    def record_photons(self, events: Sequence[Event]) -> None:
+        """Add events of the first photons of a block; they are not remembered."""
+        self._write(events[: self._photons])
+        for watcher in self._watchers:
+            if watcher.per_qubit:
+                self._tell(watcher, events[:WATCHED_PHOTONS])
+
+    def _write(self, events: Sequence[Event]) -> None:
+        if self._log is not None and events:
             self._log.write("".join(f"{format_line(event)}\n" for event in events))
             self._log.flush()
-        if self._capture is not None:
+        if self._capture is not None and events:
             self._capture.record(*events)
-        for watcher in self._watchers:
-            for event in events:
-                watcher.push(event)
+
+    def _tell(self, watcher: Watcher, events: Sequence[Event]) -> None:
+        for event in events:
+            self.dropped += not watcher.push(event)
 
     def past(self, *place: str) -> Past:
         """Return what has been remembered of a place: a fibre's direction and a noise model."""
         return self._pasts.setdefault(place, Past(self._depth))
 
     @contextmanager
-    def watching(self, node: str, session: int, remembered: bool) -> Iterator[Watcher]:
+    def watching(
+        self, node: str, session: int, remembered: bool, per_qubit: bool = False
+    ) -> Iterator[Watcher]:
         """Give a watcher of new events, after those still remembered if these are wanted."""
-        watcher = Watcher(node, session)
+        watcher = Watcher(node, session, per_qubit)
         for event in self._events if remembered else ():
             watcher.push(event)
         self._watchers.add(watcher)

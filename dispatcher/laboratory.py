@@ -8,11 +8,13 @@ Every request takes the way that a host's takes, checks included; only sockets a
 missing: the clock jumps to whatever is waited for.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dispatcher.calls.acts import Act, acts
+from dispatcher.gathering import Gathering
 from dispatcher.light.transport import Transport
 from dispatcher.measurements import Measurements
 from dispatcher.operations import Operations
@@ -30,8 +32,10 @@ from wire.dispatcher_pb2 import (
     DiscardRequest,
     Feedback,
     Gate,
+    GatherRequest,
     Launch,
     MeasureRequest,
+    Pick,
     ReceiveRequest,
     SendRequest,
     StoreRequest,
@@ -52,6 +56,7 @@ Request = (
     | BellMeasureRequest
     | StoreRequest
     | DiscardRequest
+    | GatherRequest
 )
 
 
@@ -81,7 +86,8 @@ class Laboratory:
         self.switching = Switching(self.layer)
         self._errors: list[BaseException] = []
         transport = Transport(self.layer, self._errors.append)
-        self._acts = acts(Operations(self.layer), Measurements(self.layer), transport)
+        operations, measurements = Operations(self.layer), Measurements(self.layer)
+        self._acts = acts(operations, measurements, transport, Gathering(self.layer))
 
     def host(self, name: str) -> "LaboratoryHost":
         """Return the host of this name; it need not have fibres."""
@@ -117,6 +123,17 @@ class LaboratoryHost:
     ) -> Feedback:
         """Make a block of `count` Bell pairs, or of qubits in |0>."""
         request = CreateRequest(session=SESSION, number=number, count=count, state=state)
+        return await self._act("create", request)
+
+    async def prepare(self, states: Bytes, number: int = 0) -> Feedback:
+        """Make a block of photons in these states (dispatcher.devices.preparation.STATES)."""
+        request = CreateRequest(
+            session=SESSION,
+            number=number,
+            count=states.size,
+            state=CreateRequest.PREPARED,
+            states=states.tobytes(),
+        )
         return await self._act("create", request)
 
     async def apply(
@@ -167,6 +184,17 @@ class LaboratoryHost:
     async def discard(self, block: BlockKey) -> Feedback:
         """Discard a block."""
         return await self._act("discard", DiscardRequest(block=block_id(block)))
+
+    async def gather(
+        self,
+        into: BlockKey,
+        picks: Mapping[BlockKey, NDArray[np.integer]],
+        keep_rest: bool = False,
+    ) -> Feedback:
+        """Make a block of photons of others, by their positions; keep or let go of the rest."""
+        every = [Pick(block=block_id(block), photons=at.tolist()) for block, at in picks.items()]
+        request = GatherRequest(into=block_id(into), picks=every, keep_rest=keep_rest)
+        return await self._act("gather", request)
 
     async def _act(self, operation: str, request: Request) -> Feedback:
         return await self._laboratory.act(self.name, operation, request)

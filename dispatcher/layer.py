@@ -1,6 +1,6 @@
 """The physical layer as the operations share it: state, place, time and record."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,7 +14,7 @@ from dispatcher.ownership import Block, BlockName, Ownership
 from dispatcher.replaying.journal import Journal
 from dispatcher.sabot.draws import Draws
 from dispatcher.sabot.simulation import Simulation
-from wire.dispatcher_pb2 import BlockId, Event, Feedback
+from wire.dispatcher_pb2 import BlockId, Event, Feedback, HeldBlock
 
 
 @dataclass
@@ -42,8 +42,12 @@ class PhysicalLayer:
         port: str = "",
         detail: str = "",
         time_ns: int = 0,
+        each: Callable[[int], str] | None = None,
     ) -> None:
-        """Record an event; it happened now unless a time is given."""
+        """Record an event; it happened now unless a time is given.
+
+        `each` says of a photon, by its position, what `detail` says of all.
+        """
         event = Event(node=node, kind=kind, port=port, detail=detail)
         event.time_ns = time_ns or self.clock.now_ns()
         if block is not None:
@@ -51,6 +55,8 @@ class PhysicalLayer:
             event.photons = block.register.size
             event.lost = block.register.size - block.register.remaining
         self.history.record(event)
+        if block is not None and (wanted := self.history.photons_wanted):
+            self.history.record_photons(_photons(event, block, wanted, each))
 
     def feedback(self, block: Block, *others: Block) -> Feedback:
         """Return the feedback that is common to all operations on a block, with others if any."""
@@ -83,12 +89,36 @@ class PhysicalLayer:
                 self.photons_lost += before - block.register.remaining
                 self.record(block.node, "recall", block, detail=detail)
 
+    def held(self, block: Block) -> HeldBlock:
+        """Return where a block is and what is left of it."""
+        return HeldBlock(
+            block=block_id(block.name),
+            port=block.port,
+            photons=block.register.remaining,
+            stored=self.memories.holds(block),
+        )
+
     def drop(self, block: Block) -> None:
         """Discard a block whatever its state."""
         self.memories.forget(block)
-        draws = self.draws.photons(block.name, "discard", block.register.size)
+        purpose = block.draws_for("discard")
+        draws = self.draws.photons(block.name, purpose, block.register.size)
         self.sabot.drop(block.register, draws)
         self.ownership.remove(block)
+
+
+def _photons(
+    event: Event, block: Block, wanted: int, each: Callable[[int], str] | None
+) -> list[Event]:
+    """Return the event once for each of the first photons of its block."""
+    events = []
+    for position, present in enumerate(block.register.present[:wanted].tolist()):
+        photon = Event()
+        photon.CopyFrom(event)
+        photon.photon, photon.photons, photon.lost = position + 1, 1, int(not present)
+        photon.detail = each(position) if each is not None else ""
+        events.append(photon)
+    return events
 
 
 def block_id(name: BlockName) -> BlockId:

@@ -1,5 +1,7 @@
 """What a node measures of blocks it holds: first their states, then what its detectors tell."""
 
+from functools import partial
+
 import numpy as np
 
 from dispatcher.calls import limits
@@ -11,6 +13,7 @@ from dispatcher.light import drift
 from dispatcher.operations import require_pairs
 from dispatcher.ownership import Block, BlockName
 from dispatcher.refusal import invalid
+from dispatcher.sabot.backend import Bytes
 from dispatcher.sabot.draws import PhotonDraws
 from dispatcher.sabot.manager import NO_CLICK
 from dispatcher.sabot.room import GateStep
@@ -43,11 +46,13 @@ class Measurements:
         feedback = layer.feedback(block)
         bits = layer.sabot.measure(block.register, values, self._draws(block))
         layer.ownership.remove(block)
-        chance = Chance(layer.draws, block.name, f"detectors of {node}", size)
+        place = block.draws_for(f"detectors of {node}")
+        chance = Chance(layer.draws, block.name, place, size)
         detectors = layer.devices.detectors(node, "measure")
         found = detectors.detect(bits, block.pulses.extras, _train(block), chance)
         told = f"{tally(values, BASES)}: {tally(found.bits, ('0', '1'))}"
-        layer.record(node, "measure", block, detail=told + _listed(found.incidents()))
+        each = partial(_outcome, found.bits, ("0", "1"))
+        layer.record(node, "measure", block, detail=told + _listed(found.incidents()), each=each)
         feedback.clicks, feedback.outcomes = found.clicks, found.bits.tobytes()
         return feedback
 
@@ -69,10 +74,12 @@ class Measurements:
         feedback.exact = layer.count_exact((first, second))
         for block in (first, second):
             layer.ownership.remove(block)
-        chance = Chance(layer.draws, first.name, f"analyser of {node}", first.register.size)
+        place = first.draws_for(f"analyser of {node}")
+        chance = Chance(layer.draws, first.name, place, first.register.size)
         found = self._analyser(node).analyse(states, halves, chance)
         told = f"with {second.name.number}/{second.name.half}: {tally(found.outcomes, BELL_STATES)}"
-        layer.record(node, "bell-measure", first, detail=told + _listed(found.incidents))
+        each = partial(_outcome, found.outcomes, BELL_STATES)
+        layer.record(node, "bell-measure", first, detail=told + _listed(found.incidents), each=each)
         feedback.clicks = found.clicks
         feedback.coincidences = int(np.count_nonzero(found.outcomes != NO_CLICK))
         feedback.outcomes = found.outcomes.tobytes()
@@ -84,7 +91,14 @@ class Measurements:
         return Analyser(devices.of(node), arms)
 
     def _draws(self, block: Block) -> PhotonDraws:
-        return self._layer.draws.photons(block.name, "measure", block.register.size)
+        purpose = block.draws_for("measure")
+        return self._layer.draws.photons(block.name, purpose, block.register.size)
+
+
+def _outcome(found: Bytes, names: tuple[str, ...], position: int) -> str:
+    """Return what was found of one photon or pair."""
+    outcome = int(found[position])
+    return "no click" if outcome == NO_CLICK else names[outcome]
 
 
 def _train(block: Block) -> Train:

@@ -4,14 +4,16 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import grpc
+import numpy as np
 
 from dispatcher.calls import limits
+from dispatcher.devices import preparation
 from dispatcher.devices.emission import emit_into
 from dispatcher.layer import PhysicalLayer, block_name, tally
 from dispatcher.light import drift
 from dispatcher.ownership import Block, BlockName
 from dispatcher.refusal import Refusal, exhausted, invalid
-from dispatcher.sabot.backend import GateName
+from dispatcher.sabot.backend import Bytes, GateName
 from dispatcher.sabot.gates import ROTATIONS, TWO_QUBIT_GATES
 from dispatcher.sabot.registers import Register
 from dispatcher.sabot.room import GateStep
@@ -31,7 +33,12 @@ GATES: dict[int, GateName] = {
     Gate.RY: "RY",
     Gate.RZ: "RZ",
 }
-STATES = {CreateRequest.BELL_PAIRS: ("Bell pairs", 2), CreateRequest.ZEROS: ("zeros", 1)}
+STATES = {
+    CreateRequest.BELL_PAIRS: ("Bell pairs", 2),
+    CreateRequest.ZEROS: ("zeros", 1),
+    CreateRequest.PREPARED: ("prepared", 1),
+}
+STATE_NAMES = [CreateRequest.State.Name(state) for state in STATES]
 
 
 class PlannedGate(NamedTuple):
@@ -74,18 +81,15 @@ class Operations:
         self.pairs_created = 0
 
     def create(self, node: str, request: CreateRequest) -> Feedback:
-        """Make a block of Bell pairs or of zeros at the node."""
+        """Make a block of Bell pairs or of photons in given states at the node."""
         layer = self._layer
         if request.state not in STATES:
-            raise invalid(f"state {request.state} is unknown; use BELL_PAIRS or ZEROS")
+            raise invalid(f"state {request.state} is unknown; use {', '.join(STATE_NAMES)}")
         text, halves = STATES[request.state]
         names = [BlockName(request.session, request.number, half) for half in range(halves)]
         self._require_room(names, request.count)
-        registers: Sequence[Register] = (
-            [layer.sabot.zeros(request.count)]
-            if halves == 1
-            else (layer.sabot.bell_pairs(request.count))
-        )
+        states = limits.states(request)
+        registers = self._make(request, states)
         now_ns = layer.clock.now_ns()
         blocks = [
             Block(name, register, node, first_ns=now_ns, last_ns=now_ns, start_ns=now_ns)
@@ -97,8 +101,20 @@ class Operations:
             pairs, told = emit_into(blocks[0], blocks[1], layer)
             self.pairs_created += pairs
             text += told
-        layer.record(node, "create", blocks[0], detail=text)
+        if states is not None:
+            text += f": {tally(states, preparation.STATES)}"
+        each = None if states is None else lambda position: preparation.STATES[states[position]]
+        layer.record(node, "create", blocks[0], detail=text, each=each)
         return layer.feedback(blocks[0])
+
+    def _make(self, request: CreateRequest, states: Bytes | None) -> Sequence[Register]:
+        """Return new registers, one for each half."""
+        sabot = self._layer.sabot
+        if states is not None:
+            return [preparation.prepare(sabot, states)]
+        if request.state == CreateRequest.ZEROS:
+            return [sabot.zeros(request.count)]
+        return sabot.bell_pairs(request.count)
 
     def apply(self, node: str, name: BlockName, paulis: bytes, gates: Sequence[Gate]) -> Feedback:
         """Apply a Pauli to each photon, then gates to all of them."""
@@ -119,7 +135,8 @@ class Operations:
             step = gate.step
             layer.sabot.gate(step.name, block.register, step.target, step.angle_rad)
             gate.spread_approximation(block)
-        layer.record(node, "apply", block, detail=" ".join(details))
+        each = None if values is None else lambda position: PAULIS[values[position]]
+        layer.record(node, "apply", block, detail=" ".join(details), each=each)
         return layer.feedback(block)
 
     def store(self, node: str, name: BlockName) -> Feedback:
@@ -127,7 +144,9 @@ class Operations:
         block = self._layer.ownership.require(name, node)
         self._layer.memories.store(block)
         self._layer.record(node, "store", block)
-        return self._layer.feedback(block)
+        feedback = self._layer.feedback(block)
+        feedback.arrived = block.register.present.astype(np.uint8).tobytes()
+        return feedback
 
     def discard(self, node: str, name: BlockName) -> Feedback:
         """Discard a block, also one that waits at a port of the node."""

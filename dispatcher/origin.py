@@ -31,7 +31,7 @@ def told(node: str, kind: str, request: Any) -> str:
     act = f"{node}: {kind.replace('_', ' ')}"
     if kind == "create":
         return f"{act} block {request.number} of session {request.session:016x}"
-    for field in ("block", "first"):
+    for field in ("block", "first", "into"):
         name = getattr(request, field, None)
         if isinstance(name, BlockId):
             return f"{act} {block_name(name)}"

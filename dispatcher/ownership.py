@@ -55,6 +55,11 @@ class Block:
     source_rate_hz: float = float("inf")  # at most, while they have not left their source
     stored_ns: int = 0  # when the block was put into memory last
     stores: int = 0  # how often that was
+    lineage: str = ""  # which photons have been gathered here, if any: names of random numbers
+
+    def draws_for(self, purpose: str) -> str:
+        """Return a purpose of random numbers that no other photons of this name have."""
+        return f"{self.lineage} {purpose}" if self.lineage else purpose
 
 
 class Ownership:
@@ -66,6 +71,7 @@ class Ownership:
         self._by_session: dict[tuple[str, int], dict[Block, None]] = {}
         self._closed: deque[tuple[str, int]] = deque(maxlen=CLOSED_SESSIONS)
         self.count = 0
+        self.places = 0  # for photons in all blocks, those that are lost included
 
     def close(self, node: str, session: int) -> None:
         """Note that a node wants no more light of a session."""
@@ -81,6 +87,7 @@ class Ownership:
         self._by_name.setdefault(block.name, []).append(block)
         self._by_session.setdefault((block.node, block.name.session), {})[block] = None
         self.count += 1
+        self.places += block.register.size
 
     def remove(self, block: Block) -> None:
         """Forget a block."""
@@ -90,6 +97,7 @@ class Ownership:
             del self._by_name[block.name]
         self._leave(block)
         self.count -= 1
+        self.places -= block.register.size
 
     def move(self, block: Block, node: str, port: str = "") -> None:
         """Bring a block to a port of a node, or to the node itself."""
@@ -128,6 +136,13 @@ class Ownership:
     def of_session(self, node: str, session: int) -> list[Block]:
         """Return all blocks of a session at a node, those at its ports included."""
         return list(self._by_session.get((node, session), ()))
+
+    def at_node(self, node: str) -> list[Block]:
+        """Return all blocks at a node, those at its ports included; none at no node."""
+        if not node:
+            return []
+        places = [place for place in self._by_session if place[0] == node]
+        return [block for place in places for block in self._by_session[place]]
 
     def _leave(self, block: Block) -> None:
         place = (block.node, block.name.session)

@@ -4,8 +4,8 @@ import asyncio
 import logging
 import os
 import signal
-from collections.abc import Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import AsyncIterator, Iterable, Iterator
+from contextlib import ExitStack, asynccontextmanager, contextmanager
 from pathlib import Path
 from typing import TextIO
 
@@ -38,8 +38,10 @@ from wire.service import MESSAGE_LIMITS, cross_connects_socket
 
 MAX_SOCKET_PATH_BYTES = 100
 STOP_GRACE_S = 0.2
+STOP_TIMEOUT_S = 1.0  # behind the grace, for what calls still have to say
 
 log = logging.getLogger("dispatcher")
+_left: list[grpc.aio.Server] = []  # deleting one would wait for the calls that it still has
 
 
 def build_layer(
@@ -66,7 +68,7 @@ def build_layer(
         draws=draws,
         network=Network(config.fibers, config.switches),
         ownership=Ownership(),
-        history=History(config.history_depth, event_log, capture),
+        history=History(config.history_depth, event_log, capture, config.per_qubit),
         devices=devices,
         memories=Memories(devices, clock, sabot, draws),
         max_live_qubits=config.max_live_qubits,
@@ -98,7 +100,29 @@ def open_layer(
 def build_service(config: DispatcherConfig, layer: PhysicalLayer, failed: Failed) -> Service:
     """Return the service for the layer; it calls `failed` with unexpected errors."""
     callers = Callers(config.tokens, layer.network.switches.keys())
-    return Service(layer, callers, failed)
+    if config.metrics_fd is None:
+        return Service(layer, callers, failed)
+    from dispatcher.metrics import MeasuredService
+
+    return MeasuredService(layer, callers, failed)
+
+
+@asynccontextmanager
+async def metrics(config: DispatcherConfig, service: Service) -> AsyncIterator[None]:
+    """Tell Prometheus the service's figures meanwhile, if it has any."""
+    if config.metrics_fd is None:
+        yield
+        return
+    from dispatcher.metrics import MeasuredService
+    from wire.metrics import inherited
+    from wire.metrics_server import serve as serve_metrics
+
+    assert isinstance(service, MeasuredService)
+    endpoint = await serve_metrics(inherited(config.metrics_fd), service.registry)
+    try:
+        yield
+    finally:
+        endpoint.close()
 
 
 class Server:
@@ -124,7 +148,12 @@ class Server:
     async def stop(self, grace_s: float | None) -> None:
         """End all calls, after a while in which those that run may end; remove the sockets."""
         self._cross_connects.stop()
-        await self._grpc.stop(grace_s)
+        try:
+            async with asyncio.timeout((grace_s or 0) + STOP_TIMEOUT_S):
+                await self._grpc.stop(grace_s)
+        except TimeoutError:
+            log.warning("a watcher does not read: its call is left as it is")
+            _left.append(self._grpc)
         for path in self._paths:
             Path(path).unlink(missing_ok=True)
 
@@ -162,16 +191,18 @@ async def serve(config: DispatcherConfig) -> None:
             stack.enter_context(Path(config.event_log).open("a")) if config.event_log else None
         )
         layer = open_layer(config, CaptureClock(), event_log, stack)
-        server = build_server(config, build_service(config, layer, failed))
-        await server.start()
-        for number in (signal.SIGTERM, signal.SIGINT):
-            loop.add_signal_handler(number, stop)
-        log.info("serving on %s and %s, seed %d", config.listen, config.socket, config.seed)
-        print("ready", flush=True)
-        try:
-            await ended
-        finally:
-            await server.stop(STOP_GRACE_S)
+        service = build_service(config, layer, failed)
+        server = build_server(config, service)
+        async with metrics(config, service):
+            await server.start()
+            for number in (signal.SIGTERM, signal.SIGINT):
+                loop.add_signal_handler(number, stop)
+            log.info("serving on %s and %s, seed %d", config.listen, config.socket, config.seed)
+            print("ready", flush=True)
+            try:
+                await ended
+            finally:
+                await server.stop(STOP_GRACE_S)
     log.info("stopped after %d events", layer.history.count)
 
 

@@ -3,104 +3,65 @@
 import asyncio
 import logging
 from collections.abc import Callable, Coroutine
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import Any
 
+from hosts.answering import reply
+from hosts.event_watching import Watch, tell_events
 from hosts.hardware.qnic import HardwareError
+from hosts.incoming import Incoming, failed
 from hosts.middleware.channel import SessionError
 from hosts.middleware.options import SessionOptions
 from hosts.middleware.sender import SendingSession
+from hosts.middleware.services.session import OpeningSession
 from wire.metadata import MalformedPacket, Reason
 from wire.socket_calls import (
     HEADER,
-    MAX_PAYLOAD,
     Call,
     decode_fields,
     decode_header,
-    encode,
     encode_fields,
 )
 
 log = logging.getLogger("applications")
 
 BACKLOG = 8
-ACCEPT_TIMEOUT_S = 5.0
-READ_TIMEOUT_S = 25.0  # the sender waits 30 s for its report
+BYTES = "sdc"  # the service that carries bytes
 
 
-class Incoming:
-    """A connection from another host, waiting for an application and then feeding it."""
+@dataclass(frozen=True)
+class Listening:
+    """An application that waits for connections on a port."""
 
-    def __init__(self, peer: str) -> None:
-        self.peer = peer
-        self._accepted: asyncio.Future[asyncio.StreamWriter] = (
-            asyncio.get_running_loop().create_future()
-        )
-        self._error: BaseException | None = None
-        self.ended = asyncio.Event()
-
-    def accept(self, writer: asyncio.StreamWriter) -> None:
-        """Hand the connection to an application."""
-        if self._error is not None:
-            writer.write(_failed(self._error))
-        else:
-            self._accepted.set_result(writer)
-
-    async def deliver(self, data: bytes) -> None:
-        """Pass bytes to the application; waits while it does not read."""
-        writer = await self._writer()
-        for start in range(0, len(data), MAX_PAYLOAD):
-            writer.write(encode(Call.DATA, data[start : start + MAX_PAYLOAD]))
-            await self._drain(writer)
-
-    async def finish(self, statistics: dict[str, Any]) -> None:
-        """Tell the application that all bytes came and were right."""
-        writer = await self._writer()
-        writer.write(encode_fields(Call.CLOSE, **statistics))
-        await self._drain(writer)
-        self.ended.set()
-
-    async def fail(self, error: BaseException) -> None:
-        """Tell the application, also one that accepts later, that bytes are missing."""
-        self._error = error
-        if self._accepted.done():
-            self._accepted.result().write(_failed(error))
-        self.ended.set()
-
-    async def _writer(self) -> asyncio.StreamWriter:
-        try:
-            async with asyncio.timeout(ACCEPT_TIMEOUT_S):
-                return await asyncio.shield(self._accepted)
-        except TimeoutError as error:
-            raise SessionError(
-                Reason.NO_LISTENER, f"the application did not accept in {ACCEPT_TIMEOUT_S:g} s"
-            ) from error
-
-    async def _drain(self, writer: asyncio.StreamWriter) -> None:
-        try:
-            async with asyncio.timeout(READ_TIMEOUT_S):
-                await writer.drain()
-        except TimeoutError as error:
-            text = f"the receiving application has not read for {READ_TIMEOUT_S:g} s"
-            raise SessionError(Reason.NO_LISTENER, text) from error
-        except ConnectionError as error:
-            raise SessionError(Reason.NO_LISTENER, "the receiving application has ended") from error
+    service: str
+    queue: "asyncio.Queue[Incoming]"
 
 
 class ApplicationsPort:
     """Listening ports and connections of the applications on this host."""
 
-    def __init__(self, connect: Callable[[SessionOptions], SendingSession]) -> None:
-        self._connect = connect
-        self._listening: dict[int, asyncio.Queue[Incoming]] = {}
+    def __init__(
+        self,
+        connect: Callable[[SessionOptions], SendingSession],
+        request: Callable[[dict[str, Any]], OpeningSession],
+        watch: Watch,
+    ) -> None:
+        self._connect, self._request, self._watch = connect, request, watch
+        self._listening: dict[int, Listening] = {}
 
-    def incoming(self, port: int, peer: str) -> Incoming:
+    def incoming(self, port: int, peer: str, service: str = BYTES) -> Incoming:
         """Queue a connection from a host for the application on a port."""
-        queue = self._listening.get(port)
-        if queue is None:
+        listening = self._listening.get(port)
+        if listening is None:
             raise SessionError(
                 Reason.NO_LISTENER, f"no application listens on port {port}; start it first"
             )
+        if listening.service != service:
+            raise SessionError(
+                Reason.NO_LISTENER,
+                f"the application on port {port} takes part in {listening.service}, not {service}",
+            )
+        queue = listening.queue
         for waiting in [queue.get_nowait() for _ in range(queue.qsize())]:
             if not waiting.ended.is_set():  # those that have failed make room
                 queue.put_nowait(waiting)
@@ -116,15 +77,17 @@ class ApplicationsPort:
             call, payload = await _read(reader)
             handlers = {
                 Call.CONNECT: self._serve_sender,
+                Call.REQUEST: self._serve_requester,
                 Call.LISTEN: self._serve_listener,
                 Call.ACCEPT: self._serve_receiver,
+                Call.WATCH: self._serve_watcher,
             }
             if call not in handlers:
                 raise SessionError(Reason.PROTOCOL, f"{call.name} on a socket that is not open")
             await handlers[call](decode_fields(payload), reader, writer)
         except (SessionError, HardwareError, MalformedPacket) as error:
             log.warning("%s", error)
-            writer.write(_failed(error))
+            writer.write(failed(error))
         except (asyncio.IncompleteReadError, ConnectionError):
             log.info("an application closed its socket")
         finally:
@@ -151,10 +114,40 @@ class ApplicationsPort:
                 await _unless_gone(session.send(payload), coming)
         except (SessionError, HardwareError) as error:
             log.warning("%s", error)
-            writer.write(_failed(error, **asdict(session.statistics)))
+            writer.write(failed(error, **asdict(session.statistics)))
         finally:
             await _end(coming)
             await session.close()
+
+    async def _serve_requester(
+        self, fields: dict[str, Any], reader: asyncio.StreamReader, writer: asyncio.StreamWriter
+    ) -> None:
+        async def tell(**result: Any) -> None:
+            writer.write(encode_fields(Call.RESULT, **result))
+            await writer.drain()
+
+        session = self._request(fields)
+        coming = asyncio.create_task(_read(reader))
+        try:
+            await _unless_gone(session.run(tell), coming)
+            if session.answer is not None:
+                writer.write(encode_fields(Call.DONE, **session.summary))
+                await _answer_until_closed(session, coming, reader, writer)
+            await session.finish()
+            writer.write(encode_fields(Call.CLOSE, **session.summary))
+        finally:
+            await _end(coming)
+            await session.close()
+
+    async def _serve_watcher(
+        self, fields: dict[str, Any], reader: asyncio.StreamReader, writer: asyncio.StreamWriter
+    ) -> None:
+        watching = tell_events(self._watch, fields, writer)
+        coming = asyncio.create_task(_read(reader))
+        try:
+            await _unless_gone(watching, coming)
+        finally:
+            await _end(coming)
 
     async def _serve_listener(
         self, fields: dict[str, Any], reader: asyncio.StreamReader, writer: asyncio.StreamWriter
@@ -162,7 +155,8 @@ class ApplicationsPort:
         port = _port(fields)
         if port in self._listening:
             raise SessionError(Reason.BUSY, f"port {port} is taken by another application")
-        self._listening[port] = asyncio.Queue(BACKLOG)
+        service = fields.get("service", BYTES)
+        self._listening[port] = Listening(service, asyncio.Queue(BACKLOG))
         try:
             writer.write(encode_fields(Call.DONE))
             await _closed(reader)
@@ -176,16 +170,16 @@ class ApplicationsPort:
         if port not in self._listening:
             raise SessionError(Reason.NO_LISTENER, f"accept on port {port}, which does not listen")
         gone = asyncio.create_task(_closed(reader))
-        arrival = asyncio.create_task(self._listening[port].get())
+        arrival = asyncio.create_task(self._listening[port].queue.get())
         await asyncio.wait([gone, arrival], return_when=asyncio.FIRST_COMPLETED)
         if not arrival.done():
             arrival.cancel()
             return
         connection = arrival.result()
         writer.write(encode_fields(Call.DONE, peer=connection.peer))
+        await _end(gone)
         connection.accept(writer)
-        await connection.ended.wait()
-        gone.cancel()
+        await _listen_to(connection, reader, writer)
 
 
 async def _read(reader: asyncio.StreamReader) -> tuple[Call, bytes]:
@@ -205,6 +199,57 @@ async def _unless_gone(work: Coroutine[Any, Any, None], coming: asyncio.Task[Any
         await _end(doing)
 
 
+async def _answer_until_closed(
+    session: OpeningSession,
+    coming: asyncio.Task[tuple[Call, bytes]],
+    reader: asyncio.StreamReader,
+    writer: asyncio.StreamWriter,
+) -> None:
+    """Answer the application until it closes; raise SessionError if the other end is lost."""
+    lost = asyncio.create_task(session.lost())
+    try:
+        while True:
+            await asyncio.wait([lost, coming], return_when=asyncio.FIRST_COMPLETED)
+            if lost.done():
+                return lost.result()
+            call, question = await coming
+            if call == Call.CLOSE:
+                return None
+            if call != Call.ASK:
+                raise SessionError(Reason.PROTOCOL, f"{call.name} while pairs are held")
+            writer.write(await reply(session.answer, question))
+            await writer.drain()
+            coming = asyncio.create_task(_read(reader))
+    except (asyncio.IncompleteReadError, ConnectionError):
+        return None
+    finally:
+        await _end(lost)
+        await _end(coming)
+
+
+async def _listen_to(
+    connection: Incoming, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
+) -> None:
+    """Answer the application until its connection ends; what else it says is nothing to us."""
+    ended = asyncio.create_task(connection.ended.wait())
+    try:
+        while not ended.done():
+            coming = asyncio.create_task(_read(reader))
+            await asyncio.wait([ended, coming], return_when=asyncio.FIRST_COMPLETED)
+            if not coming.done():
+                await _end(coming)
+                return
+            call, question = coming.result()
+            if call == Call.ASK:
+                writer.write(await reply(connection.answer, question))
+                await writer.drain()
+    except (asyncio.IncompleteReadError, ConnectionError):
+        connection.left = connection.answer is not None
+        await ended
+    finally:
+        await _end(ended)
+
+
 async def _end(task: asyncio.Task[Any]) -> None:
     """Cancel a task unless it is done; what becomes of it matters no more."""
     task.cancel()
@@ -222,8 +267,3 @@ def _port(fields: dict[str, Any]) -> int:
     if not isinstance(port, int) or not 0 < port < 65_536:
         raise SessionError(Reason.UNSUPPORTED, f"port {port!r}: choose 1 to 65535")
     return port
-
-
-def _failed(error: BaseException, **statistics: int) -> bytes:
-    reason = error.reason if isinstance(error, SessionError) else Reason.HARDWARE
-    return encode_fields(Call.FAILED, reason=reason, text=str(error), **statistics)

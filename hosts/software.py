@@ -8,35 +8,24 @@ The application needs to know nothing of qubits (paper, section "Host Nodes"):
         quantum_socket.shutdown()
 """
 
-import os
-import socket
+from collections.abc import Iterator
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
-from wire.metadata import Reason
-from wire.socket_calls import (
-    HEADER,
-    MAX_PAYLOAD,
-    Call,
-    decode_fields,
-    decode_header,
-    encode,
-    encode_fields,
+from hosts.stack_socket import (
+    STACK_VARIABLE,
+    QuantumSocketError,
+    StackEnded,
+    StackSocket,
 )
+from wire.dispatcher_pb2 import Event
+from wire.events import decode_record
+from wire.socket_calls import MAX_PAYLOAD, Call, decode_fields, encode, encode_fields
 
-STACK_VARIABLE = "QMN_STACK"
-
-
-class QuantumSocketError(ConnectionError):
-    """The connection could not be made or was lost; nothing wrong was delivered."""
-
-    def __init__(self, text: str, reason: Reason = Reason.PROTOCOL) -> None:
-        super().__init__(text)
-        self.reason = reason
+__all__ = ["STACK_VARIABLE", "QuantumSocket", "QuantumSocketError", "StackEnded"]
 
 
-class QuantumSocket:
+class QuantumSocket(StackSocket):
     """One end of a connection over light; the end that connects sends, the other receives.
 
     It belongs to the host whose stack listens at the given path; on a host of an emulated
@@ -44,30 +33,9 @@ class QuantumSocket:
     """
 
     def __init__(self, stack: Path | str | None = None) -> None:
-        self._stack = str(stack or os.environ.get(STACK_VARIABLE, ""))
-        self._socket = self._open()
-        self._listening_port = 0
+        super().__init__(stack)
         self._buffer = b""
         self._ended = False
-        self._broken = False
-        self.statistics: dict[str, Any] = {}
-
-    def _open(self) -> socket.socket:
-        if not self._stack:
-            raise QuantumSocketError(f"which host? name its stack, or set {STACK_VARIABLE}")
-        connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        try:
-            connection.connect(self._stack)
-        except OSError as error:
-            connection.close()
-            raise QuantumSocketError(
-                f"no host stack answers at {self._stack} ({error.strerror}); is the network up?"
-            ) from error
-        return connection
-
-    def settimeout(self, seconds: float | None) -> None:
-        """Let every later call raise TimeoutError after this time; None waits for ever."""
-        self._socket.settimeout(seconds)
 
     def connect(self, address: tuple[str, int], **options: Any) -> None:
         """Connect to a listening application on a host.
@@ -79,24 +47,6 @@ class QuantumSocket:
         host, port = address
         self._socket.sendall(encode_fields(Call.CONNECT, host=host, port=port, **options))
         self.statistics = self._done()
-
-    def listen(self, port: int) -> None:
-        """Let other hosts connect to this port, until close."""
-        self._socket.sendall(encode_fields(Call.LISTEN, port=port))
-        self._done()
-        self._listening_port = port
-
-    def accept(self) -> tuple["QuantumSocket", str]:
-        """Wait for the next connection; return its socket and the address of the peer."""
-        accepted = QuantumSocket(self._stack)
-        try:
-            accepted.settimeout(self._socket.gettimeout())
-            accepted._socket.sendall(encode_fields(Call.ACCEPT, port=self._listening_port))
-            accepted.statistics = accepted._done()
-        except BaseException:
-            accepted._socket.close()
-            raise
-        return accepted, accepted.statistics["peer"]
 
     def sendall(self, data: bytes) -> None:
         """Send all of data; return when the other end's stack holds every byte of it."""
@@ -122,51 +72,15 @@ class QuantumSocket:
         self._socket.sendall(encode(Call.CLOSE))
         self.statistics = self._done()
 
-    def close(self) -> None:
-        """Close; without shutdown before it the other end learns that bytes may be missing."""
-        self._socket.close()
+    def watch(self, session: int = 0, history: bool = False) -> Iterator[Event]:
+        """Yield what happens to qubits at this host; of one session unless it is 0.
 
-    def _done(self) -> dict[str, Any]:
-        call, payload = self._read()
-        if call != Call.DONE:
-            raise QuantumSocketError(f"the stack answered {call.name}")
-        return decode_fields(payload)
-
-    def _read(self) -> tuple[Call, bytes]:
-        """Read one message; after a time-out in the middle of one there is no going on."""
-        if self._broken:
-            raise QuantumSocketError("an earlier call on this socket failed; make a new one")
-        self._broken = True
-        call, payload = self._read_whole()
-        self._broken = False
-        return call, payload
-
-    def _read_whole(self) -> tuple[Call, bytes]:
-        call, length = decode_header(self._exactly(HEADER.size))
-        payload = self._exactly(length)
-        if call == Call.FAILED:
-            fields = decode_fields(payload)
-            text, reason = fields.pop("text"), Reason(fields.pop("reason"))
-            self.statistics = fields or self.statistics
-            raise QuantumSocketError(text, reason)
-        return call, payload
-
-    def _exactly(self, size: int) -> bytes:
-        parts = bytearray()
-        while len(parts) < size:
-            part = self._socket.recv(size - len(parts))
-            if not part:
-                raise QuantumSocketError("the host's stack has ended")
-            parts += part
-        return bytes(parts)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
+        History: begin with what is remembered. Raise StackEnded when the network ends.
+        """
+        self._socket.sendall(encode_fields(Call.WATCH, session=session, history=history))
+        self._done()
+        while True:
+            call, payload = self._read()
+            if call != Call.EVENT:
+                raise QuantumSocketError(f"the stack answered {call.name} to watch")
+            yield decode_record(payload)

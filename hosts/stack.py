@@ -8,15 +8,23 @@ import asyncio
 import logging
 from collections.abc import Awaitable, Callable
 from hashlib import blake2b
+from typing import Any
 
-from hosts.applications_port import ApplicationsPort, Incoming
+import numpy as np
+
+from hosts.applications_port import ApplicationsPort
 from hosts.hardware.ports import read_ports
 from hosts.hardware.qnic import HardwareError, Qnic
+from hosts.incoming import Incoming
+from hosts.middleware.arrangement import Arrangement
 from hosts.middleware.channel import ANSWER_TIMEOUT_S, MetadataChannel, SessionError
 from hosts.middleware.device import Device
 from hosts.middleware.options import HANDSHAKES, SessionOptions
+from hosts.middleware.qkd.keyring import Keyring
 from hosts.middleware.receiver import ReceivingSession
 from hosts.middleware.sender import SendingSession
+from hosts.middleware.services import KINDS, NAMES
+from hosts.middleware.services.session import AcceptingSession, OpeningSession, draws_of
 from hosts.middleware.source import serve_pairs
 from wire.config import HostConfig
 from wire.metadata import FEC_NAMES, Answer, Handshake, Reason, Service, Setup, Verdict
@@ -32,10 +40,12 @@ class Stack:
     def __init__(self, config: HostConfig, qnic: Qnic) -> None:
         self._config = config
         self._qnic = qnic
+        self._keyring = Keyring(config.name, config.pair_secrets, config.keys)
         self._sessions_made = 0
         self._receiving: dict[int, ReceivingSession] = {}
+        self._accepting: set[int] = set()
         self.device = Device(lambda: read_ports(config.qnics))
-        self.applications = ApplicationsPort(self.connect)
+        self.applications = ApplicationsPort(self.connect, self.request, qnic.watch)
 
     def connect(self, options: SessionOptions) -> SendingSession:
         """Prepare a session to a host; raise SessionError if the names are not known."""
@@ -54,6 +64,42 @@ class Stack:
         )
         setup = self.device.override(setup)
         return self.device.sends(SendingSession(self._qnic, setup, peer, self._config.source))
+
+    def request(self, fields: dict[str, Any]) -> OpeningSession:
+        """Prepare a session of a service; raise SessionError for what cannot be asked."""
+        name = fields.pop("service", None)
+        kind = NAMES.get(name) if isinstance(name, str) else None
+        if kind is None:
+            text = f"unknown service {name!r}: choose one of {', '.join(sorted(NAMES))}"
+            raise SessionError(Reason.UNSUPPORTED, text)
+        options = kind.options.from_fields(fields)
+        peer = self._peer(options.host)
+        setup = Setup(
+            session=self._new_session(),
+            service=kind.service,
+            handshake=Handshake.FRAMED,
+            source=self._peer(self._config.source)[1],
+            pairs=options.block_pairs,
+            frame_bytes=1,
+            rate_hz=options.rate_hz,
+            port=options.port,
+            fidelity_ppm=options.fidelity_ppm,
+        )
+        setup = self.device.override(setup)
+        arrangement = Arrangement(setup, peer, self._config.source)
+        return OpeningSession(
+            kind,
+            options,
+            self._qnic,
+            arrangement,
+            setup,
+            self._config.analyser,
+            self._draws(setup),
+            self._keyring,
+        )
+
+    def _draws(self, setup: Setup) -> np.random.Generator:
+        return draws_of(self._config.seed, self._config.name, setup.session)
 
     async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Serve one connection on the quantum-metadata port."""
@@ -76,6 +122,12 @@ class Stack:
             raise SessionError(Reason(setup.reason) if refused else Reason.NOT_ARBITRATED)
         if setup.service == Service.PAIR_SOURCE:
             return self._emit_pairs
+        if setup.service in KINDS:
+            return self._accept
+        if setup.service != Service.SDC:
+            raise SessionError(
+                Reason.UNSUPPORTED, f"this host does not offer {Service(setup.service).name}"
+            )
         if setup.handshake == Handshake.ONE_PAIR:
             return self._receive_pair
         return self._receive
@@ -101,6 +153,31 @@ class Stack:
             await self._deliver(session, incoming)
         finally:
             del self._receiving[setup.session]
+            await session.close()
+
+    async def _accept(self, channel: MetadataChannel, setup: Setup) -> None:
+        service = Service(setup.service)
+        draws = self._draws(setup)
+        analyser = self._config.analyser
+        session = AcceptingSession(
+            KINDS[service], self._qnic, channel, setup, analyser, draws, self._keyring
+        )
+        if setup.session in self._accepting or len(self._accepting) >= MAX_SESSIONS:
+            raise SessionError(Reason.BUSY)
+        incoming = self.applications.incoming(setup.port, channel.peer, service.name.lower())
+        self._accepting.add(setup.session)
+        try:
+            with self.device.serves(setup):
+                await session.run(incoming.tell)
+                if session.answer is not None:
+                    await incoming.ready(session.summary, session.answer)
+                await session.finish()
+            await incoming.finish(session.summary)
+        except BaseException as error:  # whatever it is, the application must hear of it
+            await incoming.fail(error)
+            raise
+        finally:
+            self._accepting.discard(setup.session)
             await session.close()
 
     async def _deliver(self, session: ReceivingSession, incoming: Incoming) -> None:

@@ -13,6 +13,7 @@ from qmn import (  # noqa: E402
     calibrate,
     classical,
     clean,
+    cli,
     curves,
     devices,
     doctor,
@@ -20,6 +21,7 @@ from qmn import (  # noqa: E402
     paths,
     policy,
     replay,
+    report,
     run,
     sabot,
     set,  # noqa: A004
@@ -30,6 +32,7 @@ from qmn import (  # noqa: E402
 
 VERBS = (
     run,
+    cli,
     sweep,
     curves,
     devices,
@@ -43,6 +46,7 @@ VERBS = (
     classical,
     sabot,
     replay,
+    report,
     doctor,
     clean,
     bench,

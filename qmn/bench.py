@@ -14,8 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from hosts.software import QuantumSocket
+from qmn.measure.key_rates import key_figures
 from qmn.measure.live_pairs import BLOCK_PAIRS, cost_by_live_pairs
 from qmn.measure.measurement import seconds_of
+from qmn.measure.overhead import overhead_figures
 from qmn.measure.path_figures import path_figures
 from qmn.measure.physical_layer import physical_layer_figures
 from qmn.measure.sabot_speed import sabot_speed
@@ -47,7 +49,11 @@ def call(arguments: argparse.Namespace) -> int:
         with Signals() as signals, tempfile.TemporaryDirectory(prefix="qmn-bench-") as folder:
             for name, figure in chain(sabot_speed(), physical_layer_figures()):
                 show(name, figure)
+            for name, figure in overhead_figures(Path(folder), signals):
+                show(name, figure)
             run(Path(folder), arguments.pairs, signals)
+            for name, figure in key_figures(Path(folder), signals):
+                show(name, figure)
             for name, figure in path_figures(Path(folder), arguments.setups, signals):
                 show(name, figure)
     except Interrupted as error:

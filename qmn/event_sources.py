@@ -1,5 +1,6 @@
 """Where quantum events come from: the dispatcher of a running network, or the file of a run."""
 
+import os
 import time
 from collections.abc import Collection, Iterator
 from pathlib import Path
@@ -7,6 +8,8 @@ from typing import TypeVar
 
 import grpc
 
+from hosts.software import QuantumSocket, QuantumSocketError, StackEnded
+from qmn.unread_events import Unread
 from topologies.programs import NetworkError
 from wire.config import DispatcherConfig
 from wire.dispatcher_pb2 import Event, WatchRequest
@@ -22,18 +25,12 @@ RESULT = "result.json"  # written when a run has ended
 ENDED = (grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.CANCELLED)
 
 
-def attached(
-    config: DispatcherConfig,
-    nodes: Collection[str] | None,
-    sessions: Collection[int] | None,
-    history: bool,
-) -> Iterator[Event]:
+def attached(config: DispatcherConfig, request: WatchRequest) -> Iterator[Event]:
     """Yield events as they happen, until the network ends.
 
-    One node or session is asked for, several are left to the caller to choose from. The
-    dispatcher keeps a bounded number for a slow reader and says how many it has dropped.
+    The dispatcher keeps a bounded number for a slow reader and says how many it has dropped; those
+    that it still keeps when it ends are counted as dropped, too.
     """
-    request = WatchRequest(node=_single(nodes, ""), session=_single(sessions, 0), history=history)
     with grpc.insecure_channel(f"unix:{config.socket}", options=CHANNEL_OPTIONS) as channel:
         try:
             grpc.channel_ready_future(channel).result(CONNECT_TIMEOUT_S)
@@ -44,13 +41,32 @@ def attached(
             ) from error
         stub = DispatcherStub(channel)  # type: ignore[no-untyped-call]
         stream = stub.Watch(request, metadata=metadata(config.tokens[RUNNER]))
-        try:
-            yield from stream
-        except grpc.RpcError as error:
-            if error.code() not in ENDED:
-                raise NetworkError(f"the dispatcher ended it: {error.details()}") from error
-        finally:
-            stream.cancel()
+        with Unread(Path(config.event_capture or os.devnull), request, time.time_ns()) as unread:
+            try:
+                for event in stream:
+                    unread.read(event)
+                    yield event
+            except grpc.RpcError as error:
+                if error.code() not in ENDED:
+                    raise NetworkError(f"the dispatcher ended it: {error.details()}") from error
+                yield from filter(None, [unread.end()])
+            finally:
+                stream.cancel()
+
+
+def through_stack(stack: str, session: int, history: bool) -> Iterator[Event]:
+    """Yield what happens at one host, as its stack tells an application, until the network ends.
+
+    Events that the dispatcher still keeps for a slow reader then are lost, and not counted:
+    a host cannot read the file of the run.
+    """
+    try:
+        with QuantumSocket(stack) as quantum_socket:
+            yield from quantum_socket.watch(session, history)
+    except StackEnded:
+        return
+    except QuantumSocketError as error:
+        raise NetworkError(str(error)) from error
 
 
 def recorded(file: Path, follow: bool) -> Iterator[Event]:
@@ -68,5 +84,6 @@ def recorded(file: Path, follow: bool) -> Iterator[Event]:
             time.sleep(POLL_S)
 
 
-def _single(wanted: Collection[T] | None, every: T) -> T:
+def single(wanted: Collection[T] | None, every: T) -> T:
+    """Return what is wanted if it is one thing alone."""
     return next(iter(wanted)) if wanted and len(wanted) == 1 else every

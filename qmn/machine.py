@@ -4,11 +4,14 @@ Kernel features are tried in a network namespace of their own, which ends with t
 """
 
 import os
+import re
 import shutil
 import socket
 import subprocess
+import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
+from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -21,7 +24,6 @@ from topologies.runtime import OPENFLOW_PORT, RUNTIME_ROOT
 WORKS, LIMITED, FAILS, UNCHECKED = "works", "limited", "fails", "unchecked"
 TRY_TIMEOUT_S = 15.0
 NAMES_OF_DEMO = ("s1", "q1")
-PYTHON_PACKAGES = ("mininet", "grpc", "numpy", "ryu", "os_ken", "scapy", "rich")
 SETUP = "run `make setup`"
 SUDO = "run it with sudo"
 
@@ -118,11 +120,23 @@ def packages() -> Finding:
 
 
 def python_packages() -> Finding:
-    """What the programs import."""
-    missing = [name for name in PYTHON_PACKAGES if find_spec(name) is None]
+    """What the programs import: Mininet, of Debian, and what pyproject.toml lists."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    wanted = [re.split(r"[^\w.-]", each)[0] for each in project["dependencies"]]
+    missing = [] if find_spec("mininet") else ["mininet"]
+    missing += [name for name in wanted if not _installed(name)]
     if missing:
         return Finding("Python packages", FAILS, f"missing: {', '.join(missing)}", SETUP)
-    return Finding("Python packages", WORKS, ", ".join(PYTHON_PACKAGES))
+    found = f"mininet and {len(wanted)} of pyproject.toml are installed"
+    return Finding("Python packages", WORKS, found)
+
+
+def _installed(distribution: str) -> bool:
+    try:
+        metadata.distribution(distribution)
+    except metadata.PackageNotFoundError:
+        return False
+    return True
 
 
 def open_vswitch() -> Finding:
@@ -158,8 +172,8 @@ def running_network() -> Finding:
         if "no network runs" in str(error):
             return Finding(name, WORKS, "none: one can start")
         return Finding(name, LIMITED, str(error), "wait, or end it; there can be one at a time")
-    run = Path(config.event_capture).parent
-    return Finding(name, LIMITED, f"one runs, see {run}", "end it before you start another")
+    place = Path(config.event_capture or config.socket).parent  # its events are not always written
+    return Finding(name, LIMITED, f"one runs, see {place}", "end it before you start another")
 
 
 def controller_port() -> Finding:

@@ -58,7 +58,7 @@ def topology(arguments: argparse.Namespace) -> Callable[[], Topo]:
         described = every_device(arguments)
         build = partial(build, devices=described)
         topo = build()
-        hosts = [host for host in topo.hosts() if topo.nodeInfo(host)["cls"] is QuantumHost]
+        hosts = quantum_hosts(topo)
         for host in described.keys() - set(hosts):
             raise BadTopology(f"--device {host}: choose one of {', '.join(hosts)}")
         # So that a noise model of the user's own is refused here, and not by the dispatcher.
@@ -66,6 +66,11 @@ def topology(arguments: argparse.Namespace) -> Callable[[], Topo]:
     except ValueError as error:
         raise BadTopology(str(error)) from error
     return build
+
+
+def quantum_hosts(topo: Topo) -> list[str]:
+    """Return the hosts of a topology that have light."""
+    return [host for host in topo.hosts() if topo.nodeInfo(host)["cls"] is QuantumHost]
 
 
 def every_device(arguments: argparse.Namespace) -> dict[str, Device]:

@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from topologies.record import read_record
+from topologies.runtime import EVENT_LOG
 from wire.device import RANGES, setting_name
 
 COUNTS = (
@@ -92,10 +93,25 @@ def captures(facts: dict[str, Any], folder: Path) -> str:
     return f"{folder}/*.pcap" + (f", {missed:,} packets missed" if missed else "")
 
 
+def rows_of_every_run(facts: dict[str, Any], folder: Path) -> dict[str, str]:
+    """Return what is said of light paths, simulation and files, whatever the run was for."""
+    setup = facts["path_setup_ms"]
+    return {
+        "metadata to light path": "no path was set up"
+        if setup["p50"] is None
+        else f"p50 {setup['p50']:.2f} ms, p99 {setup['p99']:.2f} ms, n {setup['n']}",
+        "quantum states": f"{facts['backend']}, {EXACTNESS[facts['exact']]}",
+        "captures": captures(facts, folder),
+        "quantum events": f"{folder}/{EVENT_LOG}" if facts["events"] else "not written",
+        "one timeline of both": facts["timeline"],
+        "report to look at": facts["report"],
+        "all facts": f"{folder}/result.json",
+    }
+
+
 def show(console: Console, facts: dict[str, Any], folder: Path) -> None:
     """Print the table."""
-    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
-    setup, rate = facts["path_setup_ms"], facts["symbol_error_rate"]
+    rate = facts["symbol_error_rate"]
     outcome = "delivered exactly" if facts["delivered"] else "NOT DELIVERED"
     rows = {
         "message": f"{facts['message_bytes']:,} bytes, {outcome}",
@@ -105,15 +121,14 @@ def show(console: Console, facts: dict[str, Any], folder: Path) -> None:
         **coding(facts),
         "repeated frames": f"{facts['repeated_frames']:,}",
         "pairs/s": f"{facts['pairs_per_s']:,.0f} ({facts['elapsed_s']:.2f} s)",
-        "metadata to light path": "no path was set up"
-        if setup["p50"] is None
-        else f"p50 {setup['p50']:.2f} ms, p99 {setup['p99']:.2f} ms, n {setup['n']}",
-        "quantum states": f"{facts['backend']}, {EXACTNESS[facts['exact']]}",
-        "captures": captures(facts, folder),
-        "quantum events": f"{folder}/quantum.log",
-        "one timeline of both": facts["timeline"],
-        "all facts": f"{folder}/result.json",
+        **rows_of_every_run(facts, folder),
     }
+    print_rows(console, rows)
+
+
+def print_rows(console: Console, rows: dict[str, str]) -> None:
+    """Print names and values below each other."""
+    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
     for name, value in rows.items():
         table.add_row(name, value)
     console.print(table, soft_wrap=True)

@@ -1,38 +1,43 @@
-"""qmn run TOPOLOGY: start a network, do its job, report, clean up."""
+"""qmn run JOB: start a network, do its job, report, clean up."""
 
 import argparse
 import os
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from mininet.topo import Topo
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from controller_apps.policy import BadPolicy, read_policy
 from hosts.applications.send import CHUNK_BYTES
 from hosts.middleware.coding import CODES
 from hosts.middleware.frame_format import MAX_BLOCK_PAIRS, FrameFormat
-from qmn import result
-from qmn.device_words import differences
-from qmn.networks import TOPOLOGIES, BadTopology, every_device, every_fiber, topology
-from qmn.run_folder import give_to_invoker, make_folder, point_latest
-from qmn.timeline import NoCaptures, captured_bytes, merge
-from qmn.transfer import Transfer, TransferError, dispatcher_status, transfer
-from topologies.network import Interrupted, Network, Signals, require_root
-from topologies.nodes import QuantumHost
-from topologies.presets import PRESETS, preset
-from topologies.programs import NetworkError
-from topologies.runtime import OPENFLOW_PORT, Runtime
-from wire.config import BACKENDS
-from wire.dissectors import SCRIPT, script
-from wire.fiber import KINDS
-from wire.metadata import FEC_NAMES, MalformedPacket
+from qmn import result, service_run
+from qmn.network_options import (
+    BadInput,
+    add_network_options,
+    check_network,
+    check_range,
+    check_two_hosts,
+)
+from qmn.networks import (
+    TOPOLOGIES,
+    quantum_hosts,
+    topology,
+)
+from qmn.run_frame import (
+    add_run_options,
+    begin_folder,
+    ending,
+    guarded,
+    known_facts,
+    running_network,
+)
+from qmn.transfer import Transfer, transfer
+from topologies.network import Signals, require_root
+from wire.metadata import FEC_NAMES
 
 MESSAGE = Path(__file__).with_name("message.txt")
 MIN_BLOCK_PAIRS = 4
@@ -43,81 +48,45 @@ DECODING_RATE = {"reed-solomon": 300_000}  # pairs a second, of codes that take 
 CAPTURED_BYTES_PER_PAIR = {"framed": 4.4, "per-pair": 4_900}
 SIZE_LIMIT = {"framed": 1 << 30, "per-pair": 1 << 16}
 TELL_ESTIMATE_ABOVE_S = 10
-MERGE_AT_MOST_BYTES = 500_000_000  # of captures, at the end of a run: a few seconds
-
-
-class BadInput(Exception):
-    """What the user asked for cannot be done; the text names value and remedy."""
+PARAMETERS = (
+    "sender",
+    "receiver",
+    "frame_bytes",
+    "block_pairs",
+    "rate_hz",
+    "fec",
+    "interleave",
+)
 
 
 def add_parser(verbs: Any) -> None:
     """Describe the verb."""
-    parser = verbs.add_parser("run", help="start a network and do its job", description=__doc__)
+    words = "start a network and do its job"
+    parser = verbs.add_parser("run", help=words, description=__doc__)
+    jobs = parser.add_subparsers(dest="job", metavar="JOB", required=True)
+    for name, (_topo, what) in TOPOLOGIES.items():
+        text = f"superdense coding over {what}"
+        job = jobs.add_parser(name, help=text, description=f"{text}: {__doc__}")
+        _add_options(job)
+        job.set_defaults(topology=name, call=partial(guarded, run))
+    service_run.add_parsers(jobs)
+
+
+def _add_options(parser: argparse.ArgumentParser) -> None:
     add = partial(parser.add_argument)
-    names = ", ".join(f"{name}: {what}" for name, (_topo, what) in TOPOLOGIES.items())
-    add("topology", choices=sorted(TOPOLOGIES), help=f"superdense coding over {names}")
     what = parser.add_mutually_exclusive_group()
     what.add_argument("--message", help="text to send (default: a short text of ours)")
     what.add_argument("--file", type=Path, help="file to send")
     add("--from", dest="sender", default="alice", metavar="HOST", help="sending host (alice)")
     add("--to", dest="receiver", default="bob", metavar="HOST", help="receiving host (bob)")
     add("--handshake", choices=sorted(EXPECTED_RATE), default="framed", help="default: framed")
-    add("--seed", type=int, default=1, help="of all quantum randomness (1)")
-    add("--backend", choices=BACKENDS, default="chp", help="simulates quantum states (chp)")
-    add("--sabot", default="", metavar="SOCKET", help="simulate in a Sabot server (in ed itself)")
-    add("--controller", choices=["ryu", "os-ken"], default="ryu", help="default: ryu")
-    add("--openflow-port", type=int, default=OPENFLOW_PORT, metavar="PORT", help="of c0 (6653)")
+    add_network_options(parser)
     add("--frame-bytes", type=int, default=256, metavar="N", help="bytes under one check (256)")
     add("--block-pairs", type=int, default=65_536, metavar="N", help="pairs in a block (65536)")
     add("--rate-hz", type=int, default=50_000_000, metavar="HZ", help="of the source (50000000)")
     add("--fec", choices=FEC_NAMES, default="none", help="error-correction code (none)")
     add("--interleave", action="store_true", help="spread the codewords of --fec over a frame")
-    what_of = "of every fibre"
-    add("--preset", choices=list(PRESETS), default="ideal", help="fibres and devices (ideal)")
-    add("--length-km", type=float, metavar="KM", help=f"{what_of} (0.01)")
-    add("--loss-db-per-km", type=float, metavar="DB", help=f"{what_of} (0)")
-    text = f"{what_of}: X, Y and Z each with probability P/4 (0)"
-    add("--depolarizing", type=float, metavar="P", help=text)
-    text = f"{what_of}: standard or polarisation-maintaining"
-    add("--kind", choices=list(KINDS), help=text)
-    text = f"a parameter {what_of}, as drift_time_s=10 (repeatable; docs/physical-layer.md)"
-    add("--fiber", action="append", default=[], metavar="NAME=VALUE", help=text)
-    text = "of a host, as bob.detectors.efficiency=0.8 (repeatable; docs/physical-layer.md)"
-    add("--device", action="append", default=[], metavar="HOST.PART.NAME=VALUE", help=text)
-    add("--switches", type=int, metavar="N", help="quantum switches of a chain or ring")
-    add("--leaves", type=int, metavar="N", help="switches of leaf-spine with hosts (3)")
-    add("--spines", type=int, metavar="N", help="switches of leaf-spine between leaves (2)")
-    add("--loss-budget-db", type=float, default=30.0, metavar="DB", help="of a light path (30)")
-    add("--contention", choices=["refuse", "queue"], default="refuse", help="if light is taken")
-    add("--policy", type=Path, metavar="FILE", help="who may do what, in TOML (allow everything)")
-    add("--rest", default="", metavar="ADDRESS", help="serve what c0 knows there, over HTTP")
-    add(
-        "--app",
-        dest="apps",
-        action="append",
-        default=[],
-        metavar="MODULE",
-        help="load a controller app beside ours, such as ryu.app.ofctl_rest (more than once)",
-    )
-    add("--history-depth", type=int, default=10_000, metavar="N", help="events kept (10000)")
-    add("--runs", type=Path, default=Path("runs"), metavar="DIR", help="what runs leave (runs)")
-    add("--qasm", action="store_true", help="write what is done to qubits to quantum.qasm")
-    add("--no-capture", action="store_true", help="do not capture packets")
-    add("--no-record", action="store_true", help="do not record what `qmn replay` needs")
-    parser.set_defaults(call=call)
-
-
-def call(arguments: argparse.Namespace) -> int:
-    """Run; turn every fault into one line and an exit status."""
-    try:
-        with Signals() as signals:
-            return run(arguments, signals, Console(highlight=False))
-    except (BadInput, BadTopology, NetworkError, TransferError) as error:
-        print(f"qmn: {error}", file=sys.stderr)
-        return 1
-    except Interrupted as error:
-        print(f"qmn: {error}; everything is cleaned up", file=sys.stderr)
-        return error.status
+    add_run_options(parser)
 
 
 def run(arguments: argparse.Namespace, signals: Signals, console: Console) -> int:
@@ -125,40 +94,18 @@ def run(arguments: argparse.Namespace, signals: Signals, console: Console) -> in
     size = check_input(arguments)
     require_root()
     tell_estimate(arguments, size, console)
-    try:
-        folder = make_folder(arguments.runs, arguments.topology)
-    except OSError as error:
-        raise BadInput(f"cannot write to --runs {arguments.runs}: {error.strerror}") from error
-    point_latest(folder)
+    folder = begin_folder(arguments.runs, arguments.topology)
     facts = beginning(arguments, folder)
-    try:
+    with ending(folder, facts, result.complete):
         run_network(arguments, folder, facts, signals, console)
-    except (NetworkError, TransferError, Interrupted) as error:
-        facts["error"] = str(error)
-        raise
-    finally:
-        facts["timeline"] = make_timeline(folder)
-        result.complete(facts, folder)
-        give_to_invoker(folder)
     result.show(console, facts, folder)
     return 0 if facts["delivered"] else 1
 
 
-def make_timeline(folder: Path) -> str:
-    """Merge what was captured, beside dissectors for it; return the file, or why there is none."""
-    (folder / SCRIPT).write_text(script())
-    size = captured_bytes(folder)
-    if size > MERGE_AT_MOST_BYTES:
-        return f"not made, of {size / 1e6:,.0f} MB of captures: `qmn wireshark {folder}` makes it"
-    try:
-        return str(merge(folder))
-    except (NoCaptures, MalformedPacket, OSError) as error:
-        return f"not made: {error}"
-
-
 def check_input(arguments: argparse.Namespace) -> int:
     """Return the size of the message; raise BadInput before anything is started."""
-    check_hosts(arguments.sender, arguments.receiver, topology(arguments)())
+    hosts = quantum_hosts(topology(arguments)())
+    check_two_hosts(arguments.sender, arguments.receiver, hosts)
     size = message_size(arguments)
     limit = SIZE_LIMIT[arguments.handshake]
     if size > limit:
@@ -166,18 +113,10 @@ def check_input(arguments: argparse.Namespace) -> int:
             f"{size:,} bytes: with the handshake {arguments.handshake} at most {limit:,} can be "
             "sent" + ("; use --handshake framed" if arguments.handshake == "per-pair" else "")
         )
-    check_controller(arguments)
-    for name, least, most in (
-        ("frame_bytes", 1, 65_536),
-        ("block_pairs", MIN_BLOCK_PAIRS, MAX_BLOCK_PAIRS),
-        ("rate_hz", 1, 4_000_000_000),
-        ("openflow_port", 1, 65_535),
-        ("history_depth", 0, 10_000_000),
-        ("loss_budget_db", 0, 1_000),
-    ):
-        value = getattr(arguments, name)
-        if not least <= value <= most:
-            raise BadInput(f"--{name.replace('_', '-')} {value}: choose {least:g} to {most:g}")
+    check_network(arguments)
+    check_range(arguments, "frame_bytes", 1, 65_536)
+    check_range(arguments, "block_pairs", MIN_BLOCK_PAIRS, MAX_BLOCK_PAIRS)
+    check_range(arguments, "rate_hz", 1, 4_000_000_000)
     check_coding(arguments)
     return size
 
@@ -205,32 +144,6 @@ def pairs_of(arguments: argparse.Namespace, size: int) -> int:
     frame_bytes: int = min(arguments.frame_bytes, CHUNK_BYTES[arguments.handshake])
     whole, rest = divmod(size, frame_bytes)
     return whole * used.pairs(frame_bytes) + used.pairs(rest)
-
-
-def check_controller(arguments: argparse.Namespace) -> None:
-    """Raise BadInput for a policy or an address that the controller would not take."""
-    if arguments.policy is not None:
-        try:
-            read_policy(arguments.policy)
-        except BadPolicy as error:
-            raise BadInput(str(error)) from error
-    if arguments.sabot and not Path(arguments.sabot).is_socket():
-        raise BadInput(
-            f"--sabot {arguments.sabot}: no server listens there; start one with "
-            f"python -m dispatcher.sabot --socket {arguments.sabot}"
-        )
-    if arguments.rest and arguments.controller != "ryu":
-        raise BadInput(f"--rest needs --controller ryu: {arguments.controller} has no HTTP server")
-
-
-def check_hosts(sender: str, receiver: str, topo: Topo) -> None:
-    """Raise BadInput unless both are hosts of the topology with light, and not the same."""
-    hosts = [name for name in topo.hosts() if topo.nodeInfo(name)["cls"] is QuantumHost]
-    for name in (sender, receiver):
-        if name not in hosts:
-            raise BadInput(f"unknown host {name!r}: choose one of {', '.join(hosts)}")
-    if sender == receiver:
-        raise BadInput(f"--from and --to are both {sender}: choose two hosts")
 
 
 def message_size(arguments: argparse.Namespace) -> int:
@@ -271,48 +184,9 @@ def beginning(arguments: argparse.Namespace, folder: Path) -> dict[str, Any]:
         (folder / "message").write_bytes(arguments.message.encode())
     file = folder / "message" if arguments.message is not None else arguments.file or MESSAGE
     return {
-        "topology": arguments.topology,
-        "mode": os.environ.get("QMN_MODE", "native"),
-        "controller": arguments.controller,
+        **known_facts(arguments, PARAMETERS),
         "handshake": arguments.handshake,
-        "seed": arguments.seed,
-        "parameters": {
-            name: getattr(arguments, name)
-            for name in (
-                "sender",
-                "receiver",
-                "frame_bytes",
-                "block_pairs",
-                "rate_hz",
-                "fec",
-                "interleave",
-                "preset",
-                "length_km",
-                "loss_db_per_km",
-                "depolarizing",
-                "kind",
-                "fiber",
-                "device",
-                "switches",
-                "leaves",
-                "spines",
-                "loss_budget_db",
-                "contention",
-            )
-            if getattr(arguments, name) is not None
-        },
-        "optics": asdict(every_fiber(arguments)),
-        "devices": {
-            host: differences(device)
-            for host, device in {
-                "every": preset(arguments.preset).device,
-                **every_device(arguments),
-            }.items()
-        },
         "file": str(file.resolve()),
-        "captures": [],
-        "backend": arguments.backend,
-        "exact": None,
     }
 
 
@@ -324,22 +198,6 @@ def run_network(
     console: Console,
 ) -> None:
     """Start the network, send, and add to the facts."""
-    settings = Runtime(
-        seed=arguments.seed,
-        backend=arguments.backend,
-        sabot=arguments.sabot and str(Path(arguments.sabot).resolve()),
-        record=not arguments.no_record,
-        qasm=arguments.qasm,
-        framework=arguments.controller,
-        openflow_port=arguments.openflow_port,
-        history_depth=arguments.history_depth,
-        loss_budget_db=arguments.loss_budget_db,
-        contention=arguments.contention,
-        log_folder=folder,
-        policy=str(arguments.policy.resolve()) if arguments.policy else "",
-        rest=arguments.rest,
-        apps=arguments.apps,
-    )
     order = Transfer(
         Path(facts["file"]),
         folder / "received",
@@ -352,21 +210,16 @@ def run_network(
         arguments.fec,
         arguments.interleave,
     )
-    console.print(f"starting the network ({arguments.controller}, seed {arguments.seed}) ...")
-    with Network(topology(arguments), settings, signals) as network:
-        facts["backend"] = dispatcher_status(network).backend
-        if not arguments.no_capture:
-            files = [*network.capture("s1"), network.capture_openflow()]
-            facts["captures"] = [str(file) for file in files]
+    with running_network(arguments, folder, facts, signals, console) as network:
         console.print(
             f"sending {order.file.name} from {order.sender} to {order.receiver} "
             f"by superdense coding ({order.handshake})"
         )
         size = order.file.stat().st_size
         with progress_bar(console, facts, size, pairs_of(arguments, size)) as progress:
-            progress(transfer(network, order, progress)[0])
-        facts["exact"] = dispatcher_status(network).exact
-    facts["packets_not_captured"] = network.packets_missed
+            sent, received = transfer(network, order, progress)
+            progress(sent)
+        facts["confusion"] = received.get("confusion")
 
 
 @contextmanager

@@ -2,6 +2,8 @@
 
 import os
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 
@@ -36,9 +38,19 @@ def give_to_invoker(folder: Path) -> None:
 
 
 def give_tree(folder: Path) -> None:
-    """Let the user who called sudo own a folder and all that is in it."""
-    for path in (folder, *folder.rglob("*")):
+    """Let the user who called sudo own a folder and all that is in it, if it is there."""
+    for path in (folder, *folder.rglob("*")) if folder.exists() else ():
         give(path)
+
+
+@contextmanager
+def given_at_the_end(folder: Path | None) -> Iterator[None]:
+    """Let the user who called sudo own a folder that is made meanwhile, whatever happens."""
+    try:
+        yield
+    finally:
+        if folder is not None:
+            give_tree(folder)
 
 
 def give(path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import os
 import re
 import signal
 import sys
@@ -9,11 +10,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from qmn.event_sources import attached, recorded
+from hosts.software import STACK_VARIABLE
+from qmn.event_sources import attached, recorded, single, through_stack
 from qmn.running import dispatcher_of_running_network
+from qmn.unread_events import dropped
 from topologies.programs import NetworkError
 from topologies.runtime import EVENT_CAPTURE
-from wire.dispatcher_pb2 import Event
+from wire.dispatcher_pb2 import Event, WatchRequest
 from wire.events import DROPPED, format_line, to_json
 from wire.metadata import MalformedPacket
 
@@ -30,7 +33,7 @@ def add_parser(verbs: Any) -> None:
         type=Path,
         nargs="?",
         metavar="RUN",
-        help="folder of a run, such as runs/latest (default: the network that runs)",
+        help="folder of a run, such as runs/latest (default: what happens now; on a host, there)",
     )
     add = parser.add_argument
     add("--node", action="append", metavar="NAME", help="only this node (more than once)")
@@ -48,6 +51,7 @@ def add_parser(verbs: Any) -> None:
         help="go on with what happens next (default for the network that runs)",
     )
     add("--history", action="store_true", help="begin with what the dispatcher still remembers")
+    add("--per-qubit", action="store_true", help="also what became of single photons")
     add("--json", action="store_true", help="one JSON object a line, for programs")
     parser.set_defaults(call=call)
 
@@ -82,14 +86,40 @@ def events(arguments: argparse.Namespace) -> Iterator[Event]:
         if arguments.history:
             raise BadFilter("--history is of the network that runs; a run is shown from its start")
         return recorded(find_record(arguments.run), follow=bool(arguments.follow))
+    stack = os.environ.get(STACK_VARIABLE)
+    if stack:
+        return of_this_node(arguments, stack)
     config = dispatcher_of_running_network()
     known = {*config.tokens, *(switch.name for switch in config.switches)}
     for node in arguments.node or ():
         if node not in known:
             raise BadFilter(f"unknown node {node!r}: choose one of {', '.join(sorted(known))}")
     if arguments.follow is False:
+        if not config.event_capture:
+            raise BadFilter("--no-follow: this network writes no events (--no-events); follow it")
         return recorded(find_record(Path(config.event_capture)), follow=False)
-    return attached(config, arguments.node, arguments.session, arguments.history)
+    return attached(config, watch_request(arguments))
+
+
+def watch_request(arguments: argparse.Namespace) -> WatchRequest:
+    """Return what to ask the dispatcher for: several nodes or sessions are chosen from here."""
+    return WatchRequest(
+        node=single(arguments.node, ""),
+        session=single(arguments.session, 0),
+        history=arguments.history,
+        per_qubit=arguments.per_qubit,
+    )
+
+
+def of_this_node(arguments: argparse.Namespace, stack: str) -> Iterator[Event]:
+    """Return what happens at the host that the verb is called on."""
+    node = Path(stack).stem
+    if arguments.follow is False:
+        raise BadFilter(f"--no-follow is of a run: on {node} only what happens now is told")
+    for wanted in arguments.node or ():
+        if wanted != node:
+            raise BadFilter(f"--node {wanted}: on {node} only what happens there is told")
+    return through_stack(stack, single(arguments.session, 0), arguments.history)
 
 
 def find_record(run: Path) -> Path:
@@ -108,7 +138,7 @@ class Spy:
         self._nodes = frozenset(arguments.node or ())
         self._sessions = frozenset(arguments.session or ())
         self._kinds = frozenset(arguments.kind or ())
-        self._as_json = arguments.json
+        self._as_json, self._per_qubit = arguments.json, arguments.per_qubit
         self._count = self._dropped = 0
 
     def print_all(self, source: Iterator[Event]) -> None:
@@ -122,14 +152,15 @@ class Spy:
     def wants(self, event: Event) -> bool:
         """Return whether to show an event; that some were dropped is always shown."""
         return event.kind == DROPPED or (
-            (not self._nodes or event.node in self._nodes)
+            (self._per_qubit or not event.photon)
+            and (not self._nodes or event.node in self._nodes)
             and (not self._sessions or event.block.session in self._sessions)
             and (not self._kinds or event.kind in self._kinds)
         )
 
     def _note(self, event: Event) -> None:
         if event.kind == DROPPED:
-            self._dropped += int(event.detail.split()[0])
+            self._dropped += dropped(event)
         else:
             self._count += 1
 

@@ -7,9 +7,12 @@ from pathlib import Path
 from typing import IO, NamedTuple
 
 from topologies.runtime import EVENT_CAPTURE
+from wire.dissectors import SCRIPT, script
+from wire.metadata import MalformedPacket
 from wire.pcapng import TRAILER_BYTES, Interface, Packet, PcapReader, Reader, Writer
 
 TIMELINE = "all.pcapng"
+MERGE_AT_MOST_BYTES = 500_000_000  # of captures, at the end of a run: a few seconds
 LEAST_PCAP_BYTES = 24  # its header; a capture that was killed at its start has less
 
 
@@ -26,6 +29,18 @@ class _Place(NamedTuple):
     offset: int
     size: int
     length: int
+
+
+def timeline_of_run(run: Path) -> str:
+    """Merge what was captured, beside dissectors for it; return the file, or why there is none."""
+    (run / SCRIPT).write_text(script())
+    size = captured_bytes(run)
+    if size > MERGE_AT_MOST_BYTES:
+        return f"not made, of {size / 1e6:,.0f} MB of captures: `qmn wireshark {run}` makes it"
+    try:
+        return str(merge(run))
+    except (NoCaptures, MalformedPacket, OSError) as error:
+        return f"not made: {error}"
 
 
 def captured_bytes(run: Path) -> int:

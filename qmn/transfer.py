@@ -7,13 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import grpc
-
 from topologies.network import Network
 from topologies.programs import POLL_S, NetworkError, Program, python
-from wire.dispatcher_pb2 import StatusReply, StatusRequest
-from wire.dispatcher_pb2_grpc import DispatcherStub
-from wire.service import RUNNER, metadata
 
 START_TIMEOUT_S = 15.0
 STALL_TIMEOUT_S = 60.0
@@ -51,24 +46,12 @@ def transfer(
     try:
         receiver = _start_receiver(network, order)
         sender = _start_sender(network, order)
-        sent = _follow(network, sender, progress)
-        received = _follow(network, receiver, lambda _line: None)
+        sent = follow(network, sender, progress)
+        received = follow(network, receiver, lambda _line: None)
     except (TransferError, NetworkError):
         network.check()  # what died in the network is the cause
         raise
     return sent, received
-
-
-def dispatcher_status(network: Network) -> StatusReply:
-    """Ask the dispatcher what simulates the quantum states, and how much there is."""
-    runtime = network.runtime
-    with grpc.insecure_channel(f"unix:{runtime.socket('dispatcher')}") as channel:
-        status: StatusReply = DispatcherStub(channel).Status(  # type: ignore[no-untyped-call]
-            StatusRequest(),
-            timeout=START_TIMEOUT_S,
-            metadata=metadata(runtime.token(RUNNER)),
-        )
-    return status
 
 
 def _start_receiver(network: Network, order: Transfer) -> Program:
@@ -97,7 +80,7 @@ def _start_sender(network: Network, order: Transfer) -> Program:
     return network.run_on(order.sender, "sender", [*command, order.receiver, str(APPLICATION_PORT)])
 
 
-def _follow(
+def follow(
     network: Network, program: Program, progress: Callable[[dict[str, Any]], None]
 ) -> dict[str, Any]:
     """Read a program's lines of JSON until its last; every wait here has a deadline."""
@@ -111,7 +94,7 @@ def _follow(
             deadline = time.monotonic() + STALL_TIMEOUT_S
             fields = _fields(line)
             if fields.get("event") == "failed":
-                _check_cause(network)
+                check_cause(network)
                 raise TransferError(str(fields["text"]))
             if fields.get("event") == "done":
                 return fields
@@ -128,7 +111,7 @@ def _follow(
         time.sleep(POLL_S)
 
 
-def _check_cause(network: Network) -> None:
+def check_cause(network: Network) -> None:
     """Raise if a program's end has made the transfer fail; it ends a moment after its sockets."""
     deadline = time.monotonic() + END_S
     while time.monotonic() < deadline:

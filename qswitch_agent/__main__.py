@@ -5,6 +5,8 @@ import asyncio
 import logging
 import signal
 import sys
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from pathlib import Path
 
 import uvloop
@@ -12,7 +14,7 @@ import uvloop
 from qswitch_agent.agent import Agent
 from qswitch_agent.bridge import BridgeFault
 from qswitch_agent.hardware.choice import hardware
-from qswitch_agent.hardware.optics import HardwareFault
+from qswitch_agent.hardware.optics import HardwareFault, OpticalHardware
 from wire.config import AgentConfig, BadConfig
 
 
@@ -23,9 +25,28 @@ async def serve(config: AgentConfig) -> None:
         asyncio.get_running_loop().add_signal_handler(number, stop.set)
     optics = hardware(config)
     try:
-        await Agent(config, optics).run(stop)
+        async with measured(config, optics) as used:
+            await Agent(config, used).run(stop)
     finally:
         await optics.close()
+
+
+@asynccontextmanager
+async def measured(config: AgentConfig, optics: OpticalHardware) -> AsyncIterator[OpticalHardware]:
+    """Give the hardware; tell Prometheus its figures meanwhile, if that is configured."""
+    if config.metrics_fd is None:
+        yield optics
+        return
+    from qswitch_agent.metrics import MeasuredHardware
+    from wire.metrics import inherited
+    from wire.metrics_server import serve as serve_metrics
+
+    used = MeasuredHardware(optics)
+    endpoint = await serve_metrics(inherited(config.metrics_fd), used.registry)
+    try:
+        yield used
+    finally:
+        endpoint.close()
 
 
 def main() -> int:

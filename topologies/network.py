@@ -16,7 +16,8 @@ from mininet.node import Host
 from mininet.topo import Topo
 
 from topologies import openvswitch, runtime
-from topologies.nodes import READY_TIMEOUT_S, QuantumController
+from topologies.iperf import IperfMininet
+from topologies.nodes import READY_TIMEOUT_S, QuantumController, ShellWatcher
 from topologies.programs import POLL_S, NetworkError, Program, stop_all
 from topologies.record import read_record
 from topologies.runtime import DISPATCHER, RUNTIME_ROOT, Runtime, alive, only_run
@@ -71,6 +72,25 @@ class Signals:
         finally:
             self._deferring = False
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+
+    @contextmanager
+    def at_once(self) -> Iterator[None]:
+        """Let Ctrl-C interrupt what is being done (KeyboardInterrupt), and other signals end it.
+
+        For a person at the keyboard, or a script, who waits without checks.
+        """
+        for number in self.NUMBERS:
+            ctrl_c = number == signal.SIGINT
+            signal.signal(number, signal.default_int_handler if ctrl_c else self._raise)
+        try:
+            yield
+        finally:
+            for number in self.NUMBERS:
+                signal.signal(number, self._note)
+
+    def _raise(self, number: int, frame: FrameType | None) -> None:
+        self._note(number, frame)  # for the next check, if somebody swallows what is raised
+        self.check()
 
     def __exit__(
         self,
@@ -140,14 +160,26 @@ class Network:
         (self.runtime.folder / SWITCHES).write_text("\n".join(topo.switches()))
         # Mininet would raise kernel limits for the whole machine, which is not ours to change.
         Mininet.inited = True
-        self.net = Mininet(topo=topo, controller=QuantumController, build=False)
+        self.net = IperfMininet(topo=topo, controller=QuantumController, build=False)
         self._cleanup.callback(remove_links, topo.switches())
-        self._cleanup.callback(self.net.stop)
+        self._cleanup.callback(self._stop_nodes)
         self._cleanup.callback(self._stop_programs)
         self.net.build()
         self._signals.check()
         self.net.start()
         self._wait_until_ready()
+
+    def _stop_nodes(self) -> None:
+        """Let Mininet stop every node, also one in whose shell a command still runs."""
+        for node in self._watched():
+            node.end_if_busy()
+        self.net.stop()
+
+    def _watched(self) -> Iterator[ShellWatcher]:
+        """Yield our nodes; a topology may have others, too."""
+        for node in (*self.net.hosts, *self.net.switches, *self.net.controllers):
+            if isinstance(node, ShellWatcher):
+                yield node
 
     def _stop_programs(self) -> None:
         """End the dispatcher last: to all others its end is a fault."""
@@ -246,7 +278,7 @@ class Network:
         for program in (*self.runtime.programs, *self._captures):
             if not program.running:
                 raise NetworkError(f"{program.name} died in mid-run: {program.end()}")
-        for node in (*self.net.hosts, *self.net.switches, *self.net.controllers):
+        for node in self._watched():
             if node.shell_ended:
                 raise NetworkError(f"{node.name} died in mid-run: its shell was ended")
 
@@ -260,13 +292,15 @@ def capture_command(interface: str, file: Path) -> list[str]:
     """Return the tcpdump command for one interface, nanosecond clock, whole packets.
 
     Each slot of the kernel's buffer is as large as the largest packet may be, so a larger limit
-    would leave it few slots, and bursts would be missed.
+    would leave it few slots, and bursts would be missed. As a batch process it does not interrupt
+    the programs whose packets it takes, and takes several at a time when processors are busy.
     """
     options = ["-n", "-U", "-s", str(MAX_PACKET_BYTES), "-B", str(CAPTURE_BUFFER_KIB)]
     options += ["--immediate-mode", "--time-stamp-precision=nano"]
     # Another user's process would not be told that the runner has died.
     options += ["-Z", "root"]
-    return ["tcpdump", *options, "-i", interface, "-w", str(file)]
+    batch = ["chrt", "--batch", "0"]
+    return [*batch, "tcpdump", *options, "-i", interface, "-w", str(file)]
 
 
 def stop_capture(program: Program, file: Path) -> None:

@@ -1,8 +1,12 @@
 """Mininet node types of a quantum network: each starts its program and ends it again."""
 
+import os
 import select
 import shlex
+import signal
+import subprocess
 from collections.abc import Iterable
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +18,7 @@ from topologies.addresses import broadcast, free_address
 from topologies.fiber import qnics
 from topologies.programs import ROOT, Program, python
 from topologies.record import RECORD
-from topologies.runtime import CONSOLE, DISPATCHER, EVENT_CAPTURE, Runtime
+from topologies.runtime import CONSOLE, DISPATCHER, EVENT_CAPTURE, EVENT_LOG, Runtime
 from wire import switch_check
 from wire.config import (
     DISPATCHER_PORT,
@@ -24,6 +28,7 @@ from wire.config import (
     ControllerConfig,
     DispatcherConfig,
     HostConfig,
+    MeasuredConfig,
     PathOptics,
     QuantumSwitch,
 )
@@ -33,6 +38,7 @@ READY_TIMEOUT_S = 20.0
 STATE = "state"  # folder in which the controller keeps what its successor must know
 DEFAULT_PREFIX_LENGTH = 8  # Mininet's
 SHELL_POLL_MS = 50
+SHELL_END_TIMEOUT_S = 1.0
 RECONNECT_MS = 1000  # between a bridge's attempts to find its controller, at most
 
 
@@ -41,21 +47,47 @@ def launch(
 ) -> Program:
     """Start one of our programs with its configuration, in a host's namespace if given."""
     path = network.folder / f"{name}.json"
-    config.write(path)
     program = network.program(name)
     command = [python(), "-m", module, "--config", str(path)]
-    program.start(command, host.pid if host else None)
+    with ExitStack() as stack:
+        descriptors = []
+        if network.metrics and isinstance(config, MeasuredConfig):
+            # A socket stays in the namespace that it was opened in: this machine's.
+            listener = stack.enter_context(runtime.metrics_listener(network, name))
+            descriptors = [listener.fileno()]
+            config = replace(config, metrics_fd=listener.fileno())
+        config.write(path)
+        program.start(command, host.pid if host else None, descriptors)
     return program
 
 
 class ShellWatcher:
     """A Mininet node that notices when its shell has ended, where Mininet would wait for ever."""
 
+    name: str
+
     @property
     def shell_ended(self) -> bool:
         """Whether somebody has ended the node's shell."""
         shell = getattr(self, "shell", None)
         return shell is not None and shell.poll() is not None
+
+    def find_our_programs(self) -> None:
+        """Let `python -m qmn spy` and the like work in the node's shell."""
+        self.cmd(f'export PYTHONPATH="{ROOT}" PATH="{Path(python()).parent}:$PATH"')
+
+    def end_if_busy(self) -> None:
+        """End a shell in which a command still runs: it would not do what clean-up asks of it."""
+        if self.shell_ended or not getattr(self, "waiting", False):
+            return
+        shell: subprocess.Popen[bytes] = self.shell  # type: ignore[attr-defined]
+        for number in (signal.SIGHUP, signal.SIGKILL):
+            os.killpg(shell.pid, number)
+            try:
+                shell.wait(SHELL_END_TIMEOUT_S)
+            except subprocess.TimeoutExpired:
+                continue
+            return
 
     def cmd(self, *arguments: object, **options: object) -> str:
         """Run a command in the node's shell; one that has ended runs no more of them."""
@@ -95,6 +127,7 @@ class ClassicalHost(ShellWatcher, Host):
         self.cmd("sysctl -qw net.ipv6.conf.all.disable_ipv6=1")
         if openvswitch.datapath() == "user":
             self.cmd(f"ethtool -K {self.defaultIntf()} tx off rx off")
+        self.find_our_programs()
         return result
 
     def terminate(self) -> None:
@@ -123,13 +156,14 @@ class DispatcherHost(ClassicalHost):
             tokens=network.tokens,
             fibers=network.fibers,
             switches=list(network.switches.values()),
-            event_log=str(network.logs / "quantum.log"),
+            event_log=str(network.logs / EVENT_LOG) if network.events else "",
             sabot=network.sabot,
             record=str(network.logs / "dispatcher.record") if network.record else "",
             qasm=str(network.logs / "quantum.qasm") if network.qasm else "",
             devices=network.devices,
-            event_capture=str(network.logs / EVENT_CAPTURE),
+            event_capture=str(network.logs / EVENT_CAPTURE) if network.events else "",
             history_depth=network.history_depth,
+            per_qubit=network.per_qubit,
         )
         self.program = launch(network, DISPATCHER, "dispatcher", config, self)
         return result
@@ -187,15 +221,11 @@ class QuantumHost(ClassicalHost):
             report_to=broadcast(network.addresses.values(), network.prefix_length),
             device_key=network.device_key(self.name),
             analyser=network.devices[self.name].analyser.kind,
+            pair_secrets=network.secrets_of(self.name),
+            keys=network.key_folder(self.name),
         )
         self.program = launch(network, self.name, "hosts", config, self)
-        environment = {
-            "QMN_STACK": config.socket,
-            "PYTHONPATH": str(ROOT),
-            "PATH": f"{Path(python()).parent}:$PATH",
-        }
-        for name, value in environment.items():
-            self.cmd(f'export {name}="{value}"')
+        self.cmd(f'export QMN_STACK="{config.socket}"')
         return result
 
 
@@ -215,6 +245,16 @@ class ClassicalSwitch(ShellWatcher, OVSSwitch):
     def bridgeOpts(self) -> str:  # noqa: N802 (Mininet's name)
         """Return the bridge's options; the one that marks it as ours comes with its birth."""
         return f"{super().bridgeOpts()} {openvswitch.OWNER}={self.network.name}"
+
+    def start(self, controllers: list[Controller]) -> None:
+        """Start the bridge."""
+        super().start(controllers)
+        self.find_our_programs()
+
+    def dpctl(self, *arguments: str) -> str:
+        """Run ovs-ofctl in the bridge's version of OpenFlow."""
+        command, *rest = arguments
+        return self.cmd("ovs-ofctl -O OpenFlow14", command, self, *rest)
 
     def vsctl(self, *arguments: str, **_options: object) -> str:
         """Run ovs-vsctl; unlike Mininet's own, say so if it fails."""

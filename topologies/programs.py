@@ -39,11 +39,17 @@ class Program:
         self.log = log
         self._process: subprocess.Popen[bytes] | None = None
 
-    def start(self, command: Sequence[str], namespace_pid: int | None = None) -> None:
+    def start(
+        self,
+        command: Sequence[str],
+        namespace_pid: int | None = None,
+        descriptors: Sequence[int] = (),
+    ) -> None:
         """Start the command, in the network namespace of a process if one is given.
 
         The child gets a session of its own, so that Ctrl-C reaches only the runner, and a
-        signal when the runner dies, so that nothing is left behind.
+        signal when the runner dies, so that nothing is left behind. It keeps the open files
+        with these descriptors.
         """
         inside = ["mnexec", "-a", str(namespace_pid)] if namespace_pid else []
         environment = {**os.environ, **ENVIRONMENT}
@@ -56,6 +62,7 @@ class Program:
                 cwd=ROOT,
                 env=environment,
                 start_new_session=True,
+                pass_fds=descriptors,
             )
 
     @property

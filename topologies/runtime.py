@@ -27,7 +27,8 @@ FIRST_PORT = 10_000
 EPHEMERAL_PORTS = Path("/proc/sys/net/ipv4/ip_local_port_range")  # of connections
 ATTEMPTS = 100
 CONSOLE = "console"  # the controller's socket
-EVENT_CAPTURE = "quantum.pcapng"  # what happened to the qubits, for Wireshark and qmn spy
+EVENT_LOG = "quantum.log"  # what happened to the qubits, a line an event
+EVENT_CAPTURE = "quantum.pcapng"  # the same for Wireshark and qmn spy
 
 
 @dataclass
@@ -37,6 +38,8 @@ class Runtime:
     seed: int = 1
     sabot: str = ""  # path of a Sabot server's socket; empty: the dispatcher simulates by itself
     record: bool = False  # whether the dispatcher records what it is asked, for a replay
+    events: bool = True  # whether the dispatcher writes what happens to qubits
+    per_qubit: int = 0  # so many photons of each block have events of their own in there
     qasm: bool = False  # whether the dispatcher dumps what is done to qubits
     backend: str = "chp"  # of wire.config.BACKENDS: what simulates the quantum states
     framework: str = "ryu"
@@ -60,6 +63,10 @@ class Runtime:
     apps: list[str] = field(default_factory=list)  # further apps in the controller
     prefix_length: int = 24  # of the hosts' network
     device_keys: dict[str, str] = field(default_factory=dict)  # of the hosts' node agents
+    pair_secrets: dict[frozenset[str], str] = field(default_factory=dict)  # of two hosts each
+    keys: str = ""  # path of the folder for keys that are kept; empty: they go with the network
+    metrics: bool = False  # whether programs tell Prometheus their figures
+    metrics_addresses: dict[str, str] = field(default_factory=dict)  # by program: where
 
     def __post_init__(self) -> None:
         self.name = str(os.getpid())
@@ -77,6 +84,20 @@ class Runtime:
         """Return the secret that a host's node agent shares with the controller."""
         return self.device_keys.setdefault(host, secrets.token_hex(16))
 
+    def secrets_of(self, host: str) -> dict[str, str]:
+        """Return the secrets that a host shares with each other host, to authenticate by."""
+        return {
+            other: self.pair_secrets.setdefault(frozenset((host, other)), secrets.token_hex(32))
+            for other in self.devices
+            if other != host
+        }
+
+    def key_folder(self, host: str) -> str:
+        """Return the path of the folder for the keys of a host; its parent is private."""
+        folder = Path(self.keys) if self.keys else self.folder / "keys"
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        return str(folder / host)
+
     def socket(self, name: str) -> str:
         """Return the path of a Unix socket (they cross network namespaces)."""
         return str(self.folder / f"{name}.sock")
@@ -90,6 +111,16 @@ class Runtime:
     def remove(self) -> None:
         """Remove the private folder with its tokens and sockets."""
         shutil.rmtree(self.folder, ignore_errors=True)
+
+
+def metrics_listener(network: Runtime, name: str) -> socket.socket:
+    """Return a socket on this machine's loopback for the figures of a program.
+
+    A program that is started again keeps its address.
+    """
+    address = network.metrics_addresses.setdefault(name, f"127.0.0.1:{free_port()}")
+    host, _, port = address.partition(":")
+    return socket.create_server((host, int(port)))
 
 
 def free_port(count: int = 1) -> int:

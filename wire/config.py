@@ -22,6 +22,7 @@ __all__ = [
     "Fiber",
     "FiberEnd",
     "HostConfig",
+    "MeasuredConfig",
     "PathOptics",
     "QuantumSwitch",
 ]
@@ -56,6 +57,14 @@ class Config:
     def from_dict(cls, fields: dict[str, Any]) -> Self:
         """Build the configuration from decoded JSON."""
         return cls(**fields)
+
+
+@dataclass(frozen=True)
+class MeasuredConfig(Config):
+    """What a program is told that can tell Prometheus its figures."""
+
+    # The listening socket that the runner has handed over for that; None: it tells nobody.
+    metrics_fd: int | None = field(default=None, kw_only=True)
 
 
 @dataclass(frozen=True)
@@ -94,7 +103,7 @@ class QuantumSwitch:
 
 
 @dataclass(frozen=True)
-class DispatcherConfig(Config):
+class DispatcherConfig(MeasuredConfig):
     """The physical network and who may act for which node."""
 
     listen: str  # "10.0.0.4:50051"
@@ -107,6 +116,7 @@ class DispatcherConfig(Config):
     event_capture: str = ""  # path of the same as a pcapng file; empty: none
     devices: dict[str, Device] = field(default_factory=dict)  # of hosts; ideal if not listed
     history_depth: int = 10_000
+    per_qubit: int = 0  # so many photons of each block have events of their own in log and capture
     max_live_qubits: int = 8_000_000
     backend: str = "chp"  # on which quantum states begin: one of BACKENDS
     record: str = ""  # path of a private record to replay, which must not exist; empty: none
@@ -142,6 +152,8 @@ class HostConfig(Config):
     seed: int
     report_to: str = ""  # address that the node agent reports to (the subnet's broadcast)
     device_key: str = ""  # that the node agent shares with the controller; empty: no node agent
+    pair_secrets: dict[str, str] = field(default_factory=dict)  # shared with each other host, hex
+    keys: str = ""  # path of the folder for keys that it distributes; empty: it keeps none
     analyser: str = "complete"  # or "linear": its Bell analyser (wire.physics.BellAnalyser.kind)
 
     def __post_init__(self) -> None:
@@ -150,7 +162,7 @@ class HostConfig(Config):
 
 
 @dataclass(frozen=True)
-class AgentConfig(Config):
+class AgentConfig(MeasuredConfig):
     """One quantum switch: its bridge on one side, controller and dispatcher on the other."""
 
     switch: str
@@ -166,7 +178,7 @@ class AgentConfig(Config):
 
 
 @dataclass(frozen=True)
-class ControllerConfig(Config):
+class ControllerConfig(MeasuredConfig):
     """What the controller apps are told; all else they discover."""
 
     listen: str  # "127.0.0.1:6653"

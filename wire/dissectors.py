@@ -15,6 +15,7 @@ from typing import Any
 from wire import device, events, metadata, optical
 from wire.dispatcher_pb2 import Event
 from wire.layout import (
+    OPEN,
     Field,
     Layout,
     device_layouts,
@@ -47,6 +48,7 @@ def tables() -> dict[str, Any]:
             "header": metadata.HEADER.size,
             "max_length": metadata.MAX_LENGTH,
             "max_frames": metadata.MAX_FRAMES,
+            "widths": dict.fromkeys(metadata.WIDTHS, True),
             "kinds": [_layout(layout) for layout in metadata_layouts()],
         },
         "device": {
@@ -117,6 +119,8 @@ def _layout(layout: Layout) -> dict[str, Any]:
 
 def _field(field: Field) -> dict[str, Any]:
     made = {"name": field.name, "offset": field.offset, "size": field.size, "kind": field.kind}
+    if field.name in OPEN:
+        made["open"] = True
     return {**made, "values": field.values} if field.values else made
 
 

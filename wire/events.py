@@ -19,7 +19,9 @@ RECORD = struct.Struct("!HBx")  # magic, version; then the message
 MAGIC = 0x5145  # "QE"
 VERSION = 1
 DROPPED = "dropped"  # kind of the event that says how many were not told
-_SHOWN = frozenset({"time_ns", "node", "kind", "block", "port", "photons", "lost", "detail"})
+_SHOWN = frozenset(
+    {"time_ns", "node", "kind", "block", "port", "photons", "lost", "detail", "photon"}
+)
 
 
 def format_line(event: Event) -> str:
@@ -28,6 +30,8 @@ def format_line(event: Event) -> str:
     if event.HasField("block"):
         block = event.block
         parts.append(f"session={block.session:016x} block={block.number}/{block.half}")
+    if event.photon:
+        parts.append(f"photon={event.photon}")
     if event.port:
         parts.append(f"port={event.port}")
     if event.photons:
@@ -61,7 +65,12 @@ def to_json(event: Event) -> dict[str, Any]:
             "block": block.number,
             "half": block.half,
         }
-    given = {"port": event.port, "photons": event.photons, "lost": event.lost}
+    given = {
+        "photon": event.photon,
+        "port": event.port,
+        "photons": event.photons,
+        "lost": event.lost,
+    }
     fields |= {name: value for name, value in given.items() if value}
     fields |= _further(event)
     return {**fields, "detail": event.detail} if event.detail else fields

@@ -14,7 +14,7 @@ from typing import Any
 
 from wire import device, metadata
 from wire.device import DeviceReport, DeviceSettings
-from wire.metadata import Answer, Block, Frame, Message, Report
+from wire.metadata import Answer, Block, Envelope, Frame, Message, Report, Values
 
 ENUMS: Mapping[str, type[IntEnum]] = MappingProxyType(
     {
@@ -23,8 +23,10 @@ ENUMS: Mapping[str, type[IntEnum]] = MappingProxyType(
         "verdict": metadata.Verdict,
         "rotation": metadata.Pauli,
         "reason": metadata.Reason,
+        "topic": metadata.Topic,
     }
 )
+OPEN = {"topic"}  # whose numbers need no name: services define their own
 # What follows the fixed fields. A counted list has its number of elements as last fixed field.
 TEXT, BYTES, COUNTED, UNTIL_END = "text", "bytes", "counted", "until_end"
 
@@ -119,6 +121,8 @@ def _tails(kind: type[Message]) -> tuple[Tail, ...]:
     if kind is Report:
         number = (Field("frame", 0, 4, "uint"),)
         return (Tail("failed", COUNTED, number), Tail(fields(kind)[-1].name, BYTES))
+    if kind in (Values, Envelope):
+        return (Tail(fields(kind)[-1].name, BYTES),)
     if kind is DeviceReport:
         return (Tail("ports", UNTIL_END, placed(device.PORT, ["name", "up"])),)
     return ()

@@ -31,10 +31,32 @@ class MalformedPacket(ValueError):
 
 
 class Service(IntEnum):
-    """What the light is wanted for."""
+    """What the light is wanted for; wire.services says which paths each needs."""
 
-    SDC = 1
-    PAIR_SOURCE = 2
+    SDC = 1  # superdense coding
+    PAIR_SOURCE = 2  # of an open session: its pairs
+    DISTRIBUTE = 3  # entanglement distribution
+    TELEPORT = 4
+    BBM92 = 5  # quantum key distribution by entangled pairs
+    BB84 = 6  # by single photons that the opener prepares
+
+
+class Topic(IntEnum):
+    """What an array of values is about; a service may use numbers that are not listed here."""
+
+    COMING = 1  # how many photons the block has that comes next; answered when it may come
+    STATES = 2  # that were prepared: wire.dispatcher.proto, CreateRequest.states
+    BASES = 3  # that were measured in: 0 Z, 1 X, 2 Y
+    OUTCOMES = 4  # of measurements
+    CORRECTIONS = 5  # Pauli operators that the receiver of the message applies
+    ARRIVED = 6  # 1 for what was detected, or kept, 0 for what was not
+    SAMPLE = 7  # 1 for what is sacrificed for an estimate
+    COUNTS = 8  # what came of a block, as its service defines
+    KEYS = 9  # messages of wire.qkd, cut into envelopes anywhere
+    OPENER = 10  # name of the host that has opened the session, UTF-8
+    OVER = 11  # the light of the block is over; no values
+    PURIFY = 32  # protocol (1 BBPSSW, 2 DEJMPS) and seed of the twirl, of a round of a block
+    DELIVER = 33  # so many pairs, which have numbers from then on; answered
 
 
 class Handshake(IntEnum):
@@ -335,8 +357,67 @@ class Finish(Message):
     sha256: bytes
 
 
+@dataclass(frozen=True)
+class Values(Message):
+    """An array of small numbers that one end of a service tells the other.
+
+    Packed without gaps, high bit first; bits behind the last value are 0.
+    """
+
+    KIND = 7
+    FIELDS = struct.Struct("!BBII")
+
+    topic: int  # what they are: Topic, or as the service defines
+    width: int  # bits of each: one of WIDTHS
+    block: int  # of photons that they belong to
+    count: int
+    data: bytes = b""
+
+    def encode(self) -> bytes:
+        """Return the message as it goes onto the wire."""
+        fixed = self.FIELDS.pack(self.topic, self.width, self.block, self.count)
+        return self._frame(fixed + self.data)
+
+    @classmethod
+    def parse(cls, session: int, body: bytes) -> "Values":
+        """Build the message from its body; raise MalformedPacket if it does not fit."""
+        (topic, width, block, count), data = _split(cls, body)
+        if width not in WIDTHS:
+            raise MalformedPacket(f"Values: {width} bits a value, not one of {WIDTHS}")
+        size, used = divmod(count * width, 8)
+        if len(data) != size + bool(used):
+            raise MalformedPacket(f"Values: {count} of {width} bits are not {len(data)} bytes")
+        if used and data[-1] & (0xFF >> used):
+            raise MalformedPacket("Values: bits behind the last value are not 0")
+        return cls(session, topic, width, block, count, data)
+
+
+WIDTHS = (1, 2, 8, 32)
+
+
+@dataclass(frozen=True)
+class Envelope(Message):
+    """Carries a message of a service that has a format of its own, such as wire.qkd."""
+
+    KIND = 8
+    FIELDS = struct.Struct("!B")
+
+    topic: int
+    content: bytes = b""
+
+    def encode(self) -> bytes:
+        """Return the message as it goes onto the wire."""
+        return self._frame(self.FIELDS.pack(self.topic) + self.content)
+
+    @classmethod
+    def parse(cls, session: int, body: bytes) -> "Envelope":
+        """Build the message from its body; raise MalformedPacket if it does not fit."""
+        (topic,), content = _split(cls, body)
+        return cls(session, topic, content)
+
+
 KINDS: dict[int, type[Message]] = {
-    kind.KIND: kind for kind in (Setup, Answer, Emit, Block, Report, Finish)
+    kind.KIND: kind for kind in (Setup, Answer, Emit, Block, Report, Finish, Values, Envelope)
 }
 
 

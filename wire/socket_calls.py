@@ -14,6 +14,25 @@ LISTEN {port}           ->  listening lasts as long as this socket
                         <-  DONE
 ACCEPT {port}           ->  on a socket of its own
                         <-  DONE {peer}, then DATA …, then CLOSE {statistics}
+
+application                 stack (the end that asks for a service)
+REQUEST {service, host, port, …} ->
+                        <-  RESULT {…} …, then CLOSE {summary} or FAILED {reason, text}
+
+application                 stack (the end that is asked)
+LISTEN {port, service}  ->  and ACCEPT {port} as above
+                        <-  DONE {peer}, then RESULT {…} …, then CLOSE {summary} or FAILED
+
+Where a service leaves something to be used, as pairs in memory, at either end:
+                        <-  RESULT {…} …, then DONE {summary}: it is there
+ASK {…}                 ->  as often as wanted
+                        <-  DONE {…}, or DONE {refused, reason}
+CLOSE                   ->  of the end that has asked for the service, or its socket closes
+                        <-  CLOSE {summary}, at both ends
+
+application                 stack
+WATCH {session, history} -> of this host alone, for as long as this socket; session 0: all
+                        <-  DONE, then EVENT record (wire.events) …
 """
 
 import json
@@ -37,6 +56,11 @@ class Call(IntEnum):
     CLOSE = 5
     DONE = 6
     FAILED = 7
+    WATCH = 8
+    EVENT = 9
+    REQUEST = 10
+    RESULT = 11
+    ASK = 12
 
 
 def encode(call: Call, payload: bytes = b"") -> bytes:

@@ -1,5 +1,6 @@
 """Whether a set-up is granted, and which paths it needs. Pure decisions, no state change."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from controller_apps.light.optics import SwitchPort
@@ -9,6 +10,7 @@ from controller_apps.sessions.segments import FiveTuple
 from controller_apps.sessions.sessions import Session, Sessions
 from wire.metadata import Handshake, Reason, Service, Setup
 from wire.optical import frequency_mhz
+from wire.services import LIGHT, Role, fibers_needed
 
 
 @dataclass(frozen=True)
@@ -32,6 +34,8 @@ def admit(
     registered = sessions.by_number.get(setup.session)
     if setup.service == Service.PAIR_SOURCE:
         return _pair_source(five_tuple, registered)
+    if setup.service != Service.SDC and setup.handshake != Handshake.FRAMED:
+        return Admission(Reason.PROTOCOL)
     if setup.handshake == Handshake.ONE_PAIR:
         if not _same_session(setup, five_tuple, registered):
             return Admission(Reason.UNKNOWN_SESSION)
@@ -65,13 +69,16 @@ def find_light(
     setup: Setup, five_tuple: FiveTuple, sessions: Sessions, network: Network, budget_mdb: int
 ) -> Admission:
     """Return the light paths that a set-up needs, or why it cannot have them now."""
-    ends = [
-        network.ports_of(address)
-        for address in (five_tuple.source, five_tuple.destination, setup.source)
-    ]
-    if not all(ends):
+    hosts = {
+        Role.OPENER: five_tuple.source,
+        Role.ACCEPTOR: five_tuple.destination,
+        Role.SOURCE: setup.source,
+    }
+    ports = {role: network.ports_of(address) for role, address in hosts.items()}
+    if not all(ports.values()):
         return Admission(Reason.UNKNOWN_HOST)
-    legs = superdense_coding(*ends)
+    service = Service(setup.service)
+    legs = legs_of(service, ports)
     if legs is None:
         return Admission(Reason.NO_PATH)
     try:
@@ -96,17 +103,11 @@ def limits_of(setup: Setup, sessions: Sessions, budget_mdb: int) -> Limits:
     return Limits(lambda way: sessions.blocks(way, setup.session, frequency), frequency, budget_mdb)
 
 
-def superdense_coding(
-    sender: list[SwitchPort], receiver: list[SwitchPort], source: list[SwitchPort]
-) -> list[Leg] | None:
-    """Return which ports light must connect, None if a host has too few.
-
-    One photon of each pair goes by way of the sender, the other straight to the receiver.
-    """
-    if len(receiver) < 2 or len(source) < 2:
+def legs_of(service: Service, ports: Mapping[Role, list[SwitchPort]]) -> list[Leg] | None:
+    """Return which ports light must connect, None if a host has too few."""
+    if any(len(at) < fibers_needed(service, role) for role, at in ports.items()):
         return None
     return [
-        Leg(source[0], sender[0]),
-        Leg(sender[0], receiver[1]),
-        Leg(source[1], receiver[0]),
+        Leg(ports[start.role][start.place], ports[end.role][end.place])
+        for start, end in LIGHT[service]
     ]

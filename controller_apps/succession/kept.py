@@ -33,6 +33,7 @@ from wire.metadata import (
     Setup,
     Verdict,
 )
+from wire.services import LIGHT
 
 MAX_KEPT_REQUESTS = 8  # of one session; it needs two
 SESSION = struct.Struct("!dBB")
@@ -122,7 +123,7 @@ def _check_owner(session: Session) -> None:
     setup = session.setup
     lit = setup.handshake == Handshake.FRAMED
     known = setup.handshake in (Handshake.FRAMED, Handshake.PER_PAIR)
-    if setup.service != Service.SDC or not known or lit != bool(session.paths):
+    if setup.service not in LIGHT or not known or lit != bool(session.paths):
         raise MalformedPacket(f"{len(session.paths)} paths for a session opened by {setup}")
     try:
         _ = session.frequency_mhz

@@ -3,6 +3,7 @@
 from collections.abc import Awaitable, Callable
 from typing import Any
 
+from dispatcher.gathering import Gathering
 from dispatcher.layer import block_name
 from dispatcher.light.transport import Transport
 from dispatcher.measurements import Measurements
@@ -15,7 +16,10 @@ Act = Callable[[str, Any], Awaitable[messages.Feedback]]
 
 
 def acts(
-    operations: Operations, measurements: Measurements, transport: Transport
+    operations: Operations,
+    measurements: Measurements,
+    transport: Transport,
+    gathering: Gathering,
 ) -> dict[str, Act]:
     """Return the act for each operation of a Step, called with node and request."""
 
@@ -53,6 +57,10 @@ def acts(
             return operations.discard_session(node, request.session)
         return operations.discard(node, block_name(request.block))
 
+    async def gather(node: str, request: messages.GatherRequest) -> messages.Feedback:
+        into = block_name(request.into)
+        return gathering.gather(node, into, request.picks, request.keep_rest)
+
     return {
         "create": create,
         "apply": apply,
@@ -62,4 +70,5 @@ def acts(
         "bell_measure": bell_measure,
         "store": store,
         "discard": discard,
+        "gather": gather,
     }

@@ -23,6 +23,7 @@ REQUESTS: dict[str, type[Any]] = {
     "bell_measure": messages.BellMeasureRequest,
     "store": messages.StoreRequest,
     "discard": messages.DiscardRequest,
+    "gather": messages.GatherRequest,
     "cross_connect": messages.CrossConnectRequest,
     "tune_port": messages.TunePortRequest,
     "inject_fault": messages.InjectFaultRequest,

@@ -1,16 +1,18 @@
 """Checks of what a request asks for, before anything is changed."""
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
 import numpy as np
+from numpy.typing import NDArray
 
+from dispatcher.devices import preparation
 from dispatcher.ownership import Block
 from dispatcher.refusal import invalid
 from dispatcher.sabot.backend import Bytes
 from dispatcher.sabot.gates import ROTATIONS
 from dispatcher.switch.optical_switch import MAX_POWER_DBM
 from wire.config import QuantumSwitch
-from wire.dispatcher_pb2 import Connection
+from wire.dispatcher_pb2 import Connection, CreateRequest
 from wire.switch_check import TEMPERATURE_C
 
 MAX_COUNT = 4_000_000
@@ -18,6 +20,7 @@ MAX_BLOCKS = 100_000
 MAX_GATES = 256
 MAX_ANGLE_RAD = 1e6
 MAX_STEPS = 64
+MAX_PICKS = 4096
 MAX_ORDERS = 256  # of one call, at a time
 MAX_TIMEOUT_S = 60.0
 # Shorter than what a switch's timeline remembers.
@@ -35,6 +38,29 @@ def packed(field: str, values: bytes, count: int, largest: int) -> Bytes:
             f"{field}[{position}] is {array[position]}; each must be between 0 and {largest}"
         )
     return array
+
+
+def positions(field: str, values: Collection[int], size: int) -> NDArray[np.uint32]:
+    """Return positions in a block of this size, all of them different."""
+    array = np.fromiter(values, np.uint32, len(values))
+    outside = np.flatnonzero(array >= size)
+    if outside.size:
+        index = int(outside[0])
+        raise invalid(f"{field}[{index}] is {array[index]}; count {size} photons from 0")
+    counts = np.bincount(array, minlength=1)
+    if counts.max() > 1:
+        raise invalid(f"{field} name {int(counts.argmax())} twice; name each once")
+    return array
+
+
+def states(request: CreateRequest) -> Bytes | None:
+    """Return the state of each photon of a block that is to be prepared, None of any other."""
+    if request.state == CreateRequest.PREPARED:
+        return packed("states", request.states, request.count, len(preparation.STATES) - 1)
+    if request.states:
+        name = CreateRequest.State.Name(request.state)
+        raise invalid(f"{len(request.states)} states for a block of {name}; only PREPARED has any")
+    return None
 
 
 def require_count(count: int) -> None:
@@ -58,6 +84,12 @@ def require_steps(count: int) -> None:
     """Refuse an empty or too long order."""
     if not 1 <= count <= MAX_STEPS:
         raise invalid(f"{count} steps; send 1 to {MAX_STEPS} in an order")
+
+
+def require_picks(count: int) -> None:
+    """Refuse to gather from no blocks or from too many."""
+    if not 1 <= count <= MAX_PICKS:
+        raise invalid(f"{count} picks; name 1 to {MAX_PICKS} blocks")
 
 
 def require_rate(rate_hz: int, longest: int) -> None:

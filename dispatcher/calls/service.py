@@ -13,6 +13,7 @@ from dispatcher.calls.acts import acts
 from dispatcher.calls.callers import Callers
 from dispatcher.calls.changes import changes
 from dispatcher.calls.orders import Orders
+from dispatcher.gathering import Gathering
 from dispatcher.layer import PhysicalLayer
 from dispatcher.light.transport import Transport
 from dispatcher.measurements import Measurements
@@ -62,7 +63,8 @@ class Service(DispatcherServicer):
         self.transport = Transport(layer, failed)
         self.switching = Switching(layer)
         self._operations = Operations(layer)
-        self._acts = acts(self._operations, Measurements(layer), self.transport)
+        parts = self._operations, Measurements(layer), self.transport, Gathering(layer)
+        self._acts = acts(*parts)
         self._changes = changes(layer, self.switching)
 
     @call
@@ -120,6 +122,13 @@ class Service(DispatcherServicer):
     ) -> messages.Feedback:
         """Discard a block or a session."""
         return await self._act(node, "discard", request)
+
+    @call
+    async def Gather(
+        self, request: messages.GatherRequest, node: str, _context: Context
+    ) -> messages.Feedback:
+        """Count photons anew, in a block of their own."""
+        return await self._act(node, "gather", request)
 
     @call
     async def Perform(
@@ -195,10 +204,17 @@ class Service(DispatcherServicer):
 
     @call
     async def Status(
-        self, _request: messages.StatusRequest, node: str, _context: Context
+        self, request: messages.StatusRequest, node: str, _context: Context
     ) -> messages.StatusReply:
-        """Tell the runner how much there is."""
+        """Tell the runner how much there is, and which blocks a node holds if one is named."""
         self.callers.require_runner(node, "ask for the status")
+        reply = self.status()
+        held = self.layer.ownership.at_node(request.blocks_at)
+        reply.blocks.extend(self.layer.held(block) for block in held)
+        return reply
+
+    def status(self) -> messages.StatusReply:
+        """Return how much there is, without the blocks."""
         return messages.StatusReply(
             live_qubits=self.layer.sabot.live_qubits,
             live_bytes=self.layer.sabot.live_bytes,
@@ -213,7 +229,9 @@ class Service(DispatcherServicer):
     async def Watch(self, request: messages.WatchRequest, node: str, context: Context) -> None:
         """Tell the runner what happens, and a node what happens there, until it goes away."""
         watched = self.callers.watched_by(node, request.node)
-        with self.layer.history.watching(watched, request.session, request.history) as watcher:
+        with self.layer.history.watching(
+            watched, request.session, request.history, request.per_qubit
+        ) as watcher:
             while True:
                 event = await watcher.next()
                 try:

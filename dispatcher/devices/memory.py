@@ -4,6 +4,7 @@ A block that is used again has left its memory: to wait on it is stored again. L
 a port, or is kept without being stored, is in an ideal delay line.
 """
 
+from collections.abc import Sequence
 from math import asin, sqrt
 
 import numpy as np
@@ -44,6 +45,10 @@ class Memories:
         stored[block] = more
         block.stored_ns, block.stores = self._clock.now_ns(), block.stores + 1
 
+    def holds(self, block: Block) -> bool:
+        """Return whether a block is in its node's memory."""
+        return block in self._stored.get(block.node, {})
+
     def forget(self, block: Block) -> None:
         """Free the place of a block that is discarded."""
         self._stored.get(block.node, {}).pop(block, None)
@@ -53,21 +58,41 @@ class Memories:
 
         Raise TooLarge, and leave it there, if that would take too large state vectors.
         """
-        if block not in self._stored.get(block.node, {}):
-            return None
-        waited_ns = self._clock.now_ns() - block.stored_ns
+        return self._wait_is_over(block, leaves=True) if self.holds(block) else None
+
+    def look_in(self, block: Block) -> str:
+        """Decide what the wait so far has done to a block that stays in the memory.
+
+        Waits add up: what comes later is the same as without looking in. Raise as read_out.
+        """
+        return self._wait_is_over(block, leaves=False)
+
+    def exchange(self, givers: Sequence[Block], taker: Block) -> None:
+        """Let a new block be in the memory with photons that were in there: a part of others'."""
+        stored = self._stored.setdefault(taker.node, {})
+        for block in (*givers, taker):
+            stored[block] = block.register.remaining
+        taker.stored_ns = self._clock.now_ns()
+
+    def _wait_is_over(self, block: Block, leaves: bool) -> str:
+        now_ns = self._clock.now_ns()
+        waited_ns = now_ns - block.stored_ns
         memory = self._devices.of(block.node).memory
         happened = decay(memory, waited_ns / 1e9)
         if happened.damped:
             self._damp(block, happened.damped)
-        self.forget(block)
         block.start_ns += waited_ns
         block.first_ns += waited_ns
         block.last_ns += waited_ns
         where = f"memory of {block.node}, {block.fibers_passed}, {block.stores}"
-        chance = Chance(self._draws, block.name, where, block.register.size)
-        counts = {"lost": self._lose(block, memory.efficiency, chance)}
+        chance = Chance(self._draws, block.name, block.draws_for(where), block.register.size)
+        counts = {}
+        if leaves:
+            self.forget(block)
+            counts["lost"] = self._lose(block, memory.efficiency, chance)
         counts |= self._decay(block, happened, chance)
+        if not leaves:
+            block.stored_ns, block.stores = now_ns, block.stores + 1
         told = "".join(f" {name}={count}" for name, count in counts.items() if count)
         return f"after {waited_ns / 1e9:.9f} s{told}"
 
@@ -82,7 +107,7 @@ class Memories:
         """Let so much of the excitation pass into qubits that nobody sees; or raise TooLarge."""
         sabot, angle_rad = self._sabot, asin(sqrt(share))
         unseen = sabot.zeros(block.register.size)
-        purpose = f"damped {block.fibers_passed}, {block.stores}"
+        purpose = block.draws_for(f"damped {block.fibers_passed}, {block.stores}")
         draws = self._draws.photons(block.name, purpose, block.register.size)
         try:
             rotation = GateStep("RY", angle_rad=angle_rad)
@@ -102,7 +127,7 @@ class Memories:
             reset = chance.happens("reset", happened.reset) & present
             counts["reset"] = int(np.count_nonzero(reset))
             if counts["reset"]:
-                purpose = f"reset {block.fibers_passed}, {block.stores}"
+                purpose = block.draws_for(f"reset {block.fibers_passed}, {block.stores}")
                 draws = self._draws.photons(block.name, purpose, chance.photons)
                 self._sabot.reset(block.register, reset, draws)
         errors = happened.x + happened.y + happened.z

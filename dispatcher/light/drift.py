@@ -79,7 +79,8 @@ def _flipped(
     and of them as many are taken as their own angles say.
     """
     most = sin(min(most_rad, pi) / 2) ** 2
-    chance = Chance(draws, block.name, f"twirl {block.fibers_passed}", block.register.size)
+    place = block.draws_for(f"twirl {block.fibers_passed}")
+    chance = Chance(draws, block.name, place, block.register.size)
     photons = chance.events("most", most)
     likely = np.sin(angles_of(photons) / 2) ** 2
     return photons[chance.generator("own").random(photons.size) * most < likely]

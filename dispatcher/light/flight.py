@@ -153,7 +153,7 @@ class Flight:
         schedule = self._departure.after(beam.delay_ns)
         for name, model in line.noise.items():
             past = self._layer.history.past(line.near.node, line.near.port, name)
-            place = f"fiber {beam.fibers_passed} {name}"
+            place = block.draws_for(f"fiber {beam.fibers_passed} {name}")
             passage = Passage(self._layer.draws, block.name, place, schedule, past)
             effect = model.effect(passage)
             told = f"{type(model).__name__} in the fibre to {line.far.port} of {line.far.node}"
@@ -169,7 +169,8 @@ class Flight:
             pulses.pass_on(block.pulses, beam.members, effect)
 
     def _chance(self, place: str) -> Chance:
-        return Chance(self._layer.draws, self._block.name, place, self._departure.pattern.photons)
+        block, photons = self._block, self._departure.pattern.photons
+        return Chance(self._layer.draws, block.name, block.draws_for(place), photons)
 
     def _absorb(self, members: Mask) -> None:
         """Lose all the light of some pulses."""

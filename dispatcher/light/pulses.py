@@ -5,10 +5,12 @@ multiplied by masks, which takes the same time whatever is masked; np.where is s
 random.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from dispatcher.chance import Chance
 from dispatcher.fiber.noise import Effect
@@ -88,6 +90,27 @@ def unite(pulses: Pulses, other: Pulses, members: Mask) -> None:
         pulses.extras = other.extras * members + own * ~members
     pulses.delays_ps = _merged(pulses.delays_ps, other.delays_ps, members)
     pulses.angles_rad = _merged(pulses.angles_rad, other.angles_rad, members)
+
+
+def gather(picks: Sequence[tuple[Pulses, NDArray[np.uint32]]]) -> Pulses:
+    """Return the pulses at these positions of several blocks, one after the other."""
+    every = [pulses for pulses, _positions in picks]
+
+    def joined(arrays: Sequence[NDArray[Any] | None], dtype: DTypeLike) -> NDArray[Any] | None:
+        if all(array is None for array in arrays):
+            return None
+        taken = [
+            np.zeros(at.size, dtype) if array is None else array[at]
+            for array, (_pulses, at) in zip(arrays, picks, strict=True)
+        ]
+        return np.concatenate(taken)
+
+    return Pulses(
+        extras=joined([pulses.extras for pulses in every], np.uint8),
+        delays_ps=joined([pulses.delays_ps for pulses in every], np.float64),
+        angles_rad=joined([pulses.angles_rad for pulses in every], np.float64),
+        exact=all(pulses.exact for pulses in every),
+    )
 
 
 def _added(

@@ -120,6 +120,7 @@ class Transport:
         own = pulses.part(block.pulses, arrival.members)
         part = Block(block.name, register, "", pulses=own)
         part.interval_ns, part.stores = block.interval_ns, block.stores
+        part.lineage = block.lineage
         layer.ownership.add(part)
         return part
 

@@ -94,7 +94,8 @@ def _config(header: Entry | None) -> DispatcherConfig:
         raise BadRecord("it is empty")
     try:
         config = DispatcherConfig.from_dict(json.loads(header.header.config))
-        return replace(config, tokens={node: node for node in config.tokens})  # nobody calls
+        tokens = {node: node for node in config.tokens}  # nobody calls
+        return replace(config, tokens=tokens, metrics_fd=None)
     except (ValueError, TypeError, KeyError, AttributeError) as error:
         raise BadRecord(f"its configuration is not of this version: {error}") from error
 

@@ -1,6 +1,6 @@
 """The simulation manager: what can be done to registers of qubits."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -8,7 +8,17 @@ from dispatcher.sabot.backend import Begin, Bytes, GateName
 from dispatcher.sabot.dense import Dense
 from dispatcher.sabot.draws import PhotonDraws
 from dispatcher.sabot.gates import TWO_QUBIT_GATES, as_clifford
-from dispatcher.sabot.registers import WHOLE, Component, Mask, Register, Store
+from dispatcher.sabot.joining import join
+from dispatcher.sabot.registers import (
+    WHOLE,
+    Component,
+    Mask,
+    Pick,
+    Register,
+    Share,
+    Store,
+    ordered,
+)
 from dispatcher.sabot.room import GateStep, require_amplitudes, require_room
 
 NO_CLICK = 255
@@ -61,8 +71,8 @@ class Sabot:
 
     def pauli(self, register: Register, paulis: Bytes) -> None:
         """Apply to qubit j the Pauli paulis[j]: 0 I, 1 X, 2 Z, 3 XZ; shape (k,)."""
-        for component in register.components:
-            component.state.pauli(component.qubit(register), paulis[component.positions])
+        for share in register.shares:
+            share.component.state.pauli(share.qubit, paulis[share.positions])
 
     def require_room(self, register: Register, steps: Sequence[GateStep]) -> None:
         """Raise TooLarge if these gates would need state vectors beyond the limits."""
@@ -92,25 +102,22 @@ class Sabot:
 
     def _gate_each(self, name: GateName, register: Register, angle_rad: float) -> None:
         cliffords = as_clifford(name, angle_rad)
-        for component in register.components:
-            qubit = component.qubit(register)
+        for share in register.shares:
             if cliffords is None:
-                dense = self._store.make_dense(component)
-                dense.gate(name, qubit, angle_rad=angle_rad)
+                dense = self._store.make_dense(share.component)
+                dense.gate(name, share.qubit, angle_rad=angle_rad)
             for clifford in cliffords or ():
-                component.state.gate(clifford, qubit)
+                share.component.state.gate(clifford, share.qubit)
 
     def _gate_pairs(self, name: GateName, register: Register, target: Register) -> None:
         both = register.present & target.present
         if not both.all():
             self._store.divide(register, both)
             self._store.divide(target, both)
-        self._store.join(register, target)
-        for component in _shared(register, target):
-            if both[component.start]:
-                qubits = component.qubit(register), component.qubit(target)
+        for share, other in join(self._store, register, target):
+            if both[share.first]:
                 for clifford in as_clifford(name) or ():
-                    component.state.gate(clifford, *qubits)
+                    share.component.state.gate(clifford, share.qubit, other.qubit)
 
     def measure(self, register: Register, bases: Bytes, draws: PhotonDraws) -> Bytes:
         """Measure and discard every qubit in its own basis: 0 Z, 1 X, 2 Y.
@@ -118,12 +125,11 @@ class Sabot:
         All arrays have shape (k,); the outcome of a lost qubit is NO_CLICK.
         """
         self._store.divide(register, bases)
-        for component in register.components:
-            qubit = component.qubit(register)
-            if bases[component.start] == 2:
-                component.state.gate("S_DAG", qubit)
-            if bases[component.start]:
-                component.state.gate("H", qubit)
+        for share in register.shares:
+            if bases[share.first] == 2:
+                share.component.state.gate("S_DAG", share.qubit)
+            if bases[share.first]:
+                share.component.state.gate("H", share.qubit)
         return _hide(self._read_out(register, draws), register.present)
 
     def bell_measure(
@@ -137,11 +143,9 @@ class Sabot:
         """
         self._require_pair(first, second)
         self.require_room(first, [GateStep("CX", second)])
-        self._store.join(first, second)
-        for component in _shared(first, second):
-            qubits = component.qubit(first), component.qubit(second)
-            component.state.gate("CX", *qubits)
-            component.state.gate("H", qubits[0])
+        for share, other in join(self._store, first, second):
+            share.component.state.gate("CX", share.qubit, other.qubit)
+            share.component.state.gate("H", share.qubit)
         flips = self._read_out(second, draws[1])
         phases = self._read_out(first, draws[0])
         return _hide(flips | (phases << np.uint8(1)), first.present & second.present)
@@ -152,12 +156,12 @@ class Sabot:
         Draws must be for this reset alone: a block that is reset again needs others.
         """
         self._store.divide(register, mask)
-        for component in list(register.components):
-            if not mask[component.start]:
+        for share in list(register.shares):
+            if not mask[share.first]:
                 continue
-            qubit = component.qubit(register)
+            component, qubit = share.component, share.qubit
             self._store.unlink(component)
-            bits, _determined = component.state.measure(qubit, draws.at(component.positions))
+            bits, _determined = component.state.measure(qubit, draws.at(share.positions))
             component.state.pauli(qubit, bits)
             self._link_parts(component)
 
@@ -177,11 +181,35 @@ class Sabot:
         self._store.divide(register, mask)
         part = Register(register.size)
         self._store.lose(part, ~(register.present & mask))
-        for component in list(register.components):
-            if mask[component.start]:
-                self._store.hand_over(component, register, part)
+        for share in list(register.shares):
+            if mask[share.first]:
+                self._store.hand_over(share, part)
         self._store.lose(register, mask)
         return part
+
+    def gather(self, picks: Sequence[Pick]) -> Register:
+        """Move qubits of some registers, in this order, into a register of their own.
+
+        Each register is named once, with positions in it that are all different. In it the
+        qubits are lost then.
+        """
+        gathered = Register(sum(pick.positions.size for pick in picks))
+        lost = np.concatenate([~pick.register.present[pick.positions] for pick in picks])
+        start = 0
+        for register, positions in picks:
+            places = np.full(register.size, gathered.size, dtype=np.uint32)  # that is nowhere
+            places[positions] = np.arange(start, start + positions.size)
+            start += positions.size
+            taken = places < gathered.size
+            self._store.divide(register, taken)
+            for share in list(register.shares):
+                if taken[share.first]:
+                    self._store.move(share, ordered(places[share.positions], gathered.size))
+                    self._store.hand_over(share, gathered)
+            self._store.lose(register, taken)
+        if lost.any():
+            self._store.lose(gathered, lost)
+        return gathered
 
     def explain(self, register: Register, place: str, photons: Bytes | Mask) -> None:
         """Hear where what is done next to photons, those that are not 0, comes from.
@@ -192,8 +220,8 @@ class Sabot:
     def unite(self, register: Register, other: Register) -> None:
         """Move the qubits of another part of the same register into this one."""
         present = register.present | other.present
-        for component in list(other.components):
-            self._store.hand_over(component, other, register)
+        for share in list(other.shares):
+            self._store.hand_over(share, register)
         self._store.forget(other)
         assert register.lost is not None  # it has been divided
         np.logical_not(present, out=register.lost)
@@ -202,40 +230,36 @@ class Sabot:
         if self.backend == Dense.NAME:
             require_amplitudes(registers, count, self._store.live_amplitudes)
         made = [Register(count) for _ in range(registers)]
-        self._store.link(Component(self._backend(registers, count), WHOLE, list(made)))
+        shares = [Share(register, WHOLE) for register in made]
+        self._store.link(Component(self._backend(registers, count), shares))
         return made
 
     def _read_out(self, register: Register, draws: PhotonDraws) -> Bytes:
         """Measure Z of every qubit and discard the register."""
         bits = np.zeros(register.size, dtype=np.uint8)
-        for component in list(register.components):
-            qubit = component.qubit(register)
+        for share in list(register.shares):
+            component, qubit = share.component, share.qubit
             self._store.unlink(component)
-            bits[component.positions], _determined = component.state.measure(
-                qubit, draws.at(component.positions)
+            bits[share.positions], _determined = component.state.measure(
+                qubit, draws.at(share.positions)
             )
             component.state.discard(qubit)
-            del component.registers[qubit]
+            del component.shares[qubit]
             self._link_parts(component)
         self._store.forget(register)
         return bits
 
     def _link_parts(self, component: Component) -> None:
         """Link what a measurement has left, each independent part for itself."""
-        if not component.registers:
+        if not component.shares:
             return
         for qubits, state in component.state.factor():
-            registers = [component.registers[qubit] for qubit in qubits]
-            self._store.link(Component(state, component.positions, registers))
+            self._store.link(Component(state, [component.shares[qubit] for qubit in qubits]))
 
     @staticmethod
     def _require_pair(first: Register, second: Register) -> None:
         if first is second or first.size != second.size:
             raise ValueError(f"registers of {first.size} and {second.size} qubits are no pairs")
-
-
-def _shared(first: Register, second: Register) -> Iterator[Component]:
-    return (component for component in first.components if component in second.components)
 
 
 def _hide(outcomes: Bytes, seen: Mask) -> Bytes:

@@ -4,17 +4,20 @@
     register B   [  component 1          ][ component 3 ]
                   positions 0, 1, 2, ...
 
-Qubit j of one register is only ever entangled with qubit j of others: a component is a set of
-positions together with the registers whose qubits there share one state.
+A component is many equal systems, its members. Each qubit of them is a share of a register, which
+says at which position of the register that qubit of member 0, 1, 2, ... is. Registers that were
+made together have their members at the same positions, and qubits that are taken from a register
+into another come to other positions; dispatcher.sabot.joining brings together what is to pair up.
 """
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dispatcher.sabot.backend import Backend
-from dispatcher.sabot.backends import as_dense, tensor
+from dispatcher.sabot.backends import as_dense
 from dispatcher.sabot.dense import Dense
 
 Mask = NDArray[np.bool_]
@@ -25,11 +28,16 @@ WHOLE = slice(None)
 
 @dataclass(eq=False, slots=True)
 class Register:
-    """k qubits of one kind; positions that no component covers are not in this register."""
+    """k qubits of one kind; positions that no share covers are not in this register."""
 
     size: int
-    components: "dict[Component, None]" = field(default_factory=dict)
+    shares: "dict[Share, None]" = field(default_factory=dict)
     lost: Mask | None = None  # None: no qubit is lost
+
+    @property
+    def components(self) -> "dict[Component, None]":
+        """Return the components that hold the qubits."""
+        return {share.component: None for share in self.shares}
 
     @property
     def present(self) -> Mask:
@@ -42,44 +50,66 @@ class Register:
         return self.size - (0 if self.lost is None else int(np.count_nonzero(self.lost)))
 
     def labels(self) -> NDArray[np.int32]:
-        """Return which component each position belongs to, shape (k,); -1 for none."""
+        """Return which share each position belongs to, shape (k,); -1 for none."""
         labels = np.full(self.size, -1, dtype=np.int32)
-        for label, component in enumerate(self.components):
-            labels[component.positions] = label
+        for label, share in enumerate(self.shares):
+            labels[share.positions] = label
         return labels
+
+
+class Pick(NamedTuple):
+    """Qubits of a register, in an order of their own."""
+
+    register: Register
+    positions: NDArray[np.uint32]
+
+
+@dataclass(eq=False, slots=True)
+class Share:
+    """One qubit of each member of a component, and where in its register that is."""
+
+    register: Register
+    positions: Positions  # of member 0, 1, ...; members at the same ones share the array
+    component: "Component" = field(init=False)
+
+    @property
+    def first(self) -> int:
+        """Return the position of the first member, which names the share within its register."""
+        return 0 if isinstance(self.positions, slice) else int(self.positions[0])
+
+    @property
+    def qubit(self) -> int:
+        """Return which qubit of the state this is."""
+        return self.component.shares.index(self)
 
 
 @dataclass(eq=False, slots=True)
 class Component:
-    """One state for each of its positions, of one qubit of each of its registers."""
+    """One state for each of its members."""
 
     state: Backend
-    positions: Positions  # ascending
-    registers: list[Register]  # in the order of the state's qubits
-
-    @property
-    def start(self) -> int:
-        """Return the first position, which names the component within a register."""
-        return 0 if isinstance(self.positions, slice) else int(self.positions[0])
+    shares: list[Share]  # in the order of the state's qubits
 
     @property
     def nbytes(self) -> int:
         """Return the memory that it takes, in bytes."""
-        positions = 0 if isinstance(self.positions, slice) else self.positions.nbytes
-        return self.state.nbytes + positions
-
-    def qubit(self, register: Register) -> int:
-        """Return which qubit of the state belongs to the register."""
-        return self.registers.index(register)
+        arrays = {
+            id(at): at.nbytes
+            for share in self.shares
+            if not isinstance(at := share.positions, slice)
+        }
+        return self.state.nbytes + sum(arrays.values())
 
     def take(self, members: NDArray[np.intp]) -> "Component":
         """Return a component with these members alone, for the same registers."""
-        positions = (
-            members.astype(np.uint32)
-            if isinstance(self.positions, slice)
-            else self.positions[members]
-        )
-        return Component(self.state.take(members), positions, list(self.registers))
+        taken: dict[int, Positions] = {}
+        shares = []
+        for share in self.shares:
+            known = taken.get(id(share.positions))
+            if known is None:
+                known = taken[id(share.positions)] = _taken(share.positions, members)
+            shares.append(Share(share.register, known))
+        return Component(self.state.take(members), shares)
 
 
 class Store:
@@ -92,15 +122,16 @@ class Store:
         self.live_amplitudes = 0  # of state vectors
 
     def link(self, component: Component) -> None:
-        """Enter a component into its registers."""
-        for register in component.registers:
-            register.components[component] = None
+        """Enter a component's shares into their registers."""
+        for share in component.shares:
+            share.component = component
+            share.register.shares[share] = None
         self._count(component, 1)
 
     def unlink(self, component: Component) -> None:
         """Take a component out of its registers, before it is changed or replaced."""
-        for register in component.registers:
-            del register.components[component]
+        for share in component.shares:
+            del share.register.shares[share]
         self._count(component, -1)
 
     def lose(self, register: Register, lost: Mask) -> int:
@@ -115,30 +146,35 @@ class Store:
 
     def forget(self, register: Register) -> None:
         """Account for a register that has no components any more."""
-        assert not register.components
+        assert not register.shares
         if register.lost is not None:
             self.live_bytes -= register.lost.nbytes
 
-    def divide(self, register: Register, labels: NDArray[np.generic]) -> None:
-        """Split components so that each of them has one label; labels has shape (k,)."""
-        for component in list(register.components):
-            own = labels[component.positions]
+    def divide(self, register: Register, labels: NDArray[np.generic]) -> bool:
+        """Split components so that each share has one label; labels has shape (k,).
+
+        Return whether there was anything to split.
+        """
+        divided, waiting = False, list(register.shares)
+        for share in waiting:  # which grows
+            if share not in register.shares:
+                continue  # another share has split its component
+            own = labels[share.positions]
             if (own == own[0]).all():
                 continue
-            self.unlink(component)
-            for members in _grouped(own):
-                self.link(component.take(members))
+            divided = True
+            for part in self.split(share.component, own):
+                others = [other for other in part.shares if other.register is register]
+                waiting += others[1:] and others
+        return divided
 
-    def join(self, first: Register, second: Register) -> None:
-        """Make every position that both registers cover share one component."""
-        if first.components.keys() != second.components.keys():
-            self.divide(first, second.labels())
-            self.divide(second, first.labels())
-        others = {component.start: component for component in second.components}
-        for component in list(first.components):
-            other = others.get(component.start)
-            if other is not None and other is not component:
-                self._merge(component, other)
+    def split(self, component: Component, labels: NDArray[np.generic]) -> list[Component]:
+        """Replace a component by one for each label of its members."""
+        self.unlink(component)
+        parts = [component.take(members) for members in _grouped(labels)]
+        for part in parts:
+            self.link(part)
+        return parts
 
     def make_dense(self, component: Component) -> Dense:
         """Hold a component as state vectors from now on."""
@@ -147,23 +183,34 @@ class Store:
         self._count(component, 1)
         return dense
 
-    def hand_over(self, component: Component, giver: Register, taker: Register) -> None:
-        """Let the taker have the giver's qubits of a component."""
-        component.registers[component.qubit(giver)] = taker
-        del giver.components[component]
-        taker.components[component] = None
+    def hand_over(self, share: Share, taker: Register) -> None:
+        """Let the taker have a share, at the same positions."""
+        del share.register.shares[share]
+        share.register = taker
+        taker.shares[share] = None
 
-    def _merge(self, one: Component, other: Component) -> None:
-        self.unlink(one)
-        self.unlink(other)
-        registers = one.registers + other.registers
-        self.link(Component(tensor(one.state, other.state), one.positions, registers))
+    def move(self, share: Share, positions: Positions) -> None:
+        """Let a share be at other positions of its register."""
+        self._count(share.component, -1)
+        share.positions = positions
+        self._count(share.component, 1)
 
     def _count(self, component: Component, sign: int) -> None:
         self.live_qubits += sign * component.state.qubits * component.state.members
         self.live_bytes += sign * component.nbytes
         if isinstance(component.state, Dense):
             self.live_amplitudes += sign * (component.state.members << component.state.qubits)
+
+
+def ordered(positions: NDArray[np.uint32], size: int) -> Positions:
+    """Return positions as they are kept: WHOLE for those of a register, one after the other."""
+    if positions.size == size and (positions == np.arange(size, dtype=np.uint32)).all():
+        return WHOLE
+    return positions
+
+
+def _taken(positions: Positions, members: NDArray[np.intp]) -> NDArray[np.uint32]:
+    return members.astype(np.uint32) if isinstance(positions, slice) else positions[members]
 
 
 def _grouped(labels: NDArray[np.generic]) -> list[NDArray[np.intp]]:

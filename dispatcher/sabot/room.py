@@ -1,14 +1,18 @@
-"""Whether gates keep state vectors within their limits, asked before anything is changed."""
+"""Whether gates keep states within their limits, asked before anything is changed."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dispatcher.sabot.backend import Backend, GateName
 from dispatcher.sabot.dense import MAX_AMPLITUDES, MAX_QUBITS, Dense, TooLarge
 from dispatcher.sabot.gates import as_clifford
-from dispatcher.sabot.registers import Component, Register
+from dispatcher.sabot.joining import same
+from dispatcher.sabot.registers import Component, Positions, Register
+
+MAX_ACROSS = 64  # qubits of one system, where pairs meet pairs at other positions than before
 
 
 class GateStep(NamedTuple):
@@ -40,40 +44,94 @@ def require_total(more: int, live: int) -> None:
 
 
 def require_room(register: Register, steps: Sequence[GateStep], live: int) -> None:
-    """Raise TooLarge if the steps would make state vectors too large; `live` amplitudes are held.
+    """Raise TooLarge if the steps would make states too large; `live` amplitudes are held.
 
     Every gate acts on the register, so its components can only grow.
     """
     open_gates = [step for step in steps if as_clifford(step.name, step.angle_rad) is None]
-    if not open_gates and not live:
+    targets = [step.target for step in steps if step.target is not None]
+    if not open_gates and not live and not targets:
         return
-    registers = [register, *(step.target for step in steps if step.target is not None)]
-    more = 0
-    for components, members in _meetings(list(dict.fromkeys(registers))):
-        states = [component.state for component in components]
-        if states and (open_gates or any(isinstance(state, Dense) for state in states)):
-            qubits = sum(state.qubits for state in states)
-            require_amplitudes(qubits, members, 0)
-            more += (members << qubits) - sum(_amplitudes(state, members) for state in states)
-    require_total(more, live)
+    registers = list(dict.fromkeys([register, *targets]))
+    across = bool(targets) and _reach_across(registers)
+    if not open_gates and not live and not across:
+        return
+    systems = _systems(registers)
+    if across and systems.qubits.max(initial=0) > MAX_ACROSS:
+        raise TooLarge(
+            f"{systems.qubits.max()} qubits would be entangled by pairing photons of the same "
+            f"pairs across each other, at most {MAX_ACROSS} may; measure some first"
+        )
+    vectors = systems.counts > 0 if open_gates else systems.dense
+    if vectors.any():
+        require_amplitudes(int(systems.qubits[vectors].max()), 0, 0)
+        more = int((systems.counts[vectors] << systems.qubits[vectors]).sum())
+        held = sum(_amplitudes(c.state) for c in _components(registers))
+        require_total(more - held, live)
 
 
-def _amplitudes(state: Backend, members: int) -> int:
-    return members << state.qubits if isinstance(state, Dense) else 0
+class Systems(NamedTuple):
+    """What is entangled once some registers are joined, by kinds of systems."""
+
+    qubits: NDArray[np.int64]
+    dense: NDArray[np.bool_]  # whether state vectors are among them
+    counts: NDArray[np.int64]  # of systems of this kind
 
 
-def _meetings(registers: Sequence[Register]) -> Iterator[tuple[Iterable[Component], int]]:
-    """Yield the components that the registers have at the same positions, and at how many."""
-    codes = np.zeros(registers[0].size, dtype=np.int64)
+def _systems(registers: Sequence[Register]) -> Systems:
+    """Follow qubits that are at the same positions, and members that they belong to."""
+    components = _components(registers)
+    numbers, size = {}, 0
+    for component in components:
+        numbers[component] = np.arange(size, size + component.state.members)
+        size += component.state.members
+    shares = [share for register in registers for share in register.shares]
+    lowest = np.full(registers[0].size, size)
+    rounds, changed = 0, True
+    while changed:
+        if (rounds := rounds + 1) > MAX_ACROSS:
+            raise TooLarge(
+                f"more than {MAX_ACROSS} qubits would be entangled by pairing photons of the same "
+                "pairs across each other; measure some first"
+            )
+        changed = False
+        for share in shares:
+            at = share.positions
+            lowest[at] = np.minimum(lowest[at], numbers[share.component])
+        for share in shares:
+            own = numbers[share.component]
+            found = np.minimum(own, lowest[share.positions])
+            changed |= bool((found != own).any())
+            numbers[share.component] = found
+    return _counted(numbers, size)
+
+
+def _counted(numbers: dict[Component, NDArray[np.int64]], size: int) -> Systems:
+    """Count systems, whose members have the same number, by their qubits and their kind."""
+    qubits, dense = np.zeros(size, dtype=np.int64), np.zeros(size, dtype=bool)
+    for component, own in numbers.items():
+        qubits += component.state.qubits * np.bincount(own, minlength=size)
+        if isinstance(component.state, Dense):
+            dense[own] = True
+    kinds, counts = np.unique(2 * qubits + dense, return_counts=True)
+    some = kinds > 0
+    return Systems(kinds[some] // 2, kinds[some] % 2 == 1, counts[some])
+
+
+def _reach_across(registers: Sequence[Register]) -> bool:
+    """Return whether the registers have qubits of the same components at different positions."""
+    places: dict[Component, Positions] = {}
     for register in registers:
-        codes = codes * (len(register.components) + 1) + register.labels() + 1
-        _values, codes = np.unique(codes, return_inverse=True)
-    _values, firsts, counts = np.unique(codes, return_index=True, return_counts=True)
-    lists = [(list(register.components), register.labels()) for register in registers]
-    for first, members in zip(firsts.tolist(), counts.tolist(), strict=True):
-        met = {
-            components[labels[first]]: None
-            for components, labels in lists
-            if labels[first] >= 0  # not covered: no qubit there
-        }
-        yield met, members
+        for share in register.shares:
+            place = places.setdefault(share.component, share.positions)
+            if place is not share.positions and not same(place, share.positions):
+                return True
+    return False
+
+
+def _components(registers: Sequence[Register]) -> list[Component]:
+    return list(dict.fromkeys(c for register in registers for c in register.components))
+
+
+def _amplitudes(state: Backend) -> int:
+    return state.members << state.qubits if isinstance(state, Dense) else 0

@@ -5,7 +5,7 @@ from typing import Protocol
 
 from dispatcher.sabot.backend import Bytes, GateName
 from dispatcher.sabot.draws import PhotonDraws
-from dispatcher.sabot.registers import Mask, Register
+from dispatcher.sabot.registers import Mask, Pick, Register
 from dispatcher.sabot.room import GateStep
 
 
@@ -52,6 +52,8 @@ class Simulation(Protocol):
     def lose(self, register: Register, lost: Mask) -> int: ...
 
     def part(self, register: Register, mask: Mask) -> Register: ...
+
+    def gather(self, picks: Sequence[Pick]) -> Register: ...
 
     def explain(self, register: Register, place: str, photons: Bytes | Mask) -> None: ...
 

@@ -4,12 +4,14 @@ from collections.abc import Iterator, Sequence
 from functools import reduce
 from operator import xor
 
+import numpy as np
+
 from dispatcher.origin import origin
 from dispatcher.sabot.backend import Bytes, GateName
 from dispatcher.sabot.draws import PhotonDraws
 from dispatcher.sabot.gates import ROTATIONS
 from dispatcher.sabot.manager import NO_CLICK
-from dispatcher.sabot.registers import Mask, Register
+from dispatcher.sabot.registers import Mask, Pick, Register
 from dispatcher.sabot.room import GateStep
 from dispatcher.sabot.simulation import Simulation
 from dispatcher.tracing.writer import Chunk, QasmWriter
@@ -26,6 +28,7 @@ GATES: dict[GateName, str] = {
     "CZ": "cz {0}, {1};",
     **{name: f"{name.lower()}({{2!r}}) {{0}};" for name in ROTATIONS},
 }
+UNWRITTEN = "with a photon that is not written: what is found of them later may differ"
 BELL_STATES = ("Phi+", "Psi+", "Phi-", "Psi-")
 
 
@@ -93,13 +96,11 @@ class TracedSabot:
     ) -> None:
         """Apply a gate."""
         self._inner.gate(name, register, target, angle_rad)
+        if target is not None:
+            self._write_pairs(name, register, target)
+            return
         for position, qubit in self._present(register):
-            other = ""
-            if target is not None:
-                if not target.present[position]:
-                    continue
-                other = self._name(target, position)
-            text = GATES[name].format(qubit, other, float(angle_rad))
+            text = GATES[name].format(qubit, "", float(angle_rad))
             self._writer.line(text, self._comment(position))
 
     def measure(self, register: Register, bases: Bytes, draws: PhotonDraws) -> Bytes:
@@ -173,6 +174,21 @@ class TracedSabot:
         if other in self._traced:
             self._traced.setdefault(register, {}).update(self._traced.pop(other))
 
+    def gather(self, picks: Sequence[Pick]) -> Register:
+        """Move qubits of some registers into a register of their own."""
+        gathered = self._inner.gather(picks)
+        own: dict[int, tuple[Chunk, int]] = {}
+        start = 0
+        for register, positions in picks:
+            traced = self._traced.get(register, {})
+            self._places.pop(register, None)
+            known = np.flatnonzero(np.isin(positions, np.array(list(traced), dtype=np.uint32)))
+            own |= {start + int(place): traced.pop(int(positions[place])) for place in known}
+            start += positions.size
+        if own:
+            self._traced[gathered] = own
+        return gathered
+
     def _begin(self, registers: list[Register]) -> None:
         count = registers[0].size
         chunks = self._writer.begin((r.size for r in registers), f"{origin()}: {count} systems")
@@ -183,6 +199,19 @@ class TracedSabot:
         self._places.pop(register, None)
         for chunk, index in self._traced.pop(register, {}).values():
             chunk.live.discard(index)
+
+    def _write_pairs(self, name: GateName, register: Register, target: Register) -> None:
+        """Write a gate for each pair; say where only one photon of a pair is written."""
+        controls, targets = dict(self._present(register)), dict(self._present(target))
+        both = register.present & target.present
+        for position in sorted(controls.keys() | targets.keys()):
+            if not both[position]:
+                continue
+            if position in controls and position in targets:
+                text = GATES[name].format(controls[position], targets[position])
+                self._writer.line(text, self._comment(position))
+            else:
+                self._writer.comment(f"{self._comment(position)}: {name} {UNWRITTEN}")
 
     def _write_bell(
         self, first: Register, second: Register, positions: list[int], outcomes: Bytes

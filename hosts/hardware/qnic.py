@@ -5,8 +5,9 @@ equipment implements the same calls (paper, section "Host Nodes").
 """
 
 import logging
+from collections.abc import AsyncIterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,8 @@ from numpy.typing import NDArray
 log = logging.getLogger("qnic")
 
 Symbols = NDArray[np.uint8]
+Positions = NDArray[np.integer]
+LocalGate = Literal["H", "S", "S_DAG"]
 NO_COINCIDENCE = 255
 
 
@@ -40,6 +43,14 @@ class Coincidences:
 
     outcomes: Symbols  # shape (k,): 0 Phi+, 1 Psi+, 2 Phi-, 3 Psi-
     clicks: int
+    time_ns: int
+
+
+@dataclass(frozen=True)
+class Stored:
+    """What a memory has taken."""
+
+    arrived: NDArray[np.bool_]  # shape (k,): whether each photon is in it
     time_ns: int
 
 
@@ -87,8 +98,73 @@ class Qnic(Protocol):
         Raise NoLight if no photon of a half arrives; what came of the other is let go.
         """
 
+    async def prepare(self, session: int, number: int, states: Symbols) -> BlockName:
+        """Make a photon in each of these states (half 0), at this host; shape (k,).
+
+        States: 0 |0>, 1 |1>, 2 |+>, 3 |->, 4 |+i>, 5 |-i>.
+        """
+
+    async def send(self, block: BlockName, port: str, rate_hz: int, wavelength_pm: int) -> int:
+        """Send photons of this host into a port; return when (ns) the first one left.
+
+        Return when the last photon has reached the far end.
+        """
+
+    async def receive_into_memory(self, block: BlockName, port: str, timeout_s: float) -> Stored:
+        """Store the photons that arrive at a port; raise NoLight if none does.
+
+        From then on they decohere until they are used.
+        """
+
+    async def apply(self, block: BlockName, paulis: Symbols) -> int:
+        """Apply one Pauli operator (two bits: X, Z) to each photon at this host; shape (k,).
+
+        Return when (ns) that was done.
+        """
+
+    async def rotate(self, block: BlockName, gates: Sequence[LocalGate]) -> None:
+        """Apply gates, one after the other, to every photon of a block at this host."""
+
+    async def controlled_x(self, control: BlockName, target: BlockName) -> None:
+        """Apply CX to pairs of photons of two blocks of one size at this host."""
+
+    async def store(self, block: BlockName) -> Stored:
+        """Put photons at this host into memory, where they decohere until they are used."""
+
+    async def gather(
+        self, into: BlockName, picks: Mapping[BlockName, Positions], keep_rest: bool = False
+    ) -> None:
+        """Make a block of photons at this host, by their positions in blocks, in this order.
+
+        The rest is let go or, to be kept, stays where it is; at least one photon is picked.
+        What is picked from stored blocks alone is stored, too.
+        """
+
+    async def measure(self, block: BlockName, bases: Symbols) -> Symbols:
+        """Measure photons at this host, each in a basis (0 Z, 1 X, 2 Y); shape (k,).
+
+        Return 0 or 1 for each, 255 where no detector clicked; the photons are used up.
+        """
+
+    async def measure_arrivals(
+        self, block: BlockName, port: str, bases: Symbols, timeout_s: float
+    ) -> Symbols:
+        """Measure the photons that arrive at a port, as `measure` does; NoLight if none does."""
+
+    async def bell_measure(self, first: BlockName, second: BlockName) -> Symbols:
+        """Make Bell measurements on pairs of photons at this host; shape (k,).
+
+        Return 0 Phi+, 1 Psi+, 2 Phi-, 3 Psi- for each pair, 255 where there was no coincidence.
+        """
+
     async def let_go(self, session: int, number: int) -> None:
         """Let go of what has come of both halves of a block."""
+
+    def watch(self, session: int, history: bool) -> AsyncIterator[bytes]:
+        """Yield what happens at this host (wire.events), of one session or, with 0, of all.
+
+        History: begin with what is remembered. Raise HardwareError if it cannot go on.
+        """
 
     async def discard(self, session: int) -> None:
         """Let go of all photons of a session, also of those still on their way."""

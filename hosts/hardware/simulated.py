@@ -1,26 +1,43 @@
 """The simulated QNIC: every call is a request to the dispatcher, over the host's own CNIC."""
 
+from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import suppress
 
 import grpc
 import numpy as np
 
 from hosts.hardware.orders import NotHere, Orders
-from hosts.hardware.qnic import BlockName, Coincidences, NoLight, Symbols
+from hosts.hardware.qnic import (
+    BlockName,
+    Coincidences,
+    HardwareError,
+    LocalGate,
+    NoLight,
+    Positions,
+    Stored,
+    Symbols,
+)
 from wire.dispatcher_pb2 import (
     ApplyRequest,
     BellMeasureRequest,
     BlockId,
     CreateRequest,
     DiscardRequest,
+    Gate,
+    GatherRequest,
     Launch,
+    MeasureRequest,
+    Pick,
     ReceiveRequest,
     SendRequest,
     Step,
+    StoreRequest,
+    WatchRequest,
 )
 from wire.dispatcher_pb2_grpc import DispatcherStub
+from wire.events import encode_record
 from wire.optical import frequency_mhz
-from wire.service import CHANNEL_OPTIONS
+from wire.service import CHANNEL_OPTIONS, metadata
 
 
 class SimulatedQnic:
@@ -28,8 +45,9 @@ class SimulatedQnic:
 
     def __init__(self, dispatcher: str, token: str, ports: list[str]) -> None:
         self._channel = grpc.aio.insecure_channel(dispatcher, CHANNEL_OPTIONS)
-        stub = DispatcherStub(self._channel)  # type: ignore[no-untyped-call]
-        self._orders = Orders(stub, token)
+        self._stub = DispatcherStub(self._channel)  # type: ignore[no-untyped-call]
+        self._token = token
+        self._orders = Orders(self._stub, token)
         self._ports = ports
 
     @property
@@ -63,7 +81,7 @@ class SimulatedQnic:
         timeout_s: float,
     ) -> int:
         """Apply Pauli operators to the photons that arrive and send them back."""
-        name = _half(block.session, block.number, block.half)
+        name = _named(block)
         feedbacks = await self._orders.perform(
             Step(receive=ReceiveRequest(block=name, port=port, timeout_s=timeout_s)),
             Step(apply=ApplyRequest(block=name, paulis=paulis.tobytes())),
@@ -89,6 +107,100 @@ class SimulatedQnic:
         outcomes = np.frombuffer(feedback.outcomes, dtype=np.uint8)
         return Coincidences(outcomes, feedback.clicks, feedback.time_ns)
 
+    async def prepare(self, session: int, number: int, states: Symbols) -> BlockName:
+        """Make a photon in each of these states, at this host."""
+        create = CreateRequest(
+            session=session,
+            number=number,
+            count=states.size,
+            state=CreateRequest.PREPARED,
+            states=states.tobytes(),
+        )
+        await self._orders.perform(Step(create=create))
+        return BlockName(session, number, 0)
+
+    async def send(self, block: BlockName, port: str, rate_hz: int, wavelength_pm: int) -> int:
+        """Send photons of this host into a port."""
+        launches = [Launch(block=_named(block), port=port)]
+        (feedback,) = await self._orders.perform(Step(send=_send(launches, rate_hz, wavelength_pm)))
+        return int(feedback.first_ns)
+
+    async def receive_into_memory(self, block: BlockName, port: str, timeout_s: float) -> Stored:
+        """Store the photons that arrive at a port."""
+        name = _named(block)
+        _received, feedback = await self._orders.perform(
+            Step(receive=ReceiveRequest(block=name, port=port, timeout_s=timeout_s)),
+            Step(store=StoreRequest(block=name)),
+        )
+        return Stored(np.frombuffer(feedback.arrived, dtype=bool), feedback.time_ns)
+
+    async def apply(self, block: BlockName, paulis: Symbols) -> int:
+        """Apply one Pauli operator to each photon at this host."""
+        apply = ApplyRequest(block=_named(block), paulis=paulis.tobytes())
+        (feedback,) = await self._orders.perform(Step(apply=apply))
+        return int(feedback.time_ns)
+
+    async def rotate(self, block: BlockName, gates: Sequence[LocalGate]) -> None:
+        """Apply gates to every photon of a block at this host."""
+        named = [Gate(name=gate) for gate in gates]
+        await self._orders.perform(Step(apply=ApplyRequest(block=_named(block), gates=named)))
+
+    async def controlled_x(self, control: BlockName, target: BlockName) -> None:
+        """Apply CX to pairs of photons of two blocks at this host."""
+        gates = [Gate(name=Gate.CX, target=_named(target))]
+        await self._orders.perform(Step(apply=ApplyRequest(block=_named(control), gates=gates)))
+
+    async def store(self, block: BlockName) -> Stored:
+        """Put photons at this host into memory."""
+        (feedback,) = await self._orders.perform(Step(store=StoreRequest(block=_named(block))))
+        return Stored(np.frombuffer(feedback.arrived, dtype=bool), feedback.time_ns)
+
+    async def gather(
+        self, into: BlockName, picks: Mapping[BlockName, Positions], keep_rest: bool = False
+    ) -> None:
+        """Make a block of photons at this host; keep or let go of the rest."""
+        picked = [
+            Pick(block=_named(block), photons=positions.tolist())
+            for block, positions in picks.items()
+        ]
+        gather = GatherRequest(into=_named(into), picks=picked, keep_rest=keep_rest)
+        await self._orders.perform(Step(gather=gather))
+
+    async def measure(self, block: BlockName, bases: Symbols) -> Symbols:
+        """Measure photons at this host, each in a basis."""
+        measure = MeasureRequest(block=_named(block), bases=bases.tobytes())
+        (feedback,) = await self._orders.perform(Step(measure=measure))
+        return np.frombuffer(feedback.outcomes, dtype=np.uint8)
+
+    async def measure_arrivals(
+        self, block: BlockName, port: str, bases: Symbols, timeout_s: float
+    ) -> Symbols:
+        """Measure the photons that arrive at a port."""
+        name = _named(block)
+        feedbacks = await self._orders.perform(
+            Step(receive=ReceiveRequest(block=name, port=port, timeout_s=timeout_s)),
+            Step(measure=MeasureRequest(block=name, bases=bases.tobytes())),
+        )
+        return np.frombuffer(feedbacks[-1].outcomes, dtype=np.uint8)
+
+    async def bell_measure(self, first: BlockName, second: BlockName) -> Symbols:
+        """Make Bell measurements on pairs of photons at this host."""
+        bell = BellMeasureRequest(first=_named(first), second=_named(second))
+        (feedback,) = await self._orders.perform(Step(bell_measure=bell))
+        return np.frombuffer(feedback.outcomes, dtype=np.uint8)
+
+    async def watch(self, session: int, history: bool) -> AsyncIterator[bytes]:
+        """Yield what happens at this host; the dispatcher tells a host nothing else."""
+        request = WatchRequest(session=session, history=history)
+        stream = self._stub.Watch(request, metadata=metadata(self._token))
+        try:
+            async for event in stream:
+                yield encode_record(event)
+        except grpc.aio.AioRpcError as error:
+            raise HardwareError(f"dispatcher: {error.details()}") from error
+        finally:
+            stream.cancel()
+
     async def discard(self, session: int) -> None:
         """Let go of all photons of a session."""
         await self._orders.perform(Step(discard=DiscardRequest(session=session)))
@@ -109,6 +221,10 @@ class SimulatedQnic:
 def _send(launches: list[Launch], rate_hz: int, wavelength_pm: int) -> SendRequest:
     frequency = frequency_mhz(wavelength_pm)
     return SendRequest(launches=launches, rate_hz=rate_hz, frequency_mhz=frequency)
+
+
+def _named(block: BlockName) -> BlockId:
+    return _half(block.session, block.number, block.half)
 
 
 def _half(session: int, number: int, half: int) -> BlockId:

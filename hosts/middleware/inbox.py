@@ -10,6 +10,8 @@ from hosts.middleware.frame_format import FrameFormat
 from hosts.middleware.framing import NO_SLOTS, FramingError, SlotMap, Slots
 from wire.metadata import Block, Frame, Report
 
+DIAGONAL = np.diag_indices(4)
+
 
 @dataclass
 class _Incoming:
@@ -44,6 +46,8 @@ class Inbox:
         self.symbols_seen = 0
         self.symbols_lost = 0
         self.repeated_frames = 0
+        self.confusion = np.zeros((4, 4), dtype=np.int64)  # symbols sent x received, where known
+        self._as_sent: list[Symbols] = []  # of frames that came without an error, to be counted
 
     def block(self, block: Block, symbols: Symbols) -> Report:
         """Take the symbols of a block (255: lost); return what the sender must know."""
@@ -52,6 +56,7 @@ class Inbox:
         rest = self._open[block.refills :]
         touched = self._fill(slots, symbols)
         accepted, failed = self._judge(touched, on_their_way=self._slots.numbers(rest))
+        self._tally_as_sent()
         lost = symbols == NO_COINCIDENCE
         again = lost & ~np.isin(slots // self._slots.frame_pairs, accepted)
         self._open = np.unique(np.concatenate([rest, slots[again], *map(self._reset, failed)]))
@@ -130,6 +135,8 @@ class Inbox:
             return False
         if incoming.rejected or self._format.fills_losses:
             self._count(incoming, self._format.to_symbols(data))
+        else:  # nothing was put right: what came is what was sent
+            self._as_sent.append(incoming.symbols)
         del self._frames[number]
         self._complete[number] = data
         return True
@@ -141,6 +148,21 @@ class Inbox:
         self.filled_symbols += int(lost.sum())
         rejected = sum(int((version != sent).sum()) for version in incoming.rejected)
         self.symbol_errors += corrected + rejected
+        for version in (incoming.symbols, *incoming.rejected):
+            self._tally(sent, version)
+
+    def _tally_as_sent(self) -> None:
+        """Count the symbols of right frames, those of a block at once: one by one takes longer."""
+        if self._as_sent:
+            symbols = np.concatenate(self._as_sent)
+            counts = [np.count_nonzero(symbols == symbol) for symbol in range(4)]
+            self.confusion[DIAGONAL] += counts
+            self._as_sent.clear()
+
+    def _tally(self, sent: Symbols, received: Symbols) -> None:
+        arrived = received != NO_COINCIDENCE
+        cells = 4 * sent[arrived] + received[arrived]
+        self.confusion += np.bincount(cells, minlength=16).reshape(4, 4)
 
     def _reset(self, number: int) -> Slots:
         incoming = self._frames[number]

@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import Awaitable, Callable
 from hashlib import sha256
+from typing import Any
 
 import numpy as np
 
@@ -79,8 +80,12 @@ class ReceivingSession:
         return self._setup
 
     @property
-    def statistics(self) -> dict[str, int]:
-        """Counts for the application and for diagnosis."""
+    def statistics(self) -> dict[str, Any]:
+        """Counts for the application and for diagnosis.
+
+        `confusion` has a row for each symbol sent and a column for each received, of the frames
+        that have arrived: before their check is right, nobody here knows what was sent.
+        """
         return {
             "bytes": self.size,
             "symbols": self._inbox.symbols_seen,
@@ -89,6 +94,7 @@ class ReceivingSession:
             "corrected_symbols": self._inbox.corrected_symbols,
             "filled_symbols": self._inbox.filled_symbols,
             "repeated_frames": self._inbox.repeated_frames,
+            "confusion": self._inbox.confusion.tolist(),
         }
 
     async def run(self, deliver: Deliver) -> None:

@@ -20,8 +20,8 @@ from dataclasses import dataclass, replace
 from hashlib import sha256
 
 from hosts.hardware.qnic import BlockName, NoLight, Qnic, Symbols, release
+from hosts.middleware.arrangement import Arrangement
 from hosts.middleware.channel import (
-    ANSWER_TIMEOUT_S,
     REPORT_TIMEOUT_S,
     MetadataChannel,
     SessionError,
@@ -35,12 +35,10 @@ from wire.metadata import (
     SYMBOLS,
     Answer,
     Block,
-    Emit,
     Finish,
     Handshake,
     Reason,
     Report,
-    Service,
     Setup,
 )
 
@@ -48,8 +46,6 @@ LIGHT_TIMEOUT_S = 30.0  # until the source answers
 GRACE_S = 0.3  # light that has not come this long after the source's answer is lost
 DARK_LIMIT_S = 10.0  # without a single pair; the last few symbols are small blocks
 ATTEMPTS_LIMIT = 64
-DISCOVERY_TIMEOUT_S = 3.0
-DISCOVERY_PAUSE_S = 0.1
 
 
 @dataclass
@@ -85,7 +81,7 @@ class SendingSession:
         self._digest = sha256()
         self._lit_at_s = 0.0  # when a pair last arrived
         self._one_by_one = OneByOne(self._shake_hands, self._light)
-        self._source_turn = asyncio.Lock()
+        self._arrangement = Arrangement(setup, peer, source)
         self._size = 0
         self.closed = False
         self.statistics = Statistics(
@@ -98,15 +94,18 @@ class SendingSession:
 
     async def open(self) -> None:
         """Arrange light paths and pair source; raise SessionError if they cannot be had."""
-        self._channel, answer = await self._arrange()
+        answer = await self._arrangement.open()
         self._lit_at_s = time.monotonic()
         try:
-            self._pairs = await MetadataChannel.connect(self._source, self._setup.source)
-            await self._pairs.request(replace(self._setup, service=Service.PAIR_SOURCE))
+            await self._arrangement.engage_source()
             self._agree(answer)
         except SessionError:
-            self._channel.close()
+            self._arrangement.close()
             raise
+
+    @property
+    def _channel(self) -> MetadataChannel:
+        return self._arrangement.channel
 
     def _agree(self, answer: Answer) -> None:
         """Take over what the receiver's analyser allows."""
@@ -114,22 +113,6 @@ class SendingSession:
         self._outbox = Outbox(self._setup.frame_bytes, self._setup.pairs, used)
         self._encoding = answer.encoding
         self.statistics.symbols = answer.symbols
-
-    async def _arrange(self) -> tuple[MetadataChannel, Answer]:
-        """Set the session up; fibres that the controller is still discovering are waited for."""
-        deadline = asyncio.get_running_loop().time() + DISCOVERY_TIMEOUT_S
-        while True:
-            channel = await MetadataChannel.connect(*self._peer)
-            try:
-                answer = await channel.request(self._setup)
-            except SessionError as error:
-                channel.close()
-                overdue = asyncio.get_running_loop().time() > deadline
-                if error.reason != Reason.UNKNOWN_HOST or overdue:
-                    raise
-                await asyncio.sleep(DISCOVERY_PAUSE_S)
-            else:
-                return channel, answer
 
     async def send(self, data: bytes) -> None:
         """Send bytes; return when the other end holds every one of them."""
@@ -148,9 +131,7 @@ class SendingSession:
     async def close(self) -> None:
         """Let go of connections and photons."""
         self.closed = True
-        for name in ("_channel", "_pairs"):
-            if hasattr(self, name):
-                getattr(self, name).close()
+        self._arrangement.close()
         await release(self._qnic, self._setup.session)
 
     async def _send_block(self, block: OutgoingBlock) -> None:
@@ -185,9 +166,7 @@ class SendingSession:
             self._qnic.modulate(half, paulis, port, rate_hz, wavelength_pm, LIGHT_TIMEOUT_S)
         )
         try:
-            async with self._source_turn:  # its answers carry no number
-                emit = Emit(self._setup.session, number, paulis.size, rate_hz)
-                await self._pairs.request(emit, ANSWER_TIMEOUT_S + paulis.size / rate_hz)
+            await self._arrangement.emit(number, paulis.size)
             # The source has answered: its light has arrived, or never will.
             async with asyncio.timeout(GRACE_S + paulis.size / rate_hz):
                 return await light

@@ -10,6 +10,7 @@ from tempfile import NamedTemporaryFile
 from rich.console import Console
 
 from qmn import run
+from qmn.network_options import BadInput
 from qmn.sweeps import theory
 from qmn.sweeps.estimates import proportion
 from qmn.sweeps.experiment import Experiment, Measure, Outcome, SweepError, number
@@ -53,7 +54,7 @@ def measure(values: Values, seed: int, runs: Path, signals: Signals) -> Outcome:
         given = arguments(values, seed, Path(message.name), runs)
         try:
             run.run(given, signals, Console(quiet=True))
-        except (NetworkError, TransferError, run.BadInput) as error:
+        except (NetworkError, TransferError, BadInput) as error:
             raise SweepError(f"{EMULATED['sdc'].place(values)} failed: {error}") from error
     return outcome(json.loads((runs / "latest" / "result.json").read_text()))
 

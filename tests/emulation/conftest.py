@@ -39,6 +39,18 @@ def qmn(*arguments: str, runs: Path) -> subprocess.CompletedProcess[str]:
     )
 
 
+def verb(*words: str) -> subprocess.CompletedProcess[str]:
+    """Run another verb to its end; fail unless it succeeds."""
+    return subprocess.run(
+        [sys.executable, "-m", "qmn", *words],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=30,
+    )
+
+
 def qmn_command(runs: Path) -> list[str]:
     """Return how the command is called; its last argument names the folder for runs."""
     return [sys.executable, "-m", "qmn", "run", "sdc", "--runs", str(runs)]

@@ -72,6 +72,11 @@ def test_a_binary_file_of_many_blocks_arrives(tmp_path: Path) -> None:
     result = run(tmp_path, "--file", str(file))
     assert (tmp_path / "latest" / "received").read_bytes() == file.read_bytes()
     assert result["bell_pairs"] == 4 * 76_800
+    log = (tmp_path / "latest" / "quantum.log").read_text()
+    measured = re.findall(r" bell-measure .* block=(\d+)/0 photons=(\d+) ", log)
+    assert [int(number) for number, _photons in measured] == [1, 2, 3, 4, 5]
+    assert sum(int(photons) for _number, photons in measured) == 4 * 76_800
+    assert " photon=" not in log
 
 
 def test_an_empty_file_arrives(tmp_path: Path) -> None:

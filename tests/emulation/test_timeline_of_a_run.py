@@ -1,12 +1,15 @@
 """What a run leaves for Wireshark: one timeline that tshark reads with our dissectors."""
 
 import json
+import re
+import shlex
 import subprocess
 import sys
 from collections import Counter
 from pathlib import Path
 
-from conftest import ROOT, qmn, qmn_command, wait_until
+import pytest
+from conftest import ROOT, qmn, qmn_command, verb, wait_until
 
 from topologies.runtime import RUNTIME_ROOT
 
@@ -26,20 +29,36 @@ def fields(run: Path, expression: str, *names: str) -> list[tuple[str, ...]]:
     return [tuple(line.split("\t")) for line in tshark(run, *options)]
 
 
-def test_wireshark_sees_packets_and_qubits_on_one_timeline(tmp_path: Path) -> None:
-    message = "see " * 20
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of a run."""
+    runs = tmp_path_factory.mktemp("runs")
     # Slow enough that the controller asks the switch for the light of its ports meanwhile.
-    done = qmn("--message", message, "--rate-hz", "250", "--block-pairs", "400", runs=tmp_path)
+    slow = ("--message", "see " * 20, "--rate-hz", "250", "--block-pairs", "400")
+    done = qmn(*slow, "--depolarizing", "0.003", "--frame-bytes", "8", runs=runs)
     assert done.returncode == 0, done.stdout + done.stderr
-    run = tmp_path / "latest"
+    return runs / "latest"
 
-    capinfos = ["capinfos", str(run / "all.pcapng"), str(run / "quantum.pcapng")]
-    info = subprocess.run(capinfos, capture_output=True, text=True, check=True, timeout=30)
-    assert info.stderr.replace("\n", "").startswith("Running as user") or info.stderr == ""
-    for name in ("s1-eth1", "c0", "fiber alice-q0", "fiber charlie-q1", "dispatcher"):
-        assert f"Name = {name}\n" in info.stdout
-    assert "Strict time order:   True" in info.stdout
 
+def capinfos(file: Path) -> str:
+    command = ["capinfos", str(file)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=30)
+    assert done.stderr.replace("\n", "").startswith("Running as user") or done.stderr == ""
+    return done.stdout
+
+
+def test_capinfos_finds_named_interfaces_and_nothing_wrong(run: Path) -> None:
+    fibers = ("fiber alice-q0", "fiber charlie-q1", "dispatcher")
+    merged, quantum = capinfos(run / "all.pcapng"), capinfos(run / "quantum.pcapng")
+    for name in fibers:
+        assert f"Name = {name}\n" in merged
+        assert f"Name = {name}\n" in quantum
+    for name in ("s1-eth1", "c0"):
+        assert f"Name = {name}\n" in merged
+    assert "Strict time order:   True" in merged
+
+
+def test_wireshark_sees_packets_and_qubits_on_one_timeline(run: Path) -> None:
     # alice hangs on s1-eth1, bob on s1-eth2: pending before the controller, granted behind it.
     seen = fields(
         run, 'qmeta.service == "SDC"', "frame.interface_name", "qmeta.verdict", "qmeta.response_in"
@@ -67,6 +86,35 @@ def test_wireshark_sees_packets_and_qubits_on_one_timeline(tmp_path: Path) -> No
         }.items()
     }
     assert times["open"] < times["granted"] < times["measured"] < times["reported"]
+
+
+def test_the_filters_of_the_documentation_find_something(run: Path) -> None:
+    text = (ROOT / "docs" / "timeline.md").read_text()
+    commands = [line for line in text.splitlines() if line.startswith("tshark ")]
+    assert len(commands) == 3
+    for command in commands:
+        words = shlex.split(command)
+        done = subprocess.run(words, cwd=run, capture_output=True, text=True, check=True)
+        assert done.stdout, command
+        assert "Lua" not in done.stderr
+    (session,) = re.findall(r"qevent.session == 0x(\w+)", text)
+    spied = verb("spy", str(run), "--session", session, "--kind", "bell-measure")
+    assert re.search(rf"session={session} block=1/0 photons=\d+ with 1/1: Phi\+=\d+", spied.stdout)
+    assert "noise: " in verb("spy", str(run), "--kind", "arrive").stdout
+
+
+def test_the_scapy_lines_of_the_documentation_show_what_was_sent(run: Path) -> None:
+    text = (ROOT / "docs" / "timeline.md").read_text()
+    (code,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    code = code.replace("runs/latest", str(run))
+    typed = [sys.executable, "-i", "-q"]
+    done = subprocess.run(
+        typed, input=code, cwd=ROOT, capture_output=True, text=True, check=True, timeout=60
+    )
+    assert "Traceback" not in done.stderr, done.stderr
+    assert 'kind: "open"' in done.stdout
+    assert "[1]" in done.stdout  # granted
+    assert "quantum device datagram" in done.stdout
 
 
 def test_a_spy_sees_every_event_of_a_run_and_ends_with_it(tmp_path: Path) -> None:

@@ -60,7 +60,7 @@ end
 -- Returns why a number is not one of those that have names, or nil.
 local function unnamed(fields, values)
     for _, field in ipairs(fields) do
-        if field.values and not field.values[values[field.name]] then
+        if field.values and not field.open and not field.values[values[field.name]] then
             return "unknown " .. field.name .. " " .. tostring(values[field.name])
         end
     end

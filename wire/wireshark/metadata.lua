@@ -75,7 +75,27 @@ local function check_report(values, _, left, body)
     return nil
 end
 
-local checks = { Setup = check_setup, Answer = check_answer, Block = check_block, Report = check_report }
+local function check_values(values, _, left, body)
+    if not format.widths[values.width] then return values.width .. " bits a value" end
+    local bits = values.count * values.width
+    if left ~= math.floor((bits + 7) / 8) then
+        return values.count .. " of " .. values.width .. " bits are not " .. left .. " bytes"
+    end
+    if bits % 8 > 0 and body:range(body:len() - 1, 1):uint() % 2 ^ (8 - bits % 8) > 0 then
+        return "bits behind the last value are not 0"
+    end
+    return nil
+end
+
+local checks = {
+    Setup = check_setup,
+    Answer = check_answer,
+    Block = check_block,
+    Report = check_report,
+    Values = check_values,
+}
+-- Nobody answers these one by one.
+local unanswered = { Values = true, Envelope = true }
 
 -- Adds a list of elements; returns what they hold, and what is left behind them.
 local function add_elements(tree, tail, count, rest)
@@ -152,7 +172,7 @@ local function note_link(pinfo, place, kind, values)
     elseif kind.name == "Report" then
         local function fits(what) return what.kind == "Block" and what.block == values.block end
         answer(ledger, answered, pinfo, place, fits)
-    else
+    elseif not unanswered[kind.name] then
         ask(ledger, asked, pinfo, place, { kind = kind.name, block = values.block })
     end
 end

@@ -17,7 +17,7 @@ from dispatcher.sabot.backend import Bytes, GateName
 from dispatcher.sabot.dense import TooLarge
 from dispatcher.sabot.draws import PhotonDraws
 from dispatcher.sabot.gates import as_clifford
-from dispatcher.sabot.registers import Mask, Register
+from dispatcher.sabot.registers import Mask, Pick, Register
 from dispatcher.sabot.remote.requests import packed_mask
 from dispatcher.sabot.room import GateStep
 from wire import sabot_pb2 as messages
@@ -186,6 +186,23 @@ class RemoteSabot:
         part.lost = ~(register.present & mask)
         _mark_lost(register, mask)
         return part
+
+    def gather(self, picks: Sequence[Pick]) -> Register:
+        """Move qubits of some registers, in this order, into a register of their own."""
+        request = messages.GatherRequest(workspace=self._workspace)
+        for register, positions in picks:
+            request.picks.add(register=_number(register), positions=positions.tolist())
+        reply = self._call(self._stub.Gather, request)
+        self._done = reply.done
+        lost = np.concatenate([~pick.register.present[pick.positions] for pick in picks])
+        for register, positions in picks:
+            taken = np.zeros(register.size, dtype=bool)
+            taken[positions] = True
+            _mark_lost(register, taken)
+        gathered = RemoteRegister(lost.size, number=reply.registers[0])
+        if lost.any():
+            gathered.lost = lost
+        return gathered
 
     def explain(self, register: Register, place: str, photons: Bytes | Mask) -> None:
         """Hear where what is done next to photons, those that are not 0, comes from.

@@ -12,7 +12,7 @@ from dispatcher.refusal import invalid
 from dispatcher.sabot.backend import Bytes, GateName
 from dispatcher.sabot.draws import Draws, PhotonDraws
 from dispatcher.sabot.gates import ROTATIONS, TWO_QUBIT_GATES
-from dispatcher.sabot.registers import Mask, Register
+from dispatcher.sabot.registers import Mask, Pick, Register
 from dispatcher.sabot.remote.workspace import Workspace
 from dispatcher.sabot.room import GateStep
 from wire import sabot_pb2 as messages
@@ -83,6 +83,19 @@ def _step(workspace: Workspace, register: Register, gate: messages.Gate) -> Gate
     target = workspace.require(gate.target)
     require_pair(register, target)
     return GateStep(name, target, angle_rad)
+
+
+def picks(workspace: Workspace, picked: Sequence[messages.GatherRequest.Pick]) -> list[Pick]:
+    """Return the qubits that are picked: of registers and at positions named once each."""
+    found: list[Pick] = []
+    for pick in picked:
+        register = workspace.require(pick.register)
+        if any(register is other.register for other in found):
+            raise invalid(f"register {pick.register} is picked twice; pick all of it at once")
+        positions = limits.positions("positions", pick.positions, register.size)
+        found.append(Pick(register, positions))
+    limits.require_count(sum(pick.positions.size for pick in found))
+    return found
 
 
 def require_pair(first: Register, second: Register) -> None:

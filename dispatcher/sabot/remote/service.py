@@ -161,6 +161,15 @@ class SabotService(SabotServicer):
         return _done(workspace)
 
     @call
+    def Gather(self, request: messages.GatherRequest) -> messages.CreateReply:
+        """Move qubits of some registers into a register of their own."""
+        workspace = self._workspaces.require(request.workspace)
+        picks = requests.picks(workspace, request.picks)
+        workspace.require_place(1)
+        number = workspace.add(workspace.sabot.gather(picks))
+        return messages.CreateReply(registers=[number], done=_done(workspace))
+
+    @call
     def Drop(self, request: messages.DropRequest) -> messages.Done:
         """Discard a register whatever its state."""
         workspace = self._workspaces.require(request.workspace)

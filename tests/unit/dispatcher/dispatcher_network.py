@@ -217,7 +217,8 @@ class Bench:
         errors: list[BaseException],
     ) -> None:
         """Make the clients."""
-        self.layer, self.transport, self.stub = service.layer, service.transport, stub
+        self.service, self.stub = service, stub
+        self.layer, self.transport = service.layer, service.transport
         self.switching = service.switching
         self.errors = errors
         clients = {node: Client(stub, f"token of {node}", config.socket) for node in config.tokens}

@@ -162,3 +162,38 @@ def test_history_is_as_deep_as_configured() -> None:
             assert [(await watcher.next()).block.number for _ in range(3)] == [2, 3, 4]
 
     asyncio.run(asyncio.wait_for(run(), 20))
+
+
+def test_the_first_photons_of_a_block_have_events_of_their_own_where_asked(tmp_path: Path) -> None:
+    log = tmp_path / "events.log"
+
+    async def run() -> list[Event]:
+        config = configuration(tmp_path, event_log=str(log), per_qubit=3)
+        async with running(config, JumpingClock()) as bench:
+            await bench.alice.create(1, number=5)
+            stream = await watch(bench, WatchRequest(per_qubit=True, history=True))
+            plain = await watch(bench, WatchRequest(history=True))
+            for one in (stream, plain):
+                assert (await one.read()).block.number == 5  # they watch from here on
+            await bench.alice.create(8, state=CreateRequest.ZEROS)
+            await bench.alice.apply(block(), bytes([1, 0, 1, 0, 0, 0, 0, 1]))
+            await bench.alice.measure(block())
+            assert [(await plain.read()).kind for _ in range(3)] == ["create", "apply", "measure"]
+            return [await stream.read() for _ in range(27)]
+
+    events = asyncio.run(asyncio.wait_for(run(), 20))
+    photons = [event for event in events if event.kind == "measure" and event.photon]
+    assert [event.photon for event in photons] == list(range(1, 9))
+    assert [event.detail for event in photons] == ["1", "0", "1", "0", "0", "0", "0", "1"]
+    assert [e.detail for e in events if e.kind == "apply"][1:4] == ["X", "I", "X"]
+    lines = log.read_text().splitlines()
+    assert len(lines) == 2 + 3 * (1 + 3)
+    assert lines[-1].endswith("photon=3 photons=1 1")
+
+
+def test_nobody_asked_means_no_event_of_a_photon(tmp_path: Path) -> None:
+    async def run() -> None:
+        async with running(configuration(tmp_path), JumpingClock()) as bench:
+            assert bench.layer.history.photons_wanted == 0
+
+    asyncio.run(run())

@@ -23,6 +23,8 @@ from wire.dispatcher_pb2 import (
     BellMeasureRequest,
     CreateRequest,
     DiscardRequest,
+    Gate,
+    GatherRequest,
     Launch,
     MeasureRequest,
     Order,
@@ -84,6 +86,26 @@ def test_superdense_coding_takes_one_order_of_each_host(tmp_path: Path) -> None:
         outcome = await bob.outcome()
         assert (outcome.number, outcome.code, len(outcome.feedbacks)) == (1, 0, 3)
         assert outcome.feedbacks[-1].outcomes == bytes([0, 1, 2, 3])
+
+    on(tmp_path, act)
+
+
+def test_a_round_of_purification_is_one_order(tmp_path: Path) -> None:
+    async def act(bench: Bench) -> None:
+        alice = Host(bench, "alice")
+        steps = [create(6)]
+        for number, photons in ((1, [4, 2, 0]), (2, [1, 3, 5])):
+            request = GatherRequest(into=block(number), keep_rest=number == 1)
+            request.picks.add(block=block(), photons=photons)
+            steps.append(Step(gather=request))
+        gate = Gate(name=Gate.CX, target=block(2))
+        steps.append(Step(apply=ApplyRequest(block=block(1), gates=[gate])))
+        steps.append(Step(measure=MeasureRequest(block=block(2))))
+        await alice.order(1, *steps)
+        outcome = await alice.outcome()
+        assert (outcome.code, len(outcome.feedbacks)) == (0, 5)
+        photons = [feedback.photons for feedback in outcome.feedbacks]
+        assert photons == [6, 3, 3, 3, 3]
 
     on(tmp_path, act)
 

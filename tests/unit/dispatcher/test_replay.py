@@ -34,9 +34,12 @@ from wire.dispatcher_pb2 import (
     Connection,
     CreateRequest,
     DiscardRequest,
+    Gate,
+    GatherRequest,
     Launch,
     MeasureRequest,
     Order,
+    Pick,
     ReceiveRequest,
     SendRequest,
     Step,
@@ -93,6 +96,58 @@ def test_a_transmission_is_replayed_byte_for_byte(
 ) -> None:
     content, log = recorded(tmp_path, clock(), superdense, backend=backend)
     assert log.count("\n") >= 10
+    assert replayed(content) == log
+
+
+async def prepared(bench: Bench) -> None:
+    """Send photons in the six cardinal states."""
+    states = bytes(n % 6 for n in range(200))
+    request = CreateRequest(session=7, count=200, state=CreateRequest.PREPARED, states=states)
+    await bench.alice.call("Create", request)
+    await bench.alice.send((block(), "alice-q9"))
+    await bench.bob.receive(block(), "bob-q9")
+    await bench.bob.call(
+        "Measure", MeasureRequest(block=block(), bases=bytes(n % 3 for n in range(200)))
+    )
+
+
+@pytest.mark.parametrize("backend", ["chp", "stim", "dense"])
+def test_prepared_photons_are_replayed_byte_for_byte(tmp_path: Path, backend: str) -> None:
+    content, log = recorded(tmp_path, JumpingClock(), prepared, backend=backend)
+    assert "prepared: |0>=34 |1>=34" in log
+    assert replayed(content) == log
+
+
+async def gathered(bench: Bench) -> None:
+    """Gather photons at both ends of a fibre, stored ones and others, and compare them."""
+    await bench.alice.create(200)
+    await bench.alice.send((block(0, 1), "alice-q9"))
+    await bench.bob.receive(block(0, 1), "bob-q9")
+    odd, even = list(range(1, 200, 2)), list(range(0, 200, 2))
+    for client, half in ((bench.alice, 0), (bench.bob, 1)):
+        await client.call("Store", StoreRequest(block=block(0, half)))
+        for number, photons, keep in ((1, odd, True), (2, even, False)):
+            pick = Pick(block=block(0, half), photons=photons)
+            request = GatherRequest(into=block(number, half), picks=[pick], keep_rest=keep)
+            await client.call("Gather", request)
+        gate = Gate(name=Gate.CX, target=block(2, half))
+        await client.call("Apply", ApplyRequest(block=block(1, half), gates=[gate]))
+        await client.measure(block(2, half))
+    with pytest.raises(grpc.aio.AioRpcError):
+        await bench.bob.call("Gather", GatherRequest(into=block(3)))
+    await bench.alice.discard(DiscardRequest(session=7))
+    await bench.bob.measure(block(1, 1))
+
+
+@pytest.mark.parametrize("clock", [JumpingClock, CaptureClock])
+@pytest.mark.parametrize("backend", ["chp", "stim", "dense"])
+def test_gathered_photons_are_replayed_byte_for_byte(
+    tmp_path: Path, clock: Callable[[], Clock], backend: str
+) -> None:
+    device = Device(memory=Memory(t1_s=0.05, t2_s=0.05, efficiency=0.9))
+    devices = {"alice": device, "bob": device}
+    content, log = recorded(tmp_path, clock(), gathered, backend=backend, devices=devices)
+    assert "100 of 200 of 0/0, still stored" in log
     assert replayed(content) == log
 
 

@@ -24,8 +24,10 @@ from wire.dispatcher_pb2 import (
     CreateRequest,
     DiscardRequest,
     Gate,
+    GatherRequest,
     Launch,
     MeasureRequest,
+    Pick,
     ReceiveRequest,
     SendRequest,
     StatusRequest,
@@ -33,6 +35,7 @@ from wire.dispatcher_pb2 import (
 )
 
 Code = grpc.StatusCode
+PREPARED = CreateRequest.PREPARED
 MINE, THEIRS, ABSENT = block(0), block(1), block(99)
 
 
@@ -66,6 +69,12 @@ def gates(*names: Gate.Name, target: Any = None) -> ApplyRequest:
     return ApplyRequest(block=MINE, gates=[Gate(name=name, target=target) for name in names])
 
 
+def gather(*picks: tuple[Any, list[int]], into: Any = None, keep: bool = False) -> GatherRequest:
+    """Return the request that gathers photons, into a block of a name that is free."""
+    every = [Pick(block=name, photons=photons) for name, photons in picks]
+    return GatherRequest(into=into or block(50), picks=every, keep_rest=keep)
+
+
 def turned(name: Gate.Name, angle_rad: float) -> ApplyRequest:
     """Return the request that flips alice's photons, then turns them by an angle."""
     turn = Gate(name=name, angle_rad=angle_rad)
@@ -93,7 +102,12 @@ REFUSED = [
         "not at alice",
     ),
     ("bob", "Apply", ApplyRequest(block=block(4)), Code.PERMISSION_DENIED, "receive it first"),
+    ("alice", "Gather", gather((MINE, [0]), (THEIRS, [0])), Code.PERMISSION_DENIED, "not at alice"),
+    ("bob", "Gather", gather((block(4), [0])), Code.PERMISSION_DENIED, "receive it first"),
+    ("alice", "Gather", gather((MINE, [0]), (ABSENT, [0])), Code.NOT_FOUND, "block 99/0"),
     # who may do what
+    ("q1", "Gather", gather((MINE, [0])), Code.PERMISSION_DENIED, "no host"),
+    ("runner", "Gather", gather((MINE, [0])), Code.PERMISSION_DENIED, "no host"),
     ("q1", "Create", create(), Code.PERMISSION_DENIED, "no host"),
     ("runner", "Create", create(), Code.PERMISSION_DENIED, "no host"),
     ("alice", "Status", StatusRequest(), Code.PERMISSION_DENIED, "only runner"),
@@ -108,6 +122,36 @@ REFUSED = [
     ("alice", "Create", create(count=0), Code.INVALID_ARGUMENT, "count 0"),
     ("alice", "Create", create(count=4_000_001), Code.INVALID_ARGUMENT, "count 4000001"),
     ("alice", "Create", create(state=5), Code.INVALID_ARGUMENT, "state 5"),
+    (
+        "alice",
+        "Create",
+        create(state=PREPARED, count=3, states=bytes(2)),
+        Code.INVALID_ARGUMENT,
+        "2 bytes for 3 photons",
+    ),
+    ("alice", "Create", create(state=PREPARED), Code.INVALID_ARGUMENT, "0 bytes for 1 photons"),
+    (
+        "alice",
+        "Create",
+        create(state=PREPARED, count=3, states=bytes((5, 6, 0))),
+        Code.INVALID_ARGUMENT,
+        r"states\[1\] is 6",
+    ),
+    ("alice", "Create", create(states=b"\1"), Code.INVALID_ARGUMENT, "1 states .* BELL_PAIRS"),
+    (
+        "alice",
+        "Create",
+        create(state=CreateRequest.ZEROS, states=b"\0"),
+        Code.INVALID_ARGUMENT,
+        "1 states .* ZEROS",
+    ),
+    (
+        "alice",
+        "Create",
+        create(state=PREPARED, count=100, states=bytes(100)),
+        Code.RESOURCE_EXHAUSTED,
+        "limit of 100",
+    ),
     ("alice", "Create", create(count=100), Code.RESOURCE_EXHAUSTED, "limit of 100"),
     (
         "alice",
@@ -184,6 +228,40 @@ REFUSED = [
     ),
     ("alice", "Receive", wait_for("alice-q0", 0), Code.INVALID_ARGUMENT, "timeout_s 0"),
     ("alice", "Discard", DiscardRequest(), Code.INVALID_ARGUMENT, "either"),
+    ("alice", "Gather", gather(), Code.INVALID_ARGUMENT, "0 picks"),
+    ("alice", "Gather", gather(*[(MINE, [0])] * 4097), Code.INVALID_ARGUMENT, "4097 picks"),
+    ("alice", "Gather", gather((MINE, [])), Code.INVALID_ARGUMENT, "no photons"),
+    ("alice", "Gather", gather((MINE, [0]), (MINE, [1])), Code.INVALID_ARGUMENT, "twice"),
+    ("alice", "Gather", gather((MINE, [3, 1, 2, 1])), Code.INVALID_ARGUMENT, "name 1 twice"),
+    (
+        "alice",
+        "Gather",
+        gather((MINE, [0]), (block(2), [0, 4])),
+        Code.INVALID_ARGUMENT,
+        r"photons of block 2/0 of .*\[1\] is 4",
+    ),
+    (
+        "alice",
+        "Gather",
+        gather((MINE, [4_294_967_295])),
+        Code.INVALID_ARGUMENT,
+        "4294967295; count 4 photons",
+    ),
+    (
+        "alice",
+        "Gather",
+        gather((MINE, [0]), into=block(0, 1)),
+        Code.ALREADY_EXISTS,
+        "block 0/1 .* exists",
+    ),
+    (
+        "alice",
+        "Gather",
+        gather((MINE, [0]), into=MINE, keep=True),
+        Code.ALREADY_EXISTS,
+        "block 0/0 .* exists",
+    ),
+    ("alice", "Gather", gather((MINE, [0]), into=THEIRS), Code.ALREADY_EXISTS, "block 1/0"),
 ]
 
 

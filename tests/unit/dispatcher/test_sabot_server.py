@@ -22,18 +22,26 @@ from dispatcher.sabot.backends import BACKENDS
 from dispatcher.sabot.dense import TooLarge
 from dispatcher.sabot.draws import Draws
 from dispatcher.sabot.manager import Sabot
-from dispatcher.sabot.registers import Register
+from dispatcher.sabot.registers import Pick, Register
 from dispatcher.sabot.remote.client import RemoteSabot, SabotUnreachable
 from dispatcher.sabot.remote.server import serving
 from dispatcher.sabot.remote.workspace import MAX_WORKSPACES
 from dispatcher.sabot.simulation import Simulation
 from wire import sabot_pb2 as messages
-from wire.dispatcher_pb2 import ApplyRequest, Feedback, Gate
+from wire.dispatcher_pb2 import (
+    ApplyRequest,
+    CreateRequest,
+    Feedback,
+    Gate,
+    GatherRequest,
+    MeasureRequest,
+)
 from wire.sabot_pb2_grpc import SabotStub
 
 Code = grpc.StatusCode
 DEADLINE_S = 20
 MAX_LIVE = 100_000
+PREPARED = CreateRequest.PREPARED
 PAIRS, ZEROS = messages.CreateRequest.BELL_PAIRS, messages.CreateRequest.ZEROS
 DRAWS = messages.Draws(seed="1", session=7, purpose="test")
 
@@ -74,7 +82,7 @@ class Experiment:
         which, target = (int(index) for index in self.random.permutation(4)[:2])
         register, other = self.registers[which], self.registers[target]
         values = self.random.integers(0, 4, self.size, dtype=np.uint8)
-        self.act(int(self.random.integers(9)), which, register, other, values)
+        self.act(int(self.random.integers(10)), which, register, other, values)
         self.found.append((self.sabot.live_qubits, register.remaining, register.present.tolist()))
 
     def act(self, kind: int, which: int, register: Register, other: Register, values: Any) -> None:
@@ -104,9 +112,21 @@ class Experiment:
             self.found.append(sabot.bell_measure(register, other, pair).tolist())
             self.registers[which] = sabot.zeros(self.size)
             self.registers[self.registers.index(other)] = sabot.zeros(self.size)
+        elif kind == 8:
+            self.gather(which, register, other)
         else:
             sabot.drop(register, self.photons())
             self.registers[which] = sabot.zeros(self.size)
+
+    def gather(self, which: int, register: Register, other: Register) -> None:
+        """Make a register of half of two others; one of these keeps its other half."""
+        orders = [self.random.permutation(self.size).astype(np.uint32) for _ in range(2)]
+        half = self.size // 2
+        picks = [Pick(register, orders[0][:half]), Pick(other, orders[1][:half])]
+        gathered = self.sabot.gather(picks)
+        self.found += [gathered.present.tolist(), other.present.tolist()]
+        self.sabot.drop(register, self.photons())
+        self.registers[which] = gathered
 
 
 @pytest.mark.parametrize("backend", sorted(BACKENDS))
@@ -157,7 +177,15 @@ async def transmission(folder: Path, **changes: Any) -> tuple[list[Feedback], st
         answers.append(await bench.alice.send((block(0, 0), "alice-q9"), (block(0, 1), "alice-q0")))
         answers.append(await bench.bob.receive(block(0, 0), "bob-q9"))
         answers.append(await bench.bob.receive(block(0, 1), "bob-q0"))
-        answers.append(await bench.bob.bell_measure(block(0, 0), block(0, 1)))
+        for half in (0, 1):
+            request = GatherRequest(into=block(2, half))
+            request.picks.add(block=block(0, half), photons=range(199, 19, -1))
+            answers.append(await bench.bob.feedback("Gather", request))
+        answers.append(await bench.bob.bell_measure(block(2, 0), block(2, 1)))
+        states = bytes(n % 6 for n in range(60))
+        chosen = CreateRequest(session=7, number=3, count=60, state=PREPARED, states=states)
+        answers.append(await bench.bob.feedback("Create", chosen))
+        answers.append(await bench.bob.measure(block(3), MeasureRequest.X))
         tilted = ApplyRequest(block=block(1), gates=[Gate(name=Gate.RX, angle_rad=0.4)])
         answers.append(await bench.alice.feedback("Apply", tilted))
         answers += [await bench.alice.measure(block(1, half)) for half in (0, 1)]
@@ -221,6 +249,12 @@ def draws(**fields: Any) -> messages.MeasureRequest:
 def measure(**fields: Any) -> messages.MeasureRequest:
     """Return the request to measure."""
     return messages.MeasureRequest(**{"workspace": 1, "register": 1, "draws": DRAWS, **fields})
+
+
+def gather(*picks: tuple[int, list[int]]) -> messages.GatherRequest:
+    """Return the request to gather qubits of registers."""
+    every = [messages.GatherRequest.Pick(register=r, positions=at) for r, at in picks]
+    return messages.GatherRequest(workspace=1, picks=every)
 
 
 def bell(first: int, second: int) -> messages.BellMeasureRequest:
@@ -320,6 +354,11 @@ REFUSED = [
         Code.INVALID_ARGUMENT,
         "named twice",
     ),
+    ("Gather", gather(), Code.INVALID_ARGUMENT, "count 0"),
+    ("Gather", gather((1, [0]), (99, [0])), Code.NOT_FOUND, "no register 99"),
+    ("Gather", gather((1, [0]), (2, [4])), Code.INVALID_ARGUMENT, "positions[0] is 4"),
+    ("Gather", gather((1, [0]), (1, [1])), Code.INVALID_ARGUMENT, "register 1 is picked twice"),
+    ("Gather", gather((1, [1, 2, 1])), Code.INVALID_ARGUMENT, "name 1 twice"),
     ("Drop", messages.DropRequest(workspace=1, register=1), Code.INVALID_ARGUMENT, "seed ''"),
     (
         "Dump",
@@ -427,3 +466,13 @@ def test_a_socket_that_cannot_be_is_named(tmp_path: Path, name: str) -> None:
     assert done.returncode == 1
     assert str(tmp_path / name) in done.stderr
     assert done.stderr.count("\n") == 1
+
+
+def test_a_dump_says_where_gathered_qubits_are(tmp_path: Path) -> None:
+    with stub_of(tmp_path) as stub:
+        prepare(stub)
+        stub.Gather(gather((2, [2, 0])))  # half of the pairs with register 1
+        dump = stub.Dump(messages.DumpRequest(workspace=1, registers=[5], members=4))
+    states = sorted((list(state.registers), list(state.positions)) for state in dump.states)
+    assert states == [([1, 5], [0, 1]), ([1, 5], [2, 0])]
+    assert sorted(state.position for state in dump.states) == [0, 1]

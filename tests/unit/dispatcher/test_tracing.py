@@ -18,7 +18,15 @@ from dispatcher.sabot.circuits.source import Source
 from dispatcher.sabot.manager import NO_CLICK
 from dispatcher.tracing.writer import PHOTONS
 from wire.config import PathOptics, QuantumSwitch
-from wire.dispatcher_pb2 import ApplyRequest, DiscardRequest, Gate, MeasureRequest
+from wire.dispatcher_pb2 import (
+    ApplyRequest,
+    CreateRequest,
+    DiscardRequest,
+    Gate,
+    GatherRequest,
+    MeasureRequest,
+    Pick,
+)
 
 SHOTS = 32
 
@@ -73,6 +81,61 @@ def test_a_noisy_transmission_gives_the_same_outcomes_again(tmp_path: Path) -> N
     for shot in range(SHOTS):
         again = flips[:, shot] | (phases[:, shot] << 1)
         assert (again[seen] == found[seen]).all()
+
+
+async def prepared(bench: Bench) -> bytes:
+    """Prepare the six cardinal states and measure each in its own basis."""
+    states = bytes(n % 6 for n in range(30))
+    create = CreateRequest(session=7, count=30, state=CreateRequest.PREPARED, states=states)
+    await bench.alice.call("Create", create)
+    measure = MeasureRequest(block=block(), bases=bytes(n % 6 // 2 for n in range(30)))
+    return (await bench.alice.feedback("Measure", measure)).outcomes
+
+
+def test_prepared_photons_are_prepared_in_the_dump_too(tmp_path: Path) -> None:
+    text, outcomes = dumped(tmp_path, prepared)
+    _circuit, bits = run(text)
+    assert list(outcomes) == [0, 1] * 15
+    assert (bits == np.frombuffer(outcomes, np.uint8)[:, None]).all()
+
+
+async def gathered(bench: Bench) -> list[bytes]:
+    """Purify pairs of which some are not among the first photons, and measure what is left."""
+    outcomes = []
+    await bench.alice.create(100)
+    await bench.alice.send((block(0, 1), "alice-q9"))
+    await bench.bob.receive(block(0, 1), "bob-q9")
+    for client, half in ((bench.alice, 0), (bench.bob, 1)):
+        for number, photons in ((1, [90, *range(29, -1, -1)]), (2, [*range(30, 60), 91])):
+            pick = Pick(block=block(0, half), photons=photons)
+            request = GatherRequest(into=block(number, half), picks=[pick], keep_rest=number == 1)
+            await client.call("Gather", request)
+        gate = Gate(name=Gate.CX, target=block(2, half))
+        await client.call("Apply", ApplyRequest(block=block(1, half), gates=[gate]))
+        outcomes.append((await client.measure(block(2, half))).outcomes)
+    for client, half in ((bench.alice, 0), (bench.bob, 1)):
+        outcomes.append((await client.measure(block(1, half), MeasureRequest.X)).outcomes)
+    return outcomes
+
+
+def test_gathered_photons_are_the_same_qubits_in_the_dump(tmp_path: Path) -> None:
+    text, outcomes = dumped(tmp_path, gathered)
+    assert "CX with a photon that is not written" in text
+    circuit, bits = run(text)
+    # At positions 1 to 29 both are written; alice's photons are all there.
+    found = [np.frombuffer(outcome, np.uint8)[1:30] for outcome in outcomes]
+    targets, controls = (
+        (register(circuit, bits, n), register(circuit, bits, n + 1)) for n in (0, 2)
+    )
+    again = [*(bit[1:30] for bit in targets), *(bit[:29] for bit in controls)]
+    there = (found[1] != NO_CLICK) & (found[3] != NO_CLICK)
+    assert 10 < there.sum() < 29
+    for alice, bob in ((0, 1), (2, 3)):
+        agree = (found[alice] == found[bob])[there]
+        assert 2 < (~agree).sum() < agree.sum()
+        for shot in range(SHOTS):
+            same = (again[alice] == again[bob])[there, shot]
+            np.testing.assert_array_equal(same, agree)
 
 
 def test_every_pauli_and_every_loss_says_where_it_comes_from(tmp_path: Path) -> None:

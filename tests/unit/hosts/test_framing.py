@@ -262,3 +262,35 @@ def test_an_impossible_report_is_refused(report: Report) -> None:
     outbox.add(b"abcd")
     with pytest.raises(FramingError):
         outbox.report(outbox.next_block(), report)
+
+
+def test_what_was_sent_and_what_was_received_are_counted_by_symbol() -> None:
+    plain_out, plain_in = Outbox(16, 64, PLAIN), Inbox(16, PLAIN)
+    plain_out.add(bytes([0b00_01_10_11] * 32))  # two frames, of which the first is spoiled
+    spoiled = [True]
+
+    def line(symbols: Symbols) -> Symbols:
+        if spoiled:
+            spoiled.pop()
+            symbols[:3] = [3, 255, 2]  # 0 came as 3, 1 not at all
+        return symbols
+
+    transmit(plain_out, plain_in, line)
+    # Its 63 pairs, the lost one again, and all again because the check was wrong.
+    counts = np.diag([48, 48, 48, 48])
+    counts[0, 0], counts[0, 3] = 47, 1
+    assert plain_in.confusion.tolist() == counts.tolist()
+
+
+def test_a_code_tells_what_was_sent_in_place_of_wrong_symbols() -> None:
+    outbox, inbox = Outbox(16, 1000, GOLAY), Inbox(16, GOLAY)
+    outbox.add(b"sixteen letters!")
+    block = outbox.next_block()
+    received = block.symbols.copy()
+    received[0], received[1] = received[0] ^ 3, 255
+    outbox.report(block, inbox.block(announce(block), received))
+    assert (inbox.corrected_symbols, inbox.filled_symbols) == (1, 1)
+    counts = np.zeros((4, 4), dtype=int)
+    np.add.at(counts, (block.symbols, received & 3), 1)
+    counts[block.symbols[1], 3] -= 1  # lost: it was received as nothing
+    assert inbox.confusion.tolist() == counts.tolist()

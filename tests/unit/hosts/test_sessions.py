@@ -1,13 +1,7 @@
-"""Whole stacks of alice, bob and charlie over loopback, with a real dispatcher.
-
-In the place of controller and switch stands a relay that reads the set-up message of each
-connection and writes a verdict into it, as the controller does. The light paths are set
-once, by hand.
-"""
+"""Sessions between whole stacks over loopback, with a real dispatcher."""
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Coroutine
-from contextlib import AsyncExitStack, asynccontextmanager
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,26 +9,20 @@ from typing import Any
 import grpc
 import numpy as np
 import pytest
+from stacks_scene import DEADLINE_S, OWN_ADDRESS, PORTS, QNICS, Judge, grant, network, transfer
 
-from dispatcher.clock import CaptureClock
-from dispatcher.server import build_layer, build_server, build_service
 from hosts.hardware.qnic import BlockName
 from hosts.hardware.simulated import SimulatedQnic
 from hosts.middleware import encoding, sender
 from hosts.middleware.coding import CODES, NAMES
 from hosts.middleware.frame_format import FrameFormat
 from hosts.software import QuantumSocket, QuantumSocketError
-from hosts.stack import Stack
-from qswitch_agent.hardware.optics import CrossConnect
-from qswitch_agent.hardware.simulated import SimulatedSwitch
 from wire import service
-from wire.config import DispatcherConfig, Fiber, FiberEnd, HostConfig, QuantumSwitch
 from wire.device import DeviceSettings
 from wire.dispatcher_pb2 import SwitchStatisticsRequest
 from wire.dispatcher_pb2_grpc import DispatcherStub
 from wire.metadata import (
     METADATA_PORT,
-    SETUP_LENGTH,
     Fec,
     Pauli,
     Reason,
@@ -43,144 +31,6 @@ from wire.metadata import (
     Verdict,
     decode,
 )
-from wire.physics import BellAnalyser, Device
-
-QNICS = {
-    "alice": ["alice-q0"],
-    "bob": ["bob-q0", "bob-q1"],
-    "charlie": ["charlie-q0", "charlie-q1"],
-}
-PORTS = {"alice-q0": 1, "bob-q0": 2, "bob-q1": 3, "charlie-q0": 4, "charlie-q1": 5}
-PATHS = [(4, 1), (1, 3), (5, 2)]
-OWN_ADDRESS = {"alice": "127.0.0.11", "bob": "127.0.0.12", "charlie": "127.0.0.13"}
-RELAYED = {name: address.replace("127.0.0", "127.0.1") for name, address in OWN_ADDRESS.items()}
-DEADLINE_S = 30
-
-Judge = Callable[[Setup], Setup]
-
-
-def grant(setup: Setup) -> Setup:
-    return replace(setup, verdict=Verdict.GRANTED)
-
-
-async def pump(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-    """Pass bytes on, and the end of the connection."""
-    try:
-        while data := await reader.read(1 << 16):
-            writer.write(data)
-    except ConnectionError:
-        pass
-    finally:
-        writer.close()
-
-
-def relay(name: str, judge: Judge) -> Callable[..., Coroutine[Any, Any, None]]:
-    """Return the server of a relay to a host."""
-
-    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        setup = decode(await reader.readexactly(SETUP_LENGTH))
-        assert isinstance(setup, Setup)
-        there = await asyncio.open_connection(OWN_ADDRESS[name], METADATA_PORT)
-        there[1].write(judge(setup).encode())
-        await asyncio.gather(pump(reader, there[1]), pump(there[0], writer))
-
-    return serve
-
-
-@asynccontextmanager
-async def network(
-    folder: Path,
-    judge: Judge = grant,
-    rotation: int = 0,
-    analyser: str = "complete",
-    settings: DeviceSettings | None = None,
-    **fiber: Any,
-) -> AsyncIterator[Path]:
-    """Run everything; the sockets of the stacks are in the folder."""
-    config = DispatcherConfig(
-        listen="127.0.0.1:0",
-        socket=str(folder / "dispatcher.sock"),
-        seed=1,
-        tokens={name: f"token of {name}" for name in (*QNICS, "q1", "runner")},
-        fibers=[
-            Fiber(FiberEnd(port.split("-")[0], port), FiberEnd("q1", str(number)), **fiber)
-            for port, number in PORTS.items()
-        ],
-        switches=[QuantumSwitch("q1", rotation=rotation)],
-        devices={"bob": Device(analyser=BellAnalyser(analyser))},
-    )
-    errors: list[BaseException] = []
-    server = build_server(
-        config, build_service(config, build_layer(config, CaptureClock(), None), errors.append)
-    )
-    await server.start()
-    async with AsyncExitStack() as stack:
-        stack.push_async_callback(server.stop, 0)
-        await connect_paths(config.socket)
-        for name in QNICS:
-            host = await start_host(stack, folder, config.socket, name, judge, analyser)
-            if settings is not None:
-                host.device.set(settings)
-        yield folder
-    assert not errors
-
-
-async def connect_paths(dispatcher: str) -> None:
-    """Open the light paths of superdense coding."""
-    switch = SimulatedSwitch("q1", dispatcher, "token of q1")
-    await switch.set_cross_connects(CrossConnect(*path) for path in PATHS)
-    await switch.close()
-
-
-async def start_host(
-    stack: AsyncExitStack, folder: Path, dispatcher: str, name: str, judge: Judge, analyser: str
-) -> Stack:
-    """Start a host's stack and the relay in front of it."""
-    config = HostConfig(
-        name=name,
-        address=OWN_ADDRESS[name],
-        qnics=QNICS[name],
-        dispatcher=f"unix:{dispatcher}",
-        token=f"token of {name}",
-        socket=str(folder / f"{name}.sock"),
-        hosts=RELAYED,
-        source="charlie",
-        seed=1,
-        analyser=analyser,
-    )
-    qnic = SimulatedQnic(config.dispatcher, config.token, config.qnics)
-    stack.push_async_callback(qnic.close)
-    host = Stack(config, qnic)
-    servers = (
-        asyncio.start_server(host.serve, config.address, METADATA_PORT),
-        asyncio.start_server(relay(name, judge), RELAYED[name], METADATA_PORT),
-        asyncio.start_unix_server(host.applications.serve, config.socket),
-    )
-    for starting in servers:
-        await stack.enter_async_context(await starting)
-    return host
-
-
-def transfer(folder: Path, data: bytes, **options: Any) -> tuple[bytes, dict[str, Any]]:
-    """Send data from alice to bob; return what bob got and alice's statistics."""
-    with (
-        QuantumSocket(folder / "bob.sock") as listener,
-        QuantumSocket(folder / "alice.sock") as sender,
-    ):
-        for one in (listener, sender):
-            one.settimeout(DEADLINE_S)
-        listener.listen(7)
-        sender.connect(("bob", 7), **options)
-        receiver, peer = listener.accept()
-        assert peer.startswith("127.")
-        with receiver:
-            sender.sendall(data)
-            got = b""
-            while len(got) < len(data):
-                got += receiver.recv(1 << 16)
-            sender.shutdown()
-            assert receiver.recv(1) == b""
-        return got, sender.statistics
 
 
 def exchange(

@@ -11,6 +11,7 @@ import pytest
 
 from qmn import doctor, machine
 from qmn.machine import FAILS, LIMITED, UNCHECKED, WORKS, Finding
+from wire.config import DispatcherConfig
 
 
 def run(*words: str, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -75,6 +76,25 @@ def test_a_missing_package_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: A
     monkeypatch.setattr(machine, "ROOT", tmp_path)
     finding = machine.packages()
     assert (finding.state, finding.found) == (FAILS, "missing: no-such-package")
+
+
+def test_a_missing_python_package_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
+    wanted = '"rich", "no-such-package[extra]>=4.2"'
+    (tmp_path / "pyproject.toml").write_text(f"[project]\ndependencies = [{wanted}]\n")
+    assert machine.python_packages().state == WORKS
+    monkeypatch.setattr(machine, "ROOT", tmp_path)
+    finding = machine.python_packages()
+    assert (finding.state, finding.found) == (FAILS, "missing: no-such-package")
+
+
+def test_a_running_network_that_writes_no_events_is_found(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    config = DispatcherConfig(
+        listen="", socket="/run/qmn/7/dispatcher.sock", seed=1, tokens={}, fibers=[], switches=[]
+    )
+    monkeypatch.setattr(machine, "dispatcher_of_running_network", lambda: config)
+    assert machine.running_network().found == "one runs, see /run/qmn/7"
 
 
 def test_people_read_state_name_and_remedy(capsys: pytest.CaptureFixture[str]) -> None:

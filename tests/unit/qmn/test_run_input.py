@@ -8,6 +8,7 @@ import pytest
 
 from qmn import run
 from qmn.device_words import differences
+from qmn.network_options import BadInput
 from qmn.networks import TOPOLOGIES, BadTopology, every_device, every_fiber, topology
 from qmn.run_folder import make_folder, point_latest
 from wire.fiber import FiberOptics
@@ -45,7 +46,7 @@ def parse(*words: str) -> argparse.Namespace:
         (["--device", "ed.memory.capacity=1"], "--device ed: choose one of alice, bob, charlie"),
         (["--rate-hz", "0"], "--rate-hz 0"),
         (["--to", "ed"], "unknown host 'ed': choose one of alice, bob, charlie"),
-        (["--from", "bob"], "--from and --to are both bob"),
+        (["--from", "bob"], "sender and receiver are both bob"),
         (["--policy", "/nowhere.toml"], "cannot read the policy /nowhere.toml: No such file"),
         (["--rest", "127.0.0.1:8080", "--controller", "os-ken"], "--rest needs --controller ryu"),
         (["--sabot", "/nowhere"], "start one with python -m dispatcher.sabot --socket /nowhere"),
@@ -65,7 +66,7 @@ def parse(*words: str) -> argparse.Namespace:
     ],
 )
 def test_bad_input_names_the_value_and_what_to_choose(words: list[str], text: str) -> None:
-    with pytest.raises((run.BadInput, BadTopology)) as caught:
+    with pytest.raises((BadInput, BadTopology)) as caught:
         run.check_input(parse(*words))
     assert text in str(caught.value)
 

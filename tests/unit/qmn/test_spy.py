@@ -14,6 +14,7 @@ from typing import Any
 import grpc
 import pytest
 
+from hosts.software import STACK_VARIABLE
 from qmn import running, spy
 from topologies.runtime import EVENT_CAPTURE
 from wire.config import DispatcherConfig, Fiber, FiberEnd
@@ -196,6 +197,50 @@ def test_a_spy_that_does_not_read_is_told_what_was_dropped(scene: Scene) -> None
     assert len(shown) + 1 == count + shown.count("dropped")
 
 
+def ends_within(process: subprocess.Popen[str], seconds: float) -> bool:
+    """Return whether a process ends in time; one that does not is killed."""
+    try:
+        process.wait(seconds)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        return False
+    return True
+
+
+@pytest.mark.parametrize(("words", "each"), [([], 3), (["--node", "bob"], 1)])
+def test_what_the_networks_end_takes_from_a_slow_spy_is_counted(
+    scene: Scene, words: list[str], each: int
+) -> None:
+    scene.act(session=1)
+    with scene.spy("--history", *words) as process:
+        assert process.stdout
+        process.stdout.readline()
+        os.kill(process.pid, signal.SIGSTOP)
+        scene.act(session=2, count=1000)
+        scene.process.terminate()
+        ended = ends_within(scene.process, 4.5)  # the runner waits for 5 s
+        os.kill(process.pid, signal.SIGCONT)
+        process.stdout.read()
+        assert process.wait(timeout=20) == 0
+        assert process.stderr
+        said = process.stderr.read().split()
+    count, dropped = (int(said[place].replace(",", "")) for place in (1, 4))
+    assert dropped > 0
+    assert count + dropped == 1001 * each
+    assert ended
+
+
+def test_a_spy_that_keeps_up_loses_nothing_at_the_end(scene: Scene) -> None:
+    with scene.spy("--history") as process:
+        assert process.stdout
+        scene.act(session=1, count=3)
+        for _ in range(9):
+            process.stdout.readline()
+        scene.process.terminate()
+        rest, said = process.communicate(timeout=20)
+    assert (rest, said) == ("", "qmn: 9 events shown, 0 dropped\n")
+
+
 def test_following_a_run_ends_when_it_has_left_its_result(scene: Scene) -> None:
     scene.act(session=1)
     with scene.spy(str(scene.folder), "--follow") as process:
@@ -241,3 +286,16 @@ def test_without_a_network_it_says_so(
     parsed = arguments.parse_args(["spy"])
     assert parsed.call(parsed) == 1
     assert "no network runs on this machine" in capsys.readouterr().err
+
+
+def test_what_a_network_does_not_write_can_only_be_followed(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = DispatcherConfig(listen="", socket="", seed=1, tokens={}, fibers=[], switches=[])
+    monkeypatch.setattr(spy, "dispatcher_of_running_network", lambda: config)
+    monkeypatch.delenv(STACK_VARIABLE, raising=False)
+    arguments = argparse.ArgumentParser()
+    spy.add_parser(arguments.add_subparsers())
+    parsed = arguments.parse_args(["spy", "--no-follow"])
+    assert parsed.call(parsed) == 1
+    assert "writes no events (--no-events)" in capsys.readouterr().err

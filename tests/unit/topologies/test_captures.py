@@ -1,6 +1,8 @@
 """What tcpdump says of itself at its end."""
 
-from topologies.network import packets_missed
+from pathlib import Path
+
+from topologies.network import capture_command, packets_missed
 
 
 def test_packets_that_the_kernel_dropped_are_counted() -> None:
@@ -9,3 +11,11 @@ def test_packets_that_the_kernel_dropped_are_counted() -> None:
     assert packets_missed(words.format("1 packet")) == 1
     assert packets_missed(words.format("1436 packets")) == 1436
     assert packets_missed("tcpdump: listening on lo") == 0
+
+
+def test_a_capture_takes_whole_packets_at_once_and_interrupts_nobody() -> None:
+    command = capture_command("s1-eth1", Path("s1-eth1.pcap"))
+    assert command[:4] == ["chrt", "--batch", "0", "tcpdump"]
+    assert {"-U", "--immediate-mode", "--time-stamp-precision=nano"} <= set(command)
+    assert int(command[command.index("-s") + 1]) >= 65_550  # 64 KiB of the loopback, and Ethernet
+    assert command[-4:] == ["-i", "s1-eth1", "-w", "s1-eth1.pcap"]

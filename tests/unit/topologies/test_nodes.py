@@ -27,6 +27,18 @@ def test_a_command_in_whose_middle_the_shell_ends_returns() -> None:
     node.terminate()
 
 
+@pytest.mark.parametrize("command", ["sleep 60", "trap '' HUP; sleep 60"])
+def test_a_busy_shell_is_ended_with_its_command(command: str) -> None:
+    node = Watched("watched", inNamespace=False)
+    node.end_if_busy()
+    assert node.cmd("echo idle").strip() == "idle"
+    node.sendCmd(command)
+    node.end_if_busy()
+    assert node.shell_ended
+    assert node.cmd("ip link del what-is-gone") == ""
+    node.terminate()
+
+
 @pytest.mark.parametrize(
     ("optics", "message"),
     [

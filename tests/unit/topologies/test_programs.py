@@ -1,5 +1,6 @@
 """Programs: started, watched and ended by their own handle."""
 
+import socket
 import sys
 from pathlib import Path
 
@@ -62,3 +63,14 @@ def test_all_are_ended_together_also_those_never_started(tmp_path: Path) -> None
     both = [program(tmp_path, "import time; time.sleep(60)", name) for name in ("a", "b")]
     stop_all([*both, Program("never", tmp_path / "never.log")])
     assert not any(one.running for one in both)
+
+
+def test_it_keeps_the_descriptors_that_it_is_given(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        address, number = listener.getsockname(), listener.fileno()
+        code = f"import socket; socket.socket(fileno={number}).accept()[0].sendall(b'here')"
+        keeper = Program("keeper", tmp_path / "keeper.log")
+        keeper.start([sys.executable, "-c", code], descriptors=[number])
+    with socket.create_connection(address, timeout=10) as connection:
+        assert connection.recv(16) == b"here"
+    keeper.stop()

@@ -77,3 +77,16 @@ def test_a_signal_that_another_thread_takes_is_deferred_too(
         signal.set_wakeup_fd(before)
         done.set()
         thread.join()
+
+
+def test_signals_that_count_at_once_interrupt_or_end_what_is_being_done() -> None:
+    with Signals() as signals:
+        with signals.at_once():
+            with pytest.raises(KeyboardInterrupt):
+                os.kill(os.getpid(), signal.SIGINT)
+            signals.check()  # Ctrl-C ends what is being done, and not the network
+            with pytest.raises(Interrupted, match="SIGTERM"):
+                os.kill(os.getpid(), signal.SIGTERM)
+            with pytest.raises(Interrupted, match="SIGTERM"):
+                signals.check()
+        os.kill(os.getpid(), signal.SIGINT)  # noted again, for the next check

@@ -32,6 +32,7 @@ from wire.metadata import (
     Answer,
     Block,
     Emit,
+    Envelope,
     Finish,
     Frame,
     Handshake,
@@ -42,6 +43,8 @@ from wire.metadata import (
     Report,
     Service,
     Setup,
+    Topic,
+    Values,
     Verdict,
     decode,
     message_length,
@@ -83,6 +86,8 @@ METADATA: list[Message] = [
     Report(7, 8, 9, 2, 10, 11, 12, (11, 12), b"\x80\x01"),
     Report(8, 8, 9, 0, 10, 11, 12),
     Finish(9, (1 << 40) + 1, bytes(range(32))),
+    Values(10, Topic.ARRIVED, 1, 14, 11, b"\xff\xe0"),
+    Envelope(11, 200, b"own format"),
 ]
 SETTINGS = DeviceSettings(rate_hz=1_000_000, frame_bytes=64)
 REPORT = DeviceReport(
@@ -366,6 +371,7 @@ EVENT = Event(
     port="bob-q0",
     photons=1_000_000,
     lost=7,
+    photon=5,
     detail="with 3/0: Phi+=8 später",
 )
 
@@ -382,6 +388,7 @@ def test_every_field_of_an_event_is_shown(tmp_path: Path) -> None:
         "qevent.photons": EVENT.photons,
         "qevent.lost": 7,
         "qevent.detail": EVENT.detail,
+        "qevent.photon": EVENT.photon,
     }
     every = {field.name for field in Event.DESCRIPTOR.fields}
     assert {name.split(".")[1] for name in values} >= every - {"block"}, "a new field: name it here"

@@ -21,6 +21,7 @@ from wire.metadata import (
     Answer,
     Block,
     Emit,
+    Envelope,
     Finish,
     Frame,
     Handshake,
@@ -31,6 +32,8 @@ from wire.metadata import (
     Report,
     Service,
     Setup,
+    Topic,
+    Values,
     Verdict,
     decode,
     message_length,
@@ -76,6 +79,14 @@ GOLDEN: list[tuple[Message, str]] = [
     (
         Finish(5, 6, bytes(range(32))),
         "514d020600000038" + f"{5:016x}{6:016x}" + bytes(range(32)).hex(),
+    ),
+    (
+        Values(6, Topic.CORRECTIONS, 2, 9, 5, b"\xe4\x40"),
+        "514d02070000001c0000000000000006" + "0502" + "0000000900000005" + "e440",
+    ),
+    (
+        Envelope(7, 200, b"own format"),
+        "514d02080000001b0000000000000007" + "c8" + b"own format".hex(),
     ),
 ]
 
@@ -211,6 +222,21 @@ def test_a_block_must_carry_what_it_lists() -> None:
 def test_a_report_cannot_lose_more_pairs_than_there_were(report: Report) -> None:
     with pytest.raises(MalformedPacket, match="of block 1"):
         decode(report.encode())
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        (Values(6, 1, 3, 0, 2, b"\xfc"), "3 bits a value"),
+        (Values(6, 1, 8, 0, 2, b"\x01"), "2 of 8 bits are not 1 bytes"),
+        (Values(6, 1, 1, 0, 9, b"\x01"), "9 of 1 bits are not 1 bytes"),
+        (Values(6, 1, 32, 0, 1 << 30, b""), "are not 0 bytes"),
+        (Values(6, 1, 2, 0, 3, b"\x01"), "behind the last value are not 0"),
+    ],
+)
+def test_values_are_packed_without_gaps(values: Values, words: str) -> None:
+    with pytest.raises(MalformedPacket, match=words):
+        decode(values.encode())
 
 
 @pytest.mark.parametrize(("symbols", "encoding"), [(2, 0xE4), (5, 0xE4), (0, 0xE4), (4, 0), (3, 1)])

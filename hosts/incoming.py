@@ -1,0 +1,93 @@
+"""A connection from another host, on its way to the application that will accept it."""
+
+import asyncio
+from typing import Any
+
+from hosts.middleware.channel import SessionError
+from hosts.middleware.services.service import Answerer
+from wire.metadata import Reason
+from wire.socket_calls import MAX_PAYLOAD, Call, encode, encode_fields
+
+ACCEPT_TIMEOUT_S = 5.0
+READ_TIMEOUT_S = 25.0  # the sender waits 30 s for its report
+
+
+class Incoming:
+    """A connection from another host, waiting for an application and then feeding it."""
+
+    def __init__(self, peer: str) -> None:
+        self.peer = peer
+        self._accepted: asyncio.Future[asyncio.StreamWriter] = (
+            asyncio.get_running_loop().create_future()
+        )
+        self._error: BaseException | None = None
+        self.ended = asyncio.Event()
+        self.left = False  # the application, from what it could have asked about
+        self.answer: Answerer | None = None
+
+    def accept(self, writer: asyncio.StreamWriter) -> None:
+        """Hand the connection to an application."""
+        if self._error is not None:
+            writer.write(failed(self._error))
+        else:
+            self._accepted.set_result(writer)
+
+    async def deliver(self, data: bytes) -> None:
+        """Pass bytes to the application; waits while it does not read."""
+        writer = await self._writer()
+        for start in range(0, len(data), MAX_PAYLOAD):
+            writer.write(encode(Call.DATA, data[start : start + MAX_PAYLOAD]))
+            await self._drain(writer)
+
+    async def tell(self, **fields: Any) -> None:
+        """Pass a result of a service to the application."""
+        writer = await self._writer()
+        writer.write(encode_fields(Call.RESULT, **fields))
+        await self._drain(writer)
+
+    async def ready(self, summary: dict[str, Any], answer: Answerer) -> None:
+        """Tell the application that it may ask now."""
+        self.answer = answer
+        writer = await self._writer()
+        writer.write(encode_fields(Call.DONE, **summary))
+        await self._drain(writer)
+
+    async def finish(self, statistics: dict[str, Any]) -> None:
+        """Tell the application that all bytes came and were right, or that the service is over."""
+        writer = await self._writer()
+        if not self.left:
+            writer.write(encode_fields(Call.CLOSE, **statistics))
+            await self._drain(writer)
+        self.ended.set()
+
+    async def fail(self, error: BaseException) -> None:
+        """Tell the application, also one that accepts later, that bytes are missing."""
+        self._error = error
+        if self._accepted.done():
+            self._accepted.result().write(failed(error))
+        self.ended.set()
+
+    async def _writer(self) -> asyncio.StreamWriter:
+        try:
+            async with asyncio.timeout(ACCEPT_TIMEOUT_S):
+                return await asyncio.shield(self._accepted)
+        except TimeoutError as error:
+            raise SessionError(
+                Reason.NO_LISTENER, f"the application did not accept in {ACCEPT_TIMEOUT_S:g} s"
+            ) from error
+
+    async def _drain(self, writer: asyncio.StreamWriter) -> None:
+        try:
+            async with asyncio.timeout(READ_TIMEOUT_S):
+                await writer.drain()
+        except TimeoutError as error:
+            text = f"the receiving application has not read for {READ_TIMEOUT_S:g} s"
+            raise SessionError(Reason.NO_LISTENER, text) from error
+        except ConnectionError as error:
+            raise SessionError(Reason.NO_LISTENER, "the receiving application has ended") from error
+
+
+def failed(error: BaseException, **statistics: int) -> bytes:
+    """Return the message that tells an application why there is no going on."""
+    reason = error.reason if isinstance(error, SessionError) else Reason.HARDWARE
+    return encode_fields(Call.FAILED, reason=reason, text=str(error), **statistics)

@@ -1,0 +1,67 @@
+"""Light for a session that this host opens: the paths, and the pair source that belongs to it."""
+
+import asyncio
+from dataclasses import replace
+
+from hosts.middleware.channel import ANSWER_TIMEOUT_S, MetadataChannel, SessionError
+from wire.metadata import Answer, Emit, Reason, Service, Setup
+
+DISCOVERY_TIMEOUT_S = 3.0
+DISCOVERY_PAUSE_S = 0.1
+
+
+class Arrangement:
+    """The connections of a session that this host opens: to its peer, and to the pair source."""
+
+    channel: MetadataChannel  # to the peer, once it is open
+
+    def __init__(self, setup: Setup, peer: tuple[str, str], source: str) -> None:
+        """Prepare it; peer is name and address, source a name."""
+        self._setup, self._peer, self._source = setup, peer, source
+        self._pairs: MetadataChannel | None = None
+        self._source_turn = asyncio.Lock()
+
+    @property
+    def peer(self) -> str:
+        """Name of the other end."""
+        return self._peer[0]
+
+    async def open(self) -> Answer:
+        """Arrange light paths; return what the peer accepts, or raise SessionError.
+
+        Fibres that the controller is still discovering are waited for.
+        """
+        deadline = asyncio.get_running_loop().time() + DISCOVERY_TIMEOUT_S
+        while True:
+            channel = await MetadataChannel.connect(*self._peer)
+            try:
+                answer = await channel.request(self._setup)
+            except SessionError as error:
+                channel.close()
+                overdue = asyncio.get_running_loop().time() > deadline
+                if error.reason != Reason.UNKNOWN_HOST or overdue:
+                    raise
+                await asyncio.sleep(DISCOVERY_PAUSE_S)
+            else:
+                self.channel = channel
+                return answer
+
+    async def engage_source(self) -> None:
+        """Connect to the pair source of the session; raise SessionError if it refuses."""
+        self._pairs = await MetadataChannel.connect(self._source, self._setup.source)
+        await self._pairs.request(replace(self._setup, service=Service.PAIR_SOURCE))
+
+    async def emit(self, block: int, pairs: int) -> None:
+        """Have the source make a block of pairs; return when its light has arrived, or is lost."""
+        assert self._pairs is not None
+        rate_hz = self._setup.rate_hz
+        async with self._source_turn:  # its answers carry no number
+            emit = Emit(self._setup.session, block, pairs, rate_hz)
+            await self._pairs.request(emit, ANSWER_TIMEOUT_S + pairs / rate_hz)
+
+    def close(self) -> None:
+        """Close the connections."""
+        if self._pairs is not None:
+            self._pairs.close()
+        if hasattr(self, "channel"):
+            self.channel.close()

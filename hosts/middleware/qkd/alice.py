@@ -1,0 +1,170 @@
+"""The end whose key counts as right: she answers questions about it.
+
+    OPENING    Proposal ->
+    SIFTING    -> Detections, Sifted ->      for each block; then Sample ->
+    ESTIMATING -> Disclosed
+    RECONCILING -> AskBlocks, AskIntervals or AskSyndrome, Parities ->      many times
+               -> Verify, Amplify ->
+    CONFIRMING -> Confirm
+
+In BB84 she prepared the light. What travels from bob is on the left of each line.
+"""
+
+import hmac
+from collections import deque
+
+from hosts.middleware.qkd.amplification import seed_bits, toeplitz
+from hosts.middleware.qkd.bits import pack, unpack
+from hosts.middleware.qkd.end import End, SessionFailed, State, Terms, out_of_place
+from hosts.middleware.qkd.estimation import compare, sample_mask, sample_size
+from hosts.middleware.qkd.parities import ReferenceKey
+from hosts.middleware.qkd.public_randomness import SEED_BYTES
+from hosts.middleware.qkd.questions import to_query
+from hosts.middleware.qkd.sifting import Record, choose, sifted
+from hosts.middleware.qkd.verification import key_tag
+from wire.qkd import (
+    AbortReason,
+    Amplify,
+    AskBlocks,
+    AskIntervals,
+    AskSyndrome,
+    Confirm,
+    Detections,
+    Disclosed,
+    Parities,
+    QkdMessage,
+    Sample,
+    Sifted,
+    Verify,
+)
+
+MAX_EARLY = 16  # announcements of blocks that have not ended here yet
+
+
+class Alice(End):
+    """Call `start`, `add_block` for each block of light, `distil` when there are enough."""
+
+    _reference: ReferenceKey
+
+    def __init__(self, terms: Terms) -> None:
+        super().__init__(terms)
+        self._records: deque[Record] = deque()
+        self._early: deque[Detections] = deque()
+        self._enough = False
+
+    def start(self) -> list[bytes]:
+        """Open the session; first call, once."""
+        return self._attempt(lambda: [self._parameters.proposal()])
+
+    def add_block(self, record: Record) -> list[bytes]:
+        """Take what was prepared or measured of the next block."""
+        if self.state is State.ABORTED:
+            return []
+        if self.state is not State.SIFTING or self._enough:
+            raise ValueError("a block after distil(): open a new session for it")
+        self._records.append(record)
+        return self._attempt(self._sift)
+
+    def distil(self) -> list[bytes]:
+        """Make a key of all blocks added, as soon as the other end has announced them."""
+        if self.state is State.ABORTED:
+            return []
+        self._enough = True
+        return self._attempt(self._sift)
+
+    def _handle(self, message: QkdMessage) -> list[QkdMessage]:
+        match self.state, message:
+            case State.SIFTING, Detections():
+                return self._announced(message)
+            case State.ESTIMATING, Disclosed():
+                return self._compare(message)
+            case State.RECONCILING, AskBlocks() | AskIntervals() | AskSyndrome():
+                parities = self._reference.answer(to_query(message))
+                return [Parities(parities.size, pack(parities))]
+            case State.RECONCILING, Verify():
+                return self._verify(message)
+            case State.CONFIRMING, Confirm():
+                return self._confirmed(message)
+        raise out_of_place(message, self.state)
+
+    def _announced(self, message: Detections) -> list[QkdMessage]:
+        number = self.blocks_sifted + len(self._early)
+        if message.block != number or len(self._early) == MAX_EARLY:
+            raise SessionFailed(AbortReason.PROTOCOL, f"block {message.block}, not {number}")
+        self._early.append(message)
+        return self._sift()
+
+    def _sift(self) -> list[QkdMessage]:
+        """Answer the announcements of blocks that have ended here; go on if that was all."""
+        answers: list[QkdMessage] = []
+        while self._records and self._early:
+            answers.append(self._sift_block(self._records.popleft(), self._early.popleft()))
+        if self._enough and not self._records:
+            answers.append(self._disclose())
+        return answers
+
+    def _sift_block(self, record: Record, detections: Detections) -> Sifted:
+        if detections.photons != record.photons:
+            raise SessionFailed(
+                AbortReason.PROTOCOL,
+                f"block {detections.block} of {record.photons} photons, {detections.photons} there",
+            )
+        clicked = unpack(detections.clicked, record.photons).astype(bool)
+        clicks = int(clicked.sum())
+        kept = choose(record, clicked, unpack(detections.bases, clicks))
+        self._add_sifted(sifted(record, clicked, kept), clicks)
+        return Sifted(detections.block, clicks, pack(kept))
+
+    def _disclose(self) -> Sample:
+        whole = self._whole()
+        size = sample_size(whole.size, self._parameters.test_fraction)
+        if size == 0:
+            raise SessionFailed(AbortReason.TOO_SHORT, f"{whole.size} sifted bits are too few")
+        self._seed = self._random_bytes(SEED_BYTES)
+        mask = sample_mask(self._seed, whole.size, size)
+        self._sample, self._raw = whole[mask], whole[~mask]
+        self.state = State.ESTIMATING
+        return Sample(whole.size, size, self._seed, pack(self._sample))
+
+    def _compare(self, message: Disclosed) -> list[QkdMessage]:
+        if message.count != self._sample.size:
+            raise SessionFailed(
+                AbortReason.PROTOCOL, f"{message.count} test bits, not {self._sample.size}"
+            )
+        self._judge(compare(self._sample, unpack(message.bits, message.count)))
+        self._reference = ReferenceKey(self._raw, self._seed)
+        self.state = State.RECONCILING
+        return []
+
+    def _verify(self, message: Verify) -> list[QkdMessage]:
+        self._leaked, self._errors = self._reference.leaked_bits, message.errors
+        if message.leaked_bits != self._leaked:
+            raise SessionFailed(
+                AbortReason.PROTOCOL,
+                f"{message.leaked_bits} bits leaked by bob's count, {self._leaked} by alice's",
+            )
+        if not hmac.compare_digest(key_tag(self._raw, message.hash_key), message.tag):
+            raise SessionFailed(
+                AbortReason.NOT_CORRECTED, "the corrected keys differ: nothing is delivered"
+            )
+        length = self._key_length(self._leaked)
+        if length == 0:
+            raise SessionFailed(AbortReason.TOO_SHORT, self._too_short())
+        return [self._amplify(length)]
+
+    def _amplify(self, length: int) -> Amplify:
+        count = seed_bits(self._raw.size, length)
+        seed = unpack(self._random_bytes((count + 7) // 8), count)
+        self._final = toeplitz(self._raw, seed, length)
+        self.state = State.CONFIRMING
+        return Amplify(length, count, pack(seed))
+
+    def _confirmed(self, message: Confirm) -> list[QkdMessage]:
+        if message.length != self._final.size:
+            raise SessionFailed(
+                AbortReason.PROTOCOL,
+                f"{message.length} bits confirmed, not {self._final.size}",
+            )
+        self.key = self._final
+        self.state = State.DONE
+        return []

@@ -1,0 +1,275 @@
+"""What both ends of a session share: their states, and messages with tags.
+
+Bytes in, bytes out. `receive` takes one whole message of the other end (cut the stream by
+`wire.qkd.message_length`) and returns the messages to send, in order. Whatever goes wrong
+ends the session: no key at this end, an Abort with the reason to the other.
+"""
+
+import secrets
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum, auto
+
+import numpy as np
+
+from hosts.middleware.qkd.authentication import (
+    Authenticator,
+    ForgedMessage,
+    KeyPool,
+    KeyPoolExhausted,
+)
+from hosts.middleware.qkd.bits import NO_BITS, Bits
+from hosts.middleware.qkd.estimation import Estimate
+from hosts.middleware.qkd.key_length import binary_entropy
+from hosts.middleware.qkd.parameters import Parameters
+from hosts.middleware.qkd.parities import ReconciliationError
+from wire.metadata import MalformedPacket
+from wire.qkd import MAX_KEY_BITS, Abort, AbortReason, QkdMessage, Sealed, unframe, unsealed
+
+RandomBytes = Callable[[int], bytes]
+
+
+class State(Enum):
+    """Where a session is."""
+
+    OPENING = auto()  # bob waits for the proposal
+    SIFTING = auto()
+    ESTIMATING = auto()  # alice has disclosed her sample
+    RECONCILING = auto()
+    CONFIRMING = auto()  # one end has said what it needs to; the other has the last word
+    DONE = auto()
+    ABORTED = auto()
+
+
+class SessionFailed(Exception):
+    """The session ends without a key; `first` are messages still to send before the Abort."""
+
+    def __init__(self, reason: AbortReason, text: str, *first: QkdMessage) -> None:
+        super().__init__(text)
+        self.reason = reason
+        self.first = first
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Why a session ended without a key."""
+
+    reason: AbortReason
+    text: str
+    by_peer: bool  # the other end noticed
+
+
+@dataclass(frozen=True)
+class Report:
+    """Counts of a session so far; all in bits."""
+
+    raw: int  # photons that bob has detected
+    sifted: int
+    sample: int
+    errors_in_sample: int
+    errors_corrected: int
+    leaked: int
+    key: int
+    authentication: int  # pre-shared key used by both directions
+
+    @property
+    def net(self) -> int:
+        """Bits of key that the session has brought, less those that it used."""
+        return self.key - self.authentication
+
+    @property
+    def qber(self) -> float | None:
+        """Error rate of the sample; None before there is one."""
+        return self.errors_in_sample / self.sample if self.sample else None
+
+
+@dataclass(frozen=True)
+class Terms:
+    """What an end is given: who speaks of what, and the shared key of each direction."""
+
+    session: int
+    parameters: Parameters
+    outgoing: KeyPool
+    incoming: KeyPool
+    random_bytes: RandomBytes = secrets.token_bytes
+
+
+class End(ABC):
+    """One end of a session of key distribution."""
+
+    def __init__(self, terms: Terms) -> None:
+        self._session = terms.session
+        self._parameters = terms.parameters
+        self._pools = terms.outgoing, terms.incoming
+        self._signer, self._checker = (Authenticator(pool) for pool in self._pools)
+        self._sent = self._received = 0
+        self._random_bytes = terms.random_bytes
+        self._clicks = 0
+        self._parts: list[Bits] = []  # sifted, block by block
+        self._raw: Bits = NO_BITS  # what is left of them to make a key of
+        self._estimate: Estimate | None = None
+        self._errors = self._leaked = 0
+        self.state = State.SIFTING
+        self.failure: Failure | None = None
+        self.key: Bits | None = None
+
+    @property
+    def sifted_bits(self) -> int:
+        """How long the sifted key is by now; wire.qkd.MAX_KEY_BITS at most."""
+        return sum(part.size for part in self._parts)
+
+    @property
+    def blocks_sifted(self) -> int:
+        """How many blocks have been sifted."""
+        return len(self._parts)
+
+    @property
+    def estimate(self) -> Estimate | None:
+        """What the disclosed sample says of the error rate; None before there is one."""
+        return self._estimate
+
+    @property
+    def report(self) -> Report:
+        """Counts for the application and for diagnosis, also of a session without a key."""
+        estimate = self._estimate
+        return Report(
+            self._clicks,
+            self.sifted_bits,
+            estimate.sample if estimate else 0,
+            estimate.errors if estimate else 0,
+            self._errors,
+            self._leaked,
+            self.key.size if self.key is not None else 0,
+            sum(pool.consumed_bits for pool in self._pools),
+        )
+
+    def receive(self, data: bytes) -> list[bytes]:
+        """Take one message of the other end; return the messages to send to it.
+
+        An end that is done or has aborted sends nothing more. If the other end aborts after
+        all, a key is withdrawn again: read on until the other end closes the connection.
+        """
+        if self.state is State.ABORTED:
+            return []
+        try:
+            message = self._open(data)
+        except (MalformedPacket, ForgedMessage, KeyPoolExhausted) as error:
+            if self.state is State.DONE:
+                return []
+            return self._abort(_reason_of(error), str(error))
+        if isinstance(message, Abort):
+            self._end(Failure(AbortReason(message.reason), message.text, by_peer=True))
+            return []
+        return self._attempt(lambda: self._handle(message))
+
+    def cancel(self, text: str) -> list[bytes]:
+        """End the session without a key, unless it has ended; return the messages to send."""
+        if self.state in (State.DONE, State.ABORTED):
+            return []
+        return self._abort(AbortReason.CANCELLED, text)
+
+    @abstractmethod
+    def _handle(self, message: QkdMessage) -> list[QkdMessage]:
+        """Take an authentic message in the state the session is in."""
+
+    def _attempt(self, step: Callable[[], list[QkdMessage]]) -> list[bytes]:
+        """Take a step; a failure of it ends the session."""
+        sealed: list[bytes] = []
+        try:
+            for message in step():
+                sealed.append(self._seal(message))  # those before a failure go out, too
+        except SessionFailed as failed:
+            sealed += self._abort(failed.reason, str(failed), *failed.first)
+        except ReconciliationError as error:
+            sealed += self._abort(AbortReason.PROTOCOL, str(error))
+        return sealed
+
+    def _add_sifted(self, part: Bits, clicks: int) -> None:
+        self._parts.append(part)
+        self._clicks += clicks
+        if self.sifted_bits > MAX_KEY_BITS:
+            raise SessionFailed(
+                AbortReason.PROTOCOL,
+                f"{self.sifted_bits} sifted bits in one session, at most {MAX_KEY_BITS}: "
+                "distil after fewer blocks",
+            )
+
+    def _whole(self) -> Bits:
+        return np.concatenate([NO_BITS, *self._parts])
+
+    def _judge(self, estimate: Estimate, *first: QkdMessage) -> None:
+        """Note the error rate; raise SessionFailed if no key can come of it."""
+        self._estimate = estimate
+        if estimate.qber > self._parameters.max_qber:
+            raise SessionFailed(
+                AbortReason.NOISY,
+                f"{estimate.errors} of {estimate.sample} test bits are wrong "
+                f"(QBER {estimate.qber:.4f}), at most {self._parameters.max_qber:.4f} is "
+                "allowed: noise or an eavesdropper",
+                *first,
+            )
+        if self._key_length(int(self._raw.size * binary_entropy(estimate.qber))) == 0:
+            raise SessionFailed(AbortReason.TOO_SHORT, self._too_short(), *first)
+
+    def _key_length(self, leaked_bits: int) -> int:
+        assert self._estimate
+        estimate = self._estimate
+        return self._parameters.key_length(
+            self._raw.size, estimate.sample, estimate.qber, leaked_bits
+        )
+
+    def _too_short(self) -> str:
+        assert self._estimate
+        return (
+            f"no secret bit in {self._raw.size} bits at a QBER of {self._estimate.qber:.4f}: "
+            "sift more photons in one session"
+        )
+
+    def _open(self, data: bytes) -> QkdMessage:
+        sealed: Sealed = unframe(data)
+        if (sealed.session, sealed.sequence) != (self._session, self._received):
+            raise ForgedMessage(
+                f"message {sealed.sequence} of session {sealed.session:#x} where "
+                f"{self._received} of {self._session:#x} is due"
+            )
+        self._checker.check(sealed.covered, sealed.tag)
+        self._received += 1
+        return sealed.open()
+
+    def _seal(self, message: QkdMessage) -> bytes:
+        """Return a message with its tag; the last pad is kept for an Abort."""
+        if self._signer.messages_left < 2 and not isinstance(message, Abort):
+            raise SessionFailed(
+                AbortReason.NO_AUTHENTICATION_KEY,
+                f"the key for authentication is used up after {self._sent} messages: "
+                "share more of it before the session",
+            )
+        data = unsealed(message, self._session, self._sent)
+        self._sent += 1
+        return data + self._signer.tag(data)
+
+    def _abort(self, reason: AbortReason, text: str, *first: QkdMessage) -> list[bytes]:
+        self._end(Failure(reason, text, by_peer=False))
+        room = max(0, self._signer.messages_left - 1)
+        last = [Abort(reason, text)] if self._signer.messages_left else []
+        return [self._seal(message) for message in [*first[:room], *last]]
+
+    def _end(self, failure: Failure) -> None:
+        self.state, self.failure, self.key = State.ABORTED, failure, None
+        self._raw = NO_BITS
+
+
+def out_of_place(message: QkdMessage, state: State) -> SessionFailed:
+    """Return the failure that a message in the wrong state is."""
+    return SessionFailed(
+        AbortReason.PROTOCOL, f"{type(message).__name__} while {state.name.lower()}"
+    )
+
+
+def _reason_of(error: Exception) -> AbortReason:
+    if isinstance(error, MalformedPacket):
+        return AbortReason.MALFORMED
+    if isinstance(error, KeyPoolExhausted):
+        return AbortReason.NO_AUTHENTICATION_KEY
+    return AbortReason.FORGED

@@ -1,0 +1,51 @@
+"""Parameter estimation: disclose a random sample of the sifted key, count its errors."""
+
+from dataclasses import dataclass
+from math import sqrt
+from statistics import NormalDist
+
+import numpy as np
+
+from hosts.middleware.qkd.bits import Bits, Mask
+from hosts.middleware.qkd.public_randomness import permutation
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Errors found in a disclosed sample of the sifted key."""
+
+    errors: int
+    sample: int
+
+    @property
+    def qber(self) -> float:
+        """Fraction of wrong bits, 0 to 1."""
+        return self.errors / self.sample
+
+    def interval(self, confidence: float = 0.95) -> tuple[float, float]:
+        """Return the confidence interval of the error rate (Wilson 1927)."""
+        z = NormalDist().inv_cdf((1 + confidence) / 2)
+        centre = self.qber + z * z / (2 * self.sample)
+        half = z * sqrt(self.qber * (1 - self.qber) / self.sample + (z / (2 * self.sample)) ** 2)
+        scale = 1 + z * z / self.sample
+        return max(0.0, (centre - half) / scale), min(1.0, (centre + half) / scale)
+
+
+def sample_size(sifted: int, fraction: float) -> int:
+    """Return how many of the sifted bits to disclose; 0 if that would leave none."""
+    size = max(1, round(sifted * fraction))
+    return size if size < sifted else 0
+
+
+def sample_mask(seed: bytes, sifted: int, sample: int) -> Mask:
+    """Return which sifted bits are disclosed, every subset of the size being as likely."""
+    mask = np.zeros(sifted, dtype=np.bool_)
+    mask[permutation(seed, "sample", sifted)[:sample]] = True
+    return mask
+
+
+def compare(mine: Bits, theirs: Bits) -> Estimate:
+    """Count the errors of a disclosed sample; ValueError if there is nothing to compare."""
+    if mine.size == 0 or mine.shape != theirs.shape:
+        raise ValueError(f"samples of {mine.size} and {theirs.size} bits cannot be compared")
+    return Estimate(int(np.count_nonzero(mine != theirs)), mine.size)

@@ -1,0 +1,212 @@
+"""A directory of secret keys, each of which is handed out once.
+
+    directory/            mode 0700
+        first/<key id>    keys that this end hands out first, to who asks for any key
+        second/<key id>   keys that the other end hands out first; here they go out by their id
+
+Both ends put the same keys, first at one end where second at the other, so that no key goes
+to two pairs of applications. Files have mode 0600 and hold the key, nothing else. A key is
+handed out by whoever removes its file, which only one process can; the removal is on disk
+before the key is returned. A crash can lose a key, never hand it out twice.
+
+Words of ETSI GS QKD 014: `take_next` serves enc_keys, `take` dec_keys, `stored` is
+stored_key_count and `capacity` max_key_count.
+"""
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from uuid import UUID, uuid5
+
+from hosts.middleware.qkd.bits import Bits, pack
+
+KEY_BITS = 256
+_NAMESPACE = UUID("2f0c4cf4-6b7b-5d0e-9a43-5f7c1e3b8d10")
+_UNFINISHED = ".new"
+
+
+class KeyStoreError(Exception):
+    """The store cannot do what it was asked to do."""
+
+
+class StoreFull(KeyStoreError):
+    """The store holds as many keys as it may."""
+
+
+class MissingKey(KeyStoreError):
+    """There is no such key: it never was here, or it was handed out already."""
+
+
+class DuplicateKey(KeyStoreError):
+    """A key of this id is in the store."""
+
+
+class InsecureStore(KeyStoreError):
+    """Others may read the directory."""
+
+
+@dataclass(frozen=True)
+class StoredKey:
+    """A key and the name that both ends know it by."""
+
+    key_id: UUID
+    key: bytes
+
+
+def key_id(session: int, number: int) -> UUID:
+    """Return the id of a key of a session; both ends derive the same."""
+    return uuid5(_NAMESPACE, f"{session:016x}/{number}")
+
+
+def cut(session: int, final: Bits, key_bits: int = KEY_BITS) -> list[StoredKey]:
+    """Cut a final key into keys of key_bits, a multiple of 8; what is left over is dropped."""
+    if key_bits < 8 or key_bits % 8:
+        raise ValueError(f"keys of {key_bits} bits: the size shall be a multiple of 8")
+    whole = final[: final.size // key_bits * key_bits].reshape(-1, key_bits)
+    return [StoredKey(key_id(session, number), pack(bits)) for number, bits in enumerate(whole)]
+
+
+class KeyStore:
+    """The keys shared with one other end, in a directory of their own."""
+
+    def __init__(self, directory: Path, capacity: int) -> None:
+        """Open the store and make its directories; InsecureStore if others may enter them."""
+        if capacity < 1:
+            raise ValueError(f"a store of {capacity} keys, at least 1")
+        self.capacity = capacity
+        self._first, self._second = directory / "first", directory / "second"
+        for folder in (directory, self._first, self._second):
+            folder.mkdir(mode=0o700, exist_ok=True)
+            status = folder.stat()
+            if status.st_mode & 0o077 or status.st_uid != os.geteuid():
+                raise InsecureStore(
+                    f"{folder} has mode {status.st_mode & 0o777:o} and owner {status.st_uid}: "
+                    "it must be 700 and yours"
+                )
+            _clean(folder)
+
+    @property
+    def stored(self) -> int:
+        """How many keys are in the store."""
+        return sum(1 for folder in (self._first, self._second) for _ in _keys(folder))
+
+    def put(self, stored: StoredKey, *, first: bool) -> None:
+        """Add a key, on disk when this returns; StoreFull or DuplicateKey changes nothing."""
+        name = str(stored.key_id)
+        if (self._first / name).exists() or (self._second / name).exists():
+            raise DuplicateKey(f"key {name} is in the store already")
+        if self.stored >= self.capacity:
+            raise self._full()
+        folder = self._first if first else self._second
+        _write(folder / name, stored.key)
+        if self.stored > self.capacity and self.discard(stored.key_id):
+            raise self._full()  # another process was faster
+
+    def put_all(self, keys: Sequence[StoredKey], *, first: bool) -> None:
+        """Add keys, on disk when this returns; StoreFull or DuplicateKey: none is added."""
+        if self.stored + len(keys) > self.capacity:
+            raise self._full()
+        folder = self._first if first else self._second
+        other = self._second if first else self._first
+        added: list[StoredKey] = []
+        try:
+            for key in keys:
+                name = str(key.key_id)
+                if (other / name).exists():
+                    raise DuplicateKey(f"key {name} is in the store already")
+                _create(folder / name, key.key)
+                added.append(key)
+        except (KeyStoreError, OSError):
+            for key in added:
+                self.discard(key.key_id)
+            raise
+        finally:
+            _sync(folder)
+
+    def take(self, wanted: UUID) -> bytes:
+        """Hand out a key that the other end handed out first; MissingKey if it is not here."""
+        return _remove(self._second, str(wanted))
+
+    def take_next(self) -> StoredKey:
+        """Hand out the oldest key that is this end's to hand out first; MissingKey if none."""
+        for name in sorted(_keys(self._first), key=lambda name: _age(self._first / name)):
+            try:
+                return StoredKey(UUID(name), _remove(self._first, name))
+            except MissingKey:
+                continue  # another process was faster
+        raise MissingKey("no key is left to hand out: distil more, or ask the other end")
+
+    def discard(self, unwanted: UUID) -> bool:
+        """Remove a key that must not be used; whether it was still here."""
+        for folder in (self._first, self._second):
+            try:
+                _remove(folder, str(unwanted))
+            except MissingKey:
+                continue
+            return True
+        return False
+
+    def _full(self) -> StoreFull:
+        return StoreFull(f"the store holds {self.capacity} keys: take some before more are put")
+
+
+def _keys(folder: Path) -> Iterator[str]:
+    with os.scandir(folder) as entries:
+        yield from (entry.name for entry in entries if not entry.name.endswith(_UNFINISHED))
+
+
+def _clean(folder: Path) -> None:
+    """Remove what a process that crashed has left unfinished."""
+    for path in folder.glob(f"*{_UNFINISHED}"):
+        if not Path("/proc", path.suffixes[-2].removeprefix(".")).exists():
+            path.unlink(missing_ok=True)
+
+
+def _age(path: Path) -> int:
+    try:
+        return path.stat().st_mtime_ns
+    except FileNotFoundError:
+        return 0
+
+
+def _write(path: Path, key: bytes) -> None:
+    """Create a file with its whole content, or raise DuplicateKey; both are on disk then."""
+    _create(path, key)
+    _sync(path.parent)
+
+
+def _create(path: Path, key: bytes) -> None:
+    """Create a file with its whole content, or raise DuplicateKey; the folder is not synced."""
+    unfinished = path.with_name(f"{path.name}.{os.getpid()}{_UNFINISHED}")
+    descriptor = os.open(unfinished, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+    try:
+        with os.fdopen(descriptor, "wb") as file:
+            file.write(key)
+            file.flush()
+            os.fsync(file.fileno())
+        os.link(unfinished, path)
+    except FileExistsError as error:
+        raise DuplicateKey(f"key {path.name} is in the store already") from error
+    finally:
+        unfinished.unlink()
+
+
+def _remove(folder: Path, name: str) -> bytes:
+    """Return the content of a file that this call has removed; MissingKey if another did."""
+    path = folder / name
+    try:
+        with path.open("rb") as file:
+            path.unlink()
+            _sync(folder)
+            return file.read()
+    except FileNotFoundError as error:
+        raise MissingKey(f"key {name} is not in the store, or was handed out already") from error
+
+
+def _sync(folder: Path) -> None:
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

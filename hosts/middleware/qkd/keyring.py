@@ -1,0 +1,92 @@
+"""What a host shares with each other host: a secret to authenticate by, and keys made together.
+
+The secret stands for a store of random bytes that two hosts were given before: the pads of a
+session are drawn from it by SHAKE-256 (FIPS 202), for a session once. A real installation
+would hold the bytes themselves, and secrecy would rest on nothing computable.
+"""
+
+import hashlib
+from collections.abc import Mapping
+from pathlib import Path
+from uuid import UUID
+
+from hosts.middleware.qkd.authentication import KeyPool, pool_bytes
+from hosts.middleware.qkd.bits import Bits
+from hosts.middleware.qkd.key_store import KeyStore, KeyStoreError, cut
+
+MESSAGES = 8192  # of one direction of a session, at most
+CAPACITY = 65_536  # keys shared with one other host
+MAX_SESSIONS = 1_000_000  # that are remembered so that none is held twice
+
+
+class NothingShared(Exception):
+    """Two hosts lack what a session needs; the text says what."""
+
+
+class Keyring:
+    """The secrets and keys of one host."""
+
+    def __init__(self, host: str, secrets: Mapping[str, str], folder: str) -> None:
+        """Take the secrets by other host, and the folder of all keys ("": there is none)."""
+        self.host = host
+        self._secrets, self._folder = secrets, folder
+        self._held: set[tuple[str, int]] = set()
+
+    def pools(self, opener: str, acceptor: str, session: int) -> tuple[KeyPool, KeyPool]:
+        """Return the authentication keys of a session: of what the opener says, the acceptor.
+
+        Raise NothingShared if there are none, or if they were taken before.
+        """
+        other = acceptor if opener == self.host else opener
+        if other not in self._secrets:
+            raise NothingShared(f"{self.host} shares no authentication key with {other!r}")
+        if (opener, session) in self._held or len(self._held) >= MAX_SESSIONS:
+            raise NothingShared(
+                f"the authentication key of session {session:016x} of {opener} was used before: "
+                "is this a replay?"
+            )
+        self._held.add((opener, session))
+        words = f"{opener}/{acceptor}/{session:016x}"
+        seed = bytes.fromhex(self._secrets[other])
+        size = pool_bytes(MESSAGES)
+        material = hashlib.shake_256(seed + words.encode()).digest(2 * size)
+        return KeyPool(material[:size]), KeyPool(material[size:])
+
+    def store(self, other: str) -> KeyStore:
+        """Open the store of keys shared with a host; KeyStoreError if it cannot be."""
+        if other not in self._secrets:
+            raise KeyStoreError(f"{self.host} shares no keys with {other!r}")
+        if not self._folder:
+            raise KeyStoreError(f"{self.host} was given no folder to keep keys in")
+        mine = Path(self._folder)
+        try:
+            mine.mkdir(mode=0o700, parents=True, exist_ok=True)
+            return KeyStore(mine / other, CAPACITY)
+        except OSError as error:
+            raise KeyStoreError(f"no store of keys can be in {mine}: {error}") from error
+
+    def keep(self, other: str, session: int, final: Bits, *, opened: bool) -> list[UUID]:
+        """Store a final key as keys of KEY_BITS; return their ids.
+
+        Both ends hand out every second key first: the even ones the end that opened.
+        KeyStoreError if they cannot be kept, and then none of them is.
+        """
+        keys, store = cut(session, final), self.store(other)
+        ids = [key.key_id for key in keys]
+        try:
+            store.put_all(keys[0::2], first=opened)
+            try:
+                store.put_all(keys[1::2], first=not opened)
+            except (KeyStoreError, OSError):
+                self.withdraw(other, ids[0::2])
+                raise
+        except OSError as error:
+            raise KeyStoreError(f"keys cannot be kept in {self._folder}: {error}") from error
+        return ids
+
+    def withdraw(self, other: str, ids: list[UUID]) -> None:
+        """Remove keys that the other end does not have."""
+        if ids:
+            store = self.store(other)
+            for key_id in ids:
+                store.discard(key_id)

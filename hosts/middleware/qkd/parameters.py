@@ -1,0 +1,50 @@
+"""What both ends of a session must be told alike."""
+
+from dataclasses import dataclass
+
+from hosts.middleware.qkd.key_length import (
+    ZERO_RATE_QBER,
+    asymptotic_key_length,
+    finite_key_length,
+)
+from hosts.middleware.qkd.verification import TAG_BITS, collision_probability
+from wire.qkd import MAX_KEY_BITS, Bound, Proposal, Reconciliation
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """How a key is made: all fractions and probabilities lie between 0 and 1.
+
+    A session ends without a key if the error rate of the sample is above max_qber, which
+    stays below the 11 % where even an endless key holds no secret bit.
+    """
+
+    test_fraction: float = 0.1  # of the sifted bits, disclosed
+    max_qber: float = 0.1
+    eps_sec: float = 1e-10
+    eps_cor: float = 1e-15
+    bound: Bound = Bound.FINITE
+    reconciliation: Reconciliation = Reconciliation.CASCADE
+
+    def __post_init__(self) -> None:
+        for name in ("test_fraction", "max_qber", "eps_sec", "eps_cor"):
+            if not 0 < getattr(self, name) < 1:
+                raise ValueError(f"{name} is {getattr(self, name)}, not between 0 and 1")
+        if self.max_qber >= ZERO_RATE_QBER:
+            raise ValueError(
+                f"max_qber is {self.max_qber}: at {ZERO_RATE_QBER} no key is secret, stay below"
+            )
+        least = collision_probability(MAX_KEY_BITS)
+        if self.eps_cor < least:
+            raise ValueError(f"eps_cor is {self.eps_cor}, the hash allows {least:.1e} at least")
+
+    def proposal(self) -> Proposal:
+        """Return the message that carries these parameters."""
+        return Proposal(**vars(self))
+
+    def key_length(self, key_bits: int, sample_bits: int, qber: float, leaked_bits: int) -> int:
+        """Return the length of the final key; leaked_bits are those of error correction."""
+        leaked = leaked_bits + TAG_BITS
+        if self.bound is Bound.ASYMPTOTIC:
+            return asymptotic_key_length(key_bits, qber, leaked)
+        return finite_key_length(key_bits, sample_bits, qber, leaked, self.eps_sec, self.eps_cor)

@@ -1,0 +1,139 @@
+"""Parities of a key in the shuffled orders of Cascade, and the end that answers with them.
+
+Pass p of Cascade orders the bits anew and cuts them into blocks. Both ends derive the orders
+from one public seed, so that a block is named by numbers: the pass, where it starts, where
+it stops.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hosts.middleware.qkd.bits import Bits, Indices
+from hosts.middleware.qkd.ldpc_code import LEAST_CHECKS, rows, syndrome
+from hosts.middleware.qkd.public_randomness import permutation
+
+MAX_PASSES = 64
+
+
+class ReconciliationError(Exception):
+    """The other end asks what its protocol does not ask, or answers what was not asked."""
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """All blocks of a size in each pass from first on; of later passes all but the last one.
+
+    The last block of a later pass is not asked for: pass 0 has told the parity of the whole.
+    """
+
+    first: int
+    passes: int
+    size: int
+
+
+@dataclass(frozen=True)
+class Intervals:
+    """Parts of blocks of one pass: bits starts[i] to stops[i] (exclusive) of its order."""
+
+    number: int
+    starts: Indices
+    stops: Indices
+
+
+@dataclass(frozen=True)
+class Syndrome:
+    """The parities of the whole key under the LDPC code with so many checks (ldpc_code.py)."""
+
+    checks: int
+
+
+Query = Blocks | Intervals | Syndrome
+
+
+def shuffled(seed: bytes, number: int, bits: int) -> Indices:
+    """Return the order of a pass: element i is the place in the key of its i-th bit."""
+    return permutation(seed, f"cascade {number}", bits)
+
+
+def prefix_parities(bits: Bits) -> Bits:
+    """Return the parity of the first i bits for every i from 0 to the number of bits."""
+    prefix = np.zeros(bits.size + 1, dtype=np.uint8)
+    np.bitwise_xor.accumulate(bits, out=prefix[1:])
+    return prefix
+
+
+def block_starts(bits: int, size: int) -> Indices:
+    """Return where the blocks of a pass start."""
+    return np.arange(0, bits, size, dtype=np.int64)
+
+
+def asked_blocks(number: int, bits: int, size: int) -> int:
+    """Return of how many blocks of a pass the parity is asked for."""
+    blocks = -(-bits // size)
+    return blocks if number == 0 else blocks - 1
+
+
+class ReferenceKey:
+    """The key that counts as right: answers questions about it and counts what they tell."""
+
+    def __init__(self, key: Bits, seed: bytes) -> None:
+        self._key = key
+        self._seed = seed
+        self._prefixes: dict[int, Bits] = {}
+        self.leaked_bits = 0
+
+    def answer(self, query: Query) -> Bits:
+        """Return the parities asked for; raise ReconciliationError if there can be none."""
+        match query:
+            case Blocks():
+                return self._blocks(query)
+            case Intervals():
+                return self._intervals(query)
+            case Syndrome():
+                return self._syndrome(query)
+
+    def _tell(self, count: int) -> None:
+        """Count bits that an answer tells, before any work is done for it."""
+        self.leaked_bits += count
+        if self.leaked_bits > self._key.size:
+            raise ReconciliationError(f"more parities asked for than the {self._key.size} bits")
+
+    def _blocks(self, query: Blocks) -> Bits:
+        if not 1 <= query.size <= self._key.size or query.passes < 1:
+            raise ReconciliationError(
+                f"{query.passes} passes with blocks of {query.size} of {self._key.size} bits"
+            )
+        numbers = range(query.first, query.first + query.passes)
+        self._tell(sum(asked_blocks(number, self._key.size, query.size) for number in numbers))
+        starts = block_starts(self._key.size, query.size)
+        stops = np.minimum(starts + query.size, self._key.size)
+        answers = []
+        for number in numbers:
+            asked = asked_blocks(number, self._key.size, query.size)
+            prefix = self._prefix(number)
+            answers.append(prefix[starts[:asked]] ^ prefix[stops[:asked]])
+        return np.concatenate(answers)
+
+    def _intervals(self, query: Intervals) -> Bits:
+        starts, stops = query.starts, query.stops
+        right = (starts >= 0) & (starts < stops) & (stops <= self._key.size)
+        if starts.shape != stops.shape or not right.all():
+            raise ReconciliationError(f"intervals outside the {self._key.size} bits of the key")
+        self._tell(starts.size)
+        prefix = self._prefix(query.number)
+        return prefix[starts] ^ prefix[stops]
+
+    def _syndrome(self, query: Syndrome) -> Bits:
+        if not LEAST_CHECKS <= query.checks < self._key.size:
+            raise ReconciliationError(f"{query.checks} checks of {self._key.size} bits")
+        self._tell(query.checks)
+        return syndrome(self._key, rows(self._seed, self._key.size, query.checks), query.checks)
+
+    def _prefix(self, number: int) -> Bits:
+        if not 0 <= number < MAX_PASSES:
+            raise ReconciliationError(f"pass {number}: there are at most {MAX_PASSES}")
+        if number not in self._prefixes:
+            order = shuffled(self._seed, number, self._key.size)
+            self._prefixes[number] = prefix_parities(self._key[order])
+        return self._prefixes[number]

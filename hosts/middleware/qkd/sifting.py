@@ -1,0 +1,62 @@
+"""Sifting: keep the photons that both ends saw, in the same basis.
+
+One end announces which photons it detected and in which bases, never the outcomes; the other
+answers which of those it keeps. In BB84 the end that prepared the light answers, so that its
+bases are told only after the measurement; in BBM92 either may.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hosts.middleware.qkd.bits import Bits, Mask
+
+NO_CLICK = 255
+
+
+@dataclass(frozen=True)
+class Record:
+    """What one end knows of a block of photons: bases (0 or 1) and outcomes, both uint8.
+
+    An outcome is 0, 1 or NO_CLICK; an end that prepared the light gives the bits it sent.
+    """
+
+    bases: Bits
+    outcomes: NDArray[np.uint8]
+
+    def __post_init__(self) -> None:
+        if self.bases.shape != self.outcomes.shape or self.bases.ndim != 1:
+            raise ValueError(
+                f"bases of shape {self.bases.shape}, outcomes of shape {self.outcomes.shape}: "
+                "give one of each for every photon"
+            )
+        if not np.isin(self.bases, (0, 1)).all():
+            raise ValueError("a basis is 0 or 1")
+        if not np.isin(self.outcomes, (0, 1, NO_CLICK)).all():
+            raise ValueError(f"an outcome is 0, 1 or {NO_CLICK} (no click)")
+
+    @property
+    def photons(self) -> int:
+        """How many photons the block has, detected or not."""
+        return self.bases.size
+
+    @property
+    def clicked(self) -> Mask:
+        """Which photons were detected (or prepared)."""
+        return np.not_equal(self.outcomes, NO_CLICK)
+
+
+def choose(mine: Record, clicked: Mask, bases: Bits) -> Mask:
+    """Return which photons to keep, given the other end's clicks and the bases of these.
+
+    `bases` has one element for each click. The answer has one for each click as well.
+    """
+    kept: Mask = np.logical_and(mine.bases[clicked] == bases, mine.clicked[clicked])
+    return kept
+
+
+def sifted(mine: Record, clicked: Mask, kept: Mask) -> Bits:
+    """Return the outcomes of the photons kept among those that the announcing end detected."""
+    bits: Bits = mine.outcomes[clicked][kept]
+    return bits

@@ -1,0 +1,13 @@
+"""The services of a host, by their place in the vocabulary; each is a file here."""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from hosts.middleware.services import bb84, bbm92, distribute, teleport
+from hosts.middleware.services.service import ServiceKind
+from wire.metadata import Service
+
+KINDS: Mapping[Service, ServiceKind] = MappingProxyType(
+    {kind.service: kind for kind in (bb84.KIND, bbm92.KIND, distribute.KIND, teleport.KIND)}
+)
+NAMES = {service.name.lower(): kind for service, kind in KINDS.items()}  # what users call them

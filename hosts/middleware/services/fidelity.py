@@ -1,0 +1,70 @@
+"""The fidelity of pairs to Phi+, estimated by measuring some of them in equal bases at both ends.
+
+F = (1 + <XX> - <YY> + <ZZ>) / 4: of Phi+ the outcomes agree in X and Z and differ in Y.
+"""
+
+from dataclasses import dataclass, field
+from math import sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hosts.hardware.qnic import Symbols
+
+BASES = ("Z", "X", "Y")  # numbered as in wire/dispatcher.proto
+DIFFER = 2  # the basis in which the halves of Phi+ give different outcomes
+NORMAL_95 = 1.959964  # 95 % of a normal distribution is within so many standard deviations
+
+
+@dataclass
+class Estimate:
+    """What has been measured so far, by basis."""
+
+    measured: NDArray[np.int64] = field(default_factory=lambda: np.zeros(3, np.int64))
+    right: NDArray[np.int64] = field(default_factory=lambda: np.zeros(3, np.int64))  # as of Phi+
+
+    def add(self, bases: Symbols, ours: Symbols, theirs: Symbols) -> None:
+        """Count pairs: their basis and the outcomes at both ends, above 1 where there was none."""
+        clicked = (ours <= 1) & (theirs <= 1)
+        right = clicked & ((ours != theirs) == (bases == DIFFER))
+        self.measured += np.bincount(bases[clicked], minlength=3)
+        self.right += np.bincount(bases[right], minlength=3)
+
+    @property
+    def total(self) -> int:
+        """Return how many pairs were measured."""
+        return int(self.measured.sum())
+
+    @property
+    def fidelity(self) -> float | None:
+        """Return the estimate, from 0 to 1; None while a basis has no outcome."""
+        if not self.measured.all():
+            return None
+        return _of_share(self._right_share)
+
+    @property
+    def interval(self) -> tuple[float, float] | None:
+        """Return the 95 % confidence interval; None while a basis has no outcome.
+
+        The Wilson score interval (J. Am. Stat. Assoc. 22, 209, 1927) of the mean share q of right
+        outcomes, of which F = (3 q - 1) / 2, as if all were drawn alike. Where bases differ, the
+        mean varies less than that: the interval is then on the safe side. It has a width also if
+        all outcomes are right.
+        """
+        if not self.measured.all():
+            return None
+        share, square = self._right_share, NORMAL_95**2
+        count = 9 / float((1 / self.measured).sum())  # all, if every basis has as many
+        middle = share + square / (2 * count)
+        half = NORMAL_95 * sqrt(share * (1 - share) / count + square / (4 * count**2))
+        low, high = ((middle + side) / (1 + square / count) for side in (-half, half))
+        return _of_share(low), _of_share(high)
+
+    @property
+    def _right_share(self) -> float:
+        """Return the mean over the bases: each correlation is 2 share - 1."""
+        return float((self.right / self.measured).mean())
+
+
+def _of_share(right: float) -> float:
+    return min(max((3 * right - 1) / 2, 0.0), 1.0)

@@ -1,0 +1,164 @@
+"""What a service is made of: what its two ends do once their light is granted.
+
+    opener                      controller, switches              acceptor
+      | Setup(service) ------ held until the paths are up ----------> |
+      | <------------------------------------------------ Answer(OK) |
+      |   kind.open(end)          messages and light    kind.accept(end)
+      |   applications use what is there, if it leaves anything
+      | Finish ----------------------------------------------------> |
+      | <------------------------------------------------ Answer(OK) |
+
+A service is one file beside this one that ends in a ServiceKind, and an entry in wire.services.
+"""
+
+import asyncio
+from collections.abc import Awaitable, Callable, Coroutine
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hosts.hardware.qnic import BlockName, HardwareError, NoLight, Qnic, Stored
+from hosts.middleware.arrangement import Arrangement
+from hosts.middleware.channel import ANSWER_TIMEOUT_S, MetadataChannel, SessionError
+from hosts.middleware.qkd.keyring import Keyring
+from hosts.middleware.values import Numbers, expect, values
+from wire.metadata import Answer, Finish, Message, Reason, Service, Setup, Topic, Values
+
+GRACE_S = 0.3  # light that has not come this long after the source's answer is lost
+LIGHT_TIMEOUT_S = 15.0
+
+Tell = Callable[..., Coroutine[Any, Any, None]]
+Answerer = Callable[[dict[str, Any]], Awaitable[dict[str, Any]]]
+
+
+@dataclass
+class End:
+    """One end of a session: its light, the other end, its application."""
+
+    qnic: Qnic
+    setup: Setup
+    channel: MetadataChannel  # to the other end
+    tell: Tell  # called with fields for the application
+    draws: np.random.Generator  # of this host's own choices; they follow from the seed
+    told_apart: frozenset[int]  # the Bell states that this host's analyser tells apart
+    keyring: Keyring  # what this host shares with others
+    summary: dict[str, Any] = field(default_factory=dict)  # for the application, at the end
+
+    def block(self, number: int, half: int = 0) -> BlockName:
+        """Return the name of photons of this session."""
+        return BlockName(self.setup.session, number, half)
+
+    def say(self, topic: int, block: int, numbers: ArrayLike, width: int) -> None:
+        """Tell the other end numbers of so many bits."""
+        self.channel.send(values(self.setup.session, topic, block, numbers, width))
+
+    async def hear(
+        self,
+        topic: int,
+        block: int,
+        count: int | None,
+        most: int,
+        timeout_s: float = ANSWER_TIMEOUT_S,
+    ) -> Numbers:
+        """Return the numbers that the other end tells next; SessionError if it tells others."""
+        return expect(await self.channel.receive(Values, timeout_s), topic, block, count, most)
+
+    def agree(self) -> None:
+        """Answer that what was asked last is accepted."""
+        self.channel.send(Answer(self.setup.session, Reason.OK))
+
+    def give_up(self, error: SessionError | HardwareError) -> None:
+        """Tell the other end why there is no going on."""
+        reason = error.reason if isinstance(error, SessionError) else Reason.HARDWARE
+        self.channel.send(Answer(self.setup.session, reason, str(error)))
+
+    async def stored(self, light: asyncio.Task[Stored], photons: int) -> Stored:
+        """Return what has come of light that is over; nothing if no photon has."""
+        try:
+            async with asyncio.timeout(GRACE_S + photons / self.setup.rate_hz):
+                found = await light
+        except (NoLight, TimeoutError):
+            return Stored(np.zeros(photons, dtype=bool), 0)
+        finally:
+            light.cancel()
+        if found.arrived.size != photons:
+            raise SessionError(Reason.PROTOCOL, f"{found.arrived.size} photons, not {photons}")
+        return found
+
+    def expect_light(self, name: BlockName) -> asyncio.Task[Stored]:
+        """Begin to store the photons that will arrive at the first port."""
+        port = self.qnic.ports[0]
+        return asyncio.create_task(
+            self.qnic.receive_into_memory(name, port, LIGHT_TIMEOUT_S), name=f"light of {name}"
+        )
+
+
+@dataclass
+class OpenerEnd(End):
+    """The end that asked for the session."""
+
+    arrangement: Arrangement = field(kw_only=True)
+
+    async def pairs(self, number: int, count: int) -> Stored:
+        """Have the source make a block of pairs for both ends; return what has come of half 0.
+
+        The other end has said that it is ready before any light is made.
+        """
+        await self.channel.request(values(self.setup.session, Topic.COMING, number, [count], 32))
+        light = self.expect_light(self.block(number))
+        try:
+            await self.arrangement.emit(number, count)
+            return await self.stored(light, count)
+        finally:
+            light.cancel()
+
+
+@dataclass
+class AcceptorEnd(End):
+    """The end that was asked."""
+
+    async def told(self) -> Values | None:
+        """Return what the opener tells next; None at the end of the session."""
+        message = await self.channel.next()
+        if isinstance(message, Finish):
+            return None
+        if not isinstance(message, Values):
+            raise unexpected(message, self.channel.peer)
+        return message
+
+    async def announced(self, most: int) -> tuple[int, int] | None:
+        """Return number and size of the block that comes next; None at the end of the session."""
+        message = await self.told()
+        if message is None:
+            return None
+        return self.coming(message, most)
+
+    @staticmethod
+    def coming(message: Values, most: int) -> tuple[int, int]:
+        """Return number and size of the block that a message announces."""
+        (count,) = expect(message, Topic.COMING, message.block, 1, most).tolist()
+        if count == 0:
+            raise SessionError(Reason.PROTOCOL, f"block {message.block} has no photons")
+        return message.block, count
+
+
+def unexpected(message: Message | None, peer: str) -> SessionError:
+    """Return the error that a message is: a refusal, or one that has no place in a session."""
+    if isinstance(message, Answer) and message.reason != Reason.OK:
+        return SessionError(Reason(message.reason), message.text)
+    what = type(message).__name__ if message else "the end of the connection"
+    return SessionError(Reason.PROTOCOL, f"{what} from {peer} in mid-session")
+
+
+@dataclass(frozen=True)
+class ServiceKind:
+    """A service: its entry in the vocabulary, its options, what its two ends do."""
+
+    service: Service
+    options: type[Any]  # a dataclass; its constructor raises SessionError for what cannot be
+    # A service that leaves something to be used returns what answers the application of an end
+    # until the opener's application ends the session; its accept returns before Finish, then.
+    open: Callable[[OpenerEnd, Any], Awaitable[Answerer | None]]
+    accept: Callable[[AcceptorEnd], Awaitable[Answerer | None]]

@@ -1,0 +1,157 @@
+"""A session of a service at either end: arranged, run, and ended, whatever happens."""
+
+from typing import Any
+
+import numpy as np
+
+from hosts.hardware.qnic import HardwareError, Qnic, release
+from hosts.middleware.arrangement import Arrangement
+from hosts.middleware.channel import IDLE_TIMEOUT_S, MetadataChannel, SessionError, SilentPeer
+from hosts.middleware.encoding import TOLD_APART
+from hosts.middleware.qkd.keyring import Keyring
+from hosts.middleware.receiver import check_wavelength
+from hosts.middleware.services.options import ServiceOptions
+from hosts.middleware.services.service import (
+    AcceptorEnd,
+    Answerer,
+    OpenerEnd,
+    ServiceKind,
+    Tell,
+    unexpected,
+)
+from wire.metadata import Finish, Pauli, Reason, Service, Setup
+from wire.services import LIGHT, Role, fibers_needed
+
+NO_DIGEST = bytes(32)
+
+
+def told_apart(analyser: str) -> frozenset[int]:
+    """Return the Bell states that a host's analyser of this kind tells from all others."""
+    if TOLD_APART[analyser] == len(Pauli):
+        return frozenset(range(4))
+    return frozenset({1, 3})  # it reports Phi- as Phi+ (wire/dispatcher.proto, Feedback.outcomes)
+
+
+def draws_of(seed: int, host: str, session: int) -> np.random.Generator:
+    """Return the choices of a host in a session; the same seed, the same choices."""
+    return np.random.default_rng([seed, session, *host.encode()])
+
+
+class OpeningSession:
+    """A session that this host asks for."""
+
+    def __init__(
+        self,
+        kind: ServiceKind,
+        options: ServiceOptions,
+        qnic: Qnic,
+        arrangement: Arrangement,
+        setup: Setup,
+        analyser: str,
+        draws: np.random.Generator,
+        keyring: Keyring,
+    ) -> None:
+        require_fibers(setup, Role.OPENER, qnic)
+        self._kind, self._options = kind, options
+        self._qnic, self._arrangement, self._setup = qnic, arrangement, setup
+        self._analyser, self._draws, self._keyring = analyser, draws, keyring
+        self.summary: dict[str, Any] = {}
+        self.answer: Answerer | None = None  # to the application's questions, if it may ask
+
+    async def run(self, tell: Tell) -> None:
+        """Arrange light, do what the service does; raise SessionError if it cannot be."""
+        await self._arrangement.open()
+        if any(end.role == Role.SOURCE for beam in LIGHT[self._kind.service] for end in beam):
+            await self._arrangement.engage_source()
+        channel = self._arrangement.channel
+        end = OpenerEnd(
+            self._qnic,
+            self._setup,
+            channel,
+            tell,
+            self._draws,
+            told_apart(self._analyser),
+            self._keyring,
+            arrangement=self._arrangement,
+        )
+        try:
+            self.answer = await self._kind.open(end, self._options)
+        except (SessionError, HardwareError) as error:
+            end.give_up(error)
+            raise
+        self.summary = end.summary
+
+    async def lost(self) -> None:
+        """Wait while the other end is there, but not for ever; raise SessionError then."""
+        channel = self._arrangement.channel
+        try:
+            message = await channel.next(IDLE_TIMEOUT_S)
+        except SilentPeer as error:
+            text = f"what a session leaves is kept for {IDLE_TIMEOUT_S:g} s: ask for more in time"
+            raise SessionError(Reason.PROTOCOL, text) from error
+        raise unexpected(message, channel.peer)
+
+    async def finish(self) -> None:
+        """End the session at both ends."""
+        finish = Finish(self._setup.session, 0, NO_DIGEST)
+        await self._arrangement.channel.request(finish)
+
+    async def close(self) -> None:
+        """Let go of connections and photons."""
+        self._arrangement.close()
+        await release(self._qnic, self._setup.session)
+
+
+class AcceptingSession:
+    """A session that another host has asked for."""
+
+    def __init__(
+        self,
+        kind: ServiceKind,
+        qnic: Qnic,
+        channel: MetadataChannel,
+        setup: Setup,
+        analyser: str,
+        draws: np.random.Generator,
+        keyring: Keyring,
+    ) -> None:
+        check_wavelength(setup)
+        require_fibers(setup, Role.ACCEPTOR, qnic)
+        self._kind, self._qnic, self._channel, self._setup = kind, qnic, channel, setup
+        self._analyser, self._draws, self._keyring = analyser, draws, keyring
+        self._end: AcceptorEnd | None = None
+        self.summary: dict[str, Any] = {}
+        self.answer: Answerer | None = None  # to the application's questions, if it may ask
+
+    async def run(self, tell: Tell) -> None:
+        """Do what the service does; raise SessionError if it fails."""
+        apart = told_apart(self._analyser)
+        end = AcceptorEnd(
+            self._qnic, self._setup, self._channel, tell, self._draws, apart, self._keyring
+        )
+        end.agree()
+        self._end = end
+        self.answer = await self._kind.accept(end)
+        self.summary = end.summary
+
+    async def finish(self) -> None:
+        """Wait until the opener ends the session, if it has not yet, and agree."""
+        assert self._end is not None
+        if self.answer is not None and await self._end.told() is not None:
+            raise SessionError(Reason.PROTOCOL, "values after all was done")
+        self._end.agree()
+
+    async def close(self) -> None:
+        """Let go of photons."""
+        await release(self._qnic, self._setup.session)
+
+
+def require_fibers(setup: Setup, role: Role, qnic: Qnic) -> None:
+    """Raise SessionError if this host has fewer fibres than its role needs."""
+    service = Service(setup.service)
+    needed, there = fibers_needed(service, role), len(qnic.ports)
+    if there < needed:
+        text = (
+            f"{role.value} of {service.name.lower()} needs {needed} fibres, this host has {there}"
+        )
+        raise SessionError(Reason.UNSUPPORTED, text)

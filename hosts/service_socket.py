@@ -1,0 +1,86 @@
+"""A socket for the services other than bytes: teleportation, key distribution and the like.
+
+    with ServiceSocket() as asking:
+        for result in asking.request("teleport", ("bob", 9), count=1000):
+            print(result)
+        print(asking.summary["fidelity"])
+
+What a service leaves at a host can be used until the one that asked for it ends the session:
+
+        for result in asking.request("distribute", ("bob", 9), count=1000):
+            print(result)
+        print(asking.ask(measure=[0, 1, 2], basis="Z")["outcomes"])
+        asking.shutdown()
+
+The host that is asked listens: listen(9, "teleport"), then accept, then results.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from hosts.stack_socket import QuantumSocketError, StackSocket
+from wire.metadata import Reason
+from wire.socket_calls import Call, decode_fields, encode, encode_fields
+
+
+class ServiceSocket(StackSocket):
+    """One end of a service; both ends are told results while it goes on, and a summary."""
+
+    def __init__(self, stack: Path | str | None = None) -> None:
+        super().__init__(stack)
+        self.summary: dict[str, Any] = {}
+        self.over = False
+
+    def request(
+        self, service: str, address: tuple[str, int], **options: Any
+    ) -> Iterator[dict[str, Any]]:
+        """Ask a listening application on a host for a service; yield results until it is over.
+
+        Raise QuantumSocketError with the reason if it cannot be had.
+        """
+        host, port = address
+        words = {"service": service, "host": host, "port": port}
+        self._socket.sendall(encode_fields(Call.REQUEST, **words, **options))
+        return self.results()
+
+    def results(self) -> Iterator[dict[str, Any]]:
+        """Yield what the stack tells of the service until it is over or may be asked.
+
+        `summary` is there then; `over` says whether it is over. Called again: wait until it is.
+        """
+        while not self.over:
+            call, payload = self._read()
+            if call in (Call.CLOSE, Call.DONE):
+                self.summary, self.over = decode_fields(payload), call == Call.CLOSE
+                return
+            if call != Call.RESULT:
+                raise QuantumSocketError(f"the stack answered {call.name} in a service")
+            yield decode_fields(payload)
+
+    def ask(self, **question: Any) -> dict[str, Any]:
+        """Ask about what the service has left here; return the answer.
+
+        Raise QuantumSocketError with the reason if it is refused; then one may go on asking.
+        """
+        if not self.over:
+            self._socket.sendall(encode_fields(Call.ASK, **question))
+            call, payload = self._read()
+            if call == Call.DONE:
+                return _not_refused(decode_fields(payload))
+            if call != Call.CLOSE:
+                raise QuantumSocketError(f"the stack answered {call.name} to a question")
+            self.summary, self.over = decode_fields(payload), True
+        raise QuantumSocketError("the session is over, and nothing is left of it")
+
+    def shutdown(self) -> None:
+        """End the session of a service that this end has asked for; return when it is over."""
+        if not self.over:
+            self._socket.sendall(encode(Call.CLOSE))
+            list(self.results())
+
+
+def _not_refused(answer: dict[str, Any]) -> dict[str, Any]:
+    if "refused" in answer:
+        raise QuantumSocketError(answer["refused"], Reason(answer["reason"]))
+    return answer

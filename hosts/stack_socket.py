@@ -1,0 +1,128 @@
+"""A program's connection to its host's stack (wire.socket_calls): what all kinds have in common."""
+
+import os
+import socket
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from wire.metadata import Reason
+from wire.socket_calls import HEADER, Call, decode_fields, decode_header, encode_fields
+
+STACK_VARIABLE = "QMN_STACK"
+
+
+class QuantumSocketError(ConnectionError):
+    """The connection could not be made or was lost; nothing wrong was delivered."""
+
+    def __init__(self, text: str, reason: Reason = Reason.PROTOCOL) -> None:
+        super().__init__(text)
+        self.reason = reason
+
+
+class StackEnded(QuantumSocketError):
+    """The host's stack has ended, as it does with its network."""
+
+
+class StackSocket:
+    """A connection to the stack that listens at the given path.
+
+    On a host of an emulated network the environment variable QMN_STACK names that path.
+    """
+
+    def __init__(self, stack: Path | str | None = None) -> None:
+        self._stack = str(stack or os.environ.get(STACK_VARIABLE, ""))
+        self._socket = self._open()
+        self._broken = False
+        self._listening_port = 0
+        self.statistics: dict[str, Any] = {}
+
+    def _open(self) -> socket.socket:
+        if not self._stack:
+            raise QuantumSocketError(f"which host? name its stack, or set {STACK_VARIABLE}")
+        connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        try:
+            connection.connect(self._stack)
+        except OSError as error:
+            connection.close()
+            raise QuantumSocketError(
+                f"no host stack answers at {self._stack} ({error.strerror}); is the network up?"
+            ) from error
+        return connection
+
+    def settimeout(self, seconds: float | None) -> None:
+        """Let every later call raise TimeoutError after this time; None waits for ever."""
+        self._socket.settimeout(seconds)
+
+    def listen(self, port: int, service: str = "sdc") -> None:
+        """Let other hosts connect to this port for a service, until close."""
+        self._socket.sendall(encode_fields(Call.LISTEN, port=port, service=service))
+        self._done()
+        self._listening_port = port
+
+    def accept(self) -> tuple[Self, str]:
+        """Wait for the next connection; return its socket and the address of the peer."""
+        accepted = type(self)(self._stack)
+        try:
+            accepted.settimeout(self._socket.gettimeout())
+            accepted._socket.sendall(encode_fields(Call.ACCEPT, port=self._listening_port))
+            accepted.statistics = accepted._done()
+        except BaseException:
+            accepted._socket.close()
+            raise
+        return accepted, accepted.statistics["peer"]
+
+    def close(self) -> None:
+        """Close; without shutdown before it the other end learns that bytes may be missing.
+
+        A call of another thread that waits on this socket ends, with QuantumSocketError.
+        """
+        with suppress(OSError):  # the stack may have ended before
+            self._socket.shutdown(socket.SHUT_RDWR)
+        self._socket.close()
+
+    def _done(self) -> dict[str, Any]:
+        call, payload = self._read()
+        if call != Call.DONE:
+            raise QuantumSocketError(f"the stack answered {call.name}")
+        return decode_fields(payload)
+
+    def _read(self) -> tuple[Call, bytes]:
+        """Read one message; after a time-out in the middle of one there is no going on."""
+        if self._broken:
+            raise QuantumSocketError("an earlier call on this socket failed; make a new one")
+        self._broken = True
+        call, payload = self._read_whole()
+        self._broken = False
+        return call, payload
+
+    def _read_whole(self) -> tuple[Call, bytes]:
+        call, length = decode_header(self._exactly(HEADER.size))
+        payload = self._exactly(length)
+        if call == Call.FAILED:
+            fields = decode_fields(payload)
+            text, reason = fields.pop("text"), Reason(fields.pop("reason"))
+            self.statistics = fields or self.statistics
+            raise QuantumSocketError(text, reason)
+        return call, payload
+
+    def _exactly(self, size: int) -> bytes:
+        parts = bytearray()
+        while len(parts) < size:
+            part = self._socket.recv(size - len(parts))
+            if not part:
+                raise StackEnded("the host's stack has ended")
+            parts += part
+        return bytes(parts)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()

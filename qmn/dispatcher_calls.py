@@ -1,0 +1,71 @@
+"""Calls of the runner to the dispatcher of a network that this process has started."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import grpc
+
+from topologies.network import Network
+from topologies.programs import NetworkError
+from topologies.runtime import DISPATCHER
+from wire.dispatcher_pb2 import (
+    HeldBlock,
+    StatusReply,
+    StatusRequest,
+    SwitchCondition,
+    SwitchStatisticsReply,
+    SwitchStatisticsRequest,
+    WatchSwitchRequest,
+)
+from wire.dispatcher_pb2_grpc import DispatcherStub
+from wire.service import RUNNER, metadata
+
+DEADLINE_S = 15.0
+
+
+@contextmanager
+def _asking(network: Network) -> Iterator[tuple[Any, dict[str, Any]]]:
+    """Yield a stub and the options of a call; raise NetworkError if it is not answered."""
+    runtime = network.runtime
+    options = {"timeout": DEADLINE_S, "metadata": metadata(runtime.token(RUNNER))}
+    with grpc.insecure_channel(f"unix:{runtime.socket(DISPATCHER)}") as channel:
+        try:
+            yield DispatcherStub(channel), options  # type: ignore[no-untyped-call]
+        except grpc.RpcError as error:
+            network.check()  # what died in the network is the cause
+            raise NetworkError(f"the dispatcher does not answer ({error.details()})") from error
+
+
+def status(network: Network) -> StatusReply:
+    """Return what simulates the quantum states, and how much there is."""
+    with _asking(network) as (stub, options):
+        reply: StatusReply = stub.Status(StatusRequest(), **options)
+    return reply
+
+
+def held_blocks(network: Network, node: str) -> list[HeldBlock]:
+    """Return the blocks that a node holds."""
+    with _asking(network) as (stub, options):
+        reply: StatusReply = stub.Status(StatusRequest(blocks_at=node), **options)
+    return list(reply.blocks)
+
+
+def switch_statistics(network: Network) -> dict[str, SwitchStatisticsReply]:
+    """Return what each quantum switch has counted and measured, by its name."""
+    with _asking(network) as (stub, options):
+        return {
+            name: stub.SwitchStatistics(SwitchStatisticsRequest(switch=name), **options)
+            for name in network.runtime.switches
+        }
+
+
+def switch_conditions(network: Network) -> dict[str, SwitchCondition]:
+    """Return what the paths of each quantum switch do to light now, by its name."""
+    with _asking(network) as (stub, options):
+        found = {}
+        for name in network.runtime.switches:
+            stream = stub.WatchSwitch(WatchSwitchRequest(switch=name), **options)
+            found[name] = next(iter(stream))
+            stream.cancel()
+    return found

@@ -1,0 +1,91 @@
+"""What seeing everything costs: runs that write it all down beside runs that write nothing.
+
+Runs of all kinds take turns, in both orders, so that a machine that gets slower, or still has to
+bring to the disk what the run before has written, slows all of them alike.
+"""
+
+import json
+import os
+import shutil
+import statistics
+import subprocess
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from topologies.network import Signals
+from topologies.programs import NetworkError, python
+
+MESSAGE_BYTES = 4 << 20
+ROUNDS = 5
+TIMEOUT_S = 120.0
+NO_CAPTURES, NO_EVENTS, NO_RECORD = "--no-capture", "--no-events", "--no-record"
+NOTHING, EVERYTHING = "nothing written", "everything written"
+KINDS: dict[str, tuple[str, ...]] = {
+    NOTHING: (NO_CAPTURES, NO_EVENTS, NO_RECORD),
+    "events alone": (NO_CAPTURES, NO_RECORD),
+    "captures alone": (NO_EVENTS, NO_RECORD),
+    "replay record alone": (NO_CAPTURES, NO_EVENTS),
+    EVERYTHING: (),
+}
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What one run came to."""
+
+    pairs_per_s: float
+    packets_missed: int = 0  # by its captures, which then had less to do
+
+
+Round = dict[str, Measured]  # a run of each kind
+
+
+def overhead_figures(folder: Path, signals: Signals) -> Iterator[tuple[str, str]]:
+    """Yield name and figure of each kind of run; raise NetworkError if one fails."""
+    file = folder / "message"
+    file.write_bytes(os.urandom(MESSAGE_BYTES))
+    rounds: list[Round] = []
+    for number in range(ROUNDS):
+        measured: Round = {}
+        for kind in order(number):
+            signals.check()
+            measured[kind] = measure(file, folder / "overhead", KINDS[kind])
+        rounds.append(measured)
+    yield from figures(rounds)
+
+
+def order(number: int) -> list[str]:
+    """Return in which order the kinds have their turns in a round."""
+    return list(KINDS)[:: -1 if number % 2 else 1]
+
+
+def figures(rounds: list[Round]) -> Iterator[tuple[str, str]]:
+    """Yield each kind's median rate, and median and range of its shares of the bare run's."""
+    for kind in KINDS:
+        rates = [each[kind].pairs_per_s for each in rounds]
+        shares = [each[kind].pairs_per_s / each[NOTHING].pairs_per_s for each in rounds]
+        share = f"{statistics.median(shares):.0%} ({min(shares):.0%} to {max(shares):.0%})"
+        yield f"qmn run sdc, {kind}", f"{statistics.median(rates):,.0f} Bell pairs/s, {share}"
+    missed = sum(run.packets_missed for each in rounds for run in each.values())
+    yield "  packets not captured", f"{missed:,}"
+
+
+def measure(file: Path, runs: Path, options: Sequence[str]) -> Measured:
+    """Send the file in one run, timed from the first byte to the verified last."""
+    words = ["run", "sdc", "--file", str(file), "--runs", str(runs), *options]
+    try:
+        done = subprocess.run(
+            [python(), "-m", "qmn", *words],
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=TIMEOUT_S,
+        )
+    except subprocess.TimeoutExpired as error:
+        raise NetworkError(f"qmn run sdc {' '.join(options)} took {TIMEOUT_S:g} s") from error
+    if done.returncode:
+        raise NetworkError(f"qmn run sdc failed: {done.stderr.strip()}")
+    result = json.loads((runs / "latest" / "result.json").read_text())
+    shutil.rmtree(runs)
+    return Measured(float(result["pairs_per_s"]), int(result["packets_not_captured"]))

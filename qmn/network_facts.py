@@ -1,0 +1,57 @@
+"""What a network is made of, as result.json keeps it: hosts, switches, fibres, copper."""
+
+from dataclasses import asdict, dataclass
+from typing import Any, Self
+
+from topologies.fiber import FiberLink
+from topologies.network import Network
+from wire.config import QuantumSwitch
+from wire.fiber import Fiber
+
+
+@dataclass(frozen=True)
+class NetworkFacts:
+    """A network as it was built."""
+
+    addresses: dict[str, str]  # of the hosts
+    source: str  # the host that makes pairs
+    fibers: list[Fiber]
+    switches: list[QuantumSwitch]
+    copper: list[list[str]]  # of each link: node and interface at one end, and at the other
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as JSON takes it."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, given: dict[str, Any]) -> Self:
+        """Build it from decoded JSON."""
+        fibers = [Fiber.from_dict(fiber) for fiber in given["fibers"]]
+        switches = [QuantumSwitch.from_dict(switch) for switch in given["switches"]]
+        return cls(**{**given, "fibers": fibers, "switches": switches})
+
+    def host_at(self, interface: str) -> str:
+        """Return the host that a switch's copper interface leads to, "" if there is none."""
+        for node1, name1, node2, name2 in self.copper:
+            if interface == name1:
+                return node2
+            if interface == name2:
+                return node1
+        return ""
+
+
+def network_facts(network: Network) -> NetworkFacts:
+    """Return what a running network is made of."""
+    runtime = network.runtime
+    copper = [
+        [link.intf1.node.name, link.intf1.name, link.intf2.node.name, link.intf2.name]
+        for link in network.net.links
+        if not isinstance(link, FiberLink)
+    ]
+    return NetworkFacts(
+        {host: address.partition("/")[0] for host, address in runtime.addresses.items()},
+        runtime.source,
+        list(runtime.fibers),
+        list(runtime.switches.values()),
+        copper,
+    )

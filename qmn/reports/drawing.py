@@ -1,0 +1,91 @@
+"""Figures of a page: matplotlib's SVG, whose colours and sizes the page decides by CSS.
+
+Figures are drawn in colours that nobody would choose; each stands for a variable of the page,
+so that the same figure is right on white and on black.
+"""
+
+import re
+from io import StringIO
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+INK, MUTED, GRID, PAPER = "#010101", "#020202", "#030303", "#040404"
+METADATA, QUANTUM, OPENFLOW, BAD = "#050505", "#060606", "#070707", "#080808"
+PATHS = (QUANTUM, "#090909", "#0a0a0a", "#0b0b0b")  # light paths beside each other
+VARIABLES = {
+    INK: "ink",
+    MUTED: "muted",
+    GRID: "grid",
+    PAPER: "paper",
+    METADATA: "metadata",
+    QUANTUM: "quantum",
+    OPENFLOW: "openflow",
+    BAD: "bad",
+    **{colour: f"path-{number}" for number, colour in enumerate(PATHS) if number},
+}
+STYLE: dict[Any, Any] = {
+    "svg.fonttype": "none",
+    "svg.hashsalt": "qmn",
+    "font.size": 10,
+    "text.color": INK,
+    "axes.edgecolor": MUTED,
+    "axes.labelcolor": INK,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": GRID,
+    "grid.linewidth": 0.8,
+    "xtick.color": MUTED,
+    "ytick.color": MUTED,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "legend.frameon": False,
+    "figure.facecolor": "none",
+    "axes.facecolor": "none",
+    "savefig.facecolor": "none",
+}
+styled = mpl.rc_context(STYLE)  # decorates what draws: matplotlib asks for a style at many times
+SMALL_INCHES = (4.4, 3.0)  # a chart: two beside each other, or one on a phone
+
+
+def figure(width: float, height: float) -> tuple[Figure, Axes]:
+    """Return an empty figure of inches, and its axes."""
+    made = Figure(figsize=(width, height), layout="constrained")
+    return made, made.add_subplot()
+
+
+def diagram(width: float, height: float) -> tuple[Figure, Axes]:
+    """Return a figure of inches that its axes, which nobody sees, fill; the origin is top left."""
+    made = Figure(figsize=(width, height))
+    axes = made.add_axes((0, 0, 1, 1))
+    axes.set_axis_off()
+    axes.set_xlim(0, width)
+    axes.set_ylim(height, 0)
+    return made, axes
+
+
+def svg(made: Figure, label: str) -> str:
+    """Return the figure as an element of a page; `label` is for those who do not see it."""
+    with StringIO() as text:
+        made.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
+        drawn = text.getvalue()
+    drawn = drawn[drawn.index("<svg") :]
+    head, _end, body = drawn.partition(">")
+    (box,) = re.findall(r'viewBox="([^"]+)"', head)
+    body = re.sub(r"<metadata>.*?</metadata>", "", body, flags=re.DOTALL)
+    body = re.sub(r'<g id="[^"]*">', "<g>", body)  # not unique among the figures of a page
+    body = re.sub(r"#(0[1-9ab])\1\1\b", lambda found: variable(found[0]), body)
+    return f'<svg viewBox="{box}" role="img" aria-label="{_attribute(label)}">{body}'
+
+
+def variable(colour: str) -> str:
+    """Return what the page calls a colour."""
+    return f"var(--{VARIABLES[colour]})"
+
+
+def _attribute(text: str) -> str:
+    return text.replace("&", "&amp;").replace('"', "&quot;").replace("<", "&lt;")

@@ -1,0 +1,129 @@
+"""The figures of a report with what is said of them, or why one cannot be drawn."""
+
+from collections.abc import Iterator, Sequence
+
+from qmn.reports import charts, error_counts
+from qmn.reports.drawing import variable
+from qmn.reports.handshake_diagram import handshake_diagram
+from qmn.reports.light_paths import LightPath, without_outcome
+from qmn.reports.markup import figure, missing
+from qmn.reports.network_diagram import network_diagram, path_colour
+from qmn.reports.run_facts import RunFacts
+from qmn.reports.sequence import handshake, lanes
+from qmn.timeline import TIMELINE
+from topologies.runtime import OPENFLOW_PORT
+
+NOT_WRITTEN = "what happened to qubits was not written (--no-events)."
+METADATA = (
+    '<span class="metadata">quantum metadata</span> as it leaves one host and reaches another'
+)
+OPENFLOW = '<span class="openflow">OpenFlow</span>'
+QUANTUM = '<span class="quantum">quantum events</span>'
+
+
+def network(run: RunFacts, paths: Sequence[LightPath]) -> str:
+    """Return the drawing of the network."""
+    text = "Fibres with length and loss, all in the table below; dashed: copper. "
+    return figure(
+        "The network", network_diagram(run.network, paths), text + _legend(run, paths), "wide"
+    )
+
+
+def _legend(run: RunFacts, paths: Sequence[LightPath]) -> str:
+    if not run.has_events:
+        return f"Light paths are not shown: {NOT_WRITTEN}"
+    if not paths:
+        return "No light path stood."
+    named = (
+        f'<b style="color: {variable(path_colour(number))}">{path.begin} → {path.end}</b>'
+        for number, path in enumerate(paths)
+    )
+    return f"Light paths: {', '.join(named)}."
+
+
+def handshake_figure(run: RunFacts) -> str:
+    """Return the sequence diagram."""
+    port = run.result["parameters"].get("openflow_port", OPENFLOW_PORT)
+    steps, more = handshake(run.folder, run.network, run.events, port)
+    title = "The handshake, in both layers"
+    if not steps:
+        packets = "no set-up was captured" if run.has_packets else "packets were not captured"
+        qubits = "nothing happened to a qubit." if run.has_events else NOT_WRITTEN
+        return missing(title, f"{packets}, and {qubits}")
+    if not any(step.layer == "metadata" for step in steps):
+        title = "The handshake, in the quantum layer"
+        text = "Packets were not captured: quantum events alone, from the first on."
+    else:
+        layers = f"{METADATA}, {OPENFLOW}"
+        text = f"On one clock: {layers}, {QUANTUM}." if run.has_events else f"{layers}."
+        text += " Times count from the first set-up."
+        if not run.has_events:
+            title = "The handshake, in the classical layer"
+            text += f" Quantum events are missing: {NOT_WRITTEN}"
+    if more:
+        file = TIMELINE if (run.folder / TIMELINE).exists() else "the captures"
+        text += f" What followed is in {file}."
+    return figure(
+        title, handshake_diagram(steps, lanes(steps, run.network)), text, "wide handshake"
+    )
+
+
+def chart_figures(run: RunFacts, paths: Sequence[LightPath]) -> Iterator[str]:
+    """Yield the charts; those of symbols for superdense coding alone."""
+    if run.service == "sdc":
+        yield _rate(run)
+        yield _errors(run)
+        yield _confusion(run)
+    yield _losses(run, paths)
+    yield _setup_times(run)
+
+
+def _rate(run: RunFacts) -> str:
+    title = "Bell pairs a second"
+    measured = [event for event in run.events if event.kind == "bell-measure"]
+    if not measured:
+        return missing(title, "no Bell pair was measured." if run.has_events else NOT_WRITTEN)
+    measured.sort(key=lambda event: event.time_ns)
+    lists = [(event.time_ns, event.photons, without_outcome(event)) for event in measured]
+    times, pairs, lost = map(list, zip(*lists, strict=True))
+    begin_ns = min([*times, *(e.time_ns for e in run.events if e.kind == "create")])
+    text = f"Blocks counted when the receiver measured them: {len(measured):,}."
+    return figure(title, charts.rate(begin_ns, times, pairs, lost), text)
+
+
+def _errors(run: RunFacts) -> str:
+    title = "Errors over time"
+    sender = run.result["parameters"]["sender"]
+    found = error_counts.reported(run.folder, run.network, sender) or error_counts.said(run.sender)
+    if found is None:
+        return missing(title, "the sender has heard and said nothing.")
+    text = f"{found.whence}; in the end: {found.last}."
+    return figure(title, charts.errors(found.seconds, found.counts), text)
+
+
+def _confusion(run: RunFacts) -> str:
+    title, counts = "Symbols sent and received", run.confusion
+    if counts is None:
+        return missing(title, "the receiver tells at the end, and the transfer had none.")
+    if not counts.any():
+        return missing(title, "no frame was delivered whole.")
+    text = "Of the frames delivered in the end, with their rejected versions: before a frame's "
+    text += "check is right, the receiver does not know what was sent. Lost pairs are not counted."
+    return figure(title, charts.confusion(counts, run.result.get("bell_states") or 4), text)
+
+
+def _losses(run: RunFacts, paths: Sequence[LightPath]) -> str:
+    title = "Loss of each hop"
+    if not paths:
+        return missing(title, "no light path stood." if run.has_events else NOT_WRITTEN)
+    budget = run.result["parameters"]["loss_budget_db"]
+    text = "Every light path that stood, as declared: fibres and ways through switches."
+    return figure(title, charts.loss_budget(paths, budget), text)
+
+
+def _setup_times(run: RunFacts) -> str:
+    title = "Set-up of light paths"
+    if not run.setup_ms:
+        return missing(title, "no light path was set up.")
+    text = f"From metadata at the controller to light path; paths: {len(run.setup_ms):,}."
+    return figure(title, charts.setup_times(run.setup_ms), text)

@@ -1,0 +1,125 @@
+"""Which light paths stood in a run: cross-connects that opened, joined by fibres."""
+
+import re
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+from qmn.network_facts import NetworkFacts
+from wire.config import QuantumSwitch
+from wire.dispatcher_pb2 import Event
+from wire.fiber import Fiber, FiberEnd
+
+_OUTCOME = re.compile(r"(?:Phi|Psi)[+-]=(\d+)")
+
+
+@dataclass(frozen=True)
+class Hop:
+    """A fibre, or a way through a switch."""
+
+    name: str
+    loss_db: float
+    ends: tuple[str, str] = ("", "")  # nodes, of a fibre
+
+
+@dataclass(frozen=True)
+class LightPath:
+    """A way for light from one host's port to another's."""
+
+    begin: str
+    end: str
+    hops: tuple[Hop, ...]
+
+    @property
+    def loss_db(self) -> float:
+        """Loss from end to end, by what the network was declared to be."""
+        return sum(hop.loss_db for hop in self.hops)
+
+
+def light_paths(network: NetworkFacts, events: Iterable[Event]) -> list[LightPath]:
+    """Return every path that stood at any time, in the order in which they did."""
+    plant = _Plant(network)
+    found: dict[LightPath, None] = {}
+    ways: dict[FiberEnd, str] = {}
+    known: set[frozenset[tuple[FiberEnd, str]]] = set()  # a run may open the same path often
+    for event in events:
+        if event.kind == "open":
+            in_port, _arrow, out_port = event.detail.split()[:3]
+            ways[FiberEnd(event.node, in_port)] = out_port
+            connected = frozenset(ways.items())
+            if connected not in known:
+                known.add(connected)
+                found.update(dict.fromkeys(plant.paths(ways)))
+        elif event.kind == "close":
+            ways.pop(FiberEnd(event.node, event.port), None)
+    return list(found)
+
+
+class _Plant:
+    """Fibres by their ends, switches by their names."""
+
+    def __init__(self, network: NetworkFacts) -> None:
+        self._fibers: dict[FiberEnd, tuple[Fiber, FiberEnd]] = {}
+        for fiber in network.fibers:
+            self._fibers |= {fiber.a: (fiber, fiber.b), fiber.b: (fiber, fiber.a)}
+        self._switches = {switch.name: switch for switch in network.switches}
+
+    def paths(self, ways: dict[FiberEnd, str]) -> Iterator[LightPath]:
+        """Yield the paths from host to host, if these are the cross-connects."""
+        for begin in self._fibers:
+            if begin.node not in self._switches:
+                path = self._follow(begin, ways)
+                if path is not None:
+                    yield path
+
+    def _follow(self, begin: FiberEnd, ways: dict[FiberEnd, str]) -> LightPath | None:
+        hops: list[Hop] = []
+        place, seen = begin, set[FiberEnd]()
+        while place in self._fibers and place not in seen:
+            seen.add(place)
+            fiber, far = self._fibers[place]
+            hops.append(Hop(fiber_name(fiber), fiber.loss_db, (place.node, far.node)))
+            if far.node not in self._switches:
+                return LightPath(begin.port, far.port, tuple(hops))
+            if far not in ways:
+                return None
+            switch, out_port = self._switches[far.node], ways[far]
+            hops.append(
+                Hop(f"{far.node} {far.port}→{out_port}", _switch_loss_db(switch, far, out_port))
+            )
+            place = FiberEnd(far.node, out_port)
+        return None
+
+
+def fiber_name(fiber: Fiber) -> str:
+    """Return what a person calls a fibre."""
+    ends = [
+        end.port if end.port.startswith(end.node) else f"{end.node}:{end.port}"
+        for end in (fiber.a, fiber.b)
+    ]
+    return " – ".join(ends)  # noqa: RUF001 (from one end to the other)
+
+
+def _switch_loss_db(switch: QuantumSwitch, place: FiberEnd, out_port: str) -> float:
+    for path in switch.paths:
+        if (str(path.in_port), str(path.out_port)) == (place.port, out_port):
+            return path.insertion_loss_db
+    return switch.insertion_loss_db
+
+
+def photons_by_port(events: Iterable[Event]) -> dict[str, tuple[int, int]]:
+    """Return how many photons came to each host's port, and how many were lost on their way."""
+    counts: dict[str, tuple[int, int]] = defaultdict(lambda: (0, 0))
+    for event in events:
+        if event.kind == "arrive" and event.port:
+            photons, lost = counts[event.port]
+            counts[event.port] = (photons + event.photons, lost + event.lost)
+    return dict(counts)
+
+
+def without_outcome(event: Event) -> int:
+    """Return of how many pairs a Bell measurement says nothing, as one or both halves were lost.
+
+    `lost` of the event is of one half alone.
+    """
+    return int(event.photons) - sum(map(int, _OUTCOME.findall(event.detail)))

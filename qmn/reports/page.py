@@ -1,0 +1,134 @@
+"""The report as one page: HTML, CSS and SVG, no script, nothing from elsewhere."""
+
+import json
+from collections.abc import Iterator, Mapping
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from qmn.reports import figures
+from qmn.reports.light_paths import fiber_name, light_paths, photons_by_port
+from qmn.reports.markup import table
+from qmn.reports.run_facts import RunFacts, read_run
+from qmn.service_result import figure
+
+REPORT = "report.html"
+LAST_WORD = "Counts are the sender's last word; the figures may know more."
+STYLE = Path(__file__).with_name("report.css")
+
+
+def write_report(folder: Path) -> Path:
+    """Write report.html into the folder of a finished run; return the file.
+
+    Raise BadRun for a folder without a run, MalformedPacket for captures that are none.
+    """
+    text = page(read_run(folder))
+    unfinished = folder / f".{REPORT}"
+    unfinished.write_text(text)
+    return unfinished.replace(folder / REPORT)
+
+
+def page(run: RunFacts) -> str:
+    """Return the whole page."""
+    name = escape(run.folder.name)
+    return "\n".join(
+        [
+            '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8">',
+            '<meta name="viewport" content="width=device-width, initial-scale=1">',
+            '<meta name="color-scheme" content="light dark"><link rel="icon" href="data:,">',
+            f"<title>{name} · qmn</title><style>{STYLE.read_text()}</style></head><body>",
+            f"<header><h1>{name}</h1>{_outcome(run)}</header><main>",
+            *_sections(run),
+            "</main></body></html>\n",
+        ]
+    )
+
+
+def _outcome(run: RunFacts) -> str:
+    result, done = run.result, run.result["delivered"]
+    words = {True: "delivered exactly", False: "NOT DELIVERED"}
+    if run.service != "sdc":
+        words = {True: f"{run.service}: done", False: f"{run.service}: NOT DONE"}
+    kind = "good" if done else "failed"
+    numbers = _figures(result) if run.service != "sdc" else _transfer_figures(result)
+    numbers["seed"] = f"{result['seed']}"
+    tiles = "".join(
+        f"<div><b>{value}</b><span>{name}</span></div>" for name, value in numbers.items()
+    )
+    error = f"<p>{escape(result['error'])}</p>" if result.get("error") else ""
+    heard = "" if done else "<p>Counts are the sender's last word; the figures may know more.</p>"
+    return f'<p class="{kind}">{words[done]}</p>{error}<div class="tiles">{tiles}</div>{heard}'
+
+
+def _figures(result: Mapping[str, Any]) -> dict[str, str]:
+    return {name.replace("_", " "): figure(value) for name, value in result["asking"].items()}
+
+
+def _transfer_figures(result: Mapping[str, Any]) -> dict[str, str]:
+    rate = result["symbol_error_rate"]
+    return {
+        "Bell pairs": f"{result['bell_pairs']:,}",
+        "Bell pairs/s": f"{result['pairs_per_s']:,.0f}",
+        "lost pairs": f"{result['lost_pairs']:,}",
+        "symbol error rate": "–" if rate is None else f"{rate:.3g}",  # noqa: RUF001
+        "bytes of message": f"{result['message_bytes']:,}",
+    }
+
+
+def _sections(run: RunFacts) -> Iterator[str]:
+    paths = light_paths(run.network, run.events)
+    yield figures.network(run, paths)
+    yield figures.handshake_figure(run)
+    yield '<div class="charts">'
+    yield from figures.chart_figures(run, paths)
+    yield "</div>"
+    yield _fibers(run)
+    yield _parameters(run.result)
+
+
+def _fibers(run: RunFacts) -> str:
+    arrived = photons_by_port(run.events)
+    rows = []
+    for fiber in run.network.fibers:
+        photons, lost = map(
+            sum, zip(*(arrived.get(end.port, (0, 0)) for end in (fiber.a, fiber.b)), strict=True)
+        )
+        rows.append(
+            [
+                fiber_name(fiber),
+                fiber.kind,
+                f"{fiber.length_km:g} km",
+                f"{fiber.loss_db:.3g} dB",
+                f"{fiber.delay_s * 1e6:.3g} µs",
+                f"{photons:,}" if photons else "–",  # noqa: RUF001
+                f"{lost:,}" if photons else "–",  # noqa: RUF001
+            ]
+        )
+    heads = ["fibre", "kind", "length", "loss", "delay", "photons to its host", "of these lost"]
+    note = "<p>Photons count with the blocks they belong to; lost: anywhere before.</p>"
+    return f"<section><h2>Fibres</h2>{table(heads, rows)}{note}</section>"
+
+
+def _parameters(result: Mapping[str, Any]) -> str:
+    names = ("seed", "service", "topology", "handshake", "controller", "backend", "exact", "mode")
+    rows = [[name, _said(result.get(name))] for name in names]
+    rows += [[name, _said(value)] for name, value in result["parameters"].items()]
+    rows += [
+        [f"in use: {name}", _said(value)] for name, value in (result.get("in_use") or {}).items()
+    ]
+    rows += [[f"fibre: {name}", _said(value)] for name, value in result["optics"].items()]
+    rows += [
+        [f"device: {host}", _said(parts)] for host, parts in result["devices"].items() if parts
+    ]
+    made = table(["parameter", "value"], rows, "parameters")
+    return f"<section><h2>Parameters and seed</h2>{made}</section>"
+
+
+def _said(value: Any) -> str:
+    if isinstance(value, list):
+        return ", ".join(map(_said, value)) or "–"  # noqa: RUF001
+    if isinstance(value, dict):
+        return ", ".join(f"{name}: {_said(each)}" for name, each in value.items())
+    if value is None or value == "":
+        return "–"  # noqa: RUF001
+    return value if isinstance(value, str) else json.dumps(value)

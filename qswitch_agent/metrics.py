@@ -1,0 +1,75 @@
+"""The agent's figures for Prometheus: what its hardware is asked, how long that takes."""
+
+import time
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+
+from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram
+
+from qswitch_agent.hardware.optics import (
+    Condition,
+    CrossConnect,
+    HardwareRefusal,
+    OpticalHardware,
+    Readings,
+)
+from wire.metrics import SECONDS
+
+
+class MeasuredHardware:
+    """Hardware that passes every call on to another, and measures."""
+
+    def __init__(self, hardware: OpticalHardware) -> None:
+        """Keep the figures of this hardware in `registry`."""
+        self._hardware = hardware
+        self.registry = CollectorRegistry()
+        self._seconds = Histogram(
+            "qmn_rpc_seconds",
+            "What a call of the switch's hardware takes; until light passes, of cross_connects.",
+            ["rpc"],
+            buckets=SECONDS,
+            registry=self.registry,
+        )
+        self._refusals = Counter(
+            "qmn_hardware_refusals",
+            "Calls that the hardware has refused.",
+            ["rpc"],
+            registry=self.registry,
+        )
+        self._paths = Gauge("qmn_light_paths", "Cross-connects that stand.", registry=self.registry)
+
+    @contextmanager
+    def _measured(self, rpc: str) -> Iterator[None]:
+        started = time.perf_counter()
+        try:
+            yield
+        except HardwareRefusal:
+            self._refusals.labels(rpc).inc()
+            raise
+        finally:
+            self._seconds.labels(rpc).observe(time.perf_counter() - started)
+
+    async def set_cross_connects(self, cross_connects: Iterable[CrossConnect]) -> None:
+        """Make exactly these cross-connects."""
+        wanted = list(cross_connects)
+        with self._measured("cross_connects"):
+            await self._hardware.set_cross_connects(wanted)
+        self._paths.set(len(wanted))
+
+    async def tune(self, port: int, frequency_mhz: int | None, power_dbm: float | None) -> None:
+        """Tune a port."""
+        with self._measured("tune"):
+            await self._hardware.tune(port, frequency_mhz, power_dbm)
+
+    async def read(self) -> Readings:
+        """Return what the hardware counts and measures."""
+        with self._measured("read"):
+            return await self._hardware.read()
+
+    async def watch(self, on_condition: Callable[[Condition], None]) -> None:
+        """Report the condition at once and after each change."""
+        await self._hardware.watch(on_condition)
+
+    async def close(self) -> None:
+        """Let go of the hardware."""
+        await self._hardware.close()

@@ -1,0 +1,63 @@
+"""Keys over a real network: the same at both ends, refused above the threshold, kept if asked."""
+
+import json
+import subprocess
+import sys
+from math import sqrt
+from pathlib import Path
+from typing import Any
+
+import pytest
+from conftest import ROOT
+
+FIBERS = {"bb84": 2, "bbm92": 4}  # that two correlated outcomes have passed together
+
+
+def run_qkd(runs: Path, *words: str) -> tuple[subprocess.CompletedProcess[str], dict[str, Any]]:
+    """Distribute keys; return what was said, and the result."""
+    command = [sys.executable, "-m", "qmn", "run", "qkd", *words, "--runs", str(runs)]
+    done = subprocess.run(
+        command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=90
+    )
+    return done, json.loads((runs / "latest" / "result.json").read_text())
+
+
+def kept(keys: Path, host: str, other: str, hand_out: str) -> dict[str, bytes]:
+    """Return keys by their ids."""
+    folder = keys / host / other / hand_out
+    return {file.name: file.read_bytes() for file in folder.iterdir()}
+
+
+@pytest.mark.parametrize("protocol", list(FIBERS))
+def test_keys_are_the_same_in_the_stores_of_both_hosts(tmp_path: Path, protocol: str) -> None:
+    share, keys = 0.01, tmp_path / "keys"
+    words = ("--protocol", protocol, "--depolarizing", str(share), "--count", "100000")
+    done, result = run_qkd(tmp_path, *words, "--keys", str(keys))
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert result["delivered"]
+    told = result["asking"]
+    qber = (1 - (1 - share) ** FIBERS[protocol]) / 2
+    assert abs(told["qber"] - qber) < 5 * sqrt(qber * (1 - qber) / told["disclosed_bits"])
+    assert told["sifted_bits"] >= 100_000
+    assert 0 < told["key_fraction"] < told["key_fraction_limit"]
+    for mine, theirs in (("first", "second"), ("second", "first")):
+        assert kept(keys, "alice", "bob", mine) == kept(keys, "bob", "alice", theirs)
+    first = told["first_key_id"]
+    key = kept(keys, "alice", "bob", "first")[first]
+    assert len(key) == 32
+    for file in (tmp_path / "latest").iterdir():  # what a run leaves behind tells no key
+        content = file.read_bytes()
+        assert key not in content
+        assert key.hex().encode() not in content
+    assert {path.stat().st_mode & 0o777 for path in keys.rglob("*") if path.is_dir()} == {0o700}
+
+
+def test_above_the_threshold_the_run_fails_and_no_key_is_kept(tmp_path: Path) -> None:
+    keys = tmp_path / "keys"
+    words = ("--depolarizing", "0.3", "--count", "20000", "--keys", str(keys))
+    done, result = run_qkd(tmp_path, *words)
+    assert done.returncode == 1
+    assert f"QBER {result['asking']['qber']:.4f}" in done.stderr
+    assert "at most 0.1000 is allowed: noise or an eavesdropper" in done.stderr
+    assert not result["delivered"]
+    assert [path for path in keys.rglob("*") if path.is_file()] == []

@@ -1,0 +1,103 @@
+"""Photons in states that their host has chosen."""
+
+import asyncio
+import io
+from collections.abc import Awaitable, Callable
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+import pytest
+from five_sigma import within
+
+from dispatcher.devices.preparation import STATES
+from dispatcher.laboratory import JumpingClock, Laboratory, LaboratoryHost
+from dispatcher.operations import Operations
+from dispatcher.sabot.backend import Bytes
+from dispatcher.sabot.manager import NO_CLICK
+from dispatcher.server import build_layer
+from wire.config import DispatcherConfig, Fiber, FiberEnd
+from wire.dispatcher_pb2 import CreateRequest, Gate
+
+Backend = Literal["chp", "stim", "dense"]
+COUNT = 6_000
+CHOSEN = np.random.default_rng(1).integers(0, len(STATES), COUNT, dtype=np.uint8)
+Z, X, Y = range(3)
+
+
+def configuration(backend: Backend = "chp") -> DispatcherConfig:
+    """Return alice and bob, and a fibre of 3 dB between them."""
+    ends = FiberEnd("alice", "alice-q0"), FiberEnd("bob", "bob-q0")
+    fiber = Fiber(*ends, length_km=15, loss_db_per_km=0.2)
+    return DispatcherConfig("", "", 1, {}, [fiber], [], backend=backend)
+
+
+def run(backend: Backend, act: Callable[[LaboratoryHost], Awaitable[Bytes]]) -> Bytes:
+    """Return what alice measures; the seed is 1."""
+
+    async def inside() -> Bytes:
+        return await act(Laboratory(configuration(backend)).host("alice"))
+
+    return asyncio.run(inside())
+
+
+@pytest.mark.parametrize("backend", ["chp", "stim", "dense"])
+def test_each_state_tells_its_sign_in_its_own_basis_and_nothing_in_the_others(
+    backend: Backend,
+) -> None:
+    for turn in range(3):
+        bases = (CHOSEN // 2 + turn) % 3
+
+        async def act(alice: LaboratoryHost, bases: Bytes = bases) -> Bytes:
+            await alice.prepare(CHOSEN)
+            return await alice.measure((0, 0), bases=bases)
+
+        found = run(backend, act)
+        if turn == 0:
+            np.testing.assert_array_equal(found, CHOSEN & 1)
+        else:
+            for state in range(len(STATES)):
+                own = found[state == CHOSEN]
+                assert within(int(own.sum()), own.size, 0.5)
+
+
+@pytest.mark.parametrize("backend", ["chp", "stim", "dense"])
+@pytest.mark.parametrize("state", range(len(STATES)))
+def test_a_block_of_one_state_and_of_one_photon_is_prepared(backend: Backend, state: int) -> None:
+    async def act(alice: LaboratoryHost) -> Bytes:
+        for number, count in enumerate((1, 5)):
+            await alice.prepare(np.full(count, state, dtype=np.uint8), number)
+        one = await alice.measure((0, 0), state // 2)  # type: ignore[arg-type]
+        return np.append(one, await alice.measure((1, 0), state // 2))  # type: ignore[arg-type]
+
+    assert run(backend, act).tolist() == [state & 1] * 6
+
+
+def test_what_is_prepared_passes_gates_and_fibres() -> None:
+    async def scene() -> None:
+        laboratory = Laboratory(configuration())
+        alice, bob = laboratory.host("alice"), laboratory.host("bob")
+        await alice.prepare(CHOSEN)
+        await alice.apply((0, 0), gates=[Gate(name=Gate.H)])
+        await alice.send({(0, 0): "alice-q0"})
+        await bob.receive((0, 0), "bob-q0")
+        # H exchanges Z and X, and turns |+i> into |-i>.
+        bases = np.array([X, Z, Y], dtype=np.uint8)[CHOSEN // 2]
+        found = await bob.measure((0, 0), bases=bases)
+        seen = found != NO_CLICK
+        assert within(int(seen.sum()), COUNT, 10**-0.3)
+        expected = (CHOSEN & 1) ^ (CHOSEN // 2 == Y)
+        np.testing.assert_array_equal(found[seen], expected[seen])
+
+    asyncio.run(scene())
+
+
+def test_the_event_says_which_states_there_are_and_which_a_photon_has() -> None:
+    log = io.StringIO()
+    config = replace(configuration(), per_qubit=3)
+    operations = Operations(build_layer(config, JumpingClock(), log))
+    request = CreateRequest(session=7, count=5, state=CreateRequest.PREPARED, states=b"\0\5\2\0\0")
+    operations.create("alice", request)
+    whole, *photons = log.getvalue().splitlines()
+    assert whole.endswith("prepared: |0>=3 |+>=1 |-i>=1")
+    assert [line.split()[-1] for line in photons] == ["|0>", "|-i>", "|+>"]

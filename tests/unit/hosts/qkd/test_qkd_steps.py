@@ -1,0 +1,182 @@
+"""The steps of key distribution one by one, against formulas and slow ways to do the same."""
+
+import numpy as np
+import pytest
+from qkd_ends import bb84, random_bits
+
+from hosts.middleware.qkd.amplification import seed_bits, toeplitz
+from hosts.middleware.qkd.bits import Bits, pack, unpack
+from hosts.middleware.qkd.estimation import Estimate, compare, sample_mask, sample_size
+from hosts.middleware.qkd.key_length import (
+    ZERO_RATE_QBER,
+    asymptotic_fraction,
+    asymptotic_key_length,
+    binary_entropy,
+    finite_key_length,
+    sampling_deviation,
+)
+from hosts.middleware.qkd.public_randomness import permutation
+from hosts.middleware.qkd.sifting import NO_CLICK, Record, choose, sifted
+from hosts.middleware.qkd.verification import collision_probability, key_tag
+
+
+def test_bits_are_packed_first_bit_highest() -> None:
+    bits = np.array([1, 0, 0, 0, 0, 0, 0, 0, 1], dtype=np.uint8)
+    assert pack(bits) == b"\x80\x80"
+    assert np.array_equal(unpack(b"\x80\x80", 9), bits)
+    with pytest.raises(ValueError, match="9 bits are packed in 2 bytes, not 3"):
+        unpack(bytes(3), 9)
+
+
+def test_sifting_keeps_photons_that_both_saw_in_the_same_basis() -> None:
+    alice = Record(*(np.array(row, dtype=np.uint8) for row in ([0, 1, 0, 1, 1], [0, 1, 1, 1, 255])))
+    bob = Record(*(np.array(row, dtype=np.uint8) for row in ([0, 1, 1, 1, 1], [0, 0, 1, 255, 1])))
+    kept = choose(alice, bob.clicked, bob.bases[bob.clicked])
+    assert kept.tolist() == [True, True, False, False]
+    assert sifted(alice, bob.clicked, kept).tolist() == [0, 1]
+    assert sifted(bob, bob.clicked, kept).tolist() == [0, 0]
+
+
+def test_half_of_the_photons_that_arrive_are_sifted() -> None:
+    rng = np.random.default_rng(1)
+    alice, bob = bb84(rng, 100_000, noise=0.0, loss=0.3)
+    kept = choose(alice, bob.clicked, bob.bases[bob.clicked])
+    expected = 100_000 * 0.7 / 2
+    assert abs(kept.sum() - expected) < 5 * (100_000 * 0.35 * 0.65) ** 0.5
+    same = sifted(alice, bob.clicked, kept) == sifted(bob, bob.clicked, kept)
+    assert same.all()
+
+
+def test_a_werner_pair_of_fidelity_f_has_a_qber_of_two_thirds_of_what_it_lacks() -> None:
+    """Depolarising: X, Y, Z with (1 - F) / 3 each; two of the three flip an outcome."""
+    rng = np.random.default_rng(2)
+    fidelity, photons = 0.9, 200_000
+    bases, bits = random_bits(rng, photons), random_bits(rng, photons)
+    pauli = rng.choice(4, photons, p=[fidelity] + [(1 - fidelity) / 3] * 3)  # I, X, Y, Z
+    flips = np.where(bases == 0, (pauli == 1) | (pauli == 2), (pauli == 3) | (pauli == 2))
+    estimate = compare(bits, bits ^ flips.astype(np.uint8))
+    qber = 2 * (1 - fidelity) / 3
+    assert abs(estimate.qber - qber) < 5 * (qber * (1 - qber) / photons) ** 0.5
+
+
+def test_a_sample_is_of_its_size_and_as_likely_at_every_place() -> None:
+    counts = np.zeros(50)
+    for number in range(2000):
+        mask = sample_mask(number.to_bytes(32, "big"), 50, 10)
+        assert mask.sum() == 10
+        counts += mask
+    assert np.abs(counts - 400).max() < 5 * (2000 * 0.2 * 0.8) ** 0.5
+
+
+def test_a_sample_leaves_something_or_is_none() -> None:
+    assert sample_size(1000, 0.1) == 100
+    assert sample_size(3, 0.01) == 1
+    assert [sample_size(bits, 0.5) for bits in (0, 1, 2)] == [0, 0, 1]
+
+
+def test_the_confidence_interval_covers_the_true_rate_as_often_as_it_says() -> None:
+    rng = np.random.default_rng(3)
+    sessions, size, qber = 4000, 500, 0.03
+    intervals = [
+        Estimate(int(errors), size).interval(0.95) for errors in rng.binomial(size, qber, sessions)
+    ]
+    covered = sum(low <= qber <= high for low, high in intervals) / sessions
+    assert 0.93 < covered < 0.98
+    low, high = Estimate(5, 100).interval()
+    assert (low, high) == pytest.approx((0.02154, 0.11175), abs=1e-5)  # Wilson score, z = 1.96
+
+
+def test_samples_of_different_sizes_cannot_be_compared() -> None:
+    with pytest.raises(ValueError, match="samples of 3 and 2 bits"):
+        compare(np.zeros(3, dtype=np.uint8), np.zeros(2, dtype=np.uint8))
+
+
+def test_the_asymptotic_fraction_is_zero_at_eleven_percent() -> None:
+    assert asymptotic_fraction(0.0) == 1.0
+    assert asymptotic_fraction(0.03) == pytest.approx(1 - 2 * 0.194392, abs=1e-6)
+    assert asymptotic_fraction(ZERO_RATE_QBER + 0.0001) == 0.0
+    assert 0 < asymptotic_fraction(ZERO_RATE_QBER - 0.0001) < 2e-3
+    assert asymptotic_key_length(1000, 0.03, 250) == int(1000 * (1 - 0.194392) - 250)
+
+
+def test_the_finite_key_bound_is_that_of_tomamichel_and_others() -> None:
+    """Equation 2 of arXiv:1103.4130, worked out with decimal numbers of 40 digits."""
+    deviation = sampling_deviation(90_000, 10_000, 1e-10)
+    assert deviation == pytest.approx(0.0520838923, abs=1e-10)
+    assert binary_entropy(0.03 + deviation) == pytest.approx(0.4094796853, abs=1e-10)
+    assert finite_key_length(90_000, 10_000, 0.03, 19_000, 1e-10, 1e-15) == 34_029
+
+
+def test_there_is_no_finite_key_of_few_bits_or_much_noise() -> None:
+    assert finite_key_length(1000, 100, 0.0, 0, 1e-10, 1e-15) == 0
+    assert finite_key_length(900_000, 100_000, 0.11, 500_000, 1e-10, 1e-15) == 0
+    assert finite_key_length(0, 10, 0.0, 0, 1e-10, 1e-15) == 0
+
+
+def test_the_finite_key_fraction_approaches_the_asymptotic_one() -> None:
+    fractions = []
+    for bits in (10**5, 10**7, 10**9, 10**11):
+        leaked = int(bits * binary_entropy(0.02))
+        fractions.append(finite_key_length(bits, bits, 0.02, leaked, 1e-10, 1e-15) / bits)
+    assert fractions == sorted(fractions)
+    assert fractions[-1] == pytest.approx(asymptotic_fraction(0.02), abs=1e-3)
+
+
+def naive_toeplitz(key: Bits, seed: Bits, length: int) -> Bits:
+    rows = np.arange(length)[:, None] - np.arange(key.size)[None, :] + key.size - 1
+    product: Bits = (seed[rows].astype(np.int64) @ key % 2).astype(np.uint8)
+    return product
+
+
+@pytest.mark.parametrize("key_bits", [1, 2, 7, 64, 1000])
+def test_toeplitz_hashing_by_fft_equals_the_matrix_product(key_bits: int) -> None:
+    rng = np.random.default_rng(key_bits)
+    for length in {1, key_bits // 2, key_bits - 1, key_bits} - {0}:
+        key, seed = random_bits(rng, key_bits), random_bits(rng, seed_bits(key_bits, length))
+        assert np.array_equal(toeplitz(key, seed, length), naive_toeplitz(key, seed, length))
+    assert toeplitz(key, seed, 0).size == 0
+
+
+def test_toeplitz_hashing_of_a_million_bits_is_exact() -> None:
+    rng = np.random.default_rng(5)
+    key_bits, length = 1 << 20, 1 << 19
+    key = np.ones(key_bits, dtype=np.uint8)  # the largest sums there can be
+    seed = random_bits(rng, seed_bits(key_bits, length))
+    out = toeplitz(key, seed, length)
+    sums = np.convolve(seed.astype(np.int64)[: key_bits + 99], np.ones(key_bits, np.int64), "valid")
+    assert np.array_equal(out[:100], sums % 2)
+
+
+def test_a_seed_of_the_wrong_size_is_refused() -> None:
+    key = np.zeros(8, dtype=np.uint8)
+    with pytest.raises(ValueError, match="a seed of 10 bits, not 11"):
+        toeplitz(key, np.zeros(10, dtype=np.uint8), 4)
+    with pytest.raises(ValueError, match="9 bits cannot be made of 8"):
+        toeplitz(key, np.zeros(16, dtype=np.uint8), 9)
+
+
+def test_keys_that_differ_in_one_bit_or_in_length_have_different_tags() -> None:
+    rng = np.random.default_rng(6)
+    key, hash_key = random_bits(rng, 1001), rng.bytes(32)
+    tags = {key_tag(key, hash_key), key_tag(key[:-1], hash_key)}
+    for place in range(key.size):
+        key[place] ^= 1
+        tags.add(key_tag(key, hash_key))
+        key[place] ^= 1
+    assert len(tags) == key.size + 2
+
+
+def test_different_keys_hardly_ever_have_the_same_tag() -> None:
+    assert collision_probability(1 << 20) < 2**-89
+
+
+def test_a_permutation_is_the_same_on_every_machine() -> None:
+    assert permutation(bytes(32), "cascade 0", 8).tolist() == [2, 3, 4, 6, 7, 5, 0, 1]
+    assert sorted(permutation(bytes(32), "sample", 1000).tolist()) == list(range(1000))
+    with pytest.raises(ValueError, match="a seed has 32 bytes, not 31"):
+        permutation(bytes(31), "sample", 8)
+
+
+def test_a_photon_that_did_not_click_says_nothing() -> None:
+    record = Record(np.zeros(2, dtype=np.uint8), np.array([NO_CLICK, 1], dtype=np.uint8))
+    assert record.clicked.tolist() == [False, True]

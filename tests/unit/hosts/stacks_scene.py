@@ -1,0 +1,304 @@
+"""Whole stacks of alice, bob and charlie over loopback, with a real dispatcher.
+
+In the place of controller and switch stands a relay that reads the set-up message of each
+connection and writes a verdict into it, as the controller does. The light paths are set
+once, by hand.
+"""
+
+import asyncio
+from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import AsyncExitStack, asynccontextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from dispatcher.clock import CaptureClock
+from dispatcher.server import build_layer, build_server, build_service
+from hosts.hardware.simulated import SimulatedQnic
+from hosts.service_socket import ServiceSocket
+from hosts.software import QuantumSocket
+from hosts.stack import Stack
+from hosts.stack_socket import QuantumSocketError
+from qswitch_agent.hardware.optics import CrossConnect
+from qswitch_agent.hardware.simulated import SimulatedSwitch
+from wire.config import DispatcherConfig, Fiber, FiberEnd, HostConfig, PathOptics, QuantumSwitch
+from wire.device import DeviceSettings
+from wire.metadata import (
+    HEADER,
+    METADATA_PORT,
+    SETUP_LENGTH,
+    Message,
+    Setup,
+    Verdict,
+    decode,
+    message_length,
+)
+from wire.physics import BellAnalyser, Device
+
+QNICS = {
+    "alice": ["alice-q0"],
+    "bob": ["bob-q0", "bob-q1"],
+    "charlie": ["charlie-q0", "charlie-q1"],
+}
+PORTS = {"alice-q0": 1, "bob-q0": 2, "bob-q1": 3, "charlie-q0": 4, "charlie-q1": 5}
+PATHS = [(4, 1), (1, 3), (5, 2)]
+OWN_ADDRESS = {"alice": "127.0.0.11", "bob": "127.0.0.12", "charlie": "127.0.0.13"}
+RELAYED = {name: address.replace("127.0.0", "127.0.1") for name, address in OWN_ADDRESS.items()}
+DEADLINE_S = 30
+
+Judge = Callable[[Setup], Setup]
+Change = Callable[[str, Message], Message | None]  # "forth" or "back"; None: cut the connection
+
+
+def grant(setup: Setup) -> Setup:
+    return replace(setup, verdict=Verdict.GRANTED)
+
+
+async def pump(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    """Pass bytes on, and the end of the connection."""
+    try:
+        while data := await reader.read(1 << 16):
+            writer.write(data)
+    except ConnectionError:
+        pass
+    finally:
+        writer.close()
+
+
+async def alter(
+    reader: asyncio.StreamReader, writer: asyncio.StreamWriter, way: str, change: Change
+) -> None:
+    """Pass messages on as a person in the middle would like them; end where that one cuts."""
+    try:
+        while True:
+            header = await reader.readexactly(HEADER.size)
+            length = message_length(header)
+            assert length is not None
+            data = header + await reader.readexactly(length - HEADER.size)
+            changed = change(way, decode(data))
+            if changed is None:
+                break
+            writer.write(changed.encode())
+    except (ConnectionError, asyncio.IncompleteReadError):
+        pass
+    finally:
+        writer.close()
+
+
+class Cut:
+    """Cuts, for good, all connections of metadata between hosts."""
+
+    def __init__(self) -> None:
+        self._loop = asyncio.get_running_loop()
+        self._writers: list[asyncio.StreamWriter] = []
+
+    def watch(self, *writers: asyncio.StreamWriter) -> None:
+        """Have these cut, too."""
+        self._writers.extend(writers)
+
+    def __call__(self) -> None:
+        """Cut them, from any thread."""
+        for writer in self._writers:
+            self._loop.call_soon_threadsafe(writer.transport.abort)
+
+
+def relay(
+    name: str, judge: Judge, change: Change | None, cut: Cut
+) -> Callable[..., Coroutine[Any, Any, None]]:
+    """Return the server of a relay to a host; it changes what this host and others say."""
+
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        setup = decode(await reader.readexactly(SETUP_LENGTH))
+        assert isinstance(setup, Setup)
+        there = await asyncio.open_connection(OWN_ADDRESS[name], METADATA_PORT)
+        there[1].write(judge(setup).encode())
+        cut.watch(writer, there[1])
+        forth, back = (reader, there[1]), (there[0], writer)
+        if change is None:
+            await asyncio.gather(pump(*forth), pump(*back))
+        else:
+            await asyncio.gather(alter(*forth, "forth", change), alter(*back, "back", change))
+
+    return serve
+
+
+@asynccontextmanager
+async def network(
+    folder: Path,
+    judge: Judge = grant,
+    rotation: int = 0,
+    analyser: str = "complete",
+    settings: DeviceSettings | None = None,
+    paths: Sequence[tuple[int, int]] = PATHS,
+    devices: dict[str, Device] | None = None,
+    change: Change | None = None,
+    optics: Sequence[PathOptics] = (),
+    cuts: "Future[Cut] | None" = None,
+    **fiber: Any,
+) -> AsyncIterator[Path]:
+    """Run everything; the sockets of the stacks are in the folder."""
+    config = DispatcherConfig(
+        listen="127.0.0.1:0",
+        socket=str(folder / "dispatcher.sock"),
+        seed=1,
+        tokens={name: f"token of {name}" for name in (*QNICS, "q1", "runner")},
+        fibers=[
+            Fiber(FiberEnd(port.split("-")[0], port), FiberEnd("q1", str(number)), **fiber)
+            for port, number in PORTS.items()
+        ],
+        switches=[QuantumSwitch("q1", rotation=rotation, paths=list(optics))],
+        devices={"bob": Device(analyser=BellAnalyser(analyser)), **(devices or {})},
+    )
+    errors: list[BaseException] = []
+    cut = Cut()
+    if cuts is not None:
+        cuts.set_result(cut)
+    server = build_server(
+        config, build_service(config, build_layer(config, CaptureClock(), None), errors.append)
+    )
+    await server.start()
+    async with AsyncExitStack() as stack:
+        stack.push_async_callback(server.stop, 0)
+        await connect_paths(config.socket, paths)
+        for name in QNICS:
+            host = await start_host(
+                stack, folder, config.socket, name, judge, analyser, change, cut
+            )
+            if settings is not None:
+                host.device.set(settings)
+        yield folder
+    assert not errors
+
+
+async def connect_paths(dispatcher: str, paths: Sequence[tuple[int, int]]) -> None:
+    """Open light paths."""
+    switch = SimulatedSwitch("q1", dispatcher, "token of q1")
+    await switch.set_cross_connects(CrossConnect(*path) for path in paths)
+    await switch.close()
+
+
+async def start_host(
+    stack: AsyncExitStack,
+    folder: Path,
+    dispatcher: str,
+    name: str,
+    judge: Judge,
+    analyser: str,
+    change: Change | None,
+    cut: Cut,
+) -> Stack:
+    """Start a host's stack and the relay in front of it."""
+    config = HostConfig(
+        name=name,
+        address=OWN_ADDRESS[name],
+        qnics=QNICS[name],
+        dispatcher=f"unix:{dispatcher}",
+        token=f"token of {name}",
+        socket=str(folder / f"{name}.sock"),
+        hosts=RELAYED,
+        source="charlie",
+        seed=1,
+        analyser=analyser,
+        pair_secrets={other: pair_secret(name, other) for other in QNICS if other != name},
+        keys=str(folder / "keys" / name),
+    )
+    qnic = SimulatedQnic(config.dispatcher, config.token, config.qnics)
+    stack.push_async_callback(qnic.close)
+    host = Stack(config, qnic)
+    servers = (
+        asyncio.start_server(host.serve, config.address, METADATA_PORT),
+        asyncio.start_server(relay(name, judge, change, cut), RELAYED[name], METADATA_PORT),
+        asyncio.start_unix_server(host.applications.serve, config.socket),
+    )
+    for starting in servers:
+        await stack.enter_async_context(await starting)
+    return host
+
+
+def pair_secret(*pair: str) -> str:
+    """Return what two hosts share, whichever of them is named first."""
+    return " and ".join(sorted(pair)).encode().hex()
+
+
+def transfer(folder: Path, data: bytes, **options: Any) -> tuple[bytes, dict[str, Any]]:
+    """Send data from alice to bob; return what bob got and alice's statistics."""
+    with (
+        QuantumSocket(folder / "bob.sock") as listener,
+        QuantumSocket(folder / "alice.sock") as sender,
+    ):
+        for one in (listener, sender):
+            one.settimeout(DEADLINE_S)
+        listener.listen(7)
+        sender.connect(("bob", 7), **options)
+        receiver, peer = listener.accept()
+        assert peer.startswith("127.")
+        with receiver:
+            sender.sendall(data)
+            got = b""
+            while len(got) < len(data):
+                got += receiver.recv(1 << 16)
+            sender.shutdown()
+            assert receiver.recv(1) == b""
+        return got, sender.statistics
+
+
+def accepted(folder: Path, service: str, listening: "Future[None]") -> dict[str, Any]:
+    """Take part in a service at bob; return the summary."""
+    with ServiceSocket(folder / "bob.sock") as listener:
+        listener.settimeout(DEADLINE_S)
+        listener.listen(9, service)
+        listening.set_result(None)
+        connection, _peer = listener.accept()
+        with connection:
+            while not connection.over:
+                list(connection.results())
+            return connection.summary
+
+
+def requested(folder: Path, service: str, **options: Any) -> list[dict[str, Any]]:
+    """Ask for a service at alice; return the summaries of alice and bob."""
+    with ThreadPoolExecutor(1) as pool, ServiceSocket(folder / "alice.sock") as asking:
+        listening: Future[None] = Future()
+        bob = pool.submit(accepted, folder, service, listening)
+        listening.result(DEADLINE_S)
+        asking.settimeout(DEADLINE_S)
+        list(asking.request(service, ("bob", 9), **options))
+        asking.shutdown()
+        return [asking.summary, bob.result(DEADLINE_S)]
+
+
+def ask(
+    folder: Path,
+    service: str,
+    judge: Judge = grant,
+    physics: dict[str, Any] | None = None,
+    **options: Any,
+) -> list[dict[str, Any]]:
+    """Run the network for one request of a service."""
+
+    async def run() -> list[dict[str, Any]]:
+        async with network(folder, judge, **(physics or {})):
+            return await asyncio.to_thread(requested, folder, service, **options)
+
+    return asyncio.run(run())
+
+
+def refusal(folder: Path, service: str, **options: Any) -> str:
+    """Ask for a service at alice, with nobody at bob; return what alice is told."""
+
+    def refused() -> str:
+        with ServiceSocket(folder / "alice.sock") as asking:
+            asking.settimeout(DEADLINE_S)
+            results = asking.request(service, ("bob", 9), **options)
+            with pytest.raises(QuantumSocketError) as caught:
+                list(results)
+        return str(caught.value)
+
+    async def run() -> str:
+        async with network(folder):
+            return await asyncio.to_thread(refused)
+
+    return asyncio.run(run())

@@ -1,0 +1,145 @@
+"""A small run as programs leave it: captures, events, records, result."""
+
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+from scapy.layers.inet import IP, TCP
+from scapy.layers.l2 import Ether
+from scapy.utils import PcapWriter
+
+from dispatcher.event_capture import EventCapture
+from qmn.network_facts import NetworkFacts
+from qmn.result import complete
+from topologies.record import RECORD
+from wire.config import PathOptics, QuantumSwitch
+from wire.dispatcher_pb2 import BlockId, Event
+from wire.fiber import Fiber, FiberEnd
+from wire.metadata import Answer, Handshake, Reason, Service, Setup, Verdict
+
+START_NS = 1_700_000_000 * 10**9
+SESSION = 0xABC
+MS = 1_000_000
+SETUP = Setup(SESSION, Service.SDC, Handshake.FRAMED, "10.0.0.3", 400, 256, 50_000_000)
+GRANTED = Setup(**{**vars(SETUP), "verdict": Verdict.GRANTED})
+ANSWER = Answer(SESSION, Reason.OK, "", 4, SETUP.encoding)
+ALICE, BOB = ("10.0.0.1", 40_000), ("10.0.0.2", 9010)
+NETWORK = NetworkFacts(
+    {"alice": "10.0.0.1", "bob": "10.0.0.2", "charlie": "10.0.0.3"},
+    "charlie",
+    [
+        Fiber(FiberEnd("alice", "alice-q0"), FiberEnd("q1", "2"), length_km=5, loss_db_per_km=0.2),
+        Fiber(FiberEnd("q1", "3"), FiberEnd("q2", "1"), length_km=10, loss_db_per_km=0.2),
+        Fiber(FiberEnd("bob", "bob-q0"), FiberEnd("q2", "2"), connectors_db=0.5),
+        Fiber(FiberEnd("charlie", "charlie-q0"), FiberEnd("q2", "3")),
+    ],
+    [
+        QuantumSwitch("q1", insertion_loss_db=0.7),
+        QuantumSwitch("q2", insertion_loss_db=9.0, paths=[PathOptics(1, 2, 0.3)]),
+    ],
+    [
+        ["s1", "s1-eth1", "alice", "alice-eth0"],
+        ["s1", "s1-eth2", "bob", "bob-eth0"],
+        ["s1", "s1-eth3", "charlie", "charlie-eth0"],
+    ],
+)
+
+
+def segment(ends: tuple[tuple[str, int], tuple[str, int]], sequence: int, data: bytes) -> bytes:
+    (source, source_port), (target, target_port) = ends
+    tcp = TCP(sport=source_port, dport=target_port, seq=sequence, flags="PA")
+    return bytes(Ether(src="02:00:00:00:00:01") / IP(src=source, dst=target) / tcp / data)
+
+
+def capture(file: Path, packets: list[tuple[int, bytes]]) -> None:
+    """Write packets, each with its nanoseconds since the start."""
+    with PcapWriter(str(file), linktype=1, nano=True) as writer:
+        writer.write_header(None)
+        for offset_ns, data in packets:
+            seconds, nanoseconds = divmod(START_NS + offset_ns, 10**9)
+            writer.write_packet(data, sec=seconds, usec=nanoseconds, caplen=len(data))
+
+
+def openflow(kind: int, body: bytes = b"") -> bytes:
+    return struct.pack("!BBHI", 5, kind, 8 + len(body), 7) + body
+
+
+def captures(folder: Path) -> None:
+    """A set-up that the controller holds for 4 ms while it programs q1, and its answer."""
+    there, back = (ALICE, BOB), (BOB, ALICE)
+    setup, granted = SETUP.encode(), GRANTED.encode()
+    at_alice = [(0, segment(there, 1, setup)), (2 * MS, segment(there, 1, setup))]  # sent again
+    capture(folder / "s1-eth1.pcap", [*at_alice, (6 * MS, segment(back, 1, ANSWER.encode()))])
+    first, second = ANSWER.encode()[:9], ANSWER.encode()[9:]
+    answer = [(5 * MS, segment(back, 1, first)), (5 * MS + 1, segment(back, 10, second))]
+    capture(folder / "s1-eth2.pcap", [(4 * MS, segment(there, 1, granted)), *answer])
+    classical, quantum, controller = (("127.0.0.1", port) for port in (50_001, 50_002, 6653))
+    capture(
+        folder / "c0.pcap",
+        [
+            (1, segment((controller, classical), 1, openflow(14))),
+            (MS, segment((classical, controller), 1, openflow(10, b"frame" + setup))),
+            (2 * MS, segment((controller, quantum), 1, openflow(14) + openflow(20))),
+            (3 * MS, segment((quantum, controller), 1, openflow(21))),
+            (4 * MS - 1, segment((controller, classical), 9, openflow(13, b"frame" + granted))),
+        ],
+    )
+
+
+def events() -> list[Event]:
+    """Light for a block of 100: from charlie to alice no path is there, to bob there is."""
+    halves = [BlockId(session=SESSION, number=1, half=half) for half in (0, 1)]
+
+    def event(offset_ns: int, node: str, kind: str, **fields: Any) -> Event:
+        return Event(time_ns=START_NS + offset_ns, node=node, kind=kind, **fields)
+
+    measured = {"block": halves[0], "photons": 100, "lost": 40}
+    return [
+        event(2 * MS, "q1", "open", port="2", detail="2 -> 3"),
+        event(2 * MS, "q2", "open", port="1", detail="1 -> 2"),
+        event(3 * MS, "alice", "create", block=halves[0], photons=100),
+        event(3 * MS, "alice", "send", block=halves[0], port="alice-q0", photons=100),
+        event(4 * MS, "bob", "arrive", block=halves[0], port="bob-q0", photons=100, lost=40),
+        event(5 * MS, "bob", "bell-measure", detail="with 1/1: Phi+=60", **measured),
+        event(7 * MS, "q1", "close", port="2", detail="2 -> 3"),
+    ]
+
+
+def record_run(folder: Path, captured: bool = True, delivered: bool = True) -> Path:
+    """Write a run into a folder and return that."""
+    if captured:
+        captures(folder)
+    with (folder / "quantum.pcapng").open("wb") as opened:
+        EventCapture(opened, NETWORK.fibers).record(*events())
+    times = [{"event": "path_ready", "setup_ms": time, "packet_in_count": 1} for time in (2.5, 3.5)]
+    (folder / RECORD).write_text("".join(json.dumps(line) + "\n" for line in times))
+    done = {"event": "done", "elapsed_s": 0.01, "bell_pairs": 100, "lost_pairs": 40}
+    done |= {"symbol_errors": 3, "received_symbols": 60, "repeated_frames": 1, "symbols": 4}
+    (folder / "sender.log").write_text(f"{json.dumps({'event': 'said'})}\n{json.dumps(done)}\n")
+    (folder / "message").write_bytes(b"two bits")
+    (folder / "received").write_bytes(b"two bits" if delivered else b"")
+    facts = {
+        "topology": "chain",
+        "mode": "native",
+        "controller": "ryu",
+        "handshake": "framed",
+        "seed": 1,
+        "parameters": {
+            "sender": "alice",
+            "fec": "none <&>",
+            "loss_budget_db": 30.0,
+            "openflow_port": 6653,
+        },
+        "optics": {"length_km": 5.0},
+        "devices": {},
+        "file": str(folder / "message"),
+        "captures": [],
+        "backend": "chp",
+        "exact": True,
+        "network": NETWORK.to_dict(),
+        "sender": done,
+        "confusion": [[20, 1, 0, 0], [0, 15, 0, 0], [0, 0, 12, 0], [2, 0, 0, 10]],
+    }
+    complete(facts, folder)
+    return folder

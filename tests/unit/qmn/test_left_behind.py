@@ -1,0 +1,71 @@
+"""What `qmn cli` and scripts leave in their folder, also where the network failed."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from dispatcher.event_capture import EventCapture
+from qmn.event_sources import RESULT
+from qmn.left_behind import left_behind
+from qmn.network_options import from_keywords
+from qmn.report import NoReport, made_report
+from qmn.timeline import TIMELINE
+from topologies.programs import NetworkError
+from topologies.runtime import EVENT_CAPTURE
+from wire.dispatcher_pb2 import Event
+from wire.dissectors import SCRIPT, script
+
+ARGUMENTS = from_keywords({"seed": 7, "length_km": 2.0, "fiber": ["filter_nm=2"]})
+
+
+def result(folder: Path) -> dict[str, Any]:
+    facts: dict[str, Any] = json.loads((folder / RESULT).read_text())
+    return facts
+
+
+def test_parameters_seed_and_timeline_are_left(tmp_path: Path) -> None:
+    folder = tmp_path / "new"
+    with left_behind(ARGUMENTS, folder) as facts:
+        facts["network"] = {
+            "addresses": {},
+            "source": "",
+            "fibers": [],
+            "switches": [],
+            "copper": [],
+        }
+        with (folder / EVENT_CAPTURE).open("wb") as opened:
+            EventCapture(opened, []).record(Event(time_ns=10**18, node="bob", kind="create"))
+    left = result(folder)
+    assert (left["seed"], left["controller"], left["topology"]) == (7, "ryu", None)
+    assert left["parameters"]["length_km"] == 2
+    assert left["parameters"]["fiber"] == ["filter_nm=2"]
+    assert left["network"] == facts["network"]
+    assert left["timeline"] == str(folder / TIMELINE)
+    assert (folder / TIMELINE).stat().st_size > 0
+    assert (folder / SCRIPT).read_text() == script()
+    with pytest.raises(NoReport, match="only `qmn run` has a report"):
+        made_report(folder)
+
+
+def die_in(folder: Path) -> None:
+    with left_behind(ARGUMENTS, folder):
+        assert not (folder / RESULT).exists()
+        raise NetworkError("q1 died in mid-run")
+
+
+def test_the_result_of_an_earlier_network_is_gone_while_another_runs(tmp_path: Path) -> None:
+    (tmp_path / RESULT).write_text("{}")
+    with pytest.raises(NetworkError):
+        die_in(tmp_path)
+    left = result(tmp_path)
+    assert left["error"] == "q1 died in mid-run"
+    assert left["timeline"].startswith("not made: no captures")
+
+
+def test_without_a_folder_nothing_is_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with left_behind(ARGUMENTS, None) as facts:
+        facts["network"] = {}
+    assert list(tmp_path.iterdir()) == []

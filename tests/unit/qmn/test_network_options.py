@@ -1,0 +1,54 @@
+"""Scripts say of a network what the command line says."""
+
+import argparse
+
+import pytest
+
+from qmn.network_options import BadInput, NetworkOptions, add_network_options, from_keywords
+from qmn.scripting import start
+from topologies.sdc import SdcTopo
+
+
+def test_the_keywords_are_those_that_the_command_line_has() -> None:
+    parser = argparse.ArgumentParser()
+    add_network_options(parser)
+    assert set(vars(parser.parse_args([]))) == set(NetworkOptions.__annotations__)
+
+
+def test_a_keyword_means_the_same_as_its_option() -> None:
+    parser = argparse.ArgumentParser()
+    add_network_options(parser)
+    words = ["--seed=7", "--length-km=2.5", "--fiber=drift_time_s=1", "--fiber=filter_nm=2"]
+    words += ["--controller=os-ken", "--app=one", "--app=two", "--metrics"]
+    assert from_keywords(
+        {
+            "seed": 7,
+            "length_km": 2.5,
+            "fiber": ["drift_time_s=1", "filter_nm=2"],
+            "controller": "os-ken",
+            "apps": ["one", "two"],
+            "metrics": True,
+        }
+    ) == parser.parse_args(words)
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        ({"seed": "many"}, "--seed: invalid int value"),
+        ({"backend": "abacus"}, "--backend: invalid choice"),
+        ({"lenght_km": 2}, "unrecognized arguments: --lenght-km=2"),
+    ],
+)
+def test_keywords_that_cannot_be_are_refused(options: dict[str, object], text: str) -> None:
+    with pytest.raises(BadInput, match=text):
+        from_keywords(options)
+
+
+def test_a_network_that_cannot_be_is_refused_before_it_starts() -> None:
+    with pytest.raises(BadInput, match="unknown topology 'torus': choose one of sdc, chain"):
+        start("torus").__enter__()
+    with pytest.raises(BadInput, match="length_km is of the topologies of qmn"):
+        start(SdcTopo, length_km=2).__enter__()
+    with pytest.raises(BadInput, match="--history-depth -1: choose 0"):
+        start("sdc", history_depth=-1).__enter__()

@@ -1,0 +1,194 @@
+"""The report of a run: one page that needs nothing else."""
+
+import json
+import re
+import xml.etree.ElementTree as ET
+from argparse import Namespace
+from pathlib import Path
+
+import pytest
+from recorded_run import ALICE, BOB, MS, NETWORK, SETUP, capture, record_run, segment
+
+from qmn import report
+from qmn.report import NoReport, made_report, report_of_run
+from qmn.reports.error_counts import reported
+from qmn.reports.run_facts import read_run
+from wire.metadata import Block, Emit, Frame, Report
+
+FIGURES = [
+    "The network",
+    "The handshake, in both layers",
+    "Bell pairs a second",
+    "Errors over time",
+    "Symbols sent and received",
+    "Loss of each hop",
+    "Set-up of light paths",
+]
+
+
+def made_page(folder: Path) -> str:
+    return made_report(folder).read_text()
+
+
+def figures(page: str) -> dict[str, str]:
+    """Return the text in each figure, by its title."""
+    found = re.findall(r"<figure.*?<h2>(.*?)</h2>.*?(<svg.*?</svg>)", page, re.DOTALL)
+    spaced = 'xmlns:xlink="http://www.w3.org/1999/xlink"'
+    texts = {title: svg.replace("<svg", f"<svg {spaced}", 1) for title, svg in found}
+    return {
+        title: " ".join(ET.fromstring(text).itertext())  # noqa: S314 (we made it)
+        for title, text in texts.items()
+    }
+
+
+def test_every_figure_of_a_run_is_there(tmp_path: Path) -> None:
+    page = made_page(record_run(tmp_path))
+    drawn = figures(page)
+    assert list(drawn) == FIGURES
+    assert "Not drawn" not in page
+    words = dict(zip(FIGURES, drawn.values(), strict=True))
+    for word in ("alice", "10.0.0.3", "q2", "s1", "5 km, 1 dB", "10 km, 2 dB"):
+        assert word in words["The network"]
+    for word in ("0.000 ms", "packet-in: set-up held", "barrier", "q1 open 2→3", "100 photons"):
+        assert word in words["The handshake, in both layers"]
+    for word in ("alice-q0 → bob-q0", "4.5 dB", "q2 1→2: 0.3 dB", "a path may lose 30 dB"):
+        assert word in words["Loss of each hop"]
+    for word in ("95.2 %", "4.76 %", "10", "00", "11"):  # 20 of 21, and 1 of 21
+        assert word in words["Symbols sent and received"]
+    assert "p50 3.00 ms" in words["Set-up of light paths"]
+
+
+def test_the_page_needs_nothing_else_and_runs_nothing(tmp_path: Path) -> None:
+    page = made_page(record_run(tmp_path))
+    assert "<script" not in page
+    addresses = set(re.findall(r'(?:src|href|url)\s*[=(]\s*"?([^")\s>]+)', page))
+    assert all(address.startswith(("#", "data:")) for address in addresses)
+
+
+def test_no_colour_is_that_of_one_theme_alone(tmp_path: Path) -> None:
+    page = made_page(record_run(tmp_path))
+    for svg in re.findall(r"<svg.*?</svg>", page, re.DOTALL):
+        assert re.findall(r"#[0-9a-fA-F]{6}\b", svg) == []
+        assert "var(--ink)" in svg
+        texts = re.findall(r"<text [^>]*>", svg)
+        assert texts
+        assert all("fill: var(--" in text for text in texts)
+
+
+def test_what_users_wrote_is_no_markup(tmp_path: Path) -> None:
+    page = made_page(record_run(tmp_path))
+    assert "none &lt;&amp;&gt;" in page
+    assert "<&>" not in page
+
+
+def test_a_run_says_whether_it_delivered_and_with_which_seed(tmp_path: Path) -> None:
+    assert "delivered exactly" in made_page(record_run(tmp_path))
+    page = made_page(record_run(tmp_path, delivered=False))
+    assert "NOT DELIVERED" in page
+    assert "<td>seed</td><td>1</td>" in page
+
+
+def test_what_was_not_recorded_is_said_and_not_drawn(tmp_path: Path) -> None:
+    record_run(tmp_path, captured=False)
+    for name in ("quantum.pcapng", "sender.log", "controller.jsonl"):
+        (tmp_path / name).unlink()
+    result = json.loads((tmp_path / "result.json").read_text())
+    (tmp_path / "result.json").write_text(json.dumps({**result, "confusion": None}))
+    page = made_page(tmp_path)
+    assert list(figures(page)) == ["The network"]
+    assert page.count("Not drawn: ") == 6
+
+
+def test_a_run_without_captures_shows_its_quantum_events(tmp_path: Path) -> None:
+    page = made_page(record_run(tmp_path, captured=False))
+    assert "Packets were not captured" in page
+    drawn = [title.replace("in the quantum layer", "in both layers") for title in figures(page)]
+    assert drawn == FIGURES
+
+
+def test_a_run_that_wrote_no_events_does_not_say_that_nothing_happened(tmp_path: Path) -> None:
+    record_run(tmp_path)
+    (tmp_path / "quantum.pcapng").unlink()
+    result = json.loads((tmp_path / "result.json").read_text())
+    (tmp_path / "result.json").write_text(json.dumps({**result, "events": False}))
+    page = made_page(tmp_path)
+    assert "The handshake, in the classical layer" in figures(page)
+    assert page.count("what happened to qubits was not written (--no-events)") == 4
+    assert "No light path stood" not in page
+    assert "no Bell pair was measured" not in page
+
+
+def test_errors_are_drawn_from_the_reports_of_all_sessions(tmp_path: Path) -> None:
+    record_run(tmp_path)
+    assert "in the end: symbol errors 3, lost pairs 40, repeated frames 1" in made_page(tmp_path)
+    there, back = (ALICE, BOB), (BOB, ALICE)
+    said = [
+        (there, SETUP),
+        (there, Emit(1, 1, 103, 50_000_000)),  # of which 100 come to the sender
+        (there, Block(1, 1, 100, 0, 0, (Frame(0, 25, 0),))),
+        (back, Report(1, 1, 100, lost=5, errors=2, failed=(0,))),
+        (back, Report(2, 1, 100, lost=7, errors=4)),
+        (back, Report(1, 2, 100, errors=3)),
+    ]
+    packets, places = [], {there: 0, back: 0}
+    for number, (ends, message) in enumerate(said):
+        data = message.encode()
+        packets.append((number * MS, segment(ends, places[ends], data)))
+        places[ends] += len(data)
+    capture(tmp_path / "s1-eth1.pcap", packets)
+    counts = reported(tmp_path, NETWORK, "alice")
+    assert counts is not None
+    assert counts.seconds == [0, 0.003, 0.004, 0.005]
+    assert counts.counts == {
+        "symbol errors": [0, 2, 6, 7],
+        "lost pairs": [0, 8, 15, 15],
+        "repeated frames": [0, 1, 1, 1],
+    }
+    assert "in the end: symbol errors 7, lost pairs 15, repeated frames 1" in made_page(tmp_path)
+    assert reported(tmp_path, NETWORK, "bob") is None
+
+
+def test_the_same_run_gives_the_same_page(tmp_path: Path) -> None:
+    record_run(tmp_path)
+    assert made_page(tmp_path) == made_page(tmp_path)
+
+
+def test_a_folder_without_a_run_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(NoReport, match="name the folder of a run that has ended"):
+        made_report(tmp_path)
+    (tmp_path / "result.json").write_text('{"error": "the network did not start"}')
+    with pytest.raises(NoReport, match="does not say what the network was"):
+        made_report(tmp_path)
+
+
+def test_a_spoiled_capture_is_named_and_ends_no_run(tmp_path: Path) -> None:
+    record_run(tmp_path)
+    (tmp_path / "quantum.pcapng").write_bytes(b"this is no capture")
+    assert report_of_run(tmp_path).startswith("not made: not a pcapng file")
+    assert not (tmp_path / "report.html").exists()
+
+
+def test_a_long_run_does_not_wait_for_its_report(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    record_run(tmp_path)
+    assert report_of_run(tmp_path) == str(tmp_path / "report.html")
+    monkeypatch.setattr(report, "AT_MOST_EVENT_BYTES", 100)
+    assert report_of_run(tmp_path).endswith(f"`qmn report {tmp_path}` makes it")
+
+
+def test_the_verb_says_where_the_report_is(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    record_run(tmp_path)
+    assert report.call(Namespace(run=tmp_path)) == 0
+    assert capsys.readouterr().out == f"{tmp_path / 'report.html'}\n"
+    assert report.call(Namespace(run=tmp_path / "none")) == 1
+    assert capsys.readouterr().err.startswith("qmn: cannot read ")
+
+
+def test_lines_that_are_no_json_do_not_matter(tmp_path: Path) -> None:
+    record_run(tmp_path)
+    with (tmp_path / "sender.log").open("a") as log:
+        log.write("a warning\n[1]\n")
+    assert len(read_run(tmp_path).sender) == 1

@@ -1,0 +1,109 @@
+"""Where the nodes of a network stand in the report's drawing of it."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise, product
+
+import pytest
+
+from qmn.network_facts import NetworkFacts
+from qmn.reports.light_paths import Hop, LightPath, fiber_name
+from qmn.reports.network_diagram import network_diagram
+from qmn.reports.places import columns
+from wire.config import QuantumSwitch
+from wire.fiber import Fiber, FiberEnd
+
+LINE = ["q1", "q2", "q3", "q4", "q5"]
+RING = [*pairwise(LINE), ("q5", "q1")]
+STAGES = [(leaf, spine) for leaf in ("q1", "q2", "q3", "q4") for spine in ("q5", "q6", "q7")]
+
+
+def network(switches: Sequence[str], joined: Sequence[tuple[str, str]]) -> NetworkFacts:
+    """Return a network with these fibres; ed has none, and copper to s1 as all hosts."""
+    hosts = ["alice", "bob", "charlie", "ed"]
+    ends = [FiberEnd(node, f"{node}:{n}") for n, pair in enumerate(joined) for node in pair]
+    pairs = zip(ends[::2], ends[1::2], strict=True)
+    fibers = [Fiber(*pair, length_km=2, loss_db_per_km=0.2) for pair in pairs]
+    copper = [["s1", f"s1-eth{n}", host, f"{host}-eth0"] for n, host in enumerate(hosts)]
+    addresses = {host: f"10.0.0.{n}" for n, host in enumerate(hosts, 1)}
+    return NetworkFacts(
+        addresses, "charlie", fibers, [QuantumSwitch(name) for name in switches], copper
+    )
+
+
+def hosts_at(alice: str, charlie: str, bob: str) -> list[tuple[str, str]]:
+    return [("alice", alice), ("bob", bob), ("bob", bob), ("charlie", charlie)]
+
+
+@pytest.mark.parametrize(
+    ("switches", "joined", "expected"),
+    [
+        (["q1"], hosts_at("q1", "q1", "q1"), [["alice", "bob", "charlie", "ed"], ["q1"]]),
+        (
+            LINE,
+            [*hosts_at("q1", "q3", "q5"), *pairwise(LINE)],
+            [["alice", "charlie", "bob", "ed"], LINE],
+        ),
+        (
+            LINE,
+            [*hosts_at("q1", "q2", "q3"), *RING],
+            [["alice", "charlie", "bob", "ed"], ["q1", "q2", "q3"], ["q5", "q4"]],
+        ),
+        (
+            ["q1", "q2", "q3", "q4", "q5", "q6", "q7"],
+            [*hosts_at("q1", "q2", "q4"), *STAGES],
+            [["alice", "charlie", "bob", "ed"], ["q1", "q2", "q3", "q4"], ["q5", "q6", "q7"]],
+        ),
+    ],
+    ids=["one switch", "line", "ring", "two stages"],
+)
+def test_fibres_lead_to_the_right_or_to_a_neighbour(
+    switches: list[str], joined: list[tuple[str, str]], expected: list[list[str]]
+) -> None:
+    assert columns(network(switches, joined)) == [["s1"], *expected]
+
+
+def test_fibres_that_are_alike_share_a_label_and_each_path_has_its_colour() -> None:
+    facts = network(["q1"], hosts_at("q1", "q1", "q1"))
+    first, second, third, _fourth = facts.fibers
+    paths = [
+        LightPath("alice-q0", "bob-q0", (Hop(fiber_name(first), 1), Hop(fiber_name(second), 1))),
+        LightPath("alice-q0", "bob-q1", (Hop(fiber_name(first), 1), Hop(fiber_name(third), 1))),
+    ]
+    drawn = network_diagram(facts, paths)
+    labels = re.findall(r"<text[^>]*>([^<]* dB)</text>", drawn)
+    assert sorted(labels) == ["2 km, 0.4 dB", "2 km, 0.4 dB", "2 × 2 km, 0.4 dB"]  # noqa: RUF001
+    strokes = re.findall(r"stroke: var\(--([a-z0-9-]+)\); stroke-width: 2.4", drawn)
+    assert strokes == ["quantum", "path-1", "quantum", "path-1"]
+
+
+@pytest.mark.parametrize(
+    ("switches", "joined"),
+    [
+        (["q1"], hosts_at("q1", "q1", "q1")),
+        (["q1", "q2"], [*hosts_at("q1", "q1", "q2"), *[("q1", "q2")] * 2]),
+        (LINE, [*hosts_at("q1", "q3", "q5"), *pairwise(LINE)]),
+        (LINE[:4], [*hosts_at("q1", "q2", "q3"), *[*pairwise(LINE[:4]), ("q4", "q1")] * 2]),
+        (LINE, [*hosts_at("q1", "q2", "q3"), *[*pairwise(LINE), ("q5", "q1")] * 2]),
+        (LINE, [*hosts_at("q1", "q2", "q3"), *product(LINE[:3], LINE[3:])]),
+    ],
+    ids=["one switch", "two switches", "line", "ring of four", "ring of five", "two stages"],
+)
+def test_every_fibre_of_a_usual_network_has_a_label(
+    switches: list[str], joined: list[tuple[str, str]]
+) -> None:
+    drawn = network_diagram(network(switches, joined), [])
+    labels = re.findall(r"<text[^>]*>(?:([0-9]+) × )?2 km, 0.4 dB</text>", drawn)  # noqa: RUF001
+    assert sum(int(count or 1) for count in labels) == len(joined)
+
+
+def test_a_crowded_network_names_the_fibres_that_light_took() -> None:
+    leaves, spines = [f"q{n}" for n in range(1, 13)], [f"q{n}" for n in range(13, 21)]
+    stages = [(leaf, spine) for leaf in leaves for spine in spines]
+    facts = network([*leaves, *spines], [*hosts_at("q1", "q6", "q12"), *stages])
+    used = facts.fibers[-3:] = [replace(fiber, length_km=3.0) for fiber in facts.fibers[-3:]]
+    paths = [LightPath("a", "b", tuple(Hop(fiber_name(fiber), 0.6) for fiber in used))]
+    drawn = network_diagram(facts, paths)
+    assert drawn.count("3 km, 0.6 dB") == 3
+    assert drawn.count("2 km, 0.4 dB") < 0.75 * len(stages)

@@ -1,0 +1,438 @@
+"""Classical messages of quantum key distribution, each with its authentication tag.
+
+    0       2    3    4        8                16         20
+    +-------+----+----+--------+----------------+----------+---------------------+----------+
+    | magic |ver |kind| length | session        | sequence | fields of the kind  | tag (16) |
+    +-------+----+----+--------+----------------+----------+---------------------+----------+
+
+Network byte order. `length` counts the whole message; the tag covers all that stands before
+it. `sequence` counts the messages of one direction from 0. Bit strings are packed, first bit
+highest, and their padding is 0. What the messages are for: docs/qkd.md.
+"""
+
+import struct
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any, ClassVar, TypeVar
+
+from wire.metadata import MalformedPacket
+
+MAGIC = 0x514B  # "QK"
+VERSION = 1
+HEADER = struct.Struct("!HBBIQI")
+TAG_BYTES = 16
+MAX_PHOTONS = 1_000_000  # in one block
+MAX_KEY_BITS = 1 << 20  # sifted bits in one session
+MAX_LENGTH = 1 << 21
+MAX_TEXT = 1000  # bytes
+START_BYTES, WIDTH_BYTES = 4, 2  # of an interval in AskIntervals
+
+E = TypeVar("E", bound=IntEnum)
+
+
+class Bound(IntEnum):
+    """How the length of the final key is computed."""
+
+    FINITE = 1  # secure for the number of bits there are
+    ASYMPTOTIC = 2  # as if there were infinitely many: to compare with theory
+
+
+class Reconciliation(IntEnum):
+    """How errors are corrected."""
+
+    CASCADE = 1
+    LDPC = 2
+
+
+class AbortReason(IntEnum):
+    """Why a session ended without a key."""
+
+    MALFORMED = 1  # bytes that are no message
+    FORGED = 2  # the tag is wrong: changed, replayed, or out of its turn
+    PROTOCOL = 3  # a message that does not belong here
+    PARAMETERS = 4  # the ends are set up differently
+    NOISY = 5  # error rate above the threshold
+    NOT_CORRECTED = 6  # verification found different keys
+    TOO_SHORT = 7  # no secret bit is left
+    NO_AUTHENTICATION_KEY = 8
+    CANCELLED = 9
+
+
+@dataclass(frozen=True)
+class QkdMessage:
+    """Fixed fields; a kind with a variable part overrides encode and parse."""
+
+    KIND: ClassVar[int]
+    FIELDS: ClassVar[struct.Struct]
+
+    def encode(self) -> bytes:
+        """Return the fields as they go onto the wire, without header and tag."""
+        return self.FIELDS.pack(*vars(self).values())
+
+    @classmethod
+    def parse(cls, body: bytes) -> "QkdMessage":
+        """Build the message from its body; raise MalformedPacket if it does not fit."""
+        fields, rest = _split(cls, body)
+        if rest:
+            raise MalformedPacket(f"{cls.__name__}: {len(body)} bytes, not {cls.FIELDS.size}")
+        return cls(*fields)
+
+
+@dataclass(frozen=True)
+class Proposal(QkdMessage):
+    """What alice has been told about the session; bob must have been told the same."""
+
+    KIND = 1
+    FIELDS = struct.Struct("!ddddBB")
+
+    test_fraction: float
+    max_qber: float
+    eps_sec: float
+    eps_cor: float
+    bound: int
+    reconciliation: int
+
+    @classmethod
+    def parse(cls, body: bytes) -> "Proposal":
+        """Build the message from its body; raise MalformedPacket if it does not fit."""
+        raw = super().parse(body)
+        assert isinstance(raw, Proposal)
+        fractions = raw.test_fraction, raw.max_qber, raw.eps_sec, raw.eps_cor
+        if not all(0 < fraction < 1 for fraction in fractions):
+            raise MalformedPacket(f"Proposal: {fractions} are not all between 0 and 1")
+        _member(Bound, raw.bound)
+        _member(Reconciliation, raw.reconciliation)
+        return raw
+
+
+@dataclass(frozen=True)
+class Detections(QkdMessage):
+    """Which photons of a block were detected, and in which bases those were measured."""
+
+    KIND = 2
+    FIELDS = struct.Struct("!II")
+
+    block: int
+    photons: int
+    clicked: bytes  # a bit for each photon
+    bases: bytes  # a bit for each photon detected
+
+    def encode(self) -> bytes:
+        """Return the fields as they go onto the wire, without header and tag."""
+        return self.FIELDS.pack(self.block, self.photons) + self.clicked + self.bases
+
+    @classmethod
+    def parse(cls, body: bytes) -> "Detections":
+        """Build the message from its body; raise MalformedPacket if it does not fit."""
+        (block, photons), rest = _split(cls, body)
+        _check_count("photons", photons, MAX_PHOTONS)
+        size = _bytes_for(photons)
+        clicked, bases = rest[:size], rest[size:]
+        _check_bits(cls, clicked, photons)
+        _check_bits(cls, bases, int.from_bytes(clicked, "big").bit_count())
+        return cls(block, photons, clicked, bases)
+
+
+@dataclass(frozen=True)
+class Sifted(QkdMessage):
+    """Which of the photons detected in a block are kept."""
+
+    KIND = 3
+    FIELDS = struct.Struct("!II")
+
+    block: int
+    clicks: int
+    kept: bytes  # a bit for each photon detected
+
+    def encode(self) -> bytes:
+        """Return the fields as they go onto the wire, without header and tag."""
+        return self.FIELDS.pack(self.block, self.clicks) + self.kept
+
+    @classmethod
+    def parse(cls, body: bytes) -> "Sifted":
+        """Build the message from its body; raise MalformedPacket if it does not fit."""
+        (block, clicks), kept = _split(cls, body)
+        _check_count("clicks", clicks, MAX_PHOTONS, least=0)
+        _check_bits(cls, kept, clicks)
+        return cls(block, clicks, kept)
+
+
+@dataclass(frozen=True)
+class Sample(QkdMessage):
+    """End sifting: the seed that chooses the test sample, and alice's bits of it."""
+
+    KIND = 4
+    FIELDS = struct.Struct("!II32s")
+
+    sifted: int  # bits in the whole session
+    size: int  # bits disclosed
+    seed: bytes
+    bits: bytes
+
+    def encode(self) -> bytes:
+        """Return the fields as they go onto the wire, without header and tag."""
+        return self.FIELDS.pack(self.sifted, self.size, self.seed) + self.bits
+
+    @classmethod
+    def parse(cls, body: bytes) -> "Sample":
+        """Build the message from its body; raise MalformedPacket if it does not fit."""
+        (sifted, size, seed), bits = _split(cls, body)
+        _check_count("sifted bits", sifted, MAX_KEY_BITS)
+        if not 0 < size < sifted:
+            raise MalformedPacket(f"Sample: {size} of {sifted} bits")
+        _check_bits(cls, bits, size)
+        return cls(sifted, size, seed, bits)
+
+
+@dataclass(frozen=True)
+class _BitString(QkdMessage):
+    FIELDS = struct.Struct("!I")
+
+    count: int
+    bits: bytes
+
+    def encode(self) -> bytes:
+        """Return the fields as they go onto the wire, without header and tag."""
+        return self.FIELDS.pack(self.count) + self.bits
+
+    @classmethod
+    def parse(cls, body: bytes) -> "_BitString":
+        """Build the message from its body; raise MalformedPacket if it does not fit."""
+        (count,), bits = _split(cls, body)
+        _check_count("bits", count, MAX_KEY_BITS, least=0)
+        _check_bits(cls, bits, count)
+        return cls(count, bits)
+
+
+class Disclosed(_BitString):
+    """Bob's bits of the test sample."""
+
+    KIND = 5
+
+
+class Parities(_BitString):
+    """What bob asked of alice's key, in the order of his question."""
+
+    KIND = 6
+
+
+@dataclass(frozen=True)
+class AskBlocks(QkdMessage):
+    """Cascade: ask for the parities of all blocks of passes that begin."""
+
+    KIND = 7
+    FIELDS = struct.Struct("!BBI")
+
+    first: int
+    passes: int
+    size: int  # bits of a block
+
+
+@dataclass(frozen=True)
+class AskIntervals(QkdMessage):
+    """Cascade: ask for the parities of parts of blocks of one pass."""
+
+    KIND = 8
+    FIELDS = struct.Struct("!BI")
+
+    number: int  # of the pass
+    count: int
+    starts: bytes  # unsigned, START_BYTES each
+    widths: bytes  # unsigned, WIDTH_BYTES each: bits of the part
+
+    def encode(self) -> bytes:
+        """Return the fields as they go onto the wire, without header and tag."""
+        return self.FIELDS.pack(self.number, self.count) + self.starts + self.widths
+
+    @classmethod
+    def parse(cls, body: bytes) -> "AskIntervals":
+        """Build the message from its body; raise MalformedPacket if it does not fit."""
+        (number, count), rest = _split(cls, body)
+        _check_count("intervals", count, MAX_KEY_BITS)
+        if len(rest) != count * (START_BYTES + WIDTH_BYTES):
+            raise MalformedPacket(f"AskIntervals: {count} announced in {len(rest)} bytes")
+        return cls(number, count, rest[: START_BYTES * count], rest[START_BYTES * count :])
+
+
+@dataclass(frozen=True)
+class AskSyndrome(QkdMessage):
+    """LDPC: ask for the syndrome of the key under the code with so many checks."""
+
+    KIND = 9
+    FIELDS = struct.Struct("!I")
+
+    checks: int
+
+
+@dataclass(frozen=True)
+class Verify(QkdMessage):
+    """Bob has corrected his key: a hash of it, under a hash key drawn just now."""
+
+    KIND = 10
+    FIELDS = struct.Struct("!32s16sII")
+
+    hash_key: bytes
+    tag: bytes
+    leaked_bits: int
+    errors: int  # bits that bob has put right
+
+
+@dataclass(frozen=True)
+class Amplify(QkdMessage):
+    """The corrected keys agree: how long the final key is, and which matrix makes it."""
+
+    KIND = 11
+    FIELDS = struct.Struct("!II")
+
+    length: int  # bits of the final key
+    count: int
+    seed: bytes  # of the Toeplitz matrix, count bits
+
+    def encode(self) -> bytes:
+        """Return the fields as they go onto the wire, without header and tag."""
+        return self.FIELDS.pack(self.length, self.count) + self.seed
+
+    @classmethod
+    def parse(cls, body: bytes) -> "Amplify":
+        """Build the message from its body; raise MalformedPacket if it does not fit."""
+        (length, count), seed = _split(cls, body)
+        _check_count("bits of the final key", length, MAX_KEY_BITS)
+        _check_count("bits of the seed", count, 2 * MAX_KEY_BITS)
+        _check_bits(cls, seed, count)
+        return cls(length, count, seed)
+
+
+@dataclass(frozen=True)
+class Confirm(QkdMessage):
+    """Bob holds the final key."""
+
+    KIND = 12
+    FIELDS = struct.Struct("!I")
+
+    length: int
+
+
+@dataclass(frozen=True)
+class Abort(QkdMessage):
+    """No key comes of this session, with a text a person can act on."""
+
+    KIND = 13
+    FIELDS = struct.Struct("!B")
+
+    reason: int
+    text: str = ""
+
+    def encode(self) -> bytes:
+        """Return the fields as they go onto the wire; a text over MAX_TEXT bytes is cut."""
+        text = self.text.encode()[:MAX_TEXT].decode(errors="ignore").encode()
+        return self.FIELDS.pack(self.reason) + text
+
+    @classmethod
+    def parse(cls, body: bytes) -> "Abort":
+        """Build the message from its body; raise MalformedPacket if it does not fit."""
+        (reason,), text = _split(cls, body)
+        _check_count("bytes of text", len(text), MAX_TEXT, least=0)
+        try:
+            return cls(_member(AbortReason, reason), text.decode())
+        except UnicodeDecodeError as error:
+            raise MalformedPacket(f"Abort: text is not UTF-8: {error}") from error
+
+
+KINDS: dict[int, type[QkdMessage]] = {
+    kind.KIND: kind
+    for kind in (
+        Proposal,
+        Detections,
+        Sifted,
+        Sample,
+        Disclosed,
+        Parities,
+        AskBlocks,
+        AskIntervals,
+        AskSyndrome,
+        Verify,
+        Amplify,
+        Confirm,
+        Abort,
+    )
+}
+
+
+@dataclass(frozen=True)
+class Sealed:
+    """A message as it arrived: check the tag over `covered` before you open it."""
+
+    session: int
+    sequence: int
+    kind: int
+    covered: bytes
+    tag: bytes
+
+    def open(self) -> QkdMessage:
+        """Decode the message; raise MalformedPacket if its fields do not fit."""
+        return KINDS[self.kind].parse(self.covered[HEADER.size :])
+
+
+def unsealed(message: QkdMessage, session: int, sequence: int) -> bytes:
+    """Return header and fields of a message: what its tag covers and is appended to."""
+    body = message.encode()
+    length = HEADER.size + len(body) + TAG_BYTES
+    if length > MAX_LENGTH:
+        raise ValueError(f"{type(message).__name__} of {length} bytes, at most {MAX_LENGTH}")
+    return HEADER.pack(MAGIC, VERSION, message.KIND, length, session, sequence) + body
+
+
+def message_length(data: bytes) -> int | None:
+    """Return the length of the message that data begins with, None if more bytes are needed.
+
+    Raise MalformedPacket as soon as the header cannot be that of a message.
+    """
+    if not MAGIC.to_bytes(2, "big").startswith(data[:2]):
+        raise MalformedPacket(f"not key distribution: begins with {data[:2].hex()}")
+    if len(data) < HEADER.size:
+        return None
+    _magic, version, kind, length, _session, _sequence = HEADER.unpack_from(data)
+    if version != VERSION:
+        raise MalformedPacket(f"version {version}, this is version {VERSION}")
+    if kind not in KINDS:
+        raise MalformedPacket(f"unknown kind {kind}")
+    _check_count("bytes in a message", length, MAX_LENGTH, least=HEADER.size + TAG_BYTES)
+    return int(length)
+
+
+def unframe(data: bytes) -> Sealed:
+    """Take exactly one message apart; raise MalformedPacket for anything else."""
+    length = message_length(data)
+    if length is None or len(data) != length:
+        raise MalformedPacket(f"{len(data)} bytes where the header says {length}")
+    _magic, _version, kind, _length, session, sequence = HEADER.unpack_from(data)
+    return Sealed(session, sequence, kind, data[:-TAG_BYTES], data[-TAG_BYTES:])
+
+
+def _split(kind: type[QkdMessage], body: bytes) -> tuple[tuple[Any, ...], bytes]:
+    if len(body) < kind.FIELDS.size:
+        raise MalformedPacket(f"{kind.__name__}: {len(body)} bytes are too few")
+    return kind.FIELDS.unpack_from(body), body[kind.FIELDS.size :]
+
+
+def _bytes_for(bits: int) -> int:
+    return (bits + 7) // 8
+
+
+def _check_count(what: str, count: int, most: int, least: int = 1) -> None:
+    if not least <= count <= most:
+        raise MalformedPacket(f"{count} {what}, not {least} to {most}")
+
+
+def _check_bits(kind: type[QkdMessage], data: bytes, count: int) -> None:
+    if len(data) != _bytes_for(count):
+        raise MalformedPacket(f"{kind.__name__}: {len(data)} bytes for {count} bits")
+    if count % 8 and data[-1] & (0xFF >> count % 8):
+        raise MalformedPacket(f"{kind.__name__}: padding is not 0")
+
+
+def _member(kind: type[E], value: int) -> E:
+    try:
+        return kind(value)
+    except ValueError as error:
+        raise MalformedPacket(f"unknown {kind.__name__} {value}") from error
