@@ -13,7 +13,7 @@ from dispatcher.layer import PhysicalLayer, block_name, tally
 from dispatcher.light import drift
 from dispatcher.ownership import Block, BlockName
 from dispatcher.refusal import Refusal, exhausted, invalid
-from dispatcher.sabot.backend import Bytes, GateName
+from dispatcher.sabot.backend import Angle, Bytes, GateName
 from dispatcher.sabot.gates import ROTATIONS, TWO_QUBIT_GATES
 from dispatcher.sabot.registers import Register
 from dispatcher.sabot.room import GateStep
@@ -46,7 +46,7 @@ class PlannedGate(NamedTuple):
 
     name: GateName
     target: Block | None = None
-    angle_rad: float = 0.0
+    angle_rad: Angle = 0.0
 
     @property
     def step(self) -> GateStep:
@@ -57,7 +57,10 @@ class PlannedGate(NamedTuple):
     @property
     def detail(self) -> str:
         """Return what the event log says."""
-        return f"{self.name}({self.angle_rad:g})" if self.name in ROTATIONS else self.name
+        if self.name not in ROTATIONS:
+            return self.name
+        one_each = isinstance(self.angle_rad, np.ndarray)
+        return f"{self.name}({'each its own' if one_each else format(self.angle_rad, 'g')})"
 
     def turned(self, block: Block) -> list[Block]:
         """Return the blocks whose Z the gate does not commute with."""
@@ -197,9 +200,9 @@ class Operations:
         if gate.name not in GATES:
             raise invalid(f"gate {gate.name} is unknown; use {', '.join(GATES.values())}")
         name = GATES[gate.name]
-        limits.require_angle(name, gate.angle_rad)
+        angle = limits.angle(name, gate, block.register.size, self._layer.sabot.backend)
         if name not in TWO_QUBIT_GATES:
-            return PlannedGate(name, None, gate.angle_rad)
+            return PlannedGate(name, None, angle)
         target = self._layer.ownership.require(block_name(gate.target), node)
         require_pairs(block, target)
         return PlannedGate(name, target)

@@ -8,11 +8,12 @@ from numpy.typing import NDArray
 from dispatcher.devices import preparation
 from dispatcher.ownership import Block
 from dispatcher.refusal import invalid
-from dispatcher.sabot.backend import Bytes
+from dispatcher.sabot.backend import Angle, Bytes
+from dispatcher.sabot.dense import Dense
 from dispatcher.sabot.gates import ROTATIONS
 from dispatcher.switch.optical_switch import MAX_POWER_DBM
 from wire.config import QuantumSwitch
-from wire.dispatcher_pb2 import Connection, CreateRequest
+from wire.dispatcher_pb2 import Connection, CreateRequest, Gate
 from wire.switch_check import TEMPERATURE_C
 
 MAX_COUNT = 4_000_000
@@ -69,8 +70,32 @@ def require_count(count: int) -> None:
         raise invalid(f"count {count} is not between 1 and {MAX_COUNT}; make several blocks")
 
 
-def require_angle(gate: str, angle_rad: float) -> None:
-    """Refuse an angle that is no number, too large to mean one, or of a gate that has none."""
+def angle(name: str, gate: Gate, photons: int, backend: str) -> Angle:
+    """Return a gate's angle, or that of each photon; 0 of a gate that has none.
+
+    Refuse one that is no number or too large to mean one, and angles that do not fit the block or
+    the backend.
+    """
+    if not gate.angles_rad:
+        _require_angle(name, gate.angle_rad)
+        return gate.angle_rad
+    if gate.angle_rad:
+        raise invalid(f"gate {name} has angle_rad and angles_rad; leave one of them out")
+    if name not in ROTATIONS:
+        raise invalid(f"angles_rad for gate {name}, which takes none; leave them out")
+    if len(gate.angles_rad) != photons:
+        raise invalid(f"angles_rad has {len(gate.angles_rad)} for {photons} photons; send one each")
+    angles = np.array(gate.angles_rad)
+    _require_angle(name, float(angles[np.abs(angles).argmax()]))
+    if backend != Dense.NAME:
+        raise invalid(
+            f"gate {name} has an angle for each of {photons} photons, and this network simulates "
+            f"with backend {backend}; start it with --backend dense, or give one angle_rad for all"
+        )
+    return angles
+
+
+def _require_angle(gate: str, angle_rad: float) -> None:
     if gate not in ROTATIONS and angle_rad:
         raise invalid(f"angle_rad {angle_rad:g} for gate {gate}, which takes none; leave it out")
     if not abs(angle_rad) <= MAX_ANGLE_RAD:

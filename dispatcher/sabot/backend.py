@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 CliffordName = Literal["H", "S", "S_DAG", "CX", "CZ"]
 GateName = Literal["H", "S", "S_DAG", "CX", "CZ", "T", "T_DAG", "RX", "RY", "RZ"]
 Bytes = NDArray[np.uint8]
+Angle = float | NDArray[np.float64]  # of a rotation: the same for all, or one for each member
 
 
 class Generators(NamedTuple):

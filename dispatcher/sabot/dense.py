@@ -4,13 +4,12 @@ Amplitude i of a member belongs to the basis state whose qubit q is bit q of i.
 """
 
 from itertools import combinations
-from math import cos, sin
 from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.sabot.backend import Backend, Bytes, GateName, Generators, Randomness
+from dispatcher.sabot.backend import Angle, Backend, Bytes, GateName, Generators, Randomness
 from dispatcher.sabot.gates import RotationName, as_rotation
 
 MAX_QUBITS = 12  # of one component
@@ -106,8 +105,11 @@ class Dense:
         """Raise ValueError: a state vector has none in general."""
         raise ValueError("a state vector has no stabilizers; ask for its amplitudes")
 
-    def gate(self, name: GateName, *qubits: int, angle_rad: float = 0.0) -> None:
-        """Apply the gate of that name to every member; the angle is for RX, RY and RZ."""
+    def gate(self, name: GateName, *qubits: int, angle_rad: Angle = 0.0) -> None:
+        """Apply the gate of that name to every member; the angle is for RX, RY and RZ.
+
+        Each member may have an angle of its own, shape (k,).
+        """
         rotation = as_rotation(name, angle_rad)
         match name, qubits:
             case _, (qubit,) if rotation is not None:
@@ -189,8 +191,9 @@ class Dense:
         return view[:, :, 0], view[:, :, 1]
 
     def _apply(self, qubit: int, matrix: Amplitudes) -> None:
+        """Apply a matrix of shape (2, 2), or (2, 2, k): one for each member."""
         zero, one = self._halves(qubit)
-        zero[:], one[:] = (row[0] * zero + row[1] * one for row in matrix)
+        zero[:], one[:] = (row[0] * zero + row[1] * one for row in matrix.reshape(2, 2, -1, 1, 1))
 
     def _project(self, x: int, z: int, minus: Bytes) -> None:
         """Project member j onto the space where a Pauli string is +1, or -1 if minus[j]."""
@@ -247,13 +250,14 @@ def _smallest_part(relative: Amplitudes, qubits: list[int]) -> list[int]:
     return qubits
 
 
-def _rotation(name: RotationName, angle_rad: float) -> Amplitudes:
-    """Return exp(-i angle/2 P) of the axis in the rotation's name."""
-    c, s = cos(angle_rad / 2), sin(angle_rad / 2)
-    rows: dict[RotationName, list[list[complex]]] = {
+def _rotation(name: RotationName, angle_rad: Angle) -> Amplitudes:
+    """Return exp(-i angle/2 P) of the axis in the rotation's name; shape (2, 2) or (2, 2, k)."""
+    half = np.asarray(angle_rad, dtype=np.float64) / 2
+    c, s, none = np.cos(half), np.sin(half), np.zeros_like(half)
+    rows = {
         "RX": [[c, -1j * s], [-1j * s, c]],
         "RY": [[c, -s], [s, c]],
-        "RZ": [[c - 1j * s, 0], [0, c + 1j * s]],
+        "RZ": [[c - 1j * s, none], [none, c + 1j * s]],
     }
     return np.array(rows[name], dtype=np.complex128)
 

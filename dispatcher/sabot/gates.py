@@ -7,7 +7,7 @@ by a quarter of pi up to a phase that nobody sees.
 from math import pi
 from typing import Literal, get_args
 
-from dispatcher.sabot.backend import CliffordName, GateName
+from dispatcher.sabot.backend import Angle, CliffordName, GateName
 
 RotationName = Literal["RX", "RY", "RZ"]
 
@@ -26,18 +26,23 @@ AXES: dict[str, tuple[tuple[CliffordName, ...], tuple[CliffordName, ...]]] = {
 }
 
 
-def as_clifford(name: GateName, angle_rad: float = 0.0) -> tuple[CliffordName, ...] | None:
-    """Return Clifford gates that do the same, in order; None if there are none."""
+def as_clifford(name: GateName, angle_rad: Angle = 0.0) -> tuple[CliffordName, ...] | None:
+    """Return Clifford gates that do the same, in order; None if there are none.
+
+    There are none, either, for angles of which each member has its own.
+    """
     if name in THEMSELVES:
         return THEMSELVES[name]
+    if name not in AXES or not isinstance(angle_rad, float | int):
+        return None
     turns = angle_rad / (pi / 2)
-    if name not in AXES or abs(turns - round(turns)) > PRECISION:
+    if abs(turns - round(turns)) > PRECISION:
         return None
     before, after = AXES[name]
     return before + QUARTERS[round(turns) % 4] + after
 
 
-def as_rotation(name: GateName, angle_rad: float = 0.0) -> tuple[RotationName, float] | None:
+def as_rotation(name: GateName, angle_rad: Angle = 0.0) -> tuple[RotationName, Angle] | None:
     """Return the rotation that a gate is, and its angle; None if it is a Clifford gate."""
     if name in EIGHTH_TURNS:
         return "RZ", EIGHTH_TURNS[name]

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dispatcher.sabot.backend import Begin, Bytes, GateName
+from dispatcher.sabot.backend import Angle, Begin, Bytes, GateName
 from dispatcher.sabot.dense import Dense
 from dispatcher.sabot.draws import PhotonDraws
 from dispatcher.sabot.gates import TWO_QUBIT_GATES, as_clifford
@@ -83,29 +83,34 @@ class Sabot:
         name: GateName,
         register: Register,
         target: Register | None = None,
-        angle_rad: float = 0.0,
+        angle_rad: Angle = 0.0,
     ) -> None:
         """Apply a gate to every qubit, or to every pair of which both are there.
 
-        The angle is for RX, RY and RZ. Raise TooLarge, with nothing changed, if it would
-        need state vectors beyond the limits.
+        The angle is for RX, RY and RZ: one for all, or one for each qubit, shape (k,).
+        Raise TooLarge, with nothing changed, if it would need state vectors beyond the limits.
         """
         if (target is not None) != (name in TWO_QUBIT_GATES):
             raise ValueError(f"gate {name} acts on {1 + (name in TWO_QUBIT_GATES)} registers")
         if target is not None:
             self._require_pair(register, target)
+        if np.size(angle_rad) not in (1, register.size):
+            raise ValueError(f"{np.size(angle_rad)} angles for {register.size} qubits")
         self.require_room(register, [GateStep(name, target, angle_rad)])
         if target is None:
             self._gate_each(name, register, angle_rad)
         else:
             self._gate_pairs(name, register, target)
 
-    def _gate_each(self, name: GateName, register: Register, angle_rad: float) -> None:
+    def _gate_each(self, name: GateName, register: Register, angle_rad: Angle) -> None:
         cliffords = as_clifford(name, angle_rad)
         for share in register.shares:
             if cliffords is None:
                 dense = self._store.make_dense(share.component)
-                dense.gate(name, share.qubit, angle_rad=angle_rad)
+                own = angle_rad
+                if isinstance(angle_rad, np.ndarray):
+                    own = angle_rad[share.positions]
+                dense.gate(name, share.qubit, angle_rad=own)
             for clifford in cliffords or ():
                 share.component.state.gate(clifford, share.qubit)
 

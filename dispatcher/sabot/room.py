@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.sabot.backend import Backend, GateName
+from dispatcher.sabot.backend import Angle, Backend, GateName
 from dispatcher.sabot.dense import MAX_AMPLITUDES, MAX_QUBITS, Dense, TooLarge
 from dispatcher.sabot.gates import as_clifford
 from dispatcher.sabot.joining import same
@@ -20,7 +20,7 @@ class GateStep(NamedTuple):
 
     name: GateName
     target: Register | None = None
-    angle_rad: float = 0.0  # of RX, RY and RZ
+    angle_rad: Angle = 0.0  # of RX, RY and RZ
 
 
 def require_amplitudes(qubits: int, members: int, live: int) -> None:

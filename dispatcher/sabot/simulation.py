@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Protocol
 
-from dispatcher.sabot.backend import Bytes, GateName
+from dispatcher.sabot.backend import Angle, Bytes, GateName
 from dispatcher.sabot.draws import PhotonDraws
 from dispatcher.sabot.registers import Mask, Pick, Register
 from dispatcher.sabot.room import GateStep
@@ -36,7 +36,7 @@ class Simulation(Protocol):
         name: GateName,
         register: Register,
         target: Register | None = None,
-        angle_rad: float = 0.0,
+        angle_rad: Angle = 0.0,
     ) -> None: ...
 
     def measure(self, register: Register, bases: Bytes, draws: PhotonDraws) -> Bytes: ...

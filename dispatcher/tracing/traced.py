@@ -7,7 +7,7 @@ from operator import xor
 import numpy as np
 
 from dispatcher.origin import origin
-from dispatcher.sabot.backend import Bytes, GateName
+from dispatcher.sabot.backend import Angle, Bytes, GateName
 from dispatcher.sabot.draws import PhotonDraws
 from dispatcher.sabot.gates import ROTATIONS
 from dispatcher.sabot.manager import NO_CLICK
@@ -92,7 +92,7 @@ class TracedSabot:
         name: GateName,
         register: Register,
         target: Register | None = None,
-        angle_rad: float = 0.0,
+        angle_rad: Angle = 0.0,
     ) -> None:
         """Apply a gate."""
         self._inner.gate(name, register, target, angle_rad)
@@ -100,7 +100,8 @@ class TracedSabot:
             self._write_pairs(name, register, target)
             return
         for position, qubit in self._present(register):
-            text = GATES[name].format(qubit, "", float(angle_rad))
+            own = angle_rad[position] if isinstance(angle_rad, np.ndarray) else angle_rad
+            text = GATES[name].format(qubit, "", float(own))
             self._writer.line(text, self._comment(position))
 
     def measure(self, register: Register, bases: Bytes, draws: PhotonDraws) -> Bytes:

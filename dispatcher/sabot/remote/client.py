@@ -13,7 +13,7 @@ from typing import Any, Self
 import grpc
 import numpy as np
 
-from dispatcher.sabot.backend import Bytes, GateName
+from dispatcher.sabot.backend import Angle, Bytes, GateName
 from dispatcher.sabot.dense import TooLarge
 from dispatcher.sabot.draws import PhotonDraws
 from dispatcher.sabot.gates import as_clifford
@@ -116,7 +116,7 @@ class RemoteSabot:
         name: GateName,
         register: Register,
         target: Register | None = None,
-        angle_rad: float = 0.0,
+        angle_rad: Angle = 0.0,
     ) -> None:
         """Apply a gate to every qubit, or to every pair of which both are there."""
         step = GateStep(name, target, angle_rad)
@@ -258,7 +258,12 @@ class RemoteSabot:
 
 def _gate(step: GateStep) -> messages.Gate:
     target = _number(step.target) if step.target is not None else 0
-    return messages.Gate(name=step.name, target=target, angle_rad=step.angle_rad)
+    gate = messages.Gate(name=step.name, target=target)
+    if isinstance(step.angle_rad, np.ndarray):
+        gate.angles_rad.extend(step.angle_rad.tolist())
+    else:
+        gate.angle_rad = step.angle_rad
+    return gate
 
 
 def _needs_vectors(step: GateStep) -> bool:

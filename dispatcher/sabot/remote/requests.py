@@ -1,6 +1,5 @@
 """What a request to the Sabot server must be: decoded whole or refused, nothing changed."""
 
-import math
 import re
 from collections.abc import Sequence
 from typing import cast, get_args
@@ -9,7 +8,7 @@ import numpy as np
 
 from dispatcher.calls import limits
 from dispatcher.refusal import invalid
-from dispatcher.sabot.backend import Bytes, GateName
+from dispatcher.sabot.backend import Angle, Bytes, GateName
 from dispatcher.sabot.draws import Draws, PhotonDraws
 from dispatcher.sabot.gates import ROTATIONS, TWO_QUBIT_GATES
 from dispatcher.sabot.registers import Mask, Pick, Register
@@ -75,14 +74,25 @@ def _step(workspace: Workspace, register: Register, gate: messages.Gate) -> Gate
         names = ", ".join(GATE_NAMES)
         raise invalid(f"gate {gate.name[:MAX_PURPOSE]!r} is unknown; use one of {names}")
     name = cast(GateName, gate.name)
-    if name in ROTATIONS and not math.isfinite(gate.angle_rad):
-        raise invalid(f"angle_rad {gate.angle_rad} of {name} is not finite; send a number")
-    angle_rad = gate.angle_rad if name in ROTATIONS else 0.0
+    angle_rad = _angle(name, gate, register) if name in ROTATIONS else 0.0
     if name not in TWO_QUBIT_GATES:
         return GateStep(name, None, angle_rad)
     target = workspace.require(gate.target)
     require_pair(register, target)
     return GateStep(name, target, angle_rad)
+
+
+def _angle(name: str, gate: messages.Gate, register: Register) -> Angle:
+    """Return the angle of a rotation, or that of each qubit."""
+    angles = np.array(gate.angles_rad or [gate.angle_rad])
+    if not np.isfinite(angles).all():
+        wrong = angles[~np.isfinite(angles)][0]
+        raise invalid(f"angle_rad {wrong} of {name} is not finite; send a number")
+    if not gate.angles_rad:
+        return gate.angle_rad
+    if angles.size != register.size:
+        raise invalid(f"{angles.size} angles of {name} for {register.size} qubits; send one each")
+    return angles
 
 
 def picks(workspace: Workspace, picked: Sequence[messages.GatherRequest.Pick]) -> list[Pick]:

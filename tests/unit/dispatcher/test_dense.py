@@ -58,6 +58,18 @@ def test_gates_are_their_matrices(
     assert np.allclose(np.abs(np.sum(expected.conj() * state.amplitudes, axis=1)), 1)
 
 
+@pytest.mark.parametrize("qubit", [0, 1, 2])
+@pytest.mark.parametrize("name", ["RX", "RY", "RZ"])
+def test_each_member_can_be_turned_by_an_angle_of_its_own(name: GateName, qubit: int) -> None:
+    angles = np.array([0.0, 0.3, -2.0, 5.0])
+    state = some_state(3, len(angles))
+    alone = [state.take(np.array([member])) for member in range(len(angles))]
+    state.gate(name, qubit, angle_rad=angles)
+    for one, angle in zip(alone, angles.tolist(), strict=True):
+        one.gate(name, qubit, angle_rad=angle)
+    assert np.allclose(state.amplitudes, np.concatenate([one.amplitudes for one in alone]))
+
+
 def test_controlled_gates_are_their_permutation_and_signs() -> None:
     state = some_state(3, 4)
     before = state.amplitudes

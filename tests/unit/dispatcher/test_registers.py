@@ -12,7 +12,7 @@ from dispatcher.sabot.dense import TooLarge
 from dispatcher.sabot.draws import PhotonDraws
 from dispatcher.sabot.gates import CLIFFORDS
 from dispatcher.sabot.manager import NO_CLICK, Sabot
-from dispatcher.sabot.registers import Register
+from dispatcher.sabot.registers import Pick, Register
 from dispatcher.sabot.tableau import Tableau
 
 Z, X, Y = range(3)
@@ -407,3 +407,18 @@ def test_a_gate_needs_the_registers_it_acts_on() -> None:
         sabot.gate("CX", sabot.zeros(1))
     with pytest.raises(ValueError, match="T acts on 1 registers"):
         sabot.gate("T", sabot.zeros(1), sabot.zeros(1))
+
+
+def test_angles_follow_the_photons_that_they_are_given_for() -> None:
+    sabot = Sabot(BACKENDS["dense"])
+    register, angles = sabot.zeros(5), np.array([0.0, pi, 0.0, 0.0, pi])
+    shuffled = np.array([4, 0, 3, 1, 2], dtype=np.uint32)
+    gathered = sabot.gather([Pick(register, shuffled)])
+    sabot.gate("RX", gathered, angle_rad=angles)
+    assert sabot.measure(gathered, bases(5, Z), zeros(5)).tolist() == [0, 1, 0, 0, 1]
+
+
+def test_as_many_angles_as_qubits_are_wanted() -> None:
+    sabot = Sabot(BACKENDS["dense"])
+    with pytest.raises(ValueError, match="3 angles for 4 qubits"):
+        sabot.gate("RX", sabot.zeros(4), angle_rad=np.zeros(3))

@@ -81,6 +81,12 @@ def turned(name: Gate.Name, angle_rad: float) -> ApplyRequest:
     return ApplyRequest(block=MINE, paulis=bytes((1, 2, 3, 1)), gates=[Gate(name=Gate.H), turn])
 
 
+def each_turned(name: Gate.Name, *angles_rad: float, angle_rad: float = 0.0) -> ApplyRequest:
+    """Return the request that turns each of alice's photons by an angle of its own."""
+    turn = Gate(name=name, angle_rad=angle_rad, angles_rad=angles_rad)
+    return ApplyRequest(block=MINE, paulis=bytes((1, 2, 3, 1)), gates=[turn])
+
+
 REFUSED = [
     # another's block, and one that is nowhere
     ("alice", "Apply", ApplyRequest(block=THEIRS), Code.PERMISSION_DENIED, "not at alice"),
@@ -186,6 +192,30 @@ REFUSED = [
     ("alice", "Apply", turned(Gate.RY, float("-inf")), Code.INVALID_ARGUMENT, "angle_rad -inf"),
     ("alice", "Apply", turned(Gate.RZ, 2e6), Code.INVALID_ARGUMENT, "angle_rad 2e[+]06"),
     ("alice", "Apply", turned(Gate.T, 0.1), Code.INVALID_ARGUMENT, "T, which takes none"),
+    (
+        "alice",
+        "Apply",
+        each_turned(Gate.RY, 0.1, 0.2, 0.3, 0.4),
+        Code.INVALID_ARGUMENT,
+        "with backend chp; start it with --backend dense",
+    ),
+    ("alice", "Apply", each_turned(Gate.H, 0, 0, 0, 0), Code.INVALID_ARGUMENT, "takes none"),
+    ("alice", "Apply", each_turned(Gate.RX, 1, 2, 3), Code.INVALID_ARGUMENT, "3 for 4 photons"),
+    (
+        "alice",
+        "Apply",
+        each_turned(Gate.RX, 1, float("nan"), 3, 4),
+        Code.INVALID_ARGUMENT,
+        "angle_rad nan",
+    ),
+    ("alice", "Apply", each_turned(Gate.RX, 1, 2, 3, 2e6), Code.INVALID_ARGUMENT, "2e[+]06"),
+    (
+        "alice",
+        "Apply",
+        each_turned(Gate.RX, 1, 2, 3, 4, angle_rad=1),
+        Code.INVALID_ARGUMENT,
+        "leave one of them out",
+    ),
     ("alice", "Apply", gates(Gate.CX, target=MINE), Code.INVALID_ARGUMENT, "named twice"),
     ("alice", "Apply", gates(Gate.CZ, target=block(3)), Code.INVALID_ARGUMENT, "pair up"),
     ("alice", "Apply", gates(Gate.H, Gate.CX), Code.NOT_FOUND, "block 0/0 of session 0000"),

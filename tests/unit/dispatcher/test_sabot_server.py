@@ -15,7 +15,14 @@ from typing import Any
 import grpc
 import numpy as np
 import pytest
-from dispatcher_network import JumpingClock, block, configuration, running, with_fibers
+from dispatcher_network import (
+    Bench,
+    JumpingClock,
+    block,
+    configuration,
+    running,
+    with_fibers,
+)
 
 from dispatcher.calls.limits import MAX_COUNT
 from dispatcher.sabot.backends import BACKENDS
@@ -189,8 +196,19 @@ async def transmission(folder: Path, **changes: Any) -> tuple[list[Feedback], st
         tilted = ApplyRequest(block=block(1), gates=[Gate(name=Gate.RX, angle_rad=0.4)])
         answers.append(await bench.alice.feedback("Apply", tilted))
         answers += [await bench.alice.measure(block(1, half)) for half in (0, 1)]
+        if config.backend == "dense":
+            answers += await each_turned(bench)
         assert (await bench.runner.status()).live_qubits == 0
     return answers, log.read_text()
+
+
+async def each_turned(bench: Bench) -> list[Feedback]:
+    """Turn photons by angles of their own, and measure them."""
+    await bench.alice.create(100, number=4)
+    turn = Gate(name=Gate.RY, angles_rad=[0.06 * n for n in range(100)])
+    tilted = ApplyRequest(block=block(4), gates=[turn])
+    answers = [await bench.alice.feedback("Apply", tilted)]
+    return answers + [await bench.alice.measure(block(4, half)) for half in (0, 1)]
 
 
 @pytest.mark.parametrize("backend", sorted(BACKENDS))
@@ -310,6 +328,13 @@ REFUSED = [
     ("Apply", gate("CX", target=1), Code.INVALID_ARGUMENT, "named twice"),
     ("Apply", gate("CX", target=3), Code.INVALID_ARGUMENT, "must pair up"),
     ("Apply", gate("RX", angle_rad=float("nan")), Code.INVALID_ARGUMENT, "not finite"),
+    (
+        "Apply",
+        gate("RX", angles_rad=[0, 0, 0, float("inf")]),
+        Code.INVALID_ARGUMENT,
+        "inf of RX is not finite",
+    ),
+    ("Apply", gate("RX", angles_rad=[0]), Code.INVALID_ARGUMENT, "1 angles of RX for 4 qubits"),
     (
         "Apply",
         messages.ApplyRequest(workspace=1, register=1, gates=[messages.Gate(name="H")] * 257),

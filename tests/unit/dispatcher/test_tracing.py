@@ -208,6 +208,22 @@ def test_all_operations_are_dumped(tmp_path: Path) -> None:
     assert determined == 90
 
 
+async def each_turned(bench: Bench) -> None:
+    """Turn photons by angles of their own."""
+    await bench.alice.create(3)
+    turn = Gate(name=Gate.RY, angles_rad=[0.5, 0.0, -1.25])
+    await bench.alice.feedback("Apply", ApplyRequest(block=block(0), gates=[turn]))
+
+
+def test_angles_of_their_own_are_dumped_with_each_photon(tmp_path: Path) -> None:
+    text, _found = dumped(tmp_path, each_turned, backend="dense")
+    assert re.findall(r"ry\((\S+)\) \S+; // photon (\d)", text) == [
+        ("0.5", "0"),
+        ("0.0", "1"),
+        ("-1.25", "2"),
+    ]
+
+
 async def many_blocks(bench: Bench) -> None:
     """Make more blocks than the file has room for, one after the other and at once."""
     for number in range(40):
