@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from hosts.middleware.channel import SessionError
-from hosts.middleware.services import NAMES, distribute, teleport
+from hosts.middleware.services import NAMES, distribute, qubit_states
 from hosts.middleware.services.key_options import BOUNDS, CORRECTIONS, KeyOptions
 from hosts.middleware.services.options import ServiceOptions
 from qmn import service_result
@@ -87,9 +87,11 @@ VERBS: Mapping[str, Verb] = MappingProxyType(
             "states",
             {
                 "state": {
-                    "choices": (teleport.RANDOM, *teleport.STATES),
-                    "default": teleport.RANDOM,
-                    "help": "each of them (random: of these six)",
+                    "default": qubit_states.RANDOM,
+                    "metavar": "NAME|THETA,PHI",
+                    "help": f"each of them: {', '.join(qubit_states.NAMES)} or random (of these "
+                    "six); on --backend dense also haar (random on the Bloch sphere) or angles in "
+                    "rad, as 1.2,0.5 or pi/3,-pi/4 (random)",
                 }
             },
         ),
@@ -198,6 +200,12 @@ def check_input(arguments: argparse.Namespace) -> ServiceOptions:
         options: ServiceOptions = NAMES[arguments.service].options.from_fields(words)
     except SessionError as error:
         raise BadInput(str(error)) from error
+    state = fields.get("state", qubit_states.RANDOM)
+    if arguments.backend != "dense" and qubit_states.needs_vectors(state):
+        raise BadInput(
+            f"--state {state} is no stabiliser state, as --backend {arguments.backend} holds them: "
+            f"add --backend dense, or choose {', '.join(qubit_states.NAMES)} or random"
+        )
     return options
 
 

@@ -55,6 +55,7 @@ class Topic(IntEnum):
     KEYS = 9  # messages of wire.qkd, cut into envelopes anywhere
     OPENER = 10  # name of the host that has opened the session, UTF-8
     OVER = 11  # the light of the block is over; no values
+    DIRECTIONS = 12  # of states on the Bloch sphere: every theta, then every phi, in turns / 2^32
     PURIFY = 32  # protocol (1 BBPSSW, 2 DEJMPS) and seed of the twirl, of a round of a block
     DELIVER = 33  # so many pairs, which have numbers from then on; answered
 

@@ -54,6 +54,14 @@ class Stored:
     time_ns: int
 
 
+@dataclass(frozen=True)
+class Directions:
+    """Directions on the Bloch sphere, of k photons; both of shape (k,)."""
+
+    theta_rad: NDArray[np.float64]  # from |0>
+    phi_rad: NDArray[np.float64]  # about the Z axis, from |+>
+
+
 class Qnic(Protocol):
     """The light ports of a host and its source, modulators and detectors."""
 
@@ -104,6 +112,9 @@ class Qnic(Protocol):
         States: 0 |0>, 1 |1>, 2 |+>, 3 |->, 4 |+i>, 5 |-i>.
         """
 
+    async def prepare_along(self, session: int, number: int, directions: Directions) -> BlockName:
+        """Make a photon (half 0) in cos(theta/2) |0> + exp(i phi) sin(theta/2) |1> for each."""
+
     async def send(self, block: BlockName, port: str, rate_hz: int, wavelength_pm: int) -> int:
         """Send photons of this host into a port; return when (ns) the first one left.
 
@@ -144,6 +155,13 @@ class Qnic(Protocol):
         """Measure photons at this host, each in a basis (0 Z, 1 X, 2 Y); shape (k,).
 
         Return 0 or 1 for each, 255 where no detector clicked; the photons are used up.
+        """
+
+    async def measure_along(self, block: BlockName, directions: Directions) -> Symbols:
+        """Turn photons at this host so that their directions become |0>, and measure them.
+
+        Return 0 for one found in its direction and 1 for the opposite, 255 where no detector
+        clicked; the photons are used up.
         """
 
     async def measure_arrivals(

@@ -10,6 +10,7 @@ from hosts.hardware.orders import NotHere, Orders
 from hosts.hardware.qnic import (
     BlockName,
     Coincidences,
+    Directions,
     HardwareError,
     LocalGate,
     NoLight,
@@ -119,6 +120,18 @@ class SimulatedQnic:
         await self._orders.perform(Step(create=create))
         return BlockName(session, number, 0)
 
+    async def prepare_along(self, session: int, number: int, directions: Directions) -> BlockName:
+        """Make a photon along each of these directions, at this host."""
+        name = BlockName(session, number, 0)
+        theta, phi = directions.theta_rad, directions.phi_rad
+        zeros = CreateRequest(
+            session=session, number=number, count=theta.size, state=CreateRequest.ZEROS
+        )
+        turns = [Gate(name=Gate.RY, angles_rad=theta), Gate(name=Gate.RZ, angles_rad=phi)]
+        apply = ApplyRequest(block=_named(name), gates=turns)
+        await self._orders.perform(Step(create=zeros), Step(apply=apply))
+        return name
+
     async def send(self, block: BlockName, port: str, rate_hz: int, wavelength_pm: int) -> int:
         """Send photons of this host into a port."""
         launches = [Launch(block=_named(block), port=port)]
@@ -171,6 +184,15 @@ class SimulatedQnic:
         measure = MeasureRequest(block=_named(block), bases=bases.tobytes())
         (feedback,) = await self._orders.perform(Step(measure=measure))
         return np.frombuffer(feedback.outcomes, dtype=np.uint8)
+
+    async def measure_along(self, block: BlockName, directions: Directions) -> Symbols:
+        """Measure photons at this host, each along a direction."""
+        theta, phi = -directions.theta_rad, -directions.phi_rad
+        turns = [Gate(name=Gate.RZ, angles_rad=phi), Gate(name=Gate.RY, angles_rad=theta)]
+        apply = ApplyRequest(block=_named(block), gates=turns)
+        measure = MeasureRequest(block=_named(block), basis=MeasureRequest.Z)
+        feedbacks = await self._orders.perform(Step(apply=apply), Step(measure=measure))
+        return np.frombuffer(feedbacks[-1].outcomes, dtype=np.uint8)
 
     async def measure_arrivals(
         self, block: BlockName, port: str, bases: Symbols, timeout_s: float

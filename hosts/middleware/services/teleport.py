@@ -4,11 +4,12 @@
       | <-- light, half 0 --------- | -- light, half 1 ----> |  into memory
       | Bell measurement of state and half 0                 |
       | Values(CORRECTIONS), a real packet ----------------> |  waits for it, then corrects
-      | Values(STATES) ------------------------------------> |  measures each in its own basis
+      | Values(STATES or DIRECTIONS) ----------------------> |  measures each for its own state
       | <---------------------------------- Values(COUNTS)   |
 
 What arrives is checked: the opener tells which states it sent, and the acceptor measures whether
-it holds them. The six states are the cardinal ones, whose mean fidelity is that of all states.
+it holds them: the share of those that it finds is the fidelity. Random states are the six cardinal
+ones, whose mean fidelity is that of all states; on the backend dense they may be any.
 The acceptor cannot correct before the bits are there: they are what it corrects by.
 """
 
@@ -19,27 +20,26 @@ from typing import Any
 
 import numpy as np
 
-from hosts.hardware.qnic import NO_COINCIDENCE, Symbols
-from hosts.middleware.options import check_choice
+from hosts.hardware.qnic import NO_COINCIDENCE
+from hosts.middleware.services import qubit_states
 from hosts.middleware.services.options import ServiceOptions
+from hosts.middleware.services.qubit_states import RANDOM, States
 from hosts.middleware.services.service import AcceptorEnd, OpenerEnd, ServiceKind
 from wire.metadata import Service, Topic
 
-STATES = ("0", "1", "+", "-", "+i", "-i")  # numbered as in wire/dispatcher.proto
-RANDOM = "random"
 STATE_BLOCKS = 1 << 31  # numbers of the blocks of states, beside those of pairs
 
 
 @dataclass(frozen=True)
 class TeleportOptions(ServiceOptions):
-    """`count` states, each the same or at random."""
+    """`count` states, each the same or at random: a name or angles, as qubit_states has them."""
 
     state: str = RANDOM
 
     def check(self) -> None:
         """Raise SessionError for a value out of range."""
         super().check()
-        check_choice("state", self.state, (RANDOM, *STATES))
+        qubit_states.check(self.state)
 
 
 @dataclass
@@ -78,30 +78,26 @@ async def teleport(end: OpenerEnd, options: TeleportOptions) -> None:
     tally, number, started = Tally(), 0, time.monotonic()
     while left := options.count - tally.states:
         number, size = number + 1, min(left, end.setup.pairs)
-        states = _states(end, options.state, size)
-        tally.add(size, *await _teleport_block(end, number, states))
+        states = qubit_states.chosen(options.state, end.draws, size)
+        tally.add(size, *await _teleport_block(end, number, size, states))
         end.summary = tally.summary(time.monotonic() - started)
         await end.tell(**end.summary)
 
 
-def _states(end: OpenerEnd, state: str, size: int) -> Symbols:
-    if state == RANDOM:
-        return end.draws.integers(0, len(STATES), size, dtype=np.uint8)
-    return np.full(size, STATES.index(state), dtype=np.uint8)
-
-
-async def _teleport_block(end: OpenerEnd, number: int, states: Symbols) -> tuple[int, ...]:
+async def _teleport_block(
+    end: OpenerEnd, number: int, size: int, states: States
+) -> tuple[int, ...]:
     """Return how many arrived, how many agreed, and how long they waited (us)."""
-    stored = await end.pairs(number, states.size)
-    told = np.full(states.size, NO_COINCIDENCE, dtype=np.uint8)
+    stored = await end.pairs(number, size)
+    told = np.full(size, NO_COINCIDENCE, dtype=np.uint8)
     if stored.arrived.any():
-        prepared = await end.qnic.prepare(end.setup.session, STATE_BLOCKS + number, states)
+        prepared = await states.prepare(end.qnic, end.setup.session, STATE_BLOCKS + number)
         told = await end.qnic.bell_measure(prepared, end.block(number))
     seen = np.isin(told, list(end.told_apart))
     end.say(Topic.ARRIVED, number, seen, 1)
     # The Bell state's number is the operator that undoes it.
     end.say(Topic.CORRECTIONS, number, np.where(seen, told, 0), 2)
-    end.say(Topic.STATES, number, states, 8)
+    states.say(end, number)
     return tuple((await end.hear(Topic.COUNTS, number, 3, (1 << 32) - 1)).tolist())
 
 
@@ -131,11 +127,11 @@ async def _receive_block(end: AcceptorEnd, number: int, size: int) -> tuple[int,
     if stored.arrived.any():
         operators = corrections.astype(np.uint8) ^ np.uint8(end.setup.rotation)
         waited_us = (await end.qnic.apply(name, operators) - stored.time_ns) // 1000
-    states = await end.hear(Topic.STATES, number, size, len(STATES) - 1)
+    states = await qubit_states.heard(end, number, size)
     if stored.arrived.any():
-        found = await end.qnic.measure(name, (states >> 1).astype(np.uint8))
+        found = await states.measure(end.qnic, name)
     arrived = seen.astype(bool) & (found != NO_COINCIDENCE)
-    agreed = arrived & (found == states & 1)
+    agreed = arrived & (found == 0)
     return int(np.count_nonzero(arrived)), int(np.count_nonzero(agreed)), waited_us
 
 

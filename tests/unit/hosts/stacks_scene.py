@@ -6,12 +6,12 @@ once, by hand.
 """
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, TextIO
 
 import pytest
 
@@ -50,7 +50,9 @@ RELAYED = {name: address.replace("127.0.0", "127.0.1") for name, address in OWN_
 DEADLINE_S = 30
 
 Judge = Callable[[Setup], Setup]
-Change = Callable[[str, Message], Message | None]  # "forth" or "back"; None: cut the connection
+# What becomes of a message that goes "forth" or "back"; None: cut the connection.
+Changed = Message | None
+Change = Callable[[str, Message], Changed | Awaitable[Changed]]
 
 
 def grant(setup: Setup) -> Setup:
@@ -79,6 +81,8 @@ async def alter(
             assert length is not None
             data = header + await reader.readexactly(length - HEADER.size)
             changed = change(way, decode(data))
+            if isinstance(changed, Awaitable):
+                changed = await changed
             if changed is None:
                 break
             writer.write(changed.encode())
@@ -137,6 +141,8 @@ async def network(
     change: Change | None = None,
     optics: Sequence[PathOptics] = (),
     cuts: "Future[Cut] | None" = None,
+    backend: Literal["chp", "stim", "dense"] = "chp",
+    events: TextIO | None = None,
     **fiber: Any,
 ) -> AsyncIterator[Path]:
     """Run everything; the sockets of the stacks are in the folder."""
@@ -151,13 +157,14 @@ async def network(
         ],
         switches=[QuantumSwitch("q1", rotation=rotation, paths=list(optics))],
         devices={"bob": Device(analyser=BellAnalyser(analyser)), **(devices or {})},
+        backend=backend,
     )
     errors: list[BaseException] = []
     cut = Cut()
     if cuts is not None:
         cuts.set_result(cut)
     server = build_server(
-        config, build_service(config, build_layer(config, CaptureClock(), None), errors.append)
+        config, build_service(config, build_layer(config, CaptureClock(), events), errors.append)
     )
     await server.start()
     async with AsyncExitStack() as stack:

@@ -1,17 +1,24 @@
 """Teleportation between whole stacks over loopback, with a real dispatcher."""
 
+import asyncio
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
-from math import exp, sqrt
+from math import cos, exp, pi, sin, sqrt
 from pathlib import Path
 from typing import Any
 
 import pytest
-from stacks_scene import Judge, ask, grant, refusal
+from stacks_scene import DEADLINE_S, Judge, accepted, ask, grant, network, refusal
 
+from dispatcher.sabot import room
+from hosts.service_socket import ServiceSocket
+from hosts.stack_socket import QuantumSocketError
 from wire.config import PathOptics
 from wire.physics import BellAnalyser, Device, Memory
 
 COUNT = 20_000
+DENSE: dict[str, Any] = {"backend": "dense"}
+GIVEN = {"1.1,-0.4": 1.1, "2.5,3": 2.5, "pi,0": pi, "pi/2,1": pi / 2}  # their thetas
 
 
 def test_every_state_arrives_over_ideal_fibres(tmp_path: Path) -> None:
@@ -20,6 +27,12 @@ def test_every_state_arrives_over_ideal_fibres(tmp_path: Path) -> None:
         assert summary["states"] == summary["arrived"] == COUNT
         assert summary["fidelity"] == 1
         assert 0 < summary["waited_ms"] < 1000
+
+
+@pytest.mark.parametrize("state", ["haar", "pi/3,pi/4", "random", "-i"])
+def test_any_state_arrives_over_ideal_fibres_on_dense(tmp_path: Path, state: str) -> None:
+    alice, _bob = ask(tmp_path, "teleport", physics=DENSE, count=5000, state=state)
+    assert (alice["arrived"], alice["fidelity"]) == (5000, 1)
 
 
 @pytest.mark.parametrize("rotation", [1, 2, 3])
@@ -36,17 +49,67 @@ def test_a_rotation_that_no_path_has_is_undone_all_the_same(tmp_path: Path, rota
     assert alice["fidelity"] == pytest.approx(1 / 3, abs=5 * sqrt(2 / 9 / 2000))
 
 
+def failure(folder: Path, physics: dict[str, Any], **options: Any) -> tuple[str, str]:
+    """Run a session that must fail; return what alice and bob are told."""
+
+    def asked() -> tuple[str, str]:
+        with ThreadPoolExecutor(1) as pool, ServiceSocket(folder / "alice.sock") as asking:
+            listening: Future[None] = Future()
+            bob = pool.submit(accepted, folder, "teleport", listening)
+            listening.result(DEADLINE_S)
+            asking.settimeout(DEADLINE_S)
+            with pytest.raises(QuantumSocketError) as caught:
+                list(asking.request("teleport", ("bob", 9), **options))
+            with pytest.raises(QuantumSocketError) as theirs:
+                bob.result(DEADLINE_S)
+        return str(caught.value), str(theirs.value)
+
+    async def run() -> tuple[str, str]:
+        async with network(folder, **physics):
+            return await asyncio.to_thread(asked)
+
+    return asyncio.run(run())
+
+
 def told(rotation: int) -> Judge:
     """Return a controller that tells bob of a rotation."""
     return lambda setup: replace(grant(setup), rotation=rotation)
 
 
-def test_depolarised_pairs_teleport_with_the_fidelity_of_theory(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("state", "backend"),
+    [("random", "chp"), ("random", "dense"), ("haar", "dense"), ("1.1,-0.4", "dense")],
+)
+def test_depolarised_pairs_teleport_with_the_fidelity_of_theory(
+    tmp_path: Path, state: str, backend: str
+) -> None:
+    """That of the six cardinal states is that of all states."""
     share = 0.2  # of each photon, X, Y and Z each with probability share / 4
-    _alice, bob = ask(tmp_path, "teleport", physics={"depolarizing": share}, count=COUNT)
+    physics = {"depolarizing": share, "backend": backend}
+    _alice, bob = ask(tmp_path, "teleport", physics=physics, count=COUNT, state=state)
     pair = (1 + 3 * (1 - share) ** 4) / 4  # each half passes two fibres
     fidelity = (2 * pair + 1) / 3
     assert abs(bob["fidelity"] - fidelity) < 5 * sqrt(fidelity * (1 - fidelity) / COUNT)
+
+
+def mean_fidelity(kept: float) -> float:
+    """Return the mean over all states if so much of the coherence is kept, and all of Z."""
+    return 1 / 2 + (2 * kept + 1) / 6
+
+
+@pytest.mark.parametrize("state", ["random", "haar", "1.1,-0.4", "2.5,3", "pi,0", "pi/2,1"])
+def test_each_state_suffers_from_dephasing_as_its_direction_says(
+    tmp_path: Path, state: str
+) -> None:
+    """Random ones as cardinal ones do on average."""
+    dephasing = 0.3
+    physics = {"dephasing": dephasing, **DENSE}
+    alice, _bob = ask(tmp_path, "teleport", physics=physics, count=COUNT, state=state)
+    kept = (1 - 2 * dephasing) ** 4  # each half passes two fibres
+    fidelity = mean_fidelity(kept)
+    if state in GIVEN:
+        fidelity = (1 + cos(GIVEN[state]) ** 2 + kept * sin(GIVEN[state]) ** 2) / 2
+    assert abs(alice["fidelity"] - fidelity) <= 5 * sqrt(fidelity * (1 - fidelity) / COUNT)
 
 
 def test_waiting_in_memory_for_the_bits_costs_fidelity(tmp_path: Path) -> None:
@@ -57,6 +120,25 @@ def test_waiting_in_memory_for_the_bits_costs_fidelity(tmp_path: Path) -> None:
     # Dephasing leaves the two states of Z alone.
     expected = 1 / 3 + 2 / 3 * (1 + exp(-bob["waited_ms"] / 1000 / memory.t2_s)) / 2
     assert bob["fidelity"] == pytest.approx(expected, abs=0.02)
+
+
+@pytest.mark.parametrize("backend", ["chp", "stim"])
+@pytest.mark.parametrize("state", ["haar", "1.1,-0.4"])
+def test_other_backends_refuse_what_is_no_stabiliser_state(
+    tmp_path: Path, state: str, backend: str
+) -> None:
+    told = failure(tmp_path, physics={"backend": backend}, state=state, count=100)
+    for text in told:
+        assert f"simulates with backend {backend}; start it with --backend dense" in text
+
+
+def test_state_vectors_that_are_too_large_are_told_with_their_limit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(room, "MAX_AMPLITUDES", 8 * 1000 - 1)  # 3 qubits for each state
+    assert ask(tmp_path, "teleport", physics=DENSE, state="haar", count=999)[0]["fidelity"] == 1
+    for text in failure(tmp_path, physics=DENSE, state="haar", count=1000):
+        assert "exceed the limit of 7,999; use smaller blocks" in text
 
 
 def test_lost_light_is_not_counted_as_wrong(tmp_path: Path) -> None:
@@ -86,6 +168,8 @@ def test_one_state_can_be_asked_for(tmp_path: Path, state: str) -> None:
     ("options", "words"),
     [
         ({"state": "up"}, "state 'up': choose one of random, 0, 1"),
+        ({"state": "180,0"}, "theta is 180, choose 0 to 3.14159 rad"),
+        ({"state": 3}, "state 3: choose one of random, 0, 1"),
         ({"count": 0}, "count is 0: choose 1 to"),
         ({"count": True}, "count is True: choose 1 to"),
         ({"colour": "red"}, "unknown or missing option"),

@@ -5,6 +5,7 @@ import argparse
 import pytest
 
 from hosts.middleware.services.distribute import DistributeOptions
+from hosts.middleware.services.teleport import TeleportOptions
 from qmn import run, service_run
 from qmn.network_options import BadInput
 
@@ -41,3 +42,28 @@ def test_the_words_of_the_command_line_reach_the_service() -> None:
 
 def test_the_defaults_of_the_command_line_are_those_of_the_service() -> None:
     assert service_run.check_input(parse("distribute")) == DistributeOptions("bob", 9)
+
+
+@pytest.mark.parametrize("state", ["haar", "pi/3,0", "0,0"])
+def test_states_that_are_no_stabiliser_states_need_state_vectors(state: str) -> None:
+    for backend in ("chp", "stim"):
+        words = ["--state", state, "--backend", backend]
+        text = f"--state {state} is no stabiliser state.*{backend}.*: add --backend dense"
+        with pytest.raises(BadInput, match=text):
+            service_run.check_input(parse("teleport", *words))
+    options = service_run.check_input(parse("teleport", "--state", state, "--backend", "dense"))
+    assert options == TeleportOptions("bob", 9, state=state)
+
+
+@pytest.mark.parametrize("state", ["random", "0", "-i"])
+def test_cardinal_states_are_teleported_on_every_backend(state: str) -> None:
+    for backend in ("chp", "stim", "dense"):
+        options = service_run.check_input(
+            parse("teleport", f"--state={state}", "--backend", backend)
+        )
+        assert options == TeleportOptions("bob", 9, state=state)
+
+
+def test_an_unknown_state_is_refused_before_anything_starts() -> None:
+    with pytest.raises(BadInput, match="state 'up': choose one of random, 0, 1"):
+        service_run.check_input(parse("teleport", "--state", "up", "--backend", "dense"))
