@@ -30,6 +30,7 @@ from qmn.networks import (
 from qmn.run_frame import (
     add_run_options,
     begin_folder,
+    check_run,
     ending,
     guarded,
     known_facts,
@@ -114,6 +115,7 @@ def check_input(arguments: argparse.Namespace) -> int:
             "sent" + ("; use --handshake framed" if arguments.handshake == "per-pair" else "")
         )
     check_network(arguments)
+    check_run(arguments)
     check_range(arguments, "frame_bytes", 1, 65_536)
     check_range(arguments, "block_pairs", MIN_BLOCK_PAIRS, MAX_BLOCK_PAIRS)
     check_range(arguments, "rate_hz", 1, 4_000_000_000)

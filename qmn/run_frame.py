@@ -16,8 +16,8 @@ from qmn.device_words import differences
 from qmn.dispatcher_calls import status
 from qmn.metrics_targets import announce
 from qmn.network_facts import network_facts
-from qmn.network_options import BadInput, settings
-from qmn.networks import BadTopology, every_device, every_fiber, topology
+from qmn.network_options import BadInput, check_range, settings
+from qmn.networks import BadTopology, every_device, every_fiber, quantum_hosts, topology
 from qmn.report import report_of_run
 from qmn.run_folder import give_to_invoker, given_at_the_end, make_folder, point_latest
 from qmn.timeline import timeline_of_run
@@ -25,6 +25,7 @@ from qmn.transfer import TransferError
 from topologies.network import Interrupted, Network, Signals
 from topologies.presets import preset
 from topologies.programs import NetworkError
+from topologies.slow_copper import LEAST_MBPS, MOST_MBPS, slow_metadata
 
 NETWORK_PARAMETERS = (
     "preset",
@@ -40,6 +41,7 @@ NETWORK_PARAMETERS = (
     "loss_budget_db",
     "contention",
     "openflow_port",
+    "classical_mbps",
 )
 
 Work = Callable[[argparse.Namespace, Signals, Console], int]
@@ -50,10 +52,18 @@ def add_run_options(parser: argparse.ArgumentParser) -> None:
     """Describe what every run can be told of what it leaves behind."""
     add = partial(parser.add_argument)
     add("--runs", type=Path, default=Path("runs"), metavar="DIR", help="what runs leave (runs)")
+    text = "slow classical channel: Mbit/s of quantum metadata that a host can send (no limit)"
+    add("--classical-mbps", type=float, metavar="MBPS", help=text)
     add("--qasm", action="store_true", help="write what is done to qubits to quantum.qasm")
     add("--no-capture", action="store_true", help="do not capture packets")
     add("--no-events", action="store_true", help="do not write what happens to qubits")
     add("--no-record", action="store_true", help="do not record what `qmn replay` needs")
+
+
+def check_run(arguments: argparse.Namespace) -> None:
+    """Raise BadInput for what no run can be told."""
+    if arguments.classical_mbps is not None:
+        check_range(arguments, "classical_mbps", LEAST_MBPS, MOST_MBPS)
 
 
 def guarded(work: Work, arguments: argparse.Namespace) -> int:
@@ -129,6 +139,9 @@ def running_network(
     ):
         facts["network"] = network_facts(network).to_dict()
         facts["backend"] = status(network).backend
+        if arguments.classical_mbps is not None:
+            for host in quantum_hosts(network.net.topo):
+                slow_metadata(network.host(host), arguments.classical_mbps)
         if arguments.metrics:
             facts["metrics"] = urls = announce(runtime.metrics_addresses, folder)
             for program, url in urls.items():

@@ -28,6 +28,7 @@ from qmn.networks import TOPOLOGIES, quantum_hosts, topology
 from qmn.run_frame import (
     add_run_options,
     begin_folder,
+    check_run,
     ending,
     guarded,
     known_facts,
@@ -194,6 +195,7 @@ def check_input(arguments: argparse.Namespace) -> ServiceOptions:
     """Return what the service is told; raise BadInput before anything is started."""
     check_two_hosts(arguments.sender, arguments.receiver, quantum_hosts(topology(arguments)()))
     check_network(arguments)
+    check_run(arguments)
     fields = {name: getattr(arguments, name) for name in own_options(arguments.service)}
     words = {"host": arguments.receiver, "port": SERVICE_PORT, **fields}
     try:

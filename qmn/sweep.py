@@ -40,6 +40,7 @@ examples:
   qmn sweep sdc --depolarizing 0:0.2:11
   qmn sweep sdc --depolarizing 0.01:0.2:8 --fec none,golay --interleave off,on --pairs 1000000
   sudo qmn sweep sdc --emulate --depolarizing 0:0.002:5
+  sudo qmn sweep teleport --emulate --classical-mbps 0.5:20:8:log --memory-t2-s 0.05
 """
 
 
@@ -57,7 +58,11 @@ def add_parser(verbs: Any) -> None:
     add = partial(parser.add_argument)
     names = "; ".join(f"{each.name}: {each.what}" for each in EXPERIMENTS.values())
     add("what", metavar="WHAT|FILE.toml", help=names)
-    add("--emulate", action="store_true", help="a whole network for each point (root; sdc only)")
+    add(
+        "--emulate",
+        action="store_true",
+        help="a whole network for each point (root; sdc, teleport)",
+    )
     add("--seed", type=int, help="of all randomness (1)")
     add("--out", type=Path, default=Path("sweeps"), metavar="FOLDER", help="(sweeps)")
     add("--workers", type=int, metavar="N", help="processes here (as many as processors)")

@@ -1,17 +1,21 @@
-"""Points measured in a whole network, each started and ended for it alone, as `qmn run` does."""
+"""Points measured in a whole network, each started and ended for it alone, as `qmn run` does.
+
+Here is superdense coding; teleportation has a file of its own.
+"""
 
 import argparse
 import json
 import random
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from tempfile import NamedTemporaryFile
+from types import MappingProxyType
 
 from rich.console import Console
 
 from qmn import run
 from qmn.network_options import BadInput
-from qmn.sweeps import theory
+from qmn.sweeps import emulated_teleportation, theory
 from qmn.sweeps.estimates import proportion
 from qmn.sweeps.experiment import Experiment, Measure, Outcome, SweepError, number
 from qmn.sweeps.grid import Grid, Measurer, Row
@@ -40,7 +44,7 @@ def in_networks(runs: Path, signals: Signals) -> Measurer:
     def measurer(grid: Grid, points: Sequence[Values], seed: int) -> Iterator[Row]:
         for values in points:
             own_seed = point_seed(grid.experiment.name, values, seed)
-            yield values, measure(values, own_seed, runs, signals)
+            yield values, MEASURED_BY[grid.experiment.name](values, own_seed, runs, signals)
 
     return measurer
 
@@ -117,5 +121,9 @@ EMULATED = {
             Measure("arrived", "part of the pairs that arrives", arrived),
         ),
         implied=fiber_implied,
-    )
+    ),
+    "teleport": emulated_teleportation.TELEPORT,
 }
+MEASURED_BY: Mapping[str, Callable[[Values, int, Path, Signals], Outcome]] = MappingProxyType(
+    {"sdc": measure, "teleport": emulated_teleportation.measure}
+)

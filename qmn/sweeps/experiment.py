@@ -21,6 +21,18 @@ class Measure:
     label: str
     theory: Callable[[Values], float | None] = lambda _values: None
     logarithmic: bool = False
+    # Another measure of the experiment that it is drawn over; theory is told its value, too.
+    over: Parameter | None = None
+
+    def place(self, values: Values, outcome: Outcome) -> Values:
+        """Return what theory is told of a point."""
+        if self.over is None:
+            return values
+        return {**values, self.over.name: outcome[self.over.name].value}
+
+    def expected(self, values: Values, outcome: Outcome) -> float | None:
+        """Return what theory says of the measure at a point, None if nothing."""
+        return self.theory(self.place(values, outcome))
 
 
 @dataclass(frozen=True)

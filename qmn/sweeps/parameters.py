@@ -21,6 +21,7 @@ UNITS = (
     ("_ppm_per_k", "ppm/K"),
     ("_per_km_nm", "1/(km nm)"),
     ("_mw", "mW"),
+    ("_mbps", "Mbit/s"),
     ("_nm", "nm"),
     ("_db_per_km", "dB/km"),
     ("_km", "km"),

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 
 from qmn.sweeps.estimates import Estimate
-from qmn.sweeps.experiment import Outcome
+from qmn.sweeps.experiment import Measure, Outcome
 from qmn.sweeps.figure import MAX_SERIES, Picture, Point
 from qmn.sweeps.grid import Grid
 from qmn.sweeps.parameters import Parameter, Values
@@ -19,16 +19,21 @@ def pictures(grid: Grid, rows: Rows) -> list[Picture]:
         return []
     others = [grid.experiment.parameter(name) for name in grid.varied if name != x.name]
     return [
-        Picture(
-            f"{grid.experiment.what}",
-            x,
-            x.label,
-            measure,
-            series(rows, others, measure.name)[:MAX_SERIES],
-        )
+        _picture(grid, rows, measure, measure.over or x, others)
         for measure in grid.experiment.measures
         if not all(math.isnan(outcome[measure.name].value) for _values, outcome in rows)
     ]
+
+
+def _picture(
+    grid: Grid, rows: Rows, measure: Measure, x: Parameter, others: Sequence[Parameter]
+) -> Picture:
+    if measure.over is not None:
+        # Where it was not measured, the place on the axis is not known either.
+        seen = [row for row in rows if not math.isnan(row[1][measure.name].value)]
+        rows = [(measure.place(values, outcome), outcome) for values, outcome in seen]
+    lines = series(rows, others, measure.name)[:MAX_SERIES]
+    return Picture(grid.experiment.what, x, x.label, measure, lines)
 
 
 def horizontal(grid: Grid) -> Parameter | None:

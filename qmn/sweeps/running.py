@@ -56,7 +56,7 @@ def disagreements(experiment: Experiment, found: Iterable[Row]) -> list[str]:
     far = []
     for values, outcome in found:
         for measure in experiment.measures:
-            theory, estimate = measure.theory(values), outcome[measure.name]
+            theory, estimate = measure.expected(values, outcome), outcome[measure.name]
             if theory is None or math.isnan(estimate.value) or estimate.agrees(theory):
                 continue
             far.append(

@@ -37,7 +37,7 @@ class Table:
         """Append a point; it is on the disk when this returns."""
         row: list[object] = [seed, *(values[each.name] for each in self._experiment.parameters)]
         for measure in self._experiment.measures:
-            theory = measure.theory(values)
+            theory = measure.expected(values, outcome)
             estimate = outcome[measure.name]
             row += [estimate.value, estimate.error, "" if theory is None else theory]
         self._append(row)

@@ -64,6 +64,17 @@ def teleported_fidelity(fidelity: float) -> float:
     return (2 * fidelity + 1) / 3
 
 
+def waited_fidelity(waited_s: float, t1_s: float, t2_s: float, p: float) -> float:
+    """Return the fidelity of teleportation, averaged over all states, if a memory keeps one half.
+
+    Both halves together have met depolarising with p; then the memory relaxes with T1 and loses
+    coherence with T2 for so long: of a state's direction on the Bloch sphere it keeps e^(-t/T1)
+    along Z and e^(-t/T2) across.
+    """
+    along, across = math.exp(-waited_s / t1_s), math.exp(-waited_s / t2_s)
+    return 1 / 2 + (1 - p) * (along + 2 * across) / 6
+
+
 def swapped_fidelity(first: float, second: float) -> float:
     """Return the fidelity of the pair that swapping makes of two Werner pairs."""
     return first * second + (1 - first) * (1 - second) / 3

@@ -1,0 +1,98 @@
+"""Teleportation in whole networks whose classical channel is slow: what waiting costs.
+
+The receiver's halves wait in its memory until the two bits of each are there, as packets that queue
+for a slow channel. How long that was is measured, and theory is asked about that time.
+"""
+
+import argparse
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from qmn import run, service_run
+from qmn.network_options import BadInput
+from qmn.networks import BadTopology
+from qmn.sweeps import theory
+from qmn.sweeps.estimates import NOTHING, Estimate, proportion
+from qmn.sweeps.experiment import Experiment, Measure, Outcome, SweepError, number
+from qmn.sweeps.link import FIBER
+from qmn.sweeps.parameters import Parameter, Values, of_dataclass
+from qmn.transfer import TransferError
+from topologies.network import Signals
+from topologies.programs import NetworkError
+from topologies.slow_copper import LEAST_MBPS, MOST_MBPS
+from wire.physics import Memory
+
+FIBERS_PASSED = 4  # two by either half of a pair
+RECEIVER = "bob"
+RATE = Parameter("classical_mbps", MOST_MBPS, LEAST_MBPS, MOST_MBPS, "Mbit/s")
+(DEPOLARIZING,) = (each for each in FIBER if each.name == "depolarizing")
+T1, T2 = (each for each in of_dataclass("memory_", Memory()) if each.unit == "s")
+STATE = Parameter("state", "random", choices=("random", "haar"))
+STATES = Parameter("states", 16_384, 100, 262_144)
+WAITED = Parameter("measured_wait_s", 0.0, unit="s")
+
+
+def measure(values: Values, seed: int, runs: Path, signals: Signals) -> Outcome:
+    """Teleport states, all in one block: they wait equally long."""
+    try:
+        service_run.run(arguments(values, seed, runs), signals, Console(quiet=True))
+    except (NetworkError, TransferError, BadInput, BadTopology) as error:
+        raise SweepError(f"{TELEPORT.place(values)} failed: {error}") from error
+    return outcome(json.loads((runs / "latest" / "result.json").read_text())["asking"])
+
+
+def arguments(values: Values, seed: int, runs: Path) -> argparse.Namespace:
+    """Return what `qmn run teleport` would be told."""
+    parser = argparse.ArgumentParser()
+    run.add_parser(parser.add_subparsers())
+    options = {
+        "count": values[STATES.name],
+        "block-pairs": values[STATES.name],
+        "state": values[STATE.name],
+        "backend": "chp" if values[STATE.name] == "random" else "dense",
+        "depolarizing": values[DEPOLARIZING.name],
+        "classical-mbps": values[RATE.name],
+        "seed": seed,
+        "runs": runs,
+    }
+    words = [f"--{name}={value}" for name, value in options.items()]
+    for time in (T1, T2):
+        name = time.name.removeprefix("memory_")
+        words.append(f"--device={RECEIVER}.memory.{name}={values[time.name]}")
+    return parser.parse_args(["run", "teleport", "--no-capture", *words])
+
+
+def outcome(told: dict[str, Any]) -> Outcome:
+    """Return what the summary of a run says."""
+    arrived = int(told["arrived"])
+    if not arrived:
+        return {WAITED.name: NOTHING, "teleported": NOTHING}
+    agreed = round(told["fidelity"] * arrived)
+    return {
+        WAITED.name: Estimate(told["waited_ms"] / 1000, 0.0),
+        "teleported": proportion(agreed, arrived),
+    }
+
+
+def teleported(values: Values) -> float | None:
+    """Return the theory of teleported after the wait that was measured."""
+    waited_s = number(values, WAITED.name)
+    if math.isnan(waited_s):
+        return None
+    p = theory.together(*[number(values, DEPOLARIZING.name)] * FIBERS_PASSED)
+    return theory.waited_fidelity(waited_s, number(values, T1.name), number(values, T2.name), p)
+
+
+TELEPORT = Experiment(
+    "teleport",
+    "teleportation in the emulated network with a slow classical channel",
+    (RATE, T1, T2, DEPOLARIZING, STATE, STATES),
+    (
+        Measure(WAITED.name, "wait in memory for the two bits, as measured (s)"),
+        Measure("teleported", "average fidelity of the teleported state", teleported, over=WAITED),
+    ),
+)
