@@ -24,8 +24,15 @@ from hosts.middleware.qkd.keyring import Keyring
 from hosts.middleware.receiver import ReceivingSession
 from hosts.middleware.sender import SendingSession
 from hosts.middleware.services import KINDS, NAMES
-from hosts.middleware.services.session import AcceptingSession, OpeningSession, draws_of
+from hosts.middleware.services.session import (
+    AcceptingSession,
+    OpeningSession,
+    draws_of,
+    told_apart,
+)
 from hosts.middleware.source import serve_pairs
+from hosts.middleware.swapping.orders import Swaps
+from hosts.middleware.swapping.serving import serve_link
 from wire.config import HostConfig
 from wire.metadata import FEC_NAMES, Answer, Handshake, Reason, Service, Setup, Verdict
 
@@ -44,6 +51,7 @@ class Stack:
         self._sessions_made = 0
         self._receiving: dict[int, ReceivingSession] = {}
         self._accepting: set[int] = set()
+        self.swaps = Swaps(config.address)
         self.device = Device(lambda: read_ports(config.qnics))
         self.applications = ApplicationsPort(self.connect, self.request, qnic.watch)
 
@@ -96,6 +104,7 @@ class Stack:
             self._config.analyser,
             self._draws(setup),
             self._keyring,
+            self.swaps,
         )
 
     def _draws(self, setup: Setup) -> np.random.Generator:
@@ -122,6 +131,8 @@ class Stack:
             raise SessionError(Reason(setup.reason) if refused else Reason.NOT_ARBITRATED)
         if setup.service == Service.PAIR_SOURCE:
             return self._emit_pairs
+        if setup.service == Service.LINK:
+            return self._link
         if setup.service in KINDS:
             return self._accept
         if setup.service != Service.SDC:
@@ -160,7 +171,14 @@ class Stack:
         draws = self._draws(setup)
         analyser = self._config.analyser
         session = AcceptingSession(
-            KINDS[service], self._qnic, channel, setup, analyser, draws, self._keyring
+            KINDS[service],
+            self._qnic,
+            channel,
+            setup,
+            analyser,
+            draws,
+            self._keyring,
+            self.swaps,
         )
         if setup.session in self._accepting or len(self._accepting) >= MAX_SESSIONS:
             raise SessionError(Reason.BUSY)
@@ -179,6 +197,17 @@ class Stack:
         finally:
             self._accepting.discard(setup.session)
             await session.close()
+
+    async def _link(self, channel: MetadataChannel, setup: Setup) -> None:
+        if setup.session in self._accepting or len(self._accepting) >= MAX_SESSIONS:
+            raise SessionError(Reason.BUSY)
+        self._accepting.add(setup.session)
+        try:
+            with self.device.serves(setup):
+                apart = told_apart(self._config.analyser)
+                await serve_link(self._qnic, channel, setup, self.swaps, apart)
+        finally:
+            self._accepting.discard(setup.session)
 
     async def _deliver(self, session: ReceivingSession, incoming: Incoming) -> None:
         try:

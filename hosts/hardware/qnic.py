@@ -75,6 +75,14 @@ class Qnic(Protocol):
         Return when the last photon has reached the far ends.
         """
 
+    async def share_pairs(
+        self, session: int, number: int, count: int, port: str, rate_hz: int, wavelength_pm: int
+    ) -> Stored:
+        """Make count Bell pairs Phi+, store their halves 0, and send halves 1 into a port.
+
+        Return what the memory has taken, when the last photon has reached the far end.
+        """
+
     async def modulate(
         self,
         block: BlockName,

@@ -71,6 +71,18 @@ class SimulatedQnic:
         send = _send(launches, rate_hz, wavelength_pm)
         await self._orders.perform(Step(create=create), Step(send=send))
 
+    async def share_pairs(
+        self, session: int, number: int, count: int, port: str, rate_hz: int, wavelength_pm: int
+    ) -> Stored:
+        """Make Bell pairs, store their halves 0, and send halves 1 into a port."""
+        create = CreateRequest(session=session, number=number, count=count)
+        near, far = (_half(session, number, half) for half in (0, 1))
+        send = _send([Launch(block=far, port=port)], rate_hz, wavelength_pm)
+        _made, feedback, _sent = await self._orders.perform(
+            Step(create=create), Step(store=StoreRequest(block=near)), Step(send=send)
+        )
+        return Stored(np.frombuffer(feedback.arrived, dtype=bool), feedback.time_ns)
+
     async def modulate(
         self,
         block: BlockName,

@@ -6,7 +6,7 @@ once, by hand.
 """
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import replace
@@ -45,12 +45,18 @@ QNICS = {
 }
 PORTS = {"alice-q0": 1, "bob-q0": 2, "bob-q1": 3, "charlie-q0": 4, "charlie-q1": 5}
 PATHS = [(4, 1), (1, 3), (5, 2)]
-OWN_ADDRESS = {"alice": "127.0.0.11", "bob": "127.0.0.12", "charlie": "127.0.0.13"}
+REPEATERS = ("r1", "r2", "r3")
+OWN_ADDRESS = {
+    name: f"127.0.0.{number}"
+    for number, name in enumerate(("alice", "bob", "charlie", *REPEATERS), 11)
+}
 RELAYED = {name: address.replace("127.0.0", "127.0.1") for name, address in OWN_ADDRESS.items()}
 DEADLINE_S = 30
 
 Judge = Callable[[Setup], Setup]
-Change = Callable[[str, Message], Message | None]  # "forth" or "back"; None: cut the connection
+# What becomes of a message that goes "forth" or "back"; None: cut the connection.
+Changed = Message | None
+Change = Callable[[str, Message], Changed | Awaitable[Changed]]
 
 
 def grant(setup: Setup) -> Setup:
@@ -79,6 +85,8 @@ async def alter(
             assert length is not None
             data = header + await reader.readexactly(length - HEADER.size)
             changed = change(way, decode(data))
+            if isinstance(changed, Awaitable):
+                changed = await changed
             if changed is None:
                 break
             writer.write(changed.encode())
@@ -137,17 +145,20 @@ async def network(
     change: Change | None = None,
     optics: Sequence[PathOptics] = (),
     cuts: "Future[Cut] | None" = None,
+    qnics: dict[str, list[str]] = QNICS,
+    ports: dict[str, int] = PORTS,
+    stacks: dict[str, Stack] | None = None,
     **fiber: Any,
 ) -> AsyncIterator[Path]:
-    """Run everything; the sockets of the stacks are in the folder."""
+    """Run everything; the sockets of the stacks are in the folder, the stacks in `stacks`."""
     config = DispatcherConfig(
         listen="127.0.0.1:0",
         socket=str(folder / "dispatcher.sock"),
         seed=1,
-        tokens={name: f"token of {name}" for name in (*QNICS, "q1", "runner")},
+        tokens={name: f"token of {name}" for name in (*qnics, "q1", "runner")},
         fibers=[
             Fiber(FiberEnd(port.split("-")[0], port), FiberEnd("q1", str(number)), **fiber)
-            for port, number in PORTS.items()
+            for port, number in ports.items()
         ],
         switches=[QuantumSwitch("q1", rotation=rotation, paths=list(optics))],
         devices={"bob": Device(analyser=BellAnalyser(analyser)), **(devices or {})},
@@ -163,10 +174,12 @@ async def network(
     async with AsyncExitStack() as stack:
         stack.push_async_callback(server.stop, 0)
         await connect_paths(config.socket, paths)
-        for name in QNICS:
+        for name, own in qnics.items():
             host = await start_host(
-                stack, folder, config.socket, name, judge, analyser, change, cut
+                stack, folder, config.socket, name, own, judge, analyser, change, cut
             )
+            if stacks is not None:
+                stacks[name] = host
             if settings is not None:
                 host.device.set(settings)
         yield folder
@@ -185,6 +198,7 @@ async def start_host(
     folder: Path,
     dispatcher: str,
     name: str,
+    qnics: list[str],
     judge: Judge,
     analyser: str,
     change: Change | None,
@@ -194,7 +208,7 @@ async def start_host(
     config = HostConfig(
         name=name,
         address=OWN_ADDRESS[name],
-        qnics=QNICS[name],
+        qnics=qnics,
         dispatcher=f"unix:{dispatcher}",
         token=f"token of {name}",
         socket=str(folder / f"{name}.sock"),
