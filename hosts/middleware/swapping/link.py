@@ -17,8 +17,8 @@ from hosts.middleware.arrangement import Arrangement
 from hosts.middleware.services.blocks import keep, store
 from hosts.middleware.services.service import ConnectionEnd
 from hosts.middleware.swapping.bits import MAX_OPERATOR, Bits
-from hosts.middleware.swapping.orders import SwapOrder
 from hosts.middleware.values import values
+from wire.device import SwapOrder
 from wire.metadata import Finish, Pauli, Reason, Service, Setup, Topic, Verdict
 
 NO_DIGEST = bytes(32)

@@ -1,39 +1,18 @@
 """What a host has been told to do in chains of repeaters, and links that have come to it."""
 
 import asyncio
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from hosts.middleware.channel import MetadataChannel, SessionError
+from wire.device import SwapOrder
 from wire.metadata import Reason, Setup
 
 ORDER_TIMEOUT_S = 5.0
 LINK_TIMEOUT_S = 10.0
 MAX_ORDERS = 256
-MAX_REPEATERS = 16
-SESSIONS = 1 << 64
-
-
-@dataclass(frozen=True)
-class SwapOrder:
-    """What one node of a chain does in a session of swapping."""
-
-    session: int  # that the opener has asked for
-    place: int  # in the chain: the opener's is 0, the first repeater's 1
-    right: str = ""  # IPv4 address of the next node; "" at the acceptor
-    after_left: bool = False  # swap after the left neighbour; else as soon as both links hold
-
-    @property
-    def incoming(self) -> int:
-        """Return the session of the link from the left."""
-        return (self.session + self.place) % SESSIONS
-
-    @property
-    def outgoing(self) -> int:
-        """Return the session of the link to the right."""
-        return (self.incoming + 1) % SESSIONS
 
 
 class Arrived(NamedTuple):
@@ -50,8 +29,8 @@ class Swaps:
 
     address: str  # of this host
     _orders: dict[int, SwapOrder] = field(default_factory=dict)  # by session
-    _asked: dict[int, asyncio.Future[SwapOrder]] = field(default_factory=dict)
     _expected: dict[int, asyncio.Future[Arrived]] = field(default_factory=dict)
+    _news: asyncio.Event = field(default_factory=asyncio.Event)  # another one after each order
 
     @property
     def sessions(self) -> frozenset[int]:
@@ -59,15 +38,12 @@ class Swaps:
         return frozenset(self._orders)
 
     def take(self, order: SwapOrder) -> None:
-        """Keep an order until its session is over; raise SessionError if it cannot be."""
-        if not 0 <= order.place <= MAX_REPEATERS + 1 or not (order.place or order.right):
-            text = f"place {order.place} of a chain: at most {MAX_REPEATERS} repeaters are known"
-            raise SessionError(Reason.UNSUPPORTED, text)
-        if len(self._orders) >= MAX_ORDERS and order.session not in self._orders:
+        """Keep an order until its session is over."""
+        if len(self._orders) >= MAX_ORDERS and order.chain not in self._orders:
             del self._orders[next(iter(self._orders))]  # the oldest: its session never came
-        self._orders[order.session] = order
-        if (asked := self._asked.get(order.session)) and not asked.done():
-            asked.set_result(order)
+        self._orders[order.chain] = order
+        self._news.set()
+        self._news = asyncio.Event()
 
     def forget(self, session: int) -> None:
         """Drop the order of a session that is over."""
@@ -75,24 +51,21 @@ class Swaps:
 
     async def order(self, session: int) -> SwapOrder:
         """Return the order of a session; raise SessionError if it does not come in time."""
-        if session in self._orders:
-            return self._orders[session]
-        asked = self._asked.setdefault(session, asyncio.get_running_loop().create_future())
+        return await self._found(lambda order: order.chain == session)
+
+    async def order_of_link(self, incoming: int) -> SwapOrder:
+        """Return the order that a link from the left belongs to; SessionError if none comes."""
+        return await self._found(lambda order: order.place > 0 and order.incoming == incoming)
+
+    async def _found(self, matches: Callable[[SwapOrder], bool]) -> SwapOrder:
         try:
             async with asyncio.timeout(ORDER_TIMEOUT_S):
-                return await asked
+                while not (found := list(filter(matches, self._orders.values()))):
+                    await self._news.wait()
+                return found[0]
         except TimeoutError as error:
-            text = f"no controller has named the repeaters in {ORDER_TIMEOUT_S:g} s"
-            raise SessionError(Reason.NOT_ARBITRATED, text) from error
-        finally:
-            self._asked.pop(session, None)
-
-    def order_of_link(self, incoming: int) -> SwapOrder:
-        """Return the order that a link from the left belongs to; SessionError if there is none."""
-        for order in self._orders.values():
-            if order.place and order.incoming == incoming:
-                return order
-        raise SessionError(Reason.UNKNOWN_SESSION)
+            text = f"no controller has told {self.address} its place in a chain of repeaters in "
+            raise SessionError(Reason.NOT_ARBITRATED, f"{text}{ORDER_TIMEOUT_S:g} s") from error
 
     @contextmanager
     def expecting(self, session: int) -> Iterator[asyncio.Future[Arrived]]:

@@ -10,7 +10,7 @@ from hosts.hardware.qnic import Qnic, Symbols
 from hosts.middleware.services.blocks import take
 from hosts.middleware.swapping.bits import Bits
 from hosts.middleware.swapping.link import IncomingLink, OutgoingLink
-from hosts.middleware.swapping.orders import SwapOrder
+from wire.device import SwapOrder
 
 A = TypeVar("A")
 B = TypeVar("B")

@@ -6,8 +6,9 @@ from hosts.middleware.receiver import check_wavelength
 from hosts.middleware.services.service import ConnectionEnd
 from hosts.middleware.services.session import require_fibers
 from hosts.middleware.swapping.link import IncomingLink, OutgoingLink
-from hosts.middleware.swapping.orders import SwapOrder, Swaps
+from hosts.middleware.swapping.orders import Swaps
 from hosts.middleware.swapping.repeater import Repeater
+from wire.device import SwapOrder
 from wire.metadata import Setup
 from wire.services import Role
 
@@ -18,14 +19,14 @@ async def serve_link(
     """Do what this host has been ordered to until the link is over; SessionError if it fails."""
     check_wavelength(setup)
     require_fibers(setup, Role.ACCEPTOR, qnic)
-    order = swaps.order_of_link(setup.session)
+    order = await swaps.order_of_link(setup.session)
     incoming = IncomingLink(ConnectionEnd(qnic, setup, channel))
     try:
-        if order.right:
+        if not order.last:
             await _repeat(qnic, incoming, setup, order, swaps, told_apart)
         else:
             incoming.agree()
-            await swaps.hand_over(order.session, channel, setup)
+            await swaps.hand_over(order.chain, channel, setup)
     finally:
         await release(qnic, setup.session)
 
@@ -47,4 +48,4 @@ async def _repeat(
         finally:
             await outgoing.close()
     finally:
-        swaps.forget(order.session)
+        swaps.forget(order.chain)

@@ -15,8 +15,8 @@ from typing import Any
 
 from stacks_scene import RELAYED, REPEATERS, grant, network, requested
 
-from hosts.middleware.swapping.orders import SwapOrder
 from hosts.stack import Stack
+from wire.device import NOBODY, SwapOrder
 from wire.metadata import Service, Setup
 
 Stacks = dict[str, Stack]
@@ -31,8 +31,8 @@ def order_swaps(stacks: Stacks, session: int, after_left: bool = False) -> None:
     """Tell the nodes of a chain what to do in a session, as a controller does."""
     names = [*stacks]
     for place, name in enumerate(names):
-        right = RELAYED[names[place + 1]] if place + 1 < len(names) else ""
-        stacks[name].swaps.take(SwapOrder(session, place, right, after_left))
+        right = RELAYED[names[place + 1]] if place + 1 < len(names) else NOBODY
+        stacks[name].swaps.take(SwapOrder(1, session, place, right, int(after_left)))
 
 
 @asynccontextmanager

@@ -9,12 +9,13 @@ from typing import Any
 import pytest
 from chain_scene import Stacks, chain
 from dispatcher_status import held, require_nothing_left
-from stacks_scene import DEADLINE_S, RELAYED, Change, grant
+from stacks_scene import DEADLINE_S, OWN_ADDRESS, RELAYED, Change, grant
 
 from hosts.middleware.channel import MetadataChannel, SessionError
 from hosts.middleware.swapping import orders
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
+from wire.device import SwapOrder
 from wire.metadata import Message, Reason, Service, Setup, Topic, Values
 from wire.physics import Device, Memory
 
@@ -158,33 +159,41 @@ def test_without_orders_from_a_controller_nothing_is_swapped(
 
     def scene() -> None:
         alice, bob = asked(tmp_path, nothing, count=100)
-        assert "no controller has named the repeaters" in alice
-        assert "no controller has named the repeaters" in bob
+        for told in (alice, bob):
+            assert f"no controller has told {OWN_ADDRESS['alice']} its place" in told
 
     inside(tmp_path, 1, scene, order=lambda _stacks, _session: None)
 
 
-def test_a_repeater_without_an_order_refuses_its_link_and_alice_is_told(tmp_path: Path) -> None:
+def test_a_repeater_without_an_order_refuses_its_link_and_alice_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(orders, "ORDER_TIMEOUT_S", 0.2)
+
     def order(stacks: Stacks, session: int) -> None:
-        stacks["alice"].swaps.take(orders.SwapOrder(session, 0, RELAYED["r1"]))
-        stacks["bob"].swaps.take(orders.SwapOrder(session, 2))
+        stacks["alice"].swaps.take(SwapOrder(1, session, 0, RELAYED["r1"]))
+        stacks["bob"].swaps.take(SwapOrder(1, session, 2))
 
     def scene() -> None:
         alice, bob = asked(tmp_path, nothing, count=100)
-        assert "knows no such session" in alice
-        assert "knows no such session" in bob
+        for told in (alice, bob):
+            assert f"no controller has told {OWN_ADDRESS['r1']} its place" in told
 
     inside(tmp_path, 1, scene, order=order)
 
 
-def test_a_link_that_nobody_has_ordered_is_refused(tmp_path: Path) -> None:
+def test_a_link_that_nobody_has_ordered_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(orders, "ORDER_TIMEOUT_S", 0.2)
+
     async def run() -> None:
         async with chain(tmp_path, 1):
             channel = await MetadataChannel.connect("r1", RELAYED["r1"])
             setup = Setup(5, Service.LINK, 1, "127.0.0.11", 100, 1, 1_000_000)
             with pytest.raises(SessionError) as caught:
                 await channel.request(grant(setup))
-            assert caught.value.reason == Reason.UNKNOWN_SESSION
+            assert caught.value.reason == Reason.NOT_ARBITRATED
             channel.close()
 
     asyncio.run(run())
