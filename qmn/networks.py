@@ -17,6 +17,7 @@ from topologies.fiber import resolved
 from topologies.leaf_spine import LeafSpineTopo
 from topologies.nodes import QuantumHost
 from topologies.presets import preset
+from topologies.repeaters import RepeatersTopo
 from topologies.ring import RingTopo
 from topologies.sdc import SdcTopo
 from wire.fiber import FiberOptics, optics
@@ -27,12 +28,14 @@ TOPOLOGIES: dict[str, tuple[Callable[..., Topo], str]] = {
     "chain": (ChainTopo, "quantum switches in a line"),
     "ring": (RingTopo, "quantum switches in a ring"),
     "leaf-spine": (LeafSpineTopo, "two stages of quantum switches"),
+    "repeaters": (RepeatersTopo, "repeaters in a line, a quantum switch between neighbours"),
 }
 SIZES = {
     "sdc": (),
     "chain": ("switches",),
     "ring": ("switches",),
     "leaf-spine": ("leaves", "spines"),
+    "repeaters": ("repeaters",),
 }
 FIBER = ("length_km", "loss_db_per_km", "depolarizing", "kind")
 PARAMETERS = asdict(FiberOptics())  # of a fibre, with their defaults

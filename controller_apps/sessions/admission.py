@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Network
 from controller_apps.light.routing import Leg, LightPath, Limits, route, why_not
+from controller_apps.sessions.chains import Chain, find_chain
 from controller_apps.sessions.segments import FiveTuple
 from controller_apps.sessions.sessions import Session, Sessions
 from wire.metadata import Handshake, Reason, Service, Setup
@@ -20,6 +21,7 @@ class Admission:
     reason: Reason = Reason.OK
     paths: tuple[LightPath, ...] = ()
     waits_for_light: bool = False  # refused only because others have the light
+    chain: Chain = ()  # of repeaters, where it is wanted
 
 
 def admit(
@@ -85,6 +87,10 @@ def find_light(
         limits = limits_of(setup, sessions, budget_mdb)
     except ValueError:  # a wavelength that is none of light
         return Admission(Reason.NO_WAVELENGTH)
+    if service == Service.SWAP:  # light comes with each link
+        limits = limits._replace(blocked=Limits().blocked)
+        chain = find_chain(network, hosts[Role.OPENER], hosts[Role.ACCEPTOR], limits)
+        return Admission(Reason.NO_PATH) if chain is None else Admission(chain=chain)
     if setup.handshake == Handshake.PER_PAIR:  # light comes with each pair
         limits = limits._replace(blocked=Limits().blocked)
     paths = route(network, legs, limits)

@@ -13,7 +13,14 @@ from dataclasses import dataclass, field
 
 from controller_apps.light.light import Light
 from controller_apps.light.paths import Hop, Network, switches
-from controller_apps.sessions.actions import Action, AddBypass, Drop, Forward, Note
+from controller_apps.sessions.actions import (
+    Action,
+    AddBypass,
+    Drop,
+    Forward,
+    Note,
+    SwapsOrdered,
+)
 from controller_apps.sessions.admission import Admission, admit, find_light
 from controller_apps.sessions.segments import RST, FiveTuple, parse
 from controller_apps.sessions.sessions import (
@@ -94,6 +101,9 @@ class Arbiter:
         if waits:
             self.sessions.queue[request.five_tuple] = request
             return [Note("queued", session.number)]
+        if admission.chain:
+            ordered = SwapsOrdered(session.number, admission.chain)
+            return [ordered, *self.verdicts.grant(request)]
         if not admission.paths:
             return self.verdicts.grant(request)
         return self.light.open(request, session, admission.paths)

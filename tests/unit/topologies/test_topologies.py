@@ -8,6 +8,7 @@ from mininet.topo import Topo
 from topologies.chain import ChainTopo
 from topologies.fiber import FiberLink
 from topologies.leaf_spine import LeafSpineTopo
+from topologies.repeaters import RepeatersTopo
 from topologies.ring import RingTopo
 from topologies.sdc import SdcTopo
 
@@ -42,7 +43,16 @@ def test_every_leaf_is_joined_to_every_spine() -> None:
     assert fibers(LeafSpineTopo(leaves=2, spines=2)) == {**hosts, **joined}
 
 
-@pytest.mark.parametrize("topo", [SdcTopo, ChainTopo, RingTopo, LeafSpineTopo])
+def test_every_two_neighbours_of_a_chain_of_repeaters_have_a_switch_of_their_own() -> None:
+    joined = {"alice q1": 1, "q1 r1": 1, "q2 r1": 1, "q2 r2": 1, "q3 r2": 1, "bob q3": 1}
+    assert fibers(RepeatersTopo(repeaters=2)) == joined
+    assert "charlie" not in RepeatersTopo().hosts()
+    for count in (0, 17):
+        with pytest.raises(ValueError, match=f"{count} repeaters: choose 1 to 16"):
+            RepeatersTopo(repeaters=count)
+
+
+@pytest.mark.parametrize("topo", [SdcTopo, ChainTopo, RingTopo, LeafSpineTopo, RepeatersTopo])
 def test_everything_has_copper_and_a_datapath_id_of_its_own(topo: type[Topo]) -> None:
     built = topo(length_km=3.0)
     copper = {other for pair in built.links() if "s1" in pair for other in pair} - {"s1"}
