@@ -37,6 +37,7 @@ class NetworkOptions(TypedDict, total=False):
     device: list[str]  # as bob.detectors.efficiency=0.8
     switches: int
     leaves: int
+    repeaters: int
     spines: int
     loss_budget_db: float
     contention: str

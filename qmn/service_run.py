@@ -49,38 +49,49 @@ class Verb:
     unit: str  # what --count counts
     options: Mapping[str, dict[str, Any]]  # of the service's own: argparse's words for each
     protocols: tuple[str, ...] = ()  # services that do it; none: the one of the verb's name
+    topology: str = "sdc"  # by default
 
 
+# What the services that leave pairs in memory can be told.
+PAIRS: Mapping[str, dict[str, Any]] = MappingProxyType(
+    {
+        "fidelity": {
+            "type": float,
+            "default": 0.0,
+            "metavar": "F",
+            "help": "at least, to Phi+ (0: any)",
+        },
+        "sample": {
+            "type": float,
+            "default": 0.1,
+            "metavar": "SHARE",
+            "help": "of the pairs, sacrificed for the estimate (0.1)",
+        },
+        "purification": {
+            "choices": distribute.PROTOCOLS,
+            "default": "dejmps",
+            "help": "where it is needed (dejmps)",
+        },
+        "rounds": {
+            "type": int,
+            "default": None,
+            "metavar": "N",
+            "help": "of purification (as many as the fidelity needs)",
+        },
+    }
+)
 VERBS: Mapping[str, Verb] = MappingProxyType(
     {
         "distribute": Verb(
             "put pairs of a wanted fidelity into the memories of two hosts",
             "pairs",
-            {
-                "fidelity": {
-                    "type": float,
-                    "default": 0.0,
-                    "metavar": "F",
-                    "help": "at least, to Phi+ (0: any)",
-                },
-                "sample": {
-                    "type": float,
-                    "default": 0.1,
-                    "metavar": "SHARE",
-                    "help": "of the pairs, sacrificed for the estimate (0.1)",
-                },
-                "purification": {
-                    "choices": distribute.PROTOCOLS,
-                    "default": "dejmps",
-                    "help": "where it is needed (dejmps)",
-                },
-                "rounds": {
-                    "type": int,
-                    "default": None,
-                    "metavar": "N",
-                    "help": "of purification (as many as the fidelity needs)",
-                },
-            },
+            PAIRS,
+        ),
+        "swap": Verb(
+            "put pairs into the memories of two hosts by way of repeaters",
+            "pairs",
+            PAIRS,
+            topology="repeaters",
         ),
         "teleport": Verb(
             "teleport states",
@@ -154,8 +165,8 @@ def add_parsers(jobs: Any) -> None:
 def _add_options(parser: argparse.ArgumentParser, name: str, verb: Verb) -> None:
     add = partial(parser.add_argument)
     defaults = NAMES[name].options(host="", port=SERVICE_PORT)
-    text = f"over this network ({', '.join(TOPOLOGIES)}; default: sdc)"
-    add("--topology", choices=sorted(TOPOLOGIES), default="sdc", help=text)
+    text = f"over this network ({', '.join(TOPOLOGIES)}; default: {verb.topology})"
+    add("--topology", choices=sorted(TOPOLOGIES), default=verb.topology, help=text)
     add("--from", dest="sender", default="alice", metavar="HOST", help="that asks (alice)")
     add("--to", dest="receiver", default="bob", metavar="HOST", help="that is asked (bob)")
     text = f"{verb.unit.replace('_', ' ')} ({defaults.count})"
