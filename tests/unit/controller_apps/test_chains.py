@@ -8,8 +8,9 @@ from metadata_scene import ALICE, BOB, CHARLIE, FRAMED, arbiter, frame, network,
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import HostPort, Network
 from controller_apps.light.routing import Limits
-from controller_apps.sessions.actions import Forward, OpenPaths, SwapsOrdered
+from controller_apps.sessions.actions import Forward, Keep, OpenPaths, SwapsOrdered
 from controller_apps.sessions.chains import find_chain, orders
+from controller_apps.succession.kept import decode_session
 from wire.device import SwapOrder
 from wire.metadata import Reason, Service, Setup, Verdict, decode
 
@@ -68,6 +69,13 @@ def test_a_swap_is_granted_at_once_and_its_nodes_are_told_first() -> None:
     assert answer.verdict == Verdict.GRANTED
     assert actions[0] == SwapsOrdered(7, (ALICE, CHARLIE, BOB))
     assert not any(isinstance(action, OpenPaths) for action in actions)
+
+
+def test_a_swap_is_kept_and_read_back_though_it_has_no_light_of_its_own() -> None:
+    actions, _answer = asked(SWAP)
+    (kept,) = [action for action in actions if isinstance(action, Keep)]
+    session = decode_session(kept.data, 1.0)
+    assert (session.setup, session.paths, session.open) == (SWAP, (), True)
 
 
 def test_a_swap_that_no_repeater_can_make_is_refused() -> None:
