@@ -27,8 +27,9 @@ REMEDIES = {
     "its switch send quantum metadata to it?",
     Reason.NO_LISTENER: "no application listens on that port; start the receiver first",
     Reason.UNKNOWN_HOST: "the controller has not seen the fibres of sender, receiver and source",
-    Reason.NO_PATH: "no light path joins sender, receiver and source; the receiver and the "
-    "source need two fibres each, the sender one of its own, and none of them cut",
+    Reason.NO_PATH: "no light path joins sender, receiver and source; each needs the fibres that "
+    "the service asks for (for bytes the receiver and the source two, the sender one of its own), "
+    "and none of them cut",
     Reason.BUSY: "another session uses these fibres; try again when it has ended",
     Reason.NOT_ALLOWED: "the controller's policy does not allow this service between these "
     "hosts, or not at this rate, frame size or number of sessions; ask who runs the network to "

@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 
 from hosts.middleware.channel import SessionError
-from hosts.middleware.options import MAX_BLOCK_S
+from hosts.middleware.options import MAX_BLOCK_S, check_choice, check_whole
 from hosts.middleware.services.blocks import store
-from hosts.middleware.services.options import ServiceOptions, check_choice, check_whole
+from hosts.middleware.services.options import ServiceOptions
 from hosts.middleware.services.pairs import Pairs
 from hosts.middleware.services.purification import PHOTONS, Protocol
 from hosts.middleware.services.service import AcceptorEnd, Answerer, OpenerEnd, ServiceKind

@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 from hosts.middleware.channel import SessionError
-from hosts.middleware.options import MAX_BLOCK_S
+from hosts.middleware.options import MAX_BLOCK_S, check_choice, check_whole
 from hosts.middleware.qkd.parameters import Parameters
-from hosts.middleware.services.options import ServiceOptions, check_choice, check_whole
+from hosts.middleware.services.options import ServiceOptions
 from wire.metadata import Reason
 from wire.qkd import Bound, Reconciliation
 

@@ -20,7 +20,8 @@ from typing import Any
 import numpy as np
 
 from hosts.hardware.qnic import NO_COINCIDENCE, Symbols
-from hosts.middleware.services.options import ServiceOptions, check_choice
+from hosts.middleware.options import check_choice
+from hosts.middleware.services.options import ServiceOptions
 from hosts.middleware.services.service import AcceptorEnd, OpenerEnd, ServiceKind
 from wire.metadata import Service, Topic
 

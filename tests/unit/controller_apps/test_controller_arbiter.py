@@ -46,6 +46,7 @@ from wire.metadata import (
     Emit,
     Handshake,
     Reason,
+    Service,
     Setup,
     Verdict,
     decode,
@@ -217,6 +218,20 @@ def test_rubbish_is_dropped_and_changes_nothing() -> None:
     assert not state.sessions.by_number
 
 
+@pytest.mark.parametrize(
+    ("service", "legs"),
+    [
+        (Service.TELEPORT, PATHS[:1] + PATHS[2:]),  # nothing goes from alice to bob
+        (Service.BBM92, PATHS[:1] + PATHS[2:]),
+        (Service.BB84, (Hop(Q1, PATHS[1].in_port, PATHS[2].out_port),)),  # from alice, nothing else
+    ],
+)
+def test_each_service_gets_the_light_it_needs(service: Service, legs: tuple[Hop, ...]) -> None:
+    (action,) = ask(arbiter(), replace(FRAMED, service=service))
+    assert isinstance(action, OpenPaths)
+    assert action.hops == legs
+
+
 def test_refusals_name_their_reason_and_open_nothing() -> None:
     unknown_source = replace(FRAMED, source="10.0.0.9")
     from_bob = replace(FRAMED, source=ALICE)  # alice has one fibre, a source needs two
@@ -228,6 +243,9 @@ def test_refusals_name_their_reason_and_open_nothing() -> None:
         (replace(FRAMED, session=0), Reason.PROTOCOL),
         (replace(unknown_source, handshake=Handshake.PER_PAIR), Reason.UNKNOWN_HOST),
         (replace(from_bob, handshake=Handshake.PER_PAIR), Reason.NO_PATH),
+        # Only superdense coding knows another handshake.
+        (replace(FRAMED, service=Service.TELEPORT, handshake=Handshake.PER_PAIR), Reason.PROTOCOL),
+        (replace(FRAMED, service=Service.BB84, handshake=Handshake.ONE_PAIR), Reason.PROTOCOL),
     ]
     for setup, reason in cases:
         state = arbiter(rotation=1)

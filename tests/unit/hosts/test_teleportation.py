@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from stacks_scene import ask, grant, refusal
+from stacks_scene import Judge, ask, grant, refusal
 
-from wire.metadata import Setup
+from wire.config import PathOptics
 from wire.physics import BellAnalyser, Device, Memory
 
 COUNT = 20_000
@@ -23,14 +23,22 @@ def test_every_state_arrives_over_ideal_fibres(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("rotation", [1, 2, 3])
-def test_a_known_rotation_is_undone(tmp_path: Path, rotation: int) -> None:
-    def judge(setup: Setup) -> Setup:
-        return replace(grant(setup), rotation=rotation if setup.service == 4 else 0)
+@pytest.mark.parametrize("path", [(4, 1), (5, 2)])
+def test_a_known_rotation_is_undone(tmp_path: Path, path: tuple[int, int], rotation: int) -> None:
+    physics = {"optics": [PathOptics(*path, rotation=rotation)]}
+    alice, _bob = ask(tmp_path, "teleport", told(rotation), physics, count=2000)
+    assert (alice["arrived"], alice["fidelity"]) == (2000, 1)
 
-    # Each of the two light paths of the pairs turns by it; alice's half has passed one, too.
-    physics = {"rotation": 0, "paths": [(4, 1), (5, 2)]}
-    alice, _bob = ask(tmp_path, "teleport", judge, physics, count=2000)
+
+@pytest.mark.parametrize("rotation", [1, 2, 3])
+def test_a_rotation_that_no_path_has_is_undone_all_the_same(tmp_path: Path, rotation: int) -> None:
+    alice, _bob = ask(tmp_path, "teleport", told(rotation), count=2000)
     assert alice["fidelity"] == pytest.approx(1 / 3, abs=5 * sqrt(2 / 9 / 2000))
+
+
+def told(rotation: int) -> Judge:
+    """Return a controller that tells bob of a rotation."""
+    return lambda setup: replace(grant(setup), rotation=rotation)
 
 
 def test_depolarised_pairs_teleport_with_the_fidelity_of_theory(tmp_path: Path) -> None:
