@@ -42,10 +42,19 @@ QNICS = {
     "alice": ["alice-q0"],
     "bob": ["bob-q0", "bob-q1"],
     "charlie": ["charlie-q0", "charlie-q1"],
+    "eve": ["eve-q0", "eve-q1"],
 }
-PORTS = {"alice-q0": 1, "bob-q0": 2, "bob-q1": 3, "charlie-q0": 4, "charlie-q1": 5}
+PORTS = {
+    "alice-q0": 1,
+    "bob-q0": 2,
+    "bob-q1": 3,
+    "charlie-q0": 4,
+    "charlie-q1": 5,
+    "eve-q0": 6,
+    "eve-q1": 7,
+}
 PATHS = [(4, 1), (1, 3), (5, 2)]
-OWN_ADDRESS = {"alice": "127.0.0.11", "bob": "127.0.0.12", "charlie": "127.0.0.13"}
+OWN_ADDRESS = {name: f"127.0.0.{number}" for number, name in enumerate(QNICS, 11)}
 RELAYED = {name: address.replace("127.0.0", "127.0.1") for name, address in OWN_ADDRESS.items()}
 DEADLINE_S = 30
 
