@@ -68,6 +68,10 @@ class ServiceSocket(StackSocket):
         self._done()
         return self.results()
 
+    def stop(self) -> None:
+        """Let an interception end, from any thread or signal handler; its results then end, too."""
+        self._socket.sendall(encode(Call.CLOSE))
+
     def ask(self, **question: Any) -> dict[str, Any]:
         """Ask about what the service has left here; return the answer.
 

@@ -1,7 +1,11 @@
 """Key distribution with a third host on the fibre, over loopback, with a real dispatcher."""
 
 import asyncio
+import json
 import re
+import signal
+import subprocess
+import sys
 from concurrent.futures import Future, ThreadPoolExecutor
 from math import sqrt
 from pathlib import Path
@@ -116,6 +120,33 @@ def test_light_stops_at_a_host_on_the_fibre_that_does_nothing(tmp_path: Path) ->
             return await asyncio.to_thread(asked)
 
     assert "no photon was measured by both ends" in asyncio.run(run())
+
+
+def test_the_application_tells_what_was_seen_when_it_is_told_to_end(tmp_path: Path) -> None:
+    def asked() -> tuple[list[dict[str, Any]], dict[str, Any], int]:
+        command = [sys.executable, "-m", "hosts.applications.intercept", "--stack"]
+        with subprocess.Popen(
+            [*command, str(tmp_path / "eve.sock"), "0.1"], stdout=subprocess.PIPE, text=True
+        ) as eve:
+            assert eve.stdout
+            begun = json.loads(eve.stdout.readline())
+            try:
+                alice, _bob = requested(tmp_path, "bb84", count=20_000)
+            finally:
+                eve.send_signal(signal.SIGTERM)
+            said, _ = eve.communicate(timeout=DEADLINE_S)
+        return [begun, *map(json.loads, said.splitlines())], alice, eve.returncode
+
+    async def run() -> tuple[list[dict[str, Any]], dict[str, Any], int]:
+        async with network(tmp_path, paths=BY_EVE["bb84"]):
+            return await asyncio.to_thread(asked)
+
+    (begun, *blocks, done), alice, status = asyncio.run(run())
+    assert status == 0
+    assert begun == {"event": "intercepting", "fraction": 0.1}
+    assert (done["event"], done["fraction"]) == ("done", 0.1)
+    assert done["blocks"] == len(blocks)
+    assert sum(block["photons"] for block in blocks) == done["photons"] == alice["photons"]
 
 
 @pytest.mark.parametrize(
