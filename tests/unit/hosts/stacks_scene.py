@@ -13,6 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import grpc
 import pytest
 
 from dispatcher.clock import CaptureClock
@@ -24,8 +25,11 @@ from hosts.stack import Stack
 from hosts.stack_socket import QuantumSocketError
 from qswitch_agent.hardware.optics import CrossConnect
 from qswitch_agent.hardware.simulated import SimulatedSwitch
+from wire import service
 from wire.config import DispatcherConfig, Fiber, FiberEnd, HostConfig, PathOptics, QuantumSwitch
 from wire.device import DeviceSettings
+from wire.dispatcher_pb2 import StatusRequest
+from wire.dispatcher_pb2_grpc import DispatcherStub
 from wire.metadata import (
     HEADER,
     METADATA_PORT,
@@ -230,6 +234,19 @@ async def start_host(
 def pair_secret(*pair: str) -> str:
     """Return what two hosts share, whichever of them is named first."""
     return " and ".join(sorted(pair)).encode().hex()
+
+
+async def live_qubits(folder: Path) -> int:
+    """Return how many photons the dispatcher still holds, once hosts have had time to let go."""
+    async with grpc.aio.insecure_channel(f"unix:{folder}/dispatcher.sock") as channel:
+        stub = DispatcherStub(channel)  # type: ignore[no-untyped-call]
+        words = {"metadata": service.metadata("token of runner"), "timeout": DEADLINE_S}
+        for _attempt in range(100):
+            live = int((await stub.Status(StatusRequest(), **words)).live_qubits)
+            if live == 0:
+                break
+            await asyncio.sleep(0.02)
+    return live
 
 
 def transfer(folder: Path, data: bytes, **options: Any) -> tuple[bytes, dict[str, Any]]:

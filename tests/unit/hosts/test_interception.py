@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from stacks_scene import DEADLINE_S, accepted, network, requested
+from stacks_scene import DEADLINE_S, accepted, live_qubits, network, requested
 
 from hosts.hardware.qnic import Received
 from hosts.middleware.interception import MAX_RATE_HZ, rate_of
@@ -92,7 +92,9 @@ def test_who_measures_everything_leaves_no_key_at_either_end(tmp_path: Path, pro
 
     async def run() -> tuple[str, str]:
         async with network(tmp_path, paths=BY_EVE[protocol]):
-            return await asyncio.to_thread(asked)
+            told = await asyncio.to_thread(asked)
+            assert await live_qubits(tmp_path) == 0
+            return told
 
     for told in asyncio.run(run()):
         found = re.search(r"no key: (\d+) of (\d+) test bits are wrong", told)
