@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dispatcher.laboratory import JumpingClock, Laboratory
 from dispatcher.operations import Operations
-from dispatcher.ownership import BlockName
+from dispatcher.ownership import Block, BlockName
 from dispatcher.refusal import Refusal
 from dispatcher.resending import ALONE, Resending
 from dispatcher.sabot.backend import Bytes
@@ -166,6 +166,24 @@ def test_her_detectors_lose_photons_and_make_others_of_dark_counts() -> None:
         np.testing.assert_array_equal(found[: COUNT // 2], seen[: COUNT // 2])
 
     scene(act, fibers=fibers, devices={"eve": Device(detectors=detectors)})
+
+
+def test_no_photon_takes_the_place_of_one_that_is_elsewhere() -> None:
+    detectors = Detectors(dark_count_hz=1e9, gate_s=1e-9)
+
+    async def act(laboratory: Laboratory) -> None:
+        eve, layer = laboratory.host("eve"), laboratory.layer
+        await eve.create(SMALL, state=CreateRequest.ZEROS)
+        (block,) = layer.ownership.parts(BlockName(1, 0, 0))
+        first = np.arange(SMALL) < SMALL // 2
+        layer.ownership.add(Block(block.name, layer.sabot.part(block.register, first), "bob"))
+        seen = await eve.resend((0, 0), np.zeros(SMALL, np.uint8))
+        assert within(int((seen[first] != NO_CLICK).sum()), SMALL // 2, 1 - np.exp(-2))
+        np.testing.assert_array_equal(block.register.present, ~first)
+        found = await laboratory.host("bob").measure((0, 0))
+        np.testing.assert_array_equal(found != NO_CLICK, first)
+
+    scene(act, devices={"eve": Device(detectors=detectors)})
 
 
 def test_of_a_pulse_of_many_photons_one_is_left() -> None:
