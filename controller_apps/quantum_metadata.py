@@ -82,7 +82,7 @@ class QuantumMetadata(App):
         self.permission = Permission(
             read_policy(config.policy), self.network, self.arbiter.sessions
         )
-        self.arbiter.forbid = self._forbid
+        self.arbiter.forbid, self.arbiter.taps = self._forbid, self.permission.policy.taps
         self.datapaths: dict[int, Any] = {}
         self.packet_in_count = 0
         self.dropped: Counter[str] = Counter()
@@ -304,6 +304,7 @@ class QuantumMetadata(App):
             self.permission.policy = read_policy(self.policy_path)
         except BadPolicy as error:
             raise Refused(f"{error}; the policy before stays in force") from error
+        self.arbiter.taps = self.permission.policy.taps
         self.record.write("policy", path=self.policy_path)
         return self.policy_path or str(DEFAULT)
 

@@ -19,6 +19,7 @@ from hosts.incoming import Incoming
 from hosts.middleware.arrangement import Arrangement
 from hosts.middleware.channel import ANSWER_TIMEOUT_S, MetadataChannel, SessionError
 from hosts.middleware.device import Device
+from hosts.middleware.interception import Interception, InterceptionOptions
 from hosts.middleware.options import HANDSHAKES, SessionOptions
 from hosts.middleware.qkd.keyring import Keyring
 from hosts.middleware.receiver import ReceivingSession
@@ -53,7 +54,7 @@ class Stack:
         self._accepting: set[int] = set()
         self.swaps = Swaps(config.address)
         self.device = Device(lambda: read_ports(config.qnics))
-        self.applications = ApplicationsPort(self.connect, self.request, qnic.watch)
+        self.applications = ApplicationsPort(self.connect, self.request, qnic.watch, self.intercept)
 
     def connect(self, options: SessionOptions) -> SendingSession:
         """Prepare a session to a host; raise SessionError if the names are not known."""
@@ -106,6 +107,11 @@ class Stack:
             self._keyring,
             self.swaps,
         )
+
+    def intercept(self, fields: dict[str, Any]) -> Interception:
+        """Prepare an interception; raise SessionError for what cannot be asked."""
+        options = InterceptionOptions.from_fields(fields)
+        return Interception(self._qnic, options, self._config.seed, self._config.name)
 
     def _draws(self, setup: Setup) -> np.random.Generator:
         return draws_of(self._config.seed, self._config.name, setup.session)

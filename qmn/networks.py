@@ -20,6 +20,7 @@ from topologies.presets import preset
 from topologies.repeaters import RepeatersTopo
 from topologies.ring import RingTopo
 from topologies.sdc import SdcTopo
+from topologies.tapped import TappedTopo
 from wire.fiber import FiberOptics, optics
 from wire.physics import Device
 
@@ -29,6 +30,7 @@ TOPOLOGIES: dict[str, tuple[Callable[..., Topo], str]] = {
     "ring": (RingTopo, "quantum switches in a ring"),
     "leaf-spine": (LeafSpineTopo, "two stages of quantum switches"),
     "repeaters": (RepeatersTopo, "repeaters in a line, a quantum switch between neighbours"),
+    "tapped": (TappedTopo, "one quantum switch, with eve, who can be put on a fibre"),
 }
 SIZES = {
     "sdc": (),
@@ -36,6 +38,7 @@ SIZES = {
     "ring": ("switches",),
     "leaf-spine": ("leaves", "spines"),
     "repeaters": ("repeaters",),
+    "tapped": (),
 }
 FIBER = ("length_km", "loss_db_per_km", "depolarizing", "kind")
 PARAMETERS = asdict(FiberOptics())  # of a fibre, with their defaults

@@ -17,7 +17,7 @@ from hosts.middleware.channel import SessionError
 from hosts.middleware.services import NAMES, distribute, teleport
 from hosts.middleware.services.key_options import BOUNDS, CORRECTIONS, KeyOptions
 from hosts.middleware.services.options import ServiceOptions
-from qmn import service_result
+from qmn import eavesdropping, service_result
 from qmn.network_options import (
     BadInput,
     add_network_options,
@@ -50,6 +50,7 @@ class Verb:
     options: Mapping[str, dict[str, Any]]  # of the service's own: argparse's words for each
     protocols: tuple[str, ...] = ()  # services that do it; none: the one of the verb's name
     topology: str = "sdc"  # by default
+    eavesdropper: bool = False  # whether eve may be put on the fibre
 
 
 # What the services that leave pairs in memory can be told.
@@ -138,6 +139,7 @@ VERBS: Mapping[str, Verb] = MappingProxyType(
                 },
             },
             ("bb84", "bbm92"),
+            eavesdropper=True,
         ),
     }
 )
@@ -173,6 +175,9 @@ def _add_options(parser: argparse.ArgumentParser, name: str, verb: Verb) -> None
     add("--count", type=int, default=defaults.count, metavar="N", help=text)
     for option, words in verb.options.items():
         add(f"--{option.replace('_', '-')}", **words)
+    parser.set_defaults(eve=None)
+    if verb.eavesdropper:
+        eavesdropping.add_option(parser)
     text = f"pairs in a block ({defaults.block_pairs})"
     add("--block-pairs", type=int, default=defaults.block_pairs, metavar="N", help=text)
     text = f"of the source ({defaults.rate_hz})"
@@ -186,7 +191,8 @@ def run(arguments: argparse.Namespace, signals: Signals, console: Console) -> in
     options = check_input(arguments)
     require_root()
     folder = begin_folder(arguments.runs, arguments.service)
-    own = ("sender", "receiver", *own_options(arguments.service))
+    eavesdropping.make_policy(arguments, topology(arguments)(), folder)
+    own = ("sender", "receiver", "eve", *own_options(arguments.service))
     facts = {"service": arguments.service, **known_facts(arguments, own), "delivered": False}
     with ending(folder, facts, service_result.complete):
         _use(arguments, options, folder, facts, signals, console)
@@ -201,8 +207,11 @@ def own_options(service: str) -> tuple[str, ...]:
 
 def check_input(arguments: argparse.Namespace) -> ServiceOptions:
     """Return what the service is told; raise BadInput before anything is started."""
-    check_two_hosts(arguments.sender, arguments.receiver, quantum_hosts(topology(arguments)()))
+    eavesdropping.choose_topology(arguments)
+    topo = topology(arguments)()
+    check_two_hosts(arguments.sender, arguments.receiver, quantum_hosts(topo))
     check_network(arguments)
+    eavesdropping.check(arguments, topo)
     fields = {name: getattr(arguments, name) for name in own_options(arguments.service)}
     words = {"host": arguments.receiver, "port": SERVICE_PORT, **fields}
     try:
@@ -225,7 +234,10 @@ def _use(
         unit = verb_of(arguments.service).unit
         what = f"{options.count:,} {unit.replace('_', ' ')}"
         console.print(f"{arguments.service} from {sender} to {receiver}: {what}")
-        with _progress_bar(console, unit, options.count, facts) as progress:
+        with (
+            eavesdropping.eavesdropping(network, arguments.eve, facts),
+            _progress_bar(console, unit, options.count, facts) as progress,
+        ):
             try:
                 asked = _start(network, arguments, receiver, "asked", [])
                 asked.wait_for("listening", START_TIMEOUT_S)

@@ -13,6 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import grpc
 import pytest
 
 from dispatcher.clock import CaptureClock
@@ -24,8 +25,11 @@ from hosts.stack import Stack
 from hosts.stack_socket import QuantumSocketError
 from qswitch_agent.hardware.optics import CrossConnect
 from qswitch_agent.hardware.simulated import SimulatedSwitch
+from wire import service
 from wire.config import DispatcherConfig, Fiber, FiberEnd, HostConfig, PathOptics, QuantumSwitch
 from wire.device import DeviceSettings
+from wire.dispatcher_pb2 import StatusRequest
+from wire.dispatcher_pb2_grpc import DispatcherStub
 from wire.metadata import (
     HEADER,
     METADATA_PORT,
@@ -42,14 +46,20 @@ QNICS = {
     "alice": ["alice-q0"],
     "bob": ["bob-q0", "bob-q1"],
     "charlie": ["charlie-q0", "charlie-q1"],
+    "eve": ["eve-q0", "eve-q1"],
 }
-PORTS = {"alice-q0": 1, "bob-q0": 2, "bob-q1": 3, "charlie-q0": 4, "charlie-q1": 5}
+PORTS = {
+    "alice-q0": 1,
+    "bob-q0": 2,
+    "bob-q1": 3,
+    "charlie-q0": 4,
+    "charlie-q1": 5,
+    "eve-q0": 6,
+    "eve-q1": 7,
+}
 PATHS = [(4, 1), (1, 3), (5, 2)]
 REPEATERS = ("r1", "r2", "r3")
-OWN_ADDRESS = {
-    name: f"127.0.0.{number}"
-    for number, name in enumerate(("alice", "bob", "charlie", *REPEATERS), 11)
-}
+OWN_ADDRESS = {name: f"127.0.0.{number}" for number, name in enumerate((*QNICS, *REPEATERS), 11)}
 RELAYED = {name: address.replace("127.0.0", "127.0.1") for name, address in OWN_ADDRESS.items()}
 DEADLINE_S = 30
 
@@ -235,6 +245,19 @@ async def start_host(
 def pair_secret(*pair: str) -> str:
     """Return what two hosts share, whichever of them is named first."""
     return " and ".join(sorted(pair)).encode().hex()
+
+
+async def live_qubits(folder: Path) -> int:
+    """Return how many photons the dispatcher still holds, once hosts have had time to let go."""
+    async with grpc.aio.insecure_channel(f"unix:{folder}/dispatcher.sock") as channel:
+        stub = DispatcherStub(channel)  # type: ignore[no-untyped-call]
+        words = {"metadata": service.metadata("token of runner"), "timeout": DEADLINE_S}
+        for _attempt in range(100):
+            live = int((await stub.Status(StatusRequest(), **words)).live_qubits)
+            if live == 0:
+                break
+            await asyncio.sleep(0.02)
+    return live
 
 
 def transfer(folder: Path, data: bytes, **options: Any) -> tuple[bytes, dict[str, Any]]:

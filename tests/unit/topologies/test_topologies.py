@@ -11,6 +11,7 @@ from topologies.leaf_spine import LeafSpineTopo
 from topologies.repeaters import RepeatersTopo
 from topologies.ring import RingTopo
 from topologies.sdc import SdcTopo
+from topologies.tapped import TappedTopo
 
 
 def fibers(topo: Topo) -> Counter[str]:
@@ -23,6 +24,10 @@ def fibers(topo: Topo) -> Counter[str]:
 
 def test_one_switch_joins_all_hosts() -> None:
     assert fibers(SdcTopo()) == {"alice q1": 1, "bob q1": 2, "charlie q1": 2}
+
+
+def test_eve_has_two_fibres_of_her_own() -> None:
+    assert fibers(TappedTopo()) == {**fibers(SdcTopo()), "eve q1": 2}
 
 
 def test_a_chain_has_its_sender_and_receiver_at_the_ends() -> None:
@@ -52,7 +57,9 @@ def test_every_two_neighbours_of_a_chain_of_repeaters_have_a_switch_of_their_own
             RepeatersTopo(repeaters=count)
 
 
-@pytest.mark.parametrize("topo", [SdcTopo, ChainTopo, RingTopo, LeafSpineTopo, RepeatersTopo])
+@pytest.mark.parametrize(
+    "topo", [SdcTopo, ChainTopo, RingTopo, LeafSpineTopo, RepeatersTopo, TappedTopo]
+)
 def test_everything_has_copper_and_a_datapath_id_of_its_own(topo: type[Topo]) -> None:
     built = topo(length_km=3.0)
     copper = {other for pair in built.links() if "s1" in pair for other in pair} - {"s1"}
