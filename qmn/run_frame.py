@@ -37,6 +37,7 @@ NETWORK_PARAMETERS = (
     "device",
     "switches",
     "leaves",
+    "repeaters",
     "spines",
     "loss_budget_db",
     "contention",
