@@ -127,6 +127,7 @@ class Operations:
         details = [gate.detail for gate in planned]
         values = limits.packed("paulis", paulis, block.register.size, 3) if paulis else None
         layer.sabot.require_room(block.register, [gate.step for gate in planned])
+        done_ns = layer.clock.now_ns()  # however long it takes to simulate
         layer.take_up(block, *(gate.target for gate in planned if gate.target is not None))
         if values is not None:
             layer.sabot.pauli(block.register, values)
@@ -140,7 +141,9 @@ class Operations:
             gate.spread_approximation(block)
         each = None if values is None else lambda position: PAULIS[values[position]]
         layer.record(node, "apply", block, detail=" ".join(details), each=each)
-        return layer.feedback(block)
+        feedback = layer.feedback(block)
+        feedback.time_ns = done_ns
+        return feedback
 
     def store(self, node: str, name: BlockName) -> Feedback:
         """Keep a block in the node's memory."""
@@ -148,6 +151,7 @@ class Operations:
         self._layer.memories.store(block)
         self._layer.record(node, "store", block)
         feedback = self._layer.feedback(block)
+        feedback.time_ns = block.stored_ns
         feedback.arrived = block.register.present.astype(np.uint8).tobytes()
         return feedback
 

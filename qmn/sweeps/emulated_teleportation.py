@@ -33,7 +33,7 @@ RATE = Parameter("classical_mbps", MOST_MBPS, LEAST_MBPS, MOST_MBPS, "Mbit/s")
 T1, T2 = (each for each in of_dataclass("memory_", Memory()) if each.unit == "s")
 STATE = Parameter("state", "random", choices=("random", "haar"))
 STATES = Parameter("states", 16_384, 100, 262_144)
-WAITED = Parameter("measured_wait_s", 0.0, unit="s")
+WAITED = Parameter("measured_wait_s", 0.0)
 
 
 def measure(values: Values, seed: int, runs: Path, signals: Signals) -> Outcome:
@@ -92,7 +92,7 @@ TELEPORT = Experiment(
     "teleportation in the emulated network with a slow classical channel",
     (RATE, T1, T2, DEPOLARIZING, STATE, STATES),
     (
-        Measure(WAITED.name, "wait in memory for the two bits, as measured (s)"),
+        Measure(WAITED.name, "measured wait in memory for the two bits (s)"),
         Measure("teleported", "average fidelity of the teleported state", teleported, over=WAITED),
     ),
 )

@@ -28,12 +28,14 @@ def pictures(grid: Grid, rows: Rows) -> list[Picture]:
 def _picture(
     grid: Grid, rows: Rows, measure: Measure, x: Parameter, others: Sequence[Parameter]
 ) -> Picture:
+    x_label = x.label
     if measure.over is not None:
+        x_label = grid.experiment.measure(x.name).label
         # Where it was not measured, the place on the axis is not known either.
         seen = [row for row in rows if not math.isnan(row[1][measure.name].value)]
         rows = [(measure.place(values, outcome), outcome) for values, outcome in seen]
     lines = series(rows, others, measure.name)[:MAX_SERIES]
-    return Picture(grid.experiment.what, x, x.label, measure, lines)
+    return Picture(grid.experiment.what, x, x_label, measure, lines)
 
 
 def horizontal(grid: Grid) -> Parameter | None:

@@ -3,6 +3,7 @@
 import csv
 import subprocess
 import sys
+from math import exp
 from pathlib import Path
 
 from conftest import ROOT
@@ -35,3 +36,26 @@ def test_a_network_for_each_point_measures_what_theory_says(tmp_path: Path) -> N
         assert float(line["arrived"]) == 1
     assert len(list((tmp_path / "runs").glob("*-sdc"))) == len(lines)
     assert (tmp_path / "sdc-emulated-dibit_error.png").stat().st_size > 10_000
+
+
+def test_fidelity_falls_with_the_measured_latency_of_the_two_bits_as_theory_says(
+    tmp_path: Path,
+) -> None:
+    t1_s, t2_s, states = 0.5, 0.2, 16_384
+    words = ("--classical-mbps", "0.2,20", "--memory-t1-s", str(t1_s), "--memory-t2-s", str(t2_s))
+    command = [*COMMAND[:4], "teleport", "--emulate", *words, "--out", str(tmp_path)]
+    done = subprocess.run(
+        command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=110
+    )
+    assert done.returncode == 0, done.stderr
+    assert "further from theory" not in done.stdout
+    with (tmp_path / "teleport-emulated.csv").open() as file:
+        slow, fast = csv.DictReader(file)
+    for line in (slow, fast):
+        waited_s, found = float(line["measured_wait_s"]), float(line["teleported"])
+        fidelity = 1 / 2 + (2 * exp(-waited_s / t2_s) + exp(-waited_s / t1_s)) / 6
+        assert abs(found - fidelity) <= 5 * float(line["teleported_standard_error"])
+        assert waited_s > 2 * states / (1e6 * float(line["classical_mbps"]))
+    assert float(slow["measured_wait_s"]) > float(fast["measured_wait_s"])
+    assert float(slow["teleported"]) < float(fast["teleported"])
+    assert (tmp_path / "teleport-emulated-teleported.png").stat().st_size > 10_000

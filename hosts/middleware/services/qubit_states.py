@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hosts.hardware.qnic import NO_COINCIDENCE, BlockName, Directions, Qnic, Symbols
 from hosts.middleware.channel import ANSWER_TIMEOUT_S, SessionError
-from hosts.middleware.services.service import End
+from hosts.middleware.services.service import ConnectionEnd
 from hosts.middleware.values import Numbers, expect
 from wire.metadata import Reason, Topic, Values
 
@@ -34,7 +34,7 @@ class States(Protocol):
     async def prepare(self, qnic: Qnic, session: int, number: int) -> BlockName:
         """Make a block of qubits in these states."""
 
-    def say(self, end: End, number: int) -> None:
+    def say(self, end: ConnectionEnd, number: int) -> None:
         """Tell the other end the states of a block."""
 
     async def measure(self, qnic: Qnic, name: BlockName) -> Symbols:
@@ -52,7 +52,7 @@ class Cardinal:
         """Make a block of qubits in these states."""
         return await qnic.prepare(session, number, self.symbols)
 
-    def say(self, end: End, number: int) -> None:
+    def say(self, end: ConnectionEnd, number: int) -> None:
         """Tell the other end the states of a block."""
         _say_in_parts(end, self.TOPIC, number, self.symbols, 8)
 
@@ -86,7 +86,7 @@ class Arbitrary:
         """Make a block of qubits in these states."""
         return await qnic.prepare_along(session, number, self.directions)
 
-    def say(self, end: End, number: int) -> None:
+    def say(self, end: ConnectionEnd, number: int) -> None:
         """Tell the other end the states of a block."""
         _say_in_parts(end, self.TOPIC, number, np.concatenate([self.theta, self.phi]), 32)
 
@@ -141,7 +141,7 @@ def angles(state: object) -> tuple[float, float]:
     return theta_rad, phi_rad
 
 
-async def heard(end: End, number: int, size: int) -> States:
+async def heard(end: ConnectionEnd, number: int, size: int) -> States:
     """Return what the other end tells next: the states of a block of this size.
 
     Raise SessionError if it tells anything else.
@@ -176,14 +176,16 @@ def _parts(angles_rad: ArrayLike) -> Numbers:
     return (np.rint(turns * TURN) % TURN).astype(np.uint32)
 
 
-def _say_in_parts(end: End, topic: int, number: int, numbers: ArrayLike, width: int) -> None:
+def _say_in_parts(
+    end: ConnectionEnd, topic: int, number: int, numbers: ArrayLike, width: int
+) -> None:
     array = np.asarray(numbers)
     for start in range(0, array.size, PART):
         end.say(topic, number, array[start : start + PART], width)
 
 
 async def _hear_parts(
-    end: End, first: Values, topic: int, number: int, count: int, most: int
+    end: ConnectionEnd, first: Values, topic: int, number: int, count: int, most: int
 ) -> Numbers:
     parts = [expect(first, topic, number, min(count, PART), most)]
     while left := count - sum(part.size for part in parts):

@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 from hosts.middleware.channel import MetadataChannel, SessionError
-from hosts.middleware.qkd.keyring import Keyring
 from hosts.middleware.services import qubit_states
 from hosts.middleware.services.qubit_states import TURN, Arbitrary, States, chosen
-from hosts.middleware.services.service import End
+from hosts.middleware.services.service import ConnectionEnd
 from hosts.middleware.values import values
 from wire.metadata import Handshake, Message, Reason, Service, Setup, Topic
 
@@ -96,7 +95,7 @@ def test_haar_states_are_spread_evenly_over_the_sphere() -> None:
 
 
 @asynccontextmanager
-async def ends() -> AsyncIterator[tuple[End, End]]:
+async def ends() -> AsyncIterator[tuple[ConnectionEnd, ConnectionEnd]]:
     """Give two ends that are connected; the one speaks, the other hears."""
     accepted: asyncio.Queue[tuple[asyncio.StreamReader, asyncio.StreamWriter]] = asyncio.Queue()
 
@@ -115,9 +114,9 @@ async def ends() -> AsyncIterator[tuple[End, End]]:
                 await writer.wait_closed()
 
 
-def _end(channel: MetadataChannel) -> End:
-    nothing: Any = None
-    return End(nothing, SETUP, channel, nothing, draws(), frozenset(), Keyring("x", {}, ""))
+def _end(channel: MetadataChannel) -> ConnectionEnd:
+    nothing: Any = None  # there is no light in these tests
+    return ConnectionEnd(nothing, SETUP, channel)
 
 
 def told(*states: States | Message, size: int) -> States:

@@ -79,3 +79,10 @@ def test_cardinal_states_are_teleported_on_every_backend(state: str) -> None:
 def test_an_unknown_state_is_refused_before_anything_starts() -> None:
     with pytest.raises(BadInput, match="state 'up': choose one of random, 0, 1"):
         service_run.check_input(parse("teleport", "--state", "up", "--backend", "dense"))
+
+
+@pytest.mark.parametrize("rate", ["0", "-1", "nan", "20000"])
+def test_a_classical_channel_of_no_rate_is_refused(rate: str) -> None:
+    for job in ("teleport", "distribute"):
+        with pytest.raises(BadInput, match=r"--classical-mbps .*: choose 0.001 to 10000"):
+            service_run.check_input(parse(job, f"--classical-mbps={rate}"))

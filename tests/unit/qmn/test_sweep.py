@@ -116,7 +116,9 @@ def test_a_file_with_a_grid_is_swept_and_flags_come_first(tmp_path: Path) -> Non
     ("words", "text"),
     [
         (["nonsense"], "unknown sweep 'nonsense': choose sdc, teleport"),
-        (["teleport", "--emulate"], "unknown sweep 'teleport': choose sdc with --emulate"),
+        (["swap", "--emulate"], "unknown sweep 'swap': choose sdc, teleport with --emulate"),
+        (["teleport", "--emulate", "--classical-mbps", "0"], "choose 0.001 to 10000 Mbit/s"),
+        (["teleport", "--classical-mbps", "1"], "classical_mbps is no parameter of teleport"),
         (["teleport", "--depolarizing", "0.1"], "depolarizing is no parameter of teleport"),
         (["teleport", "--fidelity", "0.1"], "fidelity '0.1': choose 0.25 to 1"),
         (["teleport", "--workers", "0"], "--workers 0: choose 1 to 256"),
