@@ -16,7 +16,7 @@ GENERATED := $(foreach end,_pb2.py _pb2.pyi _pb2_grpc.py,$(addsuffix $(end),$(PR
 # The values reach the program as they were typed: make expands no $ in them, and they
 # travel in the environment, past every shell.
 OPTIONS := MESSAGE FILE HANDSHAKE FEC INTERLEAVE SEED CONTROLLER MODE TOPO CAPTURE \
-    PROTOCOL STATE COUNT DEPOLARIZING
+    PROTOCOL STATE BACKEND COUNT DEPOLARIZING
 $(foreach name,$(OPTIONS),$(if $(filter-out undefined,$(origin $(name))),\
     $(eval override $(name) := $$(value $(name)))$(eval export $(name))))
 
@@ -29,7 +29,9 @@ help: ## Print this help
 	    '  FEC=...         none (default), repetition, hamming, golay or reed-solomon' \
 	    '  INTERLEAVE=1    Spread the codewords of FEC over a frame' \
 	    '' 'Variables of run-teleport and run-qkd:' \
-	    '  STATE=...       run-teleport: 0, 1, +, -, +i, -i or random (default)' \
+	    '  STATE=...       run-teleport: 0, 1, +, -, +i, -i or random (default);' \
+	    '                  with BACKEND=dense also haar, or angles THETA,PHI as pi/3,0.5' \
+	    '  BACKEND=...     run-teleport: chp (default), stim or dense' \
 	    '  PROTOCOL=...    run-qkd: bb84 (default) or bbm92' \
 	    '  EVE=FRACTION    run-qkd: of the photons, measured by eve on the fibre' \
 	    '  COUNT=N         States to teleport, or sifted bits to make a key of' \

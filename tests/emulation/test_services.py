@@ -3,6 +3,8 @@
 import json
 import subprocess
 import sys
+from collections.abc import Iterator
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +23,18 @@ def run_service(runs: Path, *words: str) -> dict[str, Any]:
     return result
 
 
-def shown(capture: Path, script: Path, wanted: str) -> list[str]:
-    """Return what tshark shows of the packets of a filter."""
+def events(folder: Path) -> Iterator[tuple[str, str, float]]:
+    """Yield node, kind and time (s) of what happened to the qubits."""
+    for line in (folder / "quantum.log").read_text().splitlines():
+        time, node, kind, *_rest = line.split()
+        yield node, kind, datetime.fromisoformat(time).timestamp()
+
+
+def shown(capture: Path, script: Path, wanted: str, *fields: str) -> list[str]:
+    """Return what tshark shows of the packets of a filter, or fields of them."""
     command = ["tshark", "-r", str(capture), "-X", f"lua_script:{script}", "-Y", wanted]
+    if fields:
+        command += ["-T", "fields", *(word for field in fields for word in ("-e", field))]
     done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
     return done.stdout.splitlines()
 
@@ -46,6 +57,20 @@ def test_states_are_teleported(tmp_path: Path, controller: str) -> None:
     assert shown(folder / "all.pcapng", script, 'qmeta.service == "TELEPORT"')
     assert shown(folder / "all.pcapng", script, 'qmeta.topic == "CORRECTIONS"')
     assert "Setup TELEPORT" in (folder / "report.html").read_text()
+    seen = shown(folder / "all.pcapng", script, 'qmeta.topic == "CORRECTIONS"', "frame.time_epoch")
+    applied = [time_s for node, kind, time_s in events(folder) if (node, kind) == ("bob", "apply")]
+    assert len(seen) == len(applied) == 3  # blocks
+    for packet, done_s in zip(seen, applied, strict=True):
+        assert float(packet) < done_s  # the two bits were on the wire before
+
+
+def test_any_state_is_teleported_on_dense(tmp_path: Path) -> None:
+    words = ("teleport", "--backend", "dense", "--state", "haar", "--depolarizing", "0.02")
+    told = run_service(tmp_path, *words)["asking"]
+    pair = (1 + 3 * 0.98**4) / 4  # each half passes two fibres
+    assert abs(told["fidelity"] - (2 * pair + 1) / 3) < 5 * told["fidelity_error"]
+    result = json.loads((tmp_path / "latest" / "result.json").read_text())
+    assert (result["backend"], result["exact"]) == ("dense", True)
 
 
 def test_states_are_teleported_over_two_switches(tmp_path: Path) -> None:

@@ -302,3 +302,29 @@ def test_pairs_of_a_source_decay_from_what_they_were(tmp_path: Path) -> None:
             assert within(counts(found)[1], COUNT, other)
 
     asyncio.run(inside())
+
+
+class SlowClock(JumpingClock):
+    """A clock that goes on by a millisecond whenever it is read, as if all else took as long."""
+
+    def now_ns(self) -> int:
+        """Return the time."""
+        self.time_ns += 1_000_000
+        return self.time_ns
+
+
+def test_replies_tell_the_wait_and_not_how_long_it_took_to_simulate(tmp_path: Path) -> None:
+    log = tmp_path / "quantum.log"
+
+    async def scene() -> int:
+        config = configuration(tmp_path, event_log=str(log))
+        async with running(config, SlowClock()) as bench:
+            await bench.alice.create(10)
+            stored = await store(bench.alice, 0)
+            applied = await bench.alice.apply(block(0, 0), bytes(10))
+            return applied.time_ns - stored.time_ns
+
+    told_ns = asyncio.run(scene())
+    (waited,) = (line for line in log.read_text().splitlines() if " recall " in line)
+    # The memory reads the clock itself, right after the time of the reply.
+    assert round(float(waited.split(" after ")[1].split()[0]) * 1e9) == told_ns + 1_000_000
