@@ -221,6 +221,11 @@ class Controller:
         self.send(parser.OFPHello(DATAPATH), 1)
         assert isinstance(self.next(), parser.OFPHello)
 
+    def agree(self) -> None:
+        """Wait until the bridge has taken our HELLO: before that, it reports no port."""
+        self.send(parser.OFPBarrierRequest(DATAPATH), 2)
+        assert isinstance(self.answer(2), parser.OFPBarrierReply)
+
     def send(self, message: Any, xid: int) -> None:
         message.set_xid(xid)
         message.serialize()
@@ -381,6 +386,7 @@ def running_switch(folder: Path, controllers: int = 1) -> Iterator[Switch]:
         run("ovs-vsctl", "set-controller", BRIDGE, *targets)
         for controller in switch.controllers:
             controller.accept()
+            controller.agree()
         yield switch
         if switch.agent.poll() is None:
             assert switch.end_agent() == 0, switch.log.read_text()
