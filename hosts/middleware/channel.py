@@ -42,6 +42,8 @@ REMEDIES = {
     Reason.UNSUPPORTED: "the other end does not offer what was asked for",
     Reason.SWITCH_FAILED: "the quantum switch refused the light path; see its agent's log",
     Reason.SWITCH_TIMEOUT: "the quantum switch was not ready in time; is its agent running?",
+    Reason.NODE_SILENT: "a node of the chain has not answered the controller's order; is its "
+    "stack running?",
 }
 
 

@@ -26,7 +26,7 @@ async def serve_link(
             await _repeat(qnic, incoming, setup, order, swaps, told_apart)
         else:
             incoming.agree()
-            await swaps.hand_over(order.chain, channel, setup)
+            await swaps.hand_over(order, channel, setup)
     finally:
         await release(qnic, setup.session)
 
