@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from hosts.middleware.swapping import orders
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
 from wire.device import SwapOrder
-from wire.metadata import Message, Reason, Service, Setup, Topic, Values
+from wire.metadata import Message, Reason, Service, Setup, Topic, Values, Verdict
 from wire.physics import Device, Memory
 
 PORT = 9
@@ -194,6 +195,19 @@ def test_a_link_that_nobody_has_ordered_is_refused(
             with pytest.raises(SessionError) as caught:
                 await channel.request(grant(setup))
             assert caught.value.reason == Reason.NOT_ARBITRATED
+            channel.close()
+
+    asyncio.run(run())
+
+
+def test_the_acceptor_names_the_node_that_the_controller_has_not_reached(tmp_path: Path) -> None:
+    async def run() -> None:
+        async with chain(tmp_path, 1):
+            channel = await MetadataChannel.connect("bob", OWN_ADDRESS["bob"])
+            setup = Setup(5, Service.SWAP, 1, RELAYED["r1"], 100, 1, 1_000_000)
+            told = replace(setup, verdict=Verdict.REFUSED, reason=Reason.NODE_SILENT)
+            with pytest.raises(SessionError, match=rf"r1 \({RELAYED['r1']}\) has not answered"):
+                await channel.request(told)
             channel.close()
 
     asyncio.run(run())
