@@ -18,7 +18,7 @@ import numpy as np
 
 from hosts.hardware.qnic import BlockName
 from hosts.middleware.channel import SessionError
-from hosts.middleware.services.blocks import keep, store, take
+from hosts.middleware.services.blocks import keep_of_all, store, take
 from hosts.middleware.services.distribute import DistributeOptions, Opening, follow
 from hosts.middleware.services.pairs import Mask, Pairs
 from hosts.middleware.services.service import (
@@ -124,7 +124,7 @@ class _LastLink:
             self._waited_ms += seen.size * (corrected_ns - stored_ns) / 1e6
             self._corrected += seen.size
             kept = await store(qnic, name)
-            await keep(qnic, name, kept)
+            await keep_of_all(qnic, name, kept)
             chosen[seen[kept]] = True
         return chosen
 

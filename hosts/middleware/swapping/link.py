@@ -13,12 +13,11 @@ from collections.abc import AsyncIterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hosts.hardware.qnic import BlockName, Qnic, release
 from hosts.middleware.arrangement import Arrangement
 from hosts.middleware.channel import SessionError
-from hosts.middleware.services.blocks import keep, store
+from hosts.middleware.services.blocks import keep_of_all, store
 from hosts.middleware.services.service import ConnectionEnd
 from hosts.middleware.swapping.bits import MAX_OPERATOR, Bits, Swapped
 from hosts.middleware.values import values
@@ -73,7 +72,7 @@ class OutgoingLink:
         self.stored_ns = stored.time_ns
         end.say(Topic.ARRIVED, number, stored.arrived, 1)
         theirs = await end.hear(Topic.ARRIVED, number, size, 1)
-        return await _keep(end.qnic, self.block(number), stored.arrived & theirs.astype(bool))
+        return await keep_of_all(end.qnic, self.block(number), stored.arrived & theirs.astype(bool))
 
     def say(self, number: int, swapped: Swapped) -> None:
         """Tell the next node, and all behind it, of a swap here or to the left."""
@@ -130,7 +129,7 @@ class IncomingLink:
             await end.qnic.apply(name, np.full(size, end.setup.rotation, dtype=np.uint8))
             arrived = await store(end.qnic, name)
         end.say(Topic.ARRIVED, number, arrived, 1)
-        return await _keep(end.qnic, name, arrived & theirs.astype(bool))
+        return await keep_of_all(end.qnic, name, arrived & theirs.astype(bool))
 
     async def swapped(self, number: int, place: int) -> AsyncIterator[Swapped]:
         """Yield what every repeater left of this place tells of a block, each once."""
@@ -158,10 +157,3 @@ class IncomingLink:
     def agree(self) -> None:
         """Agree to what was asked last."""
         self._end.agree()
-
-
-async def _keep(qnic: Qnic, name: BlockName, chosen: NDArray[np.bool_]) -> int:
-    """Let go of all photons of a whole block but these, if any; return how many there are now."""
-    if chosen.size and chosen.all():
-        return chosen.size  # as it is
-    return await keep(qnic, name, chosen)
