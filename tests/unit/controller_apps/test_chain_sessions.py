@@ -214,13 +214,15 @@ def test_a_chain_and_its_links_that_fall_silent_end_once_each() -> None:
 
 def test_links_are_allowed_with_their_chain_and_count_for_nothing() -> None:
     state = arbiter()
-    policy = "default = 'deny'\n[[rule]]\naction = 'allow'\nfrom = 'alice'\nmax_sessions = 1"
+    policy = "default = 'deny'\n[[rule]]\naction = 'allow'\nfrom = 'alice'\nmax_sessions = 2"
     permission = Permission(parse_policy(policy), state.network, state.sessions)
     state.forbid = lambda setup, connection: (
         Admission(Reason.NOT_ALLOWED) if permission.objection(setup, connection) else None
     )
     linked(chained(state))
     opened(ask_link(state, SECOND, CHARLIE, BOB))
+    another = replace(SWAP, session=70)
+    assert permission.objection(another, state.sessions.by_number[7].owner) == ""
 
 
 def test_a_fault_of_a_chain_is_no_switchs() -> None:

@@ -84,15 +84,15 @@ def test_repeaters_of_linear_optics_join_half_of_the_pairs_each(tmp_path: Path) 
     assert abs(share - 1 / 4) < 5 * sqrt(3 / 16 / emitted)
 
 
-def late(delay_s: float) -> Change:
-    """Hold back the bits of swaps, and notices of them."""
+def late(delay_s: float, ways: tuple[str, ...] = ("forth", "back")) -> Change:
+    """Hold back the bits of swaps, which go forth, and notices of them, which go back."""
 
-    async def pass_on(message: Message) -> Message:
-        if isinstance(message, Values) and message.topic == Topic.SWAPPED:
+    async def pass_on(way: str, message: Message) -> Message:
+        if isinstance(message, Values) and message.topic == Topic.SWAPPED and way in ways:
             await asyncio.sleep(delay_s)
         return message
 
-    return lambda _way, message: pass_on(message)
+    return pass_on
 
 
 # Of three repeaters: for how many hops of bits and notices each waits, and then bob.
@@ -103,12 +103,12 @@ WAITS = {"parallel": (0, 0, 0, 3), "left-to-right": (0, 1, 2, 3), "nested": (0, 
 def test_each_schedule_of_swaps_has_its_waits_and_they_cost_fidelity(
     tmp_path: Path, schedule: str
 ) -> None:
-    """Every hop takes 0.3 s. Both halves wait in each repeater, one at alice and one at bob."""
-    late_s, t2_s, count = 0.3, 6.0, 20_000
+    """Every hop takes 0.6 s. Both halves wait in each repeater, one at alice and one at bob."""
+    late_s, t2_s, count = 0.6, 12.0, 10_000
     devices = {node: Device(memory=Memory(t1_s=1e6, t2_s=t2_s)) for node in nodes(3)}
     physics: dict[str, Any] = {"devices": devices, "change": late(late_s)}
     physics["order"] = partial(order_swaps, schedule=schedule)
-    options = {"count": count, "sample": SAMPLE, "block_pairs": 32_768}
+    options = {"count": count, "sample": SAMPLE, "block_pairs": 65_536}
     alice, bob = swapped(tmp_path, 3, physics=physics, **options)
     waited_s = [waited_ms / 1000 for waited_ms in (*bob["repeaters_waited_ms"], bob["waited_ms"])]
     first_s, *_ = waited_s  # which has to wait for no bits
@@ -119,3 +119,25 @@ def test_each_schedule_of_swaps_has_its_waits_and_they_cost_fidelity(
     least, most = (dephased(total_s / t2_s)[0] for total_s in (halves_s + 0.3, halves_s))
     error = 5 * sqrt(3 * 0.25 / 4 * 3 / alice["sampled"])  # of three bases, at most
     assert least - error < alice["fidelity"] < most + error
+
+
+def test_nested_repeaters_wait_for_notices_from_the_right_that_others_pass_on(
+    tmp_path: Path,
+) -> None:
+    """Of seven: 2 and 6 wait for one hop, 4 for 6 and two hops; bits are not late."""
+    late_s = 0.5
+    physics: dict[str, Any] = {"change": late(late_s, ("back",))}
+    physics["order"] = partial(order_swaps, schedule="nested")
+    alice, bob = swapped(tmp_path, 7, physics=physics, count=COUNT)
+    assert (alice["pairs"], alice["fidelity"]) == (COUNT, 1)
+    first_ms, *_ = waited_ms = bob["repeaters_waited_ms"]
+    hops = [(each_ms - first_ms) / late_s / 1000 for each_ms in waited_ms]
+    assert hops == pytest.approx([0, 1, 0, 3, 0, 1, 0], abs=0.5)
+
+
+@pytest.mark.parametrize("schedule", ["left-to-right", "nested"])
+def test_sixteen_repeaters_can_take_turns(tmp_path: Path, schedule: str) -> None:
+    physics = {"order": partial(order_swaps, schedule=schedule)}
+    alice, bob = swapped(tmp_path, 16, physics=physics, count=COUNT, block_pairs=1000)
+    assert (alice["pairs"], alice["fidelity"]) == (COUNT, 1)
+    assert len(bob["repeaters_waited_ms"]) == 16
