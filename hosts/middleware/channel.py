@@ -82,9 +82,9 @@ class MetadataChannel:
                 f"({error or 'timeout'}); is it up?",
             ) from error
 
-    def send(self, message: Message) -> None:
-        """Write one message, in one piece."""
-        self._writer.write(message.encode())
+    def send(self, *messages: Message) -> None:
+        """Write messages, in one piece."""
+        self._writer.write(b"".join(message.encode() for message in messages))
 
     async def request(self, message: Message, timeout_s: float = ANSWER_TIMEOUT_S) -> Answer:
         """Send a message and wait until it is accepted; raise what the other end refuses."""

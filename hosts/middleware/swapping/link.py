@@ -76,9 +76,12 @@ class OutgoingLink:
 
     def say(self, number: int, swapped: Swapped) -> None:
         """Tell the next node, and all behind it, of a swap here or to the left."""
-        self._end.say(Topic.SWAPPED, number, [swapped.place, swapped.waited_us], 32)
-        self._end.say(Topic.ARRIVED, number, swapped.bits.seen, 1)
-        self._end.say(Topic.CORRECTIONS, number, swapped.bits.operators, 2)
+        end, bits = self._end, swapped.bits
+        end.channel.send(
+            end.words(Topic.SWAPPED, number, [swapped.place, swapped.waited_us], 32),
+            end.words(Topic.ARRIVED, number, bits.seen, 1),
+            end.words(Topic.CORRECTIONS, number, bits.operators, 2),
+        )
 
     async def notice(self, number: int) -> tuple[int, int]:
         """Return the place of a repeater to the right that has swapped, and who waits for it."""
