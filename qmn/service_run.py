@@ -17,7 +17,7 @@ from hosts.middleware.channel import SessionError
 from hosts.middleware.services import NAMES, distribute, qubit_states
 from hosts.middleware.services.key_options import BOUNDS, CORRECTIONS, KeyOptions
 from hosts.middleware.services.options import ServiceOptions
-from qmn import eavesdropping, service_result
+from qmn import eavesdropping, service_result, swap_schedule
 from qmn.network_options import (
     BadInput,
     add_network_options,
@@ -52,6 +52,7 @@ class Verb:
     protocols: tuple[str, ...] = ()  # services that do it; none: the one of the verb's name
     topology: str = "sdc"  # by default
     eavesdropper: bool = False  # whether eve may be put on the fibre
+    scheduled: bool = False  # whether repeaters take turns
 
 
 # What the services that leave pairs in memory can be told.
@@ -94,6 +95,7 @@ VERBS: Mapping[str, Verb] = MappingProxyType(
             "pairs",
             PAIRS,
             topology="repeaters",
+            scheduled=True,
         ),
         "teleport": Verb(
             "teleport states",
@@ -178,9 +180,11 @@ def _add_options(parser: argparse.ArgumentParser, name: str, verb: Verb) -> None
     add("--count", type=int, default=defaults.count, metavar="N", help=text)
     for option, words in verb.options.items():
         add(f"--{option.replace('_', '-')}", **words)
-    parser.set_defaults(eve=None)
+    parser.set_defaults(eve=None, schedule=None)
     if verb.eavesdropper:
         eavesdropping.add_option(parser)
+    if verb.scheduled:
+        swap_schedule.add_option(parser)
     text = f"pairs in a block ({defaults.block_pairs})"
     add("--block-pairs", type=int, default=defaults.block_pairs, metavar="N", help=text)
     text = f"of the source ({defaults.rate_hz})"
@@ -195,7 +199,8 @@ def run(arguments: argparse.Namespace, signals: Signals, console: Console) -> in
     require_root()
     folder = begin_folder(arguments.runs, arguments.service)
     eavesdropping.make_policy(arguments, topology(arguments)(), folder)
-    own = ("sender", "receiver", "eve", *own_options(arguments.service))
+    swap_schedule.make_policy(arguments, folder)
+    own = ("sender", "receiver", "eve", "schedule", *own_options(arguments.service))
     facts = {"service": arguments.service, **known_facts(arguments, own), "delivered": False}
     with ending(folder, facts, service_result.complete):
         _use(arguments, options, folder, facts, signals, console)
@@ -216,6 +221,7 @@ def check_input(arguments: argparse.Namespace) -> ServiceOptions:
     check_network(arguments)
     check_run(arguments)
     eavesdropping.check(arguments, topo)
+    swap_schedule.check(arguments)
     fields = {name: getattr(arguments, name) for name in own_options(arguments.service)}
     words = {"host": arguments.receiver, "port": SERVICE_PORT, **fields}
     try:

@@ -60,6 +60,9 @@ class Topic(IntEnum):
     DIRECTIONS = 12  # of states on the Bloch sphere: every theta, then every phi, in turns / 2^32
     PURIFY = 32  # protocol (1 BBPSSW, 2 DEJMPS) and seed of the twirl, of a round of a block
     DELIVER = 33  # so many pairs, which have numbers from then on; answered
+    # A repeater has swapped: its place, and for how many us both halves of a pair have waited;
+    # to the left also the place that waits for this notice, to the right ARRIVED and CORRECTIONS.
+    SWAPPED = 36
 
 
 class Handshake(IntEnum):
@@ -99,6 +102,7 @@ class Reason(IntEnum):
     NOT_ALLOWED = 15
     LOSS_TOO_HIGH = 16
     NO_WAVELENGTH = 17
+    NODE_SILENT = 18  # written by the controller, with the address of that node as source
 
 
 class Pauli(IntEnum):
@@ -162,7 +166,7 @@ class Setup(Message):
 
     service: int
     handshake: int
-    source: str  # IPv4 address of the pair source
+    source: str  # IPv4 address of the pair source; of another node if the reason says so
     pairs: int  # pairs in a block at most
     frame_bytes: int
     rate_hz: int

@@ -26,6 +26,8 @@ MAX_SESSIONS = 4096
 MAX_REQUESTS = 4 * MAX_SESSIONS
 MAX_RETIRED = 1024
 
+Chain = tuple[str, ...]  # of repeaters: addresses, from the opener's to the acceptor's
+
 
 @dataclass(frozen=True)
 class Arrival:
@@ -50,6 +52,7 @@ class Request:
     rotation: int = 0
     transaction: int = 0
     waiting: set[int] = field(default_factory=set)  # switches that owe a barrier reply
+    unanswered: set[str] = field(default_factory=set)  # nodes that owe an answer to their order
     bypassed: set[int] = field(default_factory=set)  # switches that let the connection pass
 
     @property
@@ -62,11 +65,17 @@ class Request:
         distance = (segment.sequence - self.sequence) & 0xFFFFFFFF
         return distance - (1 << 32) if distance >> 31 else distance
 
-    def decide(self, verdict: Verdict, reason: Reason) -> Arrival:
-        """Write the answer and return the message that waited for it."""
+    def decide(self, verdict: Verdict, reason: Reason, node: str = "") -> Arrival:
+        """Write the answer and return the message that waited for it.
+
+        `node` is the address of the one that the reason is about, if it is about one.
+        """
         assert self.held is not None
         arrival, self.held = self.held, None
-        answered = replace(self.setup, verdict=verdict, rotation=self.rotation, reason=reason)
+        source = node or self.setup.source
+        answered = replace(
+            self.setup, source=source, verdict=verdict, rotation=self.rotation, reason=reason
+        )
         self.answer = answered.encode()
         return arrival
 
@@ -98,6 +107,7 @@ class Session:
     open: bool = False  # its owner has been granted
     requests: dict[FiveTuple, Request] = field(default_factory=dict)
     paths: tuple[LightPath, ...] = ()
+    chain: Chain = ()  # whose links are sessions of their own
     light_owner: FiveTuple | None = None  # whose connection keeps the paths open
     stranded: bool = False  # its light is lost, and there is no other way
     lost_since: float | None = None  # when a switch that it cannot do without has gone

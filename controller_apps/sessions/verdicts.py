@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from controller_apps.light.light import Light
 from controller_apps.sessions.actions import Action, Forget, Forward, Note, RemoveBypass
+from controller_apps.sessions.chains import links_of
 from controller_apps.sessions.sessions import Arrival, Request, Session, Sessions
 from controller_apps.succession.kept import keep
 from wire.metadata import Reason, Verdict
@@ -27,19 +28,21 @@ class Verdicts:
         return [*kept, *notes, Note("granted", session.number), *answer]
 
     def refuse(
-        self, request: Request, reason: Reason, now: float, detail: str = ""
+        self, request: Request, reason: Reason, now: float, detail: str = "", node: str = ""
     ) -> list[Action]:
-        """Let a request on with a refusal, and undo what was done for it."""
+        """Let a request on with a refusal, about a node or none; undo what was done for it."""
         undone = self._leave(request, now)
         told = f"{reason.name}: {detail}" if detail else reason.name
         note = Note("refused", request.setup.session, detail=told)
-        return [*undone, note, *self.answer(request, Verdict.REFUSED, reason)]
+        return [*undone, note, *self.answer(request, Verdict.REFUSED, reason, node)]
 
-    def answer(self, request: Request, verdict: Verdict, reason: Reason) -> list[Action]:
+    def answer(
+        self, request: Request, verdict: Verdict, reason: Reason, node: str = ""
+    ) -> list[Action]:
         """Release the message that waits, with a verdict in it."""
         self.sessions.held.pop(request.transaction, None)
         self.sessions.queue.pop(request.five_tuple, None)
-        arrival = request.decide(verdict, reason)
+        arrival = request.decide(verdict, reason, node)
         return [released(request, arrival)]
 
     def over(self, request: Request, cause: str, now: float) -> list[Action]:
@@ -87,6 +90,17 @@ class Verdicts:
             if request.held is not None and request.five_tuple != session.owner:
                 actions += self.answer(request, Verdict.REFUSED, Reason.UNKNOWN_SESSION)
             self.sessions.retire(request, now)
+        return [*actions, *self._end_links(session, now)]
+
+    def _end_links(self, chain: Session, now: float) -> list[Action]:
+        """End the links of a chain that has ended."""
+        actions: list[Action] = []
+        for link in links_of(chain, self.sessions):
+            request = link.requests[link.owner]
+            if request.held is not None:
+                actions += self.refuse(request, Reason.UNKNOWN_SESSION, now)
+            else:
+                actions += self.tear_down(link, "its chain is over", now)
         return actions
 
     def _punt_again(self, request: Request) -> list[Action]:
