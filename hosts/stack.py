@@ -25,10 +25,12 @@ from hosts.middleware.qkd.keyring import Keyring
 from hosts.middleware.receiver import ReceivingSession
 from hosts.middleware.sender import SendingSession
 from hosts.middleware.services import KINDS, NAMES
+from hosts.middleware.services.abilities import refusal
 from hosts.middleware.services.session import (
     AcceptingSession,
     OpeningSession,
     draws_of,
+    require_source,
     told_apart,
 )
 from hosts.middleware.source import serve_pairs
@@ -83,11 +85,14 @@ class Stack:
             raise SessionError(Reason.UNSUPPORTED, text)
         options = kind.options.from_fields(fields)
         peer = self._peer(options.host)
+        source, address = self._peer(options.source or self._config.source)
+        is_source = source == self._config.name
+        require_source(kind.service, source, is_source, peer[0])
         setup = Setup(
             session=self._new_session(),
             service=kind.service,
             handshake=Handshake.FRAMED,
-            source=self._peer(self._config.source)[1],
+            source=address,
             pairs=options.block_pairs,
             frame_bytes=1,
             rate_hz=options.rate_hz,
@@ -95,7 +100,7 @@ class Stack:
             fidelity_ppm=options.fidelity_ppm,
         )
         setup = self.device.override(setup)
-        arrangement = Arrangement(setup, peer, self._config.source)
+        arrangement = Arrangement(setup, peer, source)
         return OpeningSession(
             kind,
             options,
@@ -106,6 +111,8 @@ class Stack:
             self._draws(setup),
             self._keyring,
             self.swaps,
+            self._config.abilities,
+            is_source,
         )
 
     def intercept(self, fields: dict[str, Any]) -> Interception:
@@ -133,8 +140,9 @@ class Stack:
 
     def _handler(self, setup: Setup) -> Callable[[MetadataChannel, Setup], Awaitable[None]]:
         if setup.verdict != Verdict.GRANTED:
-            refused = setup.verdict == Verdict.REFUSED
-            raise SessionError(Reason(setup.reason) if refused else Reason.NOT_ARBITRATED)
+            if setup.verdict == Verdict.REFUSED:
+                raise refusal(setup, self._config.hosts)
+            raise SessionError(Reason.NOT_ARBITRATED)
         if setup.service == Service.PAIR_SOURCE:
             return self._emit_pairs
         if setup.service == Service.LINK:
@@ -185,6 +193,7 @@ class Stack:
             draws,
             self._keyring,
             self.swaps,
+            self._config.abilities,
         )
         if setup.session in self._accepting or len(self._accepting) >= MAX_SESSIONS:
             raise SessionError(Reason.BUSY)

@@ -221,6 +221,8 @@ class QuantumHost(ClassicalHost):
             report_to=broadcast(network.addresses.values(), network.prefix_length),
             device_key=network.device_key(self.name),
             analyser=network.devices[self.name].analyser.kind,
+            features=network.devices[self.name].features.value,
+            memory_qubits=network.devices[self.name].memory.capacity,
             pair_secrets=network.secrets_of(self.name),
             keys=network.key_folder(self.name),
         )

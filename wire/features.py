@@ -48,7 +48,11 @@ class Abilities:
         """Read what a host has announced; raise MalformedPacket for what no host can be."""
         if len(data) != _FIELDS.size:
             raise MalformedPacket(f"features in {len(data)} bytes, not {_FIELDS.size}")
-        bits, memory_qubits = _FIELDS.unpack(data)
+        return cls.checked(*_FIELDS.unpack(data))
+
+    @classmethod
+    def checked(cls, bits: int, memory_qubits: int) -> "Abilities":
+        """Return what another node says of itself; raise MalformedPacket for what none can be."""
         if bits > EVERYTHING.value:
             raise MalformedPacket(f"features {bits:#04x}, of which {EVERYTHING.value:#04x} exist")
         features = Feature(bits)

@@ -57,6 +57,9 @@ class Topic(IntEnum):
     KEYS = 9  # messages of wire.qkd, cut into envelopes anywhere
     OPENER = 10  # name of the host that has opened the session, UTF-8
     OVER = 11  # the light of the block is over; no values
+    # Of the acceptor, before all else: pairs in a block at most, its features (wire.features), and
+    # how many qubits its memory takes.
+    ABILITIES = 12
     PURIFY = 32  # protocol (1 BBPSSW, 2 DEJMPS) and seed of the twirl, of a round of a block
     DELIVER = 33  # so many pairs, which have numbers from then on; answered
 
@@ -98,6 +101,10 @@ class Reason(IntEnum):
     NOT_ALLOWED = 15
     LOSS_TOO_HIGH = 16
     NO_WAVELENGTH = 17
+    CANNOT_EMIT = 18  # the host whose address the refused set-up has as source lacks that feature
+    CANNOT_STORE = 19
+    CANNOT_GATE = 20
+    CANNOT_MEASURE = 21
 
 
 class Pauli(IntEnum):
@@ -161,7 +168,7 @@ class Setup(Message):
 
     service: int
     handshake: int
-    source: str  # IPv4 address of the pair source
+    source: str  # IPv4 address of the pair source; the opener's own: it keeps half of each pair
     pairs: int  # pairs in a block at most
     frame_bytes: int
     rate_hz: int

@@ -10,8 +10,8 @@ from enum import Enum
 from types import MappingProxyType
 from typing import NamedTuple
 
-from wire.features import EMIT, MEASURE, NOTHING, STORE, Feature
-from wire.metadata import Service
+from wire.features import EMIT, GATE, MEASURE, NOTHING, STORE, Feature
+from wire.metadata import Reason, Service
 
 
 class Role(Enum):
@@ -79,6 +79,16 @@ NEEDS: Mapping[Service, Mapping[Role, Feature]] = MappingProxyType(
             REPEATER: EMIT | STORE | MEASURE,
         },
         Service.LINK: {OPENER: EMIT | STORE, ACCEPTOR: STORE},
+    }
+)
+
+# Why a session is refused for want of a feature.
+WANT_OF: Mapping[Feature, Reason] = MappingProxyType(
+    {
+        EMIT: Reason.CANNOT_EMIT,
+        STORE: Reason.CANNOT_STORE,
+        GATE: Reason.CANNOT_GATE,
+        MEASURE: Reason.CANNOT_MEASURE,
     }
 )
 

@@ -97,7 +97,9 @@ class Arbiter:
             return [Drop("premature", f"{admission.reason.name} may change soon; TCP repeats it")]
         waits = admission.waits_for_light and self.queues
         if admission.reason != Reason.OK and not waits:
+            request.unable = admission.unable
             return self.verdicts.refuse(request, admission.reason, now, admission.detail)
+        request.block_pairs = admission.block_pairs
         self.sessions.retired.pop(request.five_tuple, None)
         session = self.sessions.join(request, now)
         if waits:
@@ -123,8 +125,10 @@ class Arbiter:
             found = self._find_light(request)
             if found.paths:
                 del self.sessions.queue[request.five_tuple]
+                request.block_pairs = found.block_pairs
                 actions += self.light.open(request, session, found.paths)
             elif not found.waits_for_light:
+                request.unable = found.unable
                 actions += self.verdicts.refuse(request, found.reason, now, found.detail)
         return actions
 

@@ -51,6 +51,8 @@ class Request:
     transaction: int = 0
     waiting: set[int] = field(default_factory=set)  # switches that owe a barrier reply
     bypassed: set[int] = field(default_factory=set)  # switches that let the connection pass
+    block_pairs: int = 0  # granted, if it is less than was asked for
+    unable: str = ""  # address of the host for which it is refused
 
     @property
     def lasts(self) -> bool:
@@ -62,11 +64,18 @@ class Request:
         distance = (segment.sequence - self.sequence) & 0xFFFFFFFF
         return distance - (1 << 32) if distance >> 31 else distance
 
+    @property
+    def granted(self) -> Setup:
+        """The set-up with the size of blocks that memories take."""
+        return replace(self.setup, pairs=self.block_pairs or self.setup.pairs)
+
     def decide(self, verdict: Verdict, reason: Reason) -> Arrival:
         """Write the answer and return the message that waited for it."""
         assert self.held is not None
         arrival, self.held = self.held, None
-        answered = replace(self.setup, verdict=verdict, rotation=self.rotation, reason=reason)
+        answered = replace(self.granted, verdict=verdict, rotation=self.rotation, reason=reason)
+        if self.unable:
+            answered = replace(answered, source=self.unable)
         self.answer = answered.encode()
         return arrival
 

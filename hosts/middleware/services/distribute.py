@@ -21,12 +21,14 @@ import numpy as np
 
 from hosts.middleware.channel import SessionError
 from hosts.middleware.options import MAX_BLOCK_S, check_choice, check_whole
+from hosts.middleware.services import abilities
 from hosts.middleware.services.blocks import store
 from hosts.middleware.services.options import ServiceOptions
 from hosts.middleware.services.pairs import Pairs
 from hosts.middleware.services.purification import PHOTONS, Protocol
 from hosts.middleware.services.service import AcceptorEnd, Answerer, OpenerEnd, ServiceKind
 from hosts.middleware.values import expect, values
+from wire.features import GATE, MEASURE
 from wire.metadata import Reason, Service, Topic, Values
 
 PROTOCOLS = tuple(protocol.name.lower() for protocol in Protocol)  # what users call them
@@ -40,6 +42,7 @@ MOST_EMITTED = 1_000_000  # pairs, and so many more for each that is wanted:
 MOST_EMITTED_EACH = 1000
 MOST_DARK = 10  # blocks in a row of which nothing arrives
 MARGIN = 1.05  # of light beyond what is expected to be needed
+SPARE = 1  # pair for which there must be room beside those that are wanted, to be sacrificed
 
 Make = Callable[[Pairs, int, int], Awaitable[None]]  # a block, by its number and size
 Share = Callable[[Pairs, Values], Awaitable[None]]  # what has been announced
@@ -96,10 +99,13 @@ class Opening:
         self._size = 1
         judged = LEAST_JUDGED if options.fidelity else LEAST_SAMPLE
         self._least_sample = judged if options.sample else 0
+        self._room = abilities.room(end)
+        self._short = False  # of memory: pairs that are not needed are sacrificed
 
     async def run(self) -> Answerer:
         """Make pairs until there are as many, and as good ones, as are wanted; deliver them."""
         pairs, count = self._pairs, self._options.count
+        self._require_abilities()
         while pairs.available < count or not self._judged or self._too_noisy:
             if self._judged and self._too_noisy:
                 await self._purify_once_more()
@@ -112,6 +118,19 @@ class Opening:
         await pairs.deliver(count)
         await self._tell(count)
         return pairs.answer
+
+    def _require_abilities(self) -> None:
+        """Raise SessionError before any light for what cannot come to a good end."""
+        options = self._options
+        abilities.require_room(self._end, options.count, SPARE if options.sample else 0)
+        if options.sample:
+            abilities.require(self._end, MEASURE, "an estimate", "choose sample 0")
+        if options.rounds:
+            self._require_gates()
+
+    def _require_gates(self) -> None:
+        remedy = "ask for less fidelity, use a better source, or take hosts with gates"
+        abilities.require(self._end, GATE | MEASURE, "purification", remedy)
 
     @property
     def _judged(self) -> bool:
@@ -141,7 +160,8 @@ class Opening:
     def _next_size(self) -> int:
         """Return how much light is worth asking for, by what has come of it so far."""
         pairs, share = self._pairs, self._options.sample
-        most = min(self._end.setup.pairs, int(self._end.setup.rate_hz * MAX_BLOCK_S))
+        room = self._room - pairs.available
+        most = min(self._end.setup.pairs, int(self._end.setup.rate_hz * MAX_BLOCK_S), room)
         missing = max(self._options.count - pairs.available, 0)
         unsampled = max(self._least_sample - pairs.estimate.total, 0)
         if not pairs.emitted:
@@ -151,6 +171,7 @@ class Opening:
         else:
             return max(1, min(most, 4 * self._size))
         wanted = max(missing, unsampled * (1 - share) / share if share else 0)
+        self._short = ceil(wanted / kept) > room
         return max(1, min(most, ceil(MARGIN * wanted / kept) + 10))
 
     async def _bring_up(self, number: int) -> None:
@@ -167,6 +188,9 @@ class Opening:
         """Choose pairs and bases, each basis as often as the others, and measure."""
         end, measured = self._end, self._pairs.estimate.total
         count = int(self._options.sample * size + end.draws.random())
+        if self._short:
+            needless = self._pairs.available - self._options.count
+            count = max(count, min(size, needless, self._least_sample - measured))
         if not count:
             return
         chosen = np.zeros(size, dtype=bool)
@@ -181,6 +205,8 @@ class Opening:
         settled = self._protocol == Protocol.NONE or self._options.rounds is not None
         interval = self._pairs.estimate.interval
         hopeless = not self._pairs.rounds and interval is not None and interval[1] <= 0.5
+        if not settled and not hopeless:
+            self._require_gates()
         if settled or hopeless or self._pairs.rounds == MAX_ROUNDS:
             remedy = "pairs of 0.5 or less cannot be purified" if hopeless else self._remedy()
             raise self._not_reached(remedy)

@@ -37,7 +37,7 @@ def test_the_page_on_adding_a_service_adds_one(tmp_path: Path) -> None:
         shutil.copytree(ROOT / folder, tmp_path / folder)
     name, light, code, entry = snippets()
     insert(tmp_path / "wire" / "metadata.py", "BB84 =", name)
-    insert(tmp_path / "wire" / "services.py", "Service.DISTRIBUTE:", light)
+    insert(tmp_path / "wire" / "services.py", "Service.DISTRIBUTE: PAIRS,", light)
     services = tmp_path / "hosts" / "middleware" / "services"
     (services / "coin.py").write_text(code)
     registry = (services / "__init__.py").read_text()
