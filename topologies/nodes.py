@@ -32,7 +32,7 @@ from wire.config import (
     PathOptics,
     QuantumSwitch,
 )
-from wire.physics import BadParameter, BellAnalyser, Detectors, Device, Memory, PairSource
+from wire.physics import BadParameter, BellAnalyser, Detectors, Device, Gates, Memory, PairSource
 
 READY_TIMEOUT_S = 20.0
 STATE = "state"  # folder in which the controller keeps what its successor must know
@@ -186,9 +186,11 @@ class QuantumHost(ClassicalHost):
         memory: Memory | None = None,
         detectors: Detectors | None = None,
         analyser: BellAnalyser | None = None,
+        gates: Gates | None = None,
         **params: object,
     ) -> None:
-        parts: dict[str, Any] = {"memory": memory, "detectors": detectors, "analyser": analyser}
+        parts: dict[str, Any] = {"memory": memory, "detectors": detectors}
+        parts |= {"analyser": analyser, "gates": gates}
         if not isinstance(source, bool):
             parts["source"] = source
         given = {part: value for part, value in parts.items() if value is not None}

@@ -550,6 +550,10 @@ def test_hosts_say_what_they_can_do_or_what_they_say_is_not_heard(scene: Scene) 
     assert not scene.quantum.network.hosts
     scene.packet_in(scene.q1, 1, data)
     assert scene.quantum.network.abilities_of(able.address) == able.abilities
+    question = EventQuestion("abilities", {})
+    scene.quantum.asked(question)
+    features = ["emit", "store", "gate", "measure"]
+    assert question.wait() == {"alice": {"features": features, "memory_qubits": 32}}
 
 
 def test_a_bundle_is_open_adds_commit_barrier_in_one_write(ready: Scene) -> None:

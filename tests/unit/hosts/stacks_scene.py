@@ -339,7 +339,7 @@ def ask(
     return asyncio.run(run())
 
 
-def refusal(folder: Path, service: str, **options: Any) -> str:
+def refusal(folder: Path, service: str, judge: Judge = grant, **options: Any) -> str:
     """Ask for a service at alice, with nobody at bob; return what alice is told."""
 
     def refused() -> str:
@@ -351,7 +351,7 @@ def refusal(folder: Path, service: str, **options: Any) -> str:
         return str(caught.value)
 
     async def run() -> str:
-        async with network(folder):
+        async with network(folder, judge):
             return await asyncio.to_thread(refused)
 
     return asyncio.run(run())
