@@ -101,10 +101,11 @@ class Reason(IntEnum):
     NOT_ALLOWED = 15
     LOSS_TOO_HIGH = 16
     NO_WAVELENGTH = 17
-    CANNOT_EMIT = 18  # the host whose address the refused set-up has as source lacks that feature
-    CANNOT_STORE = 19
-    CANNOT_GATE = 20
-    CANNOT_MEASURE = 21
+    # Written by the controller, with the address of the node that lacks the feature as source.
+    CANNOT_EMIT = 19
+    CANNOT_STORE = 20
+    CANNOT_GATE = 21
+    CANNOT_MEASURE = 22
 
 
 class Pauli(IntEnum):
@@ -168,7 +169,9 @@ class Setup(Message):
 
     service: int
     handshake: int
-    source: str  # IPv4 address of the pair source; the opener's own: it keeps half of each pair
+    # IPv4 address of the pair source, of the opener if it keeps half of each pair itself; of
+    # another node if the reason says so.
+    source: str
     pairs: int  # pairs in a block at most
     frame_bytes: int
     rate_hz: int

@@ -27,7 +27,7 @@ class Admission:
     waits_for_light: bool = False  # refused only because others have the light
     chain: Chain = ()  # of repeaters, where it is wanted
     block_pairs: int = 0  # in a block at most, where memories take less than was asked for
-    unable: str = ""  # address of the host that lacks what the reason says
+    node: str = ""  # address of the one that the reason is about, if it is about one
     detail: str = ""  # why not, for a person, if the reason does not say it all
 
 
@@ -139,7 +139,7 @@ def _find_repeaters(
 
 
 def _refused(want: Want) -> Admission:
-    return Admission(want.reason, detail=str(want), unable=want.address)
+    return Admission(want.reason, detail=str(want), node=want.address)
 
 
 def limits_of(setup: Setup, sessions: Sessions, budget_mdb: int) -> Limits:

@@ -52,7 +52,6 @@ class Request:
     waiting: set[int] = field(default_factory=set)  # switches that owe a barrier reply
     bypassed: set[int] = field(default_factory=set)  # switches that let the connection pass
     block_pairs: int = 0  # granted, if it is less than was asked for
-    unable: str = ""  # address of the host for which it is refused
 
     @property
     def lasts(self) -> bool:
@@ -69,13 +68,17 @@ class Request:
         """The set-up with the size of blocks that memories take."""
         return replace(self.setup, pairs=self.block_pairs or self.setup.pairs)
 
-    def decide(self, verdict: Verdict, reason: Reason) -> Arrival:
-        """Write the answer and return the message that waited for it."""
+    def decide(self, verdict: Verdict, reason: Reason, node: str = "") -> Arrival:
+        """Write the answer and return the message that waited for it.
+
+        `node` is the address of the one that the reason is about, if it is about one.
+        """
         assert self.held is not None
         arrival, self.held = self.held, None
-        answered = replace(self.granted, verdict=verdict, rotation=self.rotation, reason=reason)
-        if self.unable:
-            answered = replace(answered, source=self.unable)
+        source = node or self.setup.source
+        answered = replace(
+            self.granted, source=source, verdict=verdict, rotation=self.rotation, reason=reason
+        )
         self.answer = answered.encode()
         return arrival
 

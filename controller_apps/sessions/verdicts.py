@@ -27,19 +27,21 @@ class Verdicts:
         return [*kept, *notes, Note("granted", session.number), *answer]
 
     def refuse(
-        self, request: Request, reason: Reason, now: float, detail: str = ""
+        self, request: Request, reason: Reason, now: float, detail: str = "", node: str = ""
     ) -> list[Action]:
-        """Let a request on with a refusal, and undo what was done for it."""
+        """Let a request on with a refusal, about a node or none; undo what was done for it."""
         undone = self._leave(request, now)
         told = f"{reason.name}: {detail}" if detail else reason.name
         note = Note("refused", request.setup.session, detail=told)
-        return [*undone, note, *self.answer(request, Verdict.REFUSED, reason)]
+        return [*undone, note, *self.answer(request, Verdict.REFUSED, reason, node)]
 
-    def answer(self, request: Request, verdict: Verdict, reason: Reason) -> list[Action]:
+    def answer(
+        self, request: Request, verdict: Verdict, reason: Reason, node: str = ""
+    ) -> list[Action]:
         """Release the message that waits, with a verdict in it."""
         self.sessions.held.pop(request.transaction, None)
         self.sessions.queue.pop(request.five_tuple, None)
-        arrival = request.decide(verdict, reason)
+        arrival = request.decide(verdict, reason, node)
         return [released(request, arrival)]
 
     def over(self, request: Request, cause: str, now: float) -> list[Action]:

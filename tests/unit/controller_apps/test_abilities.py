@@ -64,7 +64,7 @@ def test_a_service_is_refused_where_a_host_lacks_what_its_part_needs(
 ) -> None:
     address = ADDRESSES[role]
     refused = admission(of(service), announced({address: without(feature)}))
-    assert (refused.reason, refused.unable) == (WANT_OF[feature], address)
+    assert (refused.reason, refused.node) == (WANT_OF[feature], address)
     assert refused.detail.startswith(f"{address} lacks {str(feature.name).lower()}")
 
 
@@ -102,7 +102,7 @@ def test_ports_that_tell_different_things_are_believed_what_all_of_them_say() ->
     network.attach(SwitchPort(Q1, 3), bob)
     assert network.abilities_of(BOB) == Abilities(STORE | GATE, 10)
     refused = admission(of(Service.SDC), network)
-    assert (refused.reason, refused.unable) == (Reason.CANNOT_MEASURE, BOB)
+    assert (refused.reason, refused.node) == (Reason.CANNOT_MEASURE, BOB)
 
 
 @pytest.mark.parametrize("service", [Service.DISTRIBUTE, Service.TELEPORT])
@@ -113,7 +113,7 @@ def test_an_opener_that_is_its_own_source_needs_no_third_host(service: Service) 
     (path,) = granted.paths
     assert path.leg == (SwitchPort(Q1, 1), SwitchPort(Q1, 2))  # alice's last fibre, bob's first
     refused = admission(setup, announced({ALICE: without(EMIT)}))
-    assert (refused.reason, refused.unable) == (Reason.CANNOT_EMIT, ALICE)
+    assert (refused.reason, refused.node) == (Reason.CANNOT_EMIT, ALICE)
 
 
 def test_superdense_coding_takes_no_source_that_is_one_of_its_ends() -> None:
