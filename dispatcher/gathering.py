@@ -132,7 +132,6 @@ class Gathering:
             source_rate_hz=min(block.source_rate_hz for block in blocks),
             stores=max(block.stores for block in blocks),
             resends=max(block.resends for block in blocks),
-            gates=max(block.gates for block in blocks),
             lineage=_lineage(picked),
         )
 

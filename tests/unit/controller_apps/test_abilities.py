@@ -1,5 +1,6 @@
 """The controller uses hosts by what they have announced that they can do."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import pytest
@@ -158,6 +159,24 @@ def test_the_acceptor_is_told_how_large_blocks_may_be_and_every_copy_says_the_sa
     assert frames[0] == frames[1]
     answer = decode(payload_of(frames[0]))
     assert answer == replace(setup, pairs=32, verdict=Verdict.GRANTED)
+
+
+def test_a_request_that_has_waited_for_light_gets_blocks_that_fit_as_well() -> None:
+    judge = arbiter(queues=True)
+    judge.network.hosts = announced({BOB: Abilities(EVERYTHING, 32)}).hosts
+    first, second = of(Service.DISTRIBUTE), of(Service.DISTRIBUTE, session=8)
+    (paths,) = opened(judge.segment_arrived(1, 1, frame(first.encode()), 0.0))
+    judge.barrier_passed(Q1, paths.transaction, 0.1)
+    assert not opened(judge.segment_arrived(1, 1, frame(second.encode(), sport=40001), 0.2))
+    (paths,) = opened(judge.segment_arrived(1, 1, frame(flags="FA", seq=400), 0.3))
+    granted = judge.barrier_passed(Q1, paths.transaction, 0.4)
+    (sent,) = [action for action in granted if isinstance(action, Forward)]
+    assert decode(payload_of(sent.frame)) == replace(second, pairs=32, verdict=Verdict.GRANTED)
+
+
+def opened(actions: Sequence[object]) -> list[OpenPaths]:
+    """Return which paths are opened, hops being among them."""
+    return [action for action in actions if isinstance(action, OpenPaths) and action.hops]
 
 
 @pytest.mark.parametrize(

@@ -40,6 +40,18 @@ def scene(
     asyncio.run(inside())
 
 
+def between(act: Callable[[Laboratory], Awaitable[None]], device: Device, **fiber: float) -> None:
+    """Let something happen to alice, whose device is given, and bob at the end of a fibre."""
+
+    async def inside() -> None:
+        ends = FiberEnd("alice", "alice-q0"), FiberEnd("bob", "bob-q0")
+        fibers = [Fiber(*ends, **fiber)]  # type: ignore[arg-type]
+        tokens, devices = {"alice": "a", "bob": "b"}, {"alice": device}
+        await act(Laboratory(DispatcherConfig("", "", 1, tokens, fibers, [], devices=devices)))
+
+    asyncio.run(inside())
+
+
 def noisy(**more: object) -> Device:
     """Return a device whose gates err."""
     return replace(Device(gates=Gates("any", P1, P2)), **more)  # type: ignore[arg-type]
@@ -78,6 +90,26 @@ def test_two_gates_on_one_block_have_noise_of_their_own() -> None:
     scene(act, noisy())
 
 
+def test_light_that_comes_back_in_parts_meets_new_noise() -> None:
+    async def act(laboratory: Laboratory) -> None:
+        alice, bob = laboratory.host("alice"), laboratory.host("bob")
+        await alice.create(COUNT)
+        await alice.apply((0, 1), gates=[H])
+        await alice.send({(0, 1): "alice-q0"})
+        await bob.receive((0, 1), "bob-q0")
+        await bob.send({(0, 1): "bob-q0"})
+        await alice.receive((0, 1), "alice-q0")
+        await alice.apply((0, 1), gates=[H])
+        states = await alice.bell_measure((0, 0), (0, 1))
+        there = states != NO_CLICK
+        assert within(int(there.sum()), COUNT, 0.25)
+        wrong = int((states[there] != 0).sum())
+        assert within(wrong, int(there.sum()), 0.75 * (1 - (1 - P1) ** 2))
+
+    half = 10 * np.log10(2) / 0.01  # dB/km of a fibre of 10 m that loses every second photon
+    between(act, noisy(), loss_db_per_km=half)
+
+
 def test_pauli_operators_err_too_and_the_identity_does_not() -> None:
     async def act(laboratory: Laboratory) -> None:
         alice = laboratory.host("alice")
@@ -105,6 +137,7 @@ def test_a_gate_on_two_qubits_leaves_each_of_fifteen_products_alike() -> None:
         other = await alice.bell_measure((1, 0), (1, 1))
         products = np.bincount(one + 4 * other, minlength=16)
         each = (1 - (1 - P2) ** 2) / 16
+        assert within(int(products[1:].sum()), COUNT, 15 * each)
         assert all(within(int(count), COUNT, each) for count in products[1:])
 
     scene(act, noisy())
@@ -226,13 +259,7 @@ def test_a_host_without_a_source_prepares_what_it_keeps_and_sends_none_of_it() -
             await alice.send({(0, 0): "alice-q0"})
         assert (await alice.measure((0, 0))).tolist() == [1, 0]
 
-    async def inside() -> None:
-        fiber = Fiber(FiberEnd("alice", "alice-q0"), FiberEnd("bob", "bob-q0"))
-        tokens = {"alice": "a", "bob": "b"}
-        devices = {"alice": WITHOUT["emit"]}
-        await act(Laboratory(DispatcherConfig("", "", 1, tokens, [fiber], [], devices=devices)))
-
-    asyncio.run(inside())
+    between(act, WITHOUT["emit"])
 
 
 def test_a_host_that_neither_emits_nor_stores_has_no_qubits_of_its_own() -> None:

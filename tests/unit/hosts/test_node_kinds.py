@@ -12,11 +12,12 @@ from chain_scene import chain
 from stacks_scene import RELAYED, ask, grant, network, refusal, requested
 from test_distribution_sessions import failed, inside
 
+from hosts.middleware.values import values
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
 from topologies.node_kinds import ION_TRAP, node_device
 from wire.features import EMIT, GATE, MEASURE, STORE
-from wire.metadata import Reason, Setup, Verdict
+from wire.metadata import Message, Reason, Setup, Topic, Values, Verdict
 from wire.physics import Detectors, Device, Gates, Memory, PairSource
 
 IONS = replace(  # a faster one, and worse gates, so that a test is short and sees them
@@ -184,6 +185,30 @@ def told(folder: Path, physics: dict[str, Any], **options: Any) -> str:
             return await asyncio.to_thread(failed)
 
     return asyncio.run(run())
+
+
+@pytest.mark.parametrize(
+    ("numbers", "words"),
+    [
+        ([0, 15, 100], "blocks of 0 pairs, 16384 were asked for"),
+        ([16_385, 15, 100], "blocks of 16385 pairs"),
+        ([100, 16, 100], "features 0x10, of which 0x0f exist"),
+        ([100, 1 << 20, 100], "features 0x100000"),
+        ([100, 13, 100], "emit, gate, measure with a memory of 100 qubits"),
+        ([100, 15, 0], "with a memory of 0 qubits"),
+        ([100, 15], "2 values of topic 12"),
+    ],
+)
+def test_abilities_that_no_host_has_end_the_session(
+    tmp_path: Path, numbers: list[int], words: str
+) -> None:
+    def change(way: str, message: Message) -> Message:
+        if way == "back" and isinstance(message, Values) and message.topic == Topic.ABILITIES:
+            return values(message.session, Topic.ABILITIES, 0, numbers, 32)
+        return message
+
+    physics = {**scene(OWN), "change": change}
+    assert words in told(tmp_path, physics, count=100)
 
 
 CANNOT = [
