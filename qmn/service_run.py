@@ -15,7 +15,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from hosts.middleware.channel import SessionError
 from hosts.middleware.options import MAX_BLOCK_S
-from hosts.middleware.services import NAMES, distribute, teleport
+from hosts.middleware.services import NAMES, teleport
+from hosts.middleware.services.distribute_options import PROTOCOLS
 from hosts.middleware.services.key_options import BOUNDS, CORRECTIONS, KeyOptions
 from hosts.middleware.services.options import ServiceOptions
 from qmn import eavesdropping, service_result
@@ -73,7 +74,7 @@ PAIRS: Mapping[str, dict[str, Any]] = MappingProxyType(
             "help": "of the pairs, sacrificed for the estimate (0.1)",
         },
         "purification": {
-            "choices": distribute.PROTOCOLS,
+            "choices": PROTOCOLS,
             "default": "dejmps",
             "help": "where it is needed (dejmps)",
         },
