@@ -58,12 +58,12 @@ def room(end: OpenerEnd) -> int:
 
 
 def require_room(end: OpenerEnd, pairs: int, spare: int) -> None:
-    """Raise SessionError unless so many pairs, and spare ones, fit into both memories."""
+    """Raise SessionError unless so many pairs fit into both memories, with spare ones."""
     if pairs + spare <= room(end):
         return
     ends = (end.ours.memory_qubits, "this host"), (end.theirs.memory_qubits, end.arrangement.peer)
     least, who = min(ends)
-    more = f" beside {spare} that is measured" if spare else ""
+    more = f" and {spare} more, to estimate or purify," if spare else ""
     raise SessionError(
         Reason.UNSUPPORTED,
         f"{pairs} pairs{more} do not fit into the memory of {who}, {least} qubits: ask for at most "

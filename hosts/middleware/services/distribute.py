@@ -37,7 +37,6 @@ MOST_EMITTED = 1_000_000  # pairs, and so many more for each that is wanted:
 MOST_EMITTED_EACH = 1000
 MOST_DARK = 10  # blocks in a row of which nothing arrives
 MARGIN = 1.05  # of light beyond what is expected to be needed
-SPARE = 1  # pair for which there must be room beside those that are wanted, to be sacrificed
 
 Make = Callable[[Pairs, int, int], Awaitable[None]]  # a block, by its number and size
 Share = Callable[[Pairs, Values], Awaitable[None]]  # what has been announced
@@ -79,7 +78,7 @@ class Opening:
     def _require_abilities(self) -> None:
         """Raise SessionError before any light for what cannot come to a good end."""
         options = self._options
-        abilities.require_room(self._end, options.count, SPARE if options.sample else 0)
+        abilities.require_room(self._end, options.count, self._spare)
         if options.sample:
             abilities.require(self._end, MEASURE, "an estimate", "choose sample 0")
         if options.rounds:
@@ -88,6 +87,12 @@ class Opening:
     def _require_gates(self) -> None:
         remedy = "ask for less fidelity, use a better source, or take hosts with gates"
         abilities.require(self._end, GATE | MEASURE, "purification", remedy)
+
+    @property
+    def _spare(self) -> int:
+        """Return for how many pairs there must be room to go on, beside those that are there."""
+        rounds = self._pairs.rounds
+        return PHOTONS**rounds if self._options.sample or rounds else 0
 
     @property
     def _judged(self) -> bool:
@@ -108,6 +113,7 @@ class Opening:
     async def _acquire(self) -> None:
         """Have another block of light made, and bring its pairs to where the others are."""
         pairs = self._pairs
+        abilities.require_room(self._end, pairs.available, self._spare)
         self._number, self._size = self._number + 1, self._next_size()
         await self._make(pairs, self._number, self._size)
         self._dark = 0 if self._number in pairs.blocks else self._dark + 1

@@ -168,6 +168,24 @@ def test_pairs_are_kept_only_as_many_as_the_smaller_memory_takes(tmp_path: Path,
     assert 30 <= alice["sampled"] <= alice["shared"] - 20 < 100
 
 
+def test_the_last_places_of_a_memory_are_enough_to_purify_and_to_estimate(tmp_path: Path) -> None:
+    small = replace(IONS, memory=replace(IONS.memory, capacity=16), gates=Gates())
+    physics = scene(OWN, **everyone(small))
+    options: dict[str, Any] = {"count": 14, "block_pairs": 16, "rounds": 1, "source": "alice"}
+    alice, _bob = ask(tmp_path, "distribute", physics=physics, **options)
+    assert alice["pairs"] == 14
+    assert alice["sampled"] >= 30
+
+
+def test_purification_that_memories_have_no_room_for_is_given_up(tmp_path: Path) -> None:
+    small = replace(IONS, memory=replace(IONS.memory, capacity=16), gates=Gates())
+    physics = scene(OWN, **everyone(small))
+    options: dict[str, Any] = {"count": 15, "block_pairs": 16, "fidelity": 0.999}
+    words = "15 pairs and 2 more, to estimate or purify, do not fit into the memory"
+    with pytest.raises(QuantumSocketError, match=words):
+        ask(tmp_path, "distribute", physics=physics, source="alice", **options)
+
+
 def told(folder: Path, physics: dict[str, Any], **options: Any) -> str:
     """Ask for a distribution that cannot be; return why, as both ends hear it."""
 
@@ -215,8 +233,13 @@ CANNOT = [
     (
         {"alice": ION_TRAP, "bob": IONS},
         {"count": 50},
-        "50 pairs beside 1 that is measured do not fit into the memory of this host, 32 qubits: "
-        "ask for at most 31",
+        "50 pairs and 1 more, to estimate or purify, do not fit into the memory of this host, 32 "
+        "qubits: ask for at most 31",
+    ),
+    (
+        {"alice": IONS, "bob": ION_TRAP},
+        {"count": 29, "rounds": 2},
+        "29 pairs and 4 more, to estimate or purify, do not fit into the memory of bob, 32 qubits",
     ),
     (
         {"alice": IONS, "bob": ION_TRAP},
