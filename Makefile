@@ -4,7 +4,8 @@ SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help setup packages run-sdc run-teleport run-qkd cli test test-docker lint types unit emulation bench curves image clean lock browser
+.PHONY: help setup packages run-sdc run-teleport run-distribute run-swap run-qkd cli test \
+    test-docker lint types unit emulation bench curves image clean lock browser
 
 PYTHON := .venv/bin/python
 # The caches and byte code of root would be in the user's way.
@@ -16,26 +17,29 @@ GENERATED := $(foreach end,_pb2.py _pb2.pyi _pb2_grpc.py,$(addsuffix $(end),$(PR
 # The values reach the program as they were typed: make expands no $ in them, and they
 # travel in the environment, past every shell.
 OPTIONS := MESSAGE FILE HANDSHAKE FEC INTERLEAVE SEED CONTROLLER MODE TOPO CAPTURE \
-    PROTOCOL STATE COUNT DEPOLARIZING
+    PROTOCOL STATE COUNT DEPOLARIZING EVE FIDELITY REPEATERS SCHEDULE
 $(foreach name,$(OPTIONS),$(if $(filter-out undefined,$(origin $(name))),\
     $(eval override $(name) := $$(value $(name)))$(eval export $(name))))
 
 help: ## Print this help
-	@sed -n 's/^\([a-z-]*\):.*## /  \1\t/p' $(firstword $(MAKEFILE_LIST)) | expand -t 16
+	@sed -n 's/^\([a-z-]*\):.*## /  \1\t/p' $(firstword $(MAKEFILE_LIST)) | expand -t 18
 	@printf '%s\n' '' 'Variables of run-sdc:' \
 	    '  MESSAGE=TEXT    What alice sends (default: a short text)' \
 	    '  FILE=PATH       Send this file instead' \
 	    '  HANDSHAKE=...   framed (default: one for the session) or per-pair (as in the paper)' \
 	    '  FEC=...         none (default), repetition, hamming, golay or reed-solomon' \
 	    '  INTERLEAVE=1    Spread the codewords of FEC over a frame' \
-	    '' 'Variables of run-teleport and run-qkd:' \
+	    '' 'Variables of run-teleport, run-distribute, run-swap and run-qkd:' \
 	    '  STATE=...       run-teleport: 0, 1, +, -, +i, -i or random (default)' \
+	    '  FIDELITY=F      run-distribute, run-swap: of the pairs, at least (default: any)' \
+	    '  REPEATERS=N     run-swap: 1 (default) to 16' \
+	    '  SCHEDULE=...    run-swap: parallel (default), left-to-right or nested' \
 	    '  PROTOCOL=...    run-qkd: bb84 (default) or bbm92' \
 	    '  EVE=FRACTION    run-qkd: of the photons, measured by eve on the fibre' \
-	    '  COUNT=N         States to teleport, or sifted bits to make a key of' \
+	    '  COUNT=N         States to teleport, pairs, or sifted bits to make a key of' \
 	    '  DEPOLARIZING=P  Of every fibre (default: 0)' \
 	    '' 'Variables of cli:' \
-	    '  TOPO=...        sdc (default), chain, ring, leaf-spine or tapped' \
+	    '  TOPO=...        sdc (default), chain, ring, leaf-spine, repeaters or tapped' \
 	    '  CAPTURE=1       Capture packets, as run-sdc does' \
 	    '' 'Variables of all:' \
 	    '  SEED=N          Makes the random draws repeatable' \
@@ -49,6 +53,12 @@ run-sdc: ## Send a message from alice to bob by superdense coding
 
 run-teleport: ## Teleport states from alice to bob
 	@setup/run-teleport
+
+run-distribute: ## Put pairs into the memories of alice and bob
+	@setup/run-distribute
+
+run-swap: ## The same by way of repeaters, which swap entanglement
+	@setup/run-swap
 
 run-qkd: ## Make secret keys that alice and bob share
 	@setup/run-qkd

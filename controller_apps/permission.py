@@ -9,6 +9,8 @@ from controller_apps.sessions.segments import FiveTuple
 from controller_apps.sessions.sessions import Sessions
 from wire.metadata import Handshake, Service, Setup
 
+PARTS = (Service.PAIR_SOURCE, Service.LINK)  # of sessions that were asked for before
+
 
 @dataclass
 class Permission:
@@ -21,10 +23,11 @@ class Permission:
     def objection(self, setup: Setup, five_tuple: FiveTuple) -> str:
         """Return why the policy forbids a set-up, "" if it does not.
 
-        A pair source is asked for a session that is open already. A host that has not been
+        A pair source is asked for a session that is open already, and so is a link of a chain of
+        repeaters: the policy has been asked about the whole. A host that has not been
         discovered has no name; admission refuses it for that.
         """
-        if setup.service == Service.PAIR_SOURCE:
+        if setup.service in PARTS:
             return ""
         wish = self._wish(setup, five_tuple)
         return self.policy.objection(wish, self._open(setup.session)) if wish else ""
@@ -32,7 +35,7 @@ class Permission:
     def _open(self, but: int) -> Iterator[Wish]:
         for session in self.sessions.by_number.values():
             wish = self._wish(session.setup, session.owner)
-            if session.number != but and wish is not None:
+            if session.number != but and session.setup.service not in PARTS and wish is not None:
                 yield wish
 
     def _wish(self, setup: Setup, five_tuple: FiveTuple) -> Wish | None:

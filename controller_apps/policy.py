@@ -18,6 +18,9 @@ max_frame_bytes = 1024
 between = ["alice", "bob"]
 by = "eve"
 
+[swap]
+schedule = "parallel"       # who swaps when, or "left-to-right", "nested": see sessions.schedules
+
 [device.alice]              # overrides what applications on alice ask for
 rate_hz = 1_000_000
 fec = "golay"               # or its number, as in wire.metadata.Fec
@@ -33,13 +36,16 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, TypeVar
 
+from controller_apps.sessions.schedules import PARALLEL, SCHEDULES
 from wire.device import MAX_SHARE, PERIODS_S, DeviceSettings, check_settings, setting_number
+from wire.metadata import Service
 from wire.services import LIGHT
 
 SHIPPED = Path(__file__).with_name("policies")
 DEFAULT = SHIPPED / "demo.toml"
 ACTIONS = ("allow", "deny")
-SERVICES = ("*", *(service.name.lower() for service in LIGHT))
+# A link belongs to a swap, and is allowed with it.
+SERVICES = ("*", *(service.name.lower() for service in LIGHT if service != Service.LINK))
 WHO = {"from": "sender", "to": "receiver", "source": "source"}
 LIMITS = {
     "max_sessions": (1, 4096),
@@ -149,6 +155,7 @@ class Policy:
     devices: dict[str, DeviceSettings] = field(default_factory=dict)  # overrides, by host name
     reporting: Reporting = Reporting()
     taps: tuple[Tap, ...] = ()
+    schedule: str = PARALLEL  # of chains of repeaters
 
     def objection(self, wish: Wish, open_wishes: Iterable[Wish]) -> str:
         """Return why a wish is not allowed beside those already granted, "" if it is."""
@@ -187,7 +194,7 @@ def read_policy(path: str | Path) -> Policy:
 def parse_policy(text: str) -> Policy:
     """Build the policy from its text; raise ValueError naming place, value and choices."""
     content = tomllib.loads(text)
-    _only(content, "the file", {"default", "rule", "tap", "device", "report"})
+    _only(content, "the file", {"default", "rule", "tap", "swap", "device", "report"})
     rules = _array(content, "rule", MAX_RULES)
     devices = _table(content.get("device", {}), "device")
     return Policy(
@@ -196,6 +203,7 @@ def parse_policy(text: str) -> Policy:
         {name: _parse_settings(device, f"device {name}") for name, device in devices.items()},
         _parse_reporting(_table(content.get("report", {}), "report")),
         _parse_taps(_array(content, "tap", MAX_TAPS)),
+        _parse_schedule(_table(content.get("swap", {}), "swap")),
     )
 
 
@@ -244,6 +252,11 @@ def _parse_tap(given: object, place: str) -> Tap:
     if not all(isinstance(host, str) and host for host in hosts) or len(set(hosts)) < len(hosts):
         raise ValueError(f"{place}: between is {between!r} and by is {by!r}: {remedy}")
     return Tap((between[0], between[1]), str(by))
+
+
+def _parse_schedule(table: dict[str, Any]) -> str:
+    _only(table, "swap", {"schedule"})
+    return _one_of(table.get("schedule", PARALLEL), SCHEDULES, "swap: schedule")
 
 
 def _parse_settings(given: object, place: str) -> DeviceSettings:

@@ -17,7 +17,7 @@ from controller_apps.console.views import (
     paths_view,
     sessions_view,
 )
-from controller_apps.devices.swap_orders import EventSwapsOrdered
+from controller_apps.devices.swap_orders import EventNodeAnswered, EventSwapsOrdered
 from controller_apps.framework import CONFIG, DEAD, MAIN, App, Event, hub, ofp_event, ofproto, on
 from controller_apps.light import flow_entries, optical_messages
 from controller_apps.light.fibers import Fibers
@@ -88,7 +88,8 @@ class QuantumMetadata(App):
         self.permission = Permission(
             read_policy(config.policy), self.network, self.arbiter.sessions
         )
-        self.arbiter.forbid, self.arbiter.taps = self._forbid, self.permission.policy.taps
+        self.arbiter.forbid = self._forbid
+        self._follow_policy()
         self.datapaths: dict[int, Any] = {}
         self.packet_in_count = 0
         self.dropped: Counter[str] = Counter()
@@ -283,6 +284,12 @@ class QuantumMetadata(App):
             now = time.monotonic()
             self._do(self.arbiter.bypass_expired(message.datapath.id, connection, now))
 
+    @on(EventNodeAnswered)
+    def node_answered(self, event: Any) -> None:
+        """Tell the arbiter that a node of a chain has, or will not."""
+        now = time.monotonic()
+        self._do(self.arbiter.node_answered(event.session, event.node, event.reason, now))
+
     @on(EventQuestion)
     def asked(self, question: Any) -> None:
         """Answer what another thread wants to know."""
@@ -311,9 +318,13 @@ class QuantumMetadata(App):
             self.permission.policy = read_policy(self.policy_path)
         except BadPolicy as error:
             raise Refused(f"{error}; the policy before stays in force") from error
-        self.arbiter.taps = self.permission.policy.taps
+        self._follow_policy()
         self.record.write("policy", path=self.policy_path)
         return self.policy_path or str(DEFAULT)
+
+    def _follow_policy(self) -> None:
+        policy = self.permission.policy
+        self.arbiter.taps, self.arbiter.schedule = policy.taps, policy.schedule
 
     def close(self) -> None:
         """Record the end."""

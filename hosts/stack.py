@@ -140,9 +140,7 @@ class Stack:
 
     def _handler(self, setup: Setup) -> Callable[[MetadataChannel, Setup], Awaitable[None]]:
         if setup.verdict != Verdict.GRANTED:
-            if setup.verdict == Verdict.REFUSED:
-                raise refusal(setup, self._config.hosts)
-            raise SessionError(Reason.NOT_ARBITRATED)
+            raise self._refusal(setup)
         if setup.service == Service.PAIR_SOURCE:
             return self._emit_pairs
         if setup.service == Service.LINK:
@@ -156,6 +154,16 @@ class Stack:
         if setup.handshake == Handshake.ONE_PAIR:
             return self._receive_pair
         return self._receive
+
+    def _refusal(self, setup: Setup) -> SessionError:
+        """Return what the controller has said, or that it has said nothing."""
+        if setup.verdict != Verdict.REFUSED:
+            return SessionError(Reason.NOT_ARBITRATED)
+        if setup.reason != Reason.NODE_SILENT:
+            return refusal(setup, self._config.hosts)
+        names = {address: f"{name} ({address})" for name, address in self._config.hosts.items()}
+        text = f"{names.get(setup.source, setup.source)} has not answered the controller's order"
+        return SessionError(Reason.NODE_SILENT, f"{text} for its chain; is its stack running?")
 
     async def _emit_pairs(self, channel: MetadataChannel, setup: Setup) -> None:
         with self.device.serves(setup):

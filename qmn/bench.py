@@ -21,6 +21,7 @@ from qmn.measure.overhead import overhead_figures
 from qmn.measure.path_figures import path_figures
 from qmn.measure.physical_layer import physical_layer_figures
 from qmn.measure.sabot_speed import sabot_speed
+from qmn.measure.swap_rates import swap_figures
 from topologies.network import Interrupted, Network, Signals, require_root
 from topologies.programs import NetworkError, python
 from topologies.runtime import Runtime
@@ -53,6 +54,8 @@ def call(arguments: argparse.Namespace) -> int:
                 show(name, figure)
             run(Path(folder), arguments.pairs, signals)
             for name, figure in key_figures(Path(folder), signals):
+                show(name, figure)
+            for name, figure in swap_figures(Path(folder), signals):
                 show(name, figure)
             for name, figure in path_figures(Path(folder), arguments.setups, signals):
                 show(name, figure)

@@ -19,7 +19,7 @@ from hosts.middleware.services import NAMES, teleport
 from hosts.middleware.services.distribute_options import PROTOCOLS
 from hosts.middleware.services.key_options import BOUNDS, CORRECTIONS, KeyOptions
 from hosts.middleware.services.options import ServiceOptions
-from qmn import eavesdropping, service_result
+from qmn import eavesdropping, service_result, swap_schedule
 from qmn.network_options import (
     BadInput,
     add_network_options,
@@ -56,6 +56,7 @@ class Verb:
     topology: str = "sdc"  # by default
     eavesdropper: bool = False  # whether eve may be put on the fibre
     source: bool = False  # whether the host that makes pairs can be chosen
+    scheduled: bool = False  # whether repeaters take turns
 
 
 # What the services that leave pairs in memory can be told.
@@ -99,6 +100,7 @@ VERBS: Mapping[str, Verb] = MappingProxyType(
             "pairs",
             PAIRS,
             topology="repeaters",
+            scheduled=True,
         ),
         "teleport": Verb(
             "teleport states",
@@ -182,9 +184,11 @@ def _add_options(parser: argparse.ArgumentParser, name: str, verb: Verb) -> None
     add("--count", type=int, default=defaults.count, metavar="N", help=text)
     for option, words in verb.options.items():
         add(f"--{option.replace('_', '-')}", **words)
-    parser.set_defaults(eve=None)
+    parser.set_defaults(eve=None, schedule=None)
     if verb.eavesdropper:
         eavesdropping.add_option(parser)
+    if verb.scheduled:
+        swap_schedule.add_option(parser)
     text = f"pairs in a block ({defaults.block_pairs}, or what is made in {MAX_BLOCK_S:g} s)"
     add("--block-pairs", type=int, metavar="N", help=text)
     text = f"of the source ({defaults.rate_hz}, or as fast as the slowest source can)"
@@ -203,7 +207,8 @@ def run(arguments: argparse.Namespace, signals: Signals, console: Console) -> in
     require_root()
     folder = begin_folder(arguments.runs, arguments.service)
     eavesdropping.make_policy(arguments, topology(arguments)(), folder)
-    own = ("sender", "receiver", "eve", *own_options(arguments.service))
+    swap_schedule.make_policy(arguments, folder)
+    own = ("sender", "receiver", "eve", "schedule", *own_options(arguments.service))
     facts = {"service": arguments.service, **known_facts(arguments, own), "delivered": False}
     with ending(folder, facts, service_result.complete):
         _use(arguments, options, folder, facts, signals, console)
@@ -225,6 +230,7 @@ def check_input(arguments: argparse.Namespace) -> ServiceOptions:
     check_network(arguments)
     eavesdropping.check(arguments, topo)
     fit_light(arguments, devices_of(topo).values())
+    swap_schedule.check(arguments)
     fields = {name: getattr(arguments, name) for name in own_options(arguments.service)}
     words = {"host": arguments.receiver, "port": SERVICE_PORT, **fields}
     try:

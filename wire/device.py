@@ -225,12 +225,17 @@ class SwapOrder(Message):
     """
 
     KIND = 36
-    FIELDS = struct.Struct("!QB4sB")
+    FIELDS = struct.Struct("!QB4sBBBB")
 
     chain: int  # the session that the opener has asked for
     place: int  # in the chain: the opener's is 0, the first repeater's 1
     right: str = NOBODY  # IPv4 address of the next node; NOBODY at the acceptor
-    after_left: int = 0  # 1: swap after the left neighbour; 0: as soon as both links hold
+    # When a repeater swaps: as soon as both links hold, and it has heard that those at these
+    # places have swapped; 0 is no place of a repeater.
+    after_left: int = 0  # of whom the two bits come from the left
+    after_right: int = 0  # who sends a notice to the left
+    tell_left: int = 0  # the place that waits for such a notice of this one's swap
+    notices: int = 0  # that come from the right: its own, and those that it passes on
 
     @property
     def last(self) -> bool:
@@ -249,8 +254,8 @@ class SwapOrder(Message):
 
     def encode(self) -> bytes:
         """Return the message as it goes onto the wire."""
-        right = IPv4Address(self.right).packed
-        return self._frame(self.FIELDS.pack(self.chain, self.place, right, self.after_left))
+        _session, *fields = {**vars(self), "right": IPv4Address(self.right).packed}.values()
+        return self._frame(self.FIELDS.pack(*fields))
 
     @classmethod
     def parse(cls, session: int, body: bytes) -> "SwapOrder":
@@ -261,9 +266,18 @@ class SwapOrder(Message):
         least, most = (1, MAX_REPEATERS + 1) if order.last else (0, MAX_REPEATERS)
         if not least <= order.place <= most:
             raise MalformedPacket(f"SwapOrder: place {order.place} before {order.right}")
-        if order.after_left > 1:
-            raise MalformedPacket(f"SwapOrder: after_left is {order.after_left}, not 0 or 1")
+        order._check_schedule()
         return order
+
+    def _check_schedule(self) -> None:
+        """Raise MalformedPacket unless the others are where they are said to be."""
+        told = self.after_left, self.after_right, self.tell_left, self.notices
+        repeats = self.place > 0 and not self.last
+        left = max(self.after_left, self.tell_left) < self.place
+        right = self.after_right == 0 or self.place < self.after_right <= MAX_REPEATERS
+        few = bool(self.after_right) <= self.notices <= MAX_REPEATERS - self.place
+        if not (left and right and few) if repeats else any(told):
+            raise MalformedPacket(f"SwapOrder: place {self.place} with the schedule {told}")
 
 
 KINDS: dict[int, type[Message]] = {

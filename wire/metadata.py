@@ -62,6 +62,9 @@ class Topic(IntEnum):
     ABILITIES = 12
     PURIFY = 32  # protocol (1 BBPSSW, 2 DEJMPS) and seed of the twirl, of a round of a block
     DELIVER = 33  # so many pairs, which have numbers from then on; answered
+    # A repeater has swapped: its place, and for how many us both halves of a pair have waited;
+    # to the left also the place that waits for this notice, to the right ARRIVED and CORRECTIONS.
+    SWAPPED = 36
 
 
 class Handshake(IntEnum):
@@ -101,6 +104,7 @@ class Reason(IntEnum):
     NOT_ALLOWED = 15
     LOSS_TOO_HIGH = 16
     NO_WAVELENGTH = 17
+    NODE_SILENT = 18  # written by the controller, with the address of that node as source
     # Written by the controller, with the address of the node that lacks the feature as source.
     CANNOT_EMIT = 19
     CANNOT_STORE = 20

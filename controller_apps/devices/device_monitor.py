@@ -19,7 +19,7 @@ from controller_apps.console.questions import EventQuestion, Refused, reply
 from controller_apps.devices.datagrams import CONTROLLER_MAC, Frame, is_udp
 from controller_apps.devices.device_view import host_view, switch_view
 from controller_apps.devices.hosts_state import Hosts, Place, Told
-from controller_apps.devices.swap_orders import EventSwapsOrdered, SwapOrders
+from controller_apps.devices.swap_orders import EventNodeAnswered, EventSwapsOrdered, SwapOrders
 from controller_apps.devices.switch_state import SwitchState
 from controller_apps.framework import DEAD, MAIN, App, Event, hub, ofp_event, ofproto, on, parser
 from controller_apps.light import flow_entries
@@ -28,10 +28,11 @@ from controller_apps.record import Record
 from controller_apps.sessions.chains import orders
 from wire.config import ControllerConfig
 from wire.device import DEVICE_PORT, DeviceQuery, DeviceSettings, check_settings
-from wire.metadata import MalformedPacket, Message, Reason
+from wire.metadata import Answer, MalformedPacket, Message, Reason
 
 SET_TIMEOUT_S = 3.0
 TICK_S = 0.1
+METADATA = "QuantumMetadata"  # the app that asks for orders
 
 
 class EventDeviceTick(Event):
@@ -191,9 +192,9 @@ class DeviceMonitor(App):
         if told.answer is not None and told.answer.reason != Reason.OK:
             self.logger.warning("%s: %s", host, told.answer.text)
             self._settle(host, Refused(f"{host}: {told.answer.text}"))
-        if told.answer is not None:
-            self._orders.answered(host, told.answer.session)
         state = self.hosts.states[host]
+        if told.answer is not None:
+            self._order_answered(state.place.address, told.answer)
         if state.report.settings == self.hosts.wanted.get(host, DeviceSettings()):
             self._settle(host, host_view(host, state, silent=False, age_s=0.0))
         if told.answer is None:  # a report shows what is still to be set
@@ -204,20 +205,29 @@ class DeviceMonitor(App):
     def swaps_ordered(self, event: Any) -> None:
         """Tell the nodes of a chain of repeaters what they do, until they have understood."""
         now, ordered = time.monotonic(), event.ordered
-        hosts = {state.place.address: host for host, state in self.hosts.states.items()}
-        for address, order in orders(ordered, self._next_number()).items():
-            if address not in hosts:
-                self.logger.warning("session %016x: %s is unheard", ordered.session, address)
-                continue
-            self._orders.add(hosts[address], order, now)
-            self._send(hosts[address], order)
-        self.record.write("chain", session=f"{ordered.session:016x}", nodes=list(ordered.chain))
+        for node, order in orders(ordered, self._next_number()).items():
+            self._orders.add(node, order, now)
+        self._send_orders()
+        facts = {"nodes": list(ordered.chain), "schedule": ordered.schedule}
+        self.record.write("chain", session=f"{ordered.session:016x}", **facts)
+
+    def _order_answered(self, node: str, answer: Answer) -> None:
+        order = self._orders.answered(node, answer.session)
+        if order is not None:
+            reason = Reason(answer.reason)
+            self.send_event(METADATA, EventNodeAnswered(order.chain, node, reason))
 
     def _repeat_orders(self, now: float) -> None:
-        for host, order in self._orders.give_up(now):
-            self.logger.warning("%s has not answered its order for %016x", host, order.chain)
-        for host, order in self._orders.due():
-            self._send(host, order)
+        for node, order in self._orders.give_up(now):
+            self.logger.warning("%s has not answered its order for %016x", node, order.chain)
+        self._send_orders()
+
+    def _send_orders(self) -> None:
+        """Send what is not answered yet to those who have been heard; others may be, soon."""
+        hosts = {state.place.address: host for host, state in self.hosts.states.items()}
+        for node, order in self._orders.due():
+            if node in hosts:
+                self._send(hosts[node], order)
 
     @on(EventQuestion)
     def asked(self, question: Any) -> None:

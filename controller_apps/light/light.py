@@ -47,11 +47,15 @@ class Light:
         # An earlier connection of the session may still keep its path: it is handed over.
         stale = self.close(session) if session.hops != hops else []
         self.sessions.occupy(session, paths, request.five_tuple)
-        request.transaction = next(self._transactions)
+        self.hold(request)
         request.waiting = set(switches(hops))
         request.rotation = rotation_of(paths)
-        self.sessions.held[request.transaction] = request
         return [*stale, *self._program(session, (), hops, request.transaction)]
+
+    def hold(self, request: Request) -> None:
+        """Keep a request waiting, under a transaction of its own."""
+        request.transaction = next(self._transactions)
+        self.sessions.held[request.transaction] = request
 
     def close(self, session: Session) -> list[Action]:
         """Close all paths of a session."""

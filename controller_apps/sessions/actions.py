@@ -79,6 +79,7 @@ class SwapsOrdered:
 
     session: int
     chain: tuple[str, ...]  # addresses, from the opener's to the acceptor's
+    schedule: str = "parallel"  # who swaps when: one of schedules.SCHEDULES
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,9 @@ from controller_apps.light.routing import Leg, LightPath, Limits, route, why_not
 from controller_apps.light.taps import CannotTap, tapped
 from controller_apps.policy import Tap
 from controller_apps.sessions.abilities import Want, block_pairs, first_want, want_of_repeater
-from controller_apps.sessions.chains import Chain, find_chain
+from controller_apps.sessions.chains import chain_of_link, find_chain
 from controller_apps.sessions.segments import FiveTuple
-from controller_apps.sessions.sessions import Session, Sessions
+from controller_apps.sessions.sessions import Chain, Session, Sessions
 from wire.metadata import Handshake, Reason, Service, Setup
 from wire.optical import frequency_mhz
 from wire.services import Role, beams, fibers_needed
@@ -53,6 +53,8 @@ def admit(
     if setup.handshake == Handshake.ONE_PAIR:
         if not _same_session(setup, five_tuple, registered):
             return Admission(Reason.UNKNOWN_SESSION)
+    elif setup.service == Service.LINK and chain_of_link(setup, five_tuple, sessions) is None:
+        return Admission(Reason.UNKNOWN_SESSION)
     elif registered is not None or len(sessions.by_number) >= sessions.max_sessions:
         return Admission(Reason.BUSY)
     return find_light(setup, five_tuple, sessions, network, budget_mdb, taps)

@@ -1,7 +1,7 @@
 """Who gets light when: segments and switch events in, actions out.
 
     set-up --> held --last barrier reply--> granted --FIN, RST, silence--> torn down
-       |         |`--error, deadline, switch gone--> refused
+       |         |`--error, deadline, switch gone, silent node--> refused
        `--> queued for light that others have, if the policy says so
 
 No socket, no clock: `now` is in seconds of one steady clock. TCP repeats what is held and
@@ -20,9 +20,11 @@ from controller_apps.sessions.actions import (
     Drop,
     Forward,
     Note,
-    SwapsOrdered,
 )
 from controller_apps.sessions.admission import Admission, admit, find_light
+from controller_apps.sessions.chains import links_of
+from controller_apps.sessions.ordering import Ordering
+from controller_apps.sessions.schedules import PARALLEL
 from controller_apps.sessions.segments import RST, FiveTuple, parse
 from controller_apps.sessions.sessions import (
     Arrival,
@@ -51,11 +53,13 @@ class Arbiter:
     sessions: Sessions = field(default_factory=Sessions)
     forbid: Callable[[Setup, FiveTuple], Admission | None] = lambda _setup, _connection: None
     taps: Sequence[Tap] = ()  # for sessions that are still to come
+    schedule: str = PARALLEL  # for chains that are still to come: one of SCHEDULES
 
     def __post_init__(self) -> None:
         self.budget_mdb = round(self.loss_budget_db * 1000)
         self.light = Light(self.network, self.sessions, self.budget_mdb)
         self.verdicts = Verdicts(self.sessions, self.light)
+        self.ordering = Ordering(self.sessions, self.light, self.verdicts)
         self.inheritance = Inheritance(self.sessions, self.light)
 
     def segment_arrived(self, dpid: int, in_port: int, frame: bytes, now: float) -> list[Action]:
@@ -106,11 +110,14 @@ class Arbiter:
             self.sessions.queue[request.five_tuple] = request
             return [Note("queued", session.number)]
         if admission.chain:
-            ordered = SwapsOrdered(session.number, admission.chain)
-            return [ordered, *self.verdicts.grant(request)]
+            return self.ordering.order(request, session, admission.chain, self.schedule)
         if not admission.paths:
             return self.verdicts.grant(request)
         return self.light.open(request, session, admission.paths)
+
+    def node_answered(self, number: int, node: str, reason: Reason, now: float) -> list[Action]:
+        """Note what a node of a chain (its address) says to its order."""
+        return self.ordering.node_answered(number, node, reason, now)
 
     def _serve_queue(self, now: float) -> list[Action]:
         """Give light to those that wait for it: first come first served.
@@ -275,7 +282,9 @@ class Arbiter:
         """Do what is due: refuse what waited too long, end sessions that fell silent."""
         actions: list[Action] = []
         for request in list(self.sessions.held.values()):
-            if now - request.started >= self.hold_timeout_s:
+            if request.unanswered:
+                actions += self.ordering.give_up(request, now)
+            elif now - request.started >= self.hold_timeout_s:
                 actions += self.verdicts.refuse(request, Reason.SWITCH_TIMEOUT, now)
         for request in list(self.sessions.queue.values()):
             if now - request.started >= self.hold_timeout_s:
@@ -283,6 +292,8 @@ class Arbiter:
         for session in self.light.overdue(now - self.hold_timeout_s):
             actions += self.verdicts.tear_down(session, "no switch in time for the other way", now)
         for session in list(self.sessions.by_number.values()):
+            if session.number not in self.sessions.by_number:
+                continue  # a link whose chain has just ended
             if session.lost_since is not None and now - session.lost_since >= SWITCH_GRACE_S:
                 actions += self.verdicts.tear_down(session, "switch gone", now)
                 continue
@@ -293,6 +304,7 @@ class Arbiter:
                 actions += self.verdicts.tear_down(session, "no switch has kept it", now)
                 continue
             silent = now - session.seen >= self.idle_timeout_s
+            silent = silent and not links_of(session, self.sessions)  # its traffic is theirs
             if silent and session.open and not session.bypassed:
                 actions += self.verdicts.tear_down(session, "idle", now)
         self.sessions.forget_retired_before(now - self.idle_timeout_s)

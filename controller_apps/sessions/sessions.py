@@ -26,6 +26,8 @@ MAX_SESSIONS = 4096
 MAX_REQUESTS = 4 * MAX_SESSIONS
 MAX_RETIRED = 1024
 
+Chain = tuple[str, ...]  # of repeaters: addresses, from the opener's to the acceptor's
+
 
 @dataclass(frozen=True)
 class Arrival:
@@ -50,6 +52,7 @@ class Request:
     rotation: int = 0
     transaction: int = 0
     waiting: set[int] = field(default_factory=set)  # switches that owe a barrier reply
+    unanswered: set[str] = field(default_factory=set)  # nodes that owe an answer to their order
     bypassed: set[int] = field(default_factory=set)  # switches that let the connection pass
     block_pairs: int = 0  # granted, if it is less than was asked for
 
@@ -110,6 +113,7 @@ class Session:
     open: bool = False  # its owner has been granted
     requests: dict[FiveTuple, Request] = field(default_factory=dict)
     paths: tuple[LightPath, ...] = ()
+    chain: Chain = ()  # whose links are sessions of their own
     light_owner: FiveTuple | None = None  # whose connection keeps the paths open
     stranded: bool = False  # its light is lost, and there is no other way
     lost_since: float | None = None  # when a switch that it cannot do without has gone

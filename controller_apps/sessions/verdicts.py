@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from controller_apps.light.light import Light
 from controller_apps.sessions.actions import Action, Forget, Forward, Note, RemoveBypass
+from controller_apps.sessions.chains import links_of
 from controller_apps.sessions.sessions import Arrival, Request, Session, Sessions
 from controller_apps.succession.kept import keep
 from wire.metadata import Reason, Verdict
@@ -89,6 +90,17 @@ class Verdicts:
             if request.held is not None and request.five_tuple != session.owner:
                 actions += self.answer(request, Verdict.REFUSED, Reason.UNKNOWN_SESSION)
             self.sessions.retire(request, now)
+        return [*actions, *self._end_links(session, now)]
+
+    def _end_links(self, chain: Session, now: float) -> list[Action]:
+        """End the links of a chain that has ended."""
+        actions: list[Action] = []
+        for link in links_of(chain, self.sessions):
+            request = link.requests[link.owner]
+            if request.held is not None:
+                actions += self.refuse(request, Reason.UNKNOWN_SESSION, now)
+            else:
+                actions += self.tear_down(link, "its chain is over", now)
         return actions
 
     def _punt_again(self, request: Request) -> list[Action]:

@@ -5,7 +5,8 @@ which paths it has. They do not hold what a living session needs further on: who
 set-up named as source, its handshake and wavelength, the rotation its receiver was told to
 undo, and where on its connection the set-up was. That is kept here, network byte order:
 
-    session: seen (s), requests, paths; each request; each path with its hops
+    session: seen (s), requests, paths; each request; each path with its hops; the number of nodes
+             of a chain of repeaters, and each node's address
     hosts:   each port: switch, port, address, three lengths, name of host and port, abilities
 """
 
@@ -22,6 +23,7 @@ from controller_apps.light.routing import LightPath
 from controller_apps.sessions.actions import Keep
 from controller_apps.sessions.segments import FiveTuple
 from controller_apps.sessions.sessions import Request, Session, read_setup
+from wire.device import MAX_REPEATERS
 from wire.features import Abilities
 from wire.metadata import (
     METADATA_PORT,
@@ -41,6 +43,8 @@ SESSION = struct.Struct("!dBB")
 REQUEST = struct.Struct(f"!4sH4sIBI{SETUP_LENGTH}s")  # to the metadata port
 PATH = struct.Struct("!IBB")  # loss in thousandths of a dB, rotation, hops
 HOP = struct.Struct("!QII")
+NODES = struct.Struct("!B")
+NODE = struct.Struct("!4s")
 HOST = struct.Struct("!QI4sBBB")
 
 
@@ -72,7 +76,8 @@ def encode_session(session: Session) -> bytes:
     for path in paths:
         data += PATH.pack(path.loss_mdb, path.rotation, len(path.hops))
         data += b"".join(HOP.pack(*hop) for hop in path.hops)
-    return data
+    nodes = (NODE.pack(IPv4Address(node).packed) for node in session.chain)
+    return data + NODES.pack(len(session.chain)) + b"".join(nodes)
 
 
 def _is_kept(request: Request) -> bool:
@@ -94,8 +99,11 @@ def decode_session(data: bytes, now: float) -> Session:
     session = Session(owner.setup.session, owner.setup, owner.five_tuple, seen, open=True)
     session.paths = tuple(_path(reader) for _ in range(paths))
     session.light_owner = session.owner if paths else None
+    (nodes,) = reader.take(NODES)
+    session.chain = tuple(str(IPv4Address(*reader.take(NODE))) for _ in range(nodes))
     reader.end()
     _check_owner(session)
+    _check_chain(session)
     for request in others:
         _check_member(request, session)
     session.requests = {request.five_tuple: request for request in (owner, *others)}
@@ -136,6 +144,14 @@ def _check_owner(session: Session) -> None:
         _ = session.frequency_mhz
     except ValueError as error:
         raise MalformedPacket(str(error)) from error
+
+
+def _check_chain(session: Session) -> None:
+    chain, swaps = session.chain, session.setup.service == Service.SWAP
+    whole = 0 < len(chain) - 2 <= MAX_REPEATERS and len(set(chain)) == len(chain)
+    whole = whole and (chain[0], chain[-1]) == (session.owner.source, session.owner.destination)
+    if not whole if swaps else chain:
+        raise MalformedPacket(f"the chain {chain} for a session opened by {session.setup}")
 
 
 def _check_member(request: Request, session: Session) -> None:

@@ -191,6 +191,9 @@ class Qnic(Protocol):
         Return 0 Phi+, 1 Psi+, 2 Phi-, 3 Psi- for each pair, 255 where there was no coincidence.
         """
 
+    async def coincidences(self, first: BlockName, second: BlockName) -> Coincidences:
+        """Make Bell measurements as `bell_measure` does; also say when, and how many clicks."""
+
     async def let_go(self, session: int, number: int) -> None:
         """Let go of what has come of both halves of a block."""
 

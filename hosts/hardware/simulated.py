@@ -223,9 +223,14 @@ class SimulatedQnic:
 
     async def bell_measure(self, first: BlockName, second: BlockName) -> Symbols:
         """Make Bell measurements on pairs of photons at this host."""
+        return (await self.coincidences(first, second)).outcomes
+
+    async def coincidences(self, first: BlockName, second: BlockName) -> Coincidences:
+        """Make Bell measurements on pairs of photons at this host; also say when."""
         bell = BellMeasureRequest(first=_named(first), second=_named(second))
         (feedback,) = await self._orders.perform(Step(bell_measure=bell))
-        return np.frombuffer(feedback.outcomes, dtype=np.uint8)
+        outcomes = np.frombuffer(feedback.outcomes, dtype=np.uint8)
+        return Coincidences(outcomes, feedback.clicks, feedback.time_ns)
 
     async def watch(self, session: int, history: bool) -> AsyncIterator[bytes]:
         """Yield what happens at this host; the dispatcher tells a host nothing else."""

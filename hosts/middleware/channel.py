@@ -42,6 +42,8 @@ REMEDIES = {
     Reason.UNSUPPORTED: "the other end does not offer what was asked for",
     Reason.SWITCH_FAILED: "the quantum switch refused the light path; see its agent's log",
     Reason.SWITCH_TIMEOUT: "the quantum switch was not ready in time; is its agent running?",
+    Reason.NODE_SILENT: "a node of the chain has not answered the controller's order; is its "
+    "stack running?",
 }
 
 
@@ -80,9 +82,9 @@ class MetadataChannel:
                 f"({error or 'timeout'}); is it up?",
             ) from error
 
-    def send(self, message: Message) -> None:
-        """Write one message, in one piece."""
-        self._writer.write(message.encode())
+    def send(self, *messages: Message) -> None:
+        """Write messages, in one piece."""
+        self._writer.write(b"".join(message.encode() for message in messages))
 
     async def request(self, message: Message, timeout_s: float = ANSWER_TIMEOUT_S) -> Answer:
         """Send a message and wait until it is accepted; raise what the other end refuses."""

@@ -17,8 +17,10 @@ def values(session: int, topic: int, block: int, numbers: ArrayLike, width: int)
     elif width == 8:
         data = array.astype(np.uint8).tobytes()
     else:
-        bits = array.astype(np.uint8)[:, np.newaxis] >> np.arange(width - 1, -1, -1) & 1
-        data = np.packbits(bits.astype(np.uint8)).tobytes()
+        bits = np.empty((array.size, width), dtype=np.uint8)
+        for place in range(width):
+            bits[:, place] = array.astype(np.uint8) >> (width - 1 - place) & 1
+        data = np.packbits(bits).tobytes()
     return Values(session, topic, width, block, array.size, data)
 
 

@@ -3,11 +3,21 @@
 import json
 import subprocess
 import sys
+import time
+from functools import partial
+from math import exp, sqrt
 from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import ROOT
+from conftest import ROOT, verb
+
+from hosts.service_socket import ServiceSocket
+from hosts.stack_socket import QuantumSocketError
+from topologies.network import Network, Signals
+from topologies.record import read_record
+from topologies.repeaters import RepeatersTopo
+from topologies.runtime import Runtime
 
 
 def run(runs: Path, *options: str) -> dict[str, Any]:
@@ -21,7 +31,7 @@ def run(runs: Path, *options: str) -> dict[str, Any]:
     return result
 
 
-@pytest.mark.parametrize("repeaters", [1, 3])
+@pytest.mark.parametrize("repeaters", [1, 6])
 def test_pairs_come_by_way_of_repeaters(tmp_path: Path, repeaters: int) -> None:
     result = run(tmp_path, "--repeaters", str(repeaters), "--count", "1000")
     assert result["delivered"] is True
@@ -34,3 +44,43 @@ def test_pairs_come_by_way_of_repeaters(tmp_path: Path, repeaters: int) -> None:
 def test_a_pair_source_host_with_two_fibres_can_be_the_repeater(tmp_path: Path) -> None:
     result = run(tmp_path, "--topology", "sdc", "--count", "500")
     assert (result["asking"]["pairs"], result["asking"]["fidelity"]) == (500, 1)
+
+
+def test_the_controller_has_the_repeaters_take_turns_and_a_noisy_run_is_replayed(
+    tmp_path: Path,
+) -> None:
+    words = ["--repeaters", "3", "--schedule", "nested", "--count", "2000", "--sample", "0.5"]
+    words += ["--loss-db-per-km", "50", "--depolarizing", "0.01", "--block-pairs", "2000"]
+    words += [f"--device={node}.memory.t2_s=1" for node in ("alice", "r1", "r2", "r3", "bob")]
+    result = run(tmp_path, *words)
+    folder = tmp_path / "latest"
+    (chain,) = [fact for fact in read_record(folder) if fact["event"] == "chain"]
+    assert chain["schedule"] == "nested"
+    assert len(chain["nodes"]) == 5
+    first, middle, last = result["asked"]["repeaters_waited_ms"]
+    assert 0 < min(first, last) < middle
+    waited_s = 2 * (first + middle + last + result["asked"]["waited_ms"]) / 1000
+    told = result["asking"]  # whose halves wait as long as bob's, and until they are measured
+    error = 5 * sqrt(3 * 0.25 / 4 * 3 / told["sampled"])
+    assert fidelity(waited_s + 0.3) - error < told["fidelity"] < fidelity(waited_s) + error
+    assert verb("replay", str(folder)).stdout.startswith("identical: ")
+
+
+def fidelity(waited_s: float) -> float:
+    """Return that of pairs of four links, of 0.99 a fibre, whose halves have waited; T2 is 1 s."""
+    return (1 + 0.99**8 * (1 + 2 * exp(-waited_s))) / 4
+
+
+def test_a_repeater_that_is_dead_is_named_to_the_one_who_asks(tmp_path: Path) -> None:
+    settings = Runtime(log_folder=tmp_path / "run")
+    topology = partial(RepeatersTopo, repeaters=2)
+    with Signals() as signals, Network(topology, settings, signals):
+        next(program for program in settings.programs if program.name == "r2").kill()
+        sockets = (settings.socket("alice"), settings.socket("bob"))
+        with ServiceSocket(sockets[0]) as asking, ServiceSocket(sockets[1]) as listener:
+            listener.listen(9, "swap")
+            asking.settimeout(10)
+            started = time.monotonic()
+            with pytest.raises(QuantumSocketError, match=r"r2 \(10.0.0.12\) has not answered"):
+                list(asking.request("swap", ("bob", 9), count=100))
+            assert time.monotonic() - started < 4

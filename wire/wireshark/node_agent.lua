@@ -92,7 +92,17 @@ local function check_order(values, range, right)
     local least, most = 0, format.max_repeaters
     if last then least, most = 1, most + 1 end
     if values.place < least or values.place > most then return "place " .. values.place end
-    if values.after_left > 1 then return "after_left is " .. values.after_left end
+    local waits, notices = math.max(values.after_left, values.tell_left), values.notices
+    if last or values.place == 0 then
+        local told = waits + values.after_right + notices > 0
+        return told and "a schedule for place " .. values.place or nil
+    end
+    local right = values.after_right
+    if waits >= values.place
+        or (right > 0 and (right <= values.place or right > format.max_repeaters))
+        or notices < (right > 0 and 1 or 0) or notices > format.max_repeaters - values.place then
+        return "schedule of place " .. values.place
+    end
     return nil
 end
 

@@ -26,6 +26,13 @@ async def keep(qnic: Qnic, name: BlockName, chosen: NDArray[np.bool_]) -> int:
     return int(np.count_nonzero(chosen))
 
 
+async def keep_of_all(qnic: Qnic, name: BlockName, chosen: NDArray[np.bool_]) -> int:
+    """Do what `keep` does where each photon of the block is chosen or not; all: nothing."""
+    if chosen.size and chosen.all():
+        return chosen.size
+    return await keep(qnic, name, chosen)
+
+
 async def take(qnic: Qnic, into: BlockName, picks: dict[BlockName, Positions]) -> None:
     """Gather photons and let go of the rest, also where there are none to gather."""
     if any(positions.size for positions in picks.values()):

@@ -49,7 +49,11 @@ class ConnectionEnd:
 
     def say(self, topic: int, block: int, numbers: ArrayLike, width: int) -> None:
         """Tell the other end numbers of so many bits."""
-        self.channel.send(values(self.setup.session, topic, block, numbers, width))
+        self.channel.send(self.words(topic, block, numbers, width))
+
+    def words(self, topic: int, block: int, numbers: ArrayLike, width: int) -> Values:
+        """Return the message of this session that carries numbers of so many bits."""
+        return values(self.setup.session, topic, block, numbers, width)
 
     async def hear(
         self,

@@ -3,7 +3,7 @@
     alice                 r1                  r2                 bob
       | -- half 1 -------> | -- half 1 -------> | -- half 1 ------> |  links, into memories
       |                    | swap               | swap              |
-      |                    | two bits --------> | two bits -------> |  real packets; their sum
+      |                    | two bits --------> | both swaps' ----> |  real packets; their sum
       | <----------------------------------------- Values(ARRIVED) |  corrects half 1
 
 What is done with the pairs then is as in entanglement distribution (distribute). Who the
@@ -11,13 +11,14 @@ repeaters are is told by the controller; waiting for their bits costs fidelity.
 """
 
 import asyncio
-from functools import partial
+from collections import defaultdict
+from functools import partial, reduce
 
 import numpy as np
 
-from hosts.hardware.qnic import BlockName
+from hosts.hardware.qnic import BlockName, HardwareError
 from hosts.middleware.channel import SessionError
-from hosts.middleware.services.blocks import keep, store, take
+from hosts.middleware.services.blocks import keep_of_all, store, take
 from hosts.middleware.services.distribute import DistributeOptions, Opening, follow
 from hosts.middleware.services.pairs import Mask, Pairs
 from hosts.middleware.services.service import (
@@ -43,6 +44,9 @@ async def swap(end: OpenerEnd, options: DistributeOptions) -> Answerer:
         try:
             answer = await Opening(end, options, partial(_acquire, end, link)).run()
             await link.finish()
+        except (SessionError, HardwareError) as error:
+            link.give_up(error)
+            raise
         finally:
             await link.close()
     finally:
@@ -82,7 +86,9 @@ class _LastLink:
     def __init__(self, end: AcceptorEnd, expected: asyncio.Future[Arrived]) -> None:
         """Wait for it only when it is needed."""
         self._end, self._expected = end, expected
-        self._corrected, self._waited_ms = 0, 0.0  # the waits of all pairs, added up
+        # The waits of all pairs, added up: here, and in the repeaters by their places.
+        self._corrected, self._waited_ms = 0, 0.0
+        self._repeaters_ms: defaultdict[int, float] = defaultdict(float)
 
     async def share(self, pairs: Pairs, message: Values) -> None:
         """Take a block in, correct what all swaps have told of, and keep that."""
@@ -90,19 +96,27 @@ class _LastLink:
         number, size = end.coming(message, end.setup.pairs)
         pairs.admit(number)
         end.agree()
-        link = await self._link()
+        link, place = await self._link()
         if await link.announced() != (number, size):
             raise SessionError(Reason.PROTOCOL, f"the last link does not bring block {number}")
         there = await link.take(number, size)
-        bits = await link.hear(number, there)
+        swaps = [swapped async for swapped in link.swapped(number, place)]
+        bits = reduce(Bits.joined, (swapped.bits for swapped in swaps), Bits.none(there))
         name = end.block(number, half=1)
         if there:
             await take(end.qnic, name, {link.block(number): np.flatnonzero(bits.seen)})
         chosen = await self._correct(name, bits, link.stored_ns)
+        for swapped in swaps:
+            waited_ms = np.count_nonzero(bits.seen) * swapped.waited_us / 1e3
+            self._repeaters_ms[swapped.place] += waited_ms
         end.say(Topic.ARRIVED, number, chosen, 1)
         pairs.add(number, size, int(np.count_nonzero(chosen)))
         if self._corrected:
             pairs.facts["waited_ms"] = self._waited_ms / self._corrected  # for the bits
+            pairs.facts["repeaters_waited_ms"] = [
+                waited_ms / self._corrected
+                for _place, waited_ms in sorted(self._repeaters_ms.items())
+            ]
 
     async def _correct(self, name: BlockName, bits: Bits, stored_ns: int) -> Mask:
         """Return which of the pairs are in memory, corrected."""
@@ -113,25 +127,27 @@ class _LastLink:
             self._waited_ms += seen.size * (corrected_ns - stored_ns) / 1e6
             self._corrected += seen.size
             kept = await store(qnic, name)
-            await keep(qnic, name, kept)
+            await keep_of_all(qnic, name, kept)
             chosen[seen[kept]] = True
         return chosen
 
     async def finish(self) -> None:
         """Agree to the end of all links; raise SessionError for anything else."""
-        link = await self._link()
+        link, _place = await self._link()
         if await link.announced() is not None:
             raise SessionError(Reason.PROTOCOL, "another block after all were delivered")
         link.agree()
 
-    async def _link(self) -> IncomingLink:
+    async def _link(self) -> tuple[IncomingLink, int]:
+        """Return the link, and the place of this host in the chain."""
         try:
             async with asyncio.timeout(LINK_TIMEOUT_S):
                 arrived = await asyncio.shield(self._expected)
         except TimeoutError as error:
             text = f"no link from the last repeater in {LINK_TIMEOUT_S:g} s"
             raise SessionError(Reason.PROTOCOL, text) from error
-        return IncomingLink(ConnectionEnd(self._end.qnic, arrived.setup, arrived.channel))
+        link = ConnectionEnd(self._end.qnic, arrived.setup, arrived.channel)
+        return IncomingLink(link), arrived.place
 
 
 KIND = ServiceKind(Service.SWAP, DistributeOptions, swap, receive)

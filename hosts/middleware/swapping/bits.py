@@ -28,6 +28,11 @@ class Bits(NamedTuple):
         seen = np.isin(outcomes, list(told_apart))
         return cls(seen, np.where(seen, outcomes, 0).astype(np.uint8))
 
+    @classmethod
+    def none(cls, size: int) -> "Bits":
+        """Return those of so many pairs that nobody has swapped."""
+        return cls(np.ones(size, dtype=bool), np.zeros(size, dtype=np.uint8))
+
     @property
     def size(self) -> int:
         """Return how many pairs it is about."""
@@ -43,3 +48,11 @@ class Bits(NamedTuple):
         one, two = self.first(size), other.first(size)
         seen = one.seen & two.seen
         return Bits(seen, np.where(seen, one.operators ^ two.operators, 0).astype(np.uint8))
+
+
+class Swapped(NamedTuple):
+    """What a repeater tells of a block when it has swapped."""
+
+    place: int  # in the chain
+    waited_us: int  # by each half that it has joined, from its memory's taking it; on average
+    bits: Bits

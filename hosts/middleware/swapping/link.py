@@ -5,24 +5,28 @@ left                                     right
   | <--------------------------- Answer(OK)|
   | -- light, half 1; half 0 stays --------> |  into memory
   | Values(ARRIVED) <--------------------> |  both keep what both have, in order
-  | Values(ARRIVED, CORRECTIONS) --------> |  the bits of all swaps to the left
+  | Values(SWAPPED, ARRIVED, CORRECTIONS) > |  the bits of each swap to the left
+  | <---------------------- Values(SWAPPED) |  notice of a swap to the right, if one waits for it
 """
 
+from collections.abc import AsyncIterator
 from dataclasses import replace
 
 import numpy as np
 
-from hosts.hardware.qnic import BlockName, Qnic, release
+from hosts.hardware.qnic import BlockName, HardwareError, Qnic, release
 from hosts.middleware.arrangement import Arrangement
-from hosts.middleware.services.blocks import keep, store
+from hosts.middleware.channel import SessionError
+from hosts.middleware.services.blocks import keep_of_all, store
 from hosts.middleware.services.service import ConnectionEnd
-from hosts.middleware.swapping.bits import MAX_OPERATOR, Bits
+from hosts.middleware.swapping.bits import MAX_OPERATOR, Bits, Swapped
 from hosts.middleware.values import values
-from wire.device import SwapOrder
+from wire.device import MAX_REPEATERS, SwapOrder
 from wire.metadata import Finish, Pauli, Reason, Service, Setup, Topic, Verdict
 
 NO_DIGEST = bytes(32)
 BITS_TIMEOUT_S = 30.0  # they may pass many nodes over a slow network
+MAX_WAITED_US = (1 << 32) - 1
 
 
 class OutgoingLink:
@@ -31,6 +35,7 @@ class OutgoingLink:
     def __init__(self, end: ConnectionEnd, arrangement: Arrangement) -> None:
         """Use a connection that is arranged."""
         self._end, self._arrangement = end, arrangement
+        self.stored_ns = 0  # when the last block was kept
 
     @classmethod
     async def open(cls, qnic: Qnic, order: SwapOrder, asked: Setup, address: str) -> "OutgoingLink":
@@ -64,19 +69,34 @@ class OutgoingLink:
         port = end.qnic.ports[-1]
         light = setup.rate_hz, setup.wavelength_pm
         stored = await end.qnic.share_pairs(setup.session, number, size, port, *light)
+        self.stored_ns = stored.time_ns
         end.say(Topic.ARRIVED, number, stored.arrived, 1)
         theirs = await end.hear(Topic.ARRIVED, number, size, 1)
-        return await keep(end.qnic, self.block(number), stored.arrived & theirs.astype(bool))
+        return await keep_of_all(end.qnic, self.block(number), stored.arrived & theirs.astype(bool))
 
-    def say(self, number: int, bits: Bits) -> None:
-        """Tell the next node what all swaps so far have told."""
-        self._end.say(Topic.ARRIVED, number, bits.seen, 1)
-        self._end.say(Topic.CORRECTIONS, number, bits.operators, 2)
+    def say(self, number: int, swapped: Swapped) -> None:
+        """Tell the next node, and all behind it, of a swap here or to the left."""
+        end, bits = self._end, swapped.bits
+        end.channel.send(
+            end.words(Topic.SWAPPED, number, [swapped.place, swapped.waited_us], 32),
+            end.words(Topic.ARRIVED, number, bits.seen, 1),
+            end.words(Topic.CORRECTIONS, number, bits.operators, 2),
+        )
+
+    async def notice(self, number: int) -> tuple[int, int]:
+        """Return the place of a repeater to the right that has swapped, and who waits for it."""
+        end = self._end
+        place, waiting = await end.hear(Topic.SWAPPED, number, 2, MAX_REPEATERS, BITS_TIMEOUT_S)
+        return int(place), int(waiting)
 
     async def finish(self) -> None:
         """End it, and all links to the right."""
         finish = Finish(self._end.setup.session, 0, NO_DIGEST)
         await self._end.channel.request(finish, BITS_TIMEOUT_S)
+
+    def give_up(self, error: SessionError | HardwareError) -> None:
+        """Tell all nodes to the right why there is no going on."""
+        self._end.give_up(error)
 
     async def close(self) -> None:
         """Let go of the connection and of what is left of the halves."""
@@ -116,13 +136,30 @@ class IncomingLink:
             await end.qnic.apply(name, np.full(size, end.setup.rotation, dtype=np.uint8))
             arrived = await store(end.qnic, name)
         end.say(Topic.ARRIVED, number, arrived, 1)
-        return await keep(end.qnic, name, arrived & theirs.astype(bool))
+        return await keep_of_all(end.qnic, name, arrived & theirs.astype(bool))
 
-    async def hear(self, number: int, most: int) -> Bits:
-        """Return what all swaps to the left have told, of the first of the pairs here."""
-        seen = await self._end.hear(Topic.ARRIVED, number, None, 1, BITS_TIMEOUT_S)
-        operators = await self._end.hear(Topic.CORRECTIONS, number, seen.size, MAX_OPERATOR)
-        return Bits(seen.astype(bool), operators.astype(np.uint8)).first(most)
+    async def swapped(self, number: int, place: int) -> AsyncIterator[Swapped]:
+        """Yield what every repeater left of this place tells of a block, each once."""
+        missing = set(range(1, place))
+        while missing:
+            swapped = await self._swapped(number)
+            if swapped.place not in missing:
+                text = f"bits of a swap at place {swapped.place}, not of {sorted(missing)}"
+                raise SessionError(Reason.PROTOCOL, text)
+            missing.remove(swapped.place)
+            yield swapped
+
+    async def _swapped(self, number: int) -> Swapped:
+        end = self._end
+        place, waited_us = await end.hear(Topic.SWAPPED, number, 2, MAX_WAITED_US, BITS_TIMEOUT_S)
+        seen = await end.hear(Topic.ARRIVED, number, None, 1)
+        operators = await end.hear(Topic.CORRECTIONS, number, seen.size, MAX_OPERATOR)
+        bits = Bits(seen.astype(bool), operators.astype(np.uint8))
+        return Swapped(int(place), int(waited_us), bits)
+
+    def notify(self, number: int, place: int, waiting: int) -> None:
+        """Tell the place that waits for it, to the left, of a swap here or to the right."""
+        self._end.say(Topic.SWAPPED, number, [place, waiting], 8)
 
     def agree(self) -> None:
         """Agree to what was asked last."""

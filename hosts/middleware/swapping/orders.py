@@ -20,6 +20,7 @@ class Arrived(NamedTuple):
 
     channel: MetadataChannel
     setup: Setup
+    place: int  # of this host in the chain
     over: asyncio.Event  # set by whom it is for
 
 
@@ -79,11 +80,11 @@ class Swaps:
                 expected.result().over.set()
             self.forget(session)
 
-    async def hand_over(self, session: int, channel: MetadataChannel, setup: Setup) -> None:
+    async def hand_over(self, order: SwapOrder, channel: MetadataChannel, setup: Setup) -> None:
         """Give a link to the session that expects it; return when that has used it."""
-        expected = self._expected.get(session)
+        expected = self._expected.get(order.chain)
         if expected is None or expected.done():
             raise SessionError(Reason.UNKNOWN_SESSION)
-        arrived = Arrived(channel, setup, asyncio.Event())
+        arrived = Arrived(channel, setup, order.place, asyncio.Event())
         expected.set_result(arrived)
         await arrived.over.wait()

@@ -6,11 +6,13 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from hosts.hardware.qnic import Qnic, Symbols
+from hosts.hardware.qnic import Qnic
+from hosts.middleware.channel import SessionError
 from hosts.middleware.services.blocks import take
-from hosts.middleware.swapping.bits import Bits
+from hosts.middleware.swapping.bits import Bits, Swapped
 from hosts.middleware.swapping.link import IncomingLink, OutgoingLink
 from wire.device import SwapOrder
+from wire.metadata import Reason
 
 A = TypeVar("A")
 B = TypeVar("B")
@@ -38,31 +40,70 @@ class Repeater:
         self._left.agree()
 
     async def _swap(self, number: int, size: int) -> None:
-        left, right = await together(self._left.take(number, size), self._right.make(number, size))
-        if self._order.after_left:
-            bits = await self._bits_of_left(number, left)
-            bits = bits.joined(await self._measure(number, left, right))
-        else:
-            own = await self._measure(number, left, right)
-            bits = (await self._bits_of_left(number, left)).joined(own)
-        self._right.say(number, bits)
+        pairs = await together(self._left.take(number, size), self._right.make(number, size))
+        turn = Turn(self._order)
+        passing = together(self._pass_right(number, turn), self._pass_left(number, turn))
+        await together(passing, self._join(number, pairs, turn))
 
-    async def _bits_of_left(self, number: int, pairs: int) -> Bits:
-        if self._order.place > 1:
-            return await self._left.hear(number, pairs)
-        return Bits(np.ones(pairs, dtype=bool), np.zeros(pairs, dtype=np.uint8))
+    async def _pass_right(self, number: int, turn: "Turn") -> None:
+        """Pass the bits of all swaps to the left on, as they come."""
+        async for swapped in self._left.swapped(number, self._order.place):
+            self._right.say(number, swapped)
+            turn.heard(swapped.place)
 
-    async def _measure(self, number: int, left: int, right: int) -> Bits:
+    async def _pass_left(self, number: int, turn: "Turn") -> None:
+        """Pass notices of swaps to the right on, as they come; one may be for this place."""
+        for _ in range(self._order.notices):
+            place, waiting = await self._right.notice(number)
+            if not 0 < waiting <= self._order.place < place:
+                text = f"notice of a swap at place {place} for place {waiting}"
+                raise SessionError(Reason.PROTOCOL, f"{text}, at place {self._order.place}")
+            if waiting == self._order.place:
+                turn.heard(place)
+            else:
+                self._left.notify(number, place, waiting)
+
+    async def _join(self, number: int, pairs: tuple[int, int], turn: "Turn") -> None:
+        """Swap when it is this repeater's turn, and tell those who have to know."""
+        order = self._order
+        await turn.has_come()
+        self._right.say(number, await self._measure(number, *pairs))
+        if order.tell_left:
+            self._left.notify(number, order.place, order.tell_left)
+
+    async def _measure(self, number: int, left: int, right: int) -> Swapped:
         """Join the first pairs of both sides, and let go of the rest of either."""
-        size = min(left, right)
+        size, place = min(left, right), self._order.place
         names = self._left.block(number), self._right.block(number)
         for name, there in zip(names, (left, right), strict=True):
             if size < there:
                 await take(self._qnic, name, {name: np.arange(size)})
-        outcomes: Symbols = np.zeros(0, dtype=np.uint8)
-        if size:
-            outcomes = await self._qnic.bell_measure(*names)
-        return Bits.told(outcomes, self._told_apart)
+        if not size:
+            return Swapped(place, 0, Bits.told(np.zeros(0, dtype=np.uint8), self._told_apart))
+        found = await self._qnic.coincidences(*names)
+        waited_ns = found.time_ns - (self._left.stored_ns + self._right.stored_ns) // 2
+        bits = Bits.told(found.outcomes, self._told_apart)
+        return Swapped(place, max(waited_ns // 1000, 0), bits)
+
+
+class Turn:
+    """When a repeater swaps a block: after those that it has been ordered to wait for."""
+
+    def __init__(self, order: SwapOrder) -> None:
+        """Wait for all of them."""
+        self._missing = {order.after_left, order.after_right} - {0}
+        self._come = asyncio.Event()
+        self.heard(0)  # of nobody: there may be none to wait for
+
+    def heard(self, place: int) -> None:
+        """Note that the repeater at this place has swapped."""
+        self._missing.discard(place)
+        if not self._missing:
+            self._come.set()
+
+    async def has_come(self) -> None:
+        """Return when all have swapped; whoever hears of them has a deadline."""
+        await self._come.wait()
 
 
 async def together(one: Coroutine[Any, Any, A], other: Coroutine[Any, Any, B]) -> tuple[A, B]:

@@ -21,10 +21,11 @@ from controller_apps.console.facts import MAX_REQUEST, Facts, perform
 from controller_apps.console.questions import EventQuestion, Refused
 from controller_apps.devices.datagrams import Frame
 from controller_apps.devices.device_monitor import SET_TIMEOUT_S, DeviceMonitor
-from controller_apps.devices.swap_orders import ORDER_DEADLINE_S, EventSwapsOrdered
+from controller_apps.devices.swap_orders import EventSwapsOrdered
 from controller_apps.framework import ofp_event, ofproto, parser
 from controller_apps.record import Record
 from controller_apps.sessions.actions import SwapsOrdered
+from controller_apps.sessions.ordering import NODE_TIMEOUT_S
 from wire.config import ControllerConfig
 from wire.device import (
     DEVICE_PORT,
@@ -116,25 +117,65 @@ def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Scene:
     return Scene(tmp_path, monkeypatch)
 
 
-def test_an_order_for_a_chain_is_sent_again_until_it_is_answered(scene: Scene) -> None:
+CHAIN = EventSwapsOrdered(SwapsOrdered(7, (ALICE, "10.0.0.9", "10.0.0.2")))
+
+
+def answers(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, int, str, Reason]]:
+    """Return what other apps will have been told of answers to orders."""
+    told: list[tuple[str, int, str, Reason]] = []
+    monkeypatch.setattr(
+        scene.monitor,
+        "send_event",
+        lambda app, event: told.append((app, event.session, event.node, event.reason)),
+    )
+    return told
+
+
+def test_an_order_for_a_chain_is_sent_again_until_it_is_answered(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told = answers(scene, monkeypatch)
     scene.says(SET)
     scene.told()
-    scene.monitor.swaps_ordered(EventSwapsOrdered(SwapsOrdered(7, (ALICE, "10.0.0.9", "10.0.0.2"))))
+    scene.monitor.swaps_ordered(CHAIN)
     (order,) = scene.told()
     assert order == SwapOrder(order.session, 7, 0, "10.0.0.9")
     scene.tick(0.1)
     assert order in scene.told()
+    assert told == []
     scene.says(Answer(order.session, Reason.OK))
+    scene.says(Answer(order.session, Reason.OK))  # to the order that was sent again
+    assert told == [("QuantumMetadata", 7, ALICE, Reason.OK)]
     scene.told()
     scene.tick(0.1)
     assert order not in scene.told()
 
 
+def test_a_refused_order_is_told_to_the_one_that_asked_for_it(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told = answers(scene, monkeypatch)
+    scene.says(SET)
+    scene.told()
+    scene.monitor.swaps_ordered(CHAIN)
+    (order,) = scene.told()
+    scene.says(Answer(order.session, Reason.UNSUPPORTED, "no"))
+    assert told == [("QuantumMetadata", 7, ALICE, Reason.UNSUPPORTED)]
+
+
+def test_a_node_that_is_heard_in_time_gets_its_order_then(scene: Scene) -> None:
+    scene.monitor.swaps_ordered(CHAIN)
+    assert not any(isinstance(message, SwapOrder) for message in scene.told())
+    scene.says(SET)
+    scene.tick(0.1)
+    assert any(isinstance(message, SwapOrder) for message in scene.told())
+
+
 def test_an_order_that_nobody_answers_is_given_up(scene: Scene) -> None:
     scene.says(SET)
-    scene.monitor.swaps_ordered(EventSwapsOrdered(SwapsOrdered(7, (ALICE, "10.0.0.9", "10.0.0.2"))))
+    scene.monitor.swaps_ordered(CHAIN)
     scene.told()
-    scene.tick(ORDER_DEADLINE_S)
+    scene.tick(NODE_TIMEOUT_S)
     assert not any(isinstance(message, SwapOrder) for message in scene.told())
 
 

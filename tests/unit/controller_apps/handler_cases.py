@@ -14,7 +14,19 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from metadata_scene import ALICE, BOB, FIBERS, FRAMED, HOLD_S, MACS, Q1, S1, frame, payload_of
+from metadata_scene import (
+    ALICE,
+    BOB,
+    CHARLIE,
+    FIBERS,
+    FRAMED,
+    HOLD_S,
+    MACS,
+    Q1,
+    S1,
+    frame,
+    payload_of,
+)
 from scapy.contrib.lldp import (
     LLDPDUChassisID,
     LLDPDUEndOfLLDPDU,
@@ -27,6 +39,7 @@ from scapy.layers.l2 import Ether
 
 from controller_apps import framework
 from controller_apps.console.questions import EventQuestion
+from controller_apps.devices.swap_orders import EventNodeAnswered
 from controller_apps.framework import ProtocolDesc, ofp_event, ofproto, parser
 from controller_apps.learning_switch import LearningSwitch
 from controller_apps.light import discovery, flow_entries
@@ -45,6 +58,7 @@ from wire.metadata import (
     SETUP_LENGTH,
     MalformedPacket,
     Reason,
+    Service,
     Setup,
     Verdict,
     decode,
@@ -610,6 +624,32 @@ def test_the_packet_leaves_by_the_learned_port_after_the_barrier(ready: Scene) -
     ready_line = ready.recorded()[-2]
     assert ready_line["setup_ms"] > 0
     assert ready_line["packet_in_count"] == len(FIBERS) + 1
+
+
+def test_a_swap_is_let_on_when_all_its_nodes_have_answered(
+    ready: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sent: list[tuple[str, Any]] = []
+    monkeypatch.setattr(ready.quantum, "send_event", lambda app, event: sent.append((app, event)))
+    ready.packet_in(ready.s1, 1, frame(replace(FRAMED, service=Service.SWAP).encode()))
+    ((app, event),) = sent
+    assert (app, event.ordered.chain) == ("DeviceMonitor", (ALICE, CHARLIE, BOB))
+    for node in event.ordered.chain:
+        assert ready.s1.take() == []
+        ready.quantum.node_answered(EventNodeAnswered(FRAMED.session, node, Reason.OK))
+    (let_on,) = ready.s1.take()
+    answer = decode(payload_of(let_on.frame))
+    assert isinstance(answer, Setup)
+    assert answer.verdict == Verdict.GRANTED
+    assert ready.recorded()[-2]["event"] == "chain_ready"
+
+
+def test_a_policy_that_is_read_again_has_its_schedule(ready: Scene, tmp_path: Path) -> None:
+    file = tmp_path / "policy.toml"
+    file.write_text("[swap]\nschedule = 'nested'")
+    ready.quantum.policy_path = str(file)
+    ready.quantum.asked(EventQuestion("reload", {}))
+    assert ready.quantum.arbiter.schedule == "nested"
 
 
 def test_an_unknown_receiver_is_flooded(ready: Scene) -> None:

@@ -8,11 +8,11 @@ from metadata_scene import ALICE, BOB, CHARLIE, FRAMED, arbiter, frame, network,
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import HostPort, Network
 from controller_apps.light.routing import Limits
-from controller_apps.sessions.actions import Forward, Keep, OpenPaths, SwapsOrdered
+from controller_apps.sessions.actions import Forward, SwapsOrdered
 from controller_apps.sessions.chains import find_chain, orders
-from controller_apps.succession.kept import decode_session
+from controller_apps.sessions.schedules import SCHEDULES
 from wire.device import SwapOrder
-from wire.metadata import Reason, Service, Setup, Verdict, decode
+from wire.metadata import HEADER, Reason, Service, Setup, Verdict, decode
 
 SWAP = replace(FRAMED, service=Service.SWAP)
 
@@ -56,30 +56,19 @@ def test_a_host_of_one_fibre_is_no_repeater() -> None:
     assert find_chain(network(), CHARLIE, BOB, Limits()) is None
 
 
-def asked(setup: Setup, source: str = ALICE) -> tuple[list[object], Setup]:
-    actions = arbiter().segment_arrived(1, 1, frame(setup.encode(), source=source), 0.0)
-    (sent,) = [action for action in actions if isinstance(action, Forward)]
-    message = decode(payload_of(sent.frame))
-    assert isinstance(message, Setup)
-    return list(actions), message
+def asked(setup: Setup, source: str = ALICE) -> list[object]:
+    return list(arbiter().segment_arrived(1, 1, frame(setup.encode(), source=source), 0.0))
 
 
-def test_a_swap_is_granted_at_once_and_its_nodes_are_told_first() -> None:
-    actions, answer = asked(SWAP)
-    assert answer.verdict == Verdict.GRANTED
-    assert actions[0] == SwapsOrdered(7, (ALICE, CHARLIE, BOB))
-    assert not any(isinstance(action, OpenPaths) for action in actions)
-
-
-def test_a_swap_is_kept_and_read_back_though_it_has_no_light_of_its_own() -> None:
-    actions, _answer = asked(SWAP)
-    (kept,) = [action for action in actions if isinstance(action, Keep)]
-    session = decode_session(kept.data, 1.0)
-    assert (session.setup, session.paths, session.open) == (SWAP, (), True)
+def test_a_swap_waits_for_the_nodes_that_are_told() -> None:
+    assert asked(SWAP) == [SwapsOrdered(7, (ALICE, CHARLIE, BOB), "parallel")]
 
 
 def test_a_swap_that_no_repeater_can_make_is_refused() -> None:
-    actions, answer = asked(SWAP, source=CHARLIE)
+    actions = asked(SWAP, source=CHARLIE)
+    (sent,) = [action for action in actions if isinstance(action, Forward)]
+    answer = decode(payload_of(sent.frame))
+    assert isinstance(answer, Setup)
     assert (answer.verdict, answer.reason) == (Verdict.REFUSED, Reason.NO_PATH)
     assert not any(isinstance(action, SwapsOrdered) for action in actions)
 
@@ -91,3 +80,31 @@ def test_every_node_is_told_its_place_and_the_next_one() -> None:
         CHARLIE: SwapOrder(5, 7, 1, BOB),
         BOB: SwapOrder(5, 7, 2),
     }
+
+
+def test_each_repeater_is_told_whom_it_waits_for_and_who_waits_for_it() -> None:
+    """Three repeaters: the one in the middle swaps last, and hears of the right one by a notice."""
+    chain = ("10.0.0.1", "10.0.0.2", "10.0.0.3", "10.0.0.4", "10.0.0.5")
+    told = [*orders(SwapsOrdered(7, chain, "nested"), 5).values()]
+    assert told == [
+        SwapOrder(5, 7, 0, chain[1]),
+        SwapOrder(5, 7, 1, chain[2]),
+        SwapOrder(5, 7, 2, chain[3], after_left=1, after_right=3, notices=1),
+        SwapOrder(5, 7, 3, chain[4], tell_left=2),
+        SwapOrder(5, 7, 4),
+    ]
+
+
+@pytest.mark.parametrize("name", SCHEDULES)
+@pytest.mark.parametrize("repeaters", range(1, 17))
+def test_every_order_of_every_schedule_can_be_sent_and_no_notice_is_lost(
+    name: str, repeaters: int
+) -> None:
+    chain = tuple(f"10.0.0.{number}" for number in range(1, repeaters + 3))
+    told = [*orders(SwapsOrdered(7, chain, name), 5).values()]
+    assert [SwapOrder.parse(5, order.encode()[HEADER.size :]) for order in told] == told
+    for order in told:
+        if order.after_right:
+            assert told[order.after_right].tell_left == order.place
+        passing = [other for other in told if other.place > order.place and other.tell_left]
+        assert order.notices == sum(other.tell_left <= order.place for other in passing)

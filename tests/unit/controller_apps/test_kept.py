@@ -32,7 +32,7 @@ def golden() -> bytes:
     data += struct.pack("!IBI", 100, 3, FRAMED.pairs) + FRAMED.encode()
     for _dpid, in_port, out_port in HOPS:
         data += struct.pack("!IBBQII", 0, 3, 1, Q1, in_port, out_port)
-    return data
+    return data + b"\0"  # no chain of repeaters
 
 
 def test_a_session_is_kept_as_these_bytes() -> None:

@@ -89,6 +89,8 @@ def test_overrides_and_reporting_are_read() -> None:
         rate_hz = 1_000_000
         fec = "golay"
         interleave = true
+        [swap]
+        schedule = "nested"
         [report]
         period_s = 2
         lost_share = 0.5
@@ -96,7 +98,9 @@ def test_overrides_and_reporting_are_read() -> None:
     assert policy == Policy(
         devices={"alice": DeviceSettings(rate_hz=1_000_000, fec=3, interleave=1)},
         reporting=Reporting(2.0, 0.5, 1.0),
+        schedule="nested",
     )
+    assert parse_policy("").schedule == "parallel"
 
 
 @pytest.mark.parametrize(
@@ -127,6 +131,9 @@ def test_overrides_and_reporting_are_read() -> None:
             "[[tap]]\nbetween = ['a', 'b']\nby = 'e'\n[[tap]]\nbetween = ['b', 'a']\nby = 'f'",
             "tap 2: there is a tap between a and b already; keep one of them",
         ),
+        ("[swap]\nschedule = 'all'", "swap: schedule is 'all': choose one of parallel, left-to"),
+        ("[swap]\norder = 'all'", "swap: unknown 'order'; known are schedule"),
+        ("[[rule]]\naction = 'deny'\nservice = 'link'", "service is 'link': choose one of *"),
         ("defualt = 'deny'", "the file: unknown 'defualt'"),
         ("default = deny", "is not TOML: Invalid value (at line 1, column 11)"),
     ],

@@ -15,8 +15,10 @@ from typing import Any
 
 from stacks_scene import RELAYED, REPEATERS, grant, network, requested
 
+from controller_apps.sessions.actions import SwapsOrdered
+from controller_apps.sessions.chains import orders
+from controller_apps.sessions.schedules import PARALLEL
 from hosts.stack import Stack
-from wire.device import NOBODY, SwapOrder
 from wire.metadata import Service, Setup
 
 Stacks = dict[str, Stack]
@@ -27,12 +29,11 @@ def nodes(repeaters: int) -> list[str]:
     return ["alice", *REPEATERS[:repeaters], "bob"]
 
 
-def order_swaps(stacks: Stacks, session: int, after_left: bool = False) -> None:
+def order_swaps(stacks: Stacks, session: int, schedule: str = PARALLEL) -> None:
     """Tell the nodes of a chain what to do in a session, as a controller does."""
-    names = [*stacks]
-    for place, name in enumerate(names):
-        right = RELAYED[names[place + 1]] if place + 1 < len(names) else NOBODY
-        stacks[name].swaps.take(SwapOrder(1, session, place, right, int(after_left)))
+    ordered = SwapsOrdered(session, tuple(RELAYED[name] for name in stacks), schedule)
+    for stack, order in zip(stacks.values(), orders(ordered, 1).values(), strict=True):
+        stack.swaps.take(order)
 
 
 @asynccontextmanager

@@ -58,7 +58,7 @@ PORTS = {
     "eve-q1": 7,
 }
 PATHS = [(4, 1), (1, 3), (5, 2)]
-REPEATERS = ("r1", "r2", "r3")
+REPEATERS = tuple(f"r{number}" for number in range(1, 17))
 OWN_ADDRESS = {name: f"127.0.0.{number}" for number, name in enumerate((*QNICS, *REPEATERS), 11)}
 RELAYED = {name: address.replace("127.0.0", "127.0.1") for name, address in OWN_ADDRESS.items()}
 DEADLINE_S = 30
@@ -87,21 +87,36 @@ async def pump(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> No
 async def alter(
     reader: asyncio.StreamReader, writer: asyncio.StreamWriter, way: str, change: Change
 ) -> None:
-    """Pass messages on as a person in the middle would like them; end where that one cuts."""
+    """Pass messages on as a person in the middle would like them; end where that one cuts.
+
+    What is held back keeps what comes behind it back no longer than itself.
+    """
+    changes: asyncio.Queue[asyncio.Task[Changed]] = asyncio.Queue()
+    passing = asyncio.create_task(_pass_on(changes, writer))
     try:
-        while True:
+        while not passing.done():
             header = await reader.readexactly(HEADER.size)
             length = message_length(header)
             assert length is not None
             data = header + await reader.readexactly(length - HEADER.size)
-            changed = change(way, decode(data))
-            if isinstance(changed, Awaitable):
-                changed = await changed
-            if changed is None:
-                break
-            writer.write(changed.encode())
+            changes.put_nowait(asyncio.create_task(_changed(change(way, decode(data)))))
     except (ConnectionError, asyncio.IncompleteReadError):
-        pass
+        changes.put_nowait(asyncio.create_task(_changed(None)))
+    finally:
+        await passing
+
+
+async def _changed(change: Changed | Awaitable[Changed]) -> Changed:
+    return await change if isinstance(change, Awaitable) else change
+
+
+async def _pass_on(
+    changes: "asyncio.Queue[asyncio.Task[Changed]]", writer: asyncio.StreamWriter
+) -> None:
+    """Write what comes of changes, in order; a change to nothing cuts the connection."""
+    try:
+        while (changed := await (await changes.get())) is not None:
+            writer.write(changed.encode())
     finally:
         writer.close()
 

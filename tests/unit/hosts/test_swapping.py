@@ -11,6 +11,7 @@ from bell_pairs import Bell, convolved, dephased, near
 from chain_scene import nodes, order_swaps, swapped
 from stacks_scene import Change
 
+from controller_apps.sessions.schedules import SCHEDULES
 from wire.metadata import Message, Topic, Values
 from wire.physics import BellAnalyser, Device, Memory, PairSource
 
@@ -25,7 +26,7 @@ LINKS: list[Bell] = [
 ]
 
 
-@pytest.mark.parametrize("repeaters", [1, 2, 3])
+@pytest.mark.parametrize("repeaters", [1, 2, 3, 16])
 def test_ideal_pairs_come_by_way_of_repeaters(tmp_path: Path, repeaters: int) -> None:
     alice, bob = swapped(tmp_path, repeaters, count=COUNT, block_pairs=1000)
     for summary in (alice, bob):
@@ -83,28 +84,60 @@ def test_repeaters_of_linear_optics_join_half_of_the_pairs_each(tmp_path: Path) 
     assert abs(share - 1 / 4) < 5 * sqrt(3 / 16 / emitted)
 
 
-def late(delay_s: float) -> Change:
-    """Hold back the bits of swaps."""
+def late(delay_s: float, ways: tuple[str, ...] = ("forth", "back")) -> Change:
+    """Hold back the bits of swaps, which go forth, and notices of them, which go back."""
 
-    async def pass_on(message: Message) -> Message:
-        if isinstance(message, Values) and message.topic == Topic.CORRECTIONS:
+    async def pass_on(way: str, message: Message) -> Message:
+        if isinstance(message, Values) and message.topic == Topic.SWAPPED and way in ways:
             await asyncio.sleep(delay_s)
         return message
 
-    return lambda _way, message: pass_on(message)
+    return pass_on
 
 
-@pytest.mark.parametrize(("after_left", "waits"), [(False, 4), (True, 6)])
-def test_bits_that_are_late_cost_fidelity(tmp_path: Path, after_left: bool, waits: int) -> None:
-    """Two repeaters; alice's and bob's halves wait for two messages.
+# Of three repeaters: for how many hops of bits and notices each waits, and then bob.
+WAITS = {"parallel": (0, 0, 0, 3), "left-to-right": (0, 1, 2, 3), "nested": (0, 1, 0, 3)}
 
-    If the second swaps after the first, its two halves wait for one, too.
-    """
-    late_s, memory = 0.3, Memory(t1_s=1e6, t2_s=3.0)
-    devices = {node: Device(memory=memory) for node in nodes(2)}
+
+@pytest.mark.parametrize("schedule", SCHEDULES)
+def test_each_schedule_of_swaps_has_its_waits_and_they_cost_fidelity(
+    tmp_path: Path, schedule: str
+) -> None:
+    """Every hop takes 0.6 s. Both halves wait in each repeater, one at alice and one at bob."""
+    late_s, t2_s, count = 0.6, 12.0, 10_000
+    devices = {node: Device(memory=Memory(t1_s=1e6, t2_s=t2_s)) for node in nodes(3)}
     physics: dict[str, Any] = {"devices": devices, "change": late(late_s)}
-    physics["order"] = partial(order_swaps, after_left=after_left)
-    options = {"count": COUNT, "sample": SAMPLE, "block_pairs": 16_384}
-    alice, bob = swapped(tmp_path, 2, physics=physics, **options)
-    assert bob["waited_ms"] == pytest.approx(2000 * late_s, abs=150)
-    assert alice["fidelity"] == pytest.approx(dephased(waits * late_s / 3)[0], abs=0.035)
+    physics["order"] = partial(order_swaps, schedule=schedule)
+    options = {"count": count, "sample": SAMPLE, "block_pairs": 65_536}
+    alice, bob = swapped(tmp_path, 3, physics=physics, **options)
+    waited_s = [waited_ms / 1000 for waited_ms in (*bob["repeaters_waited_ms"], bob["waited_ms"])]
+    first_s, *_ = waited_s  # which has to wait for no bits
+    hops = [(each_s - first_s) / late_s for each_s in waited_s]
+    assert hops == pytest.approx(WAITS[schedule], abs=0.5)
+    # alice's halves wait for as long as bob's, and for his word that they may be used.
+    halves_s = 2 * sum(waited_s)
+    least, most = (dephased(total_s / t2_s)[0] for total_s in (halves_s + 0.3, halves_s))
+    error = 5 * sqrt(3 * 0.25 / 4 * 3 / alice["sampled"])  # of three bases, at most
+    assert least - error < alice["fidelity"] < most + error
+
+
+def test_nested_repeaters_wait_for_notices_from_the_right_that_others_pass_on(
+    tmp_path: Path,
+) -> None:
+    """Of seven: 2 and 6 wait for one hop, 4 for 6 and two hops; bits are not late."""
+    late_s = 0.5
+    physics: dict[str, Any] = {"change": late(late_s, ("back",))}
+    physics["order"] = partial(order_swaps, schedule="nested")
+    alice, bob = swapped(tmp_path, 7, physics=physics, count=COUNT)
+    assert (alice["pairs"], alice["fidelity"]) == (COUNT, 1)
+    first_ms, *_ = waited_ms = bob["repeaters_waited_ms"]
+    hops = [(each_ms - first_ms) / late_s / 1000 for each_ms in waited_ms]
+    assert hops == pytest.approx([0, 1, 0, 3, 0, 1, 0], abs=0.5)
+
+
+@pytest.mark.parametrize("schedule", ["left-to-right", "nested"])
+def test_sixteen_repeaters_can_take_turns(tmp_path: Path, schedule: str) -> None:
+    physics = {"order": partial(order_swaps, schedule=schedule)}
+    alice, bob = swapped(tmp_path, 16, physics=physics, count=COUNT, block_pairs=1000)
+    assert (alice["pairs"], alice["fidelity"]) == (COUNT, 1)
+    assert len(bob["repeaters_waited_ms"]) == 16

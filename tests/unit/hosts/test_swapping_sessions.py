@@ -3,20 +3,23 @@
 import asyncio
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
-from chain_scene import Stacks, chain
+from chain_scene import Stacks, chain, order_swaps
 from dispatcher_status import held, require_nothing_left
 from stacks_scene import DEADLINE_S, OWN_ADDRESS, RELAYED, Change, grant
 
 from hosts.middleware.channel import MetadataChannel, SessionError
 from hosts.middleware.swapping import orders
+from hosts.middleware.values import numbers_of, values
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
 from wire.device import SwapOrder
-from wire.metadata import Message, Reason, Service, Setup, Topic, Values
+from wire.metadata import Message, Reason, Service, Setup, Topic, Values, Verdict
 from wire.physics import Device, Memory
 
 PORT = 9
@@ -126,6 +129,42 @@ def test_links_that_break_in_mid_protocol_end_the_session_at_both_ends(
     inside(tmp_path, 3, scene, change=cutting(topic, 3, way))
 
 
+def renamed(way: str, sent: list[int], become: list[int]) -> Change:
+    """Change what is said of a swap, from these numbers to others."""
+
+    def change(direction: str, message: Message) -> Message:
+        if direction == way and isinstance(message, Values) and message.topic == Topic.SWAPPED:
+            numbers = numbers_of(message).tolist()
+            if numbers[: len(sent)] == sent:
+                numbers[: len(sent)] = become
+                return values(message.session, message.topic, message.block, numbers, message.width)
+        return message
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("way", "sent", "become", "words"),
+    [
+        ("forth", [2], [1], "bits of a swap at place 1, not of"),  # a repeater heard twice
+        ("forth", [1], [9], "bits of a swap at place 9, not of [1"),  # of none to the left
+        ("back", [3, 2], [3, 3], "notice of a swap at place 3 for place 3, at place 2"),
+        ("back", [3, 2], [1, 2], "notice of a swap at place 1 for place 2, at place 2"),
+        ("back", [3, 2], [3, 0], "notice of a swap at place 3 for place 0, at place 2"),
+    ],
+)
+def test_swaps_that_cannot_be_end_the_session(
+    tmp_path: Path, way: str, sent: list[int], become: list[int], words: str
+) -> None:
+    def scene() -> None:
+        told = asked(tmp_path, nothing, count=500)
+        assert all(told)
+        assert any(words in text for text in told)
+
+    order = partial(order_swaps, schedule="nested")
+    inside(tmp_path, 3, scene, change=renamed(way, sent, become), order=order)
+
+
 def test_an_application_that_goes_in_mid_protocol_leaves_nothing_on_any_node(
     tmp_path: Path,
 ) -> None:
@@ -194,6 +233,19 @@ def test_a_link_that_nobody_has_ordered_is_refused(
             with pytest.raises(SessionError) as caught:
                 await channel.request(grant(setup))
             assert caught.value.reason == Reason.NOT_ARBITRATED
+            channel.close()
+
+    asyncio.run(run())
+
+
+def test_the_acceptor_names_the_node_that_the_controller_has_not_reached(tmp_path: Path) -> None:
+    async def run() -> None:
+        async with chain(tmp_path, 1):
+            channel = await MetadataChannel.connect("bob", OWN_ADDRESS["bob"])
+            setup = Setup(5, Service.SWAP, 1, RELAYED["r1"], 100, 1, 1_000_000)
+            told = replace(setup, verdict=Verdict.REFUSED, reason=Reason.NODE_SILENT)
+            with pytest.raises(SessionError, match=rf"r1 \({RELAYED['r1']}\) has not answered"):
+                await channel.request(told)
             channel.close()
 
     asyncio.run(run())
