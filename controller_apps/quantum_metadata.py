@@ -10,7 +10,13 @@ from itertools import count
 from typing import Any
 
 from controller_apps.console.questions import EventQuestion, Refused, reply
-from controller_apps.console.views import fibers_view, name_of, paths_view, sessions_view
+from controller_apps.console.views import (
+    abilities_view,
+    fibers_view,
+    name_of,
+    paths_view,
+    sessions_view,
+)
 from controller_apps.devices.swap_orders import EventNodeAnswered, EventSwapsOrdered
 from controller_apps.framework import CONFIG, DEAD, MAIN, App, Event, hub, ofp_event, ofproto, on
 from controller_apps.light import flow_entries, optical_messages
@@ -293,6 +299,7 @@ class QuantumMetadata(App):
             ),
             "paths": lambda: paths_view(self.arbiter.sessions, self.network),
             "fibers": lambda: fibers_view(self.network),
+            "abilities": lambda: abilities_view(self.network),
             "reload": self._reload_policy,
         }
         reply(question, handlers)

@@ -6,6 +6,7 @@ import numpy as np
 
 from dispatcher.calls import limits
 from dispatcher.chance import Chance
+from dispatcher.devices import abilities, gate_noise
 from dispatcher.devices.analyser import Analyser, Half
 from dispatcher.devices.detector import Train
 from dispatcher.layer import PhysicalLayer, tally
@@ -18,6 +19,7 @@ from dispatcher.sabot.draws import PhotonDraws
 from dispatcher.sabot.manager import NO_CLICK
 from dispatcher.sabot.room import GateStep
 from wire.dispatcher_pb2 import Feedback, MeasureRequest
+from wire.features import MEASURE
 from wire.physics import BELL_STATES
 
 BASES = ("Z", "X", "Y")
@@ -34,6 +36,7 @@ class Measurements:
         """Measure and use up every photon, each in its basis."""
         layer = self._layer
         block = layer.ownership.require(name, node)
+        abilities.require(layer.devices, node, MEASURE)
         size = block.register.size
         if basis not in MeasureRequest.Basis.values():
             raise invalid(f"basis {basis} is unknown; use Z, X or Y")
@@ -61,12 +64,15 @@ class Measurements:
         layer = self._layer
         first, second = (layer.ownership.require(name, node) for name in names)
         require_pairs(first, second)
+        abilities.require(layer.devices, node, MEASURE)
         layer.sabot.require_room(first.register, [GateStep("CX", second.register)])
         layer.take_up(first, second)
         feedback = layer.feedback(first, second)
         feedback.first_ns = min(first.first_ns, second.first_ns)
         feedback.last_ns = max(first.last_ns, second.last_ns)
         halves = _half(first), _half(second)
+        by_gates = layer.devices.of(node).analyser.kind == "gates"
+        errors = gate_noise.before_bell_measurement(layer, first, second) if by_gates else {}
         states = layer.sabot.bell_measure(
             first.register, second.register, (self._draws(first), self._draws(second))
         )
@@ -78,6 +84,7 @@ class Measurements:
         chance = Chance(layer.draws, first.name, place, first.register.size)
         found = self._analyser(node).analyse(states, halves, chance)
         told = f"with {second.name.number}/{second.name.half}: {tally(found.outcomes, BELL_STATES)}"
+        told += listed(errors)
         each = partial(outcome, found.outcomes, BELL_STATES)
         layer.record(node, "bell-measure", first, detail=told + listed(found.incidents), each=each)
         feedback.clicks = found.clicks

@@ -7,7 +7,7 @@ import grpc
 import numpy as np
 
 from dispatcher.calls import limits
-from dispatcher.devices import preparation
+from dispatcher.devices import abilities, gate_noise, preparation
 from dispatcher.devices.emission import emit_into
 from dispatcher.layer import PhysicalLayer, block_name, tally
 from dispatcher.light import drift
@@ -18,6 +18,7 @@ from dispatcher.sabot.gates import ROTATIONS, TWO_QUBIT_GATES
 from dispatcher.sabot.registers import Register
 from dispatcher.sabot.room import GateStep
 from wire.dispatcher_pb2 import CreateRequest, Feedback, Gate
+from wire.features import EMIT, GATE, STORE
 
 PAULIS = ("I", "X", "Z", "XZ")
 DIAGONAL = ("S", "S_DAG", "CZ", "T", "T_DAG", "RZ")
@@ -33,8 +34,9 @@ GATES: dict[int, GateName] = {
     Gate.RY: "RY",
     Gate.RZ: "RZ",
 }
+PAIR = 2
 STATES = {
-    CreateRequest.BELL_PAIRS: ("Bell pairs", 2),
+    CreateRequest.BELL_PAIRS: ("Bell pairs", PAIR),
     CreateRequest.ZEROS: ("zeros", 1),
     CreateRequest.PREPARED: ("prepared", 1),
 }
@@ -89,6 +91,9 @@ class Operations:
         if request.state not in STATES:
             raise invalid(f"state {request.state} is unknown; use {', '.join(STATE_NAMES)}")
         text, halves = STATES[request.state]
+        # Photons that leave are of a source; qubits that stay may be ions, too.
+        makers = (EMIT,) if halves == PAIR else (EMIT, STORE)
+        abilities.require(layer.devices, node, *makers)
         names = [BlockName(request.session, request.number, half) for half in range(halves)]
         self._require_room(names, request.count)
         states = limits.states(request)
@@ -100,7 +105,7 @@ class Operations:
         ]
         for block in blocks:
             layer.ownership.add(block)
-        if halves == 2:
+        if halves == PAIR:
             pairs, told = emit_into(blocks[0], blocks[1], layer)
             self.pairs_created += pairs
             text += told
@@ -124,8 +129,11 @@ class Operations:
         layer = self._layer
         block = layer.ownership.require(name, node)
         planned = self._plan(node, block, gates)
+        if planned:
+            abilities.require(layer.devices, node, GATE)
         details = [gate.detail for gate in planned]
         values = limits.packed("paulis", paulis, block.register.size, 3) if paulis else None
+        errors = 0
         layer.sabot.require_room(block.register, [gate.step for gate in planned])
         done_ns = layer.clock.now_ns()  # however long it takes to simulate
         layer.take_up(block, *(gate.target for gate in planned if gate.target is not None))
@@ -133,12 +141,19 @@ class Operations:
             layer.sabot.pauli(block.register, values)
             drift.reflect(block.pulses, values)
             details.insert(0, tally(values, PAULIS))
+            errors = gate_noise.after_gate(layer, block, values != gate_noise.IDENTITY)
         for gate in planned:
             for turned in gate.turned(block):
                 drift.twirl(turned, layer.sabot, layer.draws)
             step = gate.step
             layer.sabot.gate(step.name, block.register, step.target, step.angle_rad)
             gate.spread_approximation(block)
+            if gate.target is None:
+                errors += gate_noise.after_gate(layer, block)
+            else:
+                errors += gate_noise.after_pair_gate(layer, block, gate.target)
+        if errors:
+            details.append(f"gate-errors={errors}")
         each = None if values is None else lambda position: PAULIS[values[position]]
         layer.record(node, "apply", block, detail=" ".join(details), each=each)
         feedback = layer.feedback(block)

@@ -56,6 +56,7 @@ class Block:
     stored_ns: int = 0  # when the block was put into memory last
     stores: int = 0  # how often that was
     resends: int = 0  # how often photons were measured and replaced by others
+    gates: int = 0  # how many gates were done to it whose noise was drawn
     lineage: str = ""  # which photons have been gathered here, if any: names of random numbers
 
     def draws_for(self, purpose: str) -> str:

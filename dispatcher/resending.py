@@ -14,7 +14,7 @@ import numpy as np
 
 from dispatcher.calls import limits
 from dispatcher.chance import Chance
-from dispatcher.devices import preparation
+from dispatcher.devices import abilities, preparation
 from dispatcher.layer import PhysicalLayer, tally
 from dispatcher.light import drift, pulses
 from dispatcher.measurements import BASES, listed, outcome, train
@@ -24,6 +24,7 @@ from dispatcher.sabot.backend import Bytes
 from dispatcher.sabot.manager import NO_CLICK
 from dispatcher.sabot.registers import Mask, Register
 from wire.dispatcher_pb2 import Feedback
+from wire.features import MEASURE
 
 ALONE = 255
 
@@ -39,6 +40,7 @@ class Resending:
         """Measure the photons that have a basis, and replace them by what was found."""
         layer = self._layer
         block = layer.ownership.require(name, node)
+        abilities.require(layer.devices, node, MEASURE)
         size = block.register.size
         values = _bases(bases, size)
         fresh = self._fresh(size)

@@ -26,7 +26,8 @@ async def run(config: HostConfig) -> None:
         asyncio.get_running_loop().add_signal_handler(number, stopped.set)
     metadata = await asyncio.start_server(stack.serve, config.address, METADATA_PORT)
     local = await asyncio.start_unix_server(stack.applications.serve, config.socket)
-    speaking = [asyncio.create_task(announce(config.name, config.address, config.qnics))]
+    announcing = announce(config.name, config.address, config.qnics, config.abilities)
+    speaking = [asyncio.create_task(announcing)]
     if config.device_key:
         agent = await start_node_agent(config, stack.device, stack.swaps)
         speaking.append(asyncio.create_task(agent.run()))

@@ -25,10 +25,12 @@ from hosts.middleware.qkd.keyring import Keyring
 from hosts.middleware.receiver import ReceivingSession
 from hosts.middleware.sender import SendingSession
 from hosts.middleware.services import KINDS, NAMES
+from hosts.middleware.services.abilities import refusal
 from hosts.middleware.services.session import (
     AcceptingSession,
     OpeningSession,
     draws_of,
+    require_source,
     told_apart,
 )
 from hosts.middleware.source import serve_pairs
@@ -83,11 +85,14 @@ class Stack:
             raise SessionError(Reason.UNSUPPORTED, text)
         options = kind.options.from_fields(fields)
         peer = self._peer(options.host)
+        source, address = self._peer(options.source or self._config.source)
+        is_source = source == self._config.name
+        require_source(kind.service, source, is_source, peer[0])
         setup = Setup(
             session=self._new_session(),
             service=kind.service,
             handshake=Handshake.FRAMED,
-            source=self._peer(self._config.source)[1],
+            source=address,
             pairs=options.block_pairs,
             frame_bytes=1,
             rate_hz=options.rate_hz,
@@ -95,7 +100,7 @@ class Stack:
             fidelity_ppm=options.fidelity_ppm,
         )
         setup = self.device.override(setup)
-        arrangement = Arrangement(setup, peer, self._config.source)
+        arrangement = Arrangement(setup, peer, source)
         return OpeningSession(
             kind,
             options,
@@ -106,6 +111,8 @@ class Stack:
             self._draws(setup),
             self._keyring,
             self.swaps,
+            self._config.abilities,
+            is_source,
         )
 
     def intercept(self, fields: dict[str, Any]) -> Interception:
@@ -153,7 +160,7 @@ class Stack:
         if setup.verdict != Verdict.REFUSED:
             return SessionError(Reason.NOT_ARBITRATED)
         if setup.reason != Reason.NODE_SILENT:
-            return SessionError(Reason(setup.reason))
+            return refusal(setup, self._config.hosts)
         names = {address: f"{name} ({address})" for name, address in self._config.hosts.items()}
         text = f"{names.get(setup.source, setup.source)} has not answered the controller's order"
         return SessionError(Reason.NODE_SILENT, f"{text} for its chain; is its stack running?")
@@ -194,6 +201,7 @@ class Stack:
             draws,
             self._keyring,
             self.swaps,
+            self._config.abilities,
         )
         if setup.session in self._accepting or len(self._accepting) >= MAX_SESSIONS:
             raise SessionError(Reason.BUSY)

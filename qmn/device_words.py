@@ -1,21 +1,59 @@
-"""What the command line says of hosts' devices: --device bob.detectors.efficiency=0.8"""
+"""What the command line says of hosts' devices.
+
+--node ion-trap --node bob=photonic --device bob.detectors.efficiency=0.8
+"""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
+from topologies.node_kinds import NODE_KINDS, node_device
 from wire.physics import BadParameter, Device
 
 IDEAL = asdict(Device())
 
 
-def devices(words: Sequence[str], base: Device) -> dict[str, Device]:
+def kind_of_all(words: Sequence[str]) -> str:
+    """Return the kind of the hosts of which nothing else is said, "" for none in particular.
+
+    Raise BadParameter for two.
+    """
+    kinds = [word for word in words if "=" not in word]
+    if len(kinds) > 1:
+        raise BadParameter(f"--node {kinds[0]} and --node {kinds[1]}: choose one for all hosts")
+    return kinds[0] if kinds else ""
+
+
+def base_device(words: Sequence[str], preset: Device) -> Device:
+    """Return the device of the hosts of which nothing else is said; raise BadParameter."""
+    kind = kind_of_all(words)
+    return node_device(kind, preset) if kind else preset
+
+
+def nodes(words: Sequence[str], preset: Device) -> dict[str, Device]:
+    """Return the devices of the hosts whose kind is named; raise BadParameter."""
+    given: dict[str, Device] = {}
+    for word in words:
+        host, equals, kind = word.partition("=")
+        if not equals:
+            continue
+        if not host or not kind or host in given:
+            kinds = ", ".join(NODE_KINDS)
+            raise BadParameter(f"--node {word}: write KIND, or HOST=KIND once a host, of {kinds}")
+        given[host] = node_device(kind, preset)
+    return given
+
+
+def devices(
+    words: Sequence[str], base: Device, named: Mapping[str, Device] | None = None
+) -> dict[str, Device]:
     """Return the devices of the hosts that are named, where a base says the rest.
 
-    Raise BadParameter for words that name no parameter, or a value that cannot be.
+    `named` are hosts that have other bases. Raise BadParameter for words that name no
+    parameter, or a value that cannot be.
     """
-    given: dict[str, Device] = {}
+    given = dict(named or {})
     for word in words:
         place, _equals, text = word.partition("=")
         host, part, name = [*place.split("."), "", ""][:3]

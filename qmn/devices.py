@@ -60,8 +60,8 @@ def switch_table(switch: dict[str, Any]) -> Table:
 def hosts_table(hosts: list[dict[str, Any]]) -> Table:
     """Return hosts, one a line."""
     table = Table(title="hosts", title_justify="left", box=None, padding=(0, 2, 0, 0))
-    columns = ("host", "state", "fibres", "sessions", "pairs sent", "made", "received", "lost")
-    for column in (*columns, "wrong", "in use", "overridden"):
+    columns = ("host", "state", "can", "fibres", "sessions", "pairs sent", "made", "received")
+    for column in (*columns, "lost", "wrong", "in use", "overridden"):
         table.add_column(column)
     for host in hosts:
         table.add_row(*host_row(host))
@@ -71,13 +71,14 @@ def hosts_table(hosts: list[dict[str, Any]]) -> Table:
 def host_row(host: dict[str, Any]) -> list[str]:
     """Return the line of one host."""
     if "ports" not in host:
-        return [host["name"], host["state"]]
+        return [host["name"], host["state"], abilities(host)]
     fibers = " ".join(f"{port['name']}{'' if port['up'] else ' (cut)'}" for port in host["ports"])
     counts = [figure(host[f"pairs_{what}"]) for what in ("sent", "made", "received", "lost")]
     used = settings(host["in_use"]) if host["in_use"]["rate_hz"] else "-"
     return [
         host["name"],
         state(host),
+        abilities(host),
         fibers,
         figure(sum(host["sessions"].values())),
         *counts,
@@ -85,6 +86,15 @@ def host_row(host: dict[str, Any]) -> list[str]:
         used,
         settings(host["overrides"]) or "-",
     ]
+
+
+def abilities(host: dict[str, Any]) -> str:
+    """Return what a host has announced that it can do, and how much it stores."""
+    features = host.get("features")
+    if features is None:
+        return "not told"
+    told = {"store": f"store {host['memory_qubits']:,}"}
+    return " ".join(told.get(feature, feature) for feature in features) or "nothing"
 
 
 def state(device: dict[str, Any]) -> str:

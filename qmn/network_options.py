@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, NoReturn, TypedDict
 
 from controller_apps.policy import BadPolicy, read_policy
+from topologies.node_kinds import NODE_KINDS
 from topologies.presets import PRESETS
 from topologies.runtime import OPENFLOW_PORT, Runtime
 from wire.config import BACKENDS, CONTENTION
@@ -34,6 +35,7 @@ class NetworkOptions(TypedDict, total=False):
     depolarizing: float
     kind: str
     fiber: list[str]  # as drift_time_s=10
+    node: list[str]  # as ion-trap, or bob=ion-trap
     device: list[str]  # as bob.detectors.efficiency=0.8
     switches: int
     leaves: int
@@ -68,6 +70,9 @@ def add_network_options(parser: argparse.ArgumentParser) -> None:
     add("--kind", choices=list(KINDS), help=text)
     text = f"a parameter {what_of}, as drift_time_s=10 (repeatable; docs/physical-layer.md)"
     add("--fiber", action="append", default=[], metavar="NAME=VALUE", help=text)
+    kinds = " or ".join(NODE_KINDS)
+    text = f"what all hosts are, or one: {kinds} (repeatable; docs/nodes.md)"
+    add("--node", action="append", default=[], metavar="[HOST=]KIND", help=text)
     text = "of a host, as bob.detectors.efficiency=0.8 (repeatable; docs/physical-layer.md)"
     add("--device", action="append", default=[], metavar="HOST.PART.NAME=VALUE", help=text)
     add("--repeaters", type=int, metavar="N", help="of a chain of them, 1 to 16")

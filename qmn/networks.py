@@ -10,7 +10,7 @@ from typing import Any
 from mininet.topo import Topo
 
 from dispatcher.fiber import fiber_noise
-from qmn.device_words import devices
+from qmn.device_words import base_device, devices, kind_of_all, nodes
 from topologies.chain import ChainTopo
 from topologies.fabric import fiber_of
 from topologies.fiber import resolved
@@ -61,12 +61,13 @@ def topology(arguments: argparse.Namespace) -> Callable[[], Topo]:
         TOPOLOGIES[name][0], **given, preset=arguments.preset, **fiber_parameters(arguments)
     )
     try:
+        build = partial(build, node=kind_of_all(arguments.node))
         described = every_device(arguments)
         build = partial(build, devices=described)
         topo = build()
         hosts = quantum_hosts(topo)
         for host in described.keys() - set(hosts):
-            raise BadTopology(f"--device {host}: choose one of {', '.join(hosts)}")
+            raise BadTopology(f"--node or --device {host}: choose one of {', '.join(hosts)}")
         # So that a noise model of the user's own is refused here, and not by the dispatcher.
         fiber_noise.models(resolved(every_fiber(arguments)))
     except ValueError as error:
@@ -81,7 +82,19 @@ def quantum_hosts(topo: Topo) -> list[str]:
 
 def every_device(arguments: argparse.Namespace) -> dict[str, Device]:
     """Return the devices of the hosts that the command line names."""
-    return devices(arguments.device, preset(arguments.preset).device)
+    given = preset(arguments.preset).device
+    named = nodes(arguments.node, given)
+    return devices(arguments.device, base_device(arguments.node, given), named)
+
+
+def other_device(arguments: argparse.Namespace) -> Device:
+    """Return the device of the hosts that the command line does not name."""
+    return base_device(arguments.node, preset(arguments.preset).device)
+
+
+def devices_of(topo: Topo) -> dict[str, Device]:
+    """Return the devices of all hosts of a topology that have light."""
+    return {host: topo.nodeInfo(host)["device"] for host in quantum_hosts(topo)}
 
 
 def every_fiber(arguments: argparse.Namespace) -> FiberOptics:

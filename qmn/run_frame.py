@@ -17,13 +17,19 @@ from qmn.dispatcher_calls import status
 from qmn.metrics_targets import announce
 from qmn.network_facts import network_facts
 from qmn.network_options import BadInput, check_range, settings
-from qmn.networks import BadTopology, every_device, every_fiber, quantum_hosts, topology
+from qmn.networks import (
+    BadTopology,
+    every_device,
+    every_fiber,
+    other_device,
+    quantum_hosts,
+    topology,
+)
 from qmn.report import report_of_run
 from qmn.run_folder import give_to_invoker, given_at_the_end, make_folder, point_latest
 from qmn.timeline import timeline_of_run
 from qmn.transfer import TransferError
 from topologies.network import Interrupted, Network, Signals
-from topologies.presets import preset
 from topologies.programs import NetworkError
 from topologies.slow_copper import LEAST_MBPS, MOST_MBPS, slow_metadata
 
@@ -34,6 +40,7 @@ NETWORK_PARAMETERS = (
     "depolarizing",
     "kind",
     "fiber",
+    "node",
     "device",
     "switches",
     "leaves",
@@ -106,7 +113,7 @@ def known_facts(arguments: argparse.Namespace, own: Sequence[str]) -> dict[str, 
         "devices": {
             host: differences(device)
             for host, device in {
-                "every": preset(arguments.preset).device,
+                "every": other_device(arguments),
                 **every_device(arguments),
             }.items()
         },

@@ -2,7 +2,7 @@
 
 import argparse
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -14,7 +14,9 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from hosts.middleware.channel import SessionError
-from hosts.middleware.services import NAMES, distribute, qubit_states
+from hosts.middleware.options import MAX_BLOCK_S
+from hosts.middleware.services import NAMES, qubit_states
+from hosts.middleware.services.distribute_options import PROTOCOLS
 from hosts.middleware.services.key_options import BOUNDS, CORRECTIONS, KeyOptions
 from hosts.middleware.services.options import ServiceOptions
 from qmn import eavesdropping, service_result, swap_schedule
@@ -24,7 +26,7 @@ from qmn.network_options import (
     check_network,
     check_two_hosts,
 )
-from qmn.networks import TOPOLOGIES, quantum_hosts, topology
+from qmn.networks import TOPOLOGIES, devices_of, quantum_hosts, topology
 from qmn.run_frame import (
     add_run_options,
     begin_folder,
@@ -37,6 +39,8 @@ from qmn.run_frame import (
 from qmn.transfer import START_TIMEOUT_S, TransferError, follow
 from topologies.network import Network, Signals, require_root
 from topologies.programs import NetworkError, Program, python
+from wire.features import EMIT
+from wire.physics import Device
 
 SERVICE_PORT = 9
 KEYS = KeyOptions(host="", port=SERVICE_PORT)  # by default
@@ -52,6 +56,7 @@ class Verb:
     protocols: tuple[str, ...] = ()  # services that do it; none: the one of the verb's name
     topology: str = "sdc"  # by default
     eavesdropper: bool = False  # whether eve may be put on the fibre
+    source: bool = False  # whether the host that makes pairs can be chosen
     scheduled: bool = False  # whether repeaters take turns
 
 
@@ -71,7 +76,7 @@ PAIRS: Mapping[str, dict[str, Any]] = MappingProxyType(
             "help": "of the pairs, sacrificed for the estimate (0.1)",
         },
         "purification": {
-            "choices": distribute.PROTOCOLS,
+            "choices": PROTOCOLS,
             "default": "dejmps",
             "help": "where it is needed (dejmps)",
         },
@@ -89,6 +94,7 @@ VERBS: Mapping[str, Verb] = MappingProxyType(
             "put pairs of a wanted fidelity into the memories of two hosts",
             "pairs",
             PAIRS,
+            source=True,
         ),
         "swap": Verb(
             "put pairs into the memories of two hosts by way of repeaters",
@@ -109,6 +115,7 @@ VERBS: Mapping[str, Verb] = MappingProxyType(
                     "rad, as 1.2,0.5 or pi/3,-pi/4 (random)",
                 }
             },
+            source=True,
         ),
         "qkd": Verb(
             "distribute secret keys",
@@ -185,10 +192,14 @@ def _add_options(parser: argparse.ArgumentParser, name: str, verb: Verb) -> None
         eavesdropping.add_option(parser)
     if verb.scheduled:
         swap_schedule.add_option(parser)
-    text = f"pairs in a block ({defaults.block_pairs})"
-    add("--block-pairs", type=int, default=defaults.block_pairs, metavar="N", help=text)
-    text = f"of the source ({defaults.rate_hz})"
-    add("--rate-hz", type=int, default=defaults.rate_hz, metavar="HZ", help=text)
+    text = f"pairs in a block ({defaults.block_pairs}, or what is made in {MAX_BLOCK_S:g} s)"
+    add("--block-pairs", type=int, metavar="N", help=text)
+    text = f"of the source ({defaults.rate_hz}, or as fast as the slowest source can)"
+    add("--rate-hz", type=int, metavar="HZ", help=text)
+    parser.set_defaults(source="")
+    if verb.source:
+        text = "host that makes the pairs, perhaps the one that asks (the network's)"
+        add("--source", default="", metavar="HOST", help=text)
     add_network_options(parser)
     add_run_options(parser)
 
@@ -210,7 +221,7 @@ def run(arguments: argparse.Namespace, signals: Signals, console: Console) -> in
 
 def own_options(service: str) -> tuple[str, ...]:
     """Return the names of what a service can be told beside where it goes."""
-    return ("count", "block_pairs", "rate_hz", *verb_of(service).options)
+    return ("count", "block_pairs", "rate_hz", "source", *verb_of(service).options)
 
 
 def check_input(arguments: argparse.Namespace) -> ServiceOptions:
@@ -218,9 +229,11 @@ def check_input(arguments: argparse.Namespace) -> ServiceOptions:
     eavesdropping.choose_topology(arguments)
     topo = topology(arguments)()
     check_two_hosts(arguments.sender, arguments.receiver, quantum_hosts(topo))
+    check_source(arguments, quantum_hosts(topo))
     check_network(arguments)
     check_run(arguments)
     eavesdropping.check(arguments, topo)
+    fit_light(arguments, devices_of(topo).values())
     swap_schedule.check(arguments)
     fields = {name: getattr(arguments, name) for name in own_options(arguments.service)}
     words = {"host": arguments.receiver, "port": SERVICE_PORT, **fields}
@@ -235,6 +248,24 @@ def check_input(arguments: argparse.Namespace) -> ServiceOptions:
             f"add --backend dense, or choose {', '.join(qubit_states.NAMES)} or random"
         )
     return options
+
+
+def check_source(arguments: argparse.Namespace, hosts: Sequence[str]) -> None:
+    """Raise BadInput for a source that is no host."""
+    if arguments.source and arguments.source not in hosts:
+        raise BadInput(f"--source {arguments.source}: choose one of {', '.join(hosts)}")
+
+
+def fit_light(arguments: argparse.Namespace, devices: Iterable[Device]) -> None:
+    """Choose rate and size of blocks, where none are given, so that every source can make them."""
+    defaults = NAMES[arguments.service].options(host="", port=SERVICE_PORT)
+    sources = [device.source for device in devices if EMIT in device.features]
+    if arguments.rate_hz is None:
+        slowest = min((source.max_rate_hz for source in sources), default=defaults.rate_hz)
+        arguments.rate_hz = max(1, int(min(defaults.rate_hz, slowest)))
+    if arguments.block_pairs is None:
+        longest = max(1, int(arguments.rate_hz * MAX_BLOCK_S))
+        arguments.block_pairs = min(defaults.block_pairs, longest)
 
 
 def _use(

@@ -12,6 +12,7 @@ from mininet.topo import Topo
 
 from topologies import presets
 from topologies.fiber import FiberLink, resolved
+from topologies.node_kinds import node_device
 from topologies.nodes import (
     ClassicalSwitch,
     DispatcherHost,
@@ -34,16 +35,20 @@ class FabricTopo(Topo):
         preset: str = "ideal",
         devices: Mapping[str, Device] | None = None,
         source: str = "charlie",
+        node: str = "",
         **fiber: Any,
     ) -> None:
         """Add s1 and the hosts, and note what every fibre will be like.
 
         Fibres are as the preset says (topologies/presets.py), but for what is given by keyword
         (wire.fiber.FiberOptics); raise BadParameter for what cannot be. Hosts have the preset's
-        device, or their own of `devices`. The source is charlie, or alice where there is none.
+        device, that of a kind of `node` (topologies/node_kinds.py), or their own of `devices`. The
+        source is charlie, or alice where there is none.
         """
         self._fiber = {"cls": FiberLink, **fiber_of(preset, fiber)}
         self._device = presets.preset(preset).device
+        if node:
+            self._device = node_device(node, self._device)
         self._devices = devices or {}
         self.addSwitch("s1", cls=ClassicalSwitch, dpid="1")
         self.add_host("alice", "10.0.0.1", **({"source": True} if source == "alice" else {}))

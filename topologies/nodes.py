@@ -32,7 +32,7 @@ from wire.config import (
     PathOptics,
     QuantumSwitch,
 )
-from wire.physics import BadParameter, BellAnalyser, Detectors, Device, Memory, PairSource
+from wire.physics import BadParameter, BellAnalyser, Detectors, Device, Gates, Memory, PairSource
 
 READY_TIMEOUT_S = 20.0
 STATE = "state"  # folder in which the controller keeps what its successor must know
@@ -186,9 +186,11 @@ class QuantumHost(ClassicalHost):
         memory: Memory | None = None,
         detectors: Detectors | None = None,
         analyser: BellAnalyser | None = None,
+        gates: Gates | None = None,
         **params: object,
     ) -> None:
-        parts: dict[str, Any] = {"memory": memory, "detectors": detectors, "analyser": analyser}
+        parts: dict[str, Any] = {"memory": memory, "detectors": detectors}
+        parts |= {"analyser": analyser, "gates": gates}
         if not isinstance(source, bool):
             parts["source"] = source
         given = {part: value for part, value in parts.items() if value is not None}
@@ -221,6 +223,8 @@ class QuantumHost(ClassicalHost):
             report_to=broadcast(network.addresses.values(), network.prefix_length),
             device_key=network.device_key(self.name),
             analyser=network.devices[self.name].analyser.kind,
+            features=network.devices[self.name].features.value,
+            memory_qubits=network.devices[self.name].memory.capacity,
             pair_secrets=network.secrets_of(self.name),
             keys=network.key_folder(self.name),
         )

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
+from wire.features import Abilities
 from wire.fiber import Fiber, FiberEnd
 from wire.physics import ANALYSERS, Device
 
@@ -154,11 +155,19 @@ class HostConfig(Config):
     device_key: str = ""  # that the node agent shares with the controller; empty: no node agent
     pair_secrets: dict[str, str] = field(default_factory=dict)  # shared with each other host, hex
     keys: str = ""  # path of the folder for keys that it distributes; empty: it keeps none
-    analyser: str = "complete"  # or "linear": its Bell analyser (wire.physics.BellAnalyser.kind)
+    analyser: str = "complete"  # its Bell analyser (wire.physics.BellAnalyser.kind)
+    features: int = Device().features.value  # what its device can do (wire.features.Feature)
+    memory_qubits: int = Device().memory.capacity
 
     def __post_init__(self) -> None:
         if self.analyser not in ANALYSERS:
             raise ValueError(f"analyser {self.analyser!r}: choose one of {', '.join(ANALYSERS)}")
+        _ = self.abilities
+
+    @property
+    def abilities(self) -> Abilities:
+        """Return what the host announces; raise ValueError for what none can be."""
+        return Abilities.checked(self.features, self.memory_qubits)
 
 
 @dataclass(frozen=True)

@@ -58,6 +58,9 @@ class Topic(IntEnum):
     OPENER = 10  # name of the host that has opened the session, UTF-8
     OVER = 11  # the light of the block is over; no values
     DIRECTIONS = 12  # of states on the Bloch sphere: every theta, then every phi, in turns / 2^32
+    # Of the acceptor, before all else: pairs in a block at most, its features (wire.features), and
+    # how many qubits its memory takes.
+    ABILITIES = 13
     PURIFY = 32  # protocol (1 BBPSSW, 2 DEJMPS) and seed of the twirl, of a round of a block
     DELIVER = 33  # so many pairs, which have numbers from then on; answered
     # A repeater has swapped: its place, and for how many us both halves of a pair have waited;
@@ -103,6 +106,11 @@ class Reason(IntEnum):
     LOSS_TOO_HIGH = 16
     NO_WAVELENGTH = 17
     NODE_SILENT = 18  # written by the controller, with the address of that node as source
+    # Written by the controller, with the address of the node that lacks the feature as source.
+    CANNOT_EMIT = 19
+    CANNOT_STORE = 20
+    CANNOT_GATE = 21
+    CANNOT_MEASURE = 22
 
 
 class Pauli(IntEnum):
@@ -166,7 +174,9 @@ class Setup(Message):
 
     service: int
     handshake: int
-    source: str  # IPv4 address of the pair source; of another node if the reason says so
+    # IPv4 address of the pair source, of the opener if it keeps half of each pair itself; of
+    # another node if the reason says so.
+    source: str
     pairs: int  # pairs in a block at most
     frame_bytes: int
     rate_hz: int

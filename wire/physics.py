@@ -6,10 +6,14 @@ The defaults are ideal devices. A topology file names what differs, beside host 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
+from functools import reduce
+from operator import or_
 from typing import Any, Self
 
+from wire.features import EMIT, GATE, MEASURE, NOTHING, STORE, Abilities, Feature
+
 BELL_STATES = ("Phi+", "Psi+", "Phi-", "Psi-")  # as Bell measurements number them
-ANALYSERS = ("complete", "linear")  # kinds of Bell analysers
+ANALYSERS = ("complete", "linear", "gates")  # kinds of Bell analysers
 SUM_TOLERANCE = 1e-9  # by which probabilities may miss 1
 
 
@@ -52,7 +56,8 @@ def _check_range(what: str, value: object, least: float, most: float) -> None:
 class PairSource:
     """A source of Bell pairs: one pair a pulse and Phi+, if nothing else is said."""
 
-    statistics: str = choice("single", "poisson", "thermal")  # of the pairs in a pulse
+    # Of the pairs in a pulse; none: the host has no source.
+    statistics: str = choice("single", "poisson", "thermal", "none")
     mean_pairs: float = parameter(1.0, 0.0, 10.0)  # a pulse, if not single
     fidelity: float = parameter(1.0, 0.25, 1.0)  # Werner: the other Bell states alike
     # Instead of fidelity: the probabilities of Phi+, Psi+, Phi- and Psi-.
@@ -103,6 +108,24 @@ class Memory:
 
 
 @dataclass(frozen=True)
+class Gates:
+    """What a host does to qubits that it holds, besides measuring them, and how well.
+
+    Depolarising of p leaves X, Y and Z with p/4 each, as in fibres; of two qubits each of the 15
+    products of Pauli operators with p/16. The mean gate fidelity is 1 - p/2, and 1 - 3p/4.
+    """
+
+    # any: all gates, also between two qubits; paulis: modulators, which do Pauli operators alone.
+    kind: str = choice("any", "paulis")
+    one_qubit_depolarizing: float = parameter(0.0, 0.0, 1.0)  # by each gate but the identity
+    two_qubit_depolarizing: float = parameter(0.0, 0.0, 1.0)
+
+    def check(self, where: str) -> None:
+        """Raise BadParameter for what no gates are like."""
+        check(where, self)
+
+
+@dataclass(frozen=True)
 class Detectors:
     """The single-photon detectors of a host, all alike, one for each outcome."""
 
@@ -124,7 +147,8 @@ class BellAnalyser:
     """How a host makes Bell measurements."""
 
     # complete (hyperentangled): 4 outcomes; linear (optics): Phi+ and Phi- are one outcome,
-    # which is reported as Phi+.
+    # which is reported as Phi+; gates: CX and H of the host's own, then both are measured, so that
+    # there are 4 outcomes, nothing interferes, and the rest of this part does not matter.
     kind: str = choice(*ANALYSERS)
     visibility: float = parameter(1.0, 0.0, 1.0)  # V0: of Hong-Ou-Mandel interference at best
     bandwidth_rad_per_s: float = parameter(0.0, 0.0, 1e15)  # rms of the spectral intensity
@@ -143,6 +167,23 @@ class Device:
     memory: Memory = Memory()
     detectors: Detectors = Detectors()
     analyser: BellAnalyser = BellAnalyser()
+    gates: Gates = Gates()
+
+    @property
+    def features(self) -> Feature:
+        """Return what a host with this device can do; it follows from the parts alone."""
+        there = {
+            EMIT: self.source.statistics != "none",
+            STORE: self.memory.capacity > 0,
+            GATE: self.gates.kind == "any",
+            MEASURE: self.detectors.efficiency > 0,
+        }
+        return reduce(or_, (feature for feature, has in there.items() if has), NOTHING)
+
+    @property
+    def abilities(self) -> Abilities:
+        """Return what the host announces."""
+        return Abilities(self.features, self.memory.capacity)
 
     @classmethod
     def from_dict(cls, given: Mapping[str, Any]) -> Self:
@@ -157,6 +198,7 @@ class Device:
             Memory(**given.get("memory", {})),
             Detectors(**given.get("detectors", {})),
             BellAnalyser(**given.get("analyser", {})),
+            Gates(**given.get("gates", {})),
         )
 
     def check(self, where: str) -> None:
@@ -167,6 +209,11 @@ class Device:
             if not isinstance(value, kind):
                 raise BadParameter(f"{where}: {part.name} {value!r} is not a {kind.__name__}")
             value.check(f"{where}, {part.name}")
+        if self.analyser.kind == "gates" and GATE not in self.features:
+            raise BadParameter(
+                f"{where}, analyser: kind 'gates' with gates of kind {self.gates.kind!r}; choose "
+                "gates of kind 'any', or another analyser"
+            )
 
 
 def _is_probability(value: object) -> bool:

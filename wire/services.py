@@ -1,7 +1,8 @@
-"""The services that hosts ask for, and the light that each needs.
+"""The services that hosts ask for, the light that each needs, and what its hosts must be able to.
 
 A service is an entry here and in wire.metadata.Service, and a file in
-hosts/middleware/services. The controller opens the paths of LIGHT and knows no more of it.
+hosts/middleware/services. The controller opens the paths of LIGHT between hosts with the features
+of NEEDS, and knows no more of it.
 """
 
 from collections.abc import Mapping
@@ -9,7 +10,8 @@ from enum import Enum
 from types import MappingProxyType
 from typing import NamedTuple
 
-from wire.metadata import Service
+from wire.features import EMIT, GATE, MEASURE, NOTHING, STORE, Feature
+from wire.metadata import Reason, Service
 
 
 class Role(Enum):
@@ -18,6 +20,7 @@ class Role(Enum):
     OPENER = "opener"
     ACCEPTOR = "acceptor"
     SOURCE = "source"
+    REPEATER = "repeater"  # between them, chosen by the controller; it has no place in LIGHT
 
 
 class FiberOf(NamedTuple):
@@ -34,7 +37,7 @@ class Beam(NamedTuple):
     end: FiberOf
 
 
-OPENER, ACCEPTOR, SOURCE = Role.OPENER, Role.ACCEPTOR, Role.SOURCE
+OPENER, ACCEPTOR, SOURCE, REPEATER = Role
 
 PAIRS = (
     Beam(FiberOf(SOURCE, 0), FiberOf(OPENER, 0)),  # half 0 of each pair
@@ -58,7 +61,49 @@ LIGHT: Mapping[Service, tuple[Beam, ...]] = MappingProxyType(
 )
 
 
-def fibers_needed(service: Service, role: Role) -> int:
+# Where the opener is the source, of services that can do with that: it keeps half of each pair.
+OWN_LIGHT: Mapping[Service, tuple[Beam, ...]] = MappingProxyType(
+    dict.fromkeys((Service.DISTRIBUTE, Service.TELEPORT), LIGHT[Service.LINK])
+)
+# What a session comes to need besides, the hosts say: MEASURE to estimate, GATE to purify.
+NEEDS: Mapping[Service, Mapping[Role, Feature]] = MappingProxyType(
+    {
+        Service.SDC: {SOURCE: EMIT, ACCEPTOR: MEASURE},
+        Service.DISTRIBUTE: {SOURCE: EMIT, OPENER: STORE, ACCEPTOR: STORE},
+        Service.TELEPORT: {SOURCE: EMIT, OPENER: STORE | MEASURE, ACCEPTOR: STORE | MEASURE},
+        Service.BBM92: {SOURCE: EMIT, OPENER: MEASURE, ACCEPTOR: MEASURE},
+        Service.BB84: {OPENER: EMIT, ACCEPTOR: MEASURE},
+        Service.SWAP: {
+            OPENER: EMIT | STORE,
+            ACCEPTOR: STORE,
+            REPEATER: EMIT | STORE | MEASURE,
+        },
+        Service.LINK: {OPENER: EMIT | STORE, ACCEPTOR: STORE},
+    }
+)
+
+# Why a session is refused for want of a feature.
+WANT_OF: Mapping[Feature, Reason] = MappingProxyType(
+    {
+        EMIT: Reason.CANNOT_EMIT,
+        STORE: Reason.CANNOT_STORE,
+        GATE: Reason.CANNOT_GATE,
+        MEASURE: Reason.CANNOT_MEASURE,
+    }
+)
+
+
+def beams(service: Service, own_source: bool = False) -> tuple[Beam, ...]:
+    """Return the light of a service; own_source: the opener is the source of its pairs."""
+    return OWN_LIGHT.get(service, LIGHT[service]) if own_source else LIGHT[service]
+
+
+def needs(service: Service, role: Role) -> Feature:
+    """Return what the host in a role must be able to."""
+    return NEEDS.get(service, {}).get(role, NOTHING)
+
+
+def fibers_needed(service: Service, role: Role, own_source: bool = False) -> int:
     """Return how many fibres a host in this role needs."""
-    ends = [end for beam in LIGHT[service] for end in beam if end.role == role]
+    ends = [end for beam in beams(service, own_source) for end in beam if end.role == role]
     return max((1 + max(end.place, 0) for end in ends), default=0)

@@ -18,8 +18,13 @@ class Facts:
     monitor: Any
 
     def devices(self) -> Any:
-        """Return every device and its state."""
-        return ask(self.monitor, "devices")
+        """Return every device and its state, and what each host has announced that it can do."""
+        told = ask(self.quantum, "abilities")
+        unknown = {"features": None, "memory_qubits": None}
+        return [
+            device | told.get(device["name"], unknown) if device["kind"] == "host" else device
+            for device in ask(self.monitor, "devices")
+        ]
 
     def sessions(self) -> Any:
         """Return every session."""

@@ -59,6 +59,17 @@ def fibers_view(network: Network) -> list[dict[str, Any]]:
     ]
 
 
+def abilities_view(network: Network) -> dict[str, dict[str, Any]]:
+    """Return what each host has announced that it can do; nothing of one that has not."""
+    told = {}
+    for host in network.hosts.values():
+        abilities = network.abilities_of(host.address)
+        if abilities is not None:
+            features = [str(feature.name).lower() for feature in abilities.features]
+            told[host.host] = {"features": features, "memory_qubits": abilities.memory_qubits}
+    return told
+
+
 def name_of(network: Network, address: str) -> str:
     """Return the name a host has announced, its address if it has announced none."""
     ports = network.ports_of(address)

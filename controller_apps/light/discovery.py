@@ -1,11 +1,11 @@
 """LLDP (IEEE 802.1AB) on the fibres' supervisory channel: what hosts and switches say by it.
 
-Hosts name themselves. Switches say what the controller has them say: chassis and port as
-the frameworks' own topology app writes them, and a seal that only this controller can make.
-A host can therefore not invent a fibre between switches. What remains: a host with fibres
-to two switches that has not announced itself can carry sealed messages from one to the
-other, both ways, and so pose as the fibre that it could be; and a host may announce itself
-under another host's name.
+Hosts name themselves and say what they can do (wire.features). Switches say what the controller
+has them say: chassis and port as the frameworks' own topology app writes them, and a seal that
+only this controller can make. A host can therefore not invent a fibre between switches. What
+remains: a host with fibres to two switches that has not announced itself can carry sealed
+messages from one to the other, both ways, and so pose as the fibre that it could be; and a host
+may announce itself under another host's name.
 """
 
 import struct
@@ -18,13 +18,14 @@ from typing import Any
 from controller_apps.framework import lldp
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import HostPort
+from wire.features import OUI, SUBTYPE, Abilities
 from wire.metadata import MalformedPacket
 
 IPV4_ADDRESS = 1  # IANA address family number
 MULTICAST = bytes.fromhex("0180c200000e")
 SWITCH_PREFIX = b"dpid:"
 PORT = struct.Struct("!I")
-OUI, SEAL = b"\x02QM", 1  # locally administered; our subtype
+SEAL = 1  # our subtype
 SEAL_LENGTH = 16
 TTL_S = 120
 
@@ -77,7 +78,26 @@ def _host(chassis: Any, port: Any, ttl: Any, tlvs: list[Any]) -> Announcement:
         raise MalformedPacket("LLDP without an IPv4 management address")
     host = _name(chassis.subtype, chassis.chassis_id)
     address = str(IPv4Address(addresses[0]))
-    return Announcement(HostPort(host, address, _name(port.subtype, port.port_id)), ttl.ttl == 0)
+    name = _name(port.subtype, port.port_id)
+    return Announcement(HostPort(host, address, name, _abilities(tlvs)), ttl.ttl == 0)
+
+
+def _abilities(tlvs: list[Any]) -> Abilities | None:
+    """Return what a host says that it can do; None if it says nothing of it."""
+    told = _ours(tlvs, SUBTYPE)
+    if len(told) > 1:
+        raise MalformedPacket(f"LLDP that tells {len(told)} times what a host can do")
+    return Abilities.decode(told[0]) if told else None
+
+
+def _ours(tlvs: list[Any], subtype: int) -> list[bytes]:
+    """Return what our own TLVs of a subtype hold."""
+    return [
+        bytes(tlv.info)
+        for tlv in tlvs
+        if isinstance(tlv, lldp.OrganizationallySpecific)
+        and (bytes(tlv.oui), tlv.subtype) == (OUI, subtype)
+    ]
 
 
 def _switch(chassis: Any, port: Any, tlvs: list[Any]) -> SwitchSaid:
@@ -90,12 +110,7 @@ def _switch(chassis: Any, port: Any, tlvs: list[Any]) -> SwitchSaid:
         raise MalformedPacket(f"LLDP of switch {digits!r} with port id {number!r}")
     if port.subtype != lldp.PortID.SUB_PORT_COMPONENT:
         raise MalformedPacket(f"LLDP of switch {digits!r} with port subtype {port.subtype}")
-    seals = [
-        bytes(tlv.info)
-        for tlv in tlvs
-        if isinstance(tlv, lldp.OrganizationallySpecific)
-        and (bytes(tlv.oui), tlv.subtype) == (OUI, SEAL)
-    ]
+    seals = _ours(tlvs, SEAL)
     return SwitchSaid(SwitchPort(dpid, *PORT.unpack(number)), seals[0] if seals else b"")
 
 

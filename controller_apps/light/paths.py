@@ -3,11 +3,12 @@
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import lru_cache, reduce
 from typing import NamedTuple
 
 from controller_apps.light.optics import Optics
 from controller_apps.light.optics import SwitchPort as SwitchPort
+from wire.features import Abilities
 
 MAX_PORTS = 4096
 
@@ -35,6 +36,7 @@ class HostPort:
     host: str
     address: str  # IPv4, of its classical interface
     name: str  # of the port
+    abilities: Abilities | None = None  # None: it says nothing of them
 
 
 def directions(hops: Iterable[Hop]) -> list[Direction]:
@@ -125,6 +127,15 @@ class Network:
         """Return where the ports of a host are, in order of their names; empty if unknown."""
         found = [(at, host) for at, host in self.hosts.items() if host.address == address]
         return [at for at, _ in sorted(found, key=lambda item: natural_order(item[1].name))]
+
+    def abilities_of(self, address: str) -> Abilities | None:
+        """Return what a host can do, if its ports say different things what all of them say."""
+        told = [
+            host.abilities
+            for host in self.hosts.values()
+            if host.address == address and host.abilities is not None
+        ]
+        return reduce(Abilities.both, told) if told else None
 
     def links_from(self, dpid: int) -> list[tuple[SwitchPort, SwitchPort]]:
         """Return the whole fibres from a switch to others: its port, and the far port."""

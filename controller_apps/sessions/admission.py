@@ -2,18 +2,20 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Network
 from controller_apps.light.routing import Leg, LightPath, Limits, route, why_not
 from controller_apps.light.taps import CannotTap, tapped
 from controller_apps.policy import Tap
+from controller_apps.sessions.abilities import Want, block_pairs, first_want, want_of_repeater
 from controller_apps.sessions.chains import chain_of_link, find_chain
 from controller_apps.sessions.segments import FiveTuple
 from controller_apps.sessions.sessions import Chain, Session, Sessions
 from wire.metadata import Handshake, Reason, Service, Setup
 from wire.optical import frequency_mhz
-from wire.services import LIGHT, Role, fibers_needed
+from wire.services import Role, beams, fibers_needed
 
 
 @dataclass(frozen=True)
@@ -24,6 +26,8 @@ class Admission:
     paths: tuple[LightPath, ...] = ()
     waits_for_light: bool = False  # refused only because others have the light
     chain: Chain = ()  # of repeaters, where it is wanted
+    block_pairs: int = 0  # in a block at most, where memories take less than was asked for
+    node: str = ""  # address of the one that the reason is about, if it is about one
     detail: str = ""  # why not, for a person, if the reason does not say it all
 
 
@@ -95,7 +99,10 @@ def find_light(
     if not all(ports.values()):
         return Admission(Reason.UNKNOWN_HOST)
     service = Service(setup.service)
-    legs = legs_of(service, ports)
+    want = first_want(setup, hosts, network)
+    if want is not None:
+        return _refused(want)
+    legs = legs_of(service, ports, setup.source == five_tuple.source)
     if legs is None:
         return Admission(Reason.NO_PATH)
     try:
@@ -107,16 +114,34 @@ def find_light(
     except ValueError:  # a wavelength that is none of light
         return Admission(Reason.NO_WAVELENGTH)
     if service == Service.SWAP:  # light comes with each link
-        limits = limits._replace(blocked=Limits().blocked)
-        chain = find_chain(network, hosts[Role.OPENER], hosts[Role.ACCEPTOR], limits)
-        return Admission(Reason.NO_PATH) if chain is None else Admission(chain=chain)
+        return _find_repeaters(setup, hosts, network, limits._replace(blocked=Limits().blocked))
     if setup.handshake == Handshake.PER_PAIR:  # light comes with each pair
         limits = limits._replace(blocked=Limits().blocked)
     paths = route(network, legs, limits)
     if paths is None:
         reason = why_not(network, legs, limits)
         return Admission(reason, waits_for_light=reason == Reason.BUSY)
-    return Admission() if setup.handshake == Handshake.PER_PAIR else Admission(paths=paths)
+    if setup.handshake == Handshake.PER_PAIR:
+        return Admission()
+    return Admission(paths=paths, block_pairs=block_pairs(setup, hosts, (), network))
+
+
+def _find_repeaters(
+    setup: Setup, hosts: Mapping[Role, str], network: Network, limits: Limits
+) -> Admission:
+    """Return a chain of hosts that can be repeaters, or which host of a chain cannot."""
+    ends = hosts[Role.OPENER], hosts[Role.ACCEPTOR]
+    unable = partial(want_of_repeater, network)
+    chain = find_chain(network, *ends, limits, unable)
+    if chain is not None:
+        return Admission(chain=chain, block_pairs=block_pairs(setup, hosts, chain[1:-1], network))
+    chain = find_chain(network, *ends, limits)
+    wants = filter(None, map(unable, chain[1:-1] if chain else ()))
+    return next((_refused(want) for want in wants), Admission(Reason.NO_PATH))
+
+
+def _refused(want: Want) -> Admission:
+    return Admission(want.reason, detail=str(want), node=want.address)
 
 
 def limits_of(setup: Setup, sessions: Sessions, budget_mdb: int) -> Limits:
@@ -128,11 +153,13 @@ def limits_of(setup: Setup, sessions: Sessions, budget_mdb: int) -> Limits:
     return Limits(lambda way: sessions.blocks(way, setup.session, frequency), frequency, budget_mdb)
 
 
-def legs_of(service: Service, ports: Mapping[Role, list[SwitchPort]]) -> list[Leg] | None:
+def legs_of(
+    service: Service, ports: Mapping[Role, list[SwitchPort]], own_source: bool = False
+) -> list[Leg] | None:
     """Return which ports light must connect, None if a host has too few."""
-    if any(len(at) < fibers_needed(service, role) for role, at in ports.items()):
+    if any(len(at) < fibers_needed(service, role, own_source) for role, at in ports.items()):
         return None
     return [
         Leg(ports[start.role][start.place], ports[end.role][end.place])
-        for start, end in LIGHT[service]
+        for start, end in beams(service, own_source)
     ]

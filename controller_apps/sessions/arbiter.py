@@ -101,7 +101,9 @@ class Arbiter:
             return [Drop("premature", f"{admission.reason.name} may change soon; TCP repeats it")]
         waits = admission.waits_for_light and self.queues
         if admission.reason != Reason.OK and not waits:
-            return self.verdicts.refuse(request, admission.reason, now, admission.detail)
+            told = admission.reason, now, admission.detail, admission.node
+            return self.verdicts.refuse(request, *told)
+        request.block_pairs = admission.block_pairs
         self.sessions.retired.pop(request.five_tuple, None)
         session = self.sessions.join(request, now)
         if waits:
@@ -130,9 +132,11 @@ class Arbiter:
             found = self._find_light(request)
             if found.paths:
                 del self.sessions.queue[request.five_tuple]
+                request.block_pairs = found.block_pairs
                 actions += self.light.open(request, session, found.paths)
             elif not found.waits_for_light:
-                actions += self.verdicts.refuse(request, found.reason, now, found.detail)
+                told = found.reason, now, found.detail, found.node
+                actions += self.verdicts.refuse(request, *told)
         return actions
 
     def _find_light(self, request: Request) -> Admission:

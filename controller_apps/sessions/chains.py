@@ -4,7 +4,7 @@ A link leaves a host by its last fibre and comes to the next one by its first (w
 """
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 from controller_apps.light.optics import SwitchPort
@@ -20,8 +20,17 @@ from wire.metadata import Service, Setup
 REPEATER_FIBERS = 2
 
 
-def find_chain(network: Network, opener: str, acceptor: str, limits: Limits) -> Chain | None:
-    """Return the shortest chain with a repeater at least; None if there is none."""
+def find_chain(
+    network: Network,
+    opener: str,
+    acceptor: str,
+    limits: Limits,
+    unable: Callable[[str], object] = lambda _address: None,
+) -> Chain | None:
+    """Return the shortest chain with a repeater at least; None if there is none.
+
+    `unable` says what a host lacks to be a repeater.
+    """
     ports = {host.address: network.ports_of(host.address) for host in network.hosts.values()}
     waiting: deque[Chain] = deque([(opener,)])
     seen = {opener, acceptor}
@@ -32,7 +41,8 @@ def find_chain(network: Network, opener: str, acceptor: str, limits: Limits) -> 
         if len(chain) <= MAX_REPEATERS:
             for repeater in _next(network, ports, chain[-1], seen, limits):
                 seen.add(repeater)
-                waiting.append((*chain, repeater))
+                if not unable(repeater):
+                    waiting.append((*chain, repeater))
     return None
 
 
@@ -86,7 +96,7 @@ def chain_of_link(setup: Setup, five_tuple: FiveTuple, sessions: Sessions) -> Se
         if session is not None and session.open and place + 1 < len(session.chain):
             ends = session.chain[place], session.chain[place + 1]
             wanted = replace(
-                session.setup,
+                session.requests[session.owner].granted,
                 session=setup.session,
                 service=Service.LINK,
                 source=ends[0],

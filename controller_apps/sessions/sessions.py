@@ -54,6 +54,7 @@ class Request:
     waiting: set[int] = field(default_factory=set)  # switches that owe a barrier reply
     unanswered: set[str] = field(default_factory=set)  # nodes that owe an answer to their order
     bypassed: set[int] = field(default_factory=set)  # switches that let the connection pass
+    block_pairs: int = 0  # granted, if it is less than was asked for
 
     @property
     def lasts(self) -> bool:
@@ -65,6 +66,11 @@ class Request:
         distance = (segment.sequence - self.sequence) & 0xFFFFFFFF
         return distance - (1 << 32) if distance >> 31 else distance
 
+    @property
+    def granted(self) -> Setup:
+        """The set-up with the size of blocks that memories take."""
+        return replace(self.setup, pairs=self.block_pairs or self.setup.pairs)
+
     def decide(self, verdict: Verdict, reason: Reason, node: str = "") -> Arrival:
         """Write the answer and return the message that waited for it.
 
@@ -74,7 +80,7 @@ class Request:
         arrival, self.held = self.held, None
         source = node or self.setup.source
         answered = replace(
-            self.setup, source=source, verdict=verdict, rotation=self.rotation, reason=reason
+            self.granted, source=source, verdict=verdict, rotation=self.rotation, reason=reason
         )
         self.answer = answered.encode()
         return arrival

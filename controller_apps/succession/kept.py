@@ -7,7 +7,7 @@ undo, and where on its connection the set-up was. That is kept here, network byt
 
     session: seen (s), requests, paths; each request; each path with its hops; the number of nodes
              of a chain of repeaters, and each node's address
-    hosts:   each port: switch, port, address, two lengths, name of host and port
+    hosts:   each port: switch, port, address, three lengths, name of host and port, abilities
 """
 
 import struct
@@ -24,6 +24,7 @@ from controller_apps.sessions.actions import Keep
 from controller_apps.sessions.segments import FiveTuple
 from controller_apps.sessions.sessions import Request, Session, read_setup
 from wire.device import MAX_REPEATERS
+from wire.features import Abilities
 from wire.metadata import (
     METADATA_PORT,
     SETUP_LENGTH,
@@ -39,12 +40,12 @@ from wire.services import LIGHT
 
 MAX_KEPT_REQUESTS = 8  # of one session; it needs two
 SESSION = struct.Struct("!dBB")
-REQUEST = struct.Struct(f"!4sH4sIB{SETUP_LENGTH}s")  # to the metadata port
+REQUEST = struct.Struct(f"!4sH4sIBI{SETUP_LENGTH}s")  # to the metadata port
 PATH = struct.Struct("!IBB")  # loss in thousandths of a dB, rotation, hops
 HOP = struct.Struct("!QII")
 NODES = struct.Struct("!B")
 NODE = struct.Struct("!4s")
-HOST = struct.Struct("!QI4sBB")
+HOST = struct.Struct("!QI4sBBB")
 
 
 def keep(session: Session) -> Keep:
@@ -69,6 +70,7 @@ def encode_session(session: Session) -> bytes:
             IPv4Address(destination).packed,
             request.sequence,
             request.rotation,
+            request.granted.pairs,
             request.message,
         )
     for path in paths:
@@ -111,13 +113,18 @@ def decode_session(data: bytes, now: float) -> Session:
 
 
 def _request(reader: "_Reader", now: float) -> Request:
-    source, port, destination, sequence, rotation, message = reader.take(REQUEST)
+    source, port, destination, sequence, rotation, pairs, message = reader.take(REQUEST)
     ends = str(IPv4Address(source)), port, str(IPv4Address(destination)), METADATA_PORT
     setup = read_setup(message)
     if setup.verdict != Verdict.PENDING or setup.session == 0 or rotation > max(Pauli):
         raise MalformedPacket(f"no set-up of a session with rotation {rotation}: {setup}")
-    answer = replace(setup, verdict=Verdict.GRANTED, rotation=rotation, reason=Reason.OK).encode()
-    return Request(setup, None, FiveTuple(*ends), sequence, message, now, answer, rotation)
+    if not 0 < pairs <= setup.pairs:
+        raise MalformedPacket(f"{pairs} pairs granted of {setup.pairs}")
+    request = Request(setup, None, FiveTuple(*ends), sequence, message, now, b"", rotation)
+    request.block_pairs = pairs
+    answer = replace(request.granted, verdict=Verdict.GRANTED, rotation=rotation, reason=Reason.OK)
+    request.answer = answer.encode()
+    return request
 
 
 def _path(reader: "_Reader") -> LightPath:
@@ -161,7 +168,9 @@ def encode_hosts(hosts: Mapping[SwitchPort, HostPort]) -> bytes:
     for at, host in hosts.items():
         names = host.host.encode(), host.name.encode()
         address = IPv4Address(host.address).packed
-        data += HOST.pack(*at, address, *map(len, names)) + b"".join(names)
+        told = host.abilities.encode() if host.abilities else b""
+        texts = *names, told
+        data += HOST.pack(*at, address, *map(len, texts)) + b"".join(texts)
     return data
 
 
@@ -170,9 +179,10 @@ def decode_hosts(data: bytes) -> dict[SwitchPort, HostPort]:
     reader = _Reader(data)
     hosts: dict[SwitchPort, HostPort] = {}
     while reader.left and len(hosts) < MAX_PORTS:
-        dpid, port, address, host_length, name_length = reader.take(HOST)
+        dpid, port, address, host_length, name_length, told_length = reader.take(HOST)
         host, name = reader.text(host_length), reader.text(name_length)
-        hosts[SwitchPort(dpid, port)] = HostPort(host, str(IPv4Address(address)), name)
+        told = Abilities.decode(reader.raw(told_length)) if told_length else None
+        hosts[SwitchPort(dpid, port)] = HostPort(host, str(IPv4Address(address)), name, told)
     reader.end()
     return hosts
 
@@ -194,10 +204,13 @@ class _Reader:
         self._at += form.size
         return form.unpack_from(self._data, self._at - form.size)
 
-    def text(self, length: int) -> str:
+    def raw(self, length: int) -> bytes:
         (data,) = self.take(struct.Struct(f"!{length}s"))
+        return bytes(data)
+
+    def text(self, length: int) -> str:
         try:
-            return str(data, "utf-8")
+            return str(self.raw(length), "utf-8")
         except UnicodeDecodeError as error:
             raise MalformedPacket(f"a name is not UTF-8: {error}") from error
 

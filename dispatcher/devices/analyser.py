@@ -9,7 +9,8 @@ photon, and different rates. A lone photon takes either detector of its arm at r
 Distinguishable photons interfere less (Hong, Ou, Mandel, Phys. Rev. Lett. 59, 2044): with
 visibility V = V0 exp(-(bandwidth * mismatch)^2) the phase is wrong with probability (1 - V) / 2.
 Linear optics tell Psi+ and Psi- from the rest, and Phi+ from Phi- not (Mattle, Weinfurter, Kwiat,
-Zeilinger, Phys. Rev. Lett. 76, 4656); that outcome is reported as Phi+.
+Zeilinger, Phys. Rev. Lett. 76, 4656); that outcome is reported as Phi+. A host that measures by
+gates (dispatcher.devices.gate_noise) lets nothing interfere: neither mismatch nor window matter.
 """
 
 from dataclasses import dataclass
@@ -76,12 +77,15 @@ class Analyser:
     def __init__(self, device: Device, arms: tuple[DetectorPair, DetectorPair]) -> None:
         """Look with the detectors of these arms: phase, parity."""
         self._like, self._detectors, self._arms = device.analyser, device.detectors, arms
+        self._interferes = device.analyser.kind != "gates"  # light; qubits are measured apart
 
     def analyse(self, states: Bytes, halves: tuple[Half, Half], chance: Chance) -> Analysis:
         """Return what is told of pairs in these Bell states (NO_CLICK: not both are there)."""
         mismatch = Mismatch(halves)
         incidents = {}
-        flips = self._distinguished(mismatch, chance)
+        flips = np.zeros(0, dtype=np.intp)
+        if self._interferes:
+            flips = self._distinguished(mismatch, chance)
         if flips.size:
             flips = flips[states[flips] != NO_CLICK]
             states = states.copy()
@@ -95,7 +99,9 @@ class Analyser:
             found = self._look(states, halves, chance)
             outcomes, told, clicks, more = _combine(found, states)
             incidents |= more
-        late = self._late(told, found, halves, mismatch, chance)
+        late = np.zeros(0, dtype=np.intp)
+        if self._interferes:
+            late = self._late(told, found, halves, mismatch, chance)
         if late.size:
             outcomes[late] = NO_CLICK
             incidents["late"] = late.size

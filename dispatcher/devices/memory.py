@@ -11,6 +11,7 @@ import numpy as np
 
 from dispatcher.chance import Chance
 from dispatcher.clock import Clock
+from dispatcher.devices import abilities
 from dispatcher.devices.decay import Decay, decay
 from dispatcher.devices.hardware import Devices
 from dispatcher.light import drift, pulses
@@ -19,6 +20,7 @@ from dispatcher.refusal import exhausted
 from dispatcher.sabot.draws import Draws
 from dispatcher.sabot.room import GateStep
 from dispatcher.sabot.simulation import Simulation
+from wire.features import STORE
 
 
 class Memories:
@@ -35,6 +37,7 @@ class Memories:
         stored = self._stored.setdefault(block.node, {})
         if block in stored:
             return
+        abilities.require(self._devices, block.node, STORE)
         capacity = self._devices.of(block.node).memory.capacity
         used, more = sum(stored.values()), block.register.remaining
         if used + more > capacity:

@@ -7,6 +7,7 @@ import grpc
 import numpy as np
 
 from dispatcher.calls import limits
+from dispatcher.devices import abilities
 from dispatcher.fiber.noise import Pattern
 from dispatcher.layer import PhysicalLayer
 from dispatcher.light import pulses
@@ -15,6 +16,7 @@ from dispatcher.ownership import Block, BlockName
 from dispatcher.refusal import Refusal, invalid
 from wire.config import FiberEnd
 from wire.dispatcher_pb2 import Feedback
+from wire.features import EMIT
 from wire.optical import DEFAULT_FREQUENCY_MHZ
 
 Place = tuple[BlockName, str, str]  # a block at a port of a node
@@ -49,6 +51,8 @@ class Transport:
         limits.require_rate(rate_hz, max(sizes))
         for block in blocks:
             limits.require_source_rate(block, rate_hz)
+        if not all(block.fibers_passed for block in blocks):  # light that begins here
+            abilities.require(layer.devices, node, EMIT)
         layer.take_up(*blocks)
         start_ns = layer.clock.now_ns()
         # Halves of a block share a pattern, whose times are computed once.
@@ -120,7 +124,7 @@ class Transport:
         own = pulses.part(block.pulses, arrival.members)
         part = Block(block.name, register, "", pulses=own)
         part.interval_ns, part.stores = block.interval_ns, block.stores
-        part.lineage, part.resends = block.lineage, block.resends
+        part.lineage, part.resends, part.gates = block.lineage, block.resends, block.gates
         layer.ownership.add(part)
         return part
 
@@ -159,6 +163,7 @@ class Transport:
         there.last_ns = max(there.last_ns, block.last_ns)
         there.fibers_passed = max(there.fibers_passed, block.fibers_passed)
         there.resends = max(there.resends, block.resends)
+        there.gates = max(there.gates, block.gates)
         layer.ownership.remove(block)
 
     async def _arrived(self, place: Place) -> Block:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from hosts.hardware.qnic import NO_COINCIDENCE, Symbols
 from wire.metadata import Pauli
 
-TOLD_APART = {"complete": 4, "linear": 3}  # Bell states, by the kind of the analyser
+TOLD_APART = {"complete": 4, "linear": 3, "gates": 4}  # Bell states, by the kind of the analyser
 # Linear optics reports Phi- as Phi+, so Phi- carries nothing (its symbol, 3, is never sent).
 LINEAR_STATES = (Pauli.I, Pauli.X, Pauli.XZ, Pauli.Z)
 

@@ -12,27 +12,24 @@ at either end may ask to measure some (Pairs.answer). They are called by session
 """
 
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass
 from functools import partial
 from math import ceil
-from typing import Any
 
 import numpy as np
 
 from hosts.middleware.channel import SessionError
-from hosts.middleware.options import MAX_BLOCK_S, check_choice, check_whole
+from hosts.middleware.options import MAX_BLOCK_S
+from hosts.middleware.services import abilities
 from hosts.middleware.services.blocks import store
-from hosts.middleware.services.options import ServiceOptions
+from hosts.middleware.services.distribute_options import MAX_COUNT, MAX_ROUNDS
+from hosts.middleware.services.distribute_options import DistributeOptions as DistributeOptions
 from hosts.middleware.services.pairs import Pairs
 from hosts.middleware.services.purification import PHOTONS, Protocol
 from hosts.middleware.services.service import AcceptorEnd, Answerer, OpenerEnd, ServiceKind
 from hosts.middleware.values import expect, values
+from wire.features import GATE, MEASURE
 from wire.metadata import Reason, Service, Topic, Values
 
-PROTOCOLS = tuple(protocol.name.lower() for protocol in Protocol)  # what users call them
-MAX_COUNT = 1_000_000
-MAX_ROUNDS = 8
-MAX_SAMPLE = 0.9
 MAX_NUMBER = (1 << 32) - 1
 LEAST_SAMPLE = 30  # pairs; of which a fidelity is told
 LEAST_JUDGED = 300  # pairs; by which it is decided whether the fidelity wanted is reached
@@ -43,44 +40,6 @@ MARGIN = 1.05  # of light beyond what is expected to be needed
 
 Make = Callable[[Pairs, int, int], Awaitable[None]]  # a block, by its number and size
 Share = Callable[[Pairs, Values], Awaitable[None]]  # what has been announced
-
-
-@dataclass(frozen=True)
-class DistributeOptions(ServiceOptions):
-    """`count` pairs of this fidelity to Phi+ at least."""
-
-    fidelity: float = 0.0  # 0: any
-    sample: float = 0.1  # share of the pairs that is sacrificed for the estimate
-    purification: str = "dejmps"
-    rounds: int | None = None  # of purification; None: as many as the fidelity needs
-
-    @property
-    def fidelity_ppm(self) -> int:
-        """Return the pair fidelity wanted at least; 0 is any."""
-        return round(self.fidelity * 1_000_000)
-
-    def check(self) -> None:
-        """Raise SessionError for a value out of range."""
-        super().check()
-        check_whole("count", self.count, 1, MAX_COUNT)
-        check_share("fidelity", self.fidelity, 1)
-        check_share("sample", self.sample, MAX_SAMPLE)
-        check_choice("purification", self.purification, PROTOCOLS)
-        if self.rounds is not None:
-            check_whole("rounds", self.rounds, 0, MAX_ROUNDS)
-        if self.rounds and self.purification == "none":
-            text = f"rounds is {self.rounds} and purification none: choose bbpssw or dejmps"
-            raise SessionError(Reason.UNSUPPORTED, text)
-        if self.fidelity and not self.sample:
-            text = f"fidelity {self.fidelity} cannot be known with sample 0: choose 0.1, say"
-            raise SessionError(Reason.UNSUPPORTED, text)
-
-
-def check_share(name: str, value: Any, most: float) -> None:
-    """Raise SessionError unless the value is a number from 0 to this one."""
-    number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if not number or not 0 <= value <= most:
-        raise SessionError(Reason.UNSUPPORTED, f"{name} is {value!r}: choose 0 to {most:g}")
 
 
 class Opening:
@@ -96,10 +55,13 @@ class Opening:
         self._size = 1
         judged = LEAST_JUDGED if options.fidelity else LEAST_SAMPLE
         self._least_sample = judged if options.sample else 0
+        self._room = abilities.room(end)
+        self._short = False  # of memory: pairs that are not needed are sacrificed
 
     async def run(self) -> Answerer:
         """Make pairs until there are as many, and as good ones, as are wanted; deliver them."""
         pairs, count = self._pairs, self._options.count
+        self._require_abilities()
         while pairs.available < count or not self._judged or self._too_noisy:
             if self._judged and self._too_noisy:
                 await self._purify_once_more()
@@ -112,6 +74,25 @@ class Opening:
         await pairs.deliver(count)
         await self._tell(count)
         return pairs.answer
+
+    def _require_abilities(self) -> None:
+        """Raise SessionError before any light for what cannot come to a good end."""
+        options = self._options
+        abilities.require_room(self._end, options.count, self._spare)
+        if options.sample:
+            abilities.require(self._end, MEASURE, "an estimate", "choose sample 0")
+        if options.rounds:
+            self._require_gates()
+
+    def _require_gates(self) -> None:
+        remedy = "ask for less fidelity, use a better source, or take hosts with gates"
+        abilities.require(self._end, GATE | MEASURE, "purification", remedy)
+
+    @property
+    def _spare(self) -> int:
+        """Return for how many pairs there must be room to go on, beside those that are there."""
+        rounds = self._pairs.rounds
+        return PHOTONS**rounds if self._options.sample or rounds else 0
 
     @property
     def _judged(self) -> bool:
@@ -132,6 +113,7 @@ class Opening:
     async def _acquire(self) -> None:
         """Have another block of light made, and bring its pairs to where the others are."""
         pairs = self._pairs
+        abilities.require_room(self._end, pairs.available, self._spare)
         self._number, self._size = self._number + 1, self._next_size()
         await self._make(pairs, self._number, self._size)
         self._dark = 0 if self._number in pairs.blocks else self._dark + 1
@@ -141,7 +123,8 @@ class Opening:
     def _next_size(self) -> int:
         """Return how much light is worth asking for, by what has come of it so far."""
         pairs, share = self._pairs, self._options.sample
-        most = min(self._end.setup.pairs, int(self._end.setup.rate_hz * MAX_BLOCK_S))
+        room = self._room - pairs.available
+        most = min(self._end.setup.pairs, int(self._end.setup.rate_hz * MAX_BLOCK_S), room)
         missing = max(self._options.count - pairs.available, 0)
         unsampled = max(self._least_sample - pairs.estimate.total, 0)
         if not pairs.emitted:
@@ -151,6 +134,7 @@ class Opening:
         else:
             return max(1, min(most, 4 * self._size))
         wanted = max(missing, unsampled * (1 - share) / share if share else 0)
+        self._short = ceil(wanted / kept) > room
         return max(1, min(most, ceil(MARGIN * wanted / kept) + 10))
 
     async def _bring_up(self, number: int) -> None:
@@ -167,6 +151,9 @@ class Opening:
         """Choose pairs and bases, each basis as often as the others, and measure."""
         end, measured = self._end, self._pairs.estimate.total
         count = int(self._options.sample * size + end.draws.random())
+        if self._short:
+            needless = self._pairs.available - self._options.count
+            count = max(count, min(size, needless, self._least_sample - measured))
         if not count:
             return
         chosen = np.zeros(size, dtype=bool)
@@ -181,6 +168,8 @@ class Opening:
         settled = self._protocol == Protocol.NONE or self._options.rounds is not None
         interval = self._pairs.estimate.interval
         hopeless = not self._pairs.rounds and interval is not None and interval[1] <= 0.5
+        if not settled and not hopeless:
+            self._require_gates()
         if settled or hopeless or self._pairs.rounds == MAX_ROUNDS:
             remedy = "pairs of 0.5 or less cannot be purified" if hopeless else self._remedy()
             raise self._not_reached(remedy)

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from hosts.middleware.channel import SessionError
 from hosts.middleware.frame_format import MAX_BLOCK_PAIRS
 from hosts.middleware.options import (
     Options,
@@ -9,6 +10,7 @@ from hosts.middleware.options import (
     check_where_and_how_fast,
     check_whole,
 )
+from wire.metadata import Reason
 
 
 @dataclass(frozen=True)
@@ -20,6 +22,7 @@ class ServiceOptions(Options):
     count: int = 10_000  # of what the service is about, as states or pairs
     block_pairs: int = 16_384  # in a block at most
     rate_hz: int = 50_000_000  # of the source
+    source: str = ""  # host that makes the pairs, perhaps the one that asks; "": the network's
 
     @property
     def fidelity_ppm(self) -> int:
@@ -30,5 +33,7 @@ class ServiceOptions(Options):
         """Raise SessionError for a value out of range."""
         check_whole("count", self.count, 1, 100_000_000)
         check_whole("block_pairs", self.block_pairs, 1, MAX_BLOCK_PAIRS)
+        if not isinstance(self.source, str):
+            raise SessionError(Reason.UNSUPPORTED, f"source {self.source!r} is not a name")
         check_where_and_how_fast(self.host, self.port, self.rate_hz)
         check_block_time(min(self.block_pairs, self.count), self.block_pairs, self.rate_hz)

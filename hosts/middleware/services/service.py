@@ -25,6 +25,7 @@ from hosts.middleware.channel import ANSWER_TIMEOUT_S, MetadataChannel, SessionE
 from hosts.middleware.qkd.keyring import Keyring
 from hosts.middleware.swapping.orders import Swaps
 from hosts.middleware.values import Numbers, expect, values
+from wire.features import Abilities
 from wire.metadata import Answer, Finish, Message, Reason, Service, Setup, Topic, Values
 
 GRACE_S = 0.3  # light that has not come this long after the source's answer is lost
@@ -121,6 +122,7 @@ class End(ConnectionEnd):
     told_apart: frozenset[int]  # the Bell states that this host's analyser tells apart
     keyring: Keyring  # what this host shares with others
     swaps: Swaps  # the chains of repeaters that it is part of
+    ours: Abilities  # what this host can do
     summary: dict[str, Any] = field(default_factory=dict)  # for the application, at the end
 
 
@@ -129,19 +131,28 @@ class OpenerEnd(End):
     """The end that asked for the session."""
 
     arrangement: Arrangement = field(kw_only=True)
+    theirs: Abilities = field(kw_only=True)  # of the other end; nothing where it does not tell
+    is_source: bool = field(kw_only=True)  # this host makes the pairs, and keeps half of each
 
     async def pairs(self, number: int, count: int) -> Stored:
-        """Have the source make a block of pairs for both ends; return what has come of half 0.
+        """Have a block of pairs made for both ends; return what has come of half 0.
 
         The other end has said that it is ready before any light is made.
         """
         await self.channel.request(values(self.setup.session, Topic.COMING, number, [count], 32))
+        if self.is_source:
+            return await self._own_pairs(number, count)
         light = self.expect_light(self.block(number))
         try:
             await self.arrangement.emit(number, count)
             return await self.stored(light, count)
         finally:
             light.cancel()
+
+    async def _own_pairs(self, number: int, count: int) -> Stored:
+        setup, port = self.setup, self.qnic.ports[-1]
+        light = setup.rate_hz, setup.wavelength_pm
+        return await self.qnic.share_pairs(setup.session, number, count, port, *light)
 
 
 @dataclass

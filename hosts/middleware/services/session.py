@@ -1,5 +1,6 @@
 """A session of a service at either end: arranged, run, and ended, whatever happens."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,18 +11,21 @@ from hosts.middleware.channel import IDLE_TIMEOUT_S, MetadataChannel, SessionErr
 from hosts.middleware.encoding import TOLD_APART
 from hosts.middleware.qkd.keyring import Keyring
 from hosts.middleware.receiver import check_wavelength
+from hosts.middleware.services import abilities
 from hosts.middleware.services.options import ServiceOptions
 from hosts.middleware.services.service import (
     AcceptorEnd,
     Answerer,
+    ConnectionEnd,
     OpenerEnd,
     ServiceKind,
     Tell,
     unexpected,
 )
 from hosts.middleware.swapping.orders import Swaps
+from wire.features import NOTHING, Abilities
 from wire.metadata import Finish, Pauli, Reason, Service, Setup
-from wire.services import LIGHT, Role, fibers_needed
+from wire.services import Role, beams, fibers_needed
 
 NO_DIGEST = bytes(32)
 
@@ -52,21 +56,29 @@ class OpeningSession:
         draws: np.random.Generator,
         keyring: Keyring,
         swaps: Swaps,
+        ours: Abilities,
+        is_source: bool,
     ) -> None:
-        require_fibers(setup, Role.OPENER, qnic)
+        require_fibers(setup, Role.OPENER, qnic, is_source)
         self._kind, self._options = kind, options
         self._qnic, self._arrangement, self._setup = qnic, arrangement, setup
         self._analyser, self._draws, self._keyring = analyser, draws, keyring
-        self._swaps = swaps
+        self._swaps, self._ours, self._is_source = swaps, ours, is_source
         self.summary: dict[str, Any] = {}
         self.answer: Answerer | None = None  # to the application's questions, if it may ask
 
     async def run(self, tell: Tell) -> None:
         """Arrange light, do what the service does; raise SessionError if it cannot be."""
         await self._arrangement.open()
-        if any(end.role == Role.SOURCE for beam in LIGHT[self._kind.service] for end in beam):
-            await self._arrangement.engage_source()
         channel = self._arrangement.channel
+        theirs = Abilities(NOTHING, 0)
+        if abilities.are_told(self._kind.service):
+            connection = ConnectionEnd(self._qnic, self._setup, channel)
+            pairs, theirs = await abilities.hear(connection)
+            self._setup = replace(self._setup, pairs=pairs)
+        light = beams(self._kind.service, self._is_source)
+        if any(end.role == Role.SOURCE for beam in light for end in beam):
+            await self._arrangement.engage_source()
         end = OpenerEnd(
             self._qnic,
             self._setup,
@@ -76,7 +88,10 @@ class OpeningSession:
             told_apart(self._analyser),
             self._keyring,
             self._swaps,
+            self._ours,
             arrangement=self._arrangement,
+            theirs=theirs,
+            is_source=self._is_source,
         )
         try:
             self.answer = await self._kind.open(end, self._options)
@@ -119,12 +134,13 @@ class AcceptingSession:
         draws: np.random.Generator,
         keyring: Keyring,
         swaps: Swaps,
+        ours: Abilities,
     ) -> None:
         check_wavelength(setup)
         require_fibers(setup, Role.ACCEPTOR, qnic)
         self._kind, self._qnic, self._channel, self._setup = kind, qnic, channel, setup
         self._analyser, self._draws, self._keyring = analyser, draws, keyring
-        self._swaps = swaps
+        self._swaps, self._ours = swaps, ours
         self._end: AcceptorEnd | None = None
         self.summary: dict[str, Any] = {}
         self.answer: Answerer | None = None  # to the application's questions, if it may ask
@@ -141,8 +157,11 @@ class AcceptingSession:
             apart,
             self._keyring,
             self._swaps,
+            self._ours,
         )
         end.agree()
+        if abilities.are_told(self._kind.service):
+            abilities.say(end, self._ours)
         self._end = end
         self.answer = await self._kind.accept(end)
         self.summary = end.summary
@@ -159,10 +178,19 @@ class AcceptingSession:
         await release(self._qnic, self._setup.session)
 
 
-def require_fibers(setup: Setup, role: Role, qnic: Qnic) -> None:
+def require_source(service: Service, source: str, is_source: bool, peer: str) -> None:
+    """Raise SessionError for a source of pairs that cannot be the one of this service."""
+    used = any(end.role == Role.SOURCE for beam in beams(service, is_source) for end in beam)
+    if used and (is_source or source == peer):
+        name = service.name.lower()
+        text = f"{name} with pairs of {source}, one of its ends: name another host as source"
+        raise SessionError(Reason.UNSUPPORTED, text)
+
+
+def require_fibers(setup: Setup, role: Role, qnic: Qnic, own_source: bool = False) -> None:
     """Raise SessionError if this host has fewer fibres than its role needs."""
     service = Service(setup.service)
-    needed, there = fibers_needed(service, role), len(qnic.ports)
+    needed, there = fibers_needed(service, role, own_source), len(qnic.ports)
     if there < needed:
         text = (
             f"{role.value} of {service.name.lower()} needs {needed} fibres, this host has {there}"

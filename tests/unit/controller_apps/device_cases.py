@@ -17,7 +17,7 @@ from scapy.layers.l2 import Ether
 from controller_apps import framework
 from controller_apps.console import console
 from controller_apps.console.console import Console
-from controller_apps.console.facts import MAX_REQUEST, perform
+from controller_apps.console.facts import MAX_REQUEST, Facts, perform
 from controller_apps.console.questions import EventQuestion, Refused
 from controller_apps.devices.datagrams import Frame
 from controller_apps.devices.device_monitor import SET_TIMEOUT_S, DeviceMonitor
@@ -431,6 +431,29 @@ def exchange(path: Path, sent: bytes) -> Any:
         client.sendall(sent)
         client.shutdown(socket.SHUT_WR)
         return json.loads(b"".join(iter(lambda: client.recv(65536), b"")))
+
+
+class Knowing:
+    """An app that answers at once what it is asked."""
+
+    def __init__(self, answer: Any) -> None:
+        self.name, self._answer = "app", answer
+
+    def send_event(self, _name: str, question: EventQuestion) -> None:
+        """Answer."""
+        question.answer(self._answer)
+
+
+def test_devices_are_shown_with_what_they_have_announced() -> None:
+    switch = {"name": "q1", "kind": "quantum-switch"}
+    devices = [switch, *({"name": name, "kind": "host"} for name in ("alice", "bob"))]
+    told = {"features": ["store"], "memory_qubits": 32}
+    shown = Facts(Knowing({"alice": told}), Knowing(devices)).devices()
+    assert shown == [
+        switch,
+        {"name": "alice", "kind": "host", **told},
+        {"name": "bob", "kind": "host", "features": None, "memory_qubits": None},
+    ]
 
 
 def test_the_console_answers_lines_and_survives_rubbish(

@@ -30,6 +30,7 @@ from metadata_scene import (
 from scapy.contrib.lldp import (
     LLDPDUChassisID,
     LLDPDUEndOfLLDPDU,
+    LLDPDUGenericOrganisationSpecific,
     LLDPDUManagementAddress,
     LLDPDUPortID,
     LLDPDUTimeToLive,
@@ -51,6 +52,7 @@ from controller_apps.sessions.segments import FiveTuple
 from controller_apps.succession.state_folder import StateFolder
 from wire.config import ControllerConfig
 from wire.device import DEVICE_PORT
+from wire.features import EVERYTHING, OUI, SUBTYPE, Abilities
 from wire.metadata import (
     METADATA_PORT,
     SETUP_LENGTH,
@@ -236,9 +238,13 @@ def asked_optics(datapath: Datapath) -> int:
     return int([m.xid for m in datapath.sent if getattr(m, "multipart", None) == kind][-1])
 
 
-def announcement(host_port: HostPort, ttl: int = 120, subtype: int = 7) -> bytes:
+def announcement(
+    host_port: HostPort, ttl: int = 120, subtype: int = 7, told: tuple[bytes, ...] = ()
+) -> bytes:
+    """Return an announcement; `told` are what TLVs of abilities hold, if not the port's own."""
+    abilities = (host_port.abilities.encode(),) if host_port.abilities else told
     address = bytes(int(part) for part in host_port.address.split("."))
-    return bytes(
+    frame = (
         Ether(dst="01:80:c2:00:00:0e", src="02:00:00:00:01:00", type=0x88CC)
         / LLDPDUChassisID(subtype=subtype, id=host_port.host)
         / LLDPDUPortID(subtype=7, id=host_port.name)
@@ -248,8 +254,11 @@ def announcement(host_port: HostPort, ttl: int = 120, subtype: int = 7) -> bytes
             management_address=address,
             interface_numbering_subtype=1,
         )
-        / LLDPDUEndOfLLDPDU()
     )
+    for data in abilities:
+        code = int.from_bytes(OUI, "big")
+        frame /= LLDPDUGenericOrganisationSpecific(org_code=code, subtype=SUBTYPE, data=data)
+    return bytes(frame / LLDPDUEndOfLLDPDU())
 
 
 def flow_mods(messages: list[Any]) -> list[Any]:
@@ -454,7 +463,7 @@ def test_a_host_cannot_claim_a_fibre_between_switches(scene: Scene) -> None:
         assert {speaker for speaker, _ in heard.values()} <= {SwitchPort(Q1, 6)}
     assert scene.quantum.network.links == {}
     assert scene.quantum.dropped["lldp"] > 1000
-    stock = genuine[: genuine.index(discovery.OUI) - 2] + b"\0\0"
+    stock = genuine[: genuine.index(OUI) - 2] + b"\0\0"
     before = scene.quantum.dropped["lldp"]
     scene.packet_in(q2, 7, stock)  # another controller's: neither believed nor complained of
     assert scene.quantum.dropped["lldp"] == before
@@ -535,6 +544,30 @@ def test_malformed_lldp_is_counted_and_changes_nothing(scene: Scene) -> None:
         scene.packet_in(scene.q1, 1, data)
     assert scene.quantum.dropped["lldp"] == len(rubbish)
     assert not scene.quantum.network.hosts
+
+
+def test_hosts_say_what_they_can_do_or_what_they_say_is_not_heard(scene: Scene) -> None:
+    able = replace(FIBERS[1], abilities=Abilities(EVERYTHING, 32))
+    data = announcement(able)
+    assert discovery.parse(data) == discovery.Announcement(able, leaving=False)
+    told = able.abilities.encode() if able.abilities else b""
+    refused = [told[:length] for length in range(len(told))]
+    refused += [told + b"\0", b"\x1f" + told[1:], b"\x02" + bytes(4), b"\x0d" + told[1:]]
+    for number, info in enumerate(refused, 1):
+        wrong = announcement(FIBERS[1], told=(info,))
+        with pytest.raises(MalformedPacket):
+            discovery.parse(wrong)
+        scene.packet_in(scene.q1, 1, wrong)
+        assert scene.quantum.dropped["lldp"] == number
+    with pytest.raises(MalformedPacket, match="tells 2 times"):
+        discovery.parse(announcement(FIBERS[1], told=(told, told)))
+    assert not scene.quantum.network.hosts
+    scene.packet_in(scene.q1, 1, data)
+    assert scene.quantum.network.abilities_of(able.address) == able.abilities
+    question = EventQuestion("abilities", {})
+    scene.quantum.asked(question)
+    features = ["emit", "store", "gate", "measure"]
+    assert question.wait() == {"alice": {"features": features, "memory_qubits": 32}}
 
 
 def test_a_bundle_is_open_adds_commit_barrier_in_one_write(ready: Scene) -> None:

@@ -14,6 +14,7 @@ from controller_apps.sessions.admission import Admission
 from controller_apps.sessions.arbiter import Arbiter
 from controller_apps.sessions.ordering import NODE_TIMEOUT_S
 from controller_apps.succession.kept import decode_session
+from wire.features import EVERYTHING, Abilities
 from wire.metadata import MalformedPacket, Reason, Service, Setup, Verdict
 
 SWAP = replace(FRAMED, service=Service.SWAP, fidelity_ppm=900_000)
@@ -231,3 +232,17 @@ def test_a_fault_of_a_chain_is_no_switchs() -> None:
     ask_swap(state)
     assert state.switch_left(S1, 0.5) == []
     assert notes(state.tick(NODE_TIMEOUT_S)) == ["refused"]
+
+
+def test_a_link_comes_with_the_blocks_that_memories_take_and_no_larger_ones() -> None:
+    state = arbiter()
+    small = Abilities(EVERYTHING, 32)
+    state.network.hosts = {
+        at: replace(host, abilities=small) for at, host in state.network.hosts.items()
+    }
+    chained(state)
+    larger = ask_link(state, FIRST)
+    assert answer(larger).reason == Reason.UNKNOWN_SESSION
+    actions = ask_link(state, replace(FIRST, pairs=16), sport=50001)  # half of a repeater's memory
+    granted = state.barrier_passed(Q1, opened(actions).transaction, 0.0)
+    assert answer(granted) == replace(FIRST, pairs=16, verdict=Verdict.GRANTED)

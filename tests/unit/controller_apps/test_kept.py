@@ -2,6 +2,7 @@
 
 import random
 import struct
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -16,17 +17,19 @@ from controller_apps.succession.kept import (
     encode_session,
 )
 from controller_apps.succession.state_folder import StateFolder
+from wire.features import STORE, Abilities
 from wire.metadata import SETUP_LENGTH, MalformedPacket, Verdict, decode
 
 NOW = 50.0
 HOSTS = {SwitchPort(Q1, port): host for port, host in FIBERS.items()}
+ABLE = {at: replace(host, abilities=Abilities(STORE, 32)) for at, host in HOSTS.items()}
 
 
 def golden() -> bytes:
     """Return a session without a source's connection, written out field by field."""
     data = struct.pack("!dBB", 2.5, 1, 3)
     data += bytes([10, 0, 0, 1, 40000 >> 8, 40000 & 0xFF, 10, 0, 0, 2])
-    data += struct.pack("!IB", 100, 3) + FRAMED.encode()
+    data += struct.pack("!IBI", 100, 3, FRAMED.pairs) + FRAMED.encode()
     for _dpid, in_port, out_port in HOPS:
         data += struct.pack("!IBBQII", 0, 3, 1, Q1, in_port, out_port)
     return data + b"\0"  # no chain of repeaters
@@ -50,6 +53,16 @@ def test_a_session_is_read_back_as_it_was() -> None:
     assert encode_session(session) == data
 
 
+def test_the_size_of_blocks_that_was_granted_is_kept_beside_what_was_asked_for() -> None:
+    data = bytearray(golden())
+    data[25:29] = struct.pack("!I", 32)
+    session = decode_session(bytes(data), NOW)
+    (request,) = session.requests.values()
+    answer = decode(request.answer)
+    assert (session.setup.pairs, getattr(answer, "pairs", None)) == (FRAMED.pairs, 32)
+    assert encode_session(session) == data
+
+
 def test_a_session_cut_short_or_too_long_is_malformed() -> None:
     data = kept()
     for wrong in (*(data[:length] for length in range(len(data))), data + b"\0"):
@@ -58,7 +71,7 @@ def test_a_session_cut_short_or_too_long_is_malformed() -> None:
 
 
 def test_hosts_cut_short_or_too_long_are_malformed() -> None:
-    at, host = next(iter(HOSTS.items()))
+    at, host = next(iter(ABLE.items()))
     data = encode_hosts({at: host})
     for wrong in (*(data[:length] for length in range(1, len(data))), data + b"\0"):
         with pytest.raises(MalformedPacket):
@@ -73,11 +86,13 @@ def test_hosts_cut_short_or_too_long_are_malformed() -> None:
         (8, b"\0"),  # no request
         (9, b"\0"),  # no path
         (24, b"\4"),  # rotation
-        (25 + 8, bytes(8)),  # session 0
-        (25 + 16, b"\2"),  # a pair source owns no session
-        (25 + 17, b"\2"),  # per-pair has no light of its own
-        (25 + SETUP_LENGTH + 4, b"\4"),  # rotation of a path
-        (25 + SETUP_LENGTH + 5, b"\0"),  # a path without hops
+        (25, bytes(4)),  # blocks of no pairs
+        (25, struct.pack("!I", FRAMED.pairs + 1)),  # larger ones than were asked for
+        (29 + 8, bytes(8)),  # session 0
+        (29 + 16, b"\2"),  # a pair source owns no session
+        (29 + 17, b"\2"),  # per-pair has no light of its own
+        (29 + SETUP_LENGTH + 4, b"\4"),  # rotation of a path
+        (29 + SETUP_LENGTH + 5, b"\0"),  # a path without hops
     ],
 )
 def test_what_no_controller_has_kept_is_malformed(at: int, value: bytes) -> None:
@@ -89,7 +104,7 @@ def test_what_no_controller_has_kept_is_malformed(at: int, value: bytes) -> None
 
 def test_a_stranger_s_connection_does_not_come_with_a_session() -> None:
     one, other = kept(), bytearray(kept())
-    begin = 10 + 15 + SETUP_LENGTH  # of the second request
+    begin = 10 + 19 + SETUP_LENGTH  # of the second request
     assert other[begin : begin + 4] == bytes([10, 0, 0, 1])
     other[begin + 3] = 9
     assert decode_session(one, NOW)
@@ -115,6 +130,7 @@ def test_mutated_bytes_are_malformed_or_a_session_that_is_written_alike() -> Non
 
 def test_hosts_are_read_back_as_they_were() -> None:
     assert decode_hosts(encode_hosts(HOSTS)) == HOSTS
+    assert decode_hosts(encode_hosts(ABLE)) == ABLE
     assert decode_hosts(b"") == {}
     with pytest.raises(MalformedPacket, match="UTF-8"):
         decode_hosts(encode_hosts(HOSTS).replace(b"alice", b"\xff" * 5))

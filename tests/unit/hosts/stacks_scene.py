@@ -175,9 +175,13 @@ async def network(
     qnics: dict[str, list[str]] = QNICS,
     ports: dict[str, int] = PORTS,
     stacks: dict[str, Stack] | None = None,
+    told: bool = True,
     **fiber: Any,
 ) -> AsyncIterator[Path]:
-    """Run everything; the sockets of the stacks are in the folder, the stacks in `stacks`."""
+    """Run everything; the sockets of the stacks are in the folder, the stacks in `stacks`.
+
+    Hosts know what their devices can do, unless they are not told.
+    """
     config = DispatcherConfig(
         listen="127.0.0.1:0",
         socket=str(folder / "dispatcher.sock"),
@@ -204,7 +208,16 @@ async def network(
         await connect_paths(config.socket, paths)
         for name, own in qnics.items():
             host = await start_host(
-                stack, folder, config.socket, name, own, judge, analyser, change, cut
+                stack,
+                folder,
+                config.socket,
+                name,
+                own,
+                judge,
+                analyser,
+                change,
+                cut,
+                config.devices.get(name, Device()) if told else Device(),
             )
             if stacks is not None:
                 stacks[name] = host
@@ -231,6 +244,7 @@ async def start_host(
     analyser: str,
     change: Change | None,
     cut: Cut,
+    device: Device,
 ) -> Stack:
     """Start a host's stack and the relay in front of it."""
     config = HostConfig(
@@ -244,6 +258,8 @@ async def start_host(
         source="charlie",
         seed=1,
         analyser=analyser,
+        features=device.features.value,
+        memory_qubits=device.memory.capacity,
         pair_secrets={other: pair_secret(name, other) for other in QNICS if other != name},
         keys=str(folder / "keys" / name),
     )
@@ -341,7 +357,7 @@ def ask(
     return asyncio.run(run())
 
 
-def refusal(folder: Path, service: str, **options: Any) -> str:
+def refusal(folder: Path, service: str, judge: Judge = grant, **options: Any) -> str:
     """Ask for a service at alice, with nobody at bob; return what alice is told."""
 
     def refused() -> str:
@@ -353,7 +369,7 @@ def refusal(folder: Path, service: str, **options: Any) -> str:
         return str(caught.value)
 
     async def run() -> str:
-        async with network(folder):
+        async with network(folder, judge):
             return await asyncio.to_thread(refused)
 
     return asyncio.run(run())

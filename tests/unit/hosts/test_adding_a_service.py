@@ -21,7 +21,7 @@ if __name__ == "__main__":
 
 
 def snippets() -> list[str]:
-    """Return the code of the page's four steps."""
+    """Return the code of the page's four steps, of which the second has two parts."""
     return re.findall(r"<!-- [a-z].*? -->\n```python\n(.*?)```", PAGE, re.DOTALL)
 
 
@@ -35,9 +35,10 @@ def insert(file: Path, anchor: str, text: str) -> None:
 def test_the_page_on_adding_a_service_adds_one(tmp_path: Path) -> None:
     for folder in FOLDERS:
         shutil.copytree(ROOT / folder, tmp_path / folder)
-    name, light, code, entry = snippets()
+    name, light, needs, code, entry = snippets()
     insert(tmp_path / "wire" / "metadata.py", "BB84 =", name)
-    insert(tmp_path / "wire" / "services.py", "Service.DISTRIBUTE:", light)
+    insert(tmp_path / "wire" / "services.py", "Service.DISTRIBUTE: PAIRS,", light)
+    insert(tmp_path / "wire" / "services.py", "Service.TELEPORT: {SOURCE", needs)
     services = tmp_path / "hosts" / "middleware" / "services"
     (services / "coin.py").write_text(code)
     registry = (services / "__init__.py").read_text()

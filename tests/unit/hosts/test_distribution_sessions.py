@@ -15,7 +15,7 @@ from stacks_scene import DEADLINE_S, OWN_ADDRESS, Cut, grant, network, refusal
 
 from hosts.middleware.channel import MetadataChannel, SessionError
 from hosts.middleware.services import distribute
-from hosts.middleware.values import values
+from hosts.middleware.values import expect, values
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
 from wire.metadata import Finish, Message, Reason, Service, Setup, Topic, Values
@@ -213,7 +213,7 @@ def test_a_full_memory_is_told_and_everything_freed(tmp_path: Path, node: str) -
             assert f"exceed the capacity of {node}'s memory, 500" in str(error)
             assert error.reason == Reason.HARDWARE
 
-    inside(tmp_path, scene, devices={node: Device(memory=Memory(capacity=500))})
+    inside(tmp_path, scene, devices={node: Device(memory=Memory(capacity=500))}, told=False)
 
 
 @pytest.mark.parametrize(
@@ -329,6 +329,8 @@ def test_an_opener_that_breaks_the_protocol_is_refused(
                 channel = await MetadataChannel.connect("bob", OWN_ADDRESS["bob"])
                 setup = Setup(5, Service.DISTRIBUTE, 1, "10.0.0.9", 16_384, 1, 1_000_000, port=9)
                 await channel.request(grant(setup))
+                told = await channel.receive(Values, DEADLINE_S)
+                assert expect(told, Topic.ABILITIES, 0, 3, 1 << 32).tolist()[0] == setup.pairs
                 for message in messages:
                     channel.send(message)
                 with pytest.raises(SessionError, match=words):

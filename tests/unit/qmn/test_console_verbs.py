@@ -38,6 +38,8 @@ HOST = {
     "name": "bob",
     "kind": "host",
     "state": "silent",
+    "features": ["store", "measure"],
+    "memory_qubits": 4000,
     "heard_s_ago": 61.2,
     "ports": [{"name": "bob-q0", "up": False}],
     "sessions": {"sending": 1, "receiving": 2, "serving": 0},
@@ -140,10 +142,10 @@ def test_devices_are_shown_in_tables(capsys: pytest.CaptureFixture[str]) -> None
         "-",
         "7",
     ] in shown
-    words = "bob silent since 61 s bob-q0 (cut) 3 1 2 3,000 4 5 1,000 Hz, 64 B,"
+    words = "bob silent since 61 s store 4,000 measure bob-q0 (cut) 3 1 2 3,000 4 5 1,000 Hz, 64 B,"
     words += " FEC golay, interleaving on,"
     assert f"{words} 1,550,120 pm 1,000 Hz".split() in shown
-    assert ["eve", "never", "heard"] in shown
+    assert ["eve", "never", "heard", "not", "told"] in shown
 
 
 @pytest.mark.usefixtures("console")

@@ -2,6 +2,7 @@
 
 import argparse
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,10 @@ from qmn.device_words import differences
 from qmn.network_options import BadInput
 from qmn.networks import TOPOLOGIES, BadTopology, every_device, every_fiber, topology
 from qmn.run_folder import make_folder, point_latest
+from topologies.node_kinds import ION_TRAP
+from topologies.presets import PRESETS
 from wire.fiber import FiberOptics
+from wire.physics import Gates
 
 
 def parse(*words: str) -> argparse.Namespace:
@@ -42,6 +46,16 @@ def parse(*words: str) -> argparse.Namespace:
         (
             ["--device", "bob.memory.t2_s=1", "--device", "bob.memory.t1_s=.1"],
             "is not 1e-12 to 0.2",
+        ),
+        (["--node", "warp-core"], "node 'warp-core' is unknown; choose photonic, ion-trap"),
+        (["--node", "bob=warp-core"], "node 'warp-core' is unknown"),
+        (["--node", "ed=photonic"], "--node or --device ed: choose one of alice, bob, charlie"),
+        (["--node", "photonic", "--node", "ion-trap"], "--node ion-trap: choose one for all"),
+        (["--node", "bob="], "--node bob=: write KIND, or HOST=KIND once a host, of photonic"),
+        (["--node", "bob=photonic", "--node", "bob=ion-trap"], "HOST=KIND once a host"),
+        (
+            ["--node", "ion-trap", "--device", "bob.gates.kind=paulis"],
+            "bob, analyser: kind 'gates' with gates of kind 'paulis'",
         ),
         (["--device", "ed.memory.capacity=1"], "--device ed: choose one of alice, bob, charlie"),
         (["--rate-hz", "0"], "--rate-hz 0"),
@@ -128,3 +142,14 @@ def test_devices_are_those_of_the_preset_but_for_what_is_said() -> None:
     assert built.nodeInfo("bob")["device"] == said["bob"]
     assert built.nodeInfo("alice")["device"] == preset
     assert every_device(parse()) == {}
+
+
+def test_hosts_are_of_the_kinds_that_are_named_but_for_what_is_said_of_them() -> None:
+    words = ["--preset", "metro", "--node", "ion-trap", "--node", "bob=photonic"]
+    words += ["--device", "alice.memory.capacity=7"]
+    built = topology(parse(*words))()
+    alice, bob, charlie = (built.nodeInfo(host)["device"] for host in ("alice", "bob", "charlie"))
+    assert charlie == ION_TRAP
+    assert alice == replace(ION_TRAP, memory=replace(ION_TRAP.memory, capacity=7))
+    metro = PRESETS["metro"].device
+    assert bob == replace(metro, gates=Gates("paulis"))

@@ -86,3 +86,19 @@ def test_a_classical_channel_of_no_rate_is_refused(rate: str) -> None:
     for job in ("teleport", "distribute"):
         with pytest.raises(BadInput, match=r"--classical-mbps .*: choose 0.001 to 10000"):
             service_run.check_input(parse(job, f"--classical-mbps={rate}"))
+
+
+def test_light_is_no_faster_than_the_slowest_source_and_no_block_lasts_too_long() -> None:
+    options = service_run.check_input(parse("distribute", "--node", "bob=ion-trap"))
+    assert (options.rate_hz, options.block_pairs) == (250, 1250)
+    options = service_run.check_input(parse("distribute", "--node", "ion-trap", "--rate-hz", "100"))
+    assert (options.rate_hz, options.block_pairs) == (100, 500)
+    words = ("--device", "bob.source.statistics=none", "--device", "bob.source.max_rate_hz=7")
+    assert service_run.check_input(parse("distribute", *words)) == DistributeOptions("bob", 9)
+
+
+def test_the_host_that_makes_pairs_can_be_chosen() -> None:
+    options = service_run.check_input(parse("teleport", "--source", "alice"))
+    assert options.source == "alice"
+    with pytest.raises(BadInput, match="--source zoe: choose one of alice, bob, charlie"):
+        service_run.check_input(parse("distribute", "--source", "zoe"))

@@ -10,7 +10,7 @@ from topologies import runtime
 from topologies.nodes import OpticalSwitch, QuantumHost, ShellWatcher
 from topologies.runtime import Runtime
 from wire.config import BadConfig, PathOptics
-from wire.physics import BadParameter, BellAnalyser, Detectors, Device, Memory, PairSource
+from wire.physics import BadParameter, BellAnalyser, Detectors, Device, Gates, Memory, PairSource
 
 
 class Watched(ShellWatcher, Node):
@@ -88,6 +88,7 @@ def test_parts_of_a_hosts_hardware_replace_those_of_its_device(
         device=Device(memory=Memory(capacity=5), detectors=Detectors(efficiency=0.5)),
         detectors=Detectors(efficiency=0.8),
         analyser=BellAnalyser("linear"),
+        gates=Gates("paulis"),
     ).terminate()
     network = runtime.current()
     assert network.source == "bob"
@@ -96,4 +97,5 @@ def test_parts_of_a_hosts_hardware_replace_those_of_its_device(
         Memory(capacity=5),
         Detectors(efficiency=0.8),
         BellAnalyser("linear"),
+        Gates("paulis"),
     )

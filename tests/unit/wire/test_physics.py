@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-from wire.physics import BadParameter, BellAnalyser, Detectors, Device, Memory, PairSource
+from wire.features import EMIT, EVERYTHING, GATE, MEASURE, STORE, Abilities, Feature
+from wire.physics import BadParameter, BellAnalyser, Detectors, Device, Gates, Memory, PairSource
 
 REFUSED = [
     (Device(PairSource(fidelity=0.2)), "alice, source: fidelity 0.2 is not 0.25 to 1"),
@@ -26,8 +27,17 @@ REFUSED = [
     (Device(memory=Memory(capacity=1.5)), "capacity 1.5 is not 0 to 4e+06 (a whole number)"),  # type: ignore[arg-type]
     (Device(detectors=Detectors(efficiency=80)), "detectors: efficiency 80 is not 0 to 1"),
     (Device(detectors=Detectors(dark_count_hz=-1.0)), "dark_count_hz -1.0 is not 0 to 1e+09"),
-    (Device(analyser=BellAnalyser(kind="half")), "kind 'half' is unknown; choose complete, linear"),
+    (
+        Device(analyser=BellAnalyser(kind="half")),
+        "kind 'half' is unknown; choose complete, linear",
+    ),
     (Device(analyser=BellAnalyser(visibility=True)), "visibility True is not 0 to 1"),
+    (Device(gates=Gates("some")), "alice, gates: kind 'some' is unknown; choose any, paulis"),
+    (Device(gates=Gates("any", 2.0)), "gates: one_qubit_depolarizing 2.0 is not 0 to 1"),
+    (
+        Device(analyser=BellAnalyser("gates"), gates=Gates("paulis")),
+        "alice, analyser: kind 'gates' with gates of kind 'paulis'",
+    ),
     (Device(memory=Detectors()), "alice: memory Detectors("),  # type: ignore[arg-type]
 ]
 
@@ -45,6 +55,7 @@ def test_what_no_device_is_like_is_refused(device: Device, message: str) -> None
         Device(PairSource("thermal", 0.05, bell_diagonal=(0.97, 0.01, 0.01, 0.01))),
         Device(memory=Memory(t1_s=1e-3, t2_s=2e-3), detectors=Detectors(efficiency=0.8)),
         Device(analyser=BellAnalyser("linear", 0.98, 1e11)),
+        Device(analyser=BellAnalyser("gates"), gates=Gates("any", 1e-5, 5e-3)),
     ],
 )
 def test_a_device_reads_back_from_json_the_same(device: Device) -> None:
@@ -62,3 +73,23 @@ def test_a_part_that_no_device_has_is_refused(given: dict[str, Any]) -> None:
 
 def test_a_fidelity_means_the_other_bell_states_alike() -> None:
     assert PairSource(fidelity=0.7).bell_probabilities() == pytest.approx((0.7, 0.1, 0.1, 0.1))
+
+
+@pytest.mark.parametrize(
+    ("device", "wanting"),
+    [
+        (Device(), Feature(0)),
+        (Device(PairSource("none")), EMIT),
+        (Device(memory=Memory(capacity=0)), STORE),
+        (Device(gates=Gates("paulis")), GATE),
+        (Device(detectors=Detectors(efficiency=0.0, dark_count_hz=100.0)), MEASURE),
+        (Device(PairSource("none"), Memory(capacity=0), gates=Gates("paulis")), ~MEASURE),
+    ],
+)
+def test_what_a_device_can_do_follows_from_its_parts(device: Device, wanting: Feature) -> None:
+    assert device.features == EVERYTHING & ~wanting
+
+
+def test_a_host_announces_what_its_device_can_do_and_how_much_it_stores() -> None:
+    device = Device(memory=Memory(capacity=32), gates=Gates("paulis"))
+    assert device.abilities == Abilities(EMIT | STORE | MEASURE, 32)

@@ -1,0 +1,20 @@
+"""Refuses what a host's device cannot do, before anything is changed."""
+
+from dispatcher.devices.hardware import Devices
+from dispatcher.refusal import precondition
+from wire.features import EMIT, GATE, MEASURE, STORE, Feature
+
+WANTING = {
+    EMIT: "has no source of light: let another host make it",
+    STORE: "has no memory: use the light as it comes, or give it a memory.capacity",
+    GATE: "does Pauli operators alone (gates.kind paulis): send Paulis, or give it other gates",
+    MEASURE: "has no detectors that click: let another host measure",
+}
+
+
+def require(devices: Devices, node: str, *any_of: Feature) -> None:
+    """Refuse unless the device of a node has one of these features."""
+    features = devices.of(node).features
+    if not any(each in features for each in any_of):
+        wanted = " or ".join(str(each.name) for each in any_of)
+        raise precondition(f"feature {wanted} is needed: {node} {WANTING[any_of[0]]}")

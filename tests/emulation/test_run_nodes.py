@@ -1,0 +1,117 @@
+"""Distribution, swapping and teleportation on ion-trap-like nodes, over the real components.
+
+Fidelities are held against the closed form of the devices' numbers, within 5 standard errors.
+"""
+
+import json
+import subprocess
+import sys
+from math import exp, sqrt
+from pathlib import Path
+from typing import Any
+
+import pytest
+from conftest import ROOT
+
+from topologies.node_kinds import ION_TRAP
+
+PAIR = ION_TRAP.source.fidelity
+BELL_GATES = (1 - ION_TRAP.gates.one_qubit_depolarizing) * (
+    1 - ION_TRAP.gates.two_qubit_depolarizing
+)
+BLOCK_S = ION_TRAP.memory.capacity / ION_TRAP.source.max_rate_hz
+GOOD = "source.fidelity=0.99"  # of photonic hosts beside ions
+
+
+def run(runs: Path, *words: str) -> "subprocess.CompletedProcess[str]":
+    """Run a service to its end."""
+    command = [sys.executable, "-m", "qmn", "run", *words, "--runs", str(runs)]
+    return subprocess.run(
+        command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=90
+    )
+
+
+def result_of(runs: Path, *words: str) -> dict[str, Any]:
+    """Run a service that succeeds; return its result."""
+    done = run(runs, *words)
+    assert done.returncode == 0, done.stdout + done.stderr
+    result: dict[str, Any] = json.loads((runs / "latest" / "result.json").read_text())
+    assert result["delivered"] is True
+    assert result["exact"] is True
+    return result
+
+
+def polarised(fidelity: float) -> float:
+    """Return how much of a Werner pair is Phi+, the rest being white noise."""
+    return (4 * fidelity - 1) / 3
+
+
+def waiting(polarisation: float, wait_s: float) -> float:
+    """Return the fidelity of a pair to Phi+ when its halves have waited so long, added up."""
+    coherence = exp(-wait_s / ION_TRAP.memory.t2_s)
+    return (1 + polarisation * (1 + 2 * coherence)) / 4
+
+
+def require_estimate(summary: dict[str, Any], polarisation: float, most_wait_s: float) -> None:
+    """Hold the estimate of a fidelity against theory: F = (3 q - 1) / 2 of right outcomes."""
+    least, most = (waiting(polarisation, wait_s) for wait_s in (most_wait_s, 0.0))
+    right = (2 * least + 1) / 3
+    error = 1.5 * sqrt(right * (1 - right) / summary["sampled"])
+    assert summary["sampled"] >= 300
+    assert least - 5 * error < summary["fidelity"] < most + 5 * error, (least, most)
+
+
+def test_two_ion_traps_and_a_fibre_are_enough_for_pairs(tmp_path: Path) -> None:
+    words = ["--node", "ion-trap", "--device", "charlie.source.statistics=none"]
+    words += ["--source", "alice", "--count", "16", "--fidelity", "0.8"]
+    result = result_of(tmp_path, "distribute", *words)
+    alice = result["asking"]
+    assert alice["pairs"] == result["asked"]["pairs"] == 16
+    require_estimate(alice, polarised(PAIR), 2 * alice["elapsed_s"])
+    assert result["parameters"]["rate_hz"] == ION_TRAP.source.max_rate_hz
+
+
+def test_ion_traps_teleport(tmp_path: Path) -> None:
+    words = ["--node", "ion-trap", "--source", "alice", "--count", "1000"]
+    alice = result_of(tmp_path, "teleport", *words)["asking"]
+    assert alice["arrived"] == 1000
+    waited_s = 2 * alice["waited_ms"] / 1000 + BLOCK_S  # alice's halves wait for the light, too
+    expected = (2 * waiting(polarised(PAIR) * BELL_GATES, waited_s) + 1) / 3
+    assert abs(alice["fidelity"] - expected) < 5 * sqrt(expected * (1 - expected) / 1000)
+
+
+@pytest.mark.parametrize("mixed", [False, True])
+def test_an_ion_trap_is_the_repeater_of_its_like_and_of_photonic_hosts(
+    tmp_path: Path, mixed: bool
+) -> None:
+    words = ["--node", "ion-trap"]
+    if mixed:
+        words = ["--node", "photonic", "--node", "r1=ion-trap"]
+        words += ["--device", f"alice.{GOOD}", "--device", f"bob.{GOOD}"]
+    words += ["--count", "12", "--fidelity", "0.8", "--sample", "0.8"]
+    result = result_of(tmp_path, "swap", *words)
+    alice, bob = result["asking"], result["asked"]
+    assert alice["pairs"] == bob["pairs"] == 12
+    links = polarised(0.99 if mixed else PAIR) * polarised(PAIR)
+    require_estimate(alice, links * BELL_GATES, 4 * alice["elapsed_s"])
+    # A block is no larger than what the ions of the repeater take, for both links.
+    assert largest_block_of("r1", log_of(tmp_path)) == ION_TRAP.memory.capacity // 2
+
+
+def largest_block_of(host: str, log: list[str]) -> int:
+    """Return how many pairs the largest block has that a host has made."""
+    made = [line for line in log if f" {host} " in line and " create " in line]
+    return max(int(line.partition("photons=")[2].split()[0]) for line in made)
+
+
+def log_of(runs: Path) -> list[str]:
+    """Return what happened to qubits, a line an event."""
+    return (runs / "latest" / "quantum.log").read_text().splitlines()
+
+
+def test_a_repeater_without_a_memory_is_refused_to_who_asks_by_name_and_remedy(
+    tmp_path: Path,
+) -> None:
+    done = run(tmp_path, "swap", "--device", "r1.memory.capacity=0", "--count", "5")
+    assert done.returncode == 1
+    assert "swap: r1 has no memory, or one that is too small (feature store)" in done.stderr

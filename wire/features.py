@@ -1,0 +1,71 @@
+"""Logical features: what a node can do, whatever it is made of (paper, section "Middleware").
+
+A host announces them by LLDP (IEEE 802.1AB), in an organizationally specific TLV behind its OUI:
+
+    +---------+----------+---------------+
+    | subtype | features | memory_qubits |   u8, u8 (Feature), u32; network byte order
+    +---------+----------+---------------+
+"""
+
+import struct
+from dataclasses import dataclass
+from enum import Flag
+
+from wire.metadata import MalformedPacket
+
+OUI = b"\x02QM"  # locally administered
+SUBTYPE = 2  # of ours; 1 is the seal on what switches say
+_FIELDS = struct.Struct("!BI")
+
+
+class Feature(Flag):
+    """What a node can do with qubits."""
+
+    EMIT = 1  # make photons, entangled with each other or with what it keeps
+    STORE = 2  # take light into a memory, and keep qubits there
+    GATE = 4  # do gates on qubits that it holds, also between two; Pauli operators need no feature
+    MEASURE = 8  # measure qubits that it holds, and light that arrives; also in the Bell basis
+
+
+EMIT, STORE, GATE, MEASURE = Feature
+NOTHING = Feature(0)
+EVERYTHING = EMIT | STORE | GATE | MEASURE
+
+
+@dataclass(frozen=True)
+class Abilities:
+    """The features of a node, and how many qubits its memory takes (0 without STORE)."""
+
+    features: Feature
+    memory_qubits: int
+
+    def encode(self) -> bytes:
+        """Return them as a host announces them, without OUI and subtype."""
+        return _FIELDS.pack(self.features.value, self.memory_qubits)
+
+    @classmethod
+    def decode(cls, data: bytes) -> "Abilities":
+        """Read what a host has announced; raise MalformedPacket for what no host can be."""
+        if len(data) != _FIELDS.size:
+            raise MalformedPacket(f"features in {len(data)} bytes, not {_FIELDS.size}")
+        return cls.checked(*_FIELDS.unpack(data))
+
+    @classmethod
+    def checked(cls, bits: int, memory_qubits: int) -> "Abilities":
+        """Return what another node says of itself; raise MalformedPacket for what none can be."""
+        if bits > EVERYTHING.value:
+            raise MalformedPacket(f"features {bits:#04x}, of which {EVERYTHING.value:#04x} exist")
+        features = Feature(bits)
+        if bool(memory_qubits) != (STORE in features):
+            raise MalformedPacket(f"{names(features)} with a memory of {memory_qubits} qubits")
+        return cls(features, memory_qubits)
+
+    def both(self, other: "Abilities") -> "Abilities":
+        """Return what is true of both."""
+        fewer = min(self.memory_qubits, other.memory_qubits)
+        return Abilities(self.features & other.features, fewer)
+
+
+def names(features: Feature) -> str:
+    """Return what people call these features: "emit, store"."""
+    return ", ".join(str(feature.name).lower() for feature in features) or "nothing"
