@@ -225,11 +225,13 @@ class SwapOrder(Message):
     """
 
     KIND = 36
-    FIELDS = struct.Struct("!QB4sBBBB")
+    FIELDS = struct.Struct("!QB4sBBBBBB")
 
     chain: int  # the session that the opener has asked for
     place: int  # in the chain: the opener's is 0, the first repeater's 1
     right: str = NOBODY  # IPv4 address of the next node; NOBODY at the acceptor
+    left_fiber: int = 0  # of this node, counted from 0: by which the link from the left comes
+    right_fiber: int = 0  # by which the link to the right leaves
     # When a repeater swaps: as soon as both links hold, and it has heard that those at these
     # places have swapped; 0 is no place of a repeater.
     after_left: int = 0  # of whom the two bits come from the left
@@ -241,6 +243,11 @@ class SwapOrder(Message):
     def last(self) -> bool:
         """Whether the chain ends here."""
         return self.right == NOBODY
+
+    @property
+    def repeats(self) -> bool:
+        """Whether this node is a repeater."""
+        return self.place > 0 and not self.last
 
     @property
     def incoming(self) -> int:
@@ -266,17 +273,19 @@ class SwapOrder(Message):
         least, most = (1, MAX_REPEATERS + 1) if order.last else (0, MAX_REPEATERS)
         if not least <= order.place <= most:
             raise MalformedPacket(f"SwapOrder: place {order.place} before {order.right}")
+        if order.repeats and order.left_fiber == order.right_fiber:
+            text = f"place {order.place} repeats light from fibre {order.left_fiber} into the same"
+            raise MalformedPacket(f"SwapOrder: {text}")
         order._check_schedule()
         return order
 
     def _check_schedule(self) -> None:
         """Raise MalformedPacket unless the others are where they are said to be."""
         told = self.after_left, self.after_right, self.tell_left, self.notices
-        repeats = self.place > 0 and not self.last
         left = max(self.after_left, self.tell_left) < self.place
         right = self.after_right == 0 or self.place < self.after_right <= MAX_REPEATERS
         few = bool(self.after_right) <= self.notices <= MAX_REPEATERS - self.place
-        if not (left and right and few) if repeats else any(told):
+        if not (left and right and few) if self.repeats else any(told):
             raise MalformedPacket(f"SwapOrder: place {self.place} with the schedule {told}")
 
 

@@ -111,6 +111,7 @@ class Reason(IntEnum):
     CANNOT_STORE = 20
     CANNOT_GATE = 21
     CANNOT_MEASURE = 22
+    NO_CHAIN = 23
 
 
 class Pauli(IntEnum):

@@ -208,7 +208,7 @@ class DeviceMonitor(App):
         for node, order in orders(ordered, self._next_number()).items():
             self._orders.add(node, order, now)
         self._send_orders()
-        facts = {"nodes": list(ordered.chain), "schedule": ordered.schedule}
+        facts = {"nodes": [stop.address for stop in ordered.chain], "schedule": ordered.schedule}
         self.record.write("chain", session=f"{ordered.session:016x}", **facts)
 
     def _order_answered(self, node: str, answer: Answer) -> None:

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from controller_apps.light.paths import Hop
 from controller_apps.sessions.segments import FiveTuple
+from controller_apps.sessions.sessions import Chain
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,7 @@ class SwapsOrdered:
     """Tell the nodes of a chain of repeaters what they do in a session."""
 
     session: int
-    chain: tuple[str, ...]  # addresses, from the opener's to the acceptor's
+    chain: Chain
     schedule: str = "parallel"  # who swaps when: one of schedules.SCHEDULES
 
 

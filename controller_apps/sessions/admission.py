@@ -10,7 +10,7 @@ from controller_apps.light.routing import Leg, LightPath, Limits, route, why_not
 from controller_apps.light.taps import CannotTap, tapped
 from controller_apps.policy import Tap
 from controller_apps.sessions.abilities import Want, block_pairs, first_want, want_of_repeater
-from controller_apps.sessions.chains import chain_of_link, find_chain
+from controller_apps.sessions.chains import find_chain, ordered_link, repeaters_of
 from controller_apps.sessions.segments import FiveTuple
 from controller_apps.sessions.sessions import Chain, Session, Sessions
 from wire.metadata import Handshake, Reason, Service, Setup
@@ -53,7 +53,7 @@ def admit(
     if setup.handshake == Handshake.ONE_PAIR:
         if not _same_session(setup, five_tuple, registered):
             return Admission(Reason.UNKNOWN_SESSION)
-    elif setup.service == Service.LINK and chain_of_link(setup, five_tuple, sessions) is None:
+    elif setup.service == Service.LINK and ordered_link(setup, five_tuple, sessions) is None:
         return Admission(Reason.UNKNOWN_SESSION)
     elif registered is not None or len(sessions.by_number) >= sessions.max_sessions:
         return Admission(Reason.BUSY)
@@ -102,7 +102,11 @@ def find_light(
     want = first_want(setup, hosts, network)
     if want is not None:
         return _refused(want)
-    legs = legs_of(service, ports, setup.source == five_tuple.source)
+    link = ordered_link(setup, five_tuple, sessions) if service == Service.LINK else None
+    if link is None:
+        legs = legs_of(service, ports, setup.source == five_tuple.source)
+    else:
+        legs = [Leg(ports[Role.OPENER][link[0].right], ports[Role.ACCEPTOR][link[1].left])]
     if legs is None:
         return Admission(Reason.NO_PATH)
     try:
@@ -134,10 +138,11 @@ def _find_repeaters(
     unable = partial(want_of_repeater, network)
     chain = find_chain(network, *ends, limits, unable)
     if chain is not None:
-        return Admission(chain=chain, block_pairs=block_pairs(setup, hosts, chain[1:-1], network))
+        pairs = block_pairs(setup, hosts, repeaters_of(chain), network)
+        return Admission(chain=chain, block_pairs=pairs)
     chain = find_chain(network, *ends, limits)
-    wants = filter(None, map(unable, chain[1:-1] if chain else ()))
-    return next((_refused(want) for want in wants), Admission(Reason.NO_PATH))
+    wants = filter(None, map(unable, repeaters_of(chain or ())))
+    return next((_refused(want) for want in wants), Admission(Reason.NO_CHAIN))
 
 
 def _refused(want: Want) -> Admission:

@@ -1,10 +1,10 @@
 """Which repeaters join two hosts: the fewest, each with light from the one before it.
 
-A link leaves a host by its last fibre and comes to the next one by its first (wire.services).
+Light leaves a host by another fibre than it comes by.
 """
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 
 from controller_apps.light.optics import SwitchPort
@@ -13,7 +13,7 @@ from controller_apps.light.routing import Leg, Limits, cheapest_path
 from controller_apps.sessions.actions import SwapsOrdered
 from controller_apps.sessions.schedules import schedule
 from controller_apps.sessions.segments import FiveTuple
-from controller_apps.sessions.sessions import Chain, Session, Sessions
+from controller_apps.sessions.sessions import Chain, Session, Sessions, Stop
 from wire.device import MAX_REPEATERS, NOBODY, SwapOrder
 from wire.metadata import Service, Setup
 
@@ -32,47 +32,60 @@ def find_chain(
     `unable` says what a host lacks to be a repeater.
     """
     ports = {host.address: network.ports_of(host.address) for host in network.hosts.values()}
-    waiting: deque[Chain] = deque([(opener,)])
-    seen = {opener, acceptor}
+    waiting: deque[Chain] = deque([(Stop(opener),)])
+    seen: set[tuple[str, int]] = set()  # repeaters, and by which fibre light comes to them
     while waiting:
         chain = waiting.popleft()
-        if len(chain) > 1 and _reaches(network, ports, chain[-1], acceptor, limits):
-            return (*chain, acceptor)
-        if len(chain) <= MAX_REPEATERS:
-            for repeater in _next(network, ports, chain[-1], seen, limits):
-                seen.add(repeater)
-                if not unable(repeater):
-                    waiting.append((*chain, repeater))
+        for right, left in _links(network, ports, chain, acceptor, limits) if chain[1:] else ():
+            return _extended(chain, acceptor, right, left)
+        if len(chain) > MAX_REPEATERS:
+            continue
+        passed = {acceptor, *(stop.address for stop in chain)}
+        for address in sorted(ports.keys() - passed):
+            if len(ports[address]) < REPEATER_FIBERS or unable(address):
+                continue
+            for right, left in _links(network, ports, chain, address, limits):
+                if (address, left) not in seen:
+                    seen.add((address, left))
+                    waiting.append(_extended(chain, address, right, left))
     return None
 
 
-def _next(
+def _extended(chain: Chain, address: str, right: int, left: int) -> Chain:
+    return (*chain[:-1], chain[-1]._replace(right=right), Stop(address, left))
+
+
+def _links(
     network: Network,
-    ports: dict[str, list[SwitchPort]],
-    at: str,
-    seen: set[str],
+    ports: Mapping[str, list[SwitchPort]],
+    chain: Chain,
+    address: str,
     limits: Limits,
-) -> Iterator[str]:
-    for address in sorted(ports.keys() - seen):
-        enough = len(ports[address]) >= REPEATER_FIBERS
-        if enough and _reaches(network, ports, at, address, limits):
-            yield address
+) -> Iterator[tuple[int, int]]:
+    """Yield by which fibres light goes from the end of a chain to a host: out of one, into one."""
+    last = chain[-1]
+    taken = set() if len(chain) == 1 else {last.left}
+    for right in sorted(set(range(len(ports[last.address]))) - taken, reverse=True):
+        for left, port in enumerate(ports[address]):
+            if cheapest_path(network, Leg(ports[last.address][right], port), limits) is not None:
+                yield right, left
 
 
-def _reaches(
-    network: Network, ports: dict[str, list[SwitchPort]], one: str, other: str, limits: Limits
-) -> bool:
-    leg = Leg(ports[one][-1], ports[other][0])
-    return cheapest_path(network, leg, limits) is not None
+def repeaters_of(chain: Chain) -> list[str]:
+    """Return the addresses of the repeaters of a chain."""
+    return [stop.address for stop in chain[1:-1]]
 
 
 def orders(ordered: SwapsOrdered, number: int) -> dict[str, SwapOrder]:
     """Return what each node of a chain is told, by its address; the messages have this number."""
+    chain = ordered.chain
     told = [
-        SwapOrder(number, ordered.session, place, right)
-        for place, right in enumerate((*ordered.chain[1:], NOBODY))
+        SwapOrder(number, ordered.session, place, right, stop.left, stop.right)
+        for place, (stop, right) in enumerate(
+            zip(chain, [*(stop.address for stop in chain[1:]), NOBODY], strict=True)
+        )
     ]
-    turns = schedule(ordered.schedule, len(ordered.chain) - 2)
+    turns = schedule(ordered.schedule, len(chain) - 2)
     tells = {turn.after_right: place for place, turn in turns.items() if turn.after_right}
     for place, turn in turns.items():
         told[place] = replace(
@@ -82,11 +95,13 @@ def orders(ordered: SwapsOrdered, number: int) -> dict[str, SwapOrder]:
             tell_left=tells.get(place, 0),
             notices=sum(waiting <= place < teller for teller, waiting in tells.items()),
         )
-    return dict(zip(ordered.chain, told, strict=True))
+    return {stop.address: order for stop, order in zip(chain, told, strict=True)}
 
 
-def chain_of_link(setup: Setup, five_tuple: FiveTuple, sessions: Sessions) -> Session | None:
-    """Return the session whose chain has this very link; None if there is none.
+def ordered_link(
+    setup: Setup, five_tuple: FiveTuple, sessions: Sessions
+) -> tuple[Stop, Stop] | None:
+    """Return between which stops of a chain this very link is; None if no chain has it.
 
     It joins the two neighbours by the session that they were ordered to open, with the light that
     was granted to the whole chain.
@@ -94,16 +109,17 @@ def chain_of_link(setup: Setup, five_tuple: FiveTuple, sessions: Sessions) -> Se
     for place in range(MAX_REPEATERS + 1):
         session = sessions.by_number.get((setup.session - 1 - place) % (1 << 64))
         if session is not None and session.open and place + 1 < len(session.chain):
-            ends = session.chain[place], session.chain[place + 1]
+            ends = left, right = session.chain[place], session.chain[place + 1]
             wanted = replace(
                 session.requests[session.owner].granted,
                 session=setup.session,
                 service=Service.LINK,
-                source=ends[0],
+                source=left.address,
                 fidelity_ppm=0,
             )
-            if ends == (five_tuple.source, five_tuple.destination) and setup == wanted:
-                return session
+            joined = five_tuple.source, five_tuple.destination
+            if joined == (left.address, right.address) and setup == wanted:
+                return ends
     return None
 
 

@@ -27,7 +27,8 @@ class Ordering:
         self, request: Request, session: Session, chain: Chain, schedule: str
     ) -> list[Action]:
         """Tell the nodes of a chain what they do, and when; the request waits for them."""
-        session.chain, request.unanswered = chain, set(chain)
+        session.chain = chain
+        request.unanswered = {stop.address for stop in chain}
         self.light.hold(request)
         return [SwapsOrdered(session.number, chain, schedule)]
 
@@ -50,5 +51,6 @@ class Ordering:
         session = self.sessions.of(request)
         if session is None or now - request.started < NODE_TIMEOUT_S:
             return []
-        silent = next(node for node in session.chain if node in request.unanswered)
+        nodes = (stop.address for stop in session.chain)
+        silent = next(node for node in nodes if node in request.unanswered)
         return self.verdicts.refuse(request, Reason.NODE_SILENT, now, silent, silent)

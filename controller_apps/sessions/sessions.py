@@ -5,6 +5,7 @@ session (FRAMED or PER_PAIR) owns it; others belong to it (ONE_PAIR, PAIR_SOURCE
 """
 
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 from controller_apps.light.paths import Direction, Hop, directions
 from controller_apps.light.routing import LightPath
@@ -26,7 +27,16 @@ MAX_SESSIONS = 4096
 MAX_REQUESTS = 4 * MAX_SESSIONS
 MAX_RETIRED = 1024
 
-Chain = tuple[str, ...]  # of repeaters: addresses, from the opener's to the acceptor's
+
+class Stop(NamedTuple):
+    """A node of a chain of repeaters, and its fibres to its neighbours there, counted from 0."""
+
+    address: str
+    left: int = 0  # towards the opener
+    right: int = 0
+
+
+Chain = tuple[Stop, ...]  # from the opener to the acceptor
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from controller_apps.light.paths import MAX_PORTS, Hop, HostPort
 from controller_apps.light.routing import LightPath
 from controller_apps.sessions.actions import Keep
 from controller_apps.sessions.segments import FiveTuple
-from controller_apps.sessions.sessions import Request, Session, read_setup
+from controller_apps.sessions.sessions import Request, Session, Stop, read_setup
 from wire.device import MAX_REPEATERS
 from wire.features import Abilities
 from wire.metadata import (
@@ -44,7 +44,7 @@ REQUEST = struct.Struct(f"!4sH4sIBI{SETUP_LENGTH}s")  # to the metadata port
 PATH = struct.Struct("!IBB")  # loss in thousandths of a dB, rotation, hops
 HOP = struct.Struct("!QII")
 NODES = struct.Struct("!B")
-NODE = struct.Struct("!4s")
+NODE = struct.Struct("!4sBB")
 HOST = struct.Struct("!QI4sBBB")
 
 
@@ -76,7 +76,9 @@ def encode_session(session: Session) -> bytes:
     for path in paths:
         data += PATH.pack(path.loss_mdb, path.rotation, len(path.hops))
         data += b"".join(HOP.pack(*hop) for hop in path.hops)
-    nodes = (NODE.pack(IPv4Address(node).packed) for node in session.chain)
+    nodes = (
+        NODE.pack(IPv4Address(node.address).packed, node.left, node.right) for node in session.chain
+    )
     return data + NODES.pack(len(session.chain)) + b"".join(nodes)
 
 
@@ -100,7 +102,7 @@ def decode_session(data: bytes, now: float) -> Session:
     session.paths = tuple(_path(reader) for _ in range(paths))
     session.light_owner = session.owner if paths else None
     (nodes,) = reader.take(NODES)
-    session.chain = tuple(str(IPv4Address(*reader.take(NODE))) for _ in range(nodes))
+    session.chain = tuple(_stop(reader) for _ in range(nodes))
     reader.end()
     _check_owner(session)
     _check_chain(session)
@@ -134,6 +136,11 @@ def _path(reader: "_Reader") -> LightPath:
     return LightPath(tuple(Hop(*reader.take(HOP)) for _ in range(count)), loss_mdb, rotation)
 
 
+def _stop(reader: "_Reader") -> Stop:
+    address, left, right = reader.take(NODE)
+    return Stop(str(IPv4Address(address)), left, right)
+
+
 def _check_owner(session: Session) -> None:
     setup = session.setup
     lit = setup.handshake == Handshake.FRAMED and bool(LIGHT.get(Service(setup.service)))
@@ -148,8 +155,9 @@ def _check_owner(session: Session) -> None:
 
 def _check_chain(session: Session) -> None:
     chain, swaps = session.chain, session.setup.service == Service.SWAP
-    whole = 0 < len(chain) - 2 <= MAX_REPEATERS and len(set(chain)) == len(chain)
-    whole = whole and (chain[0], chain[-1]) == (session.owner.source, session.owner.destination)
+    nodes = [stop.address for stop in chain]
+    whole = 0 < len(nodes) - 2 <= MAX_REPEATERS and len(set(nodes)) == len(nodes)
+    whole = whole and (nodes[0], nodes[-1]) == (session.owner.source, session.owner.destination)
     if not whole if swaps else chain:
         raise MalformedPacket(f"the chain {chain} for a session opened by {session.setup}")
 

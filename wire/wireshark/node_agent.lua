@@ -97,6 +97,7 @@ local function check_order(values, range, right)
         local told = waits + values.after_right + notices > 0
         return told and "a schedule for place " .. values.place or nil
     end
+    if values.left_fiber == values.right_fiber then return "light goes back by its fibre" end
     local right = values.after_right
     if waits >= values.place
         or (right > 0 and (right <= values.place or right > format.max_repeaters))

@@ -88,12 +88,10 @@ class ConnectionEnd:
             raise SessionError(Reason.PROTOCOL, f"{found.arrived.size} photons, not {photons}")
         return found
 
-    def expect_light(self, name: BlockName) -> asyncio.Task[Stored]:
-        """Begin to store the photons that will arrive at the first port."""
-        port = self.qnic.ports[0]
-        return asyncio.create_task(
-            self.qnic.receive_into_memory(name, port, LIGHT_TIMEOUT_S), name=f"light of {name}"
-        )
+    def expect_light(self, name: BlockName, port: str = "") -> asyncio.Task[Stored]:
+        """Begin to store the photons that will arrive at a port, the first if none is named."""
+        light = self.qnic.receive_into_memory(name, port or self.qnic.ports[0], LIGHT_TIMEOUT_S)
+        return asyncio.create_task(light, name=f"light of {name}")
 
     async def told(self) -> Values | None:
         """Return what the opener tells next; None at the end of the session."""

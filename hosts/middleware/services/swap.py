@@ -147,7 +147,7 @@ class _LastLink:
             text = f"no link from the last repeater in {LINK_TIMEOUT_S:g} s"
             raise SessionError(Reason.PROTOCOL, text) from error
         link = ConnectionEnd(self._end.qnic, arrived.setup, arrived.channel)
-        return IncomingLink(link), arrived.place
+        return IncomingLink(link, arrived.order), arrived.order.place
 
 
 KIND = ServiceKind(Service.SWAP, DistributeOptions, swap, receive)

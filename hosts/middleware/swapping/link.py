@@ -32,14 +32,15 @@ MAX_WAITED_US = (1 << 32) - 1
 class OutgoingLink:
     """The left end: makes the pairs."""
 
-    def __init__(self, end: ConnectionEnd, arrangement: Arrangement) -> None:
-        """Use a connection that is arranged."""
-        self._end, self._arrangement = end, arrangement
+    def __init__(self, end: ConnectionEnd, arrangement: Arrangement, port: str) -> None:
+        """Use a connection that is arranged, and this port for its light."""
+        self._end, self._arrangement, self._port = end, arrangement, port
         self.stored_ns = 0  # when the last block was kept
 
     @classmethod
     async def open(cls, qnic: Qnic, order: SwapOrder, asked: Setup, address: str) -> "OutgoingLink":
         """Have the light to the next node arranged, as was asked; SessionError if it cannot be."""
+        port = fiber_of(qnic, order.right_fiber)
         setup = replace(
             asked,
             session=order.outgoing,
@@ -56,7 +57,7 @@ class OutgoingLink:
         except BaseException:
             arrangement.close()
             raise
-        return cls(ConnectionEnd(qnic, setup, arrangement.channel), arrangement)
+        return cls(ConnectionEnd(qnic, setup, arrangement.channel), arrangement, port)
 
     def block(self, number: int) -> BlockName:
         """Return the name of the halves that are kept here."""
@@ -66,9 +67,8 @@ class OutgoingLink:
         """Make a block of pairs; return how many have reached both ends, in the same order."""
         end, setup = self._end, self._end.setup
         await end.channel.request(values(setup.session, Topic.COMING, number, [size], 32))
-        port = end.qnic.ports[-1]
         light = setup.rate_hz, setup.wavelength_pm
-        stored = await end.qnic.share_pairs(setup.session, number, size, port, *light)
+        stored = await end.qnic.share_pairs(setup.session, number, size, self._port, *light)
         self.stored_ns = stored.time_ns
         end.say(Topic.ARRIVED, number, stored.arrived, 1)
         theirs = await end.hear(Topic.ARRIVED, number, size, 1)
@@ -107,9 +107,9 @@ class OutgoingLink:
 class IncomingLink:
     """The right end: stores what comes."""
 
-    def __init__(self, end: ConnectionEnd) -> None:
-        """Use a connection that has been accepted."""
-        self._end = end
+    def __init__(self, end: ConnectionEnd, order: SwapOrder) -> None:
+        """Use a connection that has been accepted, as was ordered."""
+        self._end, self._port = end, fiber_of(end.qnic, order.left_fiber)
         self.stored_ns = 0  # when the last block came
 
     def block(self, number: int) -> BlockName:
@@ -124,7 +124,7 @@ class IncomingLink:
     async def take(self, number: int, size: int) -> int:
         """Store a block that was announced; return how many pairs have reached both ends."""
         end, name = self._end, self.block(number)
-        light = end.expect_light(name)
+        light = end.expect_light(name, self._port)
         try:
             end.agree()
             theirs = await end.hear(Topic.ARRIVED, number, size, 1)
@@ -164,3 +164,11 @@ class IncomingLink:
     def agree(self) -> None:
         """Agree to what was asked last."""
         self._end.agree()
+
+
+def fiber_of(qnic: Qnic, number: int) -> str:
+    """Return the port of the fibre that an order names; raise SessionError if there is none."""
+    if number < len(qnic.ports):
+        return qnic.ports[number]
+    text = f"ordered to use fibre {number} (counted from 0), this host has {len(qnic.ports)}"
+    raise SessionError(Reason.UNSUPPORTED, text)

@@ -20,7 +20,7 @@ class Arrived(NamedTuple):
 
     channel: MetadataChannel
     setup: Setup
-    place: int  # of this host in the chain
+    order: SwapOrder  # what this host is told to do with it
     over: asyncio.Event  # set by whom it is for
 
 
@@ -85,6 +85,6 @@ class Swaps:
         expected = self._expected.get(order.chain)
         if expected is None or expected.done():
             raise SessionError(Reason.UNKNOWN_SESSION)
-        arrived = Arrived(channel, setup, order.place, asyncio.Event())
+        arrived = Arrived(channel, setup, order, asyncio.Event())
         expected.set_result(arrived)
         await arrived.over.wait()

@@ -20,7 +20,7 @@ async def serve_link(
     check_wavelength(setup)
     require_fibers(setup, Role.ACCEPTOR, qnic)
     order = await swaps.order_of_link(setup.session)
-    incoming = IncomingLink(ConnectionEnd(qnic, setup, channel))
+    incoming = IncomingLink(ConnectionEnd(qnic, setup, channel), order)
     try:
         if not order.last:
             await _repeat(qnic, incoming, setup, order, swaps, told_apart)

@@ -26,6 +26,7 @@ from controller_apps.framework import ofp_event, ofproto, parser
 from controller_apps.record import Record
 from controller_apps.sessions.actions import SwapsOrdered
 from controller_apps.sessions.ordering import NODE_TIMEOUT_S
+from controller_apps.sessions.sessions import Stop
 from wire.config import ControllerConfig
 from wire.device import (
     DEVICE_PORT,
@@ -117,7 +118,8 @@ def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Scene:
     return Scene(tmp_path, monkeypatch)
 
 
-CHAIN = EventSwapsOrdered(SwapsOrdered(7, (ALICE, "10.0.0.9", "10.0.0.2")))
+NODES = ALICE, "10.0.0.9", "10.0.0.2"
+CHAIN = EventSwapsOrdered(SwapsOrdered(7, tuple(Stop(node, 0, 1) for node in NODES)))
 
 
 def answers(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, int, str, Reason]]:
@@ -139,7 +141,7 @@ def test_an_order_for_a_chain_is_sent_again_until_it_is_answered(
     scene.told()
     scene.monitor.swaps_ordered(CHAIN)
     (order,) = scene.told()
-    assert order == SwapOrder(order.session, 7, 0, "10.0.0.9")
+    assert order == SwapOrder(order.session, 7, 0, "10.0.0.9", 0, 1)
     scene.tick(0.1)
     assert order in scene.told()
     assert told == []

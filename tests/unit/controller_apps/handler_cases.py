@@ -633,8 +633,9 @@ def test_a_swap_is_let_on_when_all_its_nodes_have_answered(
     monkeypatch.setattr(ready.quantum, "send_event", lambda app, event: sent.append((app, event)))
     ready.packet_in(ready.s1, 1, frame(replace(FRAMED, service=Service.SWAP).encode()))
     ((app, event),) = sent
-    assert (app, event.ordered.chain) == ("DeviceMonitor", (ALICE, CHARLIE, BOB))
-    for node in event.ordered.chain:
+    assert app == "DeviceMonitor"
+    assert [stop.address for stop in event.ordered.chain] == [ALICE, CHARLIE, BOB]
+    for node in (ALICE, CHARLIE, BOB):
         assert ready.s1.take() == []
         ready.quantum.node_answered(EventNodeAnswered(FRAMED.session, node, Reason.OK))
     (let_on,) = ready.s1.take()

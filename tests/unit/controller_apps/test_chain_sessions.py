@@ -13,6 +13,7 @@ from controller_apps.sessions.actions import Action, ClosePaths, Keep, Note
 from controller_apps.sessions.admission import Admission
 from controller_apps.sessions.arbiter import Arbiter
 from controller_apps.sessions.ordering import NODE_TIMEOUT_S
+from controller_apps.sessions.sessions import Stop
 from controller_apps.succession.kept import decode_session
 from wire.features import EVERYTHING, Abilities
 from wire.metadata import MalformedPacket, Reason, Service, Setup, Verdict
@@ -110,12 +111,12 @@ def test_a_swap_is_kept_with_its_chain_and_read_back() -> None:
     (kept,) = [action for action in actions if isinstance(action, Keep)]
     session = decode_session(kept.data, 1.0)
     assert (session.setup, session.paths, session.open) == (SWAP, (), True)
-    assert session.chain == CHAIN
-    address = 4  # bytes
+    assert session.chain == (Stop(ALICE), Stop(CHARLIE, 0, 1), Stop(BOB))
+    address = 6  # bytes, with two fibres
     for wrong in (
         kept.data[: -3 * address - 1] + b"\0",  # a swap without a chain
         kept.data[:-address] + kept.data[-2 * address : -address],  # a node twice
-        kept.data[:-address] + b"\x0a\0\0\x09",  # it ends at another host
+        kept.data[:-address] + b"\x0a\0\0\x09\0\0",  # it ends at another host
     ):
         with pytest.raises(MalformedPacket, match="chain"):
             decode_session(wrong, 1.0)

@@ -11,6 +11,7 @@ from controller_apps.light.routing import Limits
 from controller_apps.sessions.actions import Forward, SwapsOrdered
 from controller_apps.sessions.chains import find_chain, orders
 from controller_apps.sessions.schedules import SCHEDULES
+from controller_apps.sessions.sessions import Chain, Stop
 from wire.device import SwapOrder
 from wire.metadata import HEADER, Reason, Service, Setup, Verdict, decode
 
@@ -31,10 +32,34 @@ def line(repeaters: int) -> tuple[Network, list[str]]:
     return found, addresses
 
 
+def stops(opener: str, *others: str) -> Chain:
+    """Return a chain in which light comes to each repeater by its first fibre."""
+    *repeaters, acceptor = others
+    return (Stop(opener), *(Stop(address, 0, 1) for address in repeaters), Stop(acceptor))
+
+
 @pytest.mark.parametrize("repeaters", [1, 3, 16])
 def test_the_repeaters_of_a_line_are_found_in_order(repeaters: int) -> None:
     discovered, addresses = line(repeaters)
-    assert find_chain(discovered, addresses[0], addresses[-1], Limits()) == tuple(addresses)
+    assert find_chain(discovered, addresses[0], addresses[-1], Limits()) == stops(*addresses)
+
+
+@pytest.mark.parametrize("repeaters", [1, 2, 16])
+def test_a_line_has_a_chain_in_the_other_direction_too(repeaters: int) -> None:
+    discovered, addresses = line(repeaters)
+    opener, *between, acceptor = reversed(addresses)
+    backwards = (Stop(opener), *(Stop(address, 1, 0) for address in between), Stop(acceptor))
+    assert find_chain(discovered, opener, acceptor, Limits()) == backwards
+
+
+def test_a_repeater_sends_light_by_another_fibre_than_it_comes_by() -> None:
+    """Of the two ways to r1, one takes the fibre by which it would have to send on."""
+    discovered, (alice, repeater, bob) = line(1)
+    discovered.attach(SwitchPort(2, 3), HostPort("alice", alice, "alice-q1"))
+    chain = find_chain(discovered, alice, bob, Limits())
+    assert chain == (Stop(alice, 0, 0), Stop(repeater, 0, 1), Stop(bob))
+    discovered.set_fiber(SwitchPort(1, 1), whole=False)  # the way that leaves the other fibre
+    assert find_chain(discovered, alice, bob, Limits()) is None
 
 
 def test_more_repeaters_than_a_chain_may_have_are_no_chain() -> None:
@@ -49,7 +74,7 @@ def test_a_cut_fibre_breaks_the_chain() -> None:
 
 
 def test_hosts_that_light_joins_directly_get_a_repeater_all_the_same() -> None:
-    assert find_chain(network(), ALICE, BOB, Limits()) == (ALICE, CHARLIE, BOB)
+    assert find_chain(network(), ALICE, BOB, Limits()) == stops(ALICE, CHARLIE, BOB)
 
 
 def test_a_host_of_one_fibre_is_no_repeater() -> None:
@@ -61,7 +86,7 @@ def asked(setup: Setup, source: str = ALICE) -> list[object]:
 
 
 def test_a_swap_waits_for_the_nodes_that_are_told() -> None:
-    assert asked(SWAP) == [SwapsOrdered(7, (ALICE, CHARLIE, BOB), "parallel")]
+    assert asked(SWAP) == [SwapsOrdered(7, stops(ALICE, CHARLIE, BOB), "parallel")]
 
 
 def test_a_swap_that_no_repeater_can_make_is_refused() -> None:
@@ -69,15 +94,15 @@ def test_a_swap_that_no_repeater_can_make_is_refused() -> None:
     (sent,) = [action for action in actions if isinstance(action, Forward)]
     answer = decode(payload_of(sent.frame))
     assert isinstance(answer, Setup)
-    assert (answer.verdict, answer.reason) == (Verdict.REFUSED, Reason.NO_PATH)
+    assert (answer.verdict, answer.reason) == (Verdict.REFUSED, Reason.NO_CHAIN)
     assert not any(isinstance(action, SwapsOrdered) for action in actions)
 
 
 def test_every_node_is_told_its_place_and_the_next_one() -> None:
-    told = orders(SwapsOrdered(7, (ALICE, CHARLIE, BOB)), 5)
+    told = orders(SwapsOrdered(7, stops(ALICE, CHARLIE, BOB)), 5)
     assert told == {
         ALICE: SwapOrder(5, 7, 0, CHARLIE),
-        CHARLIE: SwapOrder(5, 7, 1, BOB),
+        CHARLIE: SwapOrder(5, 7, 1, BOB, 0, 1),
         BOB: SwapOrder(5, 7, 2),
     }
 
@@ -85,12 +110,12 @@ def test_every_node_is_told_its_place_and_the_next_one() -> None:
 def test_each_repeater_is_told_whom_it_waits_for_and_who_waits_for_it() -> None:
     """Three repeaters: the one in the middle swaps last, and hears of the right one by a notice."""
     chain = ("10.0.0.1", "10.0.0.2", "10.0.0.3", "10.0.0.4", "10.0.0.5")
-    told = [*orders(SwapsOrdered(7, chain, "nested"), 5).values()]
+    told = [*orders(SwapsOrdered(7, stops(*chain), "nested"), 5).values()]
     assert told == [
         SwapOrder(5, 7, 0, chain[1]),
-        SwapOrder(5, 7, 1, chain[2]),
-        SwapOrder(5, 7, 2, chain[3], after_left=1, after_right=3, notices=1),
-        SwapOrder(5, 7, 3, chain[4], tell_left=2),
+        SwapOrder(5, 7, 1, chain[2], 0, 1),
+        SwapOrder(5, 7, 2, chain[3], 0, 1, after_left=1, after_right=3, notices=1),
+        SwapOrder(5, 7, 3, chain[4], 0, 1, tell_left=2),
         SwapOrder(5, 7, 4),
     ]
 
@@ -100,7 +125,7 @@ def test_each_repeater_is_told_whom_it_waits_for_and_who_waits_for_it() -> None:
 def test_every_order_of_every_schedule_can_be_sent_and_no_notice_is_lost(
     name: str, repeaters: int
 ) -> None:
-    chain = tuple(f"10.0.0.{number}" for number in range(1, repeaters + 3))
+    chain = stops(*(f"10.0.0.{number}" for number in range(1, repeaters + 3)))
     told = [*orders(SwapsOrdered(7, chain, name), 5).values()]
     assert [SwapOrder.parse(5, order.encode()[HEADER.size :]) for order in told] == told
     for order in told:

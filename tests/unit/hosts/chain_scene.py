@@ -18,6 +18,7 @@ from stacks_scene import RELAYED, REPEATERS, grant, network, requested
 from controller_apps.sessions.actions import SwapsOrdered
 from controller_apps.sessions.chains import orders
 from controller_apps.sessions.schedules import PARALLEL
+from controller_apps.sessions.sessions import Stop
 from hosts.stack import Stack
 from wire.metadata import Service, Setup
 
@@ -31,7 +32,10 @@ def nodes(repeaters: int) -> list[str]:
 
 def order_swaps(stacks: Stacks, session: int, schedule: str = PARALLEL) -> None:
     """Tell the nodes of a chain what to do in a session, as a controller does."""
-    ordered = SwapsOrdered(session, tuple(RELAYED[name] for name in stacks), schedule)
+    addresses = [RELAYED[name] for name in stacks]
+    right = [0, *[1] * (len(addresses) - 2), 0]
+    stops = tuple(Stop(address, 0, out) for address, out in zip(addresses, right, strict=True))
+    ordered = SwapsOrdered(session, stops, schedule)
     for stack, order in zip(stacks.values(), orders(ordered, 1).values(), strict=True):
         stack.swaps.take(order)
 

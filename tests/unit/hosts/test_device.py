@@ -229,7 +229,7 @@ def test_the_agent_answers_is_set_and_reports_changes() -> None:
 
 def test_the_agent_takes_orders_for_chains_of_repeaters() -> None:
     async def scene() -> None:
-        swaps, order = Swaps(HOST), SwapOrder(45, 7, 1, "10.0.0.9")
+        swaps, order = Swaps(HOST), SwapOrder(45, 7, 1, "10.0.0.9", 0, 1)
         async with agent(Device(Fibers()), swaps) as peer:
             await peer.next()
             peer.send(order, time.time_ns())

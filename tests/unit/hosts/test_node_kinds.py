@@ -214,7 +214,7 @@ def told(folder: Path, physics: dict[str, Any], **options: Any) -> str:
         ([100, 1 << 20, 100], "features 0x100000"),
         ([100, 13, 100], "emit, gate, measure with a memory of 100 qubits"),
         ([100, 15, 0], "with a memory of 0 qubits"),
-        ([100, 15], "2 values of topic 12"),
+        ([100, 15], f"2 values of topic {Topic.ABILITIES}"),
     ],
 )
 def test_abilities_that_no_host_has_end_the_session(

@@ -50,8 +50,8 @@ GOLDEN = {
     Subscribe(2, 1000, 10_000, 0): "514d 02 21 0000001c 0000000000000002000003e8 00002710 00000000",
     SetDevice(3, DeviceSettings(1_000_000, None, 3, 0, 1_551_720)): "514d 02 22 00000024"
     "0000000000000003 000f4240 ffffffff 00000003 00000000 0017ad68",
-    SwapOrder(4, 0x0102030405060708, 3, "10.0.0.9", 1, 4, 2, 5): "514d 02 24 00000021"
-    "0000000000000004 0102030405060708 03 0a000009 01 04 02 05",
+    SwapOrder(4, 0x0102030405060708, 3, "10.0.0.9", 6, 7, 1, 4, 2, 5): "514d 02 24 00000023"
+    "0000000000000004 0102030405060708 03 0a000009 06 07 01 04 02 05",
     REPORT: "514d 02 23 0000009a 0000000000000005 0001 0002 0003"
     "00000000000003e8 00000000000007d0 0000000000000bb8"
     "0000000000000028 0000000000000032 000000000000003c"
@@ -110,17 +110,18 @@ def test_another_key_and_the_other_direction_are_refused() -> None:
         SetDevice(1, DeviceSettings(fec=256)),
         SetDevice(1, DeviceSettings(interleave=2)),
         SetDevice(1, DeviceSettings(wavelength_pm=10)),
-        SwapOrder(1, 7, 17, "10.0.0.9"),
+        SwapOrder(1, 7, 17, "10.0.0.9", 0, 1),
+        SwapOrder(1, 7, 2, "10.0.0.9", 1, 1),  # light out of a fibre into the same
         SwapOrder(1, 7, 18),
         SwapOrder(1, 7, 0),
-        SwapOrder(1, 7, 0, "10.0.0.9", 0, 1, 0, 1),  # only repeaters swap
+        SwapOrder(1, 7, 0, "10.0.0.9", 0, 1, 0, 1, 0, 1),  # only repeaters swap
         SwapOrder(1, 7, 3, after_left=1),
-        SwapOrder(1, 7, 2, "10.0.0.9", after_left=2),
-        SwapOrder(1, 7, 2, "10.0.0.9", after_right=2, notices=1),
-        SwapOrder(1, 7, 2, "10.0.0.9", after_right=17, notices=1),
-        SwapOrder(1, 7, 2, "10.0.0.9", after_right=3),  # without a notice
-        SwapOrder(1, 7, 2, "10.0.0.9", tell_left=2),
-        SwapOrder(1, 7, 2, "10.0.0.9", notices=15),
+        SwapOrder(1, 7, 2, "10.0.0.9", 0, 1, after_left=2),
+        SwapOrder(1, 7, 2, "10.0.0.9", 0, 1, after_right=2, notices=1),
+        SwapOrder(1, 7, 2, "10.0.0.9", 0, 1, after_right=17, notices=1),
+        SwapOrder(1, 7, 2, "10.0.0.9", 0, 1, after_right=3),  # without a notice
+        SwapOrder(1, 7, 2, "10.0.0.9", 0, 1, tell_left=2),
+        SwapOrder(1, 7, 2, "10.0.0.9", 0, 1, notices=15),
         replace(REPORT, ports=(DevicePort("q", True),) * (MAX_PORTS + 1)),
         replace(REPORT, ports=(DevicePort("", True),)),
         replace(REPORT, ports=(DevicePort("\n", True),)),

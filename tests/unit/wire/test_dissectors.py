@@ -117,7 +117,7 @@ DEVICES: list[Message] = [
     DeviceQuery(1),
     Subscribe(2, 3, 4, 5),
     SetDevice(3, SETTINGS),
-    SwapOrder(4, 1 << 63, 3, "10.0.0.9", 1, 5, 2, 4),
+    SwapOrder(4, 1 << 63, 3, "10.0.0.9", 0, 1, 1, 5, 2, 4),
     REPORT,
     Answer(5, Reason.NOT_ALLOWED, "no"),
 ]
