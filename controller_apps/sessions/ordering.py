@@ -12,7 +12,7 @@ from controller_apps.sessions.sessions import Chain, Request, Session, Sessions
 from controller_apps.sessions.verdicts import Verdicts
 from wire.metadata import Reason
 
-NODE_TIMEOUT_S = 2.0  # for all answers; orders are sent again meanwhile
+NODE_TIMEOUT_S = 3.0  # for all answers; orders are sent again meanwhile
 
 
 @dataclass

@@ -83,4 +83,4 @@ def test_a_repeater_that_is_dead_is_named_to_the_one_who_asks(tmp_path: Path) ->
             started = time.monotonic()
             with pytest.raises(QuantumSocketError, match=r"r2 \(10.0.0.12\) has not answered"):
                 list(asking.request("swap", ("bob", 9), count=100))
-            assert time.monotonic() - started < 4
+            assert time.monotonic() - started < 5
