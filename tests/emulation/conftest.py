@@ -1,6 +1,7 @@
 """What the emulation tests share: a running network, and proof that nothing is left."""
 
 import os
+import secrets
 import subprocess
 import sys
 import time
@@ -15,8 +16,9 @@ from topologies.runtime import RUNTIME_ROOT, Runtime
 from topologies.sdc import SdcTopo
 
 ROOT = Path(__file__).resolve().parents[2]
-# What the command line of a program of Mininet or of ours contains.
-OURS = (str(RUNTIME_ROOT), "mininet:", "tcpdump ", "hosts.applications", "qmn.measure.floor")
+# What all programs that these tests start inherit, and no other program on this machine has.
+MARK = ("QMN_TESTS", secrets.token_hex(8))
+os.environ.update([MARK])
 
 
 def wait_until(condition: Callable[[], object], what: str, timeout_s: float = 10.0) -> None:
@@ -61,19 +63,20 @@ def interfaces() -> set[str]:
 
 
 def our_processes() -> set[str]:
-    """Return id and command line of all programs of Mininet and of the project that run now."""
+    """Return id and command line of all programs that these tests have started and that run now.
+
+    Wherever they are: on their own, as a daemon, in a network namespace.
+    """
     found = set()
     for folder in Path("/proc").iterdir():
-        if not folder.name.isdigit() or int(folder.name) == os.getpid():
+        if not folder.name.isdigit():
             continue
         try:
+            environment = (folder / "environ").read_bytes().split(b"\0")
             command = (folder / "cmdline").read_bytes().replace(b"\0", b" ").decode()
-            here = os.readlink(folder / "ns/pid") == os.readlink("/proc/self/ns/pid")
         except OSError:
             continue
-        if not here:
-            continue  # in somebody's container
-        if any(mark in command for mark in OURS):
+        if "=".join(MARK).encode() in environment:
             found.add(f"{folder.name} {command}")
     return found
 
