@@ -6,13 +6,15 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from fabric_scene import light_paths, running
 
 from topologies import openvswitch
-from topologies.network import Network, Signals
-from topologies.runtime import RUNTIME_ROOT, Runtime
+from topologies.network import Network
+from topologies.runtime import RUNTIME_ROOT
 from topologies.sdc import SdcTopo
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -92,24 +94,52 @@ def _open_vswitch() -> Iterator[None]:
         openvswitch.stop_if_ours("tests")
 
 
-@pytest.fixture(autouse=True)
-def _nothing_is_left(_open_vswitch: None) -> Iterator[None]:
-    """Check that bridges, interfaces and processes are afterwards what they were before."""
-    before = (set(openvswitch.bridges()), interfaces() - {"ovs-netdev"})
-    others = our_processes()
+@contextmanager
+def nothing_left() -> Iterator[None]:
+    """Check that bridges, interfaces, folders and programs are afterwards what they were before."""
+    others, before = our_processes(), things()
     yield
     deadline = time.monotonic() + 10
     while (left := our_processes() - others) and time.monotonic() < deadline:
         time.sleep(0.02)
     assert left == set()
-    after = (set(openvswitch.bridges()), interfaces() - {"ovs-netdev"})
-    assert after == before
-    assert [path for path in RUNTIME_ROOT.glob("*") if path.is_dir()] == []
+    assert things() == before
+
+
+def things() -> dict[str, set[str]]:
+    """Return the names of what a network makes on this machine."""
+    return {
+        "bridges": set(openvswitch.bridges()),
+        "interfaces": interfaces() - {"ovs-netdev"},
+        "folders": {path.name for path in RUNTIME_ROOT.glob("*") if path.is_dir()},
+    }
+
+
+@pytest.fixture(autouse=True)
+def _nothing_is_left(_open_vswitch: None) -> Iterator[None]:
+    """Hold each test to account for what it leaves."""
+    with nothing_left():
+        yield
 
 
 @pytest.fixture
 def network(tmp_path: Path) -> Iterator[Network]:
     """Start the superdense-coding network in this process."""
-    settings = Runtime(log_folder=tmp_path / "run")
-    with Signals() as signals, Network(SdcTopo, settings, signals) as running:
-        yield running
+    with running(SdcTopo, tmp_path) as network:
+        yield network
+
+
+@pytest.fixture(scope="module")
+def _network_of_module(
+    tmp_path_factory: pytest.TempPathFactory, _open_vswitch: None
+) -> Iterator[Network]:
+    with nothing_left(), running(SdcTopo, tmp_path_factory.mktemp("run")) as network:
+        yield network
+
+
+@pytest.fixture
+def shared_network(_network_of_module: Network) -> Iterator[Network]:
+    """Give the network of the module, dark as a new one; a test mends what it has broken."""
+    yield _network_of_module
+    _network_of_module.check()
+    wait_until(lambda: not light_paths("q1"), "the light is free for the next test")
