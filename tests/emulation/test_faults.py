@@ -88,6 +88,9 @@ def test_a_failure_tells_how_far_it_came(tmp_path: Path) -> None:
     assert result["delivered"] is False
     assert result["repeated_frames"] == 64
     assert result["bell_pairs"] == 64 * 4 * 4096
+    page = (tmp_path / "latest").resolve() / "report.html"
+    assert done.stderr.splitlines()[1:] == [f"report to look at: {page}"]
+    assert "too noisy for frames" in page.read_text()
 
 
 @pytest.mark.parametrize("moment", ["starting the network", "sending"])
