@@ -20,6 +20,7 @@ from hosts.middleware.services.options import ServiceOptions
 from qmn import service_result
 from qmn.network_options import (
     BadInput,
+    add_key_folder,
     add_network_options,
     check_network,
     check_two_hosts,
@@ -49,6 +50,7 @@ class Verb:
     unit: str  # what --count counts
     options: Mapping[str, dict[str, Any]]  # of the service's own: argparse's words for each
     protocols: tuple[str, ...] = ()  # services that do it; none: the one of the verb's name
+    keys: bool = False  # whether it leaves keys
 
 
 VERBS: Mapping[str, Verb] = MappingProxyType(
@@ -127,6 +129,7 @@ VERBS: Mapping[str, Verb] = MappingProxyType(
                 },
             },
             ("bb84", "bbm92"),
+            keys=True,
         ),
     }
 )
@@ -167,6 +170,8 @@ def _add_options(parser: argparse.ArgumentParser, name: str, verb: Verb) -> None
     text = f"of the source ({defaults.rate_hz})"
     add("--rate-hz", type=int, default=defaults.rate_hz, metavar="HZ", help=text)
     add_network_options(parser)
+    if verb.keys:
+        add_key_folder(parser)
     add_run_options(parser)
 
 
