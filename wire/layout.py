@@ -98,7 +98,7 @@ def placed(form: Struct, names: list[str]) -> tuple[Field, ...]:
 
 def _field(name: str, offset: int, size: int, code: str) -> Field:
     if code == "s":
-        named = {"source": "ipv4", "name": "text", "host": "text"}
+        named = {"source": "ipv4", "right": "ipv4", "name": "text", "host": "text"}
         return Field(name, offset, size, named.get(name, "bytes"))
     values = {int(member): member.name for member in ENUMS[name]} if name in ENUMS else None
     return Field(name, offset, size, "int" if code in "bhiq" else "uint", values)

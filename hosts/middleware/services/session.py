@@ -19,6 +19,7 @@ from hosts.middleware.services.service import (
     Tell,
     unexpected,
 )
+from hosts.middleware.swapping.orders import Swaps
 from wire.metadata import Finish, Pauli, Reason, Service, Setup
 from wire.services import LIGHT, Role, fibers_needed
 
@@ -50,11 +51,13 @@ class OpeningSession:
         analyser: str,
         draws: np.random.Generator,
         keyring: Keyring,
+        swaps: Swaps,
     ) -> None:
         require_fibers(setup, Role.OPENER, qnic)
         self._kind, self._options = kind, options
         self._qnic, self._arrangement, self._setup = qnic, arrangement, setup
         self._analyser, self._draws, self._keyring = analyser, draws, keyring
+        self._swaps = swaps
         self.summary: dict[str, Any] = {}
         self.answer: Answerer | None = None  # to the application's questions, if it may ask
 
@@ -72,6 +75,7 @@ class OpeningSession:
             self._draws,
             told_apart(self._analyser),
             self._keyring,
+            self._swaps,
             arrangement=self._arrangement,
         )
         try:
@@ -114,11 +118,13 @@ class AcceptingSession:
         analyser: str,
         draws: np.random.Generator,
         keyring: Keyring,
+        swaps: Swaps,
     ) -> None:
         check_wavelength(setup)
         require_fibers(setup, Role.ACCEPTOR, qnic)
         self._kind, self._qnic, self._channel, self._setup = kind, qnic, channel, setup
         self._analyser, self._draws, self._keyring = analyser, draws, keyring
+        self._swaps = swaps
         self._end: AcceptorEnd | None = None
         self.summary: dict[str, Any] = {}
         self.answer: Answerer | None = None  # to the application's questions, if it may ask
@@ -127,7 +133,14 @@ class AcceptingSession:
         """Do what the service does; raise SessionError if it fails."""
         apart = told_apart(self._analyser)
         end = AcceptorEnd(
-            self._qnic, self._setup, self._channel, tell, self._draws, apart, self._keyring
+            self._qnic,
+            self._setup,
+            self._channel,
+            tell,
+            self._draws,
+            apart,
+            self._keyring,
+            self._swaps,
         )
         end.agree()
         self._end = end
