@@ -11,6 +11,7 @@ PYTHON := .venv/bin/python
 # The caches and byte code of root would be in the user's way.
 AS_ROOT = $(if $(filter-out 0,$(shell id -u)),sudo env PYTHONDONTWRITEBYTECODE=1)
 PYTEST := $(PYTHON) -m pytest -p no:cacheprovider
+PRODUCT := wire dispatcher hosts controller_apps qswitch_agent topologies qmn
 PROTOCOLS := $(patsubst %.proto,%,$(wildcard wire/*.proto))
 GENERATED := $(foreach end,_pb2.py _pb2.pyi _pb2_grpc.py,$(addsuffix $(end),$(PROTOCOLS)))
 
@@ -48,7 +49,9 @@ help: ## Print this help
 	    '  CONTROLLER=...  ryu (default) or os-ken' \
 	    '  MODE=...        docker, native or auto (default: docker if an engine answers)'
 
+# Programs of root leave no byte code here: without this they would compile at each start.
 setup: packages $(GENERATED) ## Install what is missing; a second time does nothing
+	@$(PYTHON) -m compileall -q $(PRODUCT)
 
 run-sdc: ## Send a message from alice to bob by superdense coding
 	@setup/run-sdc

@@ -4,62 +4,46 @@ import argparse
 import os
 import signal
 import sys
+from importlib import import_module
 
 # Until a verb runs there is nothing to clean up: Ctrl-C just ends the program.
 signal.signal(signal.SIGINT, signal.SIG_DFL)
 
-from qmn import (  # noqa: E402
-    bench,
-    calibrate,
-    classical,
-    clean,
-    cli,
-    curves,
-    devices,
-    doctor,
-    fault,
-    paths,
-    policy,
-    replay,
-    report,
-    run,
-    sabot,
-    set,  # noqa: A004
-    spy,
-    sweep,
-    wireshark,
+VERBS = (  # each a module of this folder
+    "run",
+    "cli",
+    "sweep",
+    "curves",
+    "devices",
+    "paths",
+    "spy",
+    "wireshark",
+    "set",
+    "policy",
+    "fault",
+    "calibrate",
+    "classical",
+    "sabot",
+    "replay",
+    "report",
+    "doctor",
+    "clean",
+    "bench",
 )
 
-VERBS = (
-    run,
-    cli,
-    sweep,
-    curves,
-    devices,
-    paths,
-    spy,
-    wireshark,
-    set,
-    policy,
-    fault,
-    calibrate,
-    classical,
-    sabot,
-    replay,
-    report,
-    doctor,
-    clean,
-    bench,
-)
+
+def described(words: list[str]) -> argparse.ArgumentParser:
+    """Return a parser of the verb that is asked for, or of all, which takes longer to load."""
+    parser = argparse.ArgumentParser(prog="qmn", description=__doc__)
+    verbs = parser.add_subparsers(metavar="VERB", required=True)
+    for name in [name for name in VERBS if words[:1] == [name]] or VERBS:
+        import_module(f"qmn.{name}").add_parser(verbs)
+    return parser
 
 
 def main() -> int:
     """Find the verb, run it, and return its exit status."""
-    parser = argparse.ArgumentParser(prog="qmn", description=__doc__)
-    verbs = parser.add_subparsers(metavar="VERB", required=True)
-    for verb in VERBS:
-        verb.add_parser(verbs)
-    arguments = parser.parse_args()
+    arguments = described(sys.argv[1:]).parse_args()
     try:
         status: int = arguments.call(arguments)
         sys.stdout.flush()

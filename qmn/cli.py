@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from qmn.metrics_targets import urls
-from qmn.network_options import BadInput, add_network_options, check_network
+from qmn.network_options import BadInput, add_key_folder, add_network_options, check_network
 from qmn.networks import TOPOLOGIES, BadTopology, topology
 from qmn.run_folder import give_to_invoker, make_folder, point_latest
 from qmn.scripting import QuantumNetwork, running
@@ -25,6 +25,7 @@ def add_parser(verbs: Any) -> None:
     names = "; ".join(f"{name}: {what}" for name, (_topo, what) in TOPOLOGIES.items())
     parser.add_argument("topology", choices=sorted(TOPOLOGIES), help=names)
     add_network_options(parser)
+    add_key_folder(parser)  # a program on a host may distribute some
     add = parser.add_argument
     add("--runs", type=Path, default=Path("runs"), metavar="DIR", help="where logs go (runs)")
     add("--capture", action="store_true", help="capture packets, as `qmn run` does")

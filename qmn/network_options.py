@@ -85,12 +85,17 @@ def add_network_options(parser: argparse.ArgumentParser) -> None:
     add("--rest", default="", metavar="ADDRESS", help="serve what c0 knows there, over HTTP")
     text = "load a controller app beside ours, such as ryu.app.ofctl_rest (more than once)"
     add("--app", dest="apps", action="append", default=[], metavar="MODULE", help=text)
-    text = "keep the keys that hosts make here, a new folder (they go with the network)"
-    add("--keys", type=Path, metavar="DIR", help=text)
+    parser.set_defaults(keys=None)
     add("--metrics", action="store_true", help="figures for Prometheus (docs/metrics.md)")
     add("--history-depth", type=int, default=10_000, metavar="N", help="events kept (10000)")
     text = "write an event for each of the first N photons of a block (1000), too"
     add("--per-qubit", type=int, nargs="?", const=1000, default=0, metavar="N", help=text)
+
+
+def add_key_folder(parser: argparse.ArgumentParser) -> None:
+    """Describe where keys stay, for networks over which keys may be distributed."""
+    text = "keep the keys that hosts make here, a new folder (they go with the network)"
+    parser.add_argument("--keys", type=Path, metavar="DIR", help=text)
 
 
 class _Parser(argparse.ArgumentParser):
@@ -104,6 +109,7 @@ def from_keywords(options: Mapping[str, Any]) -> argparse.Namespace:
     """Return what the command line would say; raise BadInput for what it would not take."""
     parser = _Parser(allow_abbrev=False, add_help=False)
     add_network_options(parser)
+    add_key_folder(parser)
     words = []
     for name, value in options.items():
         option = "--app" if name == "apps" else f"--{name.replace('_', '-')}"

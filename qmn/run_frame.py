@@ -80,11 +80,16 @@ def guarded(work: Work, arguments: argparse.Namespace) -> int:
         with Signals() as signals:
             return work(arguments, signals, Console(highlight=False))
     except (BadInput, BadTopology, NetworkError, TransferError) as error:
-        print(f"qmn: {error}", file=sys.stderr)
+        tell(str(error), error)
         return 1
     except Interrupted as error:
-        print(f"qmn: {error}; everything is cleaned up", file=sys.stderr)
+        tell(f"{error}; everything is cleaned up", error)
         return error.status
+
+
+def tell(words: str, error: Exception) -> None:
+    """Print what ended the work, and what is left of it to look at."""
+    print(f"qmn: {words}", *getattr(error, "__notes__", ()), sep="\n", file=sys.stderr)
 
 
 def begin_folder(runs: Path, name: str) -> Path:
@@ -164,14 +169,21 @@ def running_network(
 
 @contextmanager
 def ending(folder: Path, facts: dict[str, Any], complete: Complete) -> Iterator[None]:
-    """Leave timeline, facts and report behind, whatever happens inside."""
+    """Leave timeline, facts and report behind, whatever happens inside.
+
+    What ends the run tells where the report is.
+    """
+    fault: Exception | None = None
     try:
         yield
     except (NetworkError, TransferError, Interrupted) as error:
+        fault = error
         facts["error"] = str(error)
         raise
     finally:
         facts["timeline"] = timeline_of_run(folder)
         complete(facts, folder)
         facts["report"] = report_of_run(folder)
+        if fault is not None:
+            fault.add_note(f"report to look at: {facts['report']}")
         give_to_invoker(folder)

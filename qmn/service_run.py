@@ -22,6 +22,7 @@ from hosts.middleware.services.options import ServiceOptions
 from qmn import eavesdropping, service_result, swap_schedule
 from qmn.network_options import (
     BadInput,
+    add_key_folder,
     add_network_options,
     check_network,
     check_two_hosts,
@@ -58,6 +59,7 @@ class Verb:
     eavesdropper: bool = False  # whether eve may be put on the fibre
     source: bool = False  # whether the host that makes pairs can be chosen
     scheduled: bool = False  # whether repeaters take turns
+    keys: bool = False  # whether it leaves keys
 
 
 # What the services that leave pairs in memory can be told.
@@ -152,6 +154,7 @@ VERBS: Mapping[str, Verb] = MappingProxyType(
             },
             ("bb84", "bbm92"),
             eavesdropper=True,
+            keys=True,
         ),
     }
 )
@@ -201,6 +204,8 @@ def _add_options(parser: argparse.ArgumentParser, name: str, verb: Verb) -> None
         text = "host that makes the pairs, perhaps the one that asks (the network's)"
         add("--source", default="", metavar="HOST", help=text)
     add_network_options(parser)
+    if verb.keys:
+        add_key_folder(parser)
     add_run_options(parser)
 
 

@@ -319,14 +319,12 @@ class OpticalSwitch(ClassicalSwitch):
             self.network.programmed_elsewhere.add(name)
         self.program: Program | None = None
 
-    def start(self, controllers: list[Controller]) -> None:
-        """Start the bridge and its agent, then let the bridge connect to the agent.
-
-        The target is set when the agent answers, because Open vSwitch would wait a second
-        before it tried again; no flow can be there earlier.
-        """
+    def launch(self, controllers: list[Controller]) -> None:
+        """Start the bridge and its agent ahead of `start`, which then only has to wait."""
+        if self.program is not None:
+            return
         network, commanding = self.network, self._controllers(controllers)
-        port = runtime.free_port(len(commanding))
+        self._ports = range(port := runtime.free_port(len(commanding)), port + len(commanding))
         config = AgentConfig(
             switch=self.name,
             listen=f"127.0.0.1:{port}",
@@ -343,18 +341,30 @@ class OpticalSwitch(ClassicalSwitch):
         )
         super().start([])
         self.cmd(f"sysctl -qw net.ipv6.conf.{self.name}.disable_ipv6=1")
+        for program in network.programs:
+            if program.name == DISPATCHER:  # the agent asks it at once
+                program.wait_for("ready", READY_TIMEOUT_S)
         self.program = launch(network, f"{self.name}-agent", "qswitch_agent", config)
+
+    def start(self, controllers: list[Controller]) -> None:
+        """Start the bridge and its agent, then let the bridge connect to the agent.
+
+        The target is set when the agent answers, because Open vSwitch would wait a second
+        before it tried again; no flow can be there earlier.
+        """
+        self.launch(controllers)
+        assert self.program is not None
         self.program.wait_for("ready", READY_TIMEOUT_S)
         create = [
             word
-            for number in range(len(config.controllers))
+            for port in self._ports
             for word in (
-                *("--", f"--id=@c{number}", "create", "Controller"),
-                f'target="tcp:127.0.0.1:{port + number}"',
+                *("--", f"--id=@c{port}", "create", "Controller"),
+                f'target="tcp:127.0.0.1:{port}"',
                 f"max_backoff={RECONNECT_MS}",  # Open vSwitch's own is 8 s
             )
         ]
-        rows = ",".join(f"@c{number}" for number in range(len(config.controllers)))
+        rows = ",".join(f"@c{port}" for port in self._ports)
         openvswitch.vsctl(*create[1:], "--", "set", "bridge", self.name, f"controller=[{rows}]")
 
     def _controllers(self, given: list[Controller]) -> list[str]:
@@ -366,6 +376,7 @@ class OpticalSwitch(ClassicalSwitch):
         """End the agent, then the switch."""
         if self.program:
             self.program.stop()
+            self.program = None
         super().terminate()
 
 
@@ -397,8 +408,10 @@ class QuantumController(ShellWatcher, Controller):
     def checkListening(self) -> None:  # noqa: N802 (Mininet's name)
         """Let the controller itself find out whether its port is free."""
 
-    def start(self) -> None:
-        """Start the controller and wait until switches can connect."""
+    def launch(self) -> None:
+        """Start the controller ahead of `start`, which then only has to wait."""
+        if self.program is not None:
+            return
         network = self.network
         config = ControllerConfig(
             listen=f"127.0.0.1:{self.port}",
@@ -416,10 +429,16 @@ class QuantumController(ShellWatcher, Controller):
             state=str(network.folder / STATE),
         )
         self.program = launch(network, self.name, "controller_apps", config)
+
+    def start(self) -> None:
+        """Start the controller and wait until switches can connect."""
+        self.launch()
+        assert self.program is not None
         self.program.wait_for("ready", READY_TIMEOUT_S)
 
     def stop(self, *_args: object, **_params: object) -> None:
         """End the controller."""
         if self.program:
             self.program.stop()
+            self.program = None
         self.terminate()

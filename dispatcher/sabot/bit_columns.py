@@ -10,12 +10,13 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.sabot.backend import Bytes, CliffordName, Generators, Randomness
+from dispatcher.sabot.backend import Bytes, Generators, Randomness
 from dispatcher.sabot.factoring import Bits
+from dispatcher.sabot.named_gates import NamedGates
 from dispatcher.sabot.tableau import Tableau
 
 
-class BitColumns:
+class BitColumns(NamedGates):
     """A stabilizer state of n qubits."""
 
     NAME: ClassVar[str] = "chp"
@@ -65,22 +66,6 @@ class BitColumns:
     def generators(self) -> Generators:
         """Return the stabilizers."""
         return self.as_tableau().generators()
-
-    def gate(self, name: CliffordName, *qubits: int) -> None:
-        """Apply the gate of that name."""
-        match name, qubits:
-            case "H", (qubit,):
-                self.h(qubit)
-            case "S", (qubit,):
-                self.s(qubit)
-            case "S_DAG", (qubit,):
-                self.s_dag(qubit)
-            case "CX", (control, target):
-                self.cx(control, target)
-            case "CZ", (control, target):
-                self.cz(control, target)
-            case _:
-                raise ValueError(f"gate {name} does not act on {len(qubits)} qubits")
 
     def h(self, qubit: int) -> None:
         """Apply the Hadamard gate."""

@@ -10,11 +10,12 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.sabot.backend import Bytes, CliffordName, Generators, Randomness
+from dispatcher.sabot.backend import Bytes, Generators, Randomness
 from dispatcher.sabot.factoring import Bits, eliminate, independent_groups
+from dispatcher.sabot.named_gates import NamedGates
 
 
-class Tableau:
+class Tableau(NamedGates):
     """A stabilizer state of n qubits, with a sign of each stabilizer for each of k members."""
 
     NAME: ClassVar[str] = "chp"
@@ -72,22 +73,6 @@ class Tableau:
             letters = self._x[row] + 2 * self._z[row]
             lines.append(sign + "".join("_XZY"[letter] for letter in letters))
         return "\n".join(lines)
-
-    def gate(self, name: CliffordName, *qubits: int) -> None:
-        """Apply the gate of that name to every member."""
-        match name, qubits:
-            case "H", (qubit,):
-                self.h(qubit)
-            case "S", (qubit,):
-                self.s(qubit)
-            case "S_DAG", (qubit,):
-                self.s_dag(qubit)
-            case "CX", (control, target):
-                self.cx(control, target)
-            case "CZ", (control, target):
-                self.cz(control, target)
-            case _:
-                raise ValueError(f"gate {name} does not act on {len(qubits)} qubits")
 
     def h(self, qubit: int) -> None:
         """Apply the Hadamard gate."""

@@ -2,6 +2,7 @@
 
 import asyncio
 import socket
+from contextlib import suppress
 from typing import TypeVar
 
 from wire.metadata import (
@@ -116,7 +117,8 @@ class MetadataChannel:
         """Return the next message, None at the end of the connection."""
         try:
             async with asyncio.timeout(timeout_s):
-                await self._writer.drain()
+                with suppress(ConnectionError):  # what the peer said before it closed is here
+                    await self._writer.drain()
                 return await self._read()
         except TimeoutError as error:
             text = f"{self.peer} has been silent for {timeout_s:g} s"

@@ -148,7 +148,8 @@ class Dispatcher:
         self.server.add_insecure_port(f"unix:{path}")
         self.server.start()
         self.agents = Agents(cross_connects_socket(str(path)), self)
-        threading.Thread(target=self.agents.serve_forever, daemon=True).start()
+        # It looks this often whether it is to end.
+        threading.Thread(target=self.agents.serve_forever, args=[0.01], daemon=True).start()
 
     def cross_connect(self, token: str, request: pb.CrossConnectRequest) -> pb.CrossConnectOutcome:
         """Answer an agent."""

@@ -1,22 +1,26 @@
 """What the emulation tests share: a running network, and proof that nothing is left."""
 
 import os
+import secrets
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from fabric_scene import light_paths, running
 
 from topologies import openvswitch
-from topologies.network import Network, Signals
-from topologies.runtime import RUNTIME_ROOT, Runtime
+from topologies.network import Network
+from topologies.runtime import RUNTIME_ROOT
 from topologies.sdc import SdcTopo
 
 ROOT = Path(__file__).resolve().parents[2]
-# What the command line of a program of Mininet or of ours contains.
-OURS = (str(RUNTIME_ROOT), "mininet:", "tcpdump ", "hosts.applications", "qmn.measure.floor")
+# What all programs that these tests start inherit, and no other program on this machine has.
+MARK = ("QMN_TESTS", secrets.token_hex(8))
+os.environ.update([MARK])
 
 
 def wait_until(condition: Callable[[], object], what: str, timeout_s: float = 10.0) -> None:
@@ -61,19 +65,20 @@ def interfaces() -> set[str]:
 
 
 def our_processes() -> set[str]:
-    """Return id and command line of all programs of Mininet and of the project that run now."""
+    """Return id and command line of all programs that these tests have started and that run now.
+
+    Wherever they are: on their own, as a daemon, in a network namespace.
+    """
     found = set()
     for folder in Path("/proc").iterdir():
-        if not folder.name.isdigit() or int(folder.name) == os.getpid():
+        if not folder.name.isdigit():
             continue
         try:
+            environment = (folder / "environ").read_bytes().split(b"\0")
             command = (folder / "cmdline").read_bytes().replace(b"\0", b" ").decode()
-            here = os.readlink(folder / "ns/pid") == os.readlink("/proc/self/ns/pid")
         except OSError:
             continue
-        if not here:
-            continue  # in somebody's container
-        if any(mark in command for mark in OURS):
+        if "=".join(MARK).encode() in environment:
             found.add(f"{folder.name} {command}")
     return found
 
@@ -89,24 +94,52 @@ def _open_vswitch() -> Iterator[None]:
         openvswitch.stop_if_ours("tests")
 
 
-@pytest.fixture(autouse=True)
-def _nothing_is_left(_open_vswitch: None) -> Iterator[None]:
-    """Check that bridges, interfaces and processes are afterwards what they were before."""
-    before = (set(openvswitch.bridges()), interfaces() - {"ovs-netdev"})
-    others = our_processes()
+@contextmanager
+def nothing_left() -> Iterator[None]:
+    """Check that bridges, interfaces, folders and programs are afterwards what they were before."""
+    others, before = our_processes(), things()
     yield
     deadline = time.monotonic() + 10
     while (left := our_processes() - others) and time.monotonic() < deadline:
         time.sleep(0.02)
     assert left == set()
-    after = (set(openvswitch.bridges()), interfaces() - {"ovs-netdev"})
-    assert after == before
-    assert [path for path in RUNTIME_ROOT.glob("*") if path.is_dir()] == []
+    assert things() == before
+
+
+def things() -> dict[str, set[str]]:
+    """Return the names of what a network makes on this machine."""
+    return {
+        "bridges": set(openvswitch.bridges()),
+        "interfaces": interfaces() - {"ovs-netdev"},
+        "folders": {path.name for path in RUNTIME_ROOT.glob("*") if path.is_dir()},
+    }
+
+
+@pytest.fixture(autouse=True)
+def _nothing_is_left(_open_vswitch: None) -> Iterator[None]:
+    """Hold each test to account for what it leaves."""
+    with nothing_left():
+        yield
 
 
 @pytest.fixture
 def network(tmp_path: Path) -> Iterator[Network]:
     """Start the superdense-coding network in this process."""
-    settings = Runtime(log_folder=tmp_path / "run")
-    with Signals() as signals, Network(SdcTopo, settings, signals) as running:
-        yield running
+    with running(SdcTopo, tmp_path) as network:
+        yield network
+
+
+@pytest.fixture(scope="module")
+def _network_of_module(
+    tmp_path_factory: pytest.TempPathFactory, _open_vswitch: None
+) -> Iterator[Network]:
+    with nothing_left(), running(SdcTopo, tmp_path_factory.mktemp("run")) as network:
+        yield network
+
+
+@pytest.fixture
+def shared_network(_network_of_module: Network) -> Iterator[Network]:
+    """Give the network of the module, dark as a new one; a test mends what it has broken."""
+    yield _network_of_module
+    _network_of_module.check()
+    wait_until(lambda: not light_paths("q1"), "the light is free for the next test")

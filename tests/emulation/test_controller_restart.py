@@ -135,13 +135,13 @@ def test_light_over_several_switches_stays_where_it_is(tmp_path: Path, framework
 def test_a_per_pair_session_outlives_the_controller(tmp_path: Path, framework: str) -> None:
     with running(SdcTopo, tmp_path, framework=framework) as network:
         with session(network, "alice", "bob", handshake="per-pair") as opened:
-            opened.start(LESS[:256])
+            opened.start(LESS[:128])
             wait_until(lambda: len(facts(network, "path_ready")) > 50, "pairs are on their way")
             kill(network)
-            assert len(facts(network, "path_ready")) < 4 * 256
+            assert len(facts(network, "path_ready")) < 4 * 128
             start_again(network)
-            assert opened.finish(256) == LESS[:256]
-            assert len(facts(network, "path_ready")) >= 4 * 256  # four pairs a byte
+            assert opened.finish(128) == LESS[:128]
+            assert len(facts(network, "path_ready")) >= 4 * 128  # four pairs a byte
         assert facts(network, "resumed")
         assert facts(network, "refused") == []
         wait_until(lambda: not light_paths("q1"), "the paths are closed")

@@ -33,7 +33,8 @@ def port(network: Network, interface: str) -> int:
     raise AssertionError(f"no fibre at {interface}")
 
 
-def test_three_paths_stand_while_the_session_lasts(network: Network) -> None:
+def test_three_paths_stand_while_the_session_lasts(shared_network: Network) -> None:
+    network = shared_network
     with QuantumSocket(network.runtime.socket("bob")) as listener:
         listener.listen(7)
         with QuantumSocket(network.runtime.socket("alice")) as sender:
@@ -57,16 +58,20 @@ def test_three_paths_stand_while_the_session_lasts(network: Network) -> None:
         )
 
 
-def test_metadata_is_punted_and_every_bridge_is_secure(network: Network) -> None:
+def test_metadata_is_punted_and_every_bridge_is_secure(shared_network: Network) -> None:
     assert any("tp_dst=9010" in line and "CONTROLLER" in line for line in flows("s1"))
     for bridge in ("s1", "q1"):
         command = ["ovs-vsctl", "get", "Bridge", bridge, "fail_mode"]
         assert subprocess.check_output(command, text=True).strip() == "secure"
         target = subprocess.check_output(["ovs-vsctl", "get-controller", bridge], text=True)
         assert target.startswith("tcp:127.0.0.1:")
-    assert network.net.pingAll(timeout="2") == 0
+    assert shared_network.net.pingAll(timeout="2") == 0
 
 
-def test_ordinary_traffic_is_forwarded_by_learned_entries(network: Network) -> None:
-    assert network.net.ping([network.host("alice"), network.host("bob")], timeout="2") == 0
-    assert any("table=1" in line and "dl_dst" in line for line in flows("s1"))
+def test_ordinary_traffic_is_forwarded_by_learned_entries(shared_network: Network) -> None:
+    network = shared_network
+    alice, bob = network.host("alice"), network.host("bob")
+    assert network.net.ping([alice, bob], timeout="2") == 0
+    learned = [line for line in flows("s1") if "table=1" in line]
+    for host in (alice, bob):
+        assert any(f"dl_dst={host.MAC()}" in line for line in learned)

@@ -47,6 +47,13 @@ def run(runs: Path, *arguments: str) -> dict[str, Any]:
     return result
 
 
+@pytest.fixture(scope="module")
+def short_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    """Return the folder and the result of a run with a short message."""
+    runs = tmp_path_factory.mktemp("runs")
+    return runs / "latest", run(runs, "--message", "captured")
+
+
 @pytest.mark.parametrize("controller", ["ryu", "os-ken"])
 @pytest.mark.parametrize("handshake", ["framed", "per-pair"])
 def test_bob_holds_exactly_what_alice_sent(tmp_path: Path, controller: str, handshake: str) -> None:
@@ -149,8 +156,10 @@ def test_losses_and_errors_are_repaired_and_counted(tmp_path: Path) -> None:
     assert result["repeated_frames"] > 0
 
 
-def test_the_captures_hold_the_metadata_and_the_traffic_to_ed(tmp_path: Path) -> None:
-    result = run(tmp_path, "--message", "captured")
+def test_the_captures_hold_the_metadata_and_the_traffic_to_ed(
+    short_run: tuple[Path, dict[str, Any]],
+) -> None:
+    _folder, result = short_run
     assert len(result["captures"]) == 6
     assert result["packets_not_captured"] == 0
     verdicts: dict[str, set[int]] = {}
@@ -181,9 +190,11 @@ def setup_in(packet: Any) -> Setup | None:
     return message if isinstance(message, Setup) else None
 
 
-def test_the_event_log_is_on_the_clock_of_the_captures(tmp_path: Path) -> None:
-    result = run(tmp_path, "--message", "clock")
-    log = (tmp_path / "latest" / "quantum.log").read_text().splitlines()
+def test_the_event_log_is_on_the_clock_of_the_captures(
+    short_run: tuple[Path, dict[str, Any]],
+) -> None:
+    folder, result = short_run
+    log = (folder / "quantum.log").read_text().splitlines()
     measured = [line.split()[0] for line in log if "bell-measure" in line]
     assert len(measured) == 1
     with PcapReader(result["captures"][0]) as packets:
@@ -194,17 +205,27 @@ def test_the_event_log_is_on_the_clock_of_the_captures(tmp_path: Path) -> None:
     assert times[0] < moment < times[-1]
 
 
-def test_every_backend_gives_the_same_losses_and_errors(tmp_path: Path) -> None:
-    options = ["--message", "x" * 500, "--loss-db-per-km", "50", "--depolarizing", "0.0005"]
-    options += ["--frame-bytes", "32"]
-    results = [run(tmp_path, *options, "--backend", name) for name in ("chp", "stim", "dense")]
+LOSSY = ["--message", "x" * 500, "--loss-db-per-km", "50", "--depolarizing", "0.0005"]
+LOSSY += ["--frame-bytes", "32", "--seed", "7"]
+
+
+@pytest.fixture(scope="module")
+def lossy_result(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """Return the result of a run with losses and errors."""
+    return run(tmp_path_factory.mktemp("runs"), *LOSSY)
+
+
+def test_every_backend_gives_the_same_losses_and_errors(
+    tmp_path: Path, lossy_result: dict[str, Any]
+) -> None:
+    others = [run(tmp_path, *LOSSY, "--backend", name) for name in ("stim", "dense")]
+    results = [lossy_result, *others]
     assert [result["backend"] for result in results] == ["chp", "stim", "dense"]
     assert results[0]["lost_pairs"] > 0
     for name in ("lost_pairs", "symbol_error_rate", "repeated_frames", "exact"):
         assert len({result[name] for result in results}) == 1
 
 
-def test_the_same_seed_gives_the_same_losses(tmp_path: Path) -> None:
-    options = ["--message", "x" * 500, "--loss-db-per-km", "50", "--seed", "7"]
-    first, second = run(tmp_path, *options), run(tmp_path, *options)
-    assert first["lost_pairs"] == second["lost_pairs"] > 0
+def test_the_same_seed_gives_the_same_losses(tmp_path: Path, lossy_result: dict[str, Any]) -> None:
+    again = run(tmp_path, *LOSSY)
+    assert again["lost_pairs"] == lossy_result["lost_pairs"] > 0

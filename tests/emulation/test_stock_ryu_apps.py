@@ -8,16 +8,14 @@ import re
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import wait_until
+from conftest import nothing_left, wait_until
 from fabric_scene import running
 
-from topologies.network import Network, Signals
-from topologies.ring import RingTopo
-from topologies.runtime import Runtime, free_port
+from topologies.network import Network
+from topologies.runtime import free_port
 from topologies.sdc import SdcTopo
 
 APPS = ["ryu.app.ofctl_rest", "ryu.topology.switches", "ryu.app.rest_topology"]
@@ -47,16 +45,21 @@ class Http:
                 return error.code, error.read()
 
 
+@pytest.fixture(scope="module")
+def network(tmp_path_factory: pytest.TempPathFactory, _open_vswitch: None) -> Iterator[Network]:
+    """Start one whose controller also runs the stock apps."""
+    address, folder = f"127.0.0.1:{free_port()}", tmp_path_factory.mktemp("run")
+    with nothing_left(), running(SdcTopo, folder, rest=address, apps=APPS) as network:
+        yield network
+
+
 @pytest.fixture
-def http(tmp_path: Path) -> Iterator[Http]:
-    """A network whose controller also runs the stock apps."""
-    address = f"127.0.0.1:{free_port()}"
-    settings = Runtime(log_folder=tmp_path / "run", rest=address, apps=APPS)
-    with Signals() as signals, Network(SdcTopo, settings, signals):
-        yield Http(address)
+def http(network: Network) -> Http:
+    """The HTTP server of its controller."""
+    return Http(network.runtime.rest)
 
 
-def test_stock_apps_read_and_program_the_switch(http: Http, tmp_path: Path) -> None:
+def test_stock_apps_read_and_program_the_switch(http: Http, network: Network) -> None:
     assert sorted(http.get("/stats/switches")) == [1, Q1]
     counters = http.get(f"/stats/port/{Q1}")[str(Q1)]
     described = http.get(f"/stats/portdesc/{Q1}")[str(Q1)]
@@ -74,7 +77,7 @@ def test_stock_apps_read_and_program_the_switch(http: Http, tmp_path: Path) -> N
         "instructions": [{"type": "APPLY_ACTIONS", "actions": [{"type": "OUTPUT", "port": other}]}],
     }
     assert http.post("/stats/flowentry/add", entry)[0] == 200
-    events = tmp_path / "run" / "quantum.log"
+    events = network.runtime.logs / "quantum.log"
     wait_until(
         lambda: re.search(rf"q1 +open .*{one} -> {other}", events.read_text()),
         "the cross-connect is made",
@@ -139,25 +142,6 @@ def test_the_topology_app_sees_the_switch(http: Http) -> None:
         ),
         "the copper between s1 and q1 is found from both sides",
     )
-
-
-def test_the_topology_app_finds_fibers_between_switches(tmp_path: Path) -> None:
-    address = f"127.0.0.1:{free_port()}"
-    with running(RingTopo, tmp_path, rest=address, apps=APPS) as network:
-        http, quantum = Http(address), set(network.runtime.datapath_ids.values())
-        ring = {
-            tuple(int(network.net.get(end.node).dpid, 16) for end in (fiber.a, fiber.b))
-            for fiber in network.runtime.fibers
-            if fiber.a.node in network.runtime.switches
-        }
-
-        def found() -> set[tuple[int, int]]:
-            links = http.get("/v1.0/topology/links")
-            ends = {(int(link["src"]["dpid"], 16), int(link["dst"]["dpid"], 16)) for link in links}
-            return {ends_ for ends_ in ends if quantum.issuperset(ends_)}
-
-        both_ways = ring | {(there, here) for here, there in ring}
-        wait_until(lambda: found() == both_ways, "every fibre of the ring is found both ways")
 
 
 def test_our_facts_are_there_for_scripts(http: Http) -> None:

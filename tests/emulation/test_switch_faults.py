@@ -19,8 +19,8 @@ def fault(*words: str) -> tuple[int, str]:
     return done.returncode, done.stdout + done.stderr
 
 
-def test_what_a_stuck_cross_connect_has_cost_is_sent_again(network: Network) -> None:
-    data = bytes(range(256)) * 4096
+def test_what_a_stuck_cross_connect_has_cost_is_sent_again(shared_network: Network) -> None:
+    network, data = shared_network, bytes(range(256)) * 4096
     log = network.runtime.logs / "quantum.log"
     with QuantumSocket(network.runtime.socket("bob")) as listener:
         listener.listen(7)
@@ -43,7 +43,7 @@ def test_what_a_stuck_cross_connect_has_cost_is_sent_again(network: Network) -> 
     assert received == data
 
 
-def test_a_fault_of_a_switch_that_there_is_not_is_refused(network: Network) -> None:
-    assert network.runtime.switches.keys() == {"q1"}
+def test_a_fault_of_a_switch_that_there_is_not_is_refused(shared_network: Network) -> None:
+    assert shared_network.runtime.switches.keys() == {"q1"}
     status, said = fault("q7", "repair")
     assert (status, said) == (1, "qmn: unknown quantum switch 'q7': choose one of q1\n")

@@ -60,3 +60,13 @@ def test_keys_go_into_a_new_folder_only(tmp_path: Path) -> None:
         check_input(parse("qkd", "--keys", str(tmp_path)))
     check_input(parse("qkd", "--keys", str(tmp_path / "new")))
     assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize("verb", ["teleport", "distribute"])
+def test_what_makes_no_keys_is_not_told_where_to_keep_them(
+    verb: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert parse(verb).keys is None
+    with pytest.raises(SystemExit):
+        parse(verb, "--keys", "keys")
+    assert "unrecognized arguments: --keys" in capsys.readouterr().err

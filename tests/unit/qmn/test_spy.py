@@ -22,6 +22,7 @@ from wire.dispatcher_pb2 import BlockId, CreateRequest, Launch, SendRequest
 from wire.dispatcher_pb2_grpc import DispatcherStub
 from wire.service import RUNNER, metadata
 
+MAX_LAUNCHES = 100  # in one request
 PROGRAM = """
 import sys
 from pathlib import Path
@@ -45,12 +46,14 @@ class Scene:
         with channel:
             stub = DispatcherStub(channel)  # type: ignore[no-untyped-call]
             token = metadata("token of alice")
-            for number in range(count):
-                create = CreateRequest(session=session, number=number, count=4)
-                stub.Create(create, metadata=token, timeout=10)
-                block = BlockId(session=session, number=number)
-                launch = Launch(block=block, port="alice-q0")
-                send = SendRequest(launches=[launch], rate_hz=10**9)
+            for first in range(0, count, MAX_LAUNCHES):
+                numbers = range(first, min(count, first + MAX_LAUNCHES))
+                for number in numbers:
+                    create = CreateRequest(session=session, number=number, count=4)
+                    stub.Create(create, metadata=token, timeout=10)
+                blocks = [BlockId(session=session, number=number) for number in numbers]
+                launches = [Launch(block=block, port="alice-q0") for block in blocks]
+                send = SendRequest(launches=launches, rate_hz=10**9)
                 stub.Send(send, metadata=token, timeout=10)
 
     def spy(self, *words: str) -> subprocess.Popen[str]:

@@ -1,0 +1,49 @@
+"""The frames by which hosts name their fibre ports."""
+
+from ipaddress import IPv4Address
+
+from os_ken.lib.packet import ethernet, lldp, packet
+from scapy.contrib.lldp import LLDPDUGenericOrganisationSpecific, LLDPDUManagementAddress
+from scapy.layers.l2 import Ether
+
+from hosts.hardware.lldp import announcement
+from wire.features import EMIT, EVERYTHING, STORE, Abilities
+
+MAC = bytes.fromhex("020000000100")
+ABLE = Abilities(EMIT | STORE, 32)
+GOLDEN = (
+    "0180c200000e 020000000100 88cc"
+    "0206 07 616c696365"  # alice
+    "0409 07 616c6963652d7130"  # alice-q0
+    "0602 001e"
+    "100c 05 01 0a000001 01 00000000 00"
+    "fe09 02514d 02 03 00000020"
+    "0000"
+)
+
+
+def test_a_frame_has_these_bytes_and_the_length_that_ethernet_wants() -> None:
+    frame = announcement("alice", "alice-q0", "10.0.0.1", MAC, 30, ABLE)
+    assert frame == bytes.fromhex(GOLDEN)
+    assert len(announcement("a", "a", "10.0.0.1", MAC, 30, ABLE)) == 60
+
+
+def test_os_ken_reads_what_was_meant() -> None:
+    able = Abilities(EVERYTHING, 1 << 31)
+    read = packet.Packet(announcement("bob", "b" * 255, "10.0.1.255", MAC, 65_535, able))
+    assert read.get_protocol(ethernet.ethernet).src == "02:00:00:00:01:00"
+    host, port, ttl, management, ours, end = read.get_protocol(lldp.lldp).tlvs
+    assert (host.subtype, host.chassis_id) == (lldp.ChassisID.SUB_LOCALLY_ASSIGNED, b"bob")
+    assert (port.subtype, port.port_id) == (lldp.PortID.SUB_LOCALLY_ASSIGNED, b"b" * 255)
+    assert ttl.ttl == 65_535
+    assert IPv4Address(management.addr) == IPv4Address("10.0.1.255")
+    assert (management.addr_subtype, management.intf_subtype, management.oid) == (1, 1, b"")
+    assert (ours.oui, ours.subtype, Abilities.decode(ours.info)) == (b"\x02QM", 2, able)
+    assert isinstance(end, lldp.End)
+
+
+def test_scapy_reads_what_the_host_can_do() -> None:
+    frame = Ether(announcement("alice", "alice-q0", "10.0.0.1", MAC, 30, ABLE))
+    assert frame[LLDPDUManagementAddress].management_address == bytes([10, 0, 0, 1])
+    ours = frame[LLDPDUGenericOrganisationSpecific]
+    assert (ours.org_code, ours.subtype, ours.data.hex()) == (0x02514D, 2, "0300000020")

@@ -1,0 +1,43 @@
+"""The command line as a whole: which verbs there are, and that each loads what it needs alone."""
+
+import subprocess
+import sys
+
+import pytest
+
+from qmn.__main__ import VERBS, described
+
+LOADED = """
+import sys
+from qmn.__main__ import described
+described(["devices"])
+print("numpy" in sys.modules)
+"""
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_a_verb_is_what_its_module_is_called(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        described([verb]).parse_args([verb, "--help"])
+    assert ended.value.code == 0
+    assert capsys.readouterr().out.startswith(f"usage: qmn {verb} ")
+
+
+@pytest.mark.parametrize("words", [[], ["--help"], ["sudoku"]])
+def test_without_a_verb_all_are_told(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    parser = described(words)
+    with pytest.raises(SystemExit):
+        parser.parse_args(words)
+    said = parser.format_help().splitlines()
+    assert [line.split()[0] for line in said if line.startswith("    ") and line[4] != " "] == [
+        *VERBS
+    ]
+    if words == ["sudoku"]:
+        assert "invalid choice: 'sudoku'" in capsys.readouterr().err
+
+
+def test_a_verb_does_not_wait_for_what_others_load() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", LOADED], capture_output=True, text=True, check=True, timeout=30
+    )
+    assert done.stdout == "False\n"
