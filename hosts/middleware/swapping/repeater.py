@@ -42,8 +42,12 @@ class Repeater:
     async def _swap(self, number: int, size: int) -> None:
         pairs = await together(self._left.take(number, size), self._right.make(number, size))
         turn = Turn(self._order)
-        passing = together(self._pass_right(number, turn), self._pass_left(number, turn))
-        await together(passing, self._join(number, pairs, turn))
+        await together(self._pass_on(number, turn), self._join(number, pairs, turn))
+
+    async def _pass_on(self, number: int, turn: "Turn") -> None:
+        """Pass on all that others tell of their swaps."""
+        await together(self._pass_right(number, turn), self._pass_left(number, turn))
+        turn.require()
 
     async def _pass_right(self, number: int, turn: "Turn") -> None:
         """Pass the bits of all swaps to the left on, as they come."""
@@ -100,6 +104,12 @@ class Turn:
         self._missing.discard(place)
         if not self._missing:
             self._come.set()
+
+    def require(self) -> None:
+        """Raise SessionError if somebody has not swapped, now that all have told."""
+        if self._missing:
+            text = f"nothing was heard of swaps at {sorted(self._missing)}, which come first"
+            raise SessionError(Reason.PROTOCOL, text)
 
     async def has_come(self) -> None:
         """Return when all have swapped; whoever hears of them has a deadline."""

@@ -150,6 +150,7 @@ def renamed(way: str, sent: list[int], become: list[int]) -> Change:
         ("forth", [1], [9], "bits of a swap at place 9, not of [1"),  # of none to the left
         ("back", [3, 2], [3, 3], "notice of a swap at place 3 for place 3, at place 2"),
         ("back", [3, 2], [1, 2], "notice of a swap at place 1 for place 2, at place 2"),
+        ("back", [3, 2], [4, 2], "nothing was heard of swaps at [3], which come first"),
         ("back", [3, 2], [3, 0], "notice of a swap at place 3 for place 0, at place 2"),
     ],
 )
