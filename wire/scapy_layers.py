@@ -4,44 +4,45 @@
     >>> import wire.scapy_layers
     >>> rdpcap("runs/latest/s1-eth1.pcap").filter(lambda p: "QMetaSetup" in p)[0].show()
 
+What travels in several segments is put together by scapy's own TCPSession, and what is in
+envelopes by key_messages (wire/scapy_keys.py):
+
+    >>> from wire.scapy_layers import key_messages
+    >>> packets = sniff(offline="runs/latest/s1-eth1.pcap", session=TCPSession)
+    >>> [message.summary() for message in key_messages(packets, "10.0.0.1")]
+
 Their fields are those of the classes in wire/, which know the sizes, too. scapy reads
 leniently: it is wire/ that says what is malformed.
 """
 
+from collections import defaultdict
+from collections.abc import Iterable
 from typing import Any
 
 from scapy.config import conf
 from scapy.fields import (
-    ByteEnumField,
     ByteField,
     Field,
     FieldLenField,
     FieldListField,
     IntField,
-    IPField,
     LongField,
     PacketListField,
-    ShortEnumField,
-    ShortField,
-    SignedIntField,
     StrField,
     StrFixedLenField,
-    XByteField,
     XLongField,
     XShortField,
 )
-from scapy.layers.inet import TCP, UDP
+from scapy.layers.inet import IP, TCP, UDP
 from scapy.packet import Packet, bind_layers
 
 from wire import device, events, layout, metadata
 from wire.dispatcher_pb2 import Event
 from wire.layout import Layout, Tail
-from wire.metadata import MalformedPacket
+from wire.metadata import Envelope, MalformedPacket, Topic
 from wire.pcapng import LINKTYPE_USER0
-
-_NUMBERS = {1: ByteField, 2: ShortField, 4: IntField, 8: LongField}
-_RENAMED = {"name": "interface"}  # scapy's packets have a name of their own
-_NAMED = {1: ByteEnumField, 2: ShortEnumField}
+from wire.scapy_fields import scapy_field
+from wire.scapy_keys import KEY_LAYERS, QKey, split
 
 
 class QMeta(Packet):
@@ -74,6 +75,15 @@ class QMetaStream(Packet):
 
     name = "quantum metadata messages"
     fields_desc = [PacketListField("messages", [], QMeta)]  # noqa: RUF012
+
+    @classmethod
+    def tcp_reassemble(cls, data: bytes, *_kept: Any) -> "QMetaStream | None":
+        """Return the messages in bytes of several segments; None if the last is not whole."""
+        place = 0
+        while place + metadata.HEADER.size <= len(data):
+            length = int.from_bytes(data[place + 4 : place + 8], "big")
+            place += max(length, metadata.HEADER.size)
+        return cls(data) if place == len(data) else None
 
 
 class QDevice(Packet):
@@ -111,24 +121,8 @@ class QEvent(Packet):
         return events.decode_record(bytes(self))
 
 
-def _field(described: layout.Field) -> Field[Any, Any]:
-    name = _RENAMED.get(described.name, described.name)
-    size = described.size
-    if described.kind == "ipv4":
-        return IPField(name, "0.0.0.0")  # noqa: S104 (a field's default, no address to bind to)
-    if described.kind in ("bytes", "text"):
-        return StrFixedLenField(name, b"", size)
-    if described.kind == "int":
-        return SignedIntField(name, 0)
-    if described.values and size in _NAMED:
-        return _NAMED[size](name, 0, dict(described.values))
-    if name == "encoding":
-        return XByteField(name, metadata.PAPER_ENCODING)
-    return _NUMBERS[size](name, 0)
-
-
 def _element_layer(tail: Tail, owner: str) -> type[Packet]:
-    fields = [_field(described) for described in tail.element]
+    fields = [scapy_field(described) for described in tail.element]
     own = {"fields_desc": fields, "extract_padding": lambda _packet, data: (b"", data)}
     return type(f"{owner}{tail.name.title()}", (Packet,), {**own, "name": tail.name})
 
@@ -140,7 +134,7 @@ def _tail_fields(kind: Layout, prefix: str) -> list[Field[Any, Any]]:
         if tail.kind in (layout.TEXT, layout.BYTES):
             fields.append(StrField(tail.name, b""))
         elif len(tail.element) == 1:
-            number = _field(tail.element[0])
+            number = scapy_field(tail.element[0])
             fields.append(FieldListField(tail.name, [], number, count_from=_reader(count)))
         elif tail.kind == layout.COUNTED:
             layer = _element_layer(tail, prefix + kind.name)
@@ -159,7 +153,7 @@ def _counted(described: layout.Field, kind: Layout) -> Field[Any, Any]:
     lists = [tail.name for tail in kind.tails if described.name == f"{tail.name}_count"]
     if lists:
         return FieldLenField(described.name, None, count_of=lists[0], fmt="!H")
-    return _field(described)
+    return scapy_field(described)
 
 
 def _layers(kinds: list[Layout]) -> dict[int, type[Packet]]:
@@ -181,13 +175,28 @@ def decode_layers(data: bytes) -> Packet:
     return QMeta(data)
 
 
+def key_messages(packets: Iterable[Packet], sender: str) -> list[QKey]:
+    """Return what a host (by its address) says of keys, from packets of one link.
+
+    Raise MalformedPacket for what cannot be that. What is cut off at the end is left out.
+    """
+    said: defaultdict[int, bytes] = defaultdict(bytes)
+    for packet in packets:
+        if QMetaStream not in packet or packet[IP].src != sender:
+            continue
+        for message in packet[QMetaStream].messages:
+            if message.kind == Envelope.KIND and message.payload.topic == Topic.KEYS:
+                said[message.session] += message.payload.content
+    return [message for stream in said.values() for message in split(stream)]
+
+
 LAYERS = _layers(
     [
         *layout.metadata_layouts(),
         *(kind for kind in layout.device_layouts() if kind.number not in metadata.KINDS),
     ]
 )
-globals().update({layer.__name__: layer for layer in LAYERS.values()})
+globals().update({layer.__name__: layer for layer in (*LAYERS.values(), *KEY_LAYERS.values())})
 for _end in ("sport", "dport"):
     bind_layers(TCP, QMetaStream, **{_end: metadata.METADATA_PORT})
     bind_layers(UDP, QDevice, **{_end: device.DEVICE_PORT})
