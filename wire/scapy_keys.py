@@ -1,6 +1,7 @@
-"""scapy layers of the messages of key distribution (wire/qkd.py): header, fields, tag."""
+"""scapy layers of the messages of key distribution (wire/qkd.py), and where to find them."""
 
-from collections.abc import Callable, Iterator
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 from scapy.fields import (
@@ -12,10 +13,12 @@ from scapy.fields import (
     XLongField,
     XShortField,
 )
+from scapy.layers.inet import IP, TCP
 from scapy.packet import Packet, bind_layers
 
-from wire import layout, qkd
+from wire import layout, metadata, qkd
 from wire.layout import Layout, Tail
+from wire.metadata import METADATA_PORT, Envelope, Topic
 from wire.qkd import HEADER, TAG_BYTES
 from wire.scapy_fields import scapy_field
 
@@ -46,6 +49,48 @@ def split(stream: bytes) -> Iterator[QKey]:
     while (length := qkd.message_length(stream)) is not None and length <= len(stream):
         yield QKey(stream[:length])
         stream = stream[length:]
+
+
+def key_messages(packets: Iterable[Packet], sender: str) -> list[QKey]:
+    """Return what a host (by its address) says of keys, from packets of one link.
+
+    Raise MalformedPacket for what cannot be that. What is behind a gap is left out.
+    """
+    said: defaultdict[int, bytes] = defaultdict(bytes)  # by session
+    for stream in _streams(packets, sender):
+        left = stream
+        while (length := metadata.message_length(left)) is not None and length <= len(left):
+            message = metadata.decode(left[:length])
+            if isinstance(message, Envelope) and message.topic == Topic.KEYS:
+                said[message.session] += message.content
+            left = left[length:]
+    return [message for stream in said.values() for message in split(stream)]
+
+
+def _streams(packets: Iterable[Packet], sender: str) -> Iterator[bytes]:
+    """Yield what a host sends over each of its connections for quantum metadata."""
+    segments: defaultdict[tuple[int, int], list[tuple[int, bytes]]] = defaultdict(list)
+    for packet in packets:
+        if TCP not in packet or IP not in packet or packet[IP].src != sender:
+            continue
+        ip, tcp = packet[IP], packet[TCP]
+        size = ip.len - 4 * (ip.ihl + tcp.dataofs)  # padding may follow
+        if size > 0 and METADATA_PORT in (tcp.sport, tcp.dport):
+            data = tcp.original[4 * tcp.dataofs :][:size]
+            segments[tcp.sport, tcp.dport].append((tcp.seq, data))
+    for sent in segments.values():
+        yield _joined(sent)
+
+
+def _joined(segments: list[tuple[int, bytes]]) -> bytes:
+    """Return the bytes of segments by their sequence numbers, up to the first gap."""
+    start = segments[0][0]
+    joined = b""
+    for place, data in sorted(((seq - start) % (1 << 32), data) for seq, data in segments):
+        if place > len(joined):
+            break
+        joined += data[len(joined) - place :]
+    return joined
 
 
 def _size_of(tail: Tail) -> Callable[[Any], int]:

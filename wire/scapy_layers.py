@@ -4,19 +4,15 @@
     >>> import wire.scapy_layers
     >>> rdpcap("runs/latest/s1-eth1.pcap").filter(lambda p: "QMetaSetup" in p)[0].show()
 
-What travels in several segments is put together by scapy's own TCPSession, and what is in
-envelopes by key_messages (wire/scapy_keys.py):
+Messages of key distribution, which travel in envelopes of quantum metadata:
 
-    >>> from wire.scapy_layers import key_messages
-    >>> packets = sniff(offline="runs/latest/s1-eth1.pcap", session=TCPSession)
-    >>> [message.summary() for message in key_messages(packets, "10.0.0.1")]
+    >>> from wire.scapy_keys import key_messages
+    >>> key_messages(rdpcap("runs/latest/s1-eth1.pcap"), "10.0.0.1")[0].show()
 
 Their fields are those of the classes in wire/, which know the sizes, too. scapy reads
 leniently: it is wire/ that says what is malformed.
 """
 
-from collections import defaultdict
-from collections.abc import Iterable
 from typing import Any
 
 from scapy.config import conf
@@ -33,16 +29,16 @@ from scapy.fields import (
     XLongField,
     XShortField,
 )
-from scapy.layers.inet import IP, TCP, UDP
+from scapy.layers.inet import TCP, UDP
 from scapy.packet import Packet, bind_layers
 
 from wire import device, events, layout, metadata
 from wire.dispatcher_pb2 import Event
 from wire.layout import Layout, Tail
-from wire.metadata import Envelope, MalformedPacket, Topic
+from wire.metadata import MalformedPacket
 from wire.pcapng import LINKTYPE_USER0
 from wire.scapy_fields import scapy_field
-from wire.scapy_keys import KEY_LAYERS, QKey, split
+from wire.scapy_keys import KEY_LAYERS
 
 
 class QMeta(Packet):
@@ -75,15 +71,6 @@ class QMetaStream(Packet):
 
     name = "quantum metadata messages"
     fields_desc = [PacketListField("messages", [], QMeta)]  # noqa: RUF012
-
-    @classmethod
-    def tcp_reassemble(cls, data: bytes, *_kept: Any) -> "QMetaStream | None":
-        """Return the messages in bytes of several segments; None if the last is not whole."""
-        place = 0
-        while place + metadata.HEADER.size <= len(data):
-            length = int.from_bytes(data[place + 4 : place + 8], "big")
-            place += max(length, metadata.HEADER.size)
-        return cls(data) if place == len(data) else None
 
 
 class QDevice(Packet):
@@ -173,21 +160,6 @@ def decode_layers(data: bytes) -> Packet:
     if len(data) < metadata.HEADER.size or int.from_bytes(data[4:8], "big") != len(data):
         raise MalformedPacket(f"{len(data)} bytes are not one message")
     return QMeta(data)
-
-
-def key_messages(packets: Iterable[Packet], sender: str) -> list[QKey]:
-    """Return what a host (by its address) says of keys, from packets of one link.
-
-    Raise MalformedPacket for what cannot be that. What is cut off at the end is left out.
-    """
-    said: defaultdict[int, bytes] = defaultdict(bytes)
-    for packet in packets:
-        if QMetaStream not in packet or packet[IP].src != sender:
-            continue
-        for message in packet[QMetaStream].messages:
-            if message.kind == Envelope.KIND and message.payload.topic == Topic.KEYS:
-                said[message.session] += message.payload.content
-    return [message for stream in said.values() for message in split(stream)]
 
 
 LAYERS = _layers(

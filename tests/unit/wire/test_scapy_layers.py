@@ -8,8 +8,6 @@ from typing import Any
 import pytest
 from dissection import INTERFACES, datagram, segment
 from scapy.layers.l2 import Ether
-from scapy.sendrecv import sniff
-from scapy.sessions import TCPSession
 from scapy.utils import rdpcap, wrpcap
 from test_dissectors import DEVICES, EVENT, KEY, METADATA, SEED, SETUP
 from test_key_dissectors import MESSAGES, cut, envelope
@@ -20,7 +18,7 @@ from wire.events import encode_record
 from wire.metadata import MalformedPacket, Message, decode
 from wire.pcapng import Packet, Writer
 from wire.qkd import QkdMessage, Sifted, unframe
-from wire.scapy_keys import KEY_LAYERS, QKey, split
+from wire.scapy_keys import KEY_LAYERS, QKey, key_messages, split
 from wire.scapy_layers import (
     LAYERS,
     QDevice,
@@ -28,7 +26,6 @@ from wire.scapy_layers import (
     QMeta,
     QMetaStream,
     decode_layers,
-    key_messages,
 )
 
 
@@ -142,7 +139,9 @@ def test_messages_of_keys_are_read_from_a_capture_of_segments(tmp_path: Path) ->
         place += len(piece)
     file = tmp_path / "s1-eth1.pcap"
     wrpcap(str(file), frames)
-    packets = sniff(offline=str(file), session=TCPSession)
+    packets = rdpcap(str(file))
     read = key_messages(packets, "10.0.0.1")
     assert [bytes(message) for message in read] == [whole(message) for message in MESSAGES]
     assert key_messages(packets, "10.0.0.2") == []
+    with_a_gap = [*packets[:20], *packets[22:]]
+    assert 0 < len(key_messages(with_a_gap, "10.0.0.1")) < len(MESSAGES)
