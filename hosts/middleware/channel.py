@@ -11,6 +11,8 @@ from wire.metadata import (
     MalformedPacket,
     Message,
     Reason,
+    Setup,
+    UnknownService,
     decode,
     message_length,
 )
@@ -58,12 +60,13 @@ class SilentPeer(SessionError):
 
 
 class MetadataChannel:
-    """Whole messages over a byte stream; every wait has a deadline."""
+    """Whole messages over a byte stream, all of one session; every wait has a deadline."""
 
     def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self._reader = reader
         self._writer = writer
         self.peer: str = writer.get_extra_info("peername")[0]
+        self._session: int | None = None  # as its set-up message says, whoever has sent that
         # The answer to a short message carries its acknowledgement.
         writer.get_extra_info("socket").setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 0)
 
@@ -82,6 +85,8 @@ class MetadataChannel:
 
     def send(self, message: Message) -> None:
         """Write one message, in one piece."""
+        if isinstance(message, Setup):
+            self._session = message.session
         self._writer.write(message.encode())
 
     async def request(self, message: Message, timeout_s: float = ANSWER_TIMEOUT_S) -> Answer:
@@ -97,10 +102,11 @@ class MetadataChannel:
         try:
             message = await self.next(timeout_s)
         except SilentPeer as error:
-            text = f"no {kind.__name__} from {self.peer} in {timeout_s:g} s"
+            text = f"no {kind.__name__} from {self.peer} in {timeout_s:g} s: is it still up?"
             raise SessionError(Reason.PROTOCOL, text) from error
         if message is None:
-            raise SessionError(Reason.PROTOCOL, f"{self.peer} closed instead of {kind.__name__}")
+            text = f"{self.peer} is gone: it closed the connection instead of sending "
+            raise SessionError(Reason.PROTOCOL, f"{text}{kind.__name__}; ask again when it is up")
         if isinstance(message, Answer) and message.reason != Reason.OK:
             raise SessionError(Reason(message.reason), message.text)
         if not isinstance(message, kind):
@@ -113,10 +119,22 @@ class MetadataChannel:
         try:
             async with asyncio.timeout(timeout_s):
                 await self._writer.drain()
-                return await self._read()
+                return self._checked(await self._read())
         except TimeoutError as error:
             text = f"{self.peer} has been silent for {timeout_s:g} s"
             raise SilentPeer(Reason.PROTOCOL, text) from error
+
+    def _checked(self, message: Message | None) -> Message | None:
+        """Return a message of this session; raise SessionError for one of another."""
+        if self._session is None and isinstance(message, Setup):
+            self._session = message.session
+        if message is None or self._session in (None, message.session):
+            return message
+        if isinstance(message, Answer) and message.session == 0 and message.reason != Reason.OK:
+            return message  # of an end that could not read what it was sent
+        what = f"{type(message).__name__} of session {message.session:016x}"
+        text = f"{self.peer} sent {what} over a connection of session {self._session:016x}"
+        raise SessionError(Reason.PROTOCOL, text)
 
     async def _read(self) -> Message | None:
         try:
@@ -128,11 +146,26 @@ class MetadataChannel:
             if not error.partial:
                 return None
             raise SessionError(Reason.PROTOCOL, f"{self.peer} closed inside a message") from error
+        except UnknownService as error:
+            raise SessionError(Reason.UNSUPPORTED, f"{self.peer} asks for {error}") from error
         except MalformedPacket as error:
-            raise SessionError(Reason.PROTOCOL, f"{self.peer}: {error}") from error
+            text = f"{self.peer} sent what is no message: {error}"
+            raise SessionError(Reason.PROTOCOL, text) from error
         except ConnectionError as error:
-            raise SessionError(Reason.PROTOCOL, f"{self.peer}: {error}") from error
+            text = f"{self.peer} is gone: {error}; ask again when it is up"
+            raise SessionError(Reason.PROTOCOL, text) from error
 
     def close(self) -> None:
         """Close the connection once everything is written."""
         self._writer.close()
+
+
+def unexpected(message: Message | None, peer: str) -> SessionError:
+    """Return the error that a message is: a refusal, or one that has no place in a session."""
+    if message is None:
+        text = f"{peer} is gone: it closed the connection in mid-session"
+        return SessionError(Reason.PROTOCOL, text)
+    if isinstance(message, Answer) and message.reason != Reason.OK:
+        return SessionError(Reason(message.reason), message.text)
+    text = f"{type(message).__name__} from {peer} in mid-session, where it has no place"
+    return SessionError(Reason.PROTOCOL, text)

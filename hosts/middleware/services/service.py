@@ -21,10 +21,15 @@ from numpy.typing import ArrayLike
 
 from hosts.hardware.qnic import BlockName, HardwareError, NoLight, Qnic, Stored
 from hosts.middleware.arrangement import Arrangement
-from hosts.middleware.channel import ANSWER_TIMEOUT_S, MetadataChannel, SessionError
+from hosts.middleware.channel import (
+    ANSWER_TIMEOUT_S,
+    MetadataChannel,
+    SessionError,
+    unexpected,
+)
 from hosts.middleware.qkd.keyring import Keyring
 from hosts.middleware.values import Numbers, expect, values
-from wire.metadata import Answer, Finish, Message, Reason, Service, Setup, Topic, Values
+from wire.metadata import Answer, Finish, Reason, Service, Setup, Topic, Values
 
 GRACE_S = 0.3  # light that has not come this long after the source's answer is lost
 LIGHT_TIMEOUT_S = 15.0
@@ -142,14 +147,6 @@ class AcceptorEnd(End):
         if count == 0:
             raise SessionError(Reason.PROTOCOL, f"block {message.block} has no photons")
         return message.block, count
-
-
-def unexpected(message: Message | None, peer: str) -> SessionError:
-    """Return the error that a message is: a refusal, or one that has no place in a session."""
-    if isinstance(message, Answer) and message.reason != Reason.OK:
-        return SessionError(Reason(message.reason), message.text)
-    what = type(message).__name__ if message else "the end of the connection"
-    return SessionError(Reason.PROTOCOL, f"{what} from {peer} in mid-session")
 
 
 @dataclass(frozen=True)
