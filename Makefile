@@ -31,10 +31,11 @@ help: ## Print this help
 	    '' 'Variables of run-teleport and run-qkd:' \
 	    '  STATE=...       run-teleport: 0, 1, +, -, +i, -i or random (default)' \
 	    '  PROTOCOL=...    run-qkd: bb84 (default) or bbm92' \
+	    '  EVE=FRACTION    run-qkd: of the photons, measured by eve on the fibre' \
 	    '  COUNT=N         States to teleport, or sifted bits to make a key of' \
 	    '  DEPOLARIZING=P  Of every fibre (default: 0)' \
 	    '' 'Variables of cli:' \
-	    '  TOPO=...        sdc (default), chain, ring or leaf-spine' \
+	    '  TOPO=...        sdc (default), chain, ring, leaf-spine or tapped' \
 	    '  CAPTURE=1       Capture packets, as run-sdc does' \
 	    '' 'Variables of all:' \
 	    '  SEED=N          Makes the random draws repeatable' \

@@ -14,6 +14,10 @@ max_block_pairs = 65_536
 min_frame_bytes = 16
 max_frame_bytes = 1024
 
+[[tap]]                     # light between these two, either way, goes by way of a third host
+between = ["alice", "bob"]
+by = "eve"
+
 [device.alice]              # overrides what applications on alice ask for
 rate_hz = 1_000_000
 fec = "golay"               # or its number, as in wire.metadata.Fec
@@ -45,6 +49,7 @@ LIMITS = {
     "max_frame_bytes": (1, 1 << 16),
 }
 MAX_RULES = 1024
+MAX_TAPS = 64
 
 T = TypeVar("T")
 
@@ -115,6 +120,18 @@ class Rule:
 
 
 @dataclass(frozen=True)
+class Tap:
+    """A host that is put on the fibres between two others, all by their names."""
+
+    between: tuple[str, str]
+    by: str
+
+    def __str__(self) -> str:
+        """Return it as messages name it."""
+        return f"tap between {' and '.join(self.between)}"
+
+
+@dataclass(frozen=True)
 class Reporting:
     """When devices tell their state."""
 
@@ -131,6 +148,7 @@ class Policy:
     rules: tuple[Rule, ...] = ()
     devices: dict[str, DeviceSettings] = field(default_factory=dict)  # overrides, by host name
     reporting: Reporting = Reporting()
+    taps: tuple[Tap, ...] = ()
 
     def objection(self, wish: Wish, open_wishes: Iterable[Wish]) -> str:
         """Return why a wish is not allowed beside those already granted, "" if it is."""
@@ -169,16 +187,15 @@ def read_policy(path: str | Path) -> Policy:
 def parse_policy(text: str) -> Policy:
     """Build the policy from its text; raise ValueError naming place, value and choices."""
     content = tomllib.loads(text)
-    _only(content, "the file", {"default", "rule", "device", "report"})
-    rules: list[Any] = _typed(content.get("rule", []), list, "rule", "write it as [[rule]]")
-    if len(rules) > MAX_RULES:
-        raise ValueError(f"{len(rules)} rules: at most {MAX_RULES}")
+    _only(content, "the file", {"default", "rule", "tap", "device", "report"})
+    rules = _array(content, "rule", MAX_RULES)
     devices = _table(content.get("device", {}), "device")
     return Policy(
         _one_of(content.get("default", "allow"), ACTIONS, "default"),
         tuple(_parse_rule(rule, f"rule {number}") for number, rule in enumerate(rules, 1)),
         {name: _parse_settings(device, f"device {name}") for name, device in devices.items()},
         _parse_reporting(_table(content.get("report", {}), "report")),
+        _parse_taps(_array(content, "tap", MAX_TAPS)),
     )
 
 
@@ -204,6 +221,29 @@ def _parse_rule(given: object, place: str) -> Rule:
     if rule.action == "deny" and any(name in table for name in LIMITS):
         raise ValueError(f"{place} denies and has limits: only rules that allow have them")
     return rule
+
+
+def _parse_taps(given: list[Any]) -> tuple[Tap, ...]:
+    taps: dict[frozenset[str], Tap] = {}
+    for number, table in enumerate(given, 1):
+        tap = _parse_tap(table, f"tap {number}")
+        first = taps.setdefault(frozenset(tap.between), tap)
+        if first is not tap:
+            raise ValueError(f"tap {number}: there is a {first} already; keep one of them")
+    return tuple(taps.values())
+
+
+def _parse_tap(given: object, place: str) -> Tap:
+    table = _table(given, place)
+    _only(table, place, {"between", "by"})
+    between, by = table.get("between"), table.get("by")
+    remedy = 'write between = ["alice", "bob"] and by = "eve", three different hosts'
+    if not isinstance(between, list) or len(between) != 2:
+        raise ValueError(f"{place}: between is {between!r}: {remedy}")
+    hosts = [*between, by]
+    if not all(isinstance(host, str) and host for host in hosts) or len(set(hosts)) < len(hosts):
+        raise ValueError(f"{place}: between is {between!r} and by is {by!r}: {remedy}")
+    return Tap((between[0], between[1]), str(by))
 
 
 def _parse_settings(given: object, place: str) -> DeviceSettings:
@@ -233,6 +273,13 @@ def _only(table: dict[str, Any], place: str, known: set[str]) -> None:
     for name in table:
         if name not in known:
             raise ValueError(f"{place}: unknown {name!r}; known are {', '.join(sorted(known))}")
+
+
+def _array(content: dict[str, Any], name: str, most: int) -> list[Any]:
+    tables: list[Any] = _typed(content.get(name, []), list, name, f"write it as [[{name}]]")
+    if len(tables) > most:
+        raise ValueError(f"{len(tables)} {name}s: at most {most}")
+    return tables
 
 
 def _table(value: object, place: str) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from typing import Any
 
 from controller_apps.console.questions import EventQuestion, Refused, reply
 from controller_apps.console.views import fibers_view, name_of, paths_view, sessions_view
+from controller_apps.devices.swap_orders import EventSwapsOrdered
 from controller_apps.framework import CONFIG, DEAD, MAIN, App, Event, hub, ofp_event, ofproto, on
 from controller_apps.light import flow_entries, optical_messages
 from controller_apps.light.fibers import Fibers
@@ -31,6 +32,7 @@ from controller_apps.sessions.actions import (
     Note,
     OpenPaths,
     RemoveBypass,
+    SwapsOrdered,
 )
 from controller_apps.sessions.admission import Admission
 from controller_apps.sessions.arbiter import Arbiter
@@ -42,6 +44,7 @@ from wire.config import ControllerConfig
 from wire.metadata import MalformedPacket, Reason, Setup
 
 TICK_S = 0.2
+DEVICE_MONITOR = "DeviceMonitor"  # the app that speaks to the hosts
 
 
 class EventTick(Event):
@@ -79,7 +82,7 @@ class QuantumMetadata(App):
         self.permission = Permission(
             read_policy(config.policy), self.network, self.arbiter.sessions
         )
-        self.arbiter.forbid = self._forbid
+        self.arbiter.forbid, self.arbiter.taps = self._forbid, self.permission.policy.taps
         self.datapaths: dict[int, Any] = {}
         self.packet_in_count = 0
         self.dropped: Counter[str] = Counter()
@@ -301,6 +304,7 @@ class QuantumMetadata(App):
             self.permission.policy = read_policy(self.policy_path)
         except BadPolicy as error:
             raise Refused(f"{error}; the policy before stays in force") from error
+        self.arbiter.taps = self.permission.policy.taps
         self.record.write("policy", path=self.policy_path)
         return self.policy_path or str(DEFAULT)
 
@@ -318,6 +322,8 @@ class QuantumMetadata(App):
                 self.state.keep_session(action.session, action.data)
             elif isinstance(action, Forget):
                 self.state.forget_session(action.session)
+            elif isinstance(action, SwapsOrdered):
+                self.send_event(DEVICE_MONITOR, EventSwapsOrdered(action))
             elif action.dpid in self.datapaths:  # what is gone needs nothing
                 datapath = self.datapaths[action.dpid]
                 flow_entries.send(datapath, self._messages(datapath, action))

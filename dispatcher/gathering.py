@@ -131,6 +131,7 @@ class Gathering:
             start_ns=max(block.start_ns for block in blocks),
             source_rate_hz=min(block.source_rate_hz for block in blocks),
             stores=max(block.stores for block in blocks),
+            resends=max(block.resends for block in blocks),
             lineage=_lineage(picked),
         )
 

@@ -19,6 +19,7 @@ from dispatcher.light.transport import Transport
 from dispatcher.measurements import Measurements
 from dispatcher.operations import Operations
 from dispatcher.ownership import BlockName
+from dispatcher.resending import Resending
 from dispatcher.sabot.backend import Bytes
 from dispatcher.server import build_layer
 from dispatcher.switch.switching import Switching
@@ -37,6 +38,7 @@ from wire.dispatcher_pb2 import (
     MeasureRequest,
     Pick,
     ReceiveRequest,
+    ResendRequest,
     SendRequest,
     StoreRequest,
 )
@@ -57,6 +59,7 @@ Request = (
     | StoreRequest
     | DiscardRequest
     | GatherRequest
+    | ResendRequest
 )
 
 
@@ -87,7 +90,8 @@ class Laboratory:
         self._errors: list[BaseException] = []
         transport = Transport(self.layer, self._errors.append)
         operations, measurements = Operations(self.layer), Measurements(self.layer)
-        self._acts = acts(operations, measurements, transport, Gathering(self.layer))
+        rest = Gathering(self.layer), Resending(self.layer)
+        self._acts = acts(operations, measurements, transport, *rest)
 
     def host(self, name: str) -> "LaboratoryHost":
         """Return the host of this name; it need not have fibres."""
@@ -171,6 +175,11 @@ class LaboratoryHost:
         packed = b"" if bases is None else bases.tobytes()
         request = MeasureRequest(block=block_id(block), basis=basis, bases=packed)
         return outcomes(await self._act("measure", request))
+
+    async def resend(self, block: BlockKey, bases: Bytes) -> Bytes:
+        """Measure photons and put new ones in their places; a basis of 255 leaves one alone."""
+        request = ResendRequest(block=block_id(block), bases=bases.tobytes())
+        return outcomes(await self._act("resend", request))
 
     async def bell_measure(self, first: BlockKey, second: BlockKey) -> Bytes:
         """Bell-measure two blocks; return 0 Phi+, 1 Psi+, 2 Phi-, 3 Psi-, 255 none, shape (k,)."""

@@ -49,10 +49,10 @@ class Measurements:
         place = block.draws_for(f"detectors of {node}")
         chance = Chance(layer.draws, block.name, place, size)
         detectors = layer.devices.detectors(node, "measure")
-        found = detectors.detect(bits, block.pulses.extras, _train(block), chance)
+        found = detectors.detect(bits, block.pulses.extras, train(block), chance)
         told = f"{tally(values, BASES)}: {tally(found.bits, ('0', '1'))}"
-        each = partial(_outcome, found.bits, ("0", "1"))
-        layer.record(node, "measure", block, detail=told + _listed(found.incidents()), each=each)
+        each = partial(outcome, found.bits, ("0", "1"))
+        layer.record(node, "measure", block, detail=told + listed(found.incidents()), each=each)
         feedback.clicks, feedback.outcomes = found.clicks, found.bits.tobytes()
         return feedback
 
@@ -78,8 +78,8 @@ class Measurements:
         chance = Chance(layer.draws, first.name, place, first.register.size)
         found = self._analyser(node).analyse(states, halves, chance)
         told = f"with {second.name.number}/{second.name.half}: {tally(found.outcomes, BELL_STATES)}"
-        each = partial(_outcome, found.outcomes, BELL_STATES)
-        layer.record(node, "bell-measure", first, detail=told + _listed(found.incidents), each=each)
+        each = partial(outcome, found.outcomes, BELL_STATES)
+        layer.record(node, "bell-measure", first, detail=told + listed(found.incidents), each=each)
         feedback.clicks = found.clicks
         feedback.coincidences = int(np.count_nonzero(found.outcomes != NO_CLICK))
         feedback.outcomes = found.outcomes.tobytes()
@@ -95,20 +95,20 @@ class Measurements:
         return self._layer.draws.photons(block.name, purpose, block.register.size)
 
 
-def _outcome(found: Bytes, names: tuple[str, ...], position: int) -> str:
+def outcome(found: Bytes, names: tuple[str, ...], position: int) -> str:
     """Return what was found of one photon or pair."""
     outcome = int(found[position])
     return "no click" if outcome == NO_CLICK else names[outcome]
 
 
-def _train(block: Block) -> Train:
+def train(block: Block) -> Train:
     return Train(block.start_ns, block.interval_ns, block.register.size)
 
 
 def _half(block: Block) -> Half:
     pulses = block.pulses
-    return Half(block.register.present, pulses.extras, pulses.delays_ps, _train(block))
+    return Half(block.register.present, pulses.extras, pulses.delays_ps, train(block))
 
 
-def _listed(incidents: dict[str, int]) -> str:
+def listed(incidents: dict[str, int]) -> str:
     return "".join(f", {name}={count}" for name, count in incidents.items())

@@ -55,6 +55,7 @@ class Block:
     source_rate_hz: float = float("inf")  # at most, while they have not left their source
     stored_ns: int = 0  # when the block was put into memory last
     stores: int = 0  # how often that was
+    resends: int = 0  # how often photons were measured and replaced by others
     lineage: str = ""  # which photons have been gathered here, if any: names of random numbers
 
     def draws_for(self, purpose: str) -> str:

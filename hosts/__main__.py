@@ -28,7 +28,7 @@ async def run(config: HostConfig) -> None:
     local = await asyncio.start_unix_server(stack.applications.serve, config.socket)
     speaking = [asyncio.create_task(announce(config.name, config.address, config.qnics))]
     if config.device_key:
-        agent = await start_node_agent(config, stack.device)
+        agent = await start_node_agent(config, stack.device, stack.swaps)
         speaking.append(asyncio.create_task(agent.run()))
     print("ready", flush=True)
     stopping = asyncio.create_task(stopped.wait())

@@ -11,7 +11,9 @@ from hosts.engaged import Engaged
 from hosts.event_watching import Watch, tell_events
 from hosts.hardware.qnic import HardwareError
 from hosts.incoming import Incoming, failed
+from hosts.intercepting import serve_interception
 from hosts.middleware.channel import SessionError
+from hosts.middleware.interception import Interception
 from hosts.middleware.options import SessionOptions
 from hosts.middleware.sender import SendingSession
 from hosts.middleware.services.session import OpeningSession
@@ -47,10 +49,11 @@ class ApplicationsPort:
         connect: Callable[[SessionOptions], SendingSession],
         request: Callable[[dict[str, Any]], OpeningSession],
         watch: Watch,
+        intercept: Callable[[dict[str, Any]], Interception],
         engaged: Engaged,
     ) -> None:
         self._connect, self._request, self._watch = connect, request, watch
-        self._engaged = engaged
+        self._intercept, self._engaged = intercept, engaged
         self._listening: dict[int, Listening] = {}
 
     def incoming(self, port: int, peer: str, service: str = BYTES) -> Incoming:
@@ -85,6 +88,7 @@ class ApplicationsPort:
                 Call.LISTEN: self._serve_listener,
                 Call.ACCEPT: self._serve_receiver,
                 Call.WATCH: self._serve_watcher,
+                Call.INTERCEPT: self._serve_interceptor,
             }
             if call not in handlers:
                 raise SessionError(Reason.PROTOCOL, f"{call.name} on a socket that is not open")
@@ -146,6 +150,11 @@ class ApplicationsPort:
             await _unless_gone(watching, coming)
         finally:
             await _end(coming)
+
+    async def _serve_interceptor(
+        self, fields: dict[str, Any], reader: asyncio.StreamReader, writer: asyncio.StreamWriter
+    ) -> None:
+        await serve_interception(self._intercept(fields), _read(reader), writer)
 
     async def _serve_listener(
         self, fields: dict[str, Any], reader: asyncio.StreamReader, writer: asyncio.StreamWriter

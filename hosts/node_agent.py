@@ -11,6 +11,7 @@ from typing import cast
 
 from hosts.middleware.channel import SessionError
 from hosts.middleware.device import Device, changed
+from hosts.middleware.swapping.orders import Swaps
 from wire.config import HostConfig
 from wire.device import (
     DEVICE_PORT,
@@ -19,6 +20,7 @@ from wire.device import (
     DeviceReport,
     SetDevice,
     Subscribe,
+    SwapOrder,
     open_sealed,
 )
 from wire.metadata import Answer, MalformedPacket, Message, Reason
@@ -33,11 +35,11 @@ UNASKED_AFTER = 3  # periods without a request: report, so that a new controller
 class NodeAgent(asyncio.DatagramProtocol):
     """Speaks for one device."""
 
-    def __init__(self, config: HostConfig, device: Device) -> None:
+    def __init__(self, config: HostConfig, device: Device, swaps: Swaps) -> None:
         self._name = config.name
         self._key = config.device_key
         self._report_to = config.report_to
-        self._device = device
+        self._device, self._swaps = device, swaps
         self._heard = 0  # number of the last datagram that was taken
         self._number = 0
         self._last = device.report()
@@ -60,6 +62,9 @@ class NodeAgent(asyncio.DatagramProtocol):
         elif isinstance(message, Subscribe):
             self._device.subscription = message
             self._report(message.session)
+        elif isinstance(message, SwapOrder):
+            self._swaps.take(message)
+            self._send(Answer(message.session, Reason.OK))
         elif isinstance(message, DeviceQuery):
             self._report(message.session)
         else:
@@ -114,10 +119,10 @@ class NodeAgent(asyncio.DatagramProtocol):
         self._transport.sendto(data, (self._report_to, DEVICE_PORT))
 
 
-async def start_node_agent(config: HostConfig, device: Device) -> NodeAgent:
+async def start_node_agent(config: HostConfig, device: Device, swaps: Swaps) -> NodeAgent:
     """Open the port; raise OSError if it is taken."""
     _transport, agent = await asyncio.get_running_loop().create_datagram_endpoint(
-        lambda: NodeAgent(config, device),
+        lambda: NodeAgent(config, device, swaps),
         local_addr=(config.address, DEVICE_PORT),
         allow_broadcast=True,
     )

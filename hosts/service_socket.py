@@ -58,6 +58,20 @@ class ServiceSocket(StackSocket):
                 raise QuantumSocketError(f"the stack answered {call.name} in a service")
             yield decode_fields(payload)
 
+    def intercept(self, fraction: float = 1.0, **options: Any) -> Iterator[dict[str, Any]]:
+        """Measure and resend a fraction of the light that goes by way of this host.
+
+        It has begun when this returns. Yield what was seen of each block, until `shutdown`;
+        `summary` is there then. Raise QuantumSocketError with the reason if it cannot be.
+        """
+        self._socket.sendall(encode_fields(Call.INTERCEPT, fraction=fraction, **options))
+        self._done()
+        return self.results()
+
+    def stop(self) -> None:
+        """Let an interception end, from any thread or signal handler; its results then end, too."""
+        self._socket.sendall(encode(Call.CLOSE))
+
     def ask(self, **question: Any) -> dict[str, Any]:
         """Ask about what the service has left here; return the answer.
 

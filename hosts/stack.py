@@ -20,13 +20,21 @@ from hosts.incoming import Incoming
 from hosts.middleware.arrangement import Arrangement
 from hosts.middleware.channel import ANSWER_TIMEOUT_S, MetadataChannel, SessionError
 from hosts.middleware.device import Device
+from hosts.middleware.interception import Interception, InterceptionOptions
 from hosts.middleware.options import HANDSHAKES, SessionOptions
 from hosts.middleware.qkd.keyring import Keyring
 from hosts.middleware.receiver import ReceivingSession
 from hosts.middleware.sender import SendingSession
 from hosts.middleware.services import KINDS, NAMES
-from hosts.middleware.services.session import AcceptingSession, OpeningSession, draws_of
+from hosts.middleware.services.session import (
+    AcceptingSession,
+    OpeningSession,
+    draws_of,
+    told_apart,
+)
 from hosts.middleware.source import serve_pairs
+from hosts.middleware.swapping.orders import Swaps
+from hosts.middleware.swapping.serving import serve_link
 from wire.config import HostConfig
 from wire.metadata import FEC_NAMES, Answer, Handshake, Reason, Service, Setup, Verdict
 from wire.services import Role
@@ -44,8 +52,11 @@ class Stack:
         self._sessions_made = 0
         self._receiving: dict[int, ReceivingSession] = {}
         self.engaged = Engaged()
+        self.swaps = Swaps(config.address)
         self.device = Device(lambda: read_ports(config.qnics))
-        self.applications = ApplicationsPort(self.connect, self.request, qnic.watch, self.engaged)
+        self.applications = ApplicationsPort(
+            self.connect, self.request, qnic.watch, self.intercept, self.engaged
+        )
 
     def connect(self, options: SessionOptions) -> SendingSession:
         """Prepare a session to a host; raise SessionError if the names are not known."""
@@ -96,7 +107,13 @@ class Stack:
             self._config.analyser,
             self._draws(setup),
             self._keyring,
+            self.swaps,
         )
+
+    def intercept(self, fields: dict[str, Any]) -> Interception:
+        """Prepare an interception; raise SessionError for what cannot be asked."""
+        options = InterceptionOptions.from_fields(fields)
+        return Interception(self._qnic, options, self._config.seed, self._config.name)
 
     def _draws(self, setup: Setup) -> np.random.Generator:
         return draws_of(self._config.seed, self._config.name, setup.session)
@@ -122,6 +139,8 @@ class Stack:
             raise SessionError(Reason(setup.reason) if refused else Reason.NOT_ARBITRATED)
         if setup.service == Service.PAIR_SOURCE:
             return self._emit_pairs
+        if setup.service == Service.LINK:
+            return self._link
         if setup.service in KINDS:
             return self._accept
         if setup.service != Service.SDC:
@@ -159,7 +178,14 @@ class Stack:
         draws = self._draws(setup)
         analyser = self._config.analyser
         session = AcceptingSession(
-            KINDS[service], self._qnic, channel, setup, analyser, draws, self._keyring
+            KINDS[service],
+            self._qnic,
+            channel,
+            setup,
+            analyser,
+            draws,
+            self._keyring,
+            self.swaps,
         )
         with self.engaged.engage(setup.session, Role.ACCEPTOR):
             incoming = self.applications.incoming(setup.port, channel.peer, service.name.lower())
@@ -178,6 +204,11 @@ class Stack:
             raise
         finally:
             await session.close()
+
+    async def _link(self, channel: MetadataChannel, setup: Setup) -> None:
+        with self.engaged.engage(setup.session, Role.ACCEPTOR), self.device.serves(setup):
+            apart = told_apart(self._config.analyser)
+            await serve_link(self._qnic, channel, setup, self.swaps, apart)
 
     async def _deliver(self, session: ReceivingSession, incoming: Incoming) -> None:
         try:

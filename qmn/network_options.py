@@ -37,6 +37,7 @@ class NetworkOptions(TypedDict, total=False):
     device: list[str]  # as bob.detectors.efficiency=0.8
     switches: int
     leaves: int
+    repeaters: int
     spines: int
     loss_budget_db: float
     contention: str
@@ -69,6 +70,7 @@ def add_network_options(parser: argparse.ArgumentParser) -> None:
     add("--fiber", action="append", default=[], metavar="NAME=VALUE", help=text)
     text = "of a host, as bob.detectors.efficiency=0.8 (repeatable; docs/physical-layer.md)"
     add("--device", action="append", default=[], metavar="HOST.PART.NAME=VALUE", help=text)
+    add("--repeaters", type=int, metavar="N", help="of a chain of them, 1 to 16")
     add("--switches", type=int, metavar="N", help="quantum switches of a chain or ring")
     add("--leaves", type=int, metavar="N", help="switches of leaf-spine with hosts (3)")
     add("--spines", type=int, metavar="N", help="switches of leaf-spine between leaves (2)")

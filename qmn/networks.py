@@ -17,8 +17,10 @@ from topologies.fiber import resolved
 from topologies.leaf_spine import LeafSpineTopo
 from topologies.nodes import QuantumHost
 from topologies.presets import preset
+from topologies.repeaters import RepeatersTopo
 from topologies.ring import RingTopo
 from topologies.sdc import SdcTopo
+from topologies.tapped import TappedTopo
 from wire.fiber import FiberOptics, optics
 from wire.physics import Device
 
@@ -27,12 +29,16 @@ TOPOLOGIES: dict[str, tuple[Callable[..., Topo], str]] = {
     "chain": (ChainTopo, "quantum switches in a line"),
     "ring": (RingTopo, "quantum switches in a ring"),
     "leaf-spine": (LeafSpineTopo, "two stages of quantum switches"),
+    "repeaters": (RepeatersTopo, "repeaters in a line, a quantum switch between neighbours"),
+    "tapped": (TappedTopo, "one quantum switch, with eve, who can be put on a fibre"),
 }
 SIZES = {
     "sdc": (),
     "chain": ("switches",),
     "ring": ("switches",),
     "leaf-spine": ("leaves", "spines"),
+    "repeaters": ("repeaters",),
+    "tapped": (),
 }
 FIBER = ("length_km", "loss_db_per_km", "depolarizing", "kind")
 PARAMETERS = asdict(FiberOptics())  # of a fibre, with their defaults

@@ -36,6 +36,7 @@ NETWORK_PARAMETERS = (
     "device",
     "switches",
     "leaves",
+    "repeaters",
     "spines",
     "loss_budget_db",
     "contention",

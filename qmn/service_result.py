@@ -24,7 +24,8 @@ def complete(facts: dict[str, Any], folder: Path) -> None:
 def show(console: Console, facts: dict[str, Any], folder: Path) -> None:
     """Print the table."""
     told = {name.replace("_", " "): figure(value) for name, value in facts["asking"].items()}
-    print_rows(console, {**told, **rows_of_every_run(facts, folder)})
+    eve = {f"eve: {name.replace('_', ' ')}": figure(v) for name, v in facts.get("eve", {}).items()}
+    print_rows(console, {**told, **eve, **rows_of_every_run(facts, folder)})
 
 
 def figure(value: Any) -> str:

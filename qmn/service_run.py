@@ -17,7 +17,7 @@ from hosts.middleware.channel import SessionError
 from hosts.middleware.services import NAMES, distribute, teleport
 from hosts.middleware.services.key_options import BOUNDS, CORRECTIONS, KeyOptions
 from hosts.middleware.services.options import ServiceOptions
-from qmn import service_result
+from qmn import eavesdropping, service_result
 from qmn.network_options import (
     BadInput,
     add_network_options,
@@ -49,38 +49,50 @@ class Verb:
     unit: str  # what --count counts
     options: Mapping[str, dict[str, Any]]  # of the service's own: argparse's words for each
     protocols: tuple[str, ...] = ()  # services that do it; none: the one of the verb's name
+    topology: str = "sdc"  # by default
+    eavesdropper: bool = False  # whether eve may be put on the fibre
 
 
+# What the services that leave pairs in memory can be told.
+PAIRS: Mapping[str, dict[str, Any]] = MappingProxyType(
+    {
+        "fidelity": {
+            "type": float,
+            "default": 0.0,
+            "metavar": "F",
+            "help": "at least, to Phi+ (0: any)",
+        },
+        "sample": {
+            "type": float,
+            "default": 0.1,
+            "metavar": "SHARE",
+            "help": "of the pairs, sacrificed for the estimate (0.1)",
+        },
+        "purification": {
+            "choices": distribute.PROTOCOLS,
+            "default": "dejmps",
+            "help": "where it is needed (dejmps)",
+        },
+        "rounds": {
+            "type": int,
+            "default": None,
+            "metavar": "N",
+            "help": "of purification (as many as the fidelity needs)",
+        },
+    }
+)
 VERBS: Mapping[str, Verb] = MappingProxyType(
     {
         "distribute": Verb(
             "put pairs of a wanted fidelity into the memories of two hosts",
             "pairs",
-            {
-                "fidelity": {
-                    "type": float,
-                    "default": 0.0,
-                    "metavar": "F",
-                    "help": "at least, to Phi+ (0: any)",
-                },
-                "sample": {
-                    "type": float,
-                    "default": 0.1,
-                    "metavar": "SHARE",
-                    "help": "of the pairs, sacrificed for the estimate (0.1)",
-                },
-                "purification": {
-                    "choices": distribute.PROTOCOLS,
-                    "default": "dejmps",
-                    "help": "where it is needed (dejmps)",
-                },
-                "rounds": {
-                    "type": int,
-                    "default": None,
-                    "metavar": "N",
-                    "help": "of purification (as many as the fidelity needs)",
-                },
-            },
+            PAIRS,
+        ),
+        "swap": Verb(
+            "put pairs into the memories of two hosts by way of repeaters",
+            "pairs",
+            PAIRS,
+            topology="repeaters",
         ),
         "teleport": Verb(
             "teleport states",
@@ -127,6 +139,7 @@ VERBS: Mapping[str, Verb] = MappingProxyType(
                 },
             },
             ("bb84", "bbm92"),
+            eavesdropper=True,
         ),
     }
 )
@@ -154,14 +167,17 @@ def add_parsers(jobs: Any) -> None:
 def _add_options(parser: argparse.ArgumentParser, name: str, verb: Verb) -> None:
     add = partial(parser.add_argument)
     defaults = NAMES[name].options(host="", port=SERVICE_PORT)
-    text = f"over this network ({', '.join(TOPOLOGIES)}; default: sdc)"
-    add("--topology", choices=sorted(TOPOLOGIES), default="sdc", help=text)
+    text = f"over this network ({', '.join(TOPOLOGIES)}; default: {verb.topology})"
+    add("--topology", choices=sorted(TOPOLOGIES), default=verb.topology, help=text)
     add("--from", dest="sender", default="alice", metavar="HOST", help="that asks (alice)")
     add("--to", dest="receiver", default="bob", metavar="HOST", help="that is asked (bob)")
     text = f"{verb.unit.replace('_', ' ')} ({defaults.count})"
     add("--count", type=int, default=defaults.count, metavar="N", help=text)
     for option, words in verb.options.items():
         add(f"--{option.replace('_', '-')}", **words)
+    parser.set_defaults(eve=None)
+    if verb.eavesdropper:
+        eavesdropping.add_option(parser)
     text = f"pairs in a block ({defaults.block_pairs})"
     add("--block-pairs", type=int, default=defaults.block_pairs, metavar="N", help=text)
     text = f"of the source ({defaults.rate_hz})"
@@ -175,7 +191,8 @@ def run(arguments: argparse.Namespace, signals: Signals, console: Console) -> in
     options = check_input(arguments)
     require_root()
     folder = begin_folder(arguments.runs, arguments.service)
-    own = ("sender", "receiver", *own_options(arguments.service))
+    eavesdropping.make_policy(arguments, topology(arguments)(), folder)
+    own = ("sender", "receiver", "eve", *own_options(arguments.service))
     facts = {"service": arguments.service, **known_facts(arguments, own), "delivered": False}
     with ending(folder, facts, service_result.complete):
         _use(arguments, options, folder, facts, signals, console)
@@ -190,8 +207,11 @@ def own_options(service: str) -> tuple[str, ...]:
 
 def check_input(arguments: argparse.Namespace) -> ServiceOptions:
     """Return what the service is told; raise BadInput before anything is started."""
-    check_two_hosts(arguments.sender, arguments.receiver, quantum_hosts(topology(arguments)()))
+    eavesdropping.choose_topology(arguments)
+    topo = topology(arguments)()
+    check_two_hosts(arguments.sender, arguments.receiver, quantum_hosts(topo))
     check_network(arguments)
+    eavesdropping.check(arguments, topo)
     fields = {name: getattr(arguments, name) for name in own_options(arguments.service)}
     words = {"host": arguments.receiver, "port": SERVICE_PORT, **fields}
     try:
@@ -214,7 +234,10 @@ def _use(
         unit = verb_of(arguments.service).unit
         what = f"{options.count:,} {unit.replace('_', ' ')}"
         console.print(f"{arguments.service} from {sender} to {receiver}: {what}")
-        with _progress_bar(console, unit, options.count, facts) as progress:
+        with (
+            eavesdropping.eavesdropping(network, arguments.eve, facts),
+            _progress_bar(console, unit, options.count, facts) as progress,
+        ):
             try:
                 asked = _start(network, arguments, receiver, "asked", [])
                 asked.wait_for("listening", START_TIMEOUT_S)

@@ -30,21 +30,26 @@ class FabricTopo(Topo):
     """alice, bob, charlie with his pairs, ed with the qubits; subclasses lay the fibres."""
 
     def lay_copper(
-        self, preset: str = "ideal", devices: Mapping[str, Device] | None = None, **fiber: Any
+        self,
+        preset: str = "ideal",
+        devices: Mapping[str, Device] | None = None,
+        source: str = "charlie",
+        **fiber: Any,
     ) -> None:
         """Add s1 and the hosts, and note what every fibre will be like.
 
         Fibres are as the preset says (topologies/presets.py), but for what is given by keyword
         (wire.fiber.FiberOptics); raise BadParameter for what cannot be. Hosts have the preset's
-        device, or their own of `devices`.
+        device, or their own of `devices`. The source is charlie, or alice where there is none.
         """
         self._fiber = {"cls": FiberLink, **fiber_of(preset, fiber)}
         self._device = presets.preset(preset).device
         self._devices = devices or {}
         self.addSwitch("s1", cls=ClassicalSwitch, dpid="1")
-        self.add_host("alice", "10.0.0.1")
+        self.add_host("alice", "10.0.0.1", **({"source": True} if source == "alice" else {}))
         self.add_host("bob", "10.0.0.2")
-        self.add_host("charlie", "10.0.0.3", source=True)
+        if source == "charlie":
+            self.add_host("charlie", "10.0.0.3", source=True)
         self.addHost("ed", cls=DispatcherHost, ip="10.0.0.4/24")
         self.addLink("ed", "s1")
 

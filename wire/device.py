@@ -7,7 +7,8 @@
 controller                       node agent, UDP port DEVICE_PORT
 DeviceQuery, Subscribe, SetDevice ->
                               <-  DeviceReport: asked for, or on its own (session 0)
-                              <-  Answer to SetDevice
+SwapOrder                         ->
+                              <-  Answer to SetDevice and SwapOrder
 
 The header's session field numbers a request and its answer. The HMAC (SHA-256, cut to 16
 bytes) covers everything before it, and who speaks; its key is the device key that the
@@ -19,6 +20,7 @@ import hmac
 import struct
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from ipaddress import IPv4Address
 from typing import ClassVar
 
 from wire.metadata import (
@@ -51,6 +53,8 @@ TRAILER = struct.Struct("!32sQ")
 TAG_BYTES = 16
 UNSET = 0xFFFFFFFF
 PORT = struct.Struct("!15s?")
+MAX_REPEATERS = 16  # in one chain
+NOBODY = str(IPv4Address(0))  # no host's address
 
 
 @dataclass(frozen=True)
@@ -213,8 +217,57 @@ class DeviceReport(Message):
         return replace(report, settings=_unpack_settings(settings), ports=ports)
 
 
+@dataclass(frozen=True)
+class SwapOrder(Message):
+    """Tell a node of a chain of repeaters what it does in a session of swapping.
+
+    The link that comes to place k has session chain + k, the one that leaves it the next.
+    """
+
+    KIND = 36
+    FIELDS = struct.Struct("!QB4sB")
+
+    chain: int  # the session that the opener has asked for
+    place: int  # in the chain: the opener's is 0, the first repeater's 1
+    right: str = NOBODY  # IPv4 address of the next node; NOBODY at the acceptor
+    after_left: int = 0  # 1: swap after the left neighbour; 0: as soon as both links hold
+
+    @property
+    def last(self) -> bool:
+        """Whether the chain ends here."""
+        return self.right == NOBODY
+
+    @property
+    def incoming(self) -> int:
+        """Return the session of the link from the left."""
+        return (self.chain + self.place) % (1 << 64)
+
+    @property
+    def outgoing(self) -> int:
+        """Return the session of the link to the right."""
+        return (self.incoming + 1) % (1 << 64)
+
+    def encode(self) -> bytes:
+        """Return the message as it goes onto the wire."""
+        right = IPv4Address(self.right).packed
+        return self._frame(self.FIELDS.pack(self.chain, self.place, right, self.after_left))
+
+    @classmethod
+    def parse(cls, session: int, body: bytes) -> "SwapOrder":
+        """Build the message from its body; raise MalformedPacket if it does not fit."""
+        raw = super().parse(session, body)
+        assert isinstance(raw, SwapOrder)
+        order = replace(raw, right=str(IPv4Address(raw.right)))
+        least, most = (1, MAX_REPEATERS + 1) if order.last else (0, MAX_REPEATERS)
+        if not least <= order.place <= most:
+            raise MalformedPacket(f"SwapOrder: place {order.place} before {order.right}")
+        if order.after_left > 1:
+            raise MalformedPacket(f"SwapOrder: after_left is {order.after_left}, not 0 or 1")
+        return order
+
+
 KINDS: dict[int, type[Message]] = {
-    kind.KIND: kind for kind in (DeviceQuery, Subscribe, SetDevice, DeviceReport, Answer)
+    kind.KIND: kind for kind in (DeviceQuery, Subscribe, SetDevice, DeviceReport, SwapOrder, Answer)
 }
 
 

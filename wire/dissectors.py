@@ -75,6 +75,7 @@ def tables() -> dict[str, Any]:
             "port": device.DEVICE_PORT,
             "max_length": device.MAX_DATAGRAM,
             "max_ports": device.MAX_PORTS,
+            "max_repeaters": device.MAX_REPEATERS,
             "trailer": device.TRAILER.size,
             "tag": device.TAG_BYTES,
             "unset": device.UNSET,

@@ -43,6 +43,8 @@ class Service(IntEnum):
     TELEPORT = 4
     BBM92 = 5  # quantum key distribution by entangled pairs
     BB84 = 6  # by single photons that the opener prepares
+    SWAP = 7  # entanglement swapping, by way of repeaters
+    LINK = 8  # between neighbours of such a chain: the opener makes pairs and keeps half of each
 
 
 class Topic(IntEnum):

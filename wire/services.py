@@ -21,7 +21,7 @@ class Role(Enum):
 
 
 class FiberOf(NamedTuple):
-    """A fibre of the host in a role, by its place among those of this host."""
+    """A fibre of the host in a role, by its place among those of this host; -1 is its last."""
 
     role: Role
     place: int
@@ -52,6 +52,8 @@ LIGHT: Mapping[Service, tuple[Beam, ...]] = MappingProxyType(
         Service.TELEPORT: PAIRS,
         Service.BBM92: PAIRS,
         Service.BB84: (Beam(FiberOf(OPENER, 0), FiberOf(ACCEPTOR, 0)),),
+        Service.SWAP: (),  # its links have it
+        Service.LINK: (Beam(FiberOf(OPENER, -1), FiberOf(ACCEPTOR, 0)),),
     }
 )
 
@@ -59,4 +61,4 @@ LIGHT: Mapping[Service, tuple[Beam, ...]] = MappingProxyType(
 def fibers_needed(service: Service, role: Role) -> int:
     """Return how many fibres a host in this role needs."""
     ends = [end for beam in LIGHT[service] for end in beam if end.role == role]
-    return 1 + max((end.place for end in ends), default=-1)
+    return max((1 + max(end.place, 0) for end in ends), default=0)

@@ -33,6 +33,12 @@ CLOSE                   ->  of the end that has asked for the service, or its so
 application                 stack
 WATCH {session, history} -> of this host alone, for as long as this socket; session 0: all
                         <-  DONE, then EVENT record (wire.events) …
+
+application                 stack
+INTERCEPT {fraction, …} ->  of the light that comes to this host's first fibre
+                        <-  DONE, then RESULT {…} for each block that was sent on
+CLOSE                   ->
+                        <-  CLOSE {summary}
 """
 
 import json
@@ -61,6 +67,7 @@ class Call(IntEnum):
     REQUEST = 10
     RESULT = 11
     ASK = 12
+    INTERCEPT = 13
 
 
 def encode(call: Call, payload: bytes = b"") -> bytes:

@@ -19,11 +19,13 @@ from controller_apps.console.questions import EventQuestion, Refused, reply
 from controller_apps.devices.datagrams import CONTROLLER_MAC, Frame, is_udp
 from controller_apps.devices.device_view import host_view, switch_view
 from controller_apps.devices.hosts_state import Hosts, Place, Told
+from controller_apps.devices.swap_orders import EventSwapsOrdered, SwapOrders
 from controller_apps.devices.switch_state import SwitchState
 from controller_apps.framework import DEAD, MAIN, App, Event, hub, ofp_event, ofproto, on, parser
 from controller_apps.light import flow_entries
 from controller_apps.policy import BadPolicy, Policy, read_policy
 from controller_apps.record import Record
+from controller_apps.sessions.chains import orders
 from wire.config import ControllerConfig
 from wire.device import DEVICE_PORT, DeviceQuery, DeviceSettings, check_settings
 from wire.metadata import MalformedPacket, Message, Reason
@@ -63,6 +65,7 @@ class DeviceMonitor(App):
         self._number = 0
         self._next_poll = 0.0
         self._waiting: list[Waiting] = []
+        self._orders = SwapOrders()
         self._silent: set[str] = set()
 
     def start(self) -> Any:
@@ -80,6 +83,7 @@ class DeviceMonitor(App):
         """Do what is due."""
         now = time.monotonic()
         self._give_up_waiting(now)
+        self._repeat_orders(now)
         if now < self._next_poll:
             return
         self._next_poll = now + self.hosts.reporting.period_s
@@ -187,12 +191,33 @@ class DeviceMonitor(App):
         if told.answer is not None and told.answer.reason != Reason.OK:
             self.logger.warning("%s: %s", host, told.answer.text)
             self._settle(host, Refused(f"{host}: {told.answer.text}"))
+        if told.answer is not None:
+            self._orders.answered(host, told.answer.session)
         state = self.hosts.states[host]
         if state.report.settings == self.hosts.wanted.get(host, DeviceSettings()):
             self._settle(host, host_view(host, state, silent=False, age_s=0.0))
         if told.answer is None:  # a report shows what is still to be set
             for message in self.hosts.due(host):
                 self._send(host, message(self._next_number()))
+
+    @on(EventSwapsOrdered)
+    def swaps_ordered(self, event: Any) -> None:
+        """Tell the nodes of a chain of repeaters what they do, until they have understood."""
+        now, ordered = time.monotonic(), event.ordered
+        hosts = {state.place.address: host for host, state in self.hosts.states.items()}
+        for address, order in orders(ordered, self._next_number()).items():
+            if address not in hosts:
+                self.logger.warning("session %016x: %s is unheard", ordered.session, address)
+                continue
+            self._orders.add(hosts[address], order, now)
+            self._send(hosts[address], order)
+        self.record.write("chain", session=f"{ordered.session:016x}", nodes=list(ordered.chain))
+
+    def _repeat_orders(self, now: float) -> None:
+        for host, order in self._orders.give_up(now):
+            self.logger.warning("%s has not answered its order for %016x", host, order.chain)
+        for host, order in self._orders.due():
+            self._send(host, order)
 
     @on(EventQuestion)
     def asked(self, question: Any) -> None:

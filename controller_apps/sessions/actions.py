@@ -74,6 +74,14 @@ class Forget:
 
 
 @dataclass(frozen=True)
+class SwapsOrdered:
+    """Tell the nodes of a chain of repeaters what they do in a session."""
+
+    session: int
+    chain: tuple[str, ...]  # addresses, from the opener's to the acceptor's
+
+
+@dataclass(frozen=True)
 class Note:
     """A fact for the log and the record."""
 
@@ -91,4 +99,15 @@ class Drop:
     detail: str
 
 
-Action = Forward | OpenPaths | ClosePaths | AddBypass | RemoveBypass | Keep | Forget | Note | Drop
+Action = (
+    Forward
+    | OpenPaths
+    | ClosePaths
+    | AddBypass
+    | RemoveBypass
+    | Keep
+    | Forget
+    | SwapsOrdered
+    | Note
+    | Drop
+)

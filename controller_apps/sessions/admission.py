@@ -1,11 +1,14 @@
 """Whether a set-up is granted, and which paths it needs. Pure decisions, no state change."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Network
 from controller_apps.light.routing import Leg, LightPath, Limits, route, why_not
+from controller_apps.light.taps import CannotTap, tapped
+from controller_apps.policy import Tap
+from controller_apps.sessions.chains import Chain, find_chain
 from controller_apps.sessions.segments import FiveTuple
 from controller_apps.sessions.sessions import Session, Sessions
 from wire.metadata import Handshake, Reason, Service, Setup
@@ -20,14 +23,21 @@ class Admission:
     reason: Reason = Reason.OK
     paths: tuple[LightPath, ...] = ()
     waits_for_light: bool = False  # refused only because others have the light
+    chain: Chain = ()  # of repeaters, where it is wanted
+    detail: str = ""  # why not, for a person, if the reason does not say it all
 
 
 def admit(
-    setup: Setup, five_tuple: FiveTuple, sessions: Sessions, network: Network, budget_mdb: int
+    setup: Setup,
+    five_tuple: FiveTuple,
+    sessions: Sessions,
+    network: Network,
+    budget_mdb: int,
+    taps: Sequence[Tap] = (),
 ) -> Admission:
     """Decide on a set-up that came over the given connection.
 
-    A light path may lose budget_mdb, in thousandths of a dB.
+    A light path may lose budget_mdb, in thousandths of a dB; taps divide some of them.
     """
     if setup.session == 0:  # the cookie of entries that belong to no session
         return Admission(Reason.PROTOCOL)
@@ -41,7 +51,7 @@ def admit(
             return Admission(Reason.UNKNOWN_SESSION)
     elif registered is not None or len(sessions.by_number) >= sessions.max_sessions:
         return Admission(Reason.BUSY)
-    return find_light(setup, five_tuple, sessions, network, budget_mdb)
+    return find_light(setup, five_tuple, sessions, network, budget_mdb, taps)
 
 
 def _pair_source(five_tuple: FiveTuple, registered: Session | None) -> Admission:
@@ -66,7 +76,12 @@ def _same_session(setup: Setup, five_tuple: FiveTuple, registered: Session | Non
 
 
 def find_light(
-    setup: Setup, five_tuple: FiveTuple, sessions: Sessions, network: Network, budget_mdb: int
+    setup: Setup,
+    five_tuple: FiveTuple,
+    sessions: Sessions,
+    network: Network,
+    budget_mdb: int,
+    taps: Sequence[Tap] = (),
 ) -> Admission:
     """Return the light paths that a set-up needs, or why it cannot have them now."""
     hosts = {
@@ -82,9 +97,17 @@ def find_light(
     if legs is None:
         return Admission(Reason.NO_PATH)
     try:
+        legs = tapped(legs, network, taps)
+    except CannotTap as error:
+        return Admission(error.reason, detail=str(error))
+    try:
         limits = limits_of(setup, sessions, budget_mdb)
     except ValueError:  # a wavelength that is none of light
         return Admission(Reason.NO_WAVELENGTH)
+    if service == Service.SWAP:  # light comes with each link
+        limits = limits._replace(blocked=Limits().blocked)
+        chain = find_chain(network, hosts[Role.OPENER], hosts[Role.ACCEPTOR], limits)
+        return Admission(Reason.NO_PATH) if chain is None else Admission(chain=chain)
     if setup.handshake == Handshake.PER_PAIR:  # light comes with each pair
         limits = limits._replace(blocked=Limits().blocked)
     paths = route(network, legs, limits)

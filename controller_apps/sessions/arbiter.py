@@ -8,12 +8,20 @@ No socket, no clock: `now` is in seconds of one steady clock. TCP repeats what i
 may add bytes behind it, so a request is known by its connection and sequence number.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
 from controller_apps.light.light import Light
 from controller_apps.light.paths import Hop, Network, switches
-from controller_apps.sessions.actions import Action, AddBypass, Drop, Forward, Note
+from controller_apps.policy import Tap
+from controller_apps.sessions.actions import (
+    Action,
+    AddBypass,
+    Drop,
+    Forward,
+    Note,
+    SwapsOrdered,
+)
 from controller_apps.sessions.admission import Admission, admit, find_light
 from controller_apps.sessions.segments import RST, FiveTuple, parse
 from controller_apps.sessions.sessions import (
@@ -42,6 +50,7 @@ class Arbiter:
     queues: bool = False  # a request for light that is taken waits for it
     sessions: Sessions = field(default_factory=Sessions)
     forbid: Callable[[Setup, FiveTuple], Admission | None] = lambda _setup, _connection: None
+    taps: Sequence[Tap] = ()  # for sessions that are still to come
 
     def __post_init__(self) -> None:
         self.budget_mdb = round(self.loss_budget_db * 1000)
@@ -82,18 +91,21 @@ class Arbiter:
         if self.sessions.full:
             return self.verdicts.answer(request, Verdict.REFUSED, Reason.BUSY)
         admission = self.forbid(setup, request.five_tuple) or admit(
-            setup, request.five_tuple, self.sessions, self.network, self.budget_mdb
+            setup, request.five_tuple, self.sessions, self.network, self.budget_mdb, self.taps
         )
         if self.inheritance.is_premature(admission.reason, now):
             return [Drop("premature", f"{admission.reason.name} may change soon; TCP repeats it")]
         waits = admission.waits_for_light and self.queues
         if admission.reason != Reason.OK and not waits:
-            return self.verdicts.refuse(request, admission.reason, now)
+            return self.verdicts.refuse(request, admission.reason, now, admission.detail)
         self.sessions.retired.pop(request.five_tuple, None)
         session = self.sessions.join(request, now)
         if waits:
             self.sessions.queue[request.five_tuple] = request
             return [Note("queued", session.number)]
+        if admission.chain:
+            ordered = SwapsOrdered(session.number, admission.chain)
+            return [ordered, *self.verdicts.grant(request)]
         if not admission.paths:
             return self.verdicts.grant(request)
         return self.light.open(request, session, admission.paths)
@@ -108,15 +120,19 @@ class Arbiter:
             session = self.sessions.of(request)
             if session is None:
                 continue  # it has ended meanwhile
-            found = find_light(
-                request.setup, request.five_tuple, self.sessions, self.network, self.budget_mdb
-            )
+            found = self._find_light(request)
             if found.paths:
                 del self.sessions.queue[request.five_tuple]
                 actions += self.light.open(request, session, found.paths)
             elif not found.waits_for_light:
-                actions += self.verdicts.refuse(request, found.reason, now)
+                actions += self.verdicts.refuse(request, found.reason, now, found.detail)
         return actions
+
+    def _find_light(self, request: Request) -> Admission:
+        connection, budget_mdb = request.five_tuple, self.budget_mdb
+        return find_light(
+            request.setup, connection, self.sessions, self.network, budget_mdb, self.taps
+        )
 
     def _repeated(self, request: Request, arrival: Arrival) -> list[Action]:
         message = arrival.segment.payload[:SETUP_LENGTH]

@@ -26,10 +26,13 @@ class Verdicts:
         kept = [keep(session)] if request.lasts else []
         return [*kept, *notes, Note("granted", session.number), *answer]
 
-    def refuse(self, request: Request, reason: Reason, now: float) -> list[Action]:
+    def refuse(
+        self, request: Request, reason: Reason, now: float, detail: str = ""
+    ) -> list[Action]:
         """Let a request on with a refusal, and undo what was done for it."""
         undone = self._leave(request, now)
-        note = Note("refused", request.setup.session, detail=reason.name)
+        told = f"{reason.name}: {detail}" if detail else reason.name
+        note = Note("refused", request.setup.session, detail=told)
         return [*undone, note, *self.answer(request, Verdict.REFUSED, reason)]
 
     def answer(self, request: Request, verdict: Verdict, reason: Reason) -> list[Action]:

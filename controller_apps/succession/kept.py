@@ -121,7 +121,7 @@ def _path(reader: "_Reader") -> LightPath:
 
 def _check_owner(session: Session) -> None:
     setup = session.setup
-    lit = setup.handshake == Handshake.FRAMED
+    lit = setup.handshake == Handshake.FRAMED and bool(LIGHT.get(Service(setup.service)))
     known = setup.handshake in (Handshake.FRAMED, Handshake.PER_PAIR)
     if setup.service not in LIGHT or not known or lit != bool(session.paths):
         raise MalformedPacket(f"{len(session.paths)} paths for a session opened by {setup}")

@@ -9,6 +9,7 @@ from dispatcher.light.transport import Transport
 from dispatcher.measurements import Measurements
 from dispatcher.operations import Operations
 from dispatcher.refusal import invalid
+from dispatcher.resending import Resending
 from wire import dispatcher_pb2 as messages
 from wire.optical import DEFAULT_FREQUENCY_MHZ
 
@@ -20,6 +21,7 @@ def acts(
     measurements: Measurements,
     transport: Transport,
     gathering: Gathering,
+    resending: Resending,
 ) -> dict[str, Act]:
     """Return the act for each operation of a Step, called with node and request."""
 
@@ -61,6 +63,9 @@ def acts(
         into = block_name(request.into)
         return gathering.gather(node, into, request.picks, request.keep_rest)
 
+    async def resend(node: str, request: messages.ResendRequest) -> messages.Feedback:
+        return resending.resend(node, block_name(request.block), request.bases)
+
     return {
         "create": create,
         "apply": apply,
@@ -71,4 +76,5 @@ def acts(
         "store": store,
         "discard": discard,
         "gather": gather,
+        "resend": resend,
     }

@@ -24,6 +24,7 @@ REQUESTS: dict[str, type[Any]] = {
     "store": messages.StoreRequest,
     "discard": messages.DiscardRequest,
     "gather": messages.GatherRequest,
+    "resend": messages.ResendRequest,
     "cross_connect": messages.CrossConnectRequest,
     "tune_port": messages.TunePortRequest,
     "inject_fault": messages.InjectFaultRequest,

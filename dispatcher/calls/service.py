@@ -20,6 +20,7 @@ from dispatcher.measurements import Measurements
 from dispatcher.operations import Operations
 from dispatcher.origin import because, told
 from dispatcher.refusal import Refusal, exhausted
+from dispatcher.resending import Resending
 from dispatcher.sabot.dense import TooLarge
 from dispatcher.switch.switching import Switching
 from wire import dispatcher_pb2 as messages
@@ -64,7 +65,7 @@ class Service(DispatcherServicer):
         self.switching = Switching(layer)
         self._operations = Operations(layer)
         parts = self._operations, Measurements(layer), self.transport, Gathering(layer)
-        self._acts = acts(*parts)
+        self._acts = acts(*parts, Resending(layer))
         self._changes = changes(layer, self.switching)
 
     @call
@@ -129,6 +130,13 @@ class Service(DispatcherServicer):
     ) -> messages.Feedback:
         """Count photons anew, in a block of their own."""
         return await self._act(node, "gather", request)
+
+    @call
+    async def Resend(
+        self, request: messages.ResendRequest, node: str, _context: Context
+    ) -> messages.Feedback:
+        """Measure photons and put new ones in their places."""
+        return await self._act(node, "resend", request)
 
     @call
     async def Perform(

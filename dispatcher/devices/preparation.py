@@ -13,12 +13,17 @@ Z, X, Y = range(3)  # half of a state's number is its basis, the rest its sign
 def prepare(sabot: Simulation, states: Bytes) -> Register:
     """Return qubits in these states, numbered as in STATES; shape (k,)."""
     register = sabot.zeros(states.size)
+    turn(sabot, register, states)
+    return register
+
+
+def turn(sabot: Simulation, register: Register, states: Bytes) -> None:
+    """Bring qubits from |0> into these states; shape (k,)."""
     signs, bases = states & np.uint8(1), states >> np.uint8(1)
     if signs.any():
         sabot.pauli(register, signs)
     for basis in np.unique(bases).tolist():
         _turn(sabot, register, basis, bases)
-    return register
 
 
 def _turn(sabot: Simulation, register: Register, basis: int, bases: Bytes) -> None:

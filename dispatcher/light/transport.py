@@ -120,7 +120,7 @@ class Transport:
         own = pulses.part(block.pulses, arrival.members)
         part = Block(block.name, register, "", pulses=own)
         part.interval_ns, part.stores = block.interval_ns, block.stores
-        part.lineage = block.lineage
+        part.lineage, part.resends = block.lineage, block.resends
         layer.ownership.add(part)
         return part
 
@@ -158,6 +158,7 @@ class Transport:
         there.first_ns = min(there.first_ns, block.first_ns)
         there.last_ns = max(there.last_ns, block.last_ns)
         there.fibers_passed = max(there.fibers_passed, block.fibers_passed)
+        there.resends = max(there.resends, block.resends)
         layer.ownership.remove(block)
 
     async def _arrived(self, place: Place) -> Block:

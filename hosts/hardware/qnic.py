@@ -18,6 +18,7 @@ Symbols = NDArray[np.uint8]
 Positions = NDArray[np.integer]
 LocalGate = Literal["H", "S", "S_DAG"]
 NO_COINCIDENCE = 255
+LEFT_ALONE = 255  # instead of a basis
 
 
 class HardwareError(Exception):
@@ -54,6 +55,15 @@ class Stored:
     time_ns: int
 
 
+@dataclass(frozen=True)
+class Received:
+    """What has been received: places for photons, and when the first and last of them came."""
+
+    photons: int
+    first_ns: int
+    last_ns: int
+
+
 class Qnic(Protocol):
     """The light ports of a host and its source, modulators and detectors."""
 
@@ -73,6 +83,14 @@ class Qnic(Protocol):
         """Make count Bell pairs Phi+ and send their halves 0 and 1 into two ports.
 
         Return when the last photon has reached the far ends.
+        """
+
+    async def share_pairs(
+        self, session: int, number: int, count: int, port: str, rate_hz: int, wavelength_pm: int
+    ) -> Stored:
+        """Make count Bell pairs Phi+, store their halves 0, and send halves 1 into a port.
+
+        Return what the memory has taken, when the last photon has reached the far end.
         """
 
     async def modulate(
@@ -108,6 +126,22 @@ class Qnic(Protocol):
         """Send photons of this host into a port; return when (ns) the first one left.
 
         Return when the last photon has reached the far end.
+        """
+
+    def arrivals(self, port: str) -> AsyncIterator[BlockName]:
+        """Yield blocks that arrive at a port after this call, where they wait to be received.
+
+        Raise HardwareError if it cannot go on.
+        """
+
+    async def receive(self, block: BlockName, port: str, timeout_s: float) -> Received:
+        """Take the photons that arrive at a port; raise NoLight if none does."""
+
+    async def resend(self, block: BlockName, bases: Symbols) -> Symbols:
+        """Measure photons at this host and put new ones in their places, in the states found.
+
+        Each has a basis (0 Z, 1 X, 2 Y) or is left alone (255); shape (k,). Return 0 or 1 for
+        each, 255 where none was measured or no detector clicked: there, no photon is left.
         """
 
     async def receive_into_memory(self, block: BlockName, port: str, timeout_s: float) -> Stored:

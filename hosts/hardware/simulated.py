@@ -1,5 +1,6 @@
 """The simulated QNIC: every call is a request to the dispatcher, over the host's own CNIC."""
 
+import time
 from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import suppress
 
@@ -14,6 +15,7 @@ from hosts.hardware.qnic import (
     LocalGate,
     NoLight,
     Positions,
+    Received,
     Stored,
     Symbols,
 )
@@ -29,13 +31,14 @@ from wire.dispatcher_pb2 import (
     MeasureRequest,
     Pick,
     ReceiveRequest,
+    ResendRequest,
     SendRequest,
     Step,
     StoreRequest,
     WatchRequest,
 )
 from wire.dispatcher_pb2_grpc import DispatcherStub
-from wire.events import encode_record
+from wire.events import decode_record, encode_record
 from wire.optical import frequency_mhz
 from wire.service import CHANNEL_OPTIONS, metadata
 
@@ -70,6 +73,18 @@ class SimulatedQnic:
         launches = [Launch(block=_half(session, number, half), port=port) for half, port in halves]
         send = _send(launches, rate_hz, wavelength_pm)
         await self._orders.perform(Step(create=create), Step(send=send))
+
+    async def share_pairs(
+        self, session: int, number: int, count: int, port: str, rate_hz: int, wavelength_pm: int
+    ) -> Stored:
+        """Make Bell pairs, store their halves 0, and send halves 1 into a port."""
+        create = CreateRequest(session=session, number=number, count=count)
+        near, far = (_half(session, number, half) for half in (0, 1))
+        send = _send([Launch(block=far, port=port)], rate_hz, wavelength_pm)
+        _made, feedback, _sent = await self._orders.perform(
+            Step(create=create), Step(store=StoreRequest(block=near)), Step(send=send)
+        )
+        return Stored(np.frombuffer(feedback.arrived, dtype=bool), feedback.time_ns)
 
     async def modulate(
         self,
@@ -124,6 +139,29 @@ class SimulatedQnic:
         launches = [Launch(block=_named(block), port=port)]
         (feedback,) = await self._orders.perform(Step(send=_send(launches, rate_hz, wavelength_pm)))
         return int(feedback.first_ns)
+
+    def arrivals(self, port: str) -> AsyncIterator[BlockName]:
+        """Yield blocks that arrive at a port from now on."""
+        return self._arrivals(port, time.time_ns())
+
+    async def _arrivals(self, port: str, since_ns: int) -> AsyncIterator[BlockName]:
+        async for record in self.watch(0, history=True):  # or what comes meanwhile would be missed
+            event = decode_record(record)
+            if event.kind == "arrive" and event.port == port and event.time_ns >= since_ns:
+                block = event.block
+                yield BlockName(block.session, block.number, block.half)
+
+    async def receive(self, block: BlockName, port: str, timeout_s: float) -> Received:
+        """Take the photons that arrive at a port."""
+        receive = ReceiveRequest(block=_named(block), port=port, timeout_s=timeout_s)
+        (feedback,) = await self._orders.perform(Step(receive=receive))
+        return Received(feedback.photons, feedback.first_ns, feedback.last_ns)
+
+    async def resend(self, block: BlockName, bases: Symbols) -> Symbols:
+        """Measure photons at this host and put new ones in their places."""
+        resend = ResendRequest(block=_named(block), bases=bases.tobytes())
+        (feedback,) = await self._orders.perform(Step(resend=resend))
+        return np.frombuffer(feedback.outcomes, dtype=np.uint8)
 
     async def receive_into_memory(self, block: BlockName, port: str, timeout_s: float) -> Stored:
         """Store the photons that arrive at a port."""

@@ -92,3 +92,29 @@ def test_above_the_threshold_the_run_fails_and_no_key_is_kept(tmp_path: Path) ->
     assert "at most 0.1000 is allowed: noise or an eavesdropper" in done.stderr
     assert not result["delivered"]
     assert [path for path in keys.rglob("*") if path.is_file()] == []
+
+
+@pytest.mark.parametrize("protocol", list(FIBERS))
+def test_eve_on_the_fibre_causes_a_quarter_of_her_fraction_in_errors(
+    tmp_path: Path, protocol: str
+) -> None:
+    fraction = 0.2
+    words = ("--protocol", protocol, "--eve", str(fraction), "--count", "50000")
+    done, result = run_qkd(tmp_path, *words)
+    assert done.returncode == 0, done.stdout + done.stderr
+    told, eve = result["asking"], result["eve"]
+    qber = fraction / 4
+    assert abs(told["qber"] - qber) < 5 * sqrt(qber * (1 - qber) / told["disclosed_bits"])
+    assert eve["photons"] == told["photons"]
+    spread = 5 * sqrt(eve["photons"] * fraction * (1 - fraction))
+    assert abs(eve["measured"] - fraction * eve["photons"]) < spread
+
+
+def test_if_eve_measures_everything_the_key_is_refused(tmp_path: Path) -> None:
+    keys = tmp_path / "keys"
+    done, result = run_qkd(tmp_path, "--eve", "1", "--count", "20000", "--keys", str(keys))
+    assert done.returncode == 1
+    assert "at most 0.1000 is allowed: noise or an eavesdropper" in done.stderr
+    assert result["asking"]["qber"] > 0.2
+    assert result["eve"]["measured"] == result["eve"]["photons"] > 0
+    assert [path for path in keys.rglob("*") if path.is_file()] == []

@@ -86,6 +86,16 @@ local function check_size(kind, size)
     return nil
 end
 
+-- Returns why an order for a chain of repeaters cannot be, or nil.
+local function check_order(values, range, right)
+    local last = range:range(right.offset, right.size):uint() == 0
+    local least, most = 0, format.max_repeaters
+    if last then least, most = 1, most + 1 end
+    if values.place < least or values.place > most then return "place " .. values.place end
+    if values.after_left > 1 then return "after_left is " .. values.after_left end
+    return nil
+end
+
 local function add_body(tree, kind, range)
     local size = range and range:len() or 0
     local problem = check_size(kind, size)
@@ -97,6 +107,11 @@ local function add_body(tree, kind, range)
     local values = add_fields(tree, made, "qdev", plain, range)
     problem = unnamed(plain, values)
     if kind.name == "Answer" then problem = problem or check_answer(values) end
+    if kind.name == "SwapOrder" then
+        local right
+        for _, field in ipairs(plain) do if field.name == "right" then right = field end end
+        problem = problem or check_order(values, range, right)
+    end
     if settings then
         local place = range:range(settings.offset, settings.size)
         problem = problem or add_settings(tree, place)

@@ -3,11 +3,14 @@
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from hosts.middleware.services import bb84, bbm92, distribute, teleport
+from hosts.middleware.services import bb84, bbm92, distribute, swap, teleport
 from hosts.middleware.services.service import ServiceKind
 from wire.metadata import Service
 
 KINDS: Mapping[Service, ServiceKind] = MappingProxyType(
-    {kind.service: kind for kind in (bb84.KIND, bbm92.KIND, distribute.KIND, teleport.KIND)}
+    {
+        kind.service: kind
+        for kind in (bb84.KIND, bbm92.KIND, distribute.KIND, swap.KIND, teleport.KIND)
+    }
 )
 NAMES = {service.name.lower(): kind for service, kind in KINDS.items()}  # what users call them

@@ -11,7 +11,9 @@ The pairs stay in memory until the opener's application ends the session; meanwh
 at either end may ask to measure some (Pairs.answer). They are called by session and number.
 """
 
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
+from functools import partial
 from math import ceil
 from typing import Any
 
@@ -38,6 +40,9 @@ MOST_EMITTED = 1_000_000  # pairs, and so many more for each that is wanted:
 MOST_EMITTED_EACH = 1000
 MOST_DARK = 10  # blocks in a row of which nothing arrives
 MARGIN = 1.05  # of light beyond what is expected to be needed
+
+Make = Callable[[Pairs, int, int], Awaitable[None]]  # a block, by its number and size
+Share = Callable[[Pairs, Values], Awaitable[None]]  # what has been announced
 
 
 @dataclass(frozen=True)
@@ -81,9 +86,9 @@ def check_share(name: str, value: Any, most: float) -> None:
 class Opening:
     """What the opener does: it decides, and the acceptor follows."""
 
-    def __init__(self, end: OpenerEnd, options: DistributeOptions) -> None:
+    def __init__(self, end: OpenerEnd, options: DistributeOptions, make: Make) -> None:
         """Begin with no pairs."""
-        self._end, self._options = end, options
+        self._end, self._options, self._make = end, options, make
         self._protocol = Protocol[options.purification.upper()]
         self._pairs = Pairs(end, half=0)
         self._pairs.rounds = options.rounds or 0
@@ -126,12 +131,9 @@ class Opening:
 
     async def _acquire(self) -> None:
         """Have another block of light made, and bring its pairs to where the others are."""
-        end, pairs = self._end, self._pairs
+        pairs = self._pairs
         self._number, self._size = self._number + 1, self._next_size()
-        stored = await end.pairs(self._number, self._size)
-        end.say(Topic.ARRIVED, self._number, stored.arrived, 1)
-        theirs = await end.hear(Topic.ARRIVED, self._number, self._size, 1)
-        await pairs.share(self._number, stored.arrived, theirs.astype(bool))
+        await self._make(pairs, self._number, self._size)
         self._dark = 0 if self._number in pairs.blocks else self._dark + 1
         self._require_hope()
         await self._bring_up(self._number)
@@ -222,16 +224,29 @@ class Opening:
 
 async def distribute(end: OpenerEnd, options: DistributeOptions) -> Answerer:
     """Do what the opener does; return what answers its application."""
-    return await Opening(end, options).run()
+    return await Opening(end, options, partial(_by_source, end)).run()
+
+
+async def _by_source(end: OpenerEnd, pairs: Pairs, number: int, size: int) -> None:
+    """Have the source make a block of pairs, and keep what both ends have."""
+    stored = await end.pairs(number, size)
+    end.say(Topic.ARRIVED, number, stored.arrived, 1)
+    theirs = await end.hear(Topic.ARRIVED, number, size, 1)
+    await pairs.share(number, stored.arrived, theirs.astype(bool))
 
 
 async def receive(end: AcceptorEnd) -> Answerer:
     """Follow the opener until it delivers; return what answers this end's application."""
+    return await follow(end, partial(_share, end))
+
+
+async def follow(end: AcceptorEnd, share: Share) -> Answerer:
+    """Do what the opener says; new blocks are shared in this way."""
     pairs = Pairs(end, half=1)
     while (message := await end.told()) is not None:
         number = message.block
         if message.topic == Topic.COMING:
-            await _share(end, pairs, message)
+            await share(pairs, message)
         elif message.topic == Topic.PURIFY:
             protocol, seed = expect(message, Topic.PURIFY, number, 2, MAX_NUMBER).tolist()
             if protocol not in (Protocol.BBPSSW, Protocol.DEJMPS):

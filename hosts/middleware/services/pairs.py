@@ -50,6 +50,7 @@ class Pairs:
         self._used = np.zeros(0, dtype=bool)
         self._started = time.monotonic()
         self.blocks: dict[int, Portion] = {}
+        self.facts: dict[str, Any] = {}  # beside those that there are of all pairs
         self.estimates: dict[int, Estimate] = {}  # by rounds of purification
         self.rounds = self.emitted = self.shared = self.compared = self.survived = 0
 
@@ -69,16 +70,23 @@ class Pairs:
             raise SessionError(Reason.PROTOCOL, f"there are no pairs of block {number}")
         return self.blocks[number]
 
-    async def share(self, number: int, ours: Mask, theirs: Mask) -> None:
-        """Keep of a new block the pairs of which both halves have arrived."""
+    def admit(self, number: int) -> None:
+        """Raise SessionError unless a new block may have this number."""
         if number in self.blocks or not 0 < number < RESERVED or len(self.blocks) >= MAX_BLOCKS:
             raise SessionError(
                 Reason.UNSUPPORTED,
                 f"block {number} beside {len(self.blocks)} others: no number may come again, and "
                 f"{MAX_BLOCKS} blocks are kept at most; choose larger ones (block_pairs)",
             )
-        size = await keep(self._end.qnic, self._name(number), ours & theirs)
-        self.emitted, self.shared = self.emitted + ours.size, self.shared + size
+
+    async def share(self, number: int, ours: Mask, theirs: Mask) -> None:
+        """Keep of a new block the pairs of which both halves have arrived."""
+        self.admit(number)
+        self.add(number, ours.size, await keep(self._end.qnic, self._name(number), ours & theirs))
+
+    def add(self, number: int, emitted: int, size: int) -> None:
+        """Count a new block, of which both ends have kept so many pairs, all of them shared."""
+        self.emitted, self.shared = self.emitted + emitted, self.shared + size
         self.blocks[number] = Portion(size)
         self._forget_empty(number)
 
@@ -156,6 +164,7 @@ class Pairs:
             "compared": self.compared,
             "survived": self.survived,
             "elapsed_s": elapsed_s,
+            **self.facts,
         }
 
     def _unused(self, numbers: Any) -> NDArray[np.int64]:

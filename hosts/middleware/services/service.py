@@ -28,6 +28,7 @@ from hosts.middleware.channel import (
     unexpected,
 )
 from hosts.middleware.qkd.keyring import Keyring
+from hosts.middleware.swapping.orders import Swaps
 from hosts.middleware.values import Numbers, expect, values
 from wire.metadata import Answer, Finish, Reason, Service, Setup, Topic, Values
 
@@ -39,17 +40,12 @@ Answerer = Callable[[dict[str, Any]], Awaitable[dict[str, Any]]]
 
 
 @dataclass
-class End:
-    """One end of a session: its light, the other end, its application."""
+class ConnectionEnd:
+    """One end of a session's connection: its light, and the other end."""
 
     qnic: Qnic
     setup: Setup
     channel: MetadataChannel  # to the other end
-    tell: Tell  # called with fields for the application
-    draws: np.random.Generator  # of this host's own choices; they follow from the seed
-    told_apart: frozenset[int]  # the Bell states that this host's analyser tells apart
-    keyring: Keyring  # what this host shares with others
-    summary: dict[str, Any] = field(default_factory=dict)  # for the application, at the end
 
     def block(self, number: int, half: int = 0) -> BlockName:
         """Return the name of photons of this session."""
@@ -99,6 +95,35 @@ class End:
             self.qnic.receive_into_memory(name, port, LIGHT_TIMEOUT_S), name=f"light of {name}"
         )
 
+    async def told(self) -> Values | None:
+        """Return what the opener tells next; None at the end of the session."""
+        message = await self.channel.next()
+        if isinstance(message, Finish):
+            return None
+        if not isinstance(message, Values):
+            raise unexpected(message, self.channel.peer)
+        return message
+
+    @staticmethod
+    def coming(message: Values, most: int) -> tuple[int, int]:
+        """Return number and size of the block that a message announces."""
+        (count,) = expect(message, Topic.COMING, message.block, 1, most).tolist()
+        if count == 0:
+            raise SessionError(Reason.PROTOCOL, f"block {message.block} has no photons")
+        return message.block, count
+
+
+@dataclass
+class End(ConnectionEnd):
+    """One end of a session of a service: also its application, and what its host has."""
+
+    tell: Tell  # called with fields for the application
+    draws: np.random.Generator  # of this host's own choices; they follow from the seed
+    told_apart: frozenset[int]  # the Bell states that this host's analyser tells apart
+    keyring: Keyring  # what this host shares with others
+    swaps: Swaps  # the chains of repeaters that it is part of
+    summary: dict[str, Any] = field(default_factory=dict)  # for the application, at the end
+
 
 @dataclass
 class OpenerEnd(End):
@@ -124,29 +149,12 @@ class OpenerEnd(End):
 class AcceptorEnd(End):
     """The end that was asked."""
 
-    async def told(self) -> Values | None:
-        """Return what the opener tells next; None at the end of the session."""
-        message = await self.channel.next()
-        if isinstance(message, Finish):
-            return None
-        if not isinstance(message, Values):
-            raise unexpected(message, self.channel.peer)
-        return message
-
     async def announced(self, most: int) -> tuple[int, int] | None:
         """Return number and size of the block that comes next; None at the end of the session."""
         message = await self.told()
         if message is None:
             return None
         return self.coming(message, most)
-
-    @staticmethod
-    def coming(message: Values, most: int) -> tuple[int, int]:
-        """Return number and size of the block that a message announces."""
-        (count,) = expect(message, Topic.COMING, message.block, 1, most).tolist()
-        if count == 0:
-            raise SessionError(Reason.PROTOCOL, f"block {message.block} has no photons")
-        return message.block, count
 
 
 @dataclass(frozen=True)

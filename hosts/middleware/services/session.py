@@ -25,6 +25,7 @@ from hosts.middleware.services.service import (
     ServiceKind,
     Tell,
 )
+from hosts.middleware.swapping.orders import Swaps
 from wire.metadata import Finish, Handshake, Pauli, Reason, Service, Setup
 from wire.services import LIGHT, Role, fibers_needed
 
@@ -57,11 +58,13 @@ class OpeningSession:
         analyser: str,
         draws: np.random.Generator,
         keyring: Keyring,
+        swaps: Swaps,
     ) -> None:
         require_fibers(setup, Role.OPENER, qnic)
         self._kind, self._options = kind, options
         self._qnic, self._arrangement, self._setup = qnic, arrangement, setup
         self._analyser, self._draws, self._keyring = analyser, draws, keyring
+        self._swaps = swaps
         self.summary: dict[str, Any] = {}
         self.answer: Answerer | None = None  # to the application's questions, if it may ask
 
@@ -82,6 +85,7 @@ class OpeningSession:
             self._draws,
             told_apart(self._analyser),
             self._keyring,
+            self._swaps,
             arrangement=self._arrangement,
         )
         try:
@@ -126,11 +130,13 @@ class AcceptingSession:
         analyser: str,
         draws: np.random.Generator,
         keyring: Keyring,
+        swaps: Swaps,
     ) -> None:
         check_asked(setup)
         require_fibers(setup, Role.ACCEPTOR, qnic)
         self._kind, self._qnic, self._channel, self._setup = kind, qnic, channel, setup
         self._analyser, self._draws, self._keyring = analyser, draws, keyring
+        self._swaps = swaps
         self._end: AcceptorEnd | None = None
         self.summary: dict[str, Any] = {}
         self.answer: Answerer | None = None  # to the application's questions, if it may ask
@@ -139,7 +145,14 @@ class AcceptingSession:
         """Do what the service does; raise SessionError if it fails."""
         apart = told_apart(self._analyser)
         end = AcceptorEnd(
-            self._qnic, self._setup, self._channel, tell, self._draws, apart, self._keyring
+            self._qnic,
+            self._setup,
+            self._channel,
+            tell,
+            self._draws,
+            apart,
+            self._keyring,
+            self._swaps,
         )
         end.agree()
         self._end = end

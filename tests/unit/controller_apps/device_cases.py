@@ -21,8 +21,10 @@ from controller_apps.console.facts import MAX_REQUEST, perform
 from controller_apps.console.questions import EventQuestion, Refused
 from controller_apps.devices.datagrams import Frame
 from controller_apps.devices.device_monitor import SET_TIMEOUT_S, DeviceMonitor
+from controller_apps.devices.swap_orders import ORDER_DEADLINE_S, EventSwapsOrdered
 from controller_apps.framework import ofp_event, ofproto, parser
 from controller_apps.record import Record
+from controller_apps.sessions.actions import SwapsOrdered
 from wire.config import ControllerConfig
 from wire.device import (
     DEVICE_PORT,
@@ -33,6 +35,7 @@ from wire.device import (
     DeviceSettings,
     SetDevice,
     Subscribe,
+    SwapOrder,
     open_sealed,
 )
 from wire.metadata import Answer, Message, Reason
@@ -111,6 +114,28 @@ class Scene:
 @pytest.fixture
 def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Scene:
     return Scene(tmp_path, monkeypatch)
+
+
+def test_an_order_for_a_chain_is_sent_again_until_it_is_answered(scene: Scene) -> None:
+    scene.says(SET)
+    scene.told()
+    scene.monitor.swaps_ordered(EventSwapsOrdered(SwapsOrdered(7, (ALICE, "10.0.0.9", "10.0.0.2"))))
+    (order,) = scene.told()
+    assert order == SwapOrder(order.session, 7, 0, "10.0.0.9")
+    scene.tick(0.1)
+    assert order in scene.told()
+    scene.says(Answer(order.session, Reason.OK))
+    scene.told()
+    scene.tick(0.1)
+    assert order not in scene.told()
+
+
+def test_an_order_that_nobody_answers_is_given_up(scene: Scene) -> None:
+    scene.says(SET)
+    scene.monitor.swaps_ordered(EventSwapsOrdered(SwapsOrdered(7, (ALICE, "10.0.0.9", "10.0.0.2"))))
+    scene.told()
+    scene.tick(ORDER_DEADLINE_S)
+    assert not any(isinstance(message, SwapOrder) for message in scene.told())
 
 
 def test_a_host_that_is_heard_is_subscribed_and_polled(scene: Scene) -> None:

@@ -25,6 +25,7 @@ from scapy.contrib.lldp import (
 from scapy.layers.l2 import Ether
 
 from controller_apps import framework
+from controller_apps.console.questions import EventQuestion
 from controller_apps.framework import ProtocolDesc, ofp_event, ofproto, parser
 from controller_apps.learning_switch import LearningSwitch
 from controller_apps.light import discovery, flow_entries
@@ -544,6 +545,21 @@ def test_a_bundle_is_open_adds_commit_barrier_in_one_write(ready: Scene) -> None
         assert (entry.idle_timeout, entry.hard_timeout) == (0, 0)
     assert len({message.xid for message in (opening, *adds, commit, barrier)}) == 6
     assert ready.s1.take() == []  # still held
+
+
+def test_a_policy_that_is_read_again_puts_a_host_on_the_fibre(ready: Scene, tmp_path: Path) -> None:
+    for number, port in enumerate((6, 7)):
+        ready.packet_in(ready.q1, port, announcement(HostPort("eve", "10.0.0.4", f"eve-q{number}")))
+    file = tmp_path / "policy.toml"
+    file.write_text("[[tap]]\nbetween = ['bob', 'charlie']\nby = 'eve'")
+    ready.quantum.policy_path = str(file)
+    question = EventQuestion("reload", {})
+    ready.quantum.asked(question)
+    assert question.wait() == str(file)
+    ready.packet_in(ready.s1, 1, frame(FRAMED.encode()))
+    _opening, *adds, _commit, _barrier = ready.q1.take()
+    paths = [(add.inner.match["in_port"], instructions(add.inner)[0][1]) for add in adds]
+    assert paths == [(4, 1), (1, 3), (5, 6), (7, 2)]
 
 
 def test_the_packet_leaves_by_the_learned_port_after_the_barrier(ready: Scene) -> None:

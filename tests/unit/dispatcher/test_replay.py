@@ -41,6 +41,7 @@ from wire.dispatcher_pb2 import (
     Order,
     Pick,
     ReceiveRequest,
+    ResendRequest,
     SendRequest,
     Step,
     StoreRequest,
@@ -148,6 +149,29 @@ def test_gathered_photons_are_replayed_byte_for_byte(
     devices = {"alice": device, "bob": device}
     content, log = recorded(tmp_path, clock(), gathered, backend=backend, devices=devices)
     assert "100 of 200 of 0/0, still stored" in log
+    assert replayed(content) == log
+
+
+async def resent(bench: Bench) -> None:
+    """Measure and resend some photons between alice and bob, one way with dark counts."""
+    await bench.alice.create(200)
+    await bench.alice.send((block(0, 1), "alice-q9"))
+    await bench.bob.receive(block(0, 1), "bob-q9")
+    await bench.bob.call("Store", StoreRequest(block=block(0, 1)))
+    for shift in (0, 1):
+        bases = bytes((0, 1, 255, 2)[(n + shift) % 4] for n in range(200))
+        await bench.bob.call("Resend", ResendRequest(block=block(0, 1), bases=bases))
+    with pytest.raises(grpc.aio.AioRpcError):
+        await bench.bob.call("Resend", ResendRequest(block=block(0, 1)))
+    await bench.bob.measure(block(0, 1), MeasureRequest.X)
+    await bench.alice.measure(block(0, 0), MeasureRequest.X)
+
+
+@pytest.mark.parametrize("backend", ["chp", "stim", "dense"])
+def test_resent_photons_are_replayed_byte_for_byte(tmp_path: Path, backend: str) -> None:
+    devices = {"bob": Device(detectors=Detectors(0.9, 1e7, 1e-9))}
+    content, log = recorded(tmp_path, JumpingClock(), resent, backend=backend, devices=devices)
+    assert log.count(" resend ") == 2
     assert replayed(content) == log
 
 

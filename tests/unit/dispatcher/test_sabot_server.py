@@ -35,6 +35,7 @@ from wire.dispatcher_pb2 import (
     Gate,
     GatherRequest,
     MeasureRequest,
+    ResendRequest,
 )
 from wire.sabot_pb2_grpc import SabotStub
 
@@ -185,6 +186,9 @@ async def transmission(folder: Path, **changes: Any) -> tuple[list[Feedback], st
         states = bytes(n % 6 for n in range(60))
         chosen = CreateRequest(session=7, number=3, count=60, state=PREPARED, states=states)
         answers.append(await bench.bob.feedback("Create", chosen))
+        bases = bytes((0, 1, 2, 255)[n % 4] for n in range(60))
+        resend = ResendRequest(block=block(3), bases=bases)
+        answers.append(await bench.bob.feedback("Resend", resend))
         answers.append(await bench.bob.measure(block(3), MeasureRequest.X))
         tilted = ApplyRequest(block=block(1), gates=[Gate(name=Gate.RX, angle_rad=0.4)])
         answers.append(await bench.alice.feedback("Apply", tilted))

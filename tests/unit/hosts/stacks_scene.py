@@ -6,13 +6,14 @@ once, by hand.
 """
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import grpc
 import pytest
 
 from dispatcher.clock import CaptureClock
@@ -24,8 +25,11 @@ from hosts.stack import Stack
 from hosts.stack_socket import QuantumSocketError
 from qswitch_agent.hardware.optics import CrossConnect
 from qswitch_agent.hardware.simulated import SimulatedSwitch
+from wire import service
 from wire.config import DispatcherConfig, Fiber, FiberEnd, HostConfig, PathOptics, QuantumSwitch
 from wire.device import DeviceSettings
+from wire.dispatcher_pb2 import StatusRequest
+from wire.dispatcher_pb2_grpc import DispatcherStub
 from wire.metadata import (
     HEADER,
     METADATA_PORT,
@@ -42,15 +46,27 @@ QNICS = {
     "alice": ["alice-q0"],
     "bob": ["bob-q0", "bob-q1"],
     "charlie": ["charlie-q0", "charlie-q1"],
+    "eve": ["eve-q0", "eve-q1"],
 }
-PORTS = {"alice-q0": 1, "bob-q0": 2, "bob-q1": 3, "charlie-q0": 4, "charlie-q1": 5}
+PORTS = {
+    "alice-q0": 1,
+    "bob-q0": 2,
+    "bob-q1": 3,
+    "charlie-q0": 4,
+    "charlie-q1": 5,
+    "eve-q0": 6,
+    "eve-q1": 7,
+}
 PATHS = [(4, 1), (1, 3), (5, 2)]
-OWN_ADDRESS = {"alice": "127.0.0.11", "bob": "127.0.0.12", "charlie": "127.0.0.13"}
+REPEATERS = ("r1", "r2", "r3")
+OWN_ADDRESS = {name: f"127.0.0.{number}" for number, name in enumerate((*QNICS, *REPEATERS), 11)}
 RELAYED = {name: address.replace("127.0.0", "127.0.1") for name, address in OWN_ADDRESS.items()}
 DEADLINE_S = 30
 
 Judge = Callable[[Setup], Setup]
-Change = Callable[[str, Message], Message | None]  # "forth" or "back"; None: cut the connection
+# What becomes of a message that goes "forth" or "back"; None: cut the connection.
+Changed = Message | None
+Change = Callable[[str, Message], Changed | Awaitable[Changed]]
 
 
 def grant(setup: Setup) -> Setup:
@@ -79,6 +95,8 @@ async def alter(
             assert length is not None
             data = header + await reader.readexactly(length - HEADER.size)
             changed = change(way, decode(data))
+            if isinstance(changed, Awaitable):
+                changed = await changed
             if changed is None:
                 break
             writer.write(changed.encode())
@@ -137,17 +155,20 @@ async def network(
     change: Change | None = None,
     optics: Sequence[PathOptics] = (),
     cuts: "Future[Cut] | None" = None,
+    qnics: dict[str, list[str]] = QNICS,
+    ports: dict[str, int] = PORTS,
+    stacks: dict[str, Stack] | None = None,
     **fiber: Any,
 ) -> AsyncIterator[Path]:
-    """Run everything; the sockets of the stacks are in the folder."""
+    """Run everything; the sockets of the stacks are in the folder, the stacks in `stacks`."""
     config = DispatcherConfig(
         listen="127.0.0.1:0",
         socket=str(folder / "dispatcher.sock"),
         seed=1,
-        tokens={name: f"token of {name}" for name in (*QNICS, "q1", "runner")},
+        tokens={name: f"token of {name}" for name in (*qnics, "q1", "runner")},
         fibers=[
             Fiber(FiberEnd(port.split("-")[0], port), FiberEnd("q1", str(number)), **fiber)
-            for port, number in PORTS.items()
+            for port, number in ports.items()
         ],
         switches=[QuantumSwitch("q1", rotation=rotation, paths=list(optics))],
         devices={"bob": Device(analyser=BellAnalyser(analyser)), **(devices or {})},
@@ -163,10 +184,12 @@ async def network(
     async with AsyncExitStack() as stack:
         stack.push_async_callback(server.stop, 0)
         await connect_paths(config.socket, paths)
-        for name in QNICS:
+        for name, own in qnics.items():
             host = await start_host(
-                stack, folder, config.socket, name, judge, analyser, change, cut
+                stack, folder, config.socket, name, own, judge, analyser, change, cut
             )
+            if stacks is not None:
+                stacks[name] = host
             if settings is not None:
                 host.device.set(settings)
         yield folder
@@ -185,6 +208,7 @@ async def start_host(
     folder: Path,
     dispatcher: str,
     name: str,
+    qnics: list[str],
     judge: Judge,
     analyser: str,
     change: Change | None,
@@ -194,7 +218,7 @@ async def start_host(
     config = HostConfig(
         name=name,
         address=OWN_ADDRESS[name],
-        qnics=QNICS[name],
+        qnics=qnics,
         dispatcher=f"unix:{dispatcher}",
         token=f"token of {name}",
         socket=str(folder / f"{name}.sock"),
@@ -221,6 +245,19 @@ async def start_host(
 def pair_secret(*pair: str) -> str:
     """Return what two hosts share, whichever of them is named first."""
     return " and ".join(sorted(pair)).encode().hex()
+
+
+async def live_qubits(folder: Path) -> int:
+    """Return how many photons the dispatcher still holds, once hosts have had time to let go."""
+    async with grpc.aio.insecure_channel(f"unix:{folder}/dispatcher.sock") as channel:
+        stub = DispatcherStub(channel)  # type: ignore[no-untyped-call]
+        words = {"metadata": service.metadata("token of runner"), "timeout": DEADLINE_S}
+        for _attempt in range(100):
+            live = int((await stub.Status(StatusRequest(), **words)).live_qubits)
+            if live == 0:
+                break
+            await asyncio.sleep(0.02)
+    return live
 
 
 def transfer(folder: Path, data: bytes, **options: Any) -> tuple[bytes, dict[str, Any]]:

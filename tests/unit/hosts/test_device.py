@@ -13,6 +13,7 @@ import pytest
 from hosts.middleware.channel import SessionError
 from hosts.middleware.device import Device, changed
 from hosts.middleware.options import overridden
+from hosts.middleware.swapping.orders import Swaps
 from hosts.node_agent import CHECK_S, start_node_agent
 from wire.config import HostConfig
 from wire.device import (
@@ -24,6 +25,7 @@ from wire.device import (
     DeviceSettings,
     SetDevice,
     Subscribe,
+    SwapOrder,
     open_sealed,
 )
 from wire.metadata import Answer, Fec, Handshake, Message, Reason, Service, Setup
@@ -163,7 +165,7 @@ class Peer(asyncio.DatagramProtocol):
 
 
 @asynccontextmanager
-async def agent(device: Device) -> AsyncIterator[Peer]:
+async def agent(device: Device, swaps: Swaps | None = None) -> AsyncIterator[Peer]:
     """Run a node agent and the peer that it reports to."""
     config = HostConfig(
         name="bob",
@@ -182,7 +184,7 @@ async def agent(device: Device) -> AsyncIterator[Peer]:
     transport, peer = await loop.create_datagram_endpoint(
         Peer, local_addr=(CONTROLLER, DEVICE_PORT)
     )
-    node = await start_node_agent(config, device)
+    node = await start_node_agent(config, device, swaps or Swaps(HOST))
     running = asyncio.create_task(node.run())
     try:
         yield peer
@@ -221,6 +223,18 @@ def test_the_agent_answers_is_set_and_reports_changes() -> None:
             cut = await peer.next()
             assert isinstance(cut, DeviceReport)
             assert cut.ports == (DevicePort("bob-q0", False),)
+
+    asyncio.run(scene())
+
+
+def test_the_agent_takes_orders_for_chains_of_repeaters() -> None:
+    async def scene() -> None:
+        swaps, order = Swaps(HOST), SwapOrder(45, 7, 1, "10.0.0.9")
+        async with agent(Device(Fibers()), swaps) as peer:
+            await peer.next()
+            peer.send(order, time.time_ns())
+            assert await peer.next() == Answer(45, Reason.OK)
+            assert await swaps.order(7) == order
 
     asyncio.run(scene())
 

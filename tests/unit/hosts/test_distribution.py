@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from bell_pairs import Bell, near
 from stacks_scene import ask, grant
 
 from wire.config import PathOptics
@@ -14,7 +15,6 @@ from wire.physics import Device, Memory, PairSource
 
 COUNT = 2000
 SAMPLE = 0.8
-Bell = tuple[float, float, float, float]  # Phi+, Psi+, Phi-, Psi-: which adds up to 1
 
 
 def source(*bell: float) -> dict[str, Any]:
@@ -46,13 +46,6 @@ def dejmps(pair: Bell) -> tuple[Bell, float]:
         2 * psi * phi_minus / success,
     )
     return made, success
-
-
-def near(summary: dict[str, Any], bell: Bell) -> bool:
-    """Return whether a fidelity is what these pairs let expect."""
-    right = [bell[0] + bell[place] for place in (2, 1, 3)]  # in Z, X and Y
-    variance = sum(share * (1 - share) for share in right) / 4 / (summary["sampled"] / 3)
-    return abs(float(summary["fidelity"]) - bell[0]) <= 5 * sqrt(variance)
 
 
 def within(found: int, count: int, probability: float) -> bool:

@@ -2,7 +2,6 @@
 
 import asyncio
 import re
-import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
@@ -10,8 +9,8 @@ from pathlib import Path
 from threading import Event
 from typing import Any
 
-import grpc
 import pytest
+from dispatcher_status import held, require_nothing_left
 from stacks_scene import DEADLINE_S, OWN_ADDRESS, Cut, grant, network, refusal
 
 from hosts.middleware.channel import MetadataChannel, SessionError
@@ -19,14 +18,10 @@ from hosts.middleware.services import distribute
 from hosts.middleware.values import values
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
-from wire.dispatcher_pb2 import HeldBlock, StatusReply, StatusRequest
-from wire.dispatcher_pb2_grpc import DispatcherStub
 from wire.metadata import Finish, Message, Reason, Service, Setup, Topic, Values
 from wire.physics import Device, Memory, PairSource
-from wire.service import metadata
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "services.md"
-HOSTS = ("alice", "bob", "charlie")
 
 
 def inside(folder: Path, scene: Callable[[], None], **physics: Any) -> None:
@@ -38,29 +33,6 @@ def inside(folder: Path, scene: Callable[[], None], **physics: Any) -> None:
             await asyncio.to_thread(require_nothing_left, folder)
 
     asyncio.run(run())
-
-
-def status(folder: Path, node: str) -> StatusReply:
-    """Return what the dispatcher knows of a node."""
-    with grpc.insecure_channel(f"unix:{folder / 'dispatcher.sock'}") as channel:
-        stub = DispatcherStub(channel)  # type: ignore[no-untyped-call]
-        reply: StatusReply = stub.Status(
-            StatusRequest(blocks_at=node), metadata=metadata("token of runner"), timeout=5
-        )
-        return reply
-
-
-def require_nothing_left(folder: Path) -> None:
-    """Wait until all hosts have let go of all photons."""
-    deadline = time.monotonic() + 5
-    while any(status(folder, node).blocks for node in HOSTS) or status(folder, "").live_qubits:
-        assert time.monotonic() < deadline, [status(folder, node) for node in HOSTS]
-        time.sleep(0.02)
-
-
-def held(folder: Path, node: str) -> list[HeldBlock]:
-    """Return the blocks at a node of which photons are left."""
-    return [block for block in status(folder, node).blocks if block.photons]
 
 
 @contextmanager

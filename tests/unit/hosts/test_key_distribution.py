@@ -7,7 +7,6 @@ from math import sqrt
 from pathlib import Path
 from typing import Any
 
-import grpc
 import pytest
 from stacks_scene import (
     DEADLINE_S,
@@ -16,6 +15,7 @@ from stacks_scene import (
     accepted,
     ask,
     grant,
+    live_qubits,
     network,
     refusal,
     requested,
@@ -27,10 +27,8 @@ from hosts.middleware.services import key_light
 from hosts.middleware.values import values
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
-from wire import qkd, service
+from wire import qkd
 from wire.config import PathOptics
-from wire.dispatcher_pb2 import StatusRequest
-from wire.dispatcher_pb2_grpc import DispatcherStub
 from wire.metadata import Envelope, Message, Pauli, Setup, Topic, Values
 
 PATHS = {"bb84": [(1, 2)], "bbm92": [(4, 1), (5, 2)]}
@@ -55,19 +53,6 @@ def distribute(
     """Run a session; `physics` are words for the fibres, all others are options."""
     physics = {"paths": PATHS[protocol], **words.pop("physics", {})}
     return ask(folder, protocol, judge, physics, **{"count": COUNT, **words})
-
-
-async def live_qubits(folder: Path) -> int:
-    """Return how many photons the dispatcher still holds, once hosts have had time to let go."""
-    async with grpc.aio.insecure_channel(f"unix:{folder}/dispatcher.sock") as channel:
-        stub = DispatcherStub(channel)  # type: ignore[no-untyped-call]
-        words = {"metadata": service.metadata("token of runner"), "timeout": DEADLINE_S}
-        for _attempt in range(100):
-            live = int((await stub.Status(StatusRequest(), **words)).live_qubits)
-            if live == 0:
-                break
-            await asyncio.sleep(0.02)
-    return live
 
 
 @dataclass

@@ -8,8 +8,10 @@ from mininet.topo import Topo
 from topologies.chain import ChainTopo
 from topologies.fiber import FiberLink
 from topologies.leaf_spine import LeafSpineTopo
+from topologies.repeaters import RepeatersTopo
 from topologies.ring import RingTopo
 from topologies.sdc import SdcTopo
+from topologies.tapped import TappedTopo
 
 
 def fibers(topo: Topo) -> Counter[str]:
@@ -22,6 +24,10 @@ def fibers(topo: Topo) -> Counter[str]:
 
 def test_one_switch_joins_all_hosts() -> None:
     assert fibers(SdcTopo()) == {"alice q1": 1, "bob q1": 2, "charlie q1": 2}
+
+
+def test_eve_has_two_fibres_of_her_own() -> None:
+    assert fibers(TappedTopo()) == {**fibers(SdcTopo()), "eve q1": 2}
 
 
 def test_a_chain_has_its_sender_and_receiver_at_the_ends() -> None:
@@ -42,7 +48,18 @@ def test_every_leaf_is_joined_to_every_spine() -> None:
     assert fibers(LeafSpineTopo(leaves=2, spines=2)) == {**hosts, **joined}
 
 
-@pytest.mark.parametrize("topo", [SdcTopo, ChainTopo, RingTopo, LeafSpineTopo])
+def test_every_two_neighbours_of_a_chain_of_repeaters_have_a_switch_of_their_own() -> None:
+    joined = {"alice q1": 1, "q1 r1": 1, "q2 r1": 1, "q2 r2": 1, "q3 r2": 1, "bob q3": 1}
+    assert fibers(RepeatersTopo(repeaters=2)) == joined
+    assert "charlie" not in RepeatersTopo().hosts()
+    for count in (0, 17):
+        with pytest.raises(ValueError, match=f"{count} repeaters: choose 1 to 16"):
+            RepeatersTopo(repeaters=count)
+
+
+@pytest.mark.parametrize(
+    "topo", [SdcTopo, ChainTopo, RingTopo, LeafSpineTopo, RepeatersTopo, TappedTopo]
+)
 def test_everything_has_copper_and_a_datapath_id_of_its_own(topo: type[Topo]) -> None:
     built = topo(length_km=3.0)
     copper = {other for pair in built.links() if "s1" in pair for other in pair} - {"s1"}

@@ -14,6 +14,7 @@ from wire.device import (
     DeviceSettings,
     SetDevice,
     Subscribe,
+    SwapOrder,
     open_sealed,
     setting_name,
     setting_number,
@@ -49,6 +50,8 @@ GOLDEN = {
     Subscribe(2, 1000, 10_000, 0): "514d 02 21 0000001c 0000000000000002000003e8 00002710 00000000",
     SetDevice(3, DeviceSettings(1_000_000, None, 3, 0, 1_551_720)): "514d 02 22 00000024"
     "0000000000000003 000f4240 ffffffff 00000003 00000000 0017ad68",
+    SwapOrder(4, 0x0102030405060708, 2, "10.0.0.9", 1): "514d 02 24 0000001e 0000000000000004"
+    "0102030405060708 02 0a000009 01",
     REPORT: "514d 02 23 0000009a 0000000000000005 0001 0002 0003"
     "00000000000003e8 00000000000007d0 0000000000000bb8"
     "0000000000000028 0000000000000032 000000000000003c"
@@ -107,6 +110,10 @@ def test_another_key_and_the_other_direction_are_refused() -> None:
         SetDevice(1, DeviceSettings(fec=256)),
         SetDevice(1, DeviceSettings(interleave=2)),
         SetDevice(1, DeviceSettings(wavelength_pm=10)),
+        SwapOrder(1, 7, 17, "10.0.0.9"),
+        SwapOrder(1, 7, 18),
+        SwapOrder(1, 7, 0),
+        SwapOrder(1, 7, 1, "10.0.0.9", 2),
         replace(REPORT, ports=(DevicePort("q", True),) * (MAX_PORTS + 1)),
         replace(REPORT, ports=(DevicePort("", True),)),
         replace(REPORT, ports=(DevicePort("\n", True),)),

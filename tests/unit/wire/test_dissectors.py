@@ -21,6 +21,7 @@ from wire.device import (
     DeviceSettings,
     SetDevice,
     Subscribe,
+    SwapOrder,
     open_sealed,
 )
 from wire.dispatcher_pb2 import BlockId, Event
@@ -116,6 +117,7 @@ DEVICES: list[Message] = [
     DeviceQuery(1),
     Subscribe(2, 3, 4, 5),
     SetDevice(3, SETTINGS),
+    SwapOrder(4, 1 << 63, 16, "10.0.0.9", 1),
     REPORT,
     Answer(5, Reason.NOT_ALLOWED, "no"),
 ]

@@ -1,0 +1,56 @@
+"""Measure a fraction of the light that goes by way of this host, and send it on as it was found.
+
+Prints a line of JSON when it has begun, one for each block, and one with the summary when it is
+told to end (SIGTERM or SIGINT).
+"""
+
+import argparse
+import json
+import signal
+import sys
+from types import FrameType
+
+from hosts.applications.service import report
+from hosts.service_socket import ServiceSocket
+from hosts.stack_socket import QuantumSocketError
+
+SIGNALS = (signal.SIGTERM, signal.SIGINT)
+
+
+def intercept(arguments: argparse.Namespace) -> None:
+    """Intercept until told to end."""
+    with ServiceSocket(arguments.stack) as intercepting:
+        blocks = intercepting.intercept(arguments.fraction)
+
+        def end(_number: int, _frame: FrameType | None) -> None:
+            for number in SIGNALS:
+                signal.signal(number, signal.SIG_IGN)
+            intercepting.stop()
+
+        for number in SIGNALS:
+            signal.signal(number, end)
+        report("intercepting", {"fraction": arguments.fraction})
+        for block in blocks:
+            report("result", block)
+        report("done", intercepting.summary)
+
+
+def main() -> int:
+    """Read the arguments, intercept, and turn faults into one line and an exit status."""
+    parser = argparse.ArgumentParser(
+        prog="python -m hosts.applications.intercept", description=__doc__
+    )
+    parser.add_argument("--stack", help="socket of this host's stack (QMN_STACK)")
+    parser.add_argument("fraction", type=float, help="of the photons, 0 to 1")
+    arguments = parser.parse_args()
+    try:
+        intercept(arguments)
+    except QuantumSocketError as error:
+        print(json.dumps({"event": "failed", "reason": error.reason.name, "text": str(error)}))
+        print(f"intercept: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

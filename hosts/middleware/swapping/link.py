@@ -1,0 +1,129 @@
+"""The two ends of a link between neighbours: pairs in the memories of both, block by block.
+
+left                                     right
+  | Values(COMING) ----------------------> |  ready for the light
+  | <--------------------------- Answer(OK)|
+  | -- light, half 1; half 0 stays --------> |  into memory
+  | Values(ARRIVED) <--------------------> |  both keep what both have, in order
+  | Values(ARRIVED, CORRECTIONS) --------> |  the bits of all swaps to the left
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from hosts.hardware.qnic import BlockName, Qnic, release
+from hosts.middleware.arrangement import Arrangement
+from hosts.middleware.services.blocks import keep, store
+from hosts.middleware.services.service import ConnectionEnd
+from hosts.middleware.swapping.bits import MAX_OPERATOR, Bits
+from hosts.middleware.values import values
+from wire.device import SwapOrder
+from wire.metadata import Finish, Pauli, Reason, Service, Setup, Topic, Verdict
+
+NO_DIGEST = bytes(32)
+BITS_TIMEOUT_S = 30.0  # they may pass many nodes over a slow network
+
+
+class OutgoingLink:
+    """The left end: makes the pairs."""
+
+    def __init__(self, end: ConnectionEnd, arrangement: Arrangement) -> None:
+        """Use a connection that is arranged."""
+        self._end, self._arrangement = end, arrangement
+
+    @classmethod
+    async def open(cls, qnic: Qnic, order: SwapOrder, asked: Setup, address: str) -> "OutgoingLink":
+        """Have the light to the next node arranged, as was asked; SessionError if it cannot be."""
+        setup = replace(
+            asked,
+            session=order.outgoing,
+            service=Service.LINK,
+            source=address,
+            fidelity_ppm=0,
+            verdict=Verdict.PENDING,
+            rotation=Pauli.I,
+            reason=Reason.OK,
+        )
+        arrangement = Arrangement(setup, (order.right, order.right), address)
+        try:
+            await arrangement.open()
+        except BaseException:
+            arrangement.close()
+            raise
+        return cls(ConnectionEnd(qnic, setup, arrangement.channel), arrangement)
+
+    def block(self, number: int) -> BlockName:
+        """Return the name of the halves that are kept here."""
+        return self._end.block(number, half=0)
+
+    async def make(self, number: int, size: int) -> int:
+        """Make a block of pairs; return how many have reached both ends, in the same order."""
+        end, setup = self._end, self._end.setup
+        await end.channel.request(values(setup.session, Topic.COMING, number, [size], 32))
+        port = end.qnic.ports[-1]
+        light = setup.rate_hz, setup.wavelength_pm
+        stored = await end.qnic.share_pairs(setup.session, number, size, port, *light)
+        end.say(Topic.ARRIVED, number, stored.arrived, 1)
+        theirs = await end.hear(Topic.ARRIVED, number, size, 1)
+        return await keep(end.qnic, self.block(number), stored.arrived & theirs.astype(bool))
+
+    def say(self, number: int, bits: Bits) -> None:
+        """Tell the next node what all swaps so far have told."""
+        self._end.say(Topic.ARRIVED, number, bits.seen, 1)
+        self._end.say(Topic.CORRECTIONS, number, bits.operators, 2)
+
+    async def finish(self) -> None:
+        """End it, and all links to the right."""
+        finish = Finish(self._end.setup.session, 0, NO_DIGEST)
+        await self._end.channel.request(finish, BITS_TIMEOUT_S)
+
+    async def close(self) -> None:
+        """Let go of the connection and of what is left of the halves."""
+        self._arrangement.close()
+        await release(self._end.qnic, self._end.setup.session)
+
+
+class IncomingLink:
+    """The right end: stores what comes."""
+
+    def __init__(self, end: ConnectionEnd) -> None:
+        """Use a connection that has been accepted."""
+        self._end = end
+        self.stored_ns = 0  # when the last block came
+
+    def block(self, number: int) -> BlockName:
+        """Return the name of the halves that are kept here."""
+        return self._end.block(number, half=1)
+
+    async def announced(self) -> tuple[int, int] | None:
+        """Return number and size of the block that comes next; None at the end of the link."""
+        message = await self._end.told()
+        return None if message is None else self._end.coming(message, self._end.setup.pairs)
+
+    async def take(self, number: int, size: int) -> int:
+        """Store a block that was announced; return how many pairs have reached both ends."""
+        end, name = self._end, self.block(number)
+        light = end.expect_light(name)
+        try:
+            end.agree()
+            theirs = await end.hear(Topic.ARRIVED, number, size, 1)
+            stored = await end.stored(light, size)
+        finally:
+            light.cancel()
+        self.stored_ns, arrived = stored.time_ns, stored.arrived
+        if arrived.any() and end.setup.rotation:
+            await end.qnic.apply(name, np.full(size, end.setup.rotation, dtype=np.uint8))
+            arrived = await store(end.qnic, name)
+        end.say(Topic.ARRIVED, number, arrived, 1)
+        return await keep(end.qnic, name, arrived & theirs.astype(bool))
+
+    async def hear(self, number: int, most: int) -> Bits:
+        """Return what all swaps to the left have told, of the first of the pairs here."""
+        seen = await self._end.hear(Topic.ARRIVED, number, None, 1, BITS_TIMEOUT_S)
+        operators = await self._end.hear(Topic.CORRECTIONS, number, seen.size, MAX_OPERATOR)
+        return Bits(seen.astype(bool), operators.astype(np.uint8)).first(most)
+
+    def agree(self) -> None:
+        """Agree to what was asked last."""
+        self._end.agree()

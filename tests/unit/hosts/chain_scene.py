@@ -1,0 +1,70 @@
+"""Whole stacks of alice, repeaters and bob over loopback, with a real dispatcher.
+
+    alice-q0 --> r1-q0, r1-q1 --> r2-q0, ... --> bob-q0        all by way of q1
+
+The relay that stands for the controller orders the repeaters when alice asks for a swap.
+"""
+
+import asyncio
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from itertools import chain as chain_of
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+from stacks_scene import RELAYED, REPEATERS, grant, network, requested
+
+from hosts.stack import Stack
+from wire.device import NOBODY, SwapOrder
+from wire.metadata import Service, Setup
+
+Stacks = dict[str, Stack]
+
+
+def nodes(repeaters: int) -> list[str]:
+    """Return the names of a chain, in order."""
+    return ["alice", *REPEATERS[:repeaters], "bob"]
+
+
+def order_swaps(stacks: Stacks, session: int, after_left: bool = False) -> None:
+    """Tell the nodes of a chain what to do in a session, as a controller does."""
+    names = [*stacks]
+    for place, name in enumerate(names):
+        right = RELAYED[names[place + 1]] if place + 1 < len(names) else NOBODY
+        stacks[name].swaps.take(SwapOrder(1, session, place, right, int(after_left)))
+
+
+@asynccontextmanager
+async def chain(
+    folder: Path,
+    repeaters: int,
+    order: Callable[[Stacks, int], None] = order_swaps,
+    **physics: Any,
+) -> AsyncIterator[Stacks]:
+    """Run a chain; give its stacks, in order."""
+    names, stacks = nodes(repeaters), Stacks()
+
+    def judge(setup: Setup) -> Setup:
+        if setup.service == Service.SWAP:
+            order(stacks, setup.session)
+        return grant(setup)
+
+    qnics = {name: [f"{name}-q0", f"{name}-q1"] for name in names}
+    qnics |= {"alice": ["alice-q0"], "bob": ["bob-q0"]}
+    ports = {port: number for number, port in enumerate(chain_of(*qnics.values()), 1)}
+    paths = [(ports[qnics[left][-1]], ports[qnics[right][0]]) for left, right in pairwise(names)]
+    scene = {"qnics": qnics, "ports": ports, "paths": paths, "stacks": stacks}
+    async with network(folder, judge, **{**scene, **physics}):
+        yield stacks
+
+
+def swapped(folder: Path, repeaters: int, **options: Any) -> list[dict[str, Any]]:
+    """Run a chain for one request; return the summaries of alice and bob."""
+    physics = options.pop("physics", {})
+
+    async def run() -> list[dict[str, Any]]:
+        async with chain(folder, repeaters, **physics):
+            return await asyncio.to_thread(requested, folder, "swap", **options)
+
+    return asyncio.run(run())

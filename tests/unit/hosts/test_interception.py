@@ -1,0 +1,186 @@
+"""Key distribution with a third host on the fibre, over loopback, with a real dispatcher."""
+
+import asyncio
+import json
+import re
+import signal
+import subprocess
+import sys
+from concurrent.futures import Future, ThreadPoolExecutor
+from math import sqrt
+from pathlib import Path
+from typing import Any
+
+import pytest
+from stacks_scene import DEADLINE_S, accepted, live_qubits, network, requested
+
+from hosts.hardware.qnic import Received
+from hosts.middleware.interception import MAX_RATE_HZ, rate_of
+from hosts.service_socket import ServiceSocket
+from hosts.stack_socket import QuantumSocketError
+
+BY_EVE = {"bb84": [(1, 6), (7, 2)], "bbm92": [(4, 1), (5, 6), (7, 2)]}
+COUNT = 100_000
+
+protocols = pytest.mark.parametrize("protocol", list(BY_EVE))
+
+
+def keys(folder: Path) -> list[Path]:
+    """Return the files of all key stores."""
+    return [path for path in (folder / "keys").rglob("*") if path.is_file()]
+
+
+def intercepted(folder: Path, protocol: str, fraction: float, **options: Any) -> Any:
+    """Run a session with eve on the fibre; return the ends' summaries, and what she saw."""
+
+    def asked() -> Any:
+        with ServiceSocket(folder / "eve.sock") as eve:
+            eve.settimeout(DEADLINE_S)
+            blocks = eve.intercept(fraction)
+            told = requested(folder, protocol, **options)
+            eve.shutdown()
+            assert list(blocks) == []  # shutdown has read them
+        return *told, eve.summary
+
+    async def run() -> Any:
+        async with network(folder, paths=BY_EVE[protocol]):
+            return await asyncio.to_thread(asked)
+
+    return asyncio.run(run())
+
+
+@protocols
+@pytest.mark.parametrize("fraction", [0.0, 0.1, 0.2])
+def test_the_error_rate_is_a_quarter_of_the_fraction(
+    tmp_path: Path, protocol: str, fraction: float
+) -> None:
+    options = {"count": COUNT, "test_fraction": 0.5}
+    alice, bob, eve = intercepted(tmp_path, protocol, fraction, **options)
+    qber = fraction / 4
+    error = sqrt(qber * (1 - qber) / alice["disclosed_bits"])
+    for summary in (alice, bob):
+        assert abs(summary["qber"] - qber) <= 5 * error
+    assert eve["lost_blocks"] == 0
+    assert eve["photons"] == alice["photons"]
+    spread = 5 * sqrt(eve["photons"] * fraction * (1 - fraction))
+    assert abs(eve["measured"] - fraction * eve["photons"]) <= spread
+    assert eve["zeros"] + eve["ones"] == eve["measured"]
+    assert keys(tmp_path)
+
+
+@protocols
+def test_who_measures_everything_leaves_no_key_at_either_end(tmp_path: Path, protocol: str) -> None:
+    def asked() -> tuple[str, str]:
+        with (
+            ThreadPoolExecutor(1) as pool,
+            ServiceSocket(tmp_path / "eve.sock") as eve,
+            ServiceSocket(tmp_path / "alice.sock") as alice,
+        ):
+            listening: Future[None] = Future()
+            bob = pool.submit(accepted, tmp_path, protocol, listening)
+            listening.result(DEADLINE_S)
+            for end in (eve, alice):
+                end.settimeout(DEADLINE_S)
+            blocks = eve.intercept()
+            with pytest.raises(QuantumSocketError) as hers:
+                list(alice.request(protocol, ("bob", 9), count=20_000))
+            with pytest.raises(QuantumSocketError) as his:
+                bob.result(DEADLINE_S)
+            first = next(blocks)
+            assert first["zeros"] + first["ones"] == first["photons"] > 0
+            return str(hers.value), str(his.value)
+
+    async def run() -> tuple[str, str]:
+        async with network(tmp_path, paths=BY_EVE[protocol]):
+            told = await asyncio.to_thread(asked)
+            assert await live_qubits(tmp_path) == 0
+            return told
+
+    for told in asyncio.run(run()):
+        found = re.search(r"no key: (\d+) of (\d+) test bits are wrong", told)
+        assert found, told
+        wrong, tested = map(int, found.groups())
+        assert abs(wrong - tested / 4) <= 5 * sqrt(tested * 3 / 16)
+    assert keys(tmp_path) == []
+
+
+def test_light_stops_at_a_host_on_the_fibre_that_does_nothing(tmp_path: Path) -> None:
+    def asked() -> str:
+        with ThreadPoolExecutor(1) as pool, ServiceSocket(tmp_path / "alice.sock") as alice:
+            listening: Future[None] = Future()
+            bob = pool.submit(accepted, tmp_path, "bb84", listening)
+            listening.result(DEADLINE_S)
+            alice.settimeout(DEADLINE_S)
+            with pytest.raises(QuantumSocketError) as caught:
+                list(alice.request("bb84", ("bob", 9), count=100))
+            with pytest.raises(QuantumSocketError):
+                bob.result(DEADLINE_S)
+            return str(caught.value)
+
+    async def run() -> str:
+        async with network(tmp_path, paths=BY_EVE["bb84"]):
+            return await asyncio.to_thread(asked)
+
+    assert "no photon was measured by both ends" in asyncio.run(run())
+
+
+def test_the_application_tells_what_was_seen_when_it_is_told_to_end(tmp_path: Path) -> None:
+    def asked() -> tuple[list[dict[str, Any]], dict[str, Any], int]:
+        command = [sys.executable, "-m", "hosts.applications.intercept", "--stack"]
+        with subprocess.Popen(
+            [*command, str(tmp_path / "eve.sock"), "0.1"], stdout=subprocess.PIPE, text=True
+        ) as eve:
+            assert eve.stdout
+            begun = json.loads(eve.stdout.readline())
+            try:
+                alice, _bob = requested(tmp_path, "bb84", count=20_000)
+            finally:
+                eve.send_signal(signal.SIGTERM)
+            said, _ = eve.communicate(timeout=DEADLINE_S)
+        return [begun, *map(json.loads, said.splitlines())], alice, eve.returncode
+
+    async def run() -> tuple[list[dict[str, Any]], dict[str, Any], int]:
+        async with network(tmp_path, paths=BY_EVE["bb84"]):
+            return await asyncio.to_thread(asked)
+
+    (begun, *blocks, done), alice, status = asyncio.run(run())
+    assert status == 0
+    assert begun == {"event": "intercepting", "fraction": 0.1}
+    assert (done["event"], done["fraction"]) == ("done", 0.1)
+    assert done["blocks"] == len(blocks)
+    assert sum(block["photons"] for block in blocks) == done["photons"] == alice["photons"]
+
+
+@pytest.mark.parametrize(
+    ("host", "options", "words"),
+    [
+        ("alice", {"fraction": 1.0}, "interception needs 2 fibres, this host has 1"),
+        ("eve", {"fraction": 1.5}, "fraction is 1.5: choose 0 to 1"),
+        ("eve", {"fraction": True}, "fraction is True"),
+        ("eve", {"fraction": "all"}, "fraction is 'all'"),
+        ("eve", {"fraction": float("nan")}, "fraction is nan"),
+        ("eve", {"wavelength_pm": 7}, "wavelength_pm is 7: choose"),
+        ("eve", {"basis": "Z"}, "unknown option 'basis': known are fraction, wavelength_pm"),
+    ],
+)
+def test_what_cannot_be_asked_is_refused_with_the_remedy(
+    tmp_path: Path, host: str, options: dict[str, Any], words: str
+) -> None:
+    def refused() -> str:
+        with ServiceSocket(tmp_path / f"{host}.sock") as asking:
+            asking.settimeout(DEADLINE_S)
+            with pytest.raises(QuantumSocketError) as caught:
+                asking.intercept(**options)
+            return str(caught.value)
+
+    async def run() -> str:
+        async with network(tmp_path):
+            return await asyncio.to_thread(refused)
+
+    assert words in asyncio.run(run())
+
+
+def test_light_is_sent_on_as_fast_as_it_came() -> None:
+    assert rate_of(Received(1001, 5_000, 1_005_000)) == 1_000_000
+    assert rate_of(Received(1, 5_000, 5_000)) == MAX_RATE_HZ
+    assert rate_of(Received(2, 0, 10**12)) == 1

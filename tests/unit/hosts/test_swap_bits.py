@@ -1,0 +1,56 @@
+"""The bits of swaps, and the orders of a node in a chain."""
+
+import asyncio
+
+import numpy as np
+
+from hosts.middleware.swapping.bits import Bits
+from hosts.middleware.swapping.orders import MAX_ORDERS, Swaps
+from wire.device import SwapOrder
+
+
+def bits(seen: list[int], operators: list[int]) -> Bits:
+    return Bits(np.array(seen, dtype=bool), np.array(operators, dtype=np.uint8))
+
+
+def same(one: Bits, other: Bits) -> bool:
+    return bool(
+        np.array_equal(one.seen, other.seen) and np.array_equal(one.operators, other.operators)
+    )
+
+
+def test_operators_of_two_swaps_multiply_where_both_have_told() -> None:
+    joined = bits([1, 1, 0, 1], [3, 1, 0, 2]).joined(bits([1, 0, 1], [2, 0, 1]))
+    assert same(joined, bits([1, 0, 0], [1, 0, 0]))
+
+
+def test_what_an_analyser_does_not_tell_apart_is_not_seen() -> None:
+    told = Bits.told(np.array([0, 1, 2, 3, 255], dtype=np.uint8), frozenset({1, 3}))
+    assert same(told, bits([0, 1, 0, 1, 0], [0, 1, 0, 3, 0]))
+
+
+def test_the_link_to_the_right_is_the_one_that_comes_from_the_left_there() -> None:
+    last = (1 << 64) - 1
+    for session in (5, last):
+        left, right = SwapOrder(1, session, 1, "10.0.0.2"), SwapOrder(1, session, 2)
+        assert left.outgoing == right.incoming
+        assert 0 <= left.outgoing <= last
+
+
+def test_orders_whose_sessions_never_come_make_room_for_others() -> None:
+    swaps = Swaps("10.0.0.1")
+    for session in range(MAX_ORDERS + 1):
+        swaps.take(SwapOrder(1, session, 1, "10.0.0.2"))
+    assert swaps.sessions == frozenset(range(1, MAX_ORDERS + 1))
+
+
+def test_an_order_that_comes_late_is_waited_for() -> None:
+    async def run() -> SwapOrder:
+        swaps, order = Swaps("10.0.0.1"), SwapOrder(1, 7, 0, "10.0.0.2")
+        waiting = asyncio.create_task(swaps.order(7))
+        await asyncio.sleep(0)
+        swaps.take(order)
+        assert await waiting == order
+        return await swaps.order(7)
+
+    assert asyncio.run(run()).right == "10.0.0.2"

@@ -1,0 +1,36 @@
+"""The network of superdense coding with eve, whom the controller can put on a fibre.
+
+                 c0
+                /  \\
+  alice ------+    |
+  bob -------s1----q1======= alice
+  charlie ----+    |======== bob, two fibres
+  eve --------+    |======== charlie, two fibres
+  ed ---------+    +======== eve, two fibres
+
+  --- copper: TCP/IP         === fibre: photons
+
+    sudo PYTHONPATH=. mn --custom topologies/tapped.py --topo tapped
+
+A policy with [[tap]] (controller_apps/policy.py) says whose light goes by way of her.
+"""
+
+from typing import Any
+
+from topologies.fabric import controllers, findController
+from topologies.sdc import SdcTopo
+
+__all__ = ["TappedTopo", "controllers", "findController", "topos"]
+
+
+class TappedTopo(SdcTopo):
+    """alice, bob, charlie and eve; ed holds the qubits."""
+
+    def build(self, **fiber: Any) -> None:
+        """Lay copper and fibre; every fibre is alike: `preset`, or wire.fiber.FiberOptics."""
+        super().build(**fiber)
+        self.add_host("eve", "10.0.0.5")
+        self.join("eve", "q1", 2)
+
+
+topos = {"tapped": TappedTopo}
