@@ -75,13 +75,16 @@ class MetadataChannel:
         """Connect to the stack of a host."""
         try:
             async with asyncio.timeout(CONNECT_TIMEOUT_S):
-                return cls(*await asyncio.open_connection(address, METADATA_PORT))
+                channel = cls(*await asyncio.open_connection(address, METADATA_PORT))
         except OSError as error:  # TimeoutError is one
             raise SessionError(
                 Reason.UNKNOWN_HOST,
                 f"{host} ({address}) does not answer on port {METADATA_PORT} "
                 f"({error or 'timeout'}); is it up?",
             ) from error
+        if host != address:
+            channel.peer = f"{host} ({address})"
+        return channel
 
     def send(self, message: Message) -> None:
         """Write one message, in one piece."""
@@ -137,15 +140,17 @@ class MetadataChannel:
         raise SessionError(Reason.PROTOCOL, text)
 
     async def _read(self) -> Message | None:
+        header = b""
         try:
             header = await self._reader.readexactly(HEADER.size)
             length = message_length(header)
             assert length is not None
             return decode(header + await self._reader.readexactly(length - HEADER.size))
         except asyncio.IncompleteReadError as error:
-            if not error.partial:
+            if not header and not error.partial:
                 return None
-            raise SessionError(Reason.PROTOCOL, f"{self.peer} closed inside a message") from error
+            text = f"{self.peer} is gone: it closed the connection inside a message"
+            raise SessionError(Reason.PROTOCOL, text) from error
         except UnknownService as error:
             raise SessionError(Reason.UNSUPPORTED, f"{self.peer} asks for {error}") from error
         except MalformedPacket as error:

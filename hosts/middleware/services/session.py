@@ -113,8 +113,9 @@ class OpeningSession:
         await self._arrangement.channel.request(finish)
 
     async def close(self) -> None:
-        """Let go of connections and photons."""
+        """Let go of connections, orders and photons."""
         self._arrangement.close()
+        self._swaps.forget(self._setup.session)
         await release(self._qnic, self._setup.session)
 
 

@@ -15,7 +15,7 @@ from functools import partial
 
 import numpy as np
 
-from hosts.hardware.qnic import BlockName
+from hosts.hardware.qnic import BlockName, HardwareError
 from hosts.middleware.channel import SessionError
 from hosts.middleware.services.blocks import keep, store, take
 from hosts.middleware.services.distribute import DistributeOptions, Opening, follow
@@ -43,6 +43,9 @@ async def swap(end: OpenerEnd, options: DistributeOptions) -> Answerer:
         try:
             answer = await Opening(end, options, partial(_acquire, end, link)).run()
             await link.finish()
+        except (SessionError, HardwareError) as error:
+            link.give_up(error)
+            raise
         finally:
             await link.close()
     finally:

@@ -12,8 +12,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from hosts.hardware.qnic import BlockName, Qnic, release
+from hosts.hardware.qnic import BlockName, HardwareError, Qnic, release
 from hosts.middleware.arrangement import Arrangement
+from hosts.middleware.channel import SessionError
 from hosts.middleware.services.blocks import keep, store
 from hosts.middleware.services.service import ConnectionEnd
 from hosts.middleware.swapping.bits import MAX_OPERATOR, Bits
@@ -77,6 +78,10 @@ class OutgoingLink:
         """End it, and all links to the right."""
         finish = Finish(self._end.setup.session, 0, NO_DIGEST)
         await self._end.channel.request(finish, BITS_TIMEOUT_S)
+
+    def give_up(self, error: SessionError | HardwareError) -> None:
+        """Tell the next node why there is no going on."""
+        self._arrangement.give_up(error)
 
     async def close(self) -> None:
         """Let go of the connection and of what is left of the halves."""

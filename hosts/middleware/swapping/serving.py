@@ -1,7 +1,7 @@
 """A link that comes to this host: to its session if the chain ends here, else to a repeater."""
 
-from hosts.hardware.qnic import Qnic, release
-from hosts.middleware.channel import MetadataChannel
+from hosts.hardware.qnic import HardwareError, Qnic, release
+from hosts.middleware.channel import MetadataChannel, SessionError
 from hosts.middleware.receiver import check_wavelength
 from hosts.middleware.services.service import ConnectionEnd
 from hosts.middleware.services.session import require_fibers
@@ -45,6 +45,9 @@ async def _repeat(
         try:
             incoming.agree()
             await Repeater(qnic, (incoming, outgoing), order, told_apart).run()
+        except (SessionError, HardwareError) as error:
+            outgoing.give_up(error)
+            raise
         finally:
             await outgoing.close()
     finally:

@@ -100,6 +100,8 @@ async def alter(
             if changed is None:
                 break
             writer.write(changed.encode())
+            if getattr(changed, "last", False):
+                break
     except (ConnectionError, asyncio.IncompleteReadError):
         pass
     finally:
