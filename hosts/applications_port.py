@@ -128,7 +128,7 @@ class ApplicationsPort:
                 await _unless_gone(session.send(payload), coming)
         except (SessionError, HardwareError) as error:
             log.warning("%s", error)
-            session.give_up(error)
+            await session.give_up(error)
             writer.write(failed(error, **asdict(session.statistics)))
         finally:
             await _end(coming)

@@ -36,7 +36,7 @@ from hosts.middleware.source import serve_pairs
 from hosts.middleware.swapping.orders import Swaps
 from hosts.middleware.swapping.serving import serve_link
 from wire.config import HostConfig
-from wire.metadata import FEC_NAMES, Answer, Handshake, Reason, Service, Setup, Verdict
+from wire.metadata import FEC_NAMES, Handshake, Reason, Service, Setup, Verdict
 from wire.services import Role
 
 log = logging.getLogger("stack")
@@ -127,9 +127,8 @@ class Stack:
             session = setup.session
             await self._handler(setup)(channel, setup)
         except (SessionError, HardwareError) as error:
-            reason = error.reason if isinstance(error, SessionError) else Reason.HARDWARE
             log.warning("session %016x with %s: %s", session, channel.peer, error)
-            channel.send(Answer(session, reason, str(error)))
+            await channel.give_up(error)
         finally:
             channel.close()
 

@@ -214,6 +214,11 @@ class Setup(Message):
 SETUP_LENGTH = HEADER.size + Setup.FIELDS.size
 
 
+def session_of(message: bytes) -> int:
+    """Return the session that a message names, whatever else it says."""
+    return int(HEADER.unpack_from(message)[-1])
+
+
 def refused(setup: bytes, reason: Reason) -> bytes:
     """Return a set-up message, whatever it asks for, with a refusal written into it."""
     *asked, _verdict, _rotation, _reason = Setup.FIELDS.unpack(setup[HEADER.size :])

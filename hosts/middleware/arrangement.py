@@ -62,11 +62,10 @@ class Arrangement:
             emit = Emit(self._setup.session, block, pairs, rate_hz)
             await self._pairs.request(emit, ANSWER_TIMEOUT_S + pairs / rate_hz)
 
-    def give_up(self, error: SessionError | HardwareError) -> None:
+    async def give_up(self, error: SessionError | HardwareError) -> None:
         """Tell the peer, if there is a session yet, why there is no going on."""
         if hasattr(self, "channel"):
-            reason = error.reason if isinstance(error, SessionError) else Reason.HARDWARE
-            self.channel.send(Answer(self._setup.session, reason, str(error)))
+            await self.channel.give_up(error)
 
     def close(self) -> None:
         """Close the connections."""

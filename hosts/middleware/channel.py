@@ -2,6 +2,7 @@
 
 import asyncio
 import socket
+from contextlib import suppress
 from typing import TypeVar
 
 from wire.metadata import (
@@ -22,6 +23,7 @@ M = TypeVar("M", bound=Message)
 CONNECT_TIMEOUT_S = 5.0
 ANSWER_TIMEOUT_S = 10.0
 IDLE_TIMEOUT_S = 600.0  # between two messages of a session that nobody ends
+LINGER_S = 1.0  # for the other end to hear why, and to close
 REPORT_TIMEOUT_S = 30.0  # a receiver whose application does not read holds its report back
 
 REMEDIES = {
@@ -66,6 +68,7 @@ class MetadataChannel:
         self._reader = reader
         self._writer = writer
         self.peer: str = writer.get_extra_info("peername")[0]
+        self._given_up = False
         self._session: int | None = None  # as its set-up message says, whoever has sent that
         # The answer to a short message carries its acknowledgement.
         writer.get_extra_info("socket").setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 0)
@@ -87,7 +90,9 @@ class MetadataChannel:
         return channel
 
     def send(self, message: Message) -> None:
-        """Write one message, in one piece."""
+        """Write one message, in one piece; nothing more once this end has given up."""
+        if self._given_up:
+            return
         if isinstance(message, Setup):
             self._session = message.session
         self._writer.write(message.encode())
@@ -121,7 +126,6 @@ class MetadataChannel:
         """Return the next message, None at the end of the connection."""
         try:
             async with asyncio.timeout(timeout_s):
-                await self._writer.drain()
                 return self._checked(await self._read())
         except TimeoutError as error:
             text = f"{self.peer} has been silent for {timeout_s:g} s"
@@ -141,6 +145,8 @@ class MetadataChannel:
 
     async def _read(self) -> Message | None:
         header = b""
+        with suppress(ConnectionError):  # what came before the connection was lost says why
+            await self._writer.drain()
         try:
             header = await self._reader.readexactly(HEADER.size)
             length = message_length(header)
@@ -163,6 +169,24 @@ class MetadataChannel:
     def close(self) -> None:
         """Close the connection once everything is written."""
         self._writer.close()
+
+    async def give_up(self, error: Exception) -> None:
+        """Tell the other end why there is no going on, and close when it has heard that.
+
+        TCP resets a connection that is closed over unread bytes, and the other end would
+        never read why.
+        """
+        if self._given_up:
+            return
+        reason = error.reason if isinstance(error, SessionError) else Reason.HARDWARE
+        self.send(Answer(self._session or 0, reason, str(error)))
+        self._given_up = True
+        with suppress(OSError):  # TimeoutError is one
+            async with asyncio.timeout(LINGER_S):
+                self._writer.write_eof()
+                while await self._reader.read(1 << 16):
+                    continue
+        self.close()
 
 
 def unexpected(message: Message | None, peer: str) -> SessionError:

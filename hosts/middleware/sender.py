@@ -101,17 +101,12 @@ class SendingSession:
         """Arrange light paths and pair source; raise SessionError if they cannot be had."""
         answer = await self._arrangement.open()
         self._lit_at_s = time.monotonic()
-        try:
-            await self._arrangement.engage_source()
-            self._agree(answer)
-        except SessionError as error:
-            self.give_up(error)
-            self._arrangement.close()
-            raise
+        await self._arrangement.engage_source()
+        self._agree(answer)
 
-    def give_up(self, error: SessionError | HardwareError) -> None:
+    async def give_up(self, error: SessionError | HardwareError) -> None:
         """Tell the other end, if there is one yet, why there is no going on."""
-        self._arrangement.give_up(error)
+        await self._arrangement.give_up(error)
 
     @property
     def _channel(self) -> MetadataChannel:

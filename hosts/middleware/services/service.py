@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hosts.hardware.qnic import BlockName, HardwareError, NoLight, Qnic, Stored
+from hosts.hardware.qnic import BlockName, NoLight, Qnic, Stored
 from hosts.middleware.arrangement import Arrangement
 from hosts.middleware.channel import (
     ANSWER_TIMEOUT_S,
@@ -69,11 +69,6 @@ class ConnectionEnd:
     def agree(self) -> None:
         """Answer that what was asked last is accepted."""
         self.channel.send(Answer(self.setup.session, Reason.OK))
-
-    def give_up(self, error: SessionError | HardwareError) -> None:
-        """Tell the other end why there is no going on."""
-        reason = error.reason if isinstance(error, SessionError) else Reason.HARDWARE
-        self.channel.send(Answer(self.setup.session, reason, str(error)))
 
     async def stored(self, light: asyncio.Task[Stored], photons: int) -> Stored:
         """Return what has come of light that is over; nothing if no photon has."""

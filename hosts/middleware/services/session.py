@@ -93,7 +93,7 @@ class OpeningSession:
                 await self._arrangement.engage_source()
             self.answer = await self._kind.open(end, self._options)
         except (SessionError, HardwareError) as error:
-            end.give_up(error)
+            await channel.give_up(error)
             raise
         self.summary = end.summary
 

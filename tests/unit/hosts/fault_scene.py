@@ -18,7 +18,7 @@ from stacks_scene import DEADLINE_S, Judge, grant, network
 
 from hosts.service_socket import ServiceSocket
 from hosts.software import QuantumSocket
-from hosts.stack_socket import QuantumSocketError
+from hosts.stack_socket import QuantumSocketError, StackSocket
 from wire.metadata import Message
 
 PORT = 9
@@ -38,6 +38,7 @@ PAIRS = [(4, 1), (5, 2)]
 NOBODY = "there was no session"
 
 Fields = dict[str, Any]
+Sockets = dict[str, StackSocket]
 
 
 @dataclass(frozen=True)
@@ -58,13 +59,15 @@ async def running(
     folder: Path, service: str, judge: Judge = grant, **physics: Any
 ) -> AsyncIterator[Stacks]:
     """Run the hosts that a service needs; in the end nothing of any session may be left."""
-    problems: list[dict[str, Any]] = []
-    asyncio.get_running_loop().set_exception_handler(lambda _loop, what: problems.append(what))
+    problems: list[str] = []
+    asyncio.get_running_loop().set_exception_handler(
+        lambda _loop, what: problems.append(f"{what['message']}: {what.get('exception')!r}")
+    )
     async with _hosts(folder, service, judge, **physics) as stacks:
         yield stacks
         await asyncio.to_thread(require_nothing_left, folder, [*stacks])
         await require_no_session(stacks)
-    assert problems == []
+    assert not problems, problems
 
 
 @asynccontextmanager
@@ -98,25 +101,32 @@ def _under_way(stacks: Stacks) -> list[str]:
     return left
 
 
-def session(folder: Path, service: str, **options: Any) -> tuple[Told, Told]:
-    """Have a session of a service between alice and bob; return what both are told."""
+def session(
+    folder: Path, service: str, sockets: Sockets | None = None, **options: Any
+) -> tuple[Told, Told]:
+    """Have a session of a service between alice and bob; return what both are told.
+
+    Their sockets can be found in `sockets` meanwhile.
+    """
     words = {**SESSIONS[service], **options}
+    known: Sockets = {} if sockets is None else sockets
     with ThreadPoolExecutor(1) as pool:
         listening: Future[None] = Future()
         over: Future[None] = Future()
         take_part = _receive if service == "sdc" else _accept
-        bob = pool.submit(take_part, folder, service, listening, over)
+        bob = pool.submit(take_part, folder, service, known, listening, over)
         listening.result(DEADLINE_S)
         ask = _send if service == "sdc" else _ask
         try:
-            alice = ask(folder, service, words)
+            alice = ask(folder, service, known, words)
         finally:
             over.set_result(None)
         return alice, bob.result(DEADLINE_S)
 
 
-def _ask(folder: Path, service: str, options: Fields) -> Told:
+def _ask(folder: Path, service: str, sockets: Sockets, options: Fields) -> Told:
     with ServiceSocket(folder / "alice.sock") as alice:
+        sockets["alice"] = alice
         alice.settimeout(DEADLINE_S)
         try:
             list(alice.request(service, ("bob", PORT), **options))
@@ -126,7 +136,13 @@ def _ask(folder: Path, service: str, options: Fields) -> Told:
         return Told(None, alice.summary)
 
 
-def _accept(folder: Path, service: str, listening: "Future[None]", over: "Future[None]") -> Told:
+def _accept(
+    folder: Path,
+    service: str,
+    sockets: Sockets,
+    listening: "Future[None]",
+    over: "Future[None]",
+) -> Told:
     with ServiceSocket(folder / "bob.sock") as listener:
         listener.settimeout(DEADLINE_S)
         listener.listen(PORT, service)
@@ -134,6 +150,7 @@ def _accept(folder: Path, service: str, listening: "Future[None]", over: "Future
         bob = _connection(listener, over)
         if bob is None:
             return Told(QuantumSocketError(NOBODY), {})
+        sockets["bob"] = bob
         with bob:
             bob.settimeout(DEADLINE_S)
             try:
@@ -144,19 +161,27 @@ def _accept(folder: Path, service: str, listening: "Future[None]", over: "Future
             return Told(None, bob.summary)
 
 
-def _send(folder: Path, _service: str, options: Fields) -> Told:
+def _send(folder: Path, _service: str, sockets: Sockets, options: Fields) -> Told:
     with QuantumSocket(folder / "alice.sock") as alice:
+        sockets["alice"] = alice
         alice.settimeout(DEADLINE_S)
         try:
+            data = options.pop("data", DATA)
             alice.connect(("bob", PORT), **options)
-            alice.sendall(DATA)
+            alice.sendall(data)
             alice.shutdown()
         except QuantumSocketError as error:
             return Told(error, alice.statistics)
         return Told(None, alice.statistics)
 
 
-def _receive(folder: Path, _service: str, listening: "Future[None]", over: "Future[None]") -> Told:
+def _receive(
+    folder: Path,
+    _service: str,
+    sockets: Sockets,
+    listening: "Future[None]",
+    over: "Future[None]",
+) -> Told:
     with QuantumSocket(folder / "bob.sock") as listener:
         listener.settimeout(DEADLINE_S)
         listener.listen(PORT)
@@ -164,6 +189,7 @@ def _receive(folder: Path, _service: str, listening: "Future[None]", over: "Futu
         bob = _connection(listener, over)
         if bob is None:
             return Told(QuantumSocketError(NOBODY), {})
+        sockets["bob"] = bob
         got = b""
         with bob:
             bob.settimeout(DEADLINE_S)
@@ -171,7 +197,7 @@ def _receive(folder: Path, _service: str, listening: "Future[None]", over: "Futu
                 while data := bob.recv(1 << 16):
                     got += data
             except QuantumSocketError as error:
-                assert DATA.startswith(got)
+                assert (DATA * 20).startswith(got)
                 return Told(error, bob.statistics)
             assert got == DATA
             return Told(None, bob.statistics)

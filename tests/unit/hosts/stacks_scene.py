@@ -8,7 +8,7 @@ once, by hand.
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import AsyncExitStack, asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -74,14 +74,19 @@ def grant(setup: Setup) -> Setup:
 
 
 async def pump(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-    """Pass bytes on, and the end of the connection."""
+    """Pass bytes on, and the end of this direction of the connection."""
     try:
         while data := await reader.read(1 << 16):
             writer.write(data)
+        end(writer)
     except ConnectionError:
-        pass
-    finally:
         writer.close()
+
+
+def end(writer: asyncio.StreamWriter) -> None:
+    """Say that no more is said; who has said it before, or is gone, need not."""
+    with suppress(OSError):
+        writer.write_eof()
 
 
 async def alter(
@@ -97,14 +102,14 @@ async def alter(
             changed = change(way, decode(data))
             if isinstance(changed, Awaitable):
                 changed = await changed
-            if changed is None:
+            if changed is not None:
+                writer.write(changed.encode())
+            if changed is None or getattr(changed, "last", False):
+                writer.close()
                 break
-            writer.write(changed.encode())
-            if getattr(changed, "last", False):
-                break
-    except (ConnectionError, asyncio.IncompleteReadError):
-        pass
-    finally:
+    except asyncio.IncompleteReadError:
+        end(writer)
+    except ConnectionError:
         writer.close()
 
 
@@ -141,6 +146,8 @@ def relay(
             await asyncio.gather(pump(*forth), pump(*back))
         else:
             await asyncio.gather(alter(*forth, "forth", change), alter(*back, "back", change))
+        for either in (writer, there[1]):
+            either.close()
 
     return serve
 

@@ -7,7 +7,18 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from fault_scene import NOBODY, SERVICES, Last, Once, Raw, Told, running, session
+from fault_scene import (
+    DATA,
+    NOBODY,
+    SERVICES,
+    Last,
+    Once,
+    Raw,
+    Sockets,
+    Told,
+    running,
+    session,
+)
 
 from hosts.middleware.frame_format import MAX_BLOCK_PAIRS
 from hosts.middleware.swapping import orders
@@ -299,3 +310,34 @@ def test_a_source_that_is_refused_is_told_to_both_ends(tmp_path: Path, service: 
 
     for told in happens(tmp_path, service, judge=judge):
         assert "the controller knows no such session" in told.text
+
+
+@services
+@pytest.mark.parametrize("gone", ["alice", "bob"])
+@pytest.mark.parametrize("moment", [first_message, first_report, third_block])
+def test_an_application_that_goes_in_mid_session_ends_it_for_both(
+    tmp_path: Path, service: str, gone: str, moment: Fits
+) -> None:
+    sockets: Sockets = {}
+
+    async def close(message: Message) -> Message:
+        while gone not in sockets:  # bob's application is about to accept
+            await asyncio.sleep(0.01)
+        sockets[gone].close()
+        return message
+
+    async def run() -> tuple[Told, Told]:
+        change = Once(moment, close)
+        longer = {"data": DATA * 20} if service == "sdc" else {"count": 30_000}
+        async with running(tmp_path, service, change=change):
+            told = await asyncio.to_thread(session, tmp_path, service, sockets, **longer)
+            assert change.done
+            again = await asyncio.to_thread(session, tmp_path, service)
+            assert [each.text for each in again] == ["", ""]
+            return told
+
+    alice, bob = asyncio.run(run())
+    assert alice.text
+    assert bob.text
+    if gone == "bob":
+        assert "the receiving application has ended" in alice.text
