@@ -100,6 +100,12 @@ def request_of_light(_way: str, message: Message) -> bool:
     return isinstance(message, Emit) or getattr(message, "topic", 0) == Topic.COMING
 
 
+def light_is_there(way: str, message: Message) -> bool:
+    """Photons are in memories, or measured."""
+    told = getattr(message, "topic", 0) in (Topic.ARRIVED, Topic.OVER)
+    return way == "forth" and (told or isinstance(message, Block))
+
+
 def third_block(_way: str, message: Message) -> bool:
     return getattr(message, "block", 0) >= 3
 
@@ -108,7 +114,14 @@ def last_message(way: str, message: Message) -> bool:
     return way == "forth" and isinstance(message, Finish)
 
 
-MOMENTS = [first_answer, first_message, first_report, request_of_light, last_message]
+MOMENTS = [
+    first_answer,
+    first_message,
+    first_report,
+    request_of_light,
+    light_is_there,
+    last_message,
+]
 moments = pytest.mark.parametrize("moment", MOMENTS, ids=lambda moment: moment.__name__)
 
 
