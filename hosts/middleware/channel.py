@@ -49,6 +49,9 @@ REMEDIES = {
 }
 
 
+SAME_VERSION = "do both hosts run the same version?"
+
+
 class SessionError(Exception):
     """A session cannot go on; the reason travels to the other end, the text to a person."""
 
@@ -110,16 +113,16 @@ class MetadataChannel:
         try:
             message = await self.next(timeout_s)
         except SilentPeer as error:
-            text = f"no {kind.__name__} from {self.peer} in {timeout_s:g} s: is it still up?"
+            text = f"no {_named(kind)} from {self.peer} in {timeout_s:g} s: is it still up?"
             raise SessionError(Reason.PROTOCOL, text) from error
         if message is None:
             text = f"{self.peer} is gone: it closed the connection instead of sending "
-            raise SessionError(Reason.PROTOCOL, f"{text}{kind.__name__}; ask again when it is up")
+            raise SessionError(Reason.PROTOCOL, f"{text}{_named(kind)}; ask again when it is up")
         if isinstance(message, Answer) and message.reason != Reason.OK:
             raise SessionError(Reason(message.reason), message.text)
         if not isinstance(message, kind):
-            got = type(message).__name__
-            raise SessionError(Reason.PROTOCOL, f"{self.peer} sent {got}, not {kind.__name__}")
+            text = f"{self.peer} sent {type(message).__name__}, not {kind.__name__}; {SAME_VERSION}"
+            raise SessionError(Reason.PROTOCOL, text)
         return message
 
     async def next(self, timeout_s: float = IDLE_TIMEOUT_S) -> Message | None:
@@ -140,7 +143,8 @@ class MetadataChannel:
         if isinstance(message, Answer) and message.session == 0 and message.reason != Reason.OK:
             return message  # of an end that could not read what it was sent
         what = f"{type(message).__name__} of session {message.session:016x}"
-        text = f"{self.peer} sent {what} over a connection of session {self._session:016x}"
+        text = f"{self.peer} sent {what} over a connection of session {self._session:016x}: "
+        text += "was it made up, or sent again?"
         raise SessionError(Reason.PROTOCOL, text)
 
     async def _read(self) -> Message | None:
@@ -160,7 +164,7 @@ class MetadataChannel:
         except UnknownService as error:
             raise SessionError(Reason.UNSUPPORTED, f"{self.peer} asks for {error}") from error
         except MalformedPacket as error:
-            text = f"{self.peer} sent what is no message: {error}"
+            text = f"{self.peer} sent what is no message: {error}; {SAME_VERSION}"
             raise SessionError(Reason.PROTOCOL, text) from error
         except ConnectionError as error:
             text = f"{self.peer} is gone: {error}; ask again when it is up"
@@ -189,12 +193,17 @@ class MetadataChannel:
         self.close()
 
 
+def _named(kind: type[Message]) -> str:
+    return "its next message" if kind is Message else kind.__name__
+
+
 def unexpected(message: Message | None, peer: str) -> SessionError:
     """Return the error that a message is: a refusal, or one that has no place in a session."""
     if message is None:
-        text = f"{peer} is gone: it closed the connection in mid-session"
+        text = f"{peer} is gone: it closed the connection in mid-session; ask again when it is up"
         return SessionError(Reason.PROTOCOL, text)
     if isinstance(message, Answer) and message.reason != Reason.OK:
         return SessionError(Reason(message.reason), message.text)
-    text = f"{type(message).__name__} from {peer} in mid-session, where it has no place"
+    text = f"{type(message).__name__} from {peer} in mid-session, where it has no place; "
+    text += SAME_VERSION
     return SessionError(Reason.PROTOCOL, text)

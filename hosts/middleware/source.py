@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from hosts.hardware.qnic import HardwareError, Qnic, release
-from hosts.middleware.channel import MetadataChannel, SessionError
+from hosts.middleware.channel import MetadataChannel, SessionError, unexpected
 from hosts.middleware.frame_format import MAX_BLOCK_PAIRS
 from hosts.middleware.receiver import check_wavelength
 from wire.metadata import Answer, Emit, Reason, Setup
@@ -20,7 +20,7 @@ async def serve_pairs(
     try:
         while (request := await channel.next()) is not None:
             if not isinstance(request, Emit):
-                raise SessionError(Reason.PROTOCOL, f"{type(request).__name__}, not Emit")
+                raise unexpected(request, channel.peer)
             await _emit(qnic, setup, request)
             made(request.pairs)
             channel.send(Answer(setup.session, Reason.OK))
