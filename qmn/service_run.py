@@ -244,7 +244,7 @@ def _use(
                 fields = {name: getattr(options, name) for name in own_options(arguments.service)}
                 words = [receiver, "--options", json.dumps(fields)]
                 asking = _start(network, arguments, sender, "asking", words)
-                facts["asking"] = follow(network, asking, progress)
+                progress(follow(network, asking, progress))
                 facts["asked"] = follow(network, asked, lambda _line: None)
             except (TransferError, NetworkError):
                 network.check()  # what died in the network is the cause
@@ -275,6 +275,6 @@ def _progress_bar(
 
         def note(line: dict[str, Any]) -> None:
             facts["asking"] = line
-            bar.update(task, completed=line.get(unit, 0))
+            bar.update(task, completed=min(line.get(unit, 0), total))
 
         yield note

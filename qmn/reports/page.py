@@ -61,7 +61,10 @@ def _outcome(run: RunFacts) -> str:
 
 
 def _figures(result: Mapping[str, Any]) -> dict[str, str]:
-    return {name.replace("_", " "): figure(value) for name, value in result["asking"].items()}
+    numbers = {
+        name: value for name, value in result["asking"].items() if not isinstance(value, str)
+    }
+    return {name.replace("_", " "): figure(value) for name, value in numbers.items()}
 
 
 def _transfer_figures(result: Mapping[str, Any]) -> dict[str, str]:

@@ -22,15 +22,16 @@ def columns(facts: NetworkFacts) -> list[list[str]]:
     near, far = _switch_columns(between, with_host)
 
     heights = {name: number for number, name in enumerate([*near, *far])}
-    hosts = sorted(
-        facts.addresses,
-        key=lambda host: min(
-            (heights[name] for name in quantum if host in neighbours[name]), default=len(heights)
-        ),
-    )
+    hosts = sorted(facts.addresses, key=lambda host: _height(host, heights, neighbours))
     copper = {name for link in facts.copper for name in (link[0], link[2])}
     classical = sorted(copper - facts.addresses.keys() - set(quantum))
     return [column for column in (classical, hosts, near, far) if column]
+
+
+def _height(host: str, heights: Mapping[str, int], neighbours: Neighbours) -> float:
+    """Return about how far down a host belongs: in the middle of the switches it has fibres to."""
+    own = [height for name, height in heights.items() if host in neighbours[name]]
+    return sum(own) / len(own) if own else len(heights)
 
 
 def _switch_columns(neighbours: Neighbours, with_host: set[str]) -> tuple[list[str], list[str]]:

@@ -10,6 +10,7 @@ from types import MappingProxyType
 
 from qmn.network_facts import NetworkFacts
 from qmn.reports.packets import Flight, flights, holds_setup, openflow
+from qmn.reports.places import columns
 from qmn.reports.steps import METADATA, OPENFLOW, QUANTUM, Step, together
 from qmn.reports.streams import Flow
 from wire.dispatcher_pb2 import Event
@@ -64,10 +65,13 @@ def handshake(
 
 
 def lanes(steps: Iterable[Step], network: NetworkFacts) -> list[str]:
-    """Return the nodes that take part: hosts by address with the source between, then switches."""
+    """Return the nodes that take part: hosts as they are drawn, but a source second; switches."""
     used = {lane for step in steps for lane in (step.lane, step.to_lane) if lane}
-    ends = [host for host in network.addresses if host != network.source]
-    order = [*ends[:1], network.source, *ends[1:], CLASSICAL_SWITCH, CONTROLLER]
+    hosts = [name for column in columns(network) for name in column if name in network.addresses]
+    if network.source in hosts[1:]:
+        hosts.remove(network.source)
+        hosts.insert(1, network.source)
+    order = [*hosts, CLASSICAL_SWITCH, CONTROLLER]
     return [*(lane for lane in order if lane in used), *sorted(used - set(order))]
 
 

@@ -16,6 +16,7 @@ from wire.fiber import Fiber, FiberEnd
 
 LINE = ["q1", "q2", "q3", "q4", "q5"]
 RING = [*pairwise(LINE), ("q5", "q1")]
+CHAIN = [("alice", "q1"), ("charlie", "q1", "q2"), ("bob", "q2", "q3"), ("ed", "q3")]
 STAGES = [(leaf, spine) for leaf in ("q1", "q2", "q3", "q4") for spine in ("q5", "q6", "q7")]
 
 
@@ -55,8 +56,13 @@ def hosts_at(alice: str, charlie: str, bob: str) -> list[tuple[str, str]]:
             [*hosts_at("q1", "q2", "q4"), *STAGES],
             [["alice", "charlie", "bob", "ed"], ["q1", "q2", "q3", "q4"], ["q5", "q6", "q7"]],
         ),
+        (
+            ["q1", "q2", "q3"],  # charlie and bob are repeaters
+            [(host, at) for host, *places in CHAIN for at in places],
+            [["alice", "charlie", "bob", "ed"], ["q1", "q2", "q3"]],
+        ),
     ],
-    ids=["one switch", "line", "ring", "two stages"],
+    ids=["one switch", "line", "ring", "two stages", "repeaters"],
 )
 def test_fibres_lead_to_the_right_or_to_a_neighbour(
     switches: list[str], joined: list[tuple[str, str]], expected: list[list[str]]
