@@ -5,7 +5,7 @@ number of another session, must not open a second one: when that ended, the host
 the photons of the first.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from hosts.middleware.channel import SessionError
@@ -19,7 +19,9 @@ MAX_REMEMBERED = 100_000  # sessions that are over
 class Engaged:
     """Which sessions there are, by role, and which there were."""
 
-    def __init__(self) -> None:
+    def __init__(self, opens_link: Callable[[int], bool]) -> None:
+        """Begin with none; a host knows otherwise of links that it opens as a repeater."""
+        self._opens_link = opens_link
         self._now: set[tuple[int, bool]] = set()  # session, and whether as its pair source
         self._before: dict[tuple[int, bool], None] = {}  # in the order of their ends
 
@@ -35,7 +37,7 @@ class Engaged:
         A host may be the pair source of a session that it also opens or accepts.
         """
         place = session, role == Role.SOURCE
-        if place in self._now:
+        if place in self._now or self._opens_link(session):
             text = f"session {session:016x} is under way here: is its set-up message a replay?"
             raise SessionError(Reason.BUSY, text)
         if place in self._before:

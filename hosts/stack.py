@@ -51,8 +51,8 @@ class Stack:
         self._keyring = Keyring(config.name, config.pair_secrets, config.keys)
         self._sessions_made = 0
         self._receiving: dict[int, ReceivingSession] = {}
-        self.engaged = Engaged()
         self.swaps = Swaps(config.address)
+        self.engaged = Engaged(self.swaps.opens)
         self.device = Device(lambda: read_ports(config.qnics))
         self.applications = ApplicationsPort(
             self.connect, self.request, qnic.watch, self.intercept, self.engaged

@@ -155,6 +155,28 @@ def test_no_other_service_is_opened_with_the_number_of_a_session(
     assert at_alice is not None
 
 
+def test_no_session_is_opened_with_the_number_of_a_link_of_a_repeater(tmp_path: Path) -> None:
+    recorder, errors = Recorder(), list[SessionError | None]()
+
+    async def forge(message: Message) -> Message:
+        link = recorder.granted[-1]  # from the repeater to bob
+        assert link.service == Service.LINK
+        forged = replace(link, service=Service.TELEPORT, port=PORT + 1)
+        with ServiceSocket(tmp_path / "r1.sock") as listener:
+            await asyncio.to_thread(listener.listen, PORT + 1, "teleport")
+            errors.append(await sent(forged, "r1"))
+        return message
+
+    async def run() -> None:
+        change = Once(lambda way, message: way == "forth" and isinstance(message, Finish), forge)
+        async with running(tmp_path, "swap", recorder, change=change):
+            told = await asyncio.to_thread(session, tmp_path, "swap")
+            assert [each.text for each in told] == ["", ""]
+
+    asyncio.run(run())
+    require_refused(errors, Reason.BUSY, "is under way here")
+
+
 @pytest.mark.parametrize("number", [0, 99, 255])
 def test_a_service_that_nobody_knows_is_refused_by_its_number(tmp_path: Path, number: int) -> None:
     async def run() -> Answer:
