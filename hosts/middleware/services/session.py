@@ -6,10 +6,17 @@ import numpy as np
 
 from hosts.hardware.qnic import HardwareError, Qnic, release
 from hosts.middleware.arrangement import Arrangement
-from hosts.middleware.channel import IDLE_TIMEOUT_S, MetadataChannel, SessionError, SilentPeer
+from hosts.middleware.channel import (
+    IDLE_TIMEOUT_S,
+    MetadataChannel,
+    SessionError,
+    SilentPeer,
+    unexpected,
+)
 from hosts.middleware.encoding import TOLD_APART
+from hosts.middleware.frame_format import MAX_BLOCK_PAIRS
 from hosts.middleware.qkd.keyring import Keyring
-from hosts.middleware.receiver import check_wavelength
+from hosts.middleware.receiver import check_light
 from hosts.middleware.services.options import ServiceOptions
 from hosts.middleware.services.service import (
     AcceptorEnd,
@@ -17,13 +24,13 @@ from hosts.middleware.services.service import (
     OpenerEnd,
     ServiceKind,
     Tell,
-    unexpected,
 )
 from hosts.middleware.swapping.orders import Swaps
-from wire.metadata import Finish, Pauli, Reason, Service, Setup
+from wire.metadata import Finish, Handshake, Pauli, Reason, Service, Setup
 from wire.services import LIGHT, Role, fibers_needed
 
 NO_DIGEST = bytes(32)
+CERTAIN_PPM = 1_000_000
 
 
 def told_apart(analyser: str) -> frozenset[int]:
@@ -61,11 +68,14 @@ class OpeningSession:
         self.summary: dict[str, Any] = {}
         self.answer: Answerer | None = None  # to the application's questions, if it may ask
 
+    @property
+    def setup(self) -> Setup:
+        """What is asked for."""
+        return self._setup
+
     async def run(self, tell: Tell) -> None:
         """Arrange light, do what the service does; raise SessionError if it cannot be."""
         await self._arrangement.open()
-        if any(end.role == Role.SOURCE for beam in LIGHT[self._kind.service] for end in beam):
-            await self._arrangement.engage_source()
         channel = self._arrangement.channel
         end = OpenerEnd(
             self._qnic,
@@ -79,9 +89,11 @@ class OpeningSession:
             arrangement=self._arrangement,
         )
         try:
+            if any(end.role == Role.SOURCE for beam in LIGHT[self._kind.service] for end in beam):
+                await self._arrangement.engage_source()
             self.answer = await self._kind.open(end, self._options)
         except (SessionError, HardwareError) as error:
-            end.give_up(error)
+            await channel.give_up(error)
             raise
         self.summary = end.summary
 
@@ -101,8 +113,9 @@ class OpeningSession:
         await self._arrangement.channel.request(finish)
 
     async def close(self) -> None:
-        """Let go of connections and photons."""
+        """Let go of connections, orders and photons."""
         self._arrangement.close()
+        self._swaps.forget(self._setup.session)
         await release(self._qnic, self._setup.session)
 
 
@@ -120,7 +133,7 @@ class AcceptingSession:
         keyring: Keyring,
         swaps: Swaps,
     ) -> None:
-        check_wavelength(setup)
+        check_asked(setup)
         require_fibers(setup, Role.ACCEPTOR, qnic)
         self._kind, self._qnic, self._channel, self._setup = kind, qnic, channel, setup
         self._analyser, self._draws, self._keyring = analyser, draws, keyring
@@ -157,6 +170,21 @@ class AcceptingSession:
     async def close(self) -> None:
         """Let go of photons."""
         await release(self._qnic, self._setup.session)
+
+
+def check_asked(setup: Setup) -> None:
+    """Raise SessionError for a set-up that no service can serve."""
+    check_light(setup)
+    if setup.handshake != Handshake.FRAMED:
+        text = f"{Service(setup.service).name.lower()} with the handshake "
+        text += f"{Handshake(setup.handshake).name}: choose FRAMED"
+        raise SessionError(Reason.UNSUPPORTED, text)
+    if setup.pairs > MAX_BLOCK_PAIRS:
+        text = f"blocks of {setup.pairs} pairs: choose 1 to {MAX_BLOCK_PAIRS} (block_pairs)"
+        raise SessionError(Reason.UNSUPPORTED, text)
+    if setup.fidelity_ppm > CERTAIN_PPM:
+        text = f"a fidelity of {setup.fidelity_ppm} millionths: choose 0 to {CERTAIN_PPM}"
+        raise SessionError(Reason.UNSUPPORTED, text)
 
 
 def require_fibers(setup: Setup, role: Role, qnic: Qnic) -> None:
