@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from hosts.answering import reply
+from hosts.engaged import Engaged
 from hosts.event_watching import Watch, tell_events
 from hosts.hardware.qnic import HardwareError
 from hosts.incoming import Incoming, failed
@@ -17,6 +18,7 @@ from hosts.middleware.options import SessionOptions
 from hosts.middleware.sender import SendingSession
 from hosts.middleware.services.session import OpeningSession
 from wire.metadata import MalformedPacket, Reason
+from wire.services import Role
 from wire.socket_calls import (
     HEADER,
     Call,
@@ -48,9 +50,10 @@ class ApplicationsPort:
         request: Callable[[dict[str, Any]], OpeningSession],
         watch: Watch,
         intercept: Callable[[dict[str, Any]], Interception],
+        engaged: Engaged,
     ) -> None:
         self._connect, self._request, self._watch = connect, request, watch
-        self._intercept = intercept
+        self._intercept, self._engaged = intercept, engaged
         self._listening: dict[int, Listening] = {}
 
     def incoming(self, port: int, peer: str, service: str = BYTES) -> Incoming:
@@ -102,6 +105,12 @@ class ApplicationsPort:
         self, fields: dict[str, Any], reader: asyncio.StreamReader, writer: asyncio.StreamWriter
     ) -> None:
         session = self._connect(SessionOptions.from_fields(fields))
+        with self._engaged.engage(session.setup.session, Role.OPENER):
+            await self._send(session, reader, writer)
+
+    async def _send(
+        self, session: SendingSession, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
+    ) -> None:
         coming = asyncio.create_task(_read(reader))
         try:
             await _unless_gone(session.open(), coming)
@@ -119,6 +128,7 @@ class ApplicationsPort:
                 await _unless_gone(session.send(payload), coming)
         except (SessionError, HardwareError) as error:
             log.warning("%s", error)
+            await session.give_up(error)
             writer.write(failed(error, **asdict(session.statistics)))
         finally:
             await _end(coming)
@@ -127,22 +137,9 @@ class ApplicationsPort:
     async def _serve_requester(
         self, fields: dict[str, Any], reader: asyncio.StreamReader, writer: asyncio.StreamWriter
     ) -> None:
-        async def tell(**result: Any) -> None:
-            writer.write(encode_fields(Call.RESULT, **result))
-            await writer.drain()
-
         session = self._request(fields)
-        coming = asyncio.create_task(_read(reader))
-        try:
-            await _unless_gone(session.run(tell), coming)
-            if session.answer is not None:
-                writer.write(encode_fields(Call.DONE, **session.summary))
-                await _answer_until_closed(session, coming, reader, writer)
-            await session.finish()
-            writer.write(encode_fields(Call.CLOSE, **session.summary))
-        finally:
-            await _end(coming)
-            await session.close()
+        with self._engaged.engage(session.setup.session, Role.OPENER):
+            await _take_part(session, reader, writer)
 
     async def _serve_watcher(
         self, fields: dict[str, Any], reader: asyncio.StreamReader, writer: asyncio.StreamWriter
@@ -207,6 +204,28 @@ async def _unless_gone(work: Coroutine[Any, Any, None], coming: asyncio.Task[Any
         await doing
     finally:
         await _end(doing)
+
+
+async def _take_part(
+    session: OpeningSession, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
+) -> None:
+    """Do what a service does, and let the application use what it leaves."""
+
+    async def tell(**result: Any) -> None:
+        writer.write(encode_fields(Call.RESULT, **result))
+        await writer.drain()
+
+    coming = asyncio.create_task(_read(reader))
+    try:
+        await _unless_gone(session.run(tell), coming)
+        if session.answer is not None:
+            writer.write(encode_fields(Call.DONE, **session.summary))
+            await _answer_until_closed(session, coming, reader, writer)
+        await session.finish()
+        writer.write(encode_fields(Call.CLOSE, **session.summary))
+    finally:
+        await _end(coming)
+        await session.close()
 
 
 async def _answer_until_closed(

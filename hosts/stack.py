@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from hosts.applications_port import ApplicationsPort
+from hosts.engaged import Engaged
 from hosts.hardware.ports import read_ports
 from hosts.hardware.qnic import HardwareError, Qnic
 from hosts.incoming import Incoming
@@ -37,11 +38,10 @@ from hosts.middleware.source import serve_pairs
 from hosts.middleware.swapping.orders import Swaps
 from hosts.middleware.swapping.serving import serve_link
 from wire.config import HostConfig
-from wire.metadata import FEC_NAMES, Answer, Handshake, Reason, Service, Setup, Verdict
+from wire.metadata import FEC_NAMES, Handshake, Reason, Service, Setup, Verdict
+from wire.services import Role
 
 log = logging.getLogger("stack")
-
-MAX_SESSIONS = 64
 
 
 class Stack:
@@ -53,10 +53,12 @@ class Stack:
         self._keyring = Keyring(config.name, config.pair_secrets, config.keys)
         self._sessions_made = 0
         self._receiving: dict[int, ReceivingSession] = {}
-        self._accepting: set[int] = set()
         self.swaps = Swaps(config.address)
+        self.engaged = Engaged(self.swaps.opens)
         self.device = Device(lambda: read_ports(config.qnics))
-        self.applications = ApplicationsPort(self.connect, self.request, qnic.watch, self.intercept)
+        self.applications = ApplicationsPort(
+            self.connect, self.request, qnic.watch, self.intercept, self.engaged
+        )
 
     def connect(self, options: SessionOptions) -> SendingSession:
         """Prepare a session to a host; raise SessionError if the names are not known."""
@@ -132,9 +134,8 @@ class Stack:
             session = setup.session
             await self._handler(setup)(channel, setup)
         except (SessionError, HardwareError) as error:
-            reason = error.reason if isinstance(error, SessionError) else Reason.HARDWARE
             log.warning("session %016x with %s: %s", session, channel.peer, error)
-            channel.send(Answer(session, reason, str(error)))
+            await channel.give_up(error)
         finally:
             channel.close()
 
@@ -166,7 +167,7 @@ class Stack:
         return SessionError(Reason.NODE_SILENT, f"{text} for its chain; is its stack running?")
 
     async def _emit_pairs(self, channel: MetadataChannel, setup: Setup) -> None:
-        with self.device.serves(setup):
+        with self.engaged.engage(setup.session, Role.SOURCE), self.device.serves(setup):
             await serve_pairs(self._qnic, channel, setup, self.device.made)
 
     async def _receive_pair(self, channel: MetadataChannel, setup: Setup) -> None:
@@ -176,17 +177,16 @@ class Stack:
         await session.one_pair(channel, setup)
 
     async def _receive(self, channel: MetadataChannel, setup: Setup) -> None:
-        if setup.session in self._receiving or len(self._receiving) >= MAX_SESSIONS:
-            raise SessionError(Reason.BUSY)
         session = ReceivingSession(self._qnic, channel, setup, self._config.analyser)
-        incoming = self.applications.incoming(setup.port, channel.peer)
-        self._receiving[setup.session] = session
-        self.device.receives(session)
-        try:
-            await self._deliver(session, incoming)
-        finally:
-            del self._receiving[setup.session]
-            await session.close()
+        with self.engaged.engage(setup.session, Role.ACCEPTOR):
+            incoming = self.applications.incoming(setup.port, channel.peer)
+            self._receiving[setup.session] = session
+            self.device.receives(session)
+            try:
+                await self._deliver(session, incoming)
+            finally:
+                del self._receiving[setup.session]
+                await session.close()
 
     async def _accept(self, channel: MetadataChannel, setup: Setup) -> None:
         service = Service(setup.service)
@@ -203,10 +203,11 @@ class Stack:
             self.swaps,
             self._config.abilities,
         )
-        if setup.session in self._accepting or len(self._accepting) >= MAX_SESSIONS:
-            raise SessionError(Reason.BUSY)
-        incoming = self.applications.incoming(setup.port, channel.peer, service.name.lower())
-        self._accepting.add(setup.session)
+        with self.engaged.engage(setup.session, Role.ACCEPTOR):
+            incoming = self.applications.incoming(setup.port, channel.peer, service.name.lower())
+            await self._take_part(session, incoming, setup)
+
+    async def _take_part(self, session: AcceptingSession, incoming: Incoming, setup: Setup) -> None:
         try:
             with self.device.serves(setup):
                 await session.run(incoming.tell)
@@ -218,19 +219,12 @@ class Stack:
             await incoming.fail(error)
             raise
         finally:
-            self._accepting.discard(setup.session)
             await session.close()
 
     async def _link(self, channel: MetadataChannel, setup: Setup) -> None:
-        if setup.session in self._accepting or len(self._accepting) >= MAX_SESSIONS:
-            raise SessionError(Reason.BUSY)
-        self._accepting.add(setup.session)
-        try:
-            with self.device.serves(setup):
-                apart = told_apart(self._config.analyser)
-                await serve_link(self._qnic, channel, setup, self.swaps, apart)
-        finally:
-            self._accepting.discard(setup.session)
+        with self.engaged.engage(setup.session, Role.ACCEPTOR), self.device.serves(setup):
+            apart = told_apart(self._config.analyser)
+            await serve_link(self._qnic, channel, setup, self.swaps, apart)
 
     async def _deliver(self, session: ReceivingSession, incoming: Incoming) -> None:
         try:

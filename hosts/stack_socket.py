@@ -110,11 +110,19 @@ class StackSocket:
     def _exactly(self, size: int) -> bytes:
         parts = bytearray()
         while len(parts) < size:
-            part = self._socket.recv(size - len(parts))
+            part = self._receive(size - len(parts))
             if not part:
                 raise StackEnded("the host's stack has ended")
             parts += part
         return bytes(parts)
+
+    def _receive(self, size: int) -> bytes:
+        try:
+            return self._socket.recv(size)
+        except OSError as error:
+            if self._socket.fileno() >= 0:
+                raise
+            raise QuantumSocketError("this socket has been closed") from error
 
     def __enter__(self) -> Self:
         return self

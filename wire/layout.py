@@ -12,11 +12,13 @@ from struct import Struct, calcsize
 from types import MappingProxyType
 from typing import Any
 
-from wire import device, metadata
+from wire import device, metadata, qkd
 from wire.device import DeviceReport, DeviceSettings
 from wire.metadata import Answer, Block, Envelope, Frame, Message, Report, Values
+from wire.qkd import QkdMessage
 
-ENUMS: Mapping[str, type[IntEnum]] = MappingProxyType(
+Enums = Mapping[str, type[IntEnum]]
+ENUMS: Enums = MappingProxyType(
     {
         "service": metadata.Service,
         "handshake": metadata.Handshake,
@@ -26,9 +28,17 @@ ENUMS: Mapping[str, type[IntEnum]] = MappingProxyType(
         "topic": metadata.Topic,
     }
 )
+KEY_ENUMS: Enums = MappingProxyType(
+    {
+        "bound": qkd.Bound,
+        "reconciliation": qkd.Reconciliation,
+        "reason": qkd.AbortReason,
+    }
+)
 OPEN = {"topic"}  # whose numbers need no name: services define their own
-# What follows the fixed fields. A counted list has its number of elements as last fixed field.
-TEXT, BYTES, COUNTED, UNTIL_END = "text", "bytes", "counted", "until_end"
+# What follows the fixed fields. A counted list has its number of elements as last fixed field;
+# numbers that are packed without gaps are as many as a fixed field, or the ones before them, say.
+TEXT, BYTES, COUNTED, UNTIL_END, PACKED = "text", "bytes", "counted", "until_end", "packed"
 
 
 @dataclass(frozen=True)
@@ -38,17 +48,19 @@ class Field:
     name: str
     offset: int  # from the end of the header
     size: int
-    kind: str  # uint, int, ipv4, text or bytes
+    kind: str  # uint, int, double, ipv4, text or bytes
     values: Mapping[int, str] | None = None  # names of numbers
 
 
 @dataclass(frozen=True)
 class Tail:
-    """What follows the fixed fields: text, bytes, or elements that all have the same fields."""
+    """What follows the fixed fields: text, bytes, elements with fields of their own, or numbers."""
 
     name: str
     kind: str
     element: tuple[Field, ...] = ()
+    count: str = ""  # of packed numbers: the field that says how many, or the bits that do
+    width: int = 0  # bits of each
 
 
 @dataclass(frozen=True)
@@ -72,13 +84,18 @@ def device_layouts() -> list[Layout]:
     return [_layout(kind) for kind in device.KINDS.values()]
 
 
+def key_layouts() -> list[Layout]:
+    """Return the kinds of messages of key distribution; their fields stand behind its header."""
+    return [_key_layout(kind) for kind in qkd.KINDS.values()]
+
+
 def settings_fields() -> tuple[Field, ...]:
     """Return the fields of device settings, each four bytes."""
     names = [item.name for item in fields(DeviceSettings)]
     return tuple(Field(name, 4 * place, 4, "uint") for place, name in enumerate(names))
 
 
-def placed(form: Struct, names: list[str]) -> tuple[Field, ...]:
+def placed(form: Struct, names: list[str], enums: Enums = ENUMS) -> tuple[Field, ...]:
     """Return the fields of a struct; raise ValueError if these are not as many names."""
     codes = re.findall(r"(\d*)([a-zA-Z?])", form.format)
     placed_fields: list[Field] = []
@@ -89,18 +106,20 @@ def placed(form: Struct, names: list[str]) -> tuple[Field, ...]:
             if code != "x":
                 if not left:
                     raise ValueError(f"{form.format} has more fields than {', '.join(names)}")
-                placed_fields.append(_field(left.pop(0), offset, size, code))
+                placed_fields.append(_field(left.pop(0), offset, size, code, enums))
             offset += size
     if left:
         raise ValueError(f"{form.format} has no place for {', '.join(left)}")
     return tuple(placed_fields)
 
 
-def _field(name: str, offset: int, size: int, code: str) -> Field:
+def _field(name: str, offset: int, size: int, code: str, enums: Enums) -> Field:
     if code == "s":
         named = {"source": "ipv4", "right": "ipv4", "name": "text", "host": "text"}
         return Field(name, offset, size, named.get(name, "bytes"))
-    values = {int(member): member.name for member in ENUMS[name]} if name in ENUMS else None
+    if code == "d":
+        return Field(name, offset, size, "double")
+    values = {int(member): member.name for member in enums[name]} if name in enums else None
     return Field(name, offset, size, "int" if code in "bhiq" else "uint", values)
 
 
@@ -110,6 +129,18 @@ def _layout(kind: type[Message]) -> Layout:
     variable = {tail.name for tail in tails}
     names = [item.name for item in fields(kind) if item.name not in {"session", *variable}]
     fixed = placed(kind.FIELDS, [*names, *counted])
+    return Layout(kind.__name__, kind.KIND, kind.FIELDS.size, fixed, tails)
+
+
+def _key_layout(kind: type[QkdMessage]) -> Layout:
+    tails = tuple(
+        Tail(packed.name, PACKED, count=packed.count, width=packed.width) for packed in kind.PACKED
+    )
+    if kind is qkd.Abort:
+        tails = (Tail("text", TEXT),)
+    variable = {tail.name for tail in tails}
+    names = [item.name for item in fields(kind) if item.name not in variable]
+    fixed = placed(kind.FIELDS, names, KEY_ENUMS)
     return Layout(kind.__name__, kind.KIND, kind.FIELDS.size, fixed, tails)
 
 

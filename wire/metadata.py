@@ -30,6 +30,10 @@ class MalformedPacket(ValueError):
     """The other side sent bytes that are not what they claim to be."""
 
 
+class UnknownService(MalformedPacket):
+    """A set-up message asks for a service that this version does not know."""
+
+
 class Service(IntEnum):
     """What the light is wanted for; wire.services says which paths each needs."""
 
@@ -214,7 +218,7 @@ class Setup(Message):
             raise MalformedPacket(f"interleave is {raw.interleave}, not 0 or 1")
         return replace(
             raw,
-            service=_member(Service, raw.service),
+            service=_service(raw.service),
             handshake=_member(Handshake, raw.handshake),
             source=str(IPv4Address(raw.source)),
             verdict=_member(Verdict, raw.verdict),
@@ -224,6 +228,18 @@ class Setup(Message):
 
 
 SETUP_LENGTH = HEADER.size + Setup.FIELDS.size
+
+
+def session_of(message: bytes) -> int:
+    """Return the session that a message names, whatever else it says."""
+    return int(HEADER.unpack_from(message)[-1])
+
+
+def refused(setup: bytes, reason: Reason) -> bytes:
+    """Return a set-up message, whatever it asks for, with a refusal written into it."""
+    *asked, _verdict, _rotation, _reason = Setup.FIELDS.unpack(setup[HEADER.size :])
+    answer = Setup.FIELDS.pack(*asked, Verdict.REFUSED, Pauli.I, reason)
+    return setup[: HEADER.size] + answer
 
 
 @dataclass(frozen=True)
@@ -476,6 +492,16 @@ def _split(kind: type[Message], body: bytes) -> tuple[tuple[int, ...], bytes]:
 def _check_encoding(encoding: int) -> None:
     if {encoding >> shift & 3 for shift in (0, 2, 4, 6)} != {0, 1, 2, 3}:
         raise MalformedPacket(f"encoding {encoding:#x} does not use each operator once")
+
+
+def _service(number: int) -> Service:
+    try:
+        return Service(number)
+    except ValueError as error:
+        known = ", ".join(f"{service.value} ({service.name})" for service in Service)
+        raise UnknownService(
+            f"service {number}, which is not known here: choose one of {known}"
+        ) from error
 
 
 def _member(kind: type[E], value: int) -> E:

@@ -11,8 +11,10 @@ highest, and their padding is 0. What the messages are for: docs/qkd.md.
 """
 
 import struct
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
 from enum import IntEnum
+from types import MappingProxyType
 from typing import Any, ClassVar, TypeVar
 
 from wire.metadata import MalformedPacket
@@ -59,23 +61,61 @@ class AbortReason(IntEnum):
 
 
 @dataclass(frozen=True)
+class Packed:
+    """An array behind the fixed fields: unsigned numbers of `width` bits each, without gaps."""
+
+    name: str
+    count: str  # the field that says how many, or the bits before it whose ones are as many
+    width: int = 1
+
+
+@dataclass(frozen=True)
 class QkdMessage:
-    """Fixed fields; a kind with a variable part overrides encode and parse."""
+    """Fixed fields, then arrays; a kind with more to check overrides check."""
 
     KIND: ClassVar[int]
     FIELDS: ClassVar[struct.Struct]
+    RANGES: ClassVar[Mapping[str, tuple[int, int]]] = MappingProxyType({})  # least and most
+    PACKED: ClassVar[tuple[Packed, ...]] = ()
 
     def encode(self) -> bytes:
         """Return the fields as they go onto the wire, without header and tag."""
-        return self.FIELDS.pack(*vars(self).values())
+        values = vars(self).copy()
+        arrays = [values.pop(packed.name) for packed in self.PACKED]
+        return self.FIELDS.pack(*values.values()) + b"".join(arrays)
 
     @classmethod
     def parse(cls, body: bytes) -> "QkdMessage":
         """Build the message from its body; raise MalformedPacket if it does not fit."""
-        fields, rest = _split(cls, body)
+        values, rest = cls._fixed(body)
+        for packed in cls.PACKED:
+            count = values[packed.count]
+            bits = packed.width * (_ones(count) if isinstance(count, bytes) else count)
+            size = _bytes_for(bits)
+            values[packed.name], rest = rest[:size], rest[size:]
+            _check_bits(cls, values[packed.name], bits)
         if rest:
-            raise MalformedPacket(f"{cls.__name__}: {len(body)} bytes, not {cls.FIELDS.size}")
-        return cls(*fields)
+            raise MalformedPacket(f"{cls.__name__}: {len(rest)} bytes too many")
+        return cls._checked(values)
+
+    @classmethod
+    def _fixed(cls, body: bytes) -> tuple[dict[str, Any], bytes]:
+        if len(body) < cls.FIELDS.size:
+            raise MalformedPacket(f"{cls.__name__}: {len(body)} bytes are too few")
+        fixed = cls.FIELDS.unpack_from(body)
+        values = dict(zip([item.name for item in fields(cls)], fixed, strict=False))
+        for name, (least, most) in cls.RANGES.items():
+            _check_count(f"{cls.__name__}: {name}", values[name], most, least)
+        return values, body[cls.FIELDS.size :]
+
+    @classmethod
+    def _checked(cls, values: dict[str, Any]) -> "QkdMessage":
+        message = cls(**values)
+        message.check()
+        return message
+
+    def check(self) -> None:
+        """Raise MalformedPacket for fields that cannot be."""
 
 
 @dataclass(frozen=True)
@@ -92,17 +132,13 @@ class Proposal(QkdMessage):
     bound: int
     reconciliation: int
 
-    @classmethod
-    def parse(cls, body: bytes) -> "Proposal":
-        """Build the message from its body; raise MalformedPacket if it does not fit."""
-        raw = super().parse(body)
-        assert isinstance(raw, Proposal)
-        fractions = raw.test_fraction, raw.max_qber, raw.eps_sec, raw.eps_cor
+    def check(self) -> None:
+        """Raise MalformedPacket for fields that cannot be."""
+        fractions = self.test_fraction, self.max_qber, self.eps_sec, self.eps_cor
         if not all(0 < fraction < 1 for fraction in fractions):
             raise MalformedPacket(f"Proposal: {fractions} are not all between 0 and 1")
-        _member(Bound, raw.bound)
-        _member(Reconciliation, raw.reconciliation)
-        return raw
+        _member(Bound, self.bound)
+        _member(Reconciliation, self.reconciliation)
 
 
 @dataclass(frozen=True)
@@ -111,26 +147,13 @@ class Detections(QkdMessage):
 
     KIND = 2
     FIELDS = struct.Struct("!II")
+    RANGES = MappingProxyType({"photons": (1, MAX_PHOTONS)})
+    PACKED = (Packed("clicked", "photons"), Packed("bases", "clicked"))
 
     block: int
     photons: int
     clicked: bytes  # a bit for each photon
     bases: bytes  # a bit for each photon detected
-
-    def encode(self) -> bytes:
-        """Return the fields as they go onto the wire, without header and tag."""
-        return self.FIELDS.pack(self.block, self.photons) + self.clicked + self.bases
-
-    @classmethod
-    def parse(cls, body: bytes) -> "Detections":
-        """Build the message from its body; raise MalformedPacket if it does not fit."""
-        (block, photons), rest = _split(cls, body)
-        _check_count("photons", photons, MAX_PHOTONS)
-        size = _bytes_for(photons)
-        clicked, bases = rest[:size], rest[size:]
-        _check_bits(cls, clicked, photons)
-        _check_bits(cls, bases, int.from_bytes(clicked, "big").bit_count())
-        return cls(block, photons, clicked, bases)
 
 
 @dataclass(frozen=True)
@@ -139,22 +162,12 @@ class Sifted(QkdMessage):
 
     KIND = 3
     FIELDS = struct.Struct("!II")
+    RANGES = MappingProxyType({"clicks": (0, MAX_PHOTONS)})
+    PACKED = (Packed("kept", "clicks"),)
 
     block: int
     clicks: int
     kept: bytes  # a bit for each photon detected
-
-    def encode(self) -> bytes:
-        """Return the fields as they go onto the wire, without header and tag."""
-        return self.FIELDS.pack(self.block, self.clicks) + self.kept
-
-    @classmethod
-    def parse(cls, body: bytes) -> "Sifted":
-        """Build the message from its body; raise MalformedPacket if it does not fit."""
-        (block, clicks), kept = _split(cls, body)
-        _check_count("clicks", clicks, MAX_PHOTONS, least=0)
-        _check_bits(cls, kept, clicks)
-        return cls(block, clicks, kept)
 
 
 @dataclass(frozen=True)
@@ -163,45 +176,28 @@ class Sample(QkdMessage):
 
     KIND = 4
     FIELDS = struct.Struct("!II32s")
+    RANGES = MappingProxyType({"sifted": (1, MAX_KEY_BITS), "size": (1, MAX_KEY_BITS)})
+    PACKED = (Packed("bits", "size"),)
 
     sifted: int  # bits in the whole session
     size: int  # bits disclosed
     seed: bytes
     bits: bytes
 
-    def encode(self) -> bytes:
-        """Return the fields as they go onto the wire, without header and tag."""
-        return self.FIELDS.pack(self.sifted, self.size, self.seed) + self.bits
-
-    @classmethod
-    def parse(cls, body: bytes) -> "Sample":
-        """Build the message from its body; raise MalformedPacket if it does not fit."""
-        (sifted, size, seed), bits = _split(cls, body)
-        _check_count("sifted bits", sifted, MAX_KEY_BITS)
-        if not 0 < size < sifted:
-            raise MalformedPacket(f"Sample: {size} of {sifted} bits")
-        _check_bits(cls, bits, size)
-        return cls(sifted, size, seed, bits)
+    def check(self) -> None:
+        """Raise MalformedPacket for fields that cannot be."""
+        if self.size >= self.sifted:
+            raise MalformedPacket(f"Sample: {self.size} of {self.sifted} bits")
 
 
 @dataclass(frozen=True)
 class _BitString(QkdMessage):
     FIELDS = struct.Struct("!I")
+    RANGES = MappingProxyType({"count": (0, MAX_KEY_BITS)})
+    PACKED = (Packed("bits", "count"),)
 
     count: int
     bits: bytes
-
-    def encode(self) -> bytes:
-        """Return the fields as they go onto the wire, without header and tag."""
-        return self.FIELDS.pack(self.count) + self.bits
-
-    @classmethod
-    def parse(cls, body: bytes) -> "_BitString":
-        """Build the message from its body; raise MalformedPacket if it does not fit."""
-        (count,), bits = _split(cls, body)
-        _check_count("bits", count, MAX_KEY_BITS, least=0)
-        _check_bits(cls, bits, count)
-        return cls(count, bits)
 
 
 class Disclosed(_BitString):
@@ -234,24 +230,16 @@ class AskIntervals(QkdMessage):
 
     KIND = 8
     FIELDS = struct.Struct("!BI")
+    RANGES = MappingProxyType({"count": (1, MAX_KEY_BITS)})
+    PACKED = (
+        Packed("starts", "count", 8 * START_BYTES),
+        Packed("widths", "count", 8 * WIDTH_BYTES),
+    )
 
     number: int  # of the pass
     count: int
     starts: bytes  # unsigned, START_BYTES each
     widths: bytes  # unsigned, WIDTH_BYTES each: bits of the part
-
-    def encode(self) -> bytes:
-        """Return the fields as they go onto the wire, without header and tag."""
-        return self.FIELDS.pack(self.number, self.count) + self.starts + self.widths
-
-    @classmethod
-    def parse(cls, body: bytes) -> "AskIntervals":
-        """Build the message from its body; raise MalformedPacket if it does not fit."""
-        (number, count), rest = _split(cls, body)
-        _check_count("intervals", count, MAX_KEY_BITS)
-        if len(rest) != count * (START_BYTES + WIDTH_BYTES):
-            raise MalformedPacket(f"AskIntervals: {count} announced in {len(rest)} bytes")
-        return cls(number, count, rest[: START_BYTES * count], rest[START_BYTES * count :])
 
 
 @dataclass(frozen=True)
@@ -283,23 +271,12 @@ class Amplify(QkdMessage):
 
     KIND = 11
     FIELDS = struct.Struct("!II")
+    RANGES = MappingProxyType({"length": (1, MAX_KEY_BITS), "count": (1, 2 * MAX_KEY_BITS)})
+    PACKED = (Packed("seed", "count"),)
 
     length: int  # bits of the final key
     count: int
     seed: bytes  # of the Toeplitz matrix, count bits
-
-    def encode(self) -> bytes:
-        """Return the fields as they go onto the wire, without header and tag."""
-        return self.FIELDS.pack(self.length, self.count) + self.seed
-
-    @classmethod
-    def parse(cls, body: bytes) -> "Amplify":
-        """Build the message from its body; raise MalformedPacket if it does not fit."""
-        (length, count), seed = _split(cls, body)
-        _check_count("bits of the final key", length, MAX_KEY_BITS)
-        _check_count("bits of the seed", count, 2 * MAX_KEY_BITS)
-        _check_bits(cls, seed, count)
-        return cls(length, count, seed)
 
 
 @dataclass(frozen=True)
@@ -330,10 +307,10 @@ class Abort(QkdMessage):
     @classmethod
     def parse(cls, body: bytes) -> "Abort":
         """Build the message from its body; raise MalformedPacket if it does not fit."""
-        (reason,), text = _split(cls, body)
+        values, text = cls._fixed(body)
         _check_count("bytes of text", len(text), MAX_TEXT, least=0)
         try:
-            return cls(_member(AbortReason, reason), text.decode())
+            return cls(_member(AbortReason, values["reason"]), text.decode())
         except UnicodeDecodeError as error:
             raise MalformedPacket(f"Abort: text is not UTF-8: {error}") from error
 
@@ -409,10 +386,8 @@ def unframe(data: bytes) -> Sealed:
     return Sealed(session, sequence, kind, data[:-TAG_BYTES], data[-TAG_BYTES:])
 
 
-def _split(kind: type[QkdMessage], body: bytes) -> tuple[tuple[Any, ...], bytes]:
-    if len(body) < kind.FIELDS.size:
-        raise MalformedPacket(f"{kind.__name__}: {len(body)} bytes are too few")
-    return kind.FIELDS.unpack_from(body), body[kind.FIELDS.size :]
+def _ones(bits: bytes) -> int:
+    return int.from_bytes(bits, "big").bit_count()
 
 
 def _bytes_for(bits: int) -> int:
@@ -421,7 +396,7 @@ def _bytes_for(bits: int) -> int:
 
 def _check_count(what: str, count: int, most: int, least: int = 1) -> None:
     if not least <= count <= most:
-        raise MalformedPacket(f"{count} {what}, not {least} to {most}")
+        raise MalformedPacket(f"{what}: {count}, not {least} to {most}")
 
 
 def _check_bits(kind: type[QkdMessage], data: bytes, count: int) -> None:

@@ -4,6 +4,11 @@
     >>> import wire.scapy_layers
     >>> rdpcap("runs/latest/s1-eth1.pcap").filter(lambda p: "QMetaSetup" in p)[0].show()
 
+Messages of key distribution, which travel in envelopes of quantum metadata:
+
+    >>> from wire.scapy_keys import key_messages
+    >>> key_messages(rdpcap("runs/latest/s1-eth1.pcap"), "10.0.0.1")[0].show()
+
 Their fields are those of the classes in wire/, which know the sizes, too. scapy reads
 leniently: it is wire/ that says what is malformed.
 """
@@ -12,21 +17,15 @@ from typing import Any
 
 from scapy.config import conf
 from scapy.fields import (
-    ByteEnumField,
     ByteField,
     Field,
     FieldLenField,
     FieldListField,
     IntField,
-    IPField,
     LongField,
     PacketListField,
-    ShortEnumField,
-    ShortField,
-    SignedIntField,
     StrField,
     StrFixedLenField,
-    XByteField,
     XLongField,
     XShortField,
 )
@@ -38,10 +37,8 @@ from wire.dispatcher_pb2 import Event
 from wire.layout import Layout, Tail
 from wire.metadata import MalformedPacket
 from wire.pcapng import LINKTYPE_USER0
-
-_NUMBERS = {1: ByteField, 2: ShortField, 4: IntField, 8: LongField}
-_RENAMED = {"name": "interface"}  # scapy's packets have a name of their own
-_NAMED = {1: ByteEnumField, 2: ShortEnumField}
+from wire.scapy_fields import scapy_field
+from wire.scapy_keys import KEY_LAYERS
 
 
 class QMeta(Packet):
@@ -111,24 +108,8 @@ class QEvent(Packet):
         return events.decode_record(bytes(self))
 
 
-def _field(described: layout.Field) -> Field[Any, Any]:
-    name = _RENAMED.get(described.name, described.name)
-    size = described.size
-    if described.kind == "ipv4":
-        return IPField(name, "0.0.0.0")  # noqa: S104 (a field's default, no address to bind to)
-    if described.kind in ("bytes", "text"):
-        return StrFixedLenField(name, b"", size)
-    if described.kind == "int":
-        return SignedIntField(name, 0)
-    if described.values and size in _NAMED:
-        return _NAMED[size](name, 0, dict(described.values))
-    if name == "encoding":
-        return XByteField(name, metadata.PAPER_ENCODING)
-    return _NUMBERS[size](name, 0)
-
-
 def _element_layer(tail: Tail, owner: str) -> type[Packet]:
-    fields = [_field(described) for described in tail.element]
+    fields = [scapy_field(described) for described in tail.element]
     own = {"fields_desc": fields, "extract_padding": lambda _packet, data: (b"", data)}
     return type(f"{owner}{tail.name.title()}", (Packet,), {**own, "name": tail.name})
 
@@ -140,7 +121,7 @@ def _tail_fields(kind: Layout, prefix: str) -> list[Field[Any, Any]]:
         if tail.kind in (layout.TEXT, layout.BYTES):
             fields.append(StrField(tail.name, b""))
         elif len(tail.element) == 1:
-            number = _field(tail.element[0])
+            number = scapy_field(tail.element[0])
             fields.append(FieldListField(tail.name, [], number, count_from=_reader(count)))
         elif tail.kind == layout.COUNTED:
             layer = _element_layer(tail, prefix + kind.name)
@@ -159,7 +140,7 @@ def _counted(described: layout.Field, kind: Layout) -> Field[Any, Any]:
     lists = [tail.name for tail in kind.tails if described.name == f"{tail.name}_count"]
     if lists:
         return FieldLenField(described.name, None, count_of=lists[0], fmt="!H")
-    return _field(described)
+    return scapy_field(described)
 
 
 def _layers(kinds: list[Layout]) -> dict[int, type[Packet]]:
@@ -187,7 +168,7 @@ LAYERS = _layers(
         *(kind for kind in layout.device_layouts() if kind.number not in metadata.KINDS),
     ]
 )
-globals().update({layer.__name__: layer for layer in LAYERS.values()})
+globals().update({layer.__name__: layer for layer in (*LAYERS.values(), *KEY_LAYERS.values())})
 for _end in ("sport", "dport"):
     bind_layers(TCP, QMetaStream, **{_end: metadata.METADATA_PORT})
     bind_layers(UDP, QDevice, **{_end: device.DEVICE_PORT})

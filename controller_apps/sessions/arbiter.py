@@ -36,7 +36,17 @@ from controller_apps.sessions.sessions import (
 )
 from controller_apps.sessions.verdicts import Verdicts, released
 from controller_apps.succession.inheritance import Inheritance
-from wire.metadata import METADATA_PORT, SETUP_LENGTH, MalformedPacket, Reason, Setup, Verdict
+from wire.metadata import (
+    METADATA_PORT,
+    SETUP_LENGTH,
+    MalformedPacket,
+    Reason,
+    Setup,
+    UnknownService,
+    Verdict,
+    refused,
+    session_of,
+)
 
 SWITCH_GRACE_S = 10.0  # for a switch whose agent is started again
 
@@ -78,7 +88,10 @@ class Arbiter:
             return [Forward(arrival.dpid, arrival.in_port, segment.frame)]
         request = self.sessions.requests.get(segment.five_tuple)
         if request is None:
-            return self._asked(read_setup(segment.payload), arrival, now)
+            try:
+                return self._asked(read_setup(segment.payload), arrival, now)
+            except UnknownService:
+                return self._unknown(arrival)
         if request.offset(segment) == 0:
             return self._repeated(request, arrival)
         try:
@@ -87,6 +100,13 @@ class Arbiter:
             return self._data(request, arrival, now)
         # Elsewhere in the sequence space: a new connection between the same ports.
         return [*self.verdicts.over(request, "port reused", now), *self._asked(setup, arrival, now)]
+
+    def _unknown(self, arrival: Arrival) -> list[Action]:
+        """Refuse a service of another version; the receiver tells the one who asked."""
+        message = arrival.segment.payload[:SETUP_LENGTH]
+        frame = arrival.segment.with_payload(refused(message, Reason.UNSUPPORTED))
+        note = Note("refused", session_of(message), detail=Reason.UNSUPPORTED.name)
+        return [note, Forward(arrival.dpid, arrival.in_port, frame)]
 
     def _asked(self, setup: Setup, arrival: Arrival, now: float) -> list[Action]:
         if setup.verdict != Verdict.PENDING:

@@ -3,6 +3,7 @@
 import asyncio
 from dataclasses import replace
 
+from hosts.hardware.qnic import HardwareError
 from hosts.middleware.channel import ANSWER_TIMEOUT_S, MetadataChannel, SessionError
 from wire.metadata import Answer, Emit, Reason, Service, Setup
 
@@ -36,8 +37,10 @@ class Arrangement:
             channel = await MetadataChannel.connect(*self._peer)
             try:
                 answer = await channel.request(self._setup)
-            except SessionError as error:
+            except BaseException as error:
                 channel.close()
+                if not isinstance(error, SessionError):
+                    raise
                 overdue = asyncio.get_running_loop().time() > deadline
                 if error.reason != Reason.UNKNOWN_HOST or overdue:
                     raise
@@ -58,6 +61,11 @@ class Arrangement:
         async with self._source_turn:  # its answers carry no number
             emit = Emit(self._setup.session, block, pairs, rate_hz)
             await self._pairs.request(emit, ANSWER_TIMEOUT_S + pairs / rate_hz)
+
+    async def give_up(self, error: SessionError | HardwareError) -> None:
+        """Tell the peer, if there is a session yet, why there is no going on."""
+        if hasattr(self, "channel"):
+            await self.channel.give_up(error)
 
     def close(self) -> None:
         """Close the connections."""

@@ -12,6 +12,8 @@ from wire.metadata import (
     MalformedPacket,
     Message,
     Reason,
+    Setup,
+    UnknownService,
     decode,
     message_length,
 )
@@ -21,6 +23,7 @@ M = TypeVar("M", bound=Message)
 CONNECT_TIMEOUT_S = 5.0
 ANSWER_TIMEOUT_S = 10.0
 IDLE_TIMEOUT_S = 600.0  # between two messages of a session that nobody ends
+LINGER_S = 1.0  # for the other end to hear why, and to close
 REPORT_TIMEOUT_S = 30.0  # a receiver whose application does not read holds its report back
 
 REMEDIES = {
@@ -50,6 +53,9 @@ REMEDIES = {
 }
 
 
+SAME_VERSION = "do both hosts run the same version?"
+
+
 class SessionError(Exception):
     """A session cannot go on; the reason travels to the other end, the text to a person."""
 
@@ -63,12 +69,14 @@ class SilentPeer(SessionError):
 
 
 class MetadataChannel:
-    """Whole messages over a byte stream; every wait has a deadline."""
+    """Whole messages over a byte stream, all of one session; every wait has a deadline."""
 
     def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self._reader = reader
         self._writer = writer
         self.peer: str = writer.get_extra_info("peername")[0]
+        self._given_up = False
+        self._session: int | None = None  # as its set-up message says, whoever has sent that
         # The answer to a short message carries its acknowledgement.
         writer.get_extra_info("socket").setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 0)
 
@@ -77,16 +85,24 @@ class MetadataChannel:
         """Connect to the stack of a host."""
         try:
             async with asyncio.timeout(CONNECT_TIMEOUT_S):
-                return cls(*await asyncio.open_connection(address, METADATA_PORT))
+                channel = cls(*await asyncio.open_connection(address, METADATA_PORT))
         except OSError as error:  # TimeoutError is one
             raise SessionError(
                 Reason.UNKNOWN_HOST,
                 f"{host} ({address}) does not answer on port {METADATA_PORT} "
                 f"({error or 'timeout'}); is it up?",
             ) from error
+        if host != address:
+            channel.peer = f"{host} ({address})"
+        return channel
 
     def send(self, *messages: Message) -> None:
-        """Write messages, in one piece."""
+        """Write messages, in one piece; nothing more once this end has given up."""
+        if self._given_up:
+            return
+        for message in messages:
+            if isinstance(message, Setup):
+                self._session = message.session
         self._writer.write(b"".join(message.encode() for message in messages))
 
     async def request(self, message: Message, timeout_s: float = ANSWER_TIMEOUT_S) -> Answer:
@@ -102,43 +118,97 @@ class MetadataChannel:
         try:
             message = await self.next(timeout_s)
         except SilentPeer as error:
-            text = f"no {kind.__name__} from {self.peer} in {timeout_s:g} s"
+            text = f"no {_named(kind)} from {self.peer} in {timeout_s:g} s: is it still up?"
             raise SessionError(Reason.PROTOCOL, text) from error
         if message is None:
-            raise SessionError(Reason.PROTOCOL, f"{self.peer} closed instead of {kind.__name__}")
+            text = f"{self.peer} is gone: it closed the connection instead of sending "
+            raise SessionError(Reason.PROTOCOL, f"{text}{_named(kind)}; ask again when it is up")
         if isinstance(message, Answer) and message.reason != Reason.OK:
             raise SessionError(Reason(message.reason), message.text)
         if not isinstance(message, kind):
-            got = type(message).__name__
-            raise SessionError(Reason.PROTOCOL, f"{self.peer} sent {got}, not {kind.__name__}")
+            text = f"{self.peer} sent {type(message).__name__}, not {kind.__name__}; {SAME_VERSION}"
+            raise SessionError(Reason.PROTOCOL, text)
         return message
 
     async def next(self, timeout_s: float = IDLE_TIMEOUT_S) -> Message | None:
         """Return the next message, None at the end of the connection."""
         try:
             async with asyncio.timeout(timeout_s):
-                with suppress(ConnectionError):  # what the peer said before it closed is here
-                    await self._writer.drain()
-                return await self._read()
+                return self._checked(await self._read())
         except TimeoutError as error:
             text = f"{self.peer} has been silent for {timeout_s:g} s"
             raise SilentPeer(Reason.PROTOCOL, text) from error
 
+    def _checked(self, message: Message | None) -> Message | None:
+        """Return a message of this session; raise SessionError for one of another."""
+        if self._session is None and isinstance(message, Setup):
+            self._session = message.session
+        if message is None or self._session in (None, message.session):
+            return message
+        if isinstance(message, Answer) and message.session == 0 and message.reason != Reason.OK:
+            return message  # of an end that could not read what it was sent
+        what = f"{type(message).__name__} of session {message.session:016x}"
+        text = f"{self.peer} sent {what} over a connection of session {self._session:016x}: "
+        text += "was it made up, or sent again?"
+        raise SessionError(Reason.PROTOCOL, text)
+
     async def _read(self) -> Message | None:
+        header = b""
+        with suppress(ConnectionError):  # what came before the connection was lost says why
+            await self._writer.drain()
         try:
             header = await self._reader.readexactly(HEADER.size)
             length = message_length(header)
             assert length is not None
             return decode(header + await self._reader.readexactly(length - HEADER.size))
         except asyncio.IncompleteReadError as error:
-            if not error.partial:
+            if not header and not error.partial:
                 return None
-            raise SessionError(Reason.PROTOCOL, f"{self.peer} closed inside a message") from error
+            text = f"{self.peer} is gone: it closed the connection inside a message"
+            raise SessionError(Reason.PROTOCOL, text) from error
+        except UnknownService as error:
+            raise SessionError(Reason.UNSUPPORTED, f"{self.peer} asks for {error}") from error
         except MalformedPacket as error:
-            raise SessionError(Reason.PROTOCOL, f"{self.peer}: {error}") from error
+            text = f"{self.peer} sent what is no message: {error}; {SAME_VERSION}"
+            raise SessionError(Reason.PROTOCOL, text) from error
         except ConnectionError as error:
-            raise SessionError(Reason.PROTOCOL, f"{self.peer}: {error}") from error
+            text = f"{self.peer} is gone: {error}; ask again when it is up"
+            raise SessionError(Reason.PROTOCOL, text) from error
 
     def close(self) -> None:
         """Close the connection once everything is written."""
         self._writer.close()
+
+    async def give_up(self, error: Exception) -> None:
+        """Tell the other end why there is no going on, and close when it has heard that.
+
+        TCP resets a connection that is closed over unread bytes, and the other end would
+        never read why.
+        """
+        if self._given_up:
+            return
+        reason = error.reason if isinstance(error, SessionError) else Reason.HARDWARE
+        self.send(Answer(self._session or 0, reason, str(error)))
+        self._given_up = True
+        with suppress(OSError):  # TimeoutError is one
+            async with asyncio.timeout(LINGER_S):
+                self._writer.write_eof()
+                while await self._reader.read(1 << 16):
+                    continue
+        self.close()
+
+
+def _named(kind: type[Message]) -> str:
+    return "its next message" if kind is Message else kind.__name__
+
+
+def unexpected(message: Message | None, peer: str) -> SessionError:
+    """Return the error that a message is: a refusal, or one that has no place in a session."""
+    if message is None:
+        text = f"{peer} is gone: it closed the connection in mid-session; ask again when it is up"
+        return SessionError(Reason.PROTOCOL, text)
+    if isinstance(message, Answer) and message.reason != Reason.OK:
+        return SessionError(Reason(message.reason), message.text)
+    text = f"{type(message).__name__} from {peer} in mid-session, where it has no place; "
+    text += SAME_VERSION
+    return SessionError(Reason.PROTOCOL, text)

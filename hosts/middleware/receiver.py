@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from hosts.hardware.qnic import NO_COINCIDENCE, NoLight, Qnic, Symbols, release
-from hosts.middleware.channel import MetadataChannel, SessionError
+from hosts.middleware.channel import MetadataChannel, SessionError, unexpected
 from hosts.middleware.encoding import TOLD_APART, agreed_encoding, from_bell_states
 from hosts.middleware.frame_format import (
     MAX_BLOCK_PAIRS,
@@ -29,16 +29,8 @@ Deliver = Callable[[bytes], Awaitable[None]]
 
 def check_offer(setup: Setup, symbols: int) -> FrameFormat:
     """Return what frames are made of; raise SessionError for a set-up that cannot be served."""
-    wanted = {
-        "memory": setup.memory,
-        "polarisation basis": setup.polarization,
-        "phase": setup.phase_mrad,
-        "fidelity at least": setup.fidelity_ppm,
-    }
-    for name, value in wanted.items():
-        if value:
-            raise SessionError(Reason.UNSUPPORTED, f"{name} {value}: only 0 is offered yet")
-    check_wavelength(setup)
+    check_light(setup)
+    _offer_nothing_but_0({"fidelity at least": setup.fidelity_ppm})
     if setup.frame_bytes > MAX_FRAME_BYTES or setup.pairs > MAX_BLOCK_PAIRS:
         raise SessionError(
             Reason.UNSUPPORTED,
@@ -46,6 +38,23 @@ def check_offer(setup: Setup, symbols: int) -> FrameFormat:
             f"{MAX_FRAME_BYTES} and {MAX_BLOCK_PAIRS}",
         )
     return agreed_format(setup, symbols)
+
+
+def check_light(setup: Setup) -> None:
+    """Raise SessionError for light that no host here makes, takes or keeps."""
+    wanted = {
+        "memory": setup.memory,
+        "polarisation basis": setup.polarization,
+        "phase": setup.phase_mrad,
+    }
+    _offer_nothing_but_0(wanted)
+    check_wavelength(setup)
+
+
+def _offer_nothing_but_0(wanted: dict[str, int]) -> None:
+    for name, value in wanted.items():
+        if value:
+            raise SessionError(Reason.UNSUPPORTED, f"{name} {value}: only 0 is offered yet")
 
 
 def check_wavelength(setup: Setup) -> None:
@@ -108,10 +117,7 @@ class ReceivingSession:
                 self._verify(message)
                 return
             else:
-                what = type(message).__name__ if message else "the end of the connection"
-                raise SessionError(
-                    Reason.PROTOCOL, f"{what} from {self._channel.peer} in mid-session"
-                )
+                raise unexpected(message, self._channel.peer)
 
     def confirm(self) -> None:
         """Tell the sender that all bytes were right and are delivered."""
@@ -168,8 +174,13 @@ class ReceivingSession:
 
     async def one_pair(self, channel: MetadataChannel, setup: Setup) -> None:
         """Serve the handshake of a single pair: accept, wait for its end, measure."""
-        if self._setup.handshake != Handshake.PER_PAIR or setup.block in self._singles:
-            raise SessionError(Reason.PROTOCOL, f"pair {setup.block} was not expected")
+        if channel.peer != self._channel.peer:
+            text = f"pair {setup.block} of a session of {self._channel.peer} from {channel.peer}"
+            raise SessionError(Reason.UNKNOWN_SESSION, text)
+        used = setup.block in self._singles or setup.block <= self._singles_used
+        if self._setup.handshake != Handshake.PER_PAIR or used:
+            text = f"pair {setup.block} is not expected (any more): is its set-up a replay?"
+            raise SessionError(Reason.PROTOCOL, text)
         if len(self._singles) >= MAX_BLOCK_PAIRS:
             raise SessionError(Reason.PROTOCOL, "too many pairs without a block message")
         self._singles[setup.block] = asyncio.create_task(self._single(channel, setup))

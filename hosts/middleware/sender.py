@@ -19,7 +19,7 @@ import time
 from dataclasses import dataclass, replace
 from hashlib import sha256
 
-from hosts.hardware.qnic import BlockName, NoLight, Qnic, Symbols, release
+from hosts.hardware.qnic import BlockName, HardwareError, NoLight, Qnic, Symbols, release
 from hosts.middleware.arrangement import Arrangement
 from hosts.middleware.channel import (
     REPORT_TIMEOUT_S,
@@ -92,16 +92,21 @@ class SendingSession:
             wavelength_pm=setup.wavelength_pm,
         )
 
+    @property
+    def setup(self) -> Setup:
+        """What is asked for."""
+        return self._setup
+
     async def open(self) -> None:
         """Arrange light paths and pair source; raise SessionError if they cannot be had."""
         answer = await self._arrangement.open()
         self._lit_at_s = time.monotonic()
-        try:
-            await self._arrangement.engage_source()
-            self._agree(answer)
-        except SessionError:
-            self._arrangement.close()
-            raise
+        await self._arrangement.engage_source()
+        self._agree(answer)
+
+    async def give_up(self, error: SessionError | HardwareError) -> None:
+        """Tell the other end, if there is one yet, why there is no going on."""
+        await self._arrangement.give_up(error)
 
     @property
     def _channel(self) -> MetadataChannel:

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from hosts.hardware.qnic import HardwareError, Qnic, release
-from hosts.middleware.channel import MetadataChannel, SessionError
+from hosts.middleware.channel import MetadataChannel, SessionError, unexpected
 from hosts.middleware.frame_format import MAX_BLOCK_PAIRS
 from hosts.middleware.receiver import check_wavelength
 from wire.metadata import Answer, Emit, Reason, Setup
@@ -20,7 +20,7 @@ async def serve_pairs(
     try:
         while (request := await channel.next()) is not None:
             if not isinstance(request, Emit):
-                raise SessionError(Reason.PROTOCOL, f"{type(request).__name__}, not Emit")
+                raise unexpected(request, channel.peer)
             await _emit(qnic, setup, request)
             made(request.pairs)
             channel.send(Answer(setup.session, Reason.OK))
@@ -29,8 +29,12 @@ async def serve_pairs(
 
 
 async def _emit(qnic: Qnic, setup: Setup, request: Emit) -> None:
-    if not 0 < request.pairs <= MAX_BLOCK_PAIRS or request.rate_hz == 0:
-        raise SessionError(Reason.UNSUPPORTED, f"{request.pairs} pairs at {request.rate_hz} Hz")
+    if not 0 < request.pairs <= MAX_BLOCK_PAIRS:
+        text = f"a block of {request.pairs} pairs: choose 1 to {MAX_BLOCK_PAIRS} (block_pairs)"
+        raise SessionError(Reason.UNSUPPORTED, text)
+    if not 0 < request.rate_hz <= setup.rate_hz:
+        text = f"{request.rate_hz} pairs a second: {setup.rate_hz} at most were granted"
+        raise SessionError(Reason.NOT_ALLOWED, text)
     first, second = qnic.ports[:2]
     try:
         await qnic.emit_pairs(

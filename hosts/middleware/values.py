@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hosts.middleware.channel import SessionError
-from wire.metadata import Reason, Values
+from hosts.middleware.channel import SAME_VERSION, SessionError
+from wire.metadata import Reason, Topic, Values
 
 Numbers = NDArray[np.uint32]
 
@@ -46,7 +46,8 @@ def expect(message: Values, topic: int, block: int, count: int | None, most: int
     if (message.topic, message.block) != (topic, block):
         raise SessionError(
             Reason.PROTOCOL,
-            f"values of topic {message.topic} and block {message.block}, not {topic} and {block}",
+            f"values of topic {_named(message.topic)} and block {message.block} came where "
+            f"{_named(topic)} and {block} were due; {SAME_VERSION}",
         )
     numbers = numbers_of(message)
     if count is not None and numbers.size != count:
@@ -58,3 +59,8 @@ def expect(message: Values, topic: int, block: int, count: int | None, most: int
             Reason.PROTOCOL, f"a value of topic {topic} is {numbers.max()}, at most {most} is known"
         )
     return numbers
+
+
+def _named(topic: int) -> str:
+    known = {each.value: each.name for each in Topic}
+    return f"{topic} ({known[topic]})" if topic in known else str(topic)

@@ -9,6 +9,11 @@ from typing import Any
 
 import pytest
 from conftest import ROOT
+from scapy.utils import rdpcap
+
+import wire.scapy_layers  # noqa: F401 (binds the layers)
+from wire.qkd import Confirm, Proposal
+from wire.scapy_keys import QKey, key_messages
 
 FIBERS = {"bb84": 2, "bbm92": 4}  # that two correlated outcomes have passed together
 
@@ -50,6 +55,32 @@ def test_keys_are_the_same_in_the_stores_of_both_hosts(tmp_path: Path, protocol:
         assert key not in content
         assert key.hex().encode() not in content
     assert {path.stat().st_mode & 0o777 for path in keys.rglob("*") if path.is_dir()} == {0o700}
+
+
+def test_what_the_hosts_say_of_keys_is_read_from_the_captures(tmp_path: Path) -> None:
+    done, result = run_qkd(tmp_path, "--depolarizing", "0.01", "--count", "20000")
+    assert done.returncode == 0, done.stdout + done.stderr
+    folder = tmp_path / "latest"
+    for wanted, count in (("qkd.malformed || qmeta.malformed", 0), ('qkd.kind == "Confirm"', 1)):
+        assert len(shown(folder, wanted)) == count, wanted
+    said = {host: said_of_keys(folder, host) for host in ("10.0.0.1", "10.0.0.2")}
+    first, last = said["10.0.0.1"][0], said["10.0.0.2"][-1]
+    assert (first.kind, last.kind) == (Proposal.KIND, Confirm.KIND)
+    assert last.payload.length == result["asking"]["key_bits"]
+    assert len(shown(folder, "qkd.session")) == sum(map(len, said.values()))
+
+
+def said_of_keys(folder: Path, address: str) -> list[QKey]:
+    """Return what alice's link has seen a host say."""
+    return key_messages(rdpcap(str(folder / "s1-eth1.pcap")), address)
+
+
+def shown(folder: Path, wanted: str) -> list[str]:
+    """Return what tshark shows of the packets of a filter."""
+    command = ["tshark", "-r", str(folder / "all.pcapng"), "-Y", wanted]
+    script = ["-X", f"lua_script:{folder / 'qmn.lua'}"]
+    done = subprocess.run([*command, *script], capture_output=True, text=True, check=True)
+    return done.stdout.splitlines()
 
 
 def test_above_the_threshold_the_run_fails_and_no_key_is_kept(tmp_path: Path) -> None:

@@ -13,8 +13,10 @@ local function make_field(made, prefix, field)
         proto_field = ProtoField.ipv4(abbreviation, title)
     elseif kind == "text" then
         proto_field = ProtoField.string(abbreviation, title)
-    elseif kind == "bytes" then
+    elseif kind == "bytes" or kind == "packed" then
         proto_field = ProtoField.bytes(abbreviation, title)
+    elseif kind == "double" then
+        proto_field = ProtoField.double(abbreviation, title)
     elseif kind == "int" then
         proto_field = ProtoField.int32(abbreviation, title)
     elseif field.size == 8 then
@@ -37,6 +39,7 @@ end
 -- Returns a number, or nil where a number does not tell (64 bits, addresses, bytes).
 local function number_in(range, field)
     if field.kind == "int" then return range:int() end
+    if field.kind == "double" then return range:float() end
     if field.kind == "uint" and field.size <= 4 then return range:uint() end
     return nil
 end
@@ -166,3 +169,6 @@ local function captured_on()
     local interface = interface_field()
     return interface and tostring(interface.value) or "0"
 end
+
+-- By the topic of envelopes: what reads the stream of bytes that they carry.
+local readers = {}

@@ -3,6 +3,7 @@
 local format = formats.metadata
 local qmeta = Proto("qmeta", "Quantum metadata")
 local kinds, names, made = {}, {}, {}
+local MOST_VALUES = 32 -- that are shown one by one
 
 for _, kind in ipairs(format.kinds) do
     kinds[kind.number], names[kind.number] = kind, kind.name
@@ -25,9 +26,13 @@ local header = {
     length = ProtoField.uint32("qmeta.length", "length"),
     session = ProtoField.uint64("qmeta.session", "session", base.HEX),
 }
+local told = {
+    value = ProtoField.uint32("qmeta.value", "value"),
+    opener = ProtoField.string("qmeta.opener", "opener"),
+}
 local links = link_fields("qmeta")
 local fields = list_of(made)
-for _, group in ipairs({ header, links }) do
+for _, group in ipairs({ header, told, links }) do
     for _, field in pairs(group) do fields[#fields + 1] = field end
 end
 qmeta.fields = fields
@@ -94,8 +99,10 @@ local checks = {
     Report = check_report,
     Values = check_values,
 }
--- Nobody answers these one by one.
+-- Nobody answers these one by one, but for values of some topics.
 local unanswered = { Values = true, Envelope = true }
+local answered_topics = {}
+for _, topic in ipairs(format.answered) do answered_topics[topic] = true end
 
 -- Adds a list of elements; returns what they hold, and what is left behind them.
 local function add_elements(tree, tail, count, rest)
@@ -172,8 +179,43 @@ local function note_link(pinfo, place, kind, values)
     elseif kind.name == "Report" then
         local function fits(what) return what.kind == "Block" and what.block == values.block end
         answer(ledger, answered, pinfo, place, fits)
-    elseif not unanswered[kind.name] then
+    elseif not unanswered[kind.name] or answered_topics[values.topic] then
         ask(ledger, asked, pinfo, place, { kind = kind.name, block = values.block })
+    end
+end
+
+-- Adds the first numbers that a message carries, one by one.
+local function add_numbers(tree, values, data)
+    local width = values.width
+    for number = 0, math.min(values.count, MOST_VALUES) - 1 do
+        local first = number * width
+        local place = data:range(math.floor(first / 8), math.max(width / 8, 1))
+        local value = place:uint()
+        if width < 8 then
+            value = math.floor(value / 2 ^ (8 - width - first % 8)) % 2 ^ width
+        end
+        tree:add(told.value, place, value)
+    end
+end
+
+-- Adds what is in an envelope, if that is known here; returns what a list of packets says of it.
+local function add_content(trees, topic, content, pinfo, place, copy)
+    if topic == format.opener and is_utf8(content:raw()) then
+        trees.own:add(told.opener, content, content:raw())
+        return content:raw()
+    end
+    if not readers[topic] or copy then return "" end
+    local source, destination = end_of(pinfo.src, pinfo.src_port), end_of(pinfo.dst, pinfo.dst_port)
+    local stream = source .. " " .. destination
+    return readers[topic].add(trees.outer, content, stream, message_key(pinfo, place))
+end
+
+-- Lets those that read streams forget what came before on a connection that begins.
+local function begin(pinfo)
+    local source, destination = end_of(pinfo.src, pinfo.src_port), end_of(pinfo.dst, pinfo.dst_port)
+    for _, reader in pairs(readers) do
+        reader.begin(source .. " " .. destination)
+        reader.begin(destination .. " " .. source)
     end
 end
 
@@ -181,7 +223,9 @@ local function summary(kind, values)
     local words = { kind.name }
     for _, field in ipairs(kind.fields) do
         local value = values[field.name]
-        if field.name == "service" or field.name == "handshake" or field.name == "verdict" then
+        if field.name == "topic" then
+            words[#words + 1] = field.values[value] or value
+        elseif field.name == "service" or field.name == "handshake" or field.name == "verdict" then
             words[#words + 1] = field.values[value]
         elseif field.name == "reason" and value ~= 0 then
             words[#words + 1] = field.values[value]
@@ -195,7 +239,7 @@ local function summary(kind, values)
 end
 
 -- Dissects one whole message.
-local function add_message(buffer, pinfo, tree, place)
+local function add_message(buffer, pinfo, tree, place, copy)
     local kind = kinds[buffer:range(3, 1):uint()]
     local item = tree:add(qmeta, buffer:range(), "Quantum metadata: " .. kind.name)
     item:add(header.magic, buffer:range(0, 2))
@@ -209,9 +253,19 @@ local function add_message(buffer, pinfo, tree, place)
         return kind.name .. " (malformed)"
     end
     if values.reason and values.reason ~= 0 then item:add_proto_expert_info(refused) end
-    if not pinfo.visited then note_link(pinfo, place, kind, values) end
+    if not pinfo.visited then
+        note_link(pinfo, place, kind, values)
+        if kind.name == "Setup" and not copy then begin(pinfo) end
+    end
     add_links(ledger, item, links, pinfo, place)
-    return summary(kind, values)
+    local words, data = summary(kind, values), remainder(buffer:range(), format.header + kind.size)
+    if kind.name == "Values" and data then
+        add_numbers(item, values, data)
+    elseif kind.name == "Envelope" and data then
+        local trees = { own = item, outer = tree }
+        words = words .. " " .. add_content(trees, values.topic, data, pinfo, place, copy)
+    end
+    return words
 end
 
 -- Returns the length of the message that bytes begin with; nil and true if more are needed,
@@ -278,7 +332,7 @@ function again.dissector(_, pinfo, tree)
         local length = message_length(rest)
         if not length or length > rest:len() then break end
         local message = rest:range(0, length):tvb()
-        summaries[#summaries + 1] = add_message(message, pinfo, tree, offset)
+        summaries[#summaries + 1] = add_message(message, pinfo, tree, offset, true)
         offset = offset + length
     end
     if #summaries > 0 then

@@ -7,7 +7,7 @@ hosts.middleware.qkd; here a failure there becomes one that the application is t
 import asyncio
 from collections.abc import Awaitable, Callable, Iterator
 
-from hosts.middleware.channel import SessionError
+from hosts.middleware.channel import SessionError, unexpected
 from hosts.middleware.qkd.alice import Alice
 from hosts.middleware.qkd.bob import Bob
 from hosts.middleware.qkd.end import State
@@ -114,5 +114,4 @@ class KeyMessages:
             case Answer(reason=Reason.OK):
                 self._answers += 1
             case _:
-                text = f"{type(message).__name__} from {self._end.channel.peer} in mid-session"
-                raise SessionError(Reason.PROTOCOL, text)
+                raise unexpected(message, self._end.channel.peer)

@@ -19,14 +19,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hosts.hardware.qnic import BlockName, HardwareError, NoLight, Qnic, Stored
+from hosts.hardware.qnic import BlockName, NoLight, Qnic, Stored
 from hosts.middleware.arrangement import Arrangement
-from hosts.middleware.channel import ANSWER_TIMEOUT_S, MetadataChannel, SessionError
+from hosts.middleware.channel import (
+    ANSWER_TIMEOUT_S,
+    MetadataChannel,
+    SessionError,
+    unexpected,
+)
 from hosts.middleware.qkd.keyring import Keyring
 from hosts.middleware.swapping.orders import Swaps
 from hosts.middleware.values import Numbers, expect, values
 from wire.features import Abilities
-from wire.metadata import Answer, Finish, Message, Reason, Service, Setup, Topic, Values
+from wire.metadata import Answer, Finish, Reason, Service, Setup, Topic, Values
 
 GRACE_S = 0.3  # light that has not come this long after the source's answer is lost
 LIGHT_TIMEOUT_S = 15.0
@@ -69,11 +74,6 @@ class ConnectionEnd:
     def agree(self) -> None:
         """Answer that what was asked last is accepted."""
         self.channel.send(Answer(self.setup.session, Reason.OK))
-
-    def give_up(self, error: SessionError | HardwareError) -> None:
-        """Tell the other end why there is no going on."""
-        reason = error.reason if isinstance(error, SessionError) else Reason.HARDWARE
-        self.channel.send(Answer(self.setup.session, reason, str(error)))
 
     async def stored(self, light: asyncio.Task[Stored], photons: int) -> Stored:
         """Return what has come of light that is over; nothing if no photon has."""
@@ -163,14 +163,6 @@ class AcceptorEnd(End):
         if message is None:
             return None
         return self.coming(message, most)
-
-
-def unexpected(message: Message | None, peer: str) -> SessionError:
-    """Return the error that a message is: a refusal, or one that has no place in a session."""
-    if isinstance(message, Answer) and message.reason != Reason.OK:
-        return SessionError(Reason(message.reason), message.text)
-    what = type(message).__name__ if message else "the end of the connection"
-    return SessionError(Reason.PROTOCOL, f"{what} from {peer} in mid-session")
 
 
 @dataclass(frozen=True)

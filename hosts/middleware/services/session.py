@@ -7,10 +7,17 @@ import numpy as np
 
 from hosts.hardware.qnic import HardwareError, Qnic, release
 from hosts.middleware.arrangement import Arrangement
-from hosts.middleware.channel import IDLE_TIMEOUT_S, MetadataChannel, SessionError, SilentPeer
+from hosts.middleware.channel import (
+    IDLE_TIMEOUT_S,
+    MetadataChannel,
+    SessionError,
+    SilentPeer,
+    unexpected,
+)
 from hosts.middleware.encoding import TOLD_APART
+from hosts.middleware.frame_format import MAX_BLOCK_PAIRS
 from hosts.middleware.qkd.keyring import Keyring
-from hosts.middleware.receiver import check_wavelength
+from hosts.middleware.receiver import check_light
 from hosts.middleware.services import abilities
 from hosts.middleware.services.options import ServiceOptions
 from hosts.middleware.services.service import (
@@ -20,14 +27,14 @@ from hosts.middleware.services.service import (
     OpenerEnd,
     ServiceKind,
     Tell,
-    unexpected,
 )
 from hosts.middleware.swapping.orders import Swaps
 from wire.features import NOTHING, Abilities
-from wire.metadata import Finish, Pauli, Reason, Service, Setup
+from wire.metadata import Finish, Handshake, Pauli, Reason, Service, Setup
 from wire.services import Role, beams, fibers_needed
 
 NO_DIGEST = bytes(32)
+CERTAIN_PPM = 1_000_000
 
 
 def told_apart(analyser: str) -> frozenset[int]:
@@ -67,10 +74,25 @@ class OpeningSession:
         self.summary: dict[str, Any] = {}
         self.answer: Answerer | None = None  # to the application's questions, if it may ask
 
+    @property
+    def setup(self) -> Setup:
+        """What is asked for."""
+        return self._setup
+
     async def run(self, tell: Tell) -> None:
         """Arrange light, do what the service does; raise SessionError if it cannot be."""
         await self._arrangement.open()
         channel = self._arrangement.channel
+        try:
+            end = await self._arranged(channel, tell)
+            self.answer = await self._kind.open(end, self._options)
+        except (SessionError, HardwareError) as error:
+            await channel.give_up(error)
+            raise
+        self.summary = end.summary
+
+    async def _arranged(self, channel: MetadataChannel, tell: Tell) -> OpenerEnd:
+        """Return this end, once it is known what the other can, and the source is there."""
         theirs = Abilities(NOTHING, 0)
         if abilities.are_told(self._kind.service):
             connection = ConnectionEnd(self._qnic, self._setup, channel)
@@ -79,7 +101,7 @@ class OpeningSession:
         light = beams(self._kind.service, self._is_source)
         if any(end.role == Role.SOURCE for beam in light for end in beam):
             await self._arrangement.engage_source()
-        end = OpenerEnd(
+        return OpenerEnd(
             self._qnic,
             self._setup,
             channel,
@@ -93,12 +115,6 @@ class OpeningSession:
             theirs=theirs,
             is_source=self._is_source,
         )
-        try:
-            self.answer = await self._kind.open(end, self._options)
-        except (SessionError, HardwareError) as error:
-            end.give_up(error)
-            raise
-        self.summary = end.summary
 
     async def lost(self) -> None:
         """Wait while the other end is there, but not for ever; raise SessionError then."""
@@ -116,8 +132,9 @@ class OpeningSession:
         await self._arrangement.channel.request(finish)
 
     async def close(self) -> None:
-        """Let go of connections and photons."""
+        """Let go of connections, orders and photons."""
         self._arrangement.close()
+        self._swaps.forget(self._setup.session)
         await release(self._qnic, self._setup.session)
 
 
@@ -136,7 +153,7 @@ class AcceptingSession:
         swaps: Swaps,
         ours: Abilities,
     ) -> None:
-        check_wavelength(setup)
+        check_asked(setup)
         require_fibers(setup, Role.ACCEPTOR, qnic)
         self._kind, self._qnic, self._channel, self._setup = kind, qnic, channel, setup
         self._analyser, self._draws, self._keyring = analyser, draws, keyring
@@ -184,6 +201,21 @@ def require_source(service: Service, source: str, is_source: bool, peer: str) ->
     if used and (is_source or source == peer):
         name = service.name.lower()
         text = f"{name} with pairs of {source}, one of its ends: name another host as source"
+        raise SessionError(Reason.UNSUPPORTED, text)
+
+
+def check_asked(setup: Setup) -> None:
+    """Raise SessionError for a set-up that no service can serve."""
+    check_light(setup)
+    if setup.handshake != Handshake.FRAMED:
+        text = f"{Service(setup.service).name.lower()} with the handshake "
+        text += f"{Handshake(setup.handshake).name}: choose FRAMED"
+        raise SessionError(Reason.UNSUPPORTED, text)
+    if setup.pairs > MAX_BLOCK_PAIRS:
+        text = f"blocks of {setup.pairs} pairs: choose 1 to {MAX_BLOCK_PAIRS} (block_pairs)"
+        raise SessionError(Reason.UNSUPPORTED, text)
+    if setup.fidelity_ppm > CERTAIN_PPM:
+        text = f"a fidelity of {setup.fidelity_ppm} millionths: choose 0 to {CERTAIN_PPM}"
         raise SessionError(Reason.UNSUPPORTED, text)
 
 

@@ -45,7 +45,7 @@ async def swap(end: OpenerEnd, options: DistributeOptions) -> Answerer:
             answer = await Opening(end, options, partial(_acquire, end, link)).run()
             await link.finish()
         except (SessionError, HardwareError) as error:
-            link.give_up(error)
+            await link.give_up(error)
             raise
         finally:
             await link.close()

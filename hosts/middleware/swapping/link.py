@@ -94,9 +94,9 @@ class OutgoingLink:
         finish = Finish(self._end.setup.session, 0, NO_DIGEST)
         await self._end.channel.request(finish, BITS_TIMEOUT_S)
 
-    def give_up(self, error: SessionError | HardwareError) -> None:
+    async def give_up(self, error: SessionError | HardwareError) -> None:
         """Tell all nodes to the right why there is no going on."""
-        self._end.give_up(error)
+        await self._arrangement.give_up(error)
 
     async def close(self) -> None:
         """Let go of the connection and of what is left of the halves."""

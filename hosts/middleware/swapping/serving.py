@@ -46,7 +46,7 @@ async def _repeat(
             incoming.agree()
             await Repeater(qnic, (incoming, outgoing), order, told_apart).run()
         except (SessionError, HardwareError) as error:
-            outgoing.give_up(error)
+            await outgoing.give_up(error)
             raise
         finally:
             await outgoing.close()

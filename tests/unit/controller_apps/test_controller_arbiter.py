@@ -41,6 +41,7 @@ from controller_apps.sessions.actions import (
 from controller_apps.sessions.arbiter import SWITCH_GRACE_S, Arbiter
 from controller_apps.sessions.segments import FiveTuple
 from wire.metadata import (
+    HEADER,
     METADATA_PORT,
     SETUP_LENGTH,
     Emit,
@@ -48,6 +49,7 @@ from wire.metadata import (
     Reason,
     Service,
     Setup,
+    UnknownService,
     Verdict,
     decode,
 )
@@ -214,6 +216,28 @@ def test_rubbish_is_dropped_and_changes_nothing() -> None:
         if bytes(data[:8]) != good[:8]:
             assert cause(arrive(state, frame(bytes(data)))) == "malformed"
     assert cause(arrive(state, b"\0" * 60)) == "malformed"
+    assert not state.sessions.requests
+    assert not state.sessions.by_number
+
+
+@pytest.mark.parametrize("verdict", list(Verdict))
+def test_a_service_that_nobody_knows_is_refused_where_the_hosts_can_say_so(
+    verdict: Verdict,
+) -> None:
+    state, asked = arbiter(), replace(FRAMED, verdict=verdict)
+    data = bytearray(asked.encode())
+    data[HEADER.size] = 99
+    for again in range(2):  # alike for a retransmission
+        note, forward = arrive(state, frame(bytes(data)), again / 10)
+        assert note == Note("refused", FRAMED.session, detail="UNSUPPORTED")
+        assert isinstance(forward, Forward)
+        answered = bytearray(payload_of(forward.frame))
+        with pytest.raises(UnknownService, match=r"service 99, which is not known here: choose"):
+            decode(bytes(answered))
+        answered[HEADER.size] = FRAMED.service
+        refusal = replace(FRAMED, verdict=Verdict.REFUSED, reason=Reason.UNSUPPORTED)
+        assert decode(bytes(answered)) == refusal
+        assert arrive(state, forward.frame, dpid=9)[1] == replace(forward, dpid=9)
     assert not state.sessions.requests
     assert not state.sessions.by_number
 

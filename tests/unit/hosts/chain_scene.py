@@ -13,7 +13,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from stacks_scene import RELAYED, REPEATERS, grant, network, requested
+from stacks_scene import RELAYED, REPEATERS, Judge, grant, network, requested
 
 from controller_apps.sessions.actions import SwapsOrdered
 from controller_apps.sessions.chains import orders
@@ -45,6 +45,7 @@ async def chain(
     folder: Path,
     repeaters: int,
     order: Callable[[Stacks, int], None] = order_swaps,
+    verdict: Judge = grant,
     **physics: Any,
 ) -> AsyncIterator[Stacks]:
     """Run a chain; give its stacks, in order."""
@@ -53,7 +54,7 @@ async def chain(
     def judge(setup: Setup) -> Setup:
         if setup.service == Service.SWAP:
             order(stacks, setup.session)
-        return grant(setup)
+        return verdict(setup)
 
     qnics = {name: [f"{name}-q0", f"{name}-q1"] for name in names}
     qnics |= {"alice": ["alice-q0"], "bob": ["bob-q0"]}

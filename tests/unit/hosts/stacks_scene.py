@@ -8,8 +8,9 @@ once, by hand.
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import AsyncExitStack, asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, TextIO
 
@@ -67,6 +68,7 @@ Judge = Callable[[Setup], Setup]
 # What becomes of a message that goes "forth" or "back"; None: cut the connection.
 Changed = Message | None
 Change = Callable[[str, Message], Changed | Awaitable[Changed]]
+Changes = asyncio.Queue[asyncio.Task[Changed] | None]
 
 
 def grant(setup: Setup) -> Setup:
@@ -74,14 +76,19 @@ def grant(setup: Setup) -> Setup:
 
 
 async def pump(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-    """Pass bytes on, and the end of the connection."""
+    """Pass bytes on, and the end of this direction of the connection."""
     try:
         while data := await reader.read(1 << 16):
             writer.write(data)
+        end(writer)
     except ConnectionError:
-        pass
-    finally:
         writer.close()
+
+
+def end(writer: asyncio.StreamWriter) -> None:
+    """Say that no more is said; who has said it before, or is gone, need not."""
+    with suppress(OSError):
+        writer.write_eof()
 
 
 async def alter(
@@ -91,34 +98,51 @@ async def alter(
 
     What is held back keeps what comes behind it back no longer than itself.
     """
-    changes: asyncio.Queue[asyncio.Task[Changed]] = asyncio.Queue()
-    passing = asyncio.create_task(_pass_on(changes, writer))
+    changes: Changes = asyncio.Queue()
+    reading = asyncio.create_task(_read(reader, changes, partial(change, way)))
     try:
-        while not passing.done():
+        await _pass_on(changes, writer)
+    finally:
+        reading.cancel()
+        with suppress(asyncio.CancelledError):
+            await reading
+
+
+async def _read(
+    reader: asyncio.StreamReader,
+    changes: Changes,
+    change: Callable[[Message], Changed | Awaitable[Changed]],
+) -> None:
+    """Have every message changed at once; None is the end."""
+    try:
+        while True:
             header = await reader.readexactly(HEADER.size)
             length = message_length(header)
             assert length is not None
             data = header + await reader.readexactly(length - HEADER.size)
-            changes.put_nowait(asyncio.create_task(_changed(change(way, decode(data)))))
-    except (ConnectionError, asyncio.IncompleteReadError):
+            changes.put_nowait(asyncio.create_task(_changed(change(decode(data)))))
+    except asyncio.IncompleteReadError:
+        pass
+    except ConnectionError:
         changes.put_nowait(asyncio.create_task(_changed(None)))
     finally:
-        await passing
+        changes.put_nowait(None)
 
 
 async def _changed(change: Changed | Awaitable[Changed]) -> Changed:
     return await change if isinstance(change, Awaitable) else change
 
 
-async def _pass_on(
-    changes: "asyncio.Queue[asyncio.Task[Changed]]", writer: asyncio.StreamWriter
-) -> None:
+async def _pass_on(changes: Changes, writer: asyncio.StreamWriter) -> None:
     """Write what comes of changes, in order; a change to nothing cuts the connection."""
-    try:
-        while (changed := await (await changes.get())) is not None:
+    while (coming := await changes.get()) is not None:
+        changed = await coming
+        if changed is not None:
             writer.write(changed.encode())
-    finally:
-        writer.close()
+        if changed is None or getattr(changed, "last", False):
+            writer.close()
+            return
+    end(writer)
 
 
 class Cut:
@@ -154,6 +178,8 @@ def relay(
             await asyncio.gather(pump(*forth), pump(*back))
         else:
             await asyncio.gather(alter(*forth, "forth", change), alter(*back, "back", change))
+        for either in (writer, there[1]):
+            either.close()
 
     return serve
 

@@ -21,6 +21,7 @@ from stacks_scene import (
     requested,
 )
 
+from hosts.middleware.frame_format import MAX_BLOCK_PAIRS
 from hosts.middleware.qkd import keyring
 from hosts.middleware.services import key_light
 from hosts.middleware.values import values
@@ -267,14 +268,14 @@ def test_a_host_that_shares_no_secret_is_refused(tmp_path: Path) -> None:
 
 def test_an_announcement_of_too_much_light_is_refused(tmp_path: Path) -> None:
     def judge(setup: Setup) -> Setup:
-        return replace(grant(setup), pairs=1 << 31)
+        return replace(grant(setup), pairs=MAX_BLOCK_PAIRS)
 
     def change(way: str, message: Message) -> Message:
         if isinstance(message, Values) and message.topic == Topic.COMING:
             return values(message.session, Topic.COMING, message.block, [1 << 30], 32)
         return message
 
-    assert "at most 1000000 is known" in failure(tmp_path, "bb84", judge, change).bob
+    assert f"at most {MAX_BLOCK_PAIRS} is known" in failure(tmp_path, "bb84", judge, change).bob
 
 
 @protocols

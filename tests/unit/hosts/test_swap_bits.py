@@ -1,9 +1,12 @@
 """The bits of swaps, and the orders of a node in a chain."""
 
 import asyncio
+import time
 
 import numpy as np
+import pytest
 
+from hosts.middleware.swapping import orders
 from hosts.middleware.swapping.bits import Bits
 from hosts.middleware.swapping.orders import MAX_ORDERS, Swaps
 from wire.device import SwapOrder
@@ -38,10 +41,33 @@ def test_the_link_to_the_right_is_the_one_that_comes_from_the_left_there() -> No
 
 
 def test_orders_whose_sessions_never_come_make_room_for_others() -> None:
-    swaps = Swaps("10.0.0.1")
-    for session in range(MAX_ORDERS + 1):
-        swaps.take(SwapOrder(1, session, 1, "10.0.0.2"))
-    assert swaps.sessions == frozenset(range(1, MAX_ORDERS + 1))
+    async def run() -> None:
+        swaps = Swaps("10.0.0.1")
+        for session in range(MAX_ORDERS + 1):
+            swaps.take(SwapOrder(1, session, 1, "10.0.0.2"))
+        assert swaps.sessions == frozenset(range(1, MAX_ORDERS + 1))
+
+    asyncio.run(run())
+
+
+def test_an_order_that_nobody_asks_for_is_dropped_and_one_in_use_is_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(orders, "UNUSED_S", 0.02)
+
+    async def run() -> None:
+        swaps = Swaps("10.0.0.1")
+        for session in (5, 6):
+            swaps.take(SwapOrder(1, session, 1, "10.0.0.2"))
+        await swaps.order(6)
+        deadline = time.monotonic() + 5
+        while 5 in swaps.sessions:
+            assert time.monotonic() < deadline
+            await asyncio.sleep(0.01)
+        await asyncio.sleep(0.1)
+        assert swaps.sessions == {6}
+
+    asyncio.run(run())
 
 
 def test_an_order_that_comes_late_is_waited_for() -> None:

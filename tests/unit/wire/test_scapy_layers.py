@@ -1,5 +1,6 @@
 """The scapy layers read and build the very bytes that wire/ encodes."""
 
+import random
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -7,14 +8,25 @@ from typing import Any
 import pytest
 from dissection import INTERFACES, datagram, segment
 from scapy.layers.l2 import Ether
-from scapy.utils import rdpcap
-from test_dissectors import DEVICES, EVENT, KEY, METADATA, SETUP
+from scapy.utils import rdpcap, wrpcap
+from test_dissectors import DEVICES, EVENT, KEY, METADATA, SEED, SETUP
+from test_key_dissectors import MESSAGES, cut, envelope
+from test_qkd import SEQUENCE, SESSION, TAG, whole
 
 from wire.device import DEVICE_PORT, Datagram, DeviceSettings
 from wire.events import encode_record
 from wire.metadata import MalformedPacket, Message, decode
 from wire.pcapng import Packet, Writer
-from wire.scapy_layers import LAYERS, QDevice, QEvent, QMeta, QMetaStream, decode_layers
+from wire.qkd import QkdMessage, Sifted, unframe
+from wire.scapy_keys import KEY_LAYERS, QKey, key_messages, split
+from wire.scapy_layers import (
+    LAYERS,
+    QDevice,
+    QEvent,
+    QMeta,
+    QMetaStream,
+    decode_layers,
+)
 
 
 def check_fields(message: Message, packet: Any) -> None:
@@ -93,3 +105,43 @@ def test_rdpcap_reads_events(tmp_path: Path) -> None:
 def test_half_a_message_is_refused() -> None:
     with pytest.raises(MalformedPacket):
         decode_layers(SETUP.encode()[:-1])
+
+
+@pytest.mark.parametrize("message", MESSAGES, ids=lambda m: type(m).__name__)
+def test_a_message_of_keys_has_the_fields_and_builds_the_bytes_again(message: QkdMessage) -> None:
+    data = whole(message)
+    (packet,) = split(data + data[:5])
+    assert (packet.session, packet.sequence) == (SESSION, SEQUENCE)
+    layer = packet[KEY_LAYERS[message.KIND]]
+    for item in fields(message):
+        want = getattr(message, item.name)
+        assert plain(getattr(layer, item.name), want) == want, item.name
+    assert layer.authentication == TAG
+    packet.length = None
+    packet.clear_cache()
+    assert bytes(packet) == data
+
+
+def test_what_scapy_builds_of_keys_python_opens() -> None:
+    layer = KEY_LAYERS[Sifted.KIND](block=1, clicks=3, kept=b"\xa0", authentication=TAG)
+    sealed = unframe(bytes(QKey(session=5, sequence=6, kind=Sifted.KIND) / layer))
+    assert (sealed.session, sealed.sequence, sealed.tag) == (5, 6, TAG)
+    assert sealed.open() == Sifted(1, 3, b"\xa0")
+
+
+def test_messages_of_keys_are_read_from_a_capture_of_segments(tmp_path: Path) -> None:
+    draw = random.Random(SEED)
+    stream = b"".join(whole(message) for message in MESSAGES)
+    sent = SETUP.encode() + b"".join(envelope(piece) for piece in cut(draw, stream, 10))
+    frames, place = [], 1
+    for piece in cut(draw, sent, 25):  # every segment comes twice
+        frames += [Ether(segment(piece, seq=place))] * 2
+        place += len(piece)
+    file = tmp_path / "s1-eth1.pcap"
+    wrpcap(str(file), frames)
+    packets = rdpcap(str(file))
+    read = key_messages(packets, "10.0.0.1")
+    assert [bytes(message) for message in read] == [whole(message) for message in MESSAGES]
+    assert key_messages(packets, "10.0.0.2") == []
+    with_a_gap = [*packets[:20], *packets[22:]]
+    assert 0 < len(key_messages(with_a_gap, "10.0.0.1")) < len(MESSAGES)

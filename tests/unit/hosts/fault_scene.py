@@ -1,0 +1,248 @@
+"""Sessions of every service in which something goes wrong, and what must be left of them: nothing.
+
+A session of each service is small, but has several blocks, so that it can break in the middle.
+"""
+
+import asyncio
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import asynccontextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from chain_scene import Stacks, chain
+from dispatcher_status import require_nothing_left
+from stacks_scene import DEADLINE_S, Judge, grant, network
+
+from hosts.service_socket import ServiceSocket
+from hosts.software import QuantumSocket
+from hosts.stack_socket import QuantumSocketError, StackSocket
+from wire.metadata import Message
+
+PORT = 9
+DATA = bytes(range(256))
+KEYS = {"count": 3000, "block_pairs": 2500, "bound": "asymptotic"}
+SESSIONS: dict[str, dict[str, Any]] = {
+    "sdc": {"frame_bytes": 32, "block_pairs": 512},
+    "teleport": {"count": 600, "block_pairs": 200},
+    "distribute": {"count": 600, "block_pairs": 300},
+    "swap": {"count": 400, "block_pairs": 300},
+    "bb84": KEYS,
+    "bbm92": KEYS,
+}
+SERVICES = list(SESSIONS)
+PATHS = {"sdc": [(4, 1), (1, 3), (5, 2)], "bb84": [(1, 2)]}  # of all others: pairs to both ends
+PAIRS = [(4, 1), (5, 2)]
+NOBODY = "there was no session"
+
+Fields = dict[str, Any]
+Sockets = dict[str, StackSocket]
+
+
+@dataclass(frozen=True)
+class Told:
+    """What an application is told in the end."""
+
+    error: QuantumSocketError | None
+    summary: Fields
+
+    @property
+    def text(self) -> str:
+        """Return what a person reads; "" if all was well."""
+        return "" if self.error is None else str(self.error)
+
+
+@asynccontextmanager
+async def running(
+    folder: Path, service: str, judge: Judge = grant, **physics: Any
+) -> AsyncIterator[Stacks]:
+    """Run the hosts that a service needs; in the end nothing of any session may be left."""
+    problems: list[str] = []
+    asyncio.get_running_loop().set_exception_handler(
+        lambda _loop, what: problems.append(f"{what['message']}: {what.get('exception')!r}")
+    )
+    async with _hosts(folder, service, judge, **physics) as stacks:
+        yield stacks
+        await asyncio.to_thread(require_nothing_left, folder, [*stacks])
+        await require_no_session(stacks)
+    assert not problems, problems
+
+
+@asynccontextmanager
+async def _hosts(folder: Path, service: str, judge: Judge, **physics: Any) -> AsyncIterator[Stacks]:
+    if service == "swap":
+        async with chain(folder, 1, verdict=judge, **physics) as stacks:
+            yield stacks
+    else:
+        stacks = {}
+        words = {"paths": PATHS.get(service, PAIRS), "stacks": stacks, **physics}
+        async with network(folder, judge, **words):
+            yield stacks
+
+
+async def require_no_session(stacks: Stacks) -> None:
+    """Wait until no host takes part in anything, nor waits for light."""
+    deadline = time.monotonic() + 5
+    while left := [*_under_way(stacks)]:
+        assert time.monotonic() < deadline, left
+        await asyncio.sleep(0.02)
+
+
+def _under_way(stacks: Stacks) -> list[str]:
+    left = [task.get_name() for task in asyncio.all_tasks() if "light of" in task.get_name()]
+    for name, stack in stacks.items():
+        left += [f"{name}: session {session:016x}" for session in stack.engaged.sessions]
+        left += [f"{name}: order of {session:016x}" for session in stack.swaps.sessions]
+        report = stack.device.report()
+        if report.sending or report.receiving or report.serving:
+            left.append(f"{name}: {report}")
+    return left
+
+
+def session(
+    folder: Path, service: str, sockets: Sockets | None = None, **options: Any
+) -> tuple[Told, Told]:
+    """Have a session of a service between alice and bob; return what both are told.
+
+    Their sockets can be found in `sockets` meanwhile.
+    """
+    words = {**SESSIONS[service], **options}
+    known: Sockets = {} if sockets is None else sockets
+    with ThreadPoolExecutor(1) as pool:
+        listening: Future[None] = Future()
+        over: Future[None] = Future()
+        take_part = _receive if service == "sdc" else _accept
+        bob = pool.submit(take_part, folder, service, known, listening, over)
+        listening.result(DEADLINE_S)
+        ask = _send if service == "sdc" else _ask
+        try:
+            alice = ask(folder, service, known, words)
+        finally:
+            over.set_result(None)
+        return alice, bob.result(DEADLINE_S)
+
+
+def _ask(folder: Path, service: str, sockets: Sockets, options: Fields) -> Told:
+    with ServiceSocket(folder / "alice.sock") as alice:
+        sockets["alice"] = alice
+        alice.settimeout(DEADLINE_S)
+        try:
+            list(alice.request(service, ("bob", PORT), **options))
+            alice.shutdown()
+        except QuantumSocketError as error:
+            return Told(error, alice.summary)
+        return Told(None, alice.summary)
+
+
+def _accept(
+    folder: Path,
+    service: str,
+    sockets: Sockets,
+    listening: "Future[None]",
+    over: "Future[None]",
+) -> Told:
+    with ServiceSocket(folder / "bob.sock") as listener:
+        listener.settimeout(DEADLINE_S)
+        listener.listen(PORT, service)
+        listening.set_result(None)
+        bob = _connection(listener, over)
+        if bob is None:
+            return Told(QuantumSocketError(NOBODY), {})
+        sockets["bob"] = bob
+        with bob:
+            bob.settimeout(DEADLINE_S)
+            try:
+                while not bob.over:
+                    list(bob.results())
+            except QuantumSocketError as error:
+                return Told(error, bob.summary)
+            return Told(None, bob.summary)
+
+
+def _send(folder: Path, _service: str, sockets: Sockets, options: Fields) -> Told:
+    with QuantumSocket(folder / "alice.sock") as alice:
+        sockets["alice"] = alice
+        alice.settimeout(DEADLINE_S)
+        try:
+            data = options.pop("data", DATA)
+            alice.connect(("bob", PORT), **options)
+            alice.sendall(data)
+            alice.shutdown()
+        except QuantumSocketError as error:
+            return Told(error, alice.statistics)
+        return Told(None, alice.statistics)
+
+
+def _receive(
+    folder: Path,
+    _service: str,
+    sockets: Sockets,
+    listening: "Future[None]",
+    over: "Future[None]",
+) -> Told:
+    with QuantumSocket(folder / "bob.sock") as listener:
+        listener.settimeout(DEADLINE_S)
+        listener.listen(PORT)
+        listening.set_result(None)
+        bob = _connection(listener, over)
+        if bob is None:
+            return Told(QuantumSocketError(NOBODY), {})
+        sockets["bob"] = bob
+        got = b""
+        with bob:
+            bob.settimeout(DEADLINE_S)
+            try:
+                while data := bob.recv(1 << 16):
+                    got += data
+            except QuantumSocketError as error:
+                assert (DATA * 20).startswith(got)
+                return Told(error, bob.statistics)
+            assert got == DATA
+            return Told(None, bob.statistics)
+
+
+def _connection(listener: Any, over: "Future[None]") -> Any:
+    """Return bob's connection; None if alice's request has come to nothing before."""
+    listener.settimeout(0.5)
+    while True:
+        ended = over.done()
+        with suppress(TimeoutError):
+            return listener.accept()[0]
+        if ended:
+            return None
+
+
+class Once:
+    """Does something to the first message that fits, and leaves all others alone."""
+
+    def __init__(self, fits: Callable[[str, Message], bool], act: Callable[[Message], Any]) -> None:
+        """Keep what becomes of it: a message, bytes as of one, None for none any more."""
+        self._fits, self._act = fits, act
+        self.done = False
+
+    async def __call__(self, way: str, message: Message) -> Any:
+        """Return the message or what it becomes."""
+        if self.done or not self._fits(way, message):
+            return message
+        self.done = True
+        become = self._act(message)
+        return await become if isinstance(become, Awaitable) else become
+
+
+@dataclass(frozen=True)
+class Raw:
+    """Bytes in the place of a message."""
+
+    data: bytes
+
+    def encode(self) -> bytes:
+        """Return them."""
+        return self.data
+
+
+class Last(Raw):
+    """Bytes after which the connection ends."""
+
+    last = True

@@ -1,0 +1,356 @@
+"""Each fault in each service: an error for the one who asked, and nothing left on any node."""
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from fault_scene import (
+    DATA,
+    NOBODY,
+    SERVICES,
+    Last,
+    Once,
+    Raw,
+    Sockets,
+    Told,
+    running,
+    session,
+)
+
+from hosts.middleware.frame_format import MAX_BLOCK_PAIRS
+from hosts.middleware.swapping import orders
+from wire.device import DeviceReport
+from wire.metadata import (
+    HEADER,
+    Answer,
+    Block,
+    Emit,
+    Envelope,
+    Finish,
+    Frame,
+    Message,
+    Reason,
+    Report,
+    Service,
+    Setup,
+    Topic,
+    Values,
+    Verdict,
+)
+from wire.physics import Device, Memory, PairSource
+
+services = pytest.mark.parametrize("service", SERVICES)
+Fits = Callable[[str, Message], bool]
+
+
+@pytest.fixture(autouse=True)
+def _orders_soon_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let a host not wait long for the session of an order to chains of repeaters."""
+    monkeypatch.setattr(orders, "UNUSED_S", 2.0)
+
+
+def happens(
+    folder: Path, service: str, options: dict[str, Any] | None = None, **physics: Any
+) -> tuple[Told, Told]:
+    """Have one session; return what alice and bob are told."""
+
+    async def run() -> tuple[Told, Told]:
+        async with running(folder, service, **physics):
+            return await asyncio.to_thread(session, folder, service, **(options or {}))
+
+    return asyncio.run(run())
+
+
+def broken(folder: Path, service: str, change: Once, **physics: Any) -> tuple[Told, Told]:
+    """Have a session that a change breaks, then one of the same kind that works."""
+
+    async def run() -> tuple[Told, Told]:
+        async with running(folder, service, change=change, **physics):
+            told = await asyncio.to_thread(session, folder, service)
+            assert change.done
+            again = await asyncio.to_thread(session, folder, service)
+            assert [each.text for each in again] == ["", ""]
+            return told
+
+    return asyncio.run(run())
+
+
+@services
+def test_without_a_fault_a_session_goes_well(tmp_path: Path, service: str) -> None:
+    alice, bob = happens(tmp_path, service)
+    assert (alice.text, bob.text) == ("", "")
+
+
+def first_answer(way: str, _message: Message) -> bool:
+    return way == "back"
+
+
+def first_message(way: str, _message: Message) -> bool:
+    return way == "forth"
+
+
+def first_report(way: str, message: Message) -> bool:
+    return way == "back" and not isinstance(message, Answer)
+
+
+def request_of_light(_way: str, message: Message) -> bool:
+    return isinstance(message, Emit) or getattr(message, "topic", 0) == Topic.COMING
+
+
+def light_is_there(way: str, message: Message) -> bool:
+    """Photons are in memories, or measured."""
+    told = getattr(message, "topic", 0) in (Topic.ARRIVED, Topic.OVER)
+    return way == "forth" and (told or isinstance(message, Block))
+
+
+def third_block(_way: str, message: Message) -> bool:
+    return getattr(message, "block", 0) >= 3
+
+
+def last_message(way: str, message: Message) -> bool:
+    return way == "forth" and isinstance(message, Finish)
+
+
+MOMENTS = [
+    first_answer,
+    first_message,
+    first_report,
+    request_of_light,
+    light_is_there,
+    last_message,
+]
+moments = pytest.mark.parametrize("moment", MOMENTS, ids=lambda moment: moment.__name__)
+
+
+@services
+@moments
+def test_a_peer_that_is_gone_is_named_at_both_ends(
+    tmp_path: Path, service: str, moment: Fits
+) -> None:
+    alice, bob = broken(tmp_path, service, Once(moment, lambda _message: None))
+    assert "is gone: it closed the connection" in alice.text
+    if service != "swap":  # a neighbour in the chain is told by its address
+        assert "bob (127." in alice.text or "charlie (127." in alice.text
+    if moment is not first_answer:
+        assert "gone" in bob.text
+
+
+class LastWord:
+    """Fits what is said after the last message: the answer to it."""
+
+    def __init__(self) -> None:
+        self._finished = False
+
+    def __call__(self, way: str, message: Message) -> bool:
+        self._finished = self._finished or last_message(way, message)
+        return self._finished and way == "back"
+
+
+@services
+def test_without_the_last_answer_nobody_takes_the_session_for_ended_well(
+    tmp_path: Path, service: str
+) -> None:
+    alice, _bob = broken(tmp_path, service, Once(LastWord(), lambda _message: None))
+    assert "is gone" in alice.text
+
+
+def of_another_session(message: Message) -> Message:
+    return replace(message, session=message.session ^ 1)
+
+
+@services
+@moments
+def test_a_message_of_another_session_is_refused_by_its_number(
+    tmp_path: Path, service: str, moment: Fits
+) -> None:
+    alice, bob = broken(tmp_path, service, Once(moment, of_another_session))
+    assert "over a connection of session" in alice.text + bob.text
+    assert "was it made up, or sent again?" in alice.text
+
+
+FORGED: dict[str, Callable[[Message], Any]] = {
+    "set-up": lambda message: Setup(message.session, Service.SDC, 1, "10.0.0.3", 1, 1, 1),
+    "emit": lambda message: Emit(message.session, 1, 10, 1000),
+    "block": lambda message: Block(message.session, 9, 4, 0, 1, (Frame(9, 1, 0),)),
+    "report": lambda message: Report(message.session, 9, 10),
+    "values": lambda message: Values(message.session, 200, 8, 9, 1, b"\1"),
+    "envelope": lambda message: Envelope(message.session, Topic.KEYS, b"GET / HTTP/1.1\r\n"),
+    "refusal": lambda message: Answer(message.session, Reason.TOO_NOISY, "too noisy: go away"),
+    "device report": lambda message: DeviceReport(message.session),
+    "rubbish": lambda _message: Raw(b"GET / HTTP/1.1\r\n\r\n"),
+    "unknown kind": lambda message: Raw(message.encode()[:3] + b"\x63" + message.encode()[4:]),
+    "too long": lambda message: Raw(message.encode()[:4] + b"\xff" * 4 + message.encode()[8:]),
+}
+
+
+@services
+@pytest.mark.parametrize("moment", [first_message, first_report], ids=lambda m: m.__name__)
+@pytest.mark.parametrize("forged", list(FORGED))
+def test_what_has_no_place_in_a_session_ends_it(
+    tmp_path: Path, service: str, moment: Fits, forged: str
+) -> None:
+    alice, bob = broken(tmp_path, service, Once(moment, FORGED[forged]))
+    assert alice.text
+    assert bob.text
+    for told in (alice, bob):
+        assert told.error is not None
+        assert told.error.reason != Reason.OK
+
+
+@services
+@pytest.mark.parametrize("size", [1, HEADER.size, -1])
+@pytest.mark.parametrize("moment", [first_message, first_report], ids=lambda m: m.__name__)
+def test_a_connection_that_ends_within_a_message_is_told(
+    tmp_path: Path, service: str, moment: Fits, size: int
+) -> None:
+    cut = Once(moment, lambda message: Last(message.encode()[:size]))
+    alice, bob = broken(tmp_path, service, cut)
+    for told in (alice, bob):
+        assert "is gone: it closed the connection" in told.text
+
+
+@pytest.mark.parametrize(
+    ("service", "node"),
+    [
+        ("sdc", "charlie"),
+        ("teleport", "charlie"),
+        ("distribute", "charlie"),
+        ("swap", "alice"),
+        ("swap", "r1"),
+        ("bbm92", "charlie"),
+    ],
+)
+def test_a_source_that_is_too_slow_is_named_with_its_rate(
+    tmp_path: Path, service: str, node: str
+) -> None:
+    devices = {node: Device(source=PairSource(max_rate_hz=1e6))}
+    alice, bob = happens(tmp_path, service, devices=devices)
+    for told in (alice, bob):
+        assert "rate_hz 50000000 is more than the source" in told.text
+        assert "max_rate_hz 1e+06; lower the rate" in told.text
+    assert alice.error is not None
+    assert alice.error.reason == Reason.HARDWARE
+    slower = {"rate_hz": 1_000_000}
+    other = tmp_path / "other"
+    other.mkdir()
+    assert [told.text for told in happens(other, service, slower, devices=devices)] == ["", ""]
+
+
+@services
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"block_pairs": MAX_BLOCK_PAIRS + 1}, f"block_pairs is {MAX_BLOCK_PAIRS + 1}: choose "),
+        ({"block_pairs": 0}, "block_pairs is 0: choose "),
+        ({"rate_hz": 1, "block_pairs": 500, "count": 500}, "take more than 5 s: choose smaller"),
+        ({"rate_hz": 1 << 32}, "rate_hz is 4294967296: choose 1 to 4000000000"),
+    ],
+)
+def test_more_than_any_source_makes_is_refused_before_anything_is_sent(
+    tmp_path: Path, service: str, options: dict[str, Any], words: str
+) -> None:
+    if service == "sdc":
+        options = {name: value for name, value in options.items() if name != "count"}
+    alice, bob = happens(tmp_path, service, options)
+    assert words in alice.text
+    assert bob.text == NOBODY
+
+
+@pytest.mark.parametrize(
+    ("service", "node"),
+    [
+        ("teleport", "alice"),
+        ("teleport", "bob"),
+        ("distribute", "alice"),
+        ("distribute", "bob"),
+        ("swap", "alice"),
+        ("swap", "r1"),
+        ("swap", "bob"),
+    ],
+)
+def test_a_full_memory_is_told_at_both_ends_by_node_and_capacity(
+    tmp_path: Path, service: str, node: str
+) -> None:
+    devices = {node: Device(memory=Memory(capacity=100))}
+    for told in happens(tmp_path, service, devices=devices):
+        assert f"exceed the capacity of {node}'s memory, 100" in told.text
+        assert told.error is not None
+        assert told.error.reason == Reason.HARDWARE
+
+
+@pytest.mark.parametrize("service", ["sdc", "bb84", "bbm92"])
+def test_what_stores_nothing_needs_no_memory(tmp_path: Path, service: str) -> None:
+    devices = {name: Device(memory=Memory(capacity=0)) for name in ("alice", "bob")}
+    assert [told.text for told in happens(tmp_path, service, devices=devices)] == ["", ""]
+
+
+ASKED: list[tuple[dict[str, Any], str]] = [
+    ({"verdict": Verdict.PENDING}, "no controller has granted the light path; is c0 running"),
+    ({"verdict": Verdict.REFUSED, "reason": Reason.BUSY}, "another session uses these fibres"),
+    ({"verdict": Verdict.REFUSED, "reason": Reason.NOT_ALLOWED}, "policy does not allow"),
+    ({"port": 8}, "no application listens on port 8; start it first"),
+    ({"wavelength_pm": 1}, "wavelength 1 pm"),
+    ({"memory": 3}, "memory 3: only 0 is offered"),
+    ({"polarization": 4}, "polarisation basis 4: only 0 is offered"),
+    ({"phase_mrad": -5}, "phase -5: only 0 is offered"),
+    ({"pairs": 1 << 31}, "2147483648 pairs"),
+]
+
+
+@services
+@pytest.mark.parametrize(("asked", "words"), ASKED)
+def test_a_set_up_that_cannot_be_served_is_refused_by_its_value(
+    tmp_path: Path, service: str, asked: dict[str, Any], words: str
+) -> None:
+    def judge(setup: Setup) -> Setup:
+        opening = setup.service not in (Service.PAIR_SOURCE, Service.LINK)
+        return replace(setup, **{"verdict": Verdict.GRANTED, **(asked if opening else {})})
+
+    alice, bob = happens(tmp_path, service, judge=judge)
+    assert words in alice.text
+    assert bob.text == NOBODY
+
+
+@pytest.mark.parametrize("service", [name for name in SERVICES if name not in ("bb84", "swap")])
+def test_a_source_that_is_refused_is_told_to_both_ends(tmp_path: Path, service: str) -> None:
+    def judge(setup: Setup) -> Setup:
+        if setup.service == Service.PAIR_SOURCE:
+            return replace(setup, verdict=Verdict.REFUSED, reason=Reason.UNKNOWN_SESSION)
+        return replace(setup, verdict=Verdict.GRANTED)
+
+    for told in happens(tmp_path, service, judge=judge):
+        assert "the controller knows no such session" in told.text
+
+
+@services
+@pytest.mark.parametrize("gone", ["alice", "bob"])
+@pytest.mark.parametrize("moment", [first_message, first_report, third_block])
+def test_an_application_that_goes_in_mid_session_ends_it_for_both(
+    tmp_path: Path, service: str, gone: str, moment: Fits
+) -> None:
+    sockets: Sockets = {}
+
+    async def close(message: Message) -> Message:
+        while gone not in sockets:  # bob's application is about to accept
+            await asyncio.sleep(0.01)
+        sockets[gone].close()
+        return message
+
+    async def run() -> tuple[Told, Told]:
+        change = Once(moment, close)
+        longer = {"data": DATA * 20} if service == "sdc" else {"count": 30_000}
+        async with running(tmp_path, service, change=change):
+            told = await asyncio.to_thread(session, tmp_path, service, sockets, **longer)
+            assert change.done
+            again = await asyncio.to_thread(session, tmp_path, service)
+            assert [each.text for each in again] == ["", ""]
+            return told
+
+    alice, bob = asyncio.run(run())
+    assert alice.text
+    assert bob.text
+    if gone == "bob":
+        assert "the receiving application has ended" in alice.text

@@ -1,0 +1,295 @@
+"""Set-up messages that are sent again or made up: they open nothing, and disturb nobody."""
+
+import asyncio
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import pytest
+from fault_scene import PORT, SERVICES, Once, require_no_session, running, session
+from stacks_scene import DEADLINE_S, OWN_ADDRESS, grant
+
+from hosts.middleware.channel import MetadataChannel, SessionError
+from hosts.middleware.services import key_light, key_messages, service
+from hosts.service_socket import ServiceSocket
+from hosts.software import QuantumSocket
+from wire.metadata import (
+    HEADER,
+    METADATA_PORT,
+    SETUP_LENGTH,
+    Answer,
+    Emit,
+    Finish,
+    Message,
+    Reason,
+    Service,
+    Setup,
+    decode,
+)
+
+services = pytest.mark.parametrize("service_name", SERVICES)
+
+
+class Recorder:
+    """Grants everything, and keeps it as it was granted: whom it was for, and what it says."""
+
+    def __init__(self) -> None:
+        self.granted: list[Setup] = []
+
+    def __call__(self, setup: Setup) -> Setup:
+        made = grant(setup)
+        self.granted.append(made)
+        return made
+
+
+def host_of(setup: Setup, acceptor: str = "bob") -> str:
+    """Return who serves such a set-up."""
+    if setup.service == Service.PAIR_SOURCE:
+        return "charlie"
+    return "r1" if setup.service == Service.LINK else acceptor
+
+
+async def sent(setup: Setup, host: str) -> SessionError | None:
+    """Send a granted set-up past everybody; return how it is refused, None if it is not."""
+    channel = await MetadataChannel.connect(host, OWN_ADDRESS[host])
+    try:
+        await channel.request(setup)
+    except SessionError as error:
+        return error
+    finally:
+        channel.close()
+    return None
+
+
+def require_refused(errors: list[SessionError | None], reason: Reason, words: str) -> None:
+    assert errors
+    for error in errors:
+        assert error is not None
+        assert error.reason == reason
+        assert words in str(error)
+
+
+@services
+def test_a_set_up_that_is_sent_again_in_mid_session_disturbs_nobody(
+    tmp_path: Path, service_name: str
+) -> None:
+    recorder, errors = Recorder(), list[SessionError | None]()
+
+    async def replay(message: Message) -> Message:
+        errors.extend([await sent(setup, host_of(setup)) for setup in first_of_each(recorder)])
+        return message
+
+    async def run() -> None:
+        change = Once(lambda way, message: way == "forth" and isinstance(message, Finish), replay)
+        async with running(tmp_path, service_name, recorder, change=change):
+            told = await asyncio.to_thread(session, tmp_path, service_name)
+            assert [each.text for each in told] == ["", ""]
+
+    asyncio.run(run())
+    require_refused(errors, Reason.BUSY, "is under way here: is its set-up message a replay?")
+
+
+def first_of_each(recorder: Recorder) -> list[Setup]:
+    """Return the set-ups that went to different hosts: of links to the first repeater alone."""
+    return list({host_of(setup): setup for setup in reversed(recorder.granted)}.values())
+
+
+@services
+def test_a_set_up_that_is_sent_again_later_opens_nothing(tmp_path: Path, service_name: str) -> None:
+    recorder = Recorder()
+
+    async def run() -> list[SessionError | None]:
+        async with running(tmp_path, service_name, recorder) as stacks:
+            await asyncio.to_thread(session, tmp_path, service_name)
+            await require_no_session(stacks)
+            with await asyncio.to_thread(_listening, tmp_path, service_name):
+                setups = first_of_each(recorder)
+                return [await sent(setup, host_of(setup)) for setup in setups]
+
+    errors = asyncio.run(run())
+    require_refused(errors, Reason.UNKNOWN_SESSION, "was here before: is its set-up message a")
+
+
+def _listening(folder: Path, service_name: str) -> QuantumSocket | ServiceSocket:
+    """Let an application of bob wait for sessions."""
+    if service_name == "sdc":
+        listener = QuantumSocket(folder / "bob.sock")
+        listener.listen(PORT)
+        return listener
+    waiting = ServiceSocket(folder / "bob.sock")
+    waiting.listen(PORT, service_name)
+    return waiting
+
+
+@pytest.mark.parametrize(
+    ("service_name", "other"),
+    # The last node of a chain of repeaters has too few fibres for superdense coding.
+    [pair for pair in product(SERVICES, SERVICES) if pair != ("swap", "sdc")],
+)
+def test_no_other_service_is_opened_with_the_number_of_a_session(
+    tmp_path: Path, service_name: str, other: str
+) -> None:
+    """Its end would let go of the photons of the session under way."""
+    recorder, errors = Recorder(), list[SessionError | None]()
+    port = PORT + 1
+
+    async def forge(message: Message) -> Message:
+        opening = recorder.granted[0]
+        forged = replace(opening, service=Service[other.upper()], port=port, pairs=1000)
+        hosts = ("alice", "bob")
+        with ServiceSocket(tmp_path / "bob.sock") as listener:
+            await asyncio.to_thread(listener.listen, port, other)
+            errors.extend([await sent(forged, host) for host in hosts])
+        return message
+
+    async def run() -> None:
+        change = Once(lambda way, message: way == "forth" and isinstance(message, Finish), forge)
+        async with running(tmp_path, service_name, recorder, change=change):
+            told = await asyncio.to_thread(session, tmp_path, service_name)
+            assert [each.text for each in told] == ["", ""]
+
+    asyncio.run(run())
+    at_alice, at_bob = errors
+    require_refused([at_bob], Reason.BUSY, "is under way here")
+    assert at_alice is not None
+
+
+def test_no_session_is_opened_with_the_number_of_a_link_of_a_repeater(tmp_path: Path) -> None:
+    recorder, errors = Recorder(), list[SessionError | None]()
+
+    async def forge(message: Message) -> Message:
+        link = recorder.granted[-1]  # from the repeater to bob
+        assert link.service == Service.LINK
+        forged = replace(link, service=Service.TELEPORT, port=PORT + 1)
+        with ServiceSocket(tmp_path / "r1.sock") as listener:
+            await asyncio.to_thread(listener.listen, PORT + 1, "teleport")
+            errors.append(await sent(forged, "r1"))
+        return message
+
+    async def run() -> None:
+        change = Once(lambda way, message: way == "forth" and isinstance(message, Finish), forge)
+        async with running(tmp_path, "swap", recorder, change=change):
+            told = await asyncio.to_thread(session, tmp_path, "swap")
+            assert [each.text for each in told] == ["", ""]
+
+    asyncio.run(run())
+    require_refused(errors, Reason.BUSY, "is under way here")
+
+
+@pytest.mark.parametrize("number", [0, 99, 255])
+def test_a_service_that_nobody_knows_is_refused_by_its_number(tmp_path: Path, number: int) -> None:
+    async def run() -> Answer:
+        async with running(tmp_path, "teleport"):
+            reader, writer = await asyncio.open_connection(OWN_ADDRESS["bob"], METADATA_PORT)
+            setup = grant(Setup(7, Service.TELEPORT, 1, "10.0.0.3", 10, 1, 1000, port=PORT))
+            data = bytearray(setup.encode())
+            assert len(data) == SETUP_LENGTH
+            assert data[HEADER.size] == Service.TELEPORT
+            data[HEADER.size] = number
+            writer.write(bytes(data))
+            answer = decode(await asyncio.wait_for(reader.read(), DEADLINE_S))
+            writer.close()
+            assert isinstance(answer, Answer)
+            return answer
+
+    answer = asyncio.run(run())
+    assert answer.reason == Reason.UNSUPPORTED
+    assert f"asks for service {number}, which is not known here: choose one of 1 (SDC), 2 (" in (
+        answer.text
+    )
+
+
+@pytest.fixture
+def _short_waits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let nobody wait long for what does not come."""
+    monkeypatch.setattr(service.ConnectionEnd.hear, "__defaults__", (0.3,))
+    monkeypatch.setattr(key_light, "GRACE_S", 0.1)
+    monkeypatch.setattr(key_messages, "SILENCE_S", 0.3)
+
+
+@pytest.mark.usefixtures("_short_waits")
+@pytest.mark.parametrize("service_name", [name for name in SERVICES if name != "swap"])
+def test_who_has_been_granted_nothing_gets_no_light_and_holds_nothing(
+    tmp_path: Path, service_name: str
+) -> None:
+    """A forged set-up that is past the controller; the forger then says nothing, and goes."""
+    forged = grant(
+        Setup(0xF0, Service[service_name.upper()], 1, "10.0.0.3", 64, 1, 1000, port=PORT)
+    )
+
+    async def run() -> None:
+        async with running(tmp_path, service_name):
+            with await asyncio.to_thread(_listening, tmp_path, service_name) as listener:
+                accepting = asyncio.create_task(asyncio.to_thread(_outcome, listener))
+                assert await sent(forged, "bob") is None
+                assert "gone" in await accepting
+
+    asyncio.run(run())
+
+
+def _outcome(listener: QuantumSocket | ServiceSocket) -> str:
+    listener.settimeout(DEADLINE_S)
+    accepted, _peer = listener.accept()
+    with accepted:
+        accepted.settimeout(DEADLINE_S)
+        try:
+            if isinstance(accepted, ServiceSocket):
+                list(accepted.results())
+            else:
+                accepted.recv(1)
+        except ConnectionError as error:
+            return str(error)
+    return ""
+
+
+@pytest.mark.parametrize(
+    ("emit", "reason", "words"),
+    [
+        (Emit(5, 1, 0, 1000), Reason.UNSUPPORTED, "a block of 0 pairs: choose 1 to 262144"),
+        (Emit(5, 1, 262_145, 1000), Reason.UNSUPPORTED, "a block of 262145 pairs: choose 1 to"),
+        (Emit(5, 1, 10, 0), Reason.NOT_ALLOWED, "0 pairs a second: 1000 at most were granted"),
+        (Emit(5, 1, 10, 1001), Reason.NOT_ALLOWED, "1001 pairs a second: 1000 at most were gra"),
+        (Emit(6, 1, 10, 1000), Reason.PROTOCOL, "sent Emit of session 0000000000000006 over a"),
+        (Finish(5, 0, bytes(32)), Reason.PROTOCOL, "Finish from 127.0.0.1 in mid-session, where"),
+    ],
+)
+def test_a_source_makes_no_more_than_was_granted(
+    tmp_path: Path, emit: Message, reason: Reason, words: str
+) -> None:
+    async def run() -> None:
+        async with running(tmp_path, "teleport"):
+            channel = await MetadataChannel.connect("charlie", OWN_ADDRESS["charlie"])
+            setup = Setup(5, Service.PAIR_SOURCE, 1, OWN_ADDRESS["charlie"], 100, 1, 1000)
+            await channel.request(grant(setup))
+            channel.send(emit)
+            with pytest.raises(SessionError) as caught:
+                await channel.receive(Answer, DEADLINE_S)
+            channel.close()
+            assert caught.value.reason == reason
+            assert words in str(caught.value)
+
+    asyncio.run(run())
+
+
+def test_a_pair_of_a_session_is_taken_once(tmp_path: Path) -> None:
+    recorder, errors = Recorder(), list[SessionError | None]()
+
+    async def replay(message: Message) -> Message:
+        pairs = [setup for setup in recorder.granted if setup.block]
+        errors.extend([await sent(setup, "bob") for setup in (pairs[0], pairs[-1])])
+        return message
+
+    async def run() -> None:
+        change = Once(lambda way, message: way == "forth" and isinstance(message, Finish), replay)
+        async with running(tmp_path, "sdc", recorder, change=change):
+            options: dict[str, Any] = {
+                "handshake": "per-pair",
+                "frame_bytes": 16,
+                "block_pairs": 256,
+            }
+            told = await asyncio.to_thread(session, tmp_path, "sdc", **options)
+            assert [each.text for each in told] == ["", ""]
+
+    asyncio.run(run())
+    require_refused(errors, Reason.PROTOCOL, "is not expected (any more): is its set-up a replay?")

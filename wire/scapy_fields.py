@@ -1,0 +1,43 @@
+"""The fields of messages as scapy has them, of their description in wire.layout."""
+
+from typing import Any
+
+from scapy.fields import (
+    ByteEnumField,
+    ByteField,
+    Field,
+    IEEEDoubleField,
+    IntField,
+    IPField,
+    LongField,
+    ShortEnumField,
+    ShortField,
+    SignedIntField,
+    StrFixedLenField,
+    XByteField,
+)
+
+from wire import layout, metadata
+
+_NUMBERS = {1: ByteField, 2: ShortField, 4: IntField, 8: LongField}
+_RENAMED = {"name": "interface"}  # scapy's packets have a name of their own
+_NAMED = {1: ByteEnumField, 2: ShortEnumField}
+
+
+def scapy_field(described: layout.Field) -> Field[Any, Any]:
+    """Return the field of scapy for one at a fixed place."""
+    name = _RENAMED.get(described.name, described.name)
+    size = described.size
+    if described.kind == "ipv4":
+        return IPField(name, "0.0.0.0")  # noqa: S104 (a field's default, no address to bind to)
+    if described.kind in ("bytes", "text"):
+        return StrFixedLenField(name, b"", size)
+    if described.kind == "int":
+        return SignedIntField(name, 0)
+    if described.kind == "double":
+        return IEEEDoubleField(name, 0)
+    if described.values and size in _NAMED:
+        return _NAMED[size](name, 0, dict(described.values))
+    if name == "encoding":
+        return XByteField(name, metadata.PAPER_ENCODING)
+    return _NUMBERS[size](name, 0)
