@@ -39,6 +39,7 @@ class Listening:
 
     service: str
     queue: "asyncio.Queue[Incoming]"
+    closed: asyncio.Event
 
 
 class ApplicationsPort:
@@ -163,12 +164,12 @@ class ApplicationsPort:
         if port in self._listening:
             raise SessionError(Reason.BUSY, f"port {port} is taken by another application")
         service = fields.get("service", BYTES)
-        self._listening[port] = Listening(service, asyncio.Queue(BACKLOG))
+        self._listening[port] = Listening(service, asyncio.Queue(BACKLOG), asyncio.Event())
         try:
             writer.write(encode_fields(Call.DONE))
             await _closed(reader)
         finally:
-            del self._listening[port]
+            self._listening.pop(port).closed.set()
 
     async def _serve_receiver(
         self, fields: dict[str, Any], reader: asyncio.StreamReader, writer: asyncio.StreamWriter
@@ -176,12 +177,16 @@ class ApplicationsPort:
         port = _port(fields)
         if port not in self._listening:
             raise SessionError(Reason.NO_LISTENER, f"accept on port {port}, which does not listen")
+        listening = self._listening[port]
         gone = asyncio.create_task(_closed(reader))
-        arrival = asyncio.create_task(self._listening[port].queue.get())
-        await asyncio.wait([gone, arrival], return_when=asyncio.FIRST_COMPLETED)
+        arrival = asyncio.create_task(listening.queue.get())
+        closed = asyncio.create_task(listening.closed.wait())
+        await asyncio.wait([gone, arrival, closed], return_when=asyncio.FIRST_COMPLETED)
+        await _end(closed)
         if not arrival.done():
-            arrival.cancel()
-            return
+            await asyncio.gather(_end(gone), _end(arrival))
+            text = f"the socket that listens on port {port} has been closed"
+            raise SessionError(Reason.NO_LISTENER, text)
         connection = arrival.result()
         writer.write(encode_fields(Call.DONE, peer=connection.peer))
         await _end(gone)

@@ -499,9 +499,7 @@ def _service(number: int) -> Service:
         return Service(number)
     except ValueError as error:
         known = ", ".join(f"{service.value} ({service.name})" for service in Service)
-        raise UnknownService(
-            f"service {number}, which is not known here: choose one of {known}"
-        ) from error
+        raise UnknownService(f"unknown service {number}: choose one of {known}") from error
 
 
 def _member(kind: type[E], value: int) -> E:

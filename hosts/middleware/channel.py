@@ -167,7 +167,7 @@ class MetadataChannel:
             text = f"{self.peer} is gone: it closed the connection inside a message"
             raise SessionError(Reason.PROTOCOL, text) from error
         except UnknownService as error:
-            raise SessionError(Reason.UNSUPPORTED, f"{self.peer} asks for {error}") from error
+            raise SessionError(Reason.UNSUPPORTED, f"{self.peer} asks for an {error}") from error
         except MalformedPacket as error:
             text = f"{self.peer} sent what is no message: {error}; {SAME_VERSION}"
             raise SessionError(Reason.PROTOCOL, text) from error

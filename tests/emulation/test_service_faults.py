@@ -128,7 +128,7 @@ def test_set_ups_that_are_forged_or_unknown_open_nothing(network: Network) -> No
         answer = spoken(network, bytes(unknown))
         assert isinstance(answer, Answer)
         assert answer.reason == Reason.UNSUPPORTED
-        assert "service 99, which is not known here" in answer.text
+        assert "unknown service 99: choose one of 1 (SDC)" in answer.text
         require_nothing_left(network)
         assert not facts(network, "granted")
 

@@ -7,7 +7,7 @@ import asyncio
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from stacks_scene import DEADLINE_S, Judge, grant, network
 from hosts.service_socket import ServiceSocket
 from hosts.software import QuantumSocket
 from hosts.stack_socket import QuantumSocketError, StackSocket
-from wire.metadata import Message
+from wire.metadata import Message, Reason
 
 PORT = 9
 DATA = bytes(range(256))
@@ -84,7 +84,7 @@ async def _hosts(folder: Path, service: str, judge: Judge, **physics: Any) -> As
 
 async def require_no_session(stacks: Stacks) -> None:
     """Wait until no host takes part in anything, nor waits for light."""
-    deadline = time.monotonic() + 5
+    deadline = time.monotonic() + 10
     while left := [*_under_way(stacks)]:
         assert time.monotonic() < deadline, left
         await asyncio.sleep(0.02)
@@ -112,7 +112,7 @@ def session(
     known: Sockets = {} if sockets is None else sockets
     with ThreadPoolExecutor(1) as pool:
         listening: Future[None] = Future()
-        over: Future[None] = Future()
+        over: Future[Callable[[], None]] = Future()  # to end bob's waiting
         take_part = _receive if service == "sdc" else _accept
         bob = pool.submit(take_part, folder, service, known, listening, over)
         listening.result(DEADLINE_S)
@@ -120,7 +120,7 @@ def session(
         try:
             alice = ask(folder, service, known, words)
         finally:
-            over.set_result(None)
+            over.result(DEADLINE_S)()
         return alice, bob.result(DEADLINE_S)
 
 
@@ -141,13 +141,14 @@ def _accept(
     service: str,
     sockets: Sockets,
     listening: "Future[None]",
-    over: "Future[None]",
+    over: "Future[Callable[[], None]]",
 ) -> Told:
     with ServiceSocket(folder / "bob.sock") as listener:
         listener.settimeout(DEADLINE_S)
         listener.listen(PORT, service)
+        over.set_result(listener.close)
         listening.set_result(None)
-        bob = _connection(listener, over)
+        bob = _connection(listener)
         if bob is None:
             return Told(QuantumSocketError(NOBODY), {})
         sockets["bob"] = bob
@@ -180,13 +181,14 @@ def _receive(
     _service: str,
     sockets: Sockets,
     listening: "Future[None]",
-    over: "Future[None]",
+    over: "Future[Callable[[], None]]",
 ) -> Told:
     with QuantumSocket(folder / "bob.sock") as listener:
         listener.settimeout(DEADLINE_S)
         listener.listen(PORT)
+        over.set_result(listener.close)
         listening.set_result(None)
-        bob = _connection(listener, over)
+        bob = _connection(listener)
         if bob is None:
             return Told(QuantumSocketError(NOBODY), {})
         sockets["bob"] = bob
@@ -203,15 +205,14 @@ def _receive(
             return Told(None, bob.statistics)
 
 
-def _connection(listener: Any, over: "Future[None]") -> Any:
+def _connection(listener: Any) -> Any:
     """Return bob's connection; None if alice's request has come to nothing before."""
-    listener.settimeout(0.5)
-    while True:
-        ended = over.done()
-        with suppress(TimeoutError):
-            return listener.accept()[0]
-        if ended:
-            return None
+    try:
+        return listener.accept()[0]
+    except QuantumSocketError as error:
+        if error.reason != Reason.NO_LISTENER:
+            raise
+        return None
 
 
 class Once:

@@ -49,7 +49,7 @@ Fits = Callable[[str, Message], bool]
 @pytest.fixture(autouse=True)
 def _orders_soon_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let a host not wait long for the session of an order to chains of repeaters."""
-    monkeypatch.setattr(orders, "UNUSED_S", 2.0)
+    monkeypatch.setattr(orders, "UNUSED_S", 3.0)
 
 
 def happens(

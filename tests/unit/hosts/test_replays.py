@@ -195,9 +195,7 @@ def test_a_service_that_nobody_knows_is_refused_by_its_number(tmp_path: Path, nu
 
     answer = asyncio.run(run())
     assert answer.reason == Reason.UNSUPPORTED
-    assert f"asks for service {number}, which is not known here: choose one of 1 (SDC), 2 (" in (
-        answer.text
-    )
+    assert f"asks for an unknown service {number}: choose one of 1 (SDC), 2 (PAIR" in answer.text
 
 
 @pytest.fixture

@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -388,6 +389,22 @@ def test_a_port_can_be_listened_on_once(tmp_path: Path) -> None:
             first.listen(7)
             with pytest.raises(QuantumSocketError, match="port 7 is taken"):
                 second.listen(7)
+
+    on_network(tmp_path, act)
+
+
+def test_who_waits_at_a_port_that_is_closed_is_told(tmp_path: Path) -> None:
+    def act() -> None:
+        with ThreadPoolExecutor(1) as pool:
+            listener = QuantumSocket(tmp_path / "bob.sock")
+            listener.settimeout(DEADLINE_S)
+            listener.listen(7)
+            waiting = pool.submit(listener.accept)
+            with pytest.raises(TimeoutError):
+                waiting.result(0.2)
+            listener.close()
+            with pytest.raises(QuantumSocketError, match="listens on port 7 has been closed"):
+                waiting.result(DEADLINE_S)
 
     on_network(tmp_path, act)
 
