@@ -61,8 +61,8 @@ def require_room(end: OpenerEnd, pairs: int, spare: int) -> None:
     """Raise SessionError unless so many pairs fit into both memories, with spare ones."""
     if pairs + spare <= room(end):
         return
-    ends = (end.ours.memory_qubits, "this host"), (end.theirs.memory_qubits, end.arrangement.peer)
-    least, who = min(ends)
+    ends = (end.ours, "the host that asks"), (end.theirs, end.arrangement.peer)
+    least, who = min((abilities.memory_qubits, who) for abilities, who in ends)
     more = f" and {spare} more, to estimate or purify," if spare else ""
     raise SessionError(
         Reason.UNSUPPORTED,
@@ -73,7 +73,7 @@ def require_room(end: OpenerEnd, pairs: int, spare: int) -> None:
 
 def require(end: OpenerEnd, feature: Feature, what: str, remedy: str) -> None:
     """Raise SessionError unless both ends have a feature; what needs it is named."""
-    for abilities, who in ((end.ours, "this host"), (end.theirs, end.arrangement.peer)):
+    for abilities, who in ((end.ours, "the host that asks"), (end.theirs, end.arrangement.peer)):
         if feature not in abilities.features:
             raise SessionError(
                 Reason.UNSUPPORTED,

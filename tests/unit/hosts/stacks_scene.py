@@ -168,7 +168,11 @@ def relay(
     """Return the server of a relay to a host; it changes what this host and others say."""
 
     async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        setup = decode(await reader.readexactly(SETUP_LENGTH))
+        try:
+            setup = decode(await reader.readexactly(SETUP_LENGTH))
+        except asyncio.IncompleteReadError:  # who connected has nothing to ask any more
+            writer.close()
+            return
         assert isinstance(setup, Setup)
         there = await asyncio.open_connection(OWN_ADDRESS[name], METADATA_PORT)
         there[1].write(judge(setup).encode())

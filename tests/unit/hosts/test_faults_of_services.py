@@ -260,25 +260,26 @@ def test_more_than_any_source_makes_is_refused_before_anything_is_sent(
 
 
 @pytest.mark.parametrize(
-    ("service", "node"),
+    ("service", "node", "words", "reason"),
     [
-        ("teleport", "alice"),
-        ("teleport", "bob"),
-        ("distribute", "alice"),
-        ("distribute", "bob"),
-        ("swap", "alice"),
-        ("swap", "r1"),
-        ("swap", "bob"),
+        ("teleport", "alice", "exceed the capacity of alice's memory, 100", Reason.HARDWARE),
+        ("teleport", "bob", "exceed the capacity of bob's memory, 100", Reason.HARDWARE),
+        ("swap", "r1", "exceed the capacity of r1's memory, 100", Reason.HARDWARE),
+        # Pairs that stay in memory are counted before there is any light.
+        ("distribute", "alice", "memory of the host that asks, 100 qubits", Reason.UNSUPPORTED),
+        ("distribute", "bob", "memory of bob, 100 qubits", Reason.UNSUPPORTED),
+        ("swap", "alice", "memory of the host that asks, 100 qubits", Reason.UNSUPPORTED),
+        ("swap", "bob", "memory of bob, 100 qubits", Reason.UNSUPPORTED),
     ],
 )
 def test_a_full_memory_is_told_at_both_ends_by_node_and_capacity(
-    tmp_path: Path, service: str, node: str
+    tmp_path: Path, service: str, node: str, words: str, reason: Reason
 ) -> None:
     devices = {node: Device(memory=Memory(capacity=100))}
     for told in happens(tmp_path, service, devices=devices):
-        assert f"exceed the capacity of {node}'s memory, 100" in told.text
+        assert words in told.text
         assert told.error is not None
-        assert told.error.reason == Reason.HARDWARE
+        assert told.error.reason == reason
 
 
 @pytest.mark.parametrize("service", ["sdc", "bb84", "bbm92"])
