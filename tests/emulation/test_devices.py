@@ -88,7 +88,9 @@ def test_every_device_is_known_and_a_pulse_rate_is_overridden(either: Network) -
 
 
 def test_a_refused_setting_a_cut_and_a_silent_host_are_told(network: Network) -> None:
-    wait_until(lambda: devices()["bob"]["state"] == "up", "bob is heard")
+    wait_until(
+        lambda: all(device["state"] == "up" for device in devices().values()), "all devices heard"
+    )
     for words, text in (
         (("alice", "fec", "9"), "alice: fec 9 is not known: choose one of none, repetition"),
         (("eve", "fec", "0"), "no device 'eve'; hosts with a node agent: alice, bob, charlie"),
