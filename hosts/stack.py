@@ -17,7 +17,7 @@ from hosts.engaged import Engaged
 from hosts.hardware.ports import read_ports
 from hosts.hardware.qnic import HardwareError, Qnic
 from hosts.incoming import Incoming
-from hosts.middleware.arrangement import Arrangement
+from hosts.middleware.arrangement import Arrangement, Light
 from hosts.middleware.channel import ANSWER_TIMEOUT_S, MetadataChannel, SessionError
 from hosts.middleware.device import Device
 from hosts.middleware.interception import Interception, InterceptionOptions
@@ -53,6 +53,7 @@ class Stack:
         self._keyring = Keyring(config.name, config.pair_secrets, config.keys)
         self._sessions_made = 0
         self._receiving: dict[int, ReceivingSession] = {}
+        self._light = Light()
         self.swaps = Swaps(config.address)
         self.engaged = Engaged(self.swaps.opens)
         self.device = Device(lambda: read_ports(config.qnics))
@@ -76,7 +77,8 @@ class Stack:
             interleave=int(options.interleave),
         )
         setup = self.device.override(setup)
-        return self.device.sends(SendingSession(self._qnic, setup, peer, self._config.source))
+        source = self._config.source
+        return self.device.sends(SendingSession(self._qnic, setup, peer, source, self._light))
 
     def request(self, fields: dict[str, Any]) -> OpeningSession:
         """Prepare a session of a service; raise SessionError for what cannot be asked."""
@@ -102,7 +104,7 @@ class Stack:
             fidelity_ppm=options.fidelity_ppm,
         )
         setup = self.device.override(setup)
-        arrangement = Arrangement(setup, peer, source)
+        arrangement = Arrangement(setup, peer, source, self._light)
         return OpeningSession(
             kind,
             options,

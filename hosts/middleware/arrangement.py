@@ -1,14 +1,24 @@
 """Light for a session that this host opens: the paths, and the pair source that belongs to it."""
 
 import asyncio
-from dataclasses import replace
+import math
+import time
+from dataclasses import dataclass, replace
 
 from hosts.hardware.qnic import HardwareError
 from hosts.middleware.channel import ANSWER_TIMEOUT_S, MetadataChannel, SessionError
 from wire.metadata import Answer, Emit, Reason, Service, Setup
 
 DISCOVERY_TIMEOUT_S = 3.0
-DISCOVERY_PAUSE_S = 0.1
+FREEING_TIMEOUT_S = 1.0  # in which a controller hears that a session has ended
+PAUSE_S = 0.1
+
+
+@dataclass
+class Light:
+    """The light of a host, which its sessions have one after the other."""
+
+    freed_s: float = -math.inf  # when a session last let go of it, of time.monotonic()
 
 
 class Arrangement:
@@ -16,9 +26,9 @@ class Arrangement:
 
     channel: MetadataChannel  # to the peer, once it is open
 
-    def __init__(self, setup: Setup, peer: tuple[str, str], source: str) -> None:
+    def __init__(self, setup: Setup, peer: tuple[str, str], source: str, light: Light) -> None:
         """Prepare it; peer is name and address, source a name."""
-        self._setup, self._peer, self._source = setup, peer, source
+        self._setup, self._peer, self._source, self._light = setup, peer, source, light
         self._pairs: MetadataChannel | None = None
         self._source_turn = asyncio.Lock()
 
@@ -30,9 +40,13 @@ class Arrangement:
     async def open(self) -> Answer:
         """Arrange light paths; return what the peer accepts, or raise SessionError.
 
-        Fibres that the controller is still discovering are waited for.
+        Fibres that the controller is still discovering are waited for, and so is light that this
+        host has only just let go: the controller may hear of that after the next request.
         """
-        deadline = asyncio.get_running_loop().time() + DISCOVERY_TIMEOUT_S
+        began_s = time.monotonic()
+        deadlines_s = {Reason.UNKNOWN_HOST: began_s + DISCOVERY_TIMEOUT_S}
+        if began_s - self._light.freed_s < FREEING_TIMEOUT_S:
+            deadlines_s[Reason.BUSY] = began_s + FREEING_TIMEOUT_S
         while True:
             channel = await MetadataChannel.connect(*self._peer)
             try:
@@ -41,10 +55,9 @@ class Arrangement:
                 channel.close()
                 if not isinstance(error, SessionError):
                     raise
-                overdue = asyncio.get_running_loop().time() > deadline
-                if error.reason != Reason.UNKNOWN_HOST or overdue:
+                if time.monotonic() > deadlines_s.get(error.reason, -math.inf):
                     raise
-                await asyncio.sleep(DISCOVERY_PAUSE_S)
+                await asyncio.sleep(PAUSE_S)
             else:
                 self.channel = channel
                 return answer
@@ -73,3 +86,4 @@ class Arrangement:
             self._pairs.close()
         if hasattr(self, "channel"):
             self.channel.close()
+            self._light.freed_s = time.monotonic()

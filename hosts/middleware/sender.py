@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 from hashlib import sha256
 
 from hosts.hardware.qnic import BlockName, HardwareError, NoLight, Qnic, Symbols, release
-from hosts.middleware.arrangement import Arrangement
+from hosts.middleware.arrangement import Arrangement, Light
 from hosts.middleware.channel import (
     REPORT_TIMEOUT_S,
     MetadataChannel,
@@ -72,7 +72,9 @@ class Statistics:
 class SendingSession:
     """A session from this host to another, with the pairs of a source."""
 
-    def __init__(self, qnic: Qnic, setup: Setup, peer: tuple[str, str], source: str) -> None:
+    def __init__(
+        self, qnic: Qnic, setup: Setup, peer: tuple[str, str], source: str, light: Light
+    ) -> None:
         agreed_format(setup, max(SYMBOLS))  # refused here, before anything is sent
         self._qnic = qnic
         self._setup = setup
@@ -81,7 +83,7 @@ class SendingSession:
         self._digest = sha256()
         self._lit_at_s = 0.0  # when a pair last arrived
         self._one_by_one = OneByOne(self._shake_hands, self._light)
-        self._arrangement = Arrangement(setup, peer, source)
+        self._arrangement = Arrangement(setup, peer, source, light)
         self._size = 0
         self.closed = False
         self.statistics = Statistics(

@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from hosts.hardware.qnic import BlockName, HardwareError, Qnic, release
-from hosts.middleware.arrangement import Arrangement
+from hosts.middleware.arrangement import Arrangement, Light
 from hosts.middleware.channel import SessionError
 from hosts.middleware.services.blocks import keep_of_all, store
 from hosts.middleware.services.service import ConnectionEnd
@@ -51,7 +51,7 @@ class OutgoingLink:
             rotation=Pauli.I,
             reason=Reason.OK,
         )
-        arrangement = Arrangement(setup, (order.right, order.right), address)
+        arrangement = Arrangement(setup, (order.right, order.right), address, Light())
         try:
             await arrangement.open()
         except BaseException:

@@ -1,0 +1,68 @@
+"""When a session that is refused asks again by itself."""
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from stacks_scene import grant, network, requested
+
+from hosts.middleware import arrangement
+from hosts.stack_socket import QuantumSocketError
+from wire.metadata import Reason, Service, Setup, Verdict
+
+Judge = Callable[[Setup], Setup]
+
+
+class Slow:
+    """A controller that hears late of the end of a session."""
+
+    def __init__(self, late: int) -> None:
+        """Refuse the next requests after the first, so many of them."""
+        self.late, self.asked = late, 0
+
+    def __call__(self, setup: Setup) -> Setup:
+        """Judge a set-up; only those of the opener count."""
+        self.asked += setup.service == Service.TELEPORT
+        if setup.service != Service.TELEPORT:
+            return grant(setup)
+        if 1 < self.asked <= 1 + self.late:
+            return replace(setup, verdict=Verdict.REFUSED, reason=Reason.BUSY)
+        return grant(setup)
+
+
+def two_sessions(folder: Path, judge: Judge) -> None:
+    """Teleport twice, one session right after the other."""
+
+    async def run() -> None:
+        async with network(folder, judge):
+            for _ in range(2):
+                await asyncio.to_thread(requested, folder, "teleport", count=100)
+
+    asyncio.run(run())
+
+
+def test_light_that_this_host_has_just_let_go_is_waited_for(tmp_path: Path) -> None:
+    controller = Slow(late=3)
+    two_sessions(tmp_path, controller)
+    assert controller.asked == 5
+
+
+def test_light_that_is_not_freed_in_time_is_busy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(arrangement, "FREEING_TIMEOUT_S", 0.3)
+    controller = Slow(late=1000)
+    with pytest.raises(QuantumSocketError, match="another session uses these fibres") as caught:
+        two_sessions(tmp_path, controller)
+    assert caught.value.reason == Reason.BUSY
+    assert 2 < controller.asked < 10
+
+
+def test_light_that_others_have_is_busy_at_once(tmp_path: Path) -> None:
+    controller = Slow(late=1000)
+    controller.asked = 1
+    with pytest.raises(QuantumSocketError, match="another session uses these fibres"):
+        two_sessions(tmp_path, controller)
+    assert controller.asked == 2
