@@ -153,8 +153,8 @@ def say(topic: int, numbers: list[int], width: int, block: int = BLOCK) -> Messa
     [
         (say(Topic.STATES, [0, 6], 8), "a value of topic 2 is 6, at most 5 is known"),
         (say(Topic.STATES, [0], 8), "1 values of topic 2, 2 were expected"),
-        (say(Topic.STATES, [0, 0], 8, block=9), "block 9, not 2 and 3"),
-        (say(Topic.COUNTS, [0, 0], 8), "topic 8 and block 3, not 2 and 3"),
+        (say(Topic.STATES, [0, 0], 8, block=9), "block 9 came where 2 .STATES. and 3 were due"),
+        (say(Topic.COUNTS, [0, 0], 8), "topic 8 .COUNTS. and block 3 came where 2"),
         (say(Topic.DIRECTIONS, [0, 0], 32), "2 values of topic 12, 4 were expected"),
         (say(Topic.DIRECTIONS, [0] * 5, 32), "5 values of topic 12, 4 were expected"),
         (say(Topic.DIRECTIONS, [0, TURN // 2 + 1, 0, 0], 32), "theta is 2147483649"),
