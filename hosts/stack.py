@@ -10,8 +10,6 @@ from collections.abc import Awaitable, Callable
 from hashlib import blake2b
 from typing import Any
 
-import numpy as np
-
 from hosts.applications_port import ApplicationsPort
 from hosts.engaged import Engaged
 from hosts.hardware.ports import read_ports
@@ -27,12 +25,11 @@ from hosts.middleware.receiver import ReceivingSession
 from hosts.middleware.sender import SendingSession
 from hosts.middleware.services import KINDS, NAMES
 from hosts.middleware.services.abilities import refusal
+from hosts.middleware.services.means import Means
 from hosts.middleware.services.session import (
     AcceptingSession,
     OpeningSession,
-    draws_of,
     require_source,
-    told_apart,
 )
 from hosts.middleware.source import serve_pairs
 from hosts.middleware.swapping.orders import Swaps
@@ -50,11 +47,19 @@ class Stack:
     def __init__(self, config: HostConfig, qnic: Qnic) -> None:
         self._config = config
         self._qnic = qnic
-        self._keyring = Keyring(config.name, config.pair_secrets, config.keys)
         self._sessions_made = 0
         self._receiving: dict[int, ReceivingSession] = {}
         self._light = Light()
         self.swaps = Swaps(config.address)
+        self._means = Means(
+            config.name,
+            config.seed,
+            qnic,
+            config.analyser,
+            Keyring(config.name, config.pair_secrets, config.keys),
+            self.swaps,
+            config.abilities,
+        )
         self.engaged = Engaged(self.swaps.opens)
         self.device = Device(lambda: read_ports(config.qnics))
         self.applications = ApplicationsPort(
@@ -105,27 +110,12 @@ class Stack:
         )
         setup = self.device.override(setup)
         arrangement = Arrangement(setup, peer, source, self._light)
-        return OpeningSession(
-            kind,
-            options,
-            self._qnic,
-            arrangement,
-            setup,
-            self._config.analyser,
-            self._draws(setup),
-            self._keyring,
-            self.swaps,
-            self._config.abilities,
-            is_source,
-        )
+        return OpeningSession(kind, options, self._means, arrangement, setup, is_source)
 
     def intercept(self, fields: dict[str, Any]) -> Interception:
         """Prepare an interception; raise SessionError for what cannot be asked."""
         options = InterceptionOptions.from_fields(fields)
         return Interception(self._qnic, options, self._config.seed, self._config.name)
-
-    def _draws(self, setup: Setup) -> np.random.Generator:
-        return draws_of(self._config.seed, self._config.name, setup.session)
 
     async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Serve one connection on the quantum-metadata port."""
@@ -192,19 +182,7 @@ class Stack:
 
     async def _accept(self, channel: MetadataChannel, setup: Setup) -> None:
         service = Service(setup.service)
-        draws = self._draws(setup)
-        analyser = self._config.analyser
-        session = AcceptingSession(
-            KINDS[service],
-            self._qnic,
-            channel,
-            setup,
-            analyser,
-            draws,
-            self._keyring,
-            self.swaps,
-            self._config.abilities,
-        )
+        session = AcceptingSession(KINDS[service], self._means, channel, setup)
         with self.engaged.engage(setup.session, Role.ACCEPTOR):
             incoming = self.applications.incoming(setup.port, channel.peer, service.name.lower())
             await self._take_part(session, incoming, setup)
@@ -225,8 +203,7 @@ class Stack:
 
     async def _link(self, channel: MetadataChannel, setup: Setup) -> None:
         with self.engaged.engage(setup.session, Role.ACCEPTOR), self.device.serves(setup):
-            apart = told_apart(self._config.analyser)
-            await serve_link(self._qnic, channel, setup, self.swaps, apart)
+            await serve_link(self._means, channel, setup)
 
     async def _deliver(self, session: ReceivingSession, incoming: Incoming) -> None:
         try:

@@ -54,15 +54,14 @@ async def hear(end: ConnectionEnd) -> tuple[int, Abilities]:
 
 def room(end: OpenerEnd) -> int:
     """Return how many pairs both ends can keep."""
-    return end.ours.both(end.theirs).memory_qubits
+    return end.means.abilities.both(end.theirs).memory_qubits
 
 
 def require_room(end: OpenerEnd, pairs: int, spare: int) -> None:
     """Raise SessionError unless so many pairs fit into both memories, with spare ones."""
     if pairs + spare <= room(end):
         return
-    ends = (end.ours, "the host that asks"), (end.theirs, end.arrangement.peer)
-    least, who = min((abilities.memory_qubits, who) for abilities, who in ends)
+    least, who = min((abilities.memory_qubits, who) for abilities, who in _ends(end))
     more = f" and {spare} more, to estimate or purify," if spare else ""
     raise SessionError(
         Reason.UNSUPPORTED,
@@ -73,10 +72,18 @@ def require_room(end: OpenerEnd, pairs: int, spare: int) -> None:
 
 def require(end: OpenerEnd, feature: Feature, what: str, remedy: str) -> None:
     """Raise SessionError unless both ends have a feature; what needs it is named."""
-    for abilities, who in ((end.ours, "the host that asks"), (end.theirs, end.arrangement.peer)):
+    for abilities, who in (
+        (end.means.abilities, end.means.name),
+        (end.theirs, end.arrangement.peer),
+    ):
         if feature not in abilities.features:
             raise SessionError(
                 Reason.UNSUPPORTED,
                 f"{what} needs the feature {names(feature)} at both ends, and {who} has only "
                 f"{names(abilities.features)}: {remedy}",
             )
+
+
+def _ends(end: OpenerEnd) -> tuple[tuple[Abilities, str], tuple[Abilities, str]]:
+    """Return what each end can do, and its name."""
+    return (end.means.abilities, end.means.name), (end.theirs, end.arrangement.peer)

@@ -36,7 +36,7 @@ class AcceptorOfKeys:
     async def run(self) -> None:
         """Measure, announce, correct, store, until the opener ends it; SessionError if it fails."""
         peer, parameters, proposal, cutter = await self._introduced()
-        incoming, outgoing = pools(self._end, peer, self._end.keyring.host)
+        incoming, outgoing = pools(self._end, peer, self._end.means.keyring.host)
         session, draws = self._end.setup.session, self._end.draws
         bob = Bob(Terms(session, parameters, outgoing, incoming, draws.bytes))
 
@@ -48,7 +48,7 @@ class AcceptorOfKeys:
             await messages.hear_message(proposal)
             await self._serve(bob, messages)
         except BaseException as error:
-            self._end.keyring.withdraw(peer, self._ids)
+            self._end.means.keyring.withdraw(peer, self._ids)
             if isinstance(error, SessionError):
                 await tell_of_failure(self._end, self._progress, bob)
             raise

@@ -35,7 +35,7 @@ def pools(end: End, opener: str, acceptor: str) -> tuple[KeyPool, KeyPool]:
 
     Raise SessionError if the hosts share none, or if the keys could not be stored here.
     """
-    keyring = end.keyring
+    keyring = end.means.keyring
     try:
         shared = keyring.pools(opener, acceptor, end.setup.session)
         keyring.store(acceptor if opener == keyring.host else opener)
@@ -47,7 +47,7 @@ def pools(end: End, opener: str, acceptor: str) -> tuple[KeyPool, KeyPool]:
 async def stored(end: End, peer: str, keys: Alice | Bob, *, opened: bool) -> list[UUID]:
     """Keep the key that has been made; SessionError if the store does not take it."""
     assert keys.key is not None
-    session, keyring = end.setup.session, end.keyring
+    session, keyring = end.setup.session, end.means.keyring
     work = asyncio.to_thread(keyring.keep, peer, session, keys.key, opened=opened)
     keeping = asyncio.create_task(work)
     try:

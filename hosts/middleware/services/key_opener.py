@@ -27,7 +27,7 @@ class OpenerOfKeys:
         self._end, self._options, self._light = end, options, light
         self._peer = end.arrangement.peer
         self._progress = Progress()
-        outgoing, incoming = pools(end, end.keyring.host, self._peer)
+        outgoing, incoming = pools(end, end.means.keyring.host, self._peer)
         terms = Terms(end.setup.session, options.parameters(), outgoing, incoming, end.draws.bytes)
         self._alice = Alice(terms)
         self._messages = KeyMessages(end, self._alice, self._store)
@@ -37,7 +37,7 @@ class OpenerOfKeys:
     async def run(self) -> None:
         """Send light, distil, store; SessionError if there is no key."""
         end = self._end
-        end.channel.send(Envelope(end.setup.session, Topic.OPENER, end.keyring.host.encode()))
+        end.channel.send(Envelope(end.setup.session, Topic.OPENER, end.means.keyring.host.encode()))
         try:
             self._messages.say(self._alice.start())
             await self._gather()

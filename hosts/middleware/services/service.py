@@ -27,8 +27,7 @@ from hosts.middleware.channel import (
     SessionError,
     unexpected,
 )
-from hosts.middleware.qkd.keyring import Keyring
-from hosts.middleware.swapping.orders import Swaps
+from hosts.middleware.services.means import Means
 from hosts.middleware.values import Numbers, expect, values
 from wire.features import Abilities
 from wire.metadata import Answer, Finish, Reason, Service, Setup, Topic, Values
@@ -115,12 +114,9 @@ class ConnectionEnd:
 class End(ConnectionEnd):
     """One end of a session of a service: also its application, and what its host has."""
 
+    means: Means
     tell: Tell  # called with fields for the application
     draws: np.random.Generator  # of this host's own choices; they follow from the seed
-    told_apart: frozenset[int]  # the Bell states that this host's analyser tells apart
-    keyring: Keyring  # what this host shares with others
-    swaps: Swaps  # the chains of repeaters that it is part of
-    ours: Abilities  # what this host can do
     summary: dict[str, Any] = field(default_factory=dict)  # for the application, at the end
 
 

@@ -3,8 +3,6 @@
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from hosts.hardware.qnic import HardwareError, Qnic, release
 from hosts.middleware.arrangement import Arrangement
 from hosts.middleware.channel import (
@@ -14,11 +12,10 @@ from hosts.middleware.channel import (
     SilentPeer,
     unexpected,
 )
-from hosts.middleware.encoding import TOLD_APART
 from hosts.middleware.frame_format import MAX_BLOCK_PAIRS
-from hosts.middleware.qkd.keyring import Keyring
 from hosts.middleware.receiver import check_light
 from hosts.middleware.services import abilities
+from hosts.middleware.services.means import Means
 from hosts.middleware.services.options import ServiceOptions
 from hosts.middleware.services.service import (
     AcceptorEnd,
@@ -28,25 +25,12 @@ from hosts.middleware.services.service import (
     ServiceKind,
     Tell,
 )
-from hosts.middleware.swapping.orders import Swaps
 from wire.features import NOTHING, Abilities
-from wire.metadata import Finish, Handshake, Pauli, Reason, Service, Setup
+from wire.metadata import Finish, Handshake, Reason, Service, Setup
 from wire.services import Role, beams, fibers_needed
 
 NO_DIGEST = bytes(32)
 CERTAIN_PPM = 1_000_000
-
-
-def told_apart(analyser: str) -> frozenset[int]:
-    """Return the Bell states that a host's analyser of this kind tells from all others."""
-    if TOLD_APART[analyser] == len(Pauli):
-        return frozenset(range(4))
-    return frozenset({1, 3})  # it reports Phi- as Phi+ (wire/dispatcher.proto, Feedback.outcomes)
-
-
-def draws_of(seed: int, host: str, session: int) -> np.random.Generator:
-    """Return the choices of a host in a session; the same seed, the same choices."""
-    return np.random.default_rng([seed, session, *host.encode()])
 
 
 class OpeningSession:
@@ -56,21 +40,14 @@ class OpeningSession:
         self,
         kind: ServiceKind,
         options: ServiceOptions,
-        qnic: Qnic,
+        means: Means,
         arrangement: Arrangement,
         setup: Setup,
-        analyser: str,
-        draws: np.random.Generator,
-        keyring: Keyring,
-        swaps: Swaps,
-        ours: Abilities,
         is_source: bool,
     ) -> None:
-        require_fibers(setup, Role.OPENER, qnic, is_source)
-        self._kind, self._options = kind, options
-        self._qnic, self._arrangement, self._setup = qnic, arrangement, setup
-        self._analyser, self._draws, self._keyring = analyser, draws, keyring
-        self._swaps, self._ours, self._is_source = swaps, ours, is_source
+        require_fibers(setup, Role.OPENER, means.qnic, is_source)
+        self._kind, self._options, self._means = kind, options, means
+        self._arrangement, self._setup, self._is_source = arrangement, setup, is_source
         self.summary: dict[str, Any] = {}
         self.answer: Answerer | None = None  # to the application's questions, if it may ask
 
@@ -95,22 +72,19 @@ class OpeningSession:
         """Return this end, once it is known what the other can, and the source is there."""
         theirs = Abilities(NOTHING, 0)
         if abilities.are_told(self._kind.service):
-            connection = ConnectionEnd(self._qnic, self._setup, channel)
+            connection = ConnectionEnd(self._means.qnic, self._setup, channel)
             pairs, theirs = await abilities.hear(connection)
             self._setup = replace(self._setup, pairs=pairs)
         light = beams(self._kind.service, self._is_source)
         if any(end.role == Role.SOURCE for beam in light for end in beam):
             await self._arrangement.engage_source()
         return OpenerEnd(
-            self._qnic,
+            self._means.qnic,
             self._setup,
             channel,
+            self._means,
             tell,
-            self._draws,
-            told_apart(self._analyser),
-            self._keyring,
-            self._swaps,
-            self._ours,
+            self._means.draws(self._setup.session),
             arrangement=self._arrangement,
             theirs=theirs,
             is_source=self._is_source,
@@ -134,8 +108,8 @@ class OpeningSession:
     async def close(self) -> None:
         """Let go of connections, orders and photons."""
         self._arrangement.close()
-        self._swaps.forget(self._setup.session)
-        await release(self._qnic, self._setup.session)
+        self._means.swaps.forget(self._setup.session)
+        await release(self._means.qnic, self._setup.session)
 
 
 class AcceptingSession:
@@ -144,41 +118,25 @@ class AcceptingSession:
     def __init__(
         self,
         kind: ServiceKind,
-        qnic: Qnic,
+        means: Means,
         channel: MetadataChannel,
         setup: Setup,
-        analyser: str,
-        draws: np.random.Generator,
-        keyring: Keyring,
-        swaps: Swaps,
-        ours: Abilities,
     ) -> None:
         check_asked(setup)
-        require_fibers(setup, Role.ACCEPTOR, qnic)
-        self._kind, self._qnic, self._channel, self._setup = kind, qnic, channel, setup
-        self._analyser, self._draws, self._keyring = analyser, draws, keyring
-        self._swaps, self._ours = swaps, ours
+        require_fibers(setup, Role.ACCEPTOR, means.qnic)
+        self._kind, self._means, self._channel, self._setup = kind, means, channel, setup
         self._end: AcceptorEnd | None = None
         self.summary: dict[str, Any] = {}
         self.answer: Answerer | None = None  # to the application's questions, if it may ask
 
     async def run(self, tell: Tell) -> None:
         """Do what the service does; raise SessionError if it fails."""
-        apart = told_apart(self._analyser)
-        end = AcceptorEnd(
-            self._qnic,
-            self._setup,
-            self._channel,
-            tell,
-            self._draws,
-            apart,
-            self._keyring,
-            self._swaps,
-            self._ours,
-        )
+        means, setup = self._means, self._setup
+        draws = means.draws(setup.session)
+        end = AcceptorEnd(means.qnic, setup, self._channel, means, tell, draws)
         end.agree()
         if abilities.are_told(self._kind.service):
-            abilities.say(end, self._ours)
+            abilities.say(end, means.abilities)
         self._end = end
         self.answer = await self._kind.accept(end)
         self.summary = end.summary
@@ -192,7 +150,7 @@ class AcceptingSession:
 
     async def close(self) -> None:
         """Let go of photons."""
-        await release(self._qnic, self._setup.session)
+        await release(self._means.qnic, self._setup.session)
 
 
 def require_source(service: Service, source: str, is_source: bool, peer: str) -> None:

@@ -39,8 +39,8 @@ async def swap(end: OpenerEnd, options: DistributeOptions) -> Answerer:
     """Make pairs with the acceptor; return what answers this end's application."""
     session = end.setup.session
     try:
-        order = await end.swaps.order(session)
-        link = await OutgoingLink.open(end.qnic, order, end.setup, end.swaps.address)
+        order = await end.means.swaps.order(session)
+        link = await OutgoingLink.open(end.qnic, order, end.setup, end.means.swaps.address)
         try:
             answer = await Opening(end, options, partial(_acquire, end, link)).run()
             await link.finish()
@@ -50,7 +50,7 @@ async def swap(end: OpenerEnd, options: DistributeOptions) -> Answerer:
         finally:
             await link.close()
     finally:
-        end.swaps.forget(session)
+        end.means.swaps.forget(session)
     return answer
 
 
@@ -73,7 +73,7 @@ async def _acquire(
 
 async def receive(end: AcceptorEnd) -> Answerer:
     """Follow the opener until it delivers; return what answers this end's application."""
-    with end.swaps.expecting(end.setup.session) as expected:
+    with end.means.swaps.expecting(end.setup.session) as expected:
         link = _LastLink(end, expected)
         answer = await follow(end, link.share)
         await link.finish()

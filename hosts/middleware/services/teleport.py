@@ -93,7 +93,7 @@ async def _teleport_block(
     if stored.arrived.any():
         prepared = await states.prepare(end.qnic, end.setup.session, STATE_BLOCKS + number)
         told = await end.qnic.bell_measure(prepared, end.block(number))
-    seen = np.isin(told, list(end.told_apart))
+    seen = np.isin(told, list(end.means.told_apart))
     end.say(Topic.ARRIVED, number, seen, 1)
     # The Bell state's number is the operator that undoes it.
     end.say(Topic.CORRECTIONS, number, np.where(seen, told, 0), 2)

@@ -266,9 +266,9 @@ def test_more_than_any_source_makes_is_refused_before_anything_is_sent(
         ("teleport", "bob", "exceed the capacity of bob's memory, 100", Reason.HARDWARE),
         ("swap", "r1", "exceed the capacity of r1's memory, 100", Reason.HARDWARE),
         # Pairs that stay in memory are counted before there is any light.
-        ("distribute", "alice", "memory of the host that asks, 100 qubits", Reason.UNSUPPORTED),
+        ("distribute", "alice", "memory of alice, 100 qubits", Reason.UNSUPPORTED),
         ("distribute", "bob", "memory of bob, 100 qubits", Reason.UNSUPPORTED),
-        ("swap", "alice", "memory of the host that asks, 100 qubits", Reason.UNSUPPORTED),
+        ("swap", "alice", "memory of alice, 100 qubits", Reason.UNSUPPORTED),
         ("swap", "bob", "memory of bob, 100 qubits", Reason.UNSUPPORTED),
     ],
 )

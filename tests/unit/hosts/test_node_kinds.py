@@ -233,8 +233,8 @@ CANNOT = [
     (
         {"alice": ION_TRAP, "bob": IONS},
         {"count": 50},
-        "50 pairs and 1 more, to estimate or purify, do not fit into the memory of the host that "
-        "asks, 32 qubits: ask for at most 31",
+        "50 pairs and 1 more, to estimate or purify, do not fit into the memory of alice, "
+        "32 qubits: ask for at most 31",
     ),
     (
         {"alice": IONS, "bob": ION_TRAP},
@@ -255,7 +255,7 @@ CANNOT = [
     (
         {"alice": PHOTONS, "bob": IONS},
         {"count": 10, "fidelity": 0.99, "rounds": 2},
-        "purification needs the feature gate, measure at both ends, and the host that asks has",
+        "purification needs the feature gate, measure at both ends, and alice has",
     ),
     (
         {"alice": IONS, "bob": replace(IONS, detectors=Detectors(efficiency=0.0))},
