@@ -2,6 +2,7 @@
 
 import os
 import socket
+import threading
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
@@ -34,6 +35,8 @@ class StackSocket:
     def __init__(self, stack: Path | str | None = None) -> None:
         self._stack = str(stack or os.environ.get(STACK_VARIABLE, ""))
         self._socket = self._open()
+        # Its number must not go to another file while a call waits on it.
+        self._receiving = threading.RLock()
         self._broken = False
         self._listening_port = 0
         self.statistics: dict[str, Any] = {}
@@ -80,7 +83,8 @@ class StackSocket:
         """
         with suppress(OSError):  # the stack may have ended before
             self._socket.shutdown(socket.SHUT_RDWR)
-        self._socket.close()
+        with self._receiving:
+            self._socket.close()
 
     def _done(self) -> dict[str, Any]:
         call, payload = self._read()
@@ -118,7 +122,8 @@ class StackSocket:
 
     def _receive(self, size: int) -> bytes:
         try:
-            return self._socket.recv(size)
+            with self._receiving:
+                return self._socket.recv(size)
         except OSError as error:
             if self._socket.fileno() >= 0:
                 raise

@@ -93,7 +93,9 @@ def first_message(way: str, _message: Message) -> bool:
 
 
 def first_report(way: str, message: Message) -> bool:
-    return way == "back" and not isinstance(message, Answer)
+    """The acceptor, whose application has accepted, tells something of the light."""
+    able = getattr(message, "topic", 0) == Topic.ABILITIES
+    return way == "back" and not isinstance(message, Answer) and not able
 
 
 def request_of_light(_way: str, message: Message) -> bool:
