@@ -1,6 +1,7 @@
 """What the emulation tests share: a running network, and proof that nothing is left."""
 
 import os
+import re
 import secrets
 import subprocess
 import sys
@@ -143,3 +144,20 @@ def shared_network(_network_of_module: Network) -> Iterator[Network]:
     yield _network_of_module
     _network_of_module.check()
     wait_until(lambda: not light_paths("q1"), "the light is free for the next test")
+
+
+def typed(page: str, number: int, run: Path) -> str:
+    """Return what Python says to a block of code of our documentation, about this run."""
+    text = (ROOT / "docs" / page).read_text()
+    blocks: list[str] = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    done = subprocess.run(
+        [sys.executable, "-i", "-q"],
+        input=blocks[number].replace("runs/latest", str(run)),
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=60,
+    )
+    assert "Traceback" not in done.stderr, done.stderr
+    return done.stdout

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import ROOT
+from conftest import ROOT, typed
 from scapy.utils import rdpcap
 
 import wire.scapy_layers  # noqa: F401 (binds the layers)
@@ -67,6 +67,7 @@ def test_what_the_hosts_say_of_keys_is_read_from_the_captures(tmp_path: Path) ->
     first, last = said["10.0.0.1"][0], said["10.0.0.2"][-1]
     assert (first.kind, last.kind) == (Proposal.KIND, Confirm.KIND)
     assert last.payload.length == result["asking"]["key_bits"]
+    assert "max_qber" in typed("timeline.md", 1, folder)
     assert len(shown(folder, "qkd.session")) == sum(map(len, said.values()))
 
 

@@ -9,7 +9,7 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
-from conftest import ROOT, qmn, qmn_command, verb, wait_until
+from conftest import ROOT, qmn, qmn_command, typed, verb, wait_until
 
 from topologies.runtime import RUNTIME_ROOT
 
@@ -104,17 +104,10 @@ def test_the_filters_of_the_documentation_find_something(run: Path) -> None:
 
 
 def test_the_scapy_lines_of_the_documentation_show_what_was_sent(run: Path) -> None:
-    text = (ROOT / "docs" / "timeline.md").read_text()
-    (code,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
-    code = code.replace("runs/latest", str(run))
-    typed = [sys.executable, "-i", "-q"]
-    done = subprocess.run(
-        typed, input=code, cwd=ROOT, capture_output=True, text=True, check=True, timeout=60
-    )
-    assert "Traceback" not in done.stderr, done.stderr
-    assert 'kind: "open"' in done.stdout
-    assert "[1]" in done.stdout  # granted
-    assert "quantum device datagram" in done.stdout
+    said = typed("timeline.md", 0, run)
+    assert 'kind: "open"' in said
+    assert "[1]" in said  # granted
+    assert "quantum device datagram" in said
 
 
 def test_a_spy_sees_every_event_of_a_run_and_ends_with_it(tmp_path: Path) -> None:
