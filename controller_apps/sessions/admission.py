@@ -102,11 +102,10 @@ def find_light(
     want = first_want(setup, hosts, network)
     if want is not None:
         return _refused(want)
-    link = ordered_link(setup, five_tuple, sessions) if service == Service.LINK else None
-    if link is None:
-        legs = legs_of(service, ports, setup.source == five_tuple.source)
+    if service == Service.LINK:
+        legs = _legs_of_link(setup, five_tuple, sessions, ports)
     else:
-        legs = [Leg(ports[Role.OPENER][link[0].right], ports[Role.ACCEPTOR][link[1].left])]
+        legs = legs_of(service, ports, setup.source == five_tuple.source)
     if legs is None:
         return Admission(Reason.NO_PATH)
     try:
@@ -143,6 +142,21 @@ def _find_repeaters(
     chain = find_chain(network, *ends, limits)
     wants = filter(None, map(unable, repeaters_of(chain or ())))
     return next((_refused(want) for want in wants), Admission(Reason.NO_CHAIN))
+
+
+def _legs_of_link(
+    setup: Setup,
+    five_tuple: FiveTuple,
+    sessions: Sessions,
+    ports: Mapping[Role, list[SwitchPort]],
+) -> list[Leg] | None:
+    """Return the fibres that were ordered; None if the chain, or a fibre, is there no more."""
+    link = ordered_link(setup, five_tuple, sessions)
+    if link is None:
+        return None
+    start, end = ports[Role.OPENER], ports[Role.ACCEPTOR]
+    out, into = link[0].right, link[1].left
+    return [Leg(start[out], end[into])] if out < len(start) and into < len(end) else None
 
 
 def _refused(want: Want) -> Admission:

@@ -171,6 +171,15 @@ def test_a_link_is_refused_while_its_chain_is_not_granted() -> None:
     assert answer(ask_link(state, FIRST)).reason == Reason.UNKNOWN_SESSION
 
 
+def test_a_link_whose_fibre_is_gone_gets_no_other_light() -> None:
+    state = chained()
+    for port, host_port in list(state.network.hosts.items()):
+        if (host_port.address, host_port.name[-1]) == (CHARLIE, "1"):
+            state.network.detach(port)
+    told = answer(ask_link(state, SECOND, CHARLIE, BOB))
+    assert (told.verdict, told.reason) == (Verdict.REFUSED, Reason.NO_PATH)
+
+
 def test_links_end_with_their_chain_and_free_their_light() -> None:
     state = linked(chained())
     waiting = opened(ask_link(state, SECOND, CHARLIE, BOB)).transaction
