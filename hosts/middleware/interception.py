@@ -7,8 +7,8 @@ Nothing is said to anybody: whoever is asked for this needs no session, only lig
 """
 
 from collections.abc import Awaitable, Callable
-from dataclasses import asdict, dataclass, fields
-from typing import Any, Self
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from hosts.hardware.qnic import (
     Symbols,
 )
 from hosts.middleware.channel import SessionError
-from hosts.middleware.options import check_whole
+from hosts.middleware.options import Options, check_whole
 from wire.metadata import Reason, Setup
 from wire.optical import WAVELENGTHS_PM
 
@@ -33,26 +33,19 @@ BASES = ("Z", "X")
 
 
 @dataclass(frozen=True)
-class InterceptionOptions:
+class InterceptionOptions(Options):
     """What an application chooses."""
 
     fraction: float = 1.0  # of the photons; the others are only sent on
     wavelength_pm: int = Setup.wavelength_pm  # at which light is sent on
 
-    @classmethod
-    def from_fields(cls, given: dict[str, Any]) -> Self:
-        """Check what an application sent; raise SessionError naming value and remedy."""
-        known = [field.name for field in fields(cls)]
-        if unknown := given.keys() - set(known):
-            text = f"unknown option {min(unknown)!r}: known are {', '.join(known)}"
-            raise SessionError(Reason.UNSUPPORTED, text)
-        options = cls(**given)
-        fraction = options.fraction
+    def check(self) -> None:
+        """Raise SessionError for a value out of range."""
+        fraction = self.fraction
         number = isinstance(fraction, (int, float)) and not isinstance(fraction, bool)
         if not number or not 0 <= fraction <= 1:
             raise SessionError(Reason.UNSUPPORTED, f"fraction is {fraction!r}: choose 0 to 1")
-        check_whole("wavelength_pm", options.wavelength_pm, *WAVELENGTHS_PM)
-        return options
+        check_whole("wavelength_pm", self.wavelength_pm, *WAVELENGTHS_PM)
 
 
 @dataclass

@@ -1,7 +1,7 @@
 """What an application may choose for a session, checked before anything is sent."""
 
 from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
 from hosts.middleware.channel import SessionError
@@ -20,12 +20,16 @@ class Options:
     """What is checked for every session; each kind of session has options of its own."""
 
     @classmethod
-    def from_fields(cls, fields: dict[str, Any]) -> Self:
+    def from_fields(cls, given: dict[str, Any]) -> Self:
         """Check what an application sent; raise SessionError naming value and remedy."""
+        known = [field.name for field in fields(cls)]
+        if unknown := given.keys() - set(known):
+            text = f"unknown option {min(unknown)!r}: known are {', '.join(known)}"
+            raise SessionError(Reason.UNSUPPORTED, text)
         try:
-            options = cls(**fields)
+            options = cls(**given)
         except TypeError as error:
-            raise SessionError(Reason.UNSUPPORTED, f"unknown or missing option: {error}") from error
+            raise SessionError(Reason.UNSUPPORTED, f"missing option: {error}") from error
         options.check()
         return options
 

@@ -177,7 +177,7 @@ def test_one_state_can_be_asked_for(tmp_path: Path, state: str) -> None:
         ({"state": 3}, "state 3: choose one of random, 0, 1"),
         ({"count": 0}, "count is 0: choose 1 to"),
         ({"count": True}, "count is True: choose 1 to"),
-        ({"colour": "red"}, "unknown or missing option"),
+        ({"colour": "red"}, "unknown option 'colour': known are host, port"),
         ({"rate_hz": 100, "block_pairs": 1000}, "take more than 5 s"),
     ],
 )
