@@ -9,10 +9,9 @@ from itertools import pairwise
 from typing import Any
 
 from topologies.fabric import FabricTopo, controllers, findController
+from wire.device import MAX_REPEATERS
 
 __all__ = ["RepeatersTopo", "controllers", "findController", "topos"]
-
-MOST_REPEATERS = 16
 
 
 class RepeatersTopo(FabricTopo):
@@ -21,8 +20,8 @@ class RepeatersTopo(FabricTopo):
     def build(self, repeaters: int = 1, **fiber: Any) -> None:
         """Lay copper and fibre; every fibre is alike: see sdc.py."""
         count = int(repeaters)
-        if not 1 <= count <= MOST_REPEATERS:
-            raise ValueError(f"{count} repeaters: choose 1 to {MOST_REPEATERS}")
+        if not 1 <= count <= MAX_REPEATERS:
+            raise ValueError(f"{count} repeaters: choose 1 to {MAX_REPEATERS}")
         self.lay_copper(source="alice", **fiber)
         names = [f"r{number}" for number in range(1, count + 1)]
         for number, name in enumerate(names, 1):

@@ -1,4 +1,4 @@
-"""The fields of messages as scapy has them, of their description in wire.layout."""
+"""The fields of messages as scapy has them, of their description in wire.layout; their frame."""
 
 from typing import Any
 
@@ -16,12 +16,24 @@ from scapy.fields import (
     StrFixedLenField,
     XByteField,
 )
+from scapy.packet import Packet
 
 from wire import layout, metadata
 
 _NUMBERS = {1: ByteField, 2: ShortField, 4: IntField, 8: LongField}
 _RENAMED = {"name": "interface"}  # scapy's packets have a name of their own
 _NAMED = {1: ByteEnumField, 2: ShortEnumField}
+
+
+class Framed(Packet):
+    """A message whose header has its length, in bytes 4 to 7."""
+
+    def post_build(self, packet: bytes, payload: bytes) -> bytes:
+        """Fill in the length."""
+        whole = packet + payload
+        if self.length is None:
+            whole = whole[:4] + len(whole).to_bytes(4, "big") + whole[8:]
+        return whole
 
 
 def scapy_field(described: layout.Field) -> Field[Any, Any]:

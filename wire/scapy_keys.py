@@ -20,10 +20,10 @@ from wire import layout, metadata, qkd
 from wire.layout import Layout, Tail
 from wire.metadata import METADATA_PORT, Envelope, Topic
 from wire.qkd import HEADER, TAG_BYTES
-from wire.scapy_fields import scapy_field
+from wire.scapy_fields import Framed, scapy_field
 
 
-class QKey(Packet):
+class QKey(Framed):
     """The header; what follows it is of its kind."""
 
     name = "key distribution"
@@ -35,13 +35,6 @@ class QKey(Packet):
         XLongField("session", 0),
         IntField("sequence", 0),
     ]
-
-    def post_build(self, packet: bytes, payload: bytes) -> bytes:
-        """Fill in the length."""
-        whole = packet + payload
-        if self.length is None:
-            whole = whole[:4] + len(whole).to_bytes(4, "big") + whole[8:]
-        return whole
 
 
 def split(stream: bytes) -> Iterator[QKey]:

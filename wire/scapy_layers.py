@@ -37,11 +37,11 @@ from wire.dispatcher_pb2 import Event
 from wire.layout import Layout, Tail
 from wire.metadata import MalformedPacket
 from wire.pcapng import LINKTYPE_USER0
-from wire.scapy_fields import scapy_field
+from wire.scapy_fields import Framed, scapy_field
 from wire.scapy_keys import KEY_LAYERS
 
 
-class QMeta(Packet):
+class QMeta(Framed):
     """The header; what follows it is of its kind."""
 
     name = "quantum metadata"
@@ -52,13 +52,6 @@ class QMeta(Packet):
         IntField("length", None),
         XLongField("session", 0),
     ]
-
-    def post_build(self, packet: bytes, payload: bytes) -> bytes:
-        """Fill in the length."""
-        whole = packet + payload
-        if self.length is None:
-            whole = whole[:4] + len(whole).to_bytes(4, "big") + whole[8:]
-        return whole
 
     def extract_padding(self, data: bytes) -> tuple[bytes, bytes]:
         """Leave what is behind the message to the next one."""

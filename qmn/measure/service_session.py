@@ -23,6 +23,7 @@ def one_session(network: Network, service: str, **options: Any) -> dict[str, Any
         accepting.start()
         for _result in asking.request(service, ("bob", PORT), **options):
             continue
+        asking.shutdown()  # of what it leaves, if it leaves anything
         accepting.join(TIMEOUT_S)
         return asking.summary
 
@@ -30,5 +31,6 @@ def one_session(network: Network, service: str, **options: Any) -> dict[str, Any
 def _take_part(listener: ServiceSocket) -> None:
     connection, _peer = listener.accept()
     with connection:
-        for _result in connection.results():
-            continue
+        while not connection.over:
+            for _result in connection.results():
+                continue
