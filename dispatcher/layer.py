@@ -83,11 +83,20 @@ class PhysicalLayer:
     def take_up(self, *blocks: Block) -> None:
         """Take blocks that are to be used out of their node's memory, if they are in there."""
         for block in blocks:
-            before = block.register.remaining
-            detail = self.memories.read_out(block)
-            if detail is not None:
-                self.photons_lost += before - block.register.remaining
-                self.record(block.node, "recall", block, detail=detail)
+            self._take_up(block)
+
+    def take_up_pair(self, first: Block, second: Block) -> None:
+        """The same of blocks whose photons pair up: what is stored waits for light that is not."""
+        for block, other in ((first, second), (second, first)):
+            comes = other.interval_ns and not self.memories.holds(other)
+            self._take_up(block, other if comes else None)
+
+    def _take_up(self, block: Block, light: Block | None = None) -> None:
+        before = block.register.remaining
+        detail = self.memories.read_out(block, light)
+        if detail is not None:
+            self.photons_lost += before - block.register.remaining
+            self.record(block.node, "recall", block, detail=detail)
 
     def held(self, block: Block) -> HeldBlock:
         """Return where a block is and what is left of it."""

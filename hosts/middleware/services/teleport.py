@@ -126,7 +126,7 @@ async def _receive_block(end: AcceptorEnd, number: int, size: int) -> tuple[int,
     waited_us, found = 0, np.full(size, NO_COINCIDENCE, dtype=np.uint8)
     if stored.arrived.any():
         operators = corrections.astype(np.uint8) ^ np.uint8(end.setup.rotation)
-        waited_us = (await end.qnic.apply(name, operators) - stored.time_ns) // 1000
+        waited_us = (await end.qnic.apply(name, operators) - stored.since_ns) // 1000
     states = await qubit_states.heard(end, number, size)
     if stored.arrived.any():
         found = await states.measure(end.qnic, name)
