@@ -262,7 +262,11 @@ async def heard(switch: OpticalHardware) -> tuple[asyncio.Queue[Condition], asyn
 
 
 def test_the_condition_is_reported_at_once_and_after_each_change(tmp_path: Path) -> None:
-    optics = {"insertion_loss_db": 1.0, "rotation": 2, "paths": [PathOptics(1, 3, 2.0, 1)]}
+    optics: dict[str, Any] = {
+        "insertion_loss_db": 1.0,
+        "rotation": 2,
+        "paths": [PathOptics(1, 3, 2.0, 1)],
+    }
 
     async def scene() -> None:
         async with simulation(tmp_path, **optics) as bench:
