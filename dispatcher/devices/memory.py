@@ -24,6 +24,7 @@ from dispatcher.sabot.draws import Draws
 from dispatcher.sabot.registers import Mask
 from dispatcher.sabot.room import GateStep
 from dispatcher.sabot.simulation import Simulation
+from dispatcher.software_time import SoftwareTime
 from wire.features import STORE
 from wire.physics import Memory
 
@@ -31,8 +32,16 @@ from wire.physics import Memory
 class Memories:
     """The memories of all hosts."""
 
-    def __init__(self, devices: Devices, clock: Clock, sabot: Simulation, draws: Draws) -> None:
-        """Begin with empty ones."""
+    def __init__(
+        self,
+        devices: Devices,
+        clock: Clock,
+        sabot: Simulation,
+        draws: Draws,
+        software: SoftwareTime,
+    ) -> None:
+        """Begin with empty ones; tell of each wait how long it was."""
+        self._software = software
         self._devices, self._clock = devices, clock
         self._sabot, self._draws = sabot, draws
         self._stored: dict[str, dict[Block, int]] = {}  # qubits of each block, by node
@@ -90,6 +99,7 @@ class Memories:
         )
         waits = _waits(block, start_ns, interval_ns)
         memory = self._devices.of(block.node).memory
+        self._software.waited(block.start_ns, start_ns, memory.decays)
         self._damp(block, memory, waits)
         block.start_ns, block.interval_ns = start_ns, interval_ns
         block.first_ns, block.last_ns = start_ns, _time_ns(block, block.register.size - 1)
