@@ -1,11 +1,10 @@
 """One quantum switch's agent: its three layers put together, from start to end."""
 
 import asyncio
-import contextlib
 
 from qswitch_agent.bridge import Commands, Monitor
 from qswitch_agent.hardware.optics import OpticalHardware
-from qswitch_agent.light_paths import LightPaths, NotReady
+from qswitch_agent.light_paths import LightPaths
 from qswitch_agent.openflow.ports import Port
 from qswitch_agent.proxy.proxy import Address, Proxy
 from qswitch_agent.supervision import SupervisoryChannels
@@ -22,7 +21,13 @@ class Agent:
         self._monitor = Monitor(config.management, self._paths.update, self._ports_changed)
         self._commands = Commands(config.management)
         self._channels = SupervisoryChannels(self._paths.table.fibers, self._commands)
-        self._switch = Switch(self._paths, self._channels, hardware, self._monitor.synchronise)
+        self._switch = Switch(
+            self._paths,
+            self._channels,
+            hardware,
+            self._monitor.synchronise,
+            self._commands.delete,
+        )
         host, port = address(config.listen)
         self._proxies = [
             (Proxy(address(controller), self._switch), (host, port + number))
@@ -64,8 +69,7 @@ class Agent:
         await self._switch.started()
         await self._monitor.synchronise()
         await self._commands.barrier()  # no packet goes into a fibre from here on
-        with contextlib.suppress(NotReady):  # logged, and the controller may change the table
-            await self._paths.ready()
+        await self._paths.ready()
         for proxy, listen in self._proxies:
             try:
                 await proxy.serve(listen)

@@ -4,7 +4,7 @@ import asyncio
 import logging
 import secrets
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
 from contextlib import asynccontextmanager
 from typing import Protocol
 
@@ -13,6 +13,7 @@ from os_ken.ofproto import ofproto_v1_4 as ofp
 from qswitch_agent.hardware.optics import (
     CALL_DEADLINE_S,
     Condition,
+    CrossConnect,
     HardwareFault,
     HardwareRefusal,
     OpticalHardware,
@@ -24,9 +25,10 @@ from qswitch_agent.hardware.optics import (
 )
 from qswitch_agent.light_paths import LightPaths
 from qswitch_agent.middleware.flow_table import FlowTable
-from qswitch_agent.openflow.flows import FlowMod
+from qswitch_agent.openflow.flows import FlowEntry, FlowMod
 from qswitch_agent.openflow.messages import Refusal
 from qswitch_agent.openflow.ports import Port
+from qswitch_agent.promises import Asker
 from qswitch_agent.supervision import SupervisoryChannels
 from wire import optical
 from wire.optical import PathOptics, PortLight, PortOptics, PortTuning
@@ -65,12 +67,18 @@ class Switch:
         channels: SupervisoryChannels,
         hardware: OpticalHardware,
         synchronise: Callable[[], Awaitable[None]],
+        delete: Callable[[FlowEntry], None],
     ) -> None:
-        """`synchronise` returns when the table is what the bridge has reported up to now."""
+        """`synchronise` returns when the table is what the bridge has reported up to now.
+
+        `delete` has the bridge delete an entry.
+        """
         self.paths = paths
         self.fibers = paths.table.fibers
         self.connections: set[Unconfirmed] = set()
         self._synchronise = synchronise
+        self._delete = delete
+        paths.promises.break_one = self._take_back
         self._synchronised_ns = 0  # when that was begun last, of those that are done
         self.hardware = hardware
         self._channels = channels
@@ -97,7 +105,7 @@ class Switch:
             self._synchronised_ns = max(self._synchronised_ns, begun_ns)
 
     async def ready(self) -> None:
-        """Return when light passes as the bridge's table says now; raise NotReady if it cannot."""
+        """Return when light passes as the bridge's table says now, as far as it can."""
         await self.synchronise()
         await self.paths.ready()
 
@@ -123,13 +131,38 @@ class Switch:
                 table.change(mod)
             yield table
 
-    def require_free_outputs(self, trial: FlowTable) -> None:
-        """Raise Refusal if a change makes two paths end in one port."""
-        conflicts = trial.plan().conflicts
-        known = set(self.paths.table.plan().conflicts) if conflicts else ()
-        for conflict in conflicts:
-            if conflict not in known:
-                raise Refusal(ofp.OFPET_FLOW_MOD_FAILED, ofp.OFPFMFC_OVERLAP, conflict)
+    def require_possible(self, trial: FlowTable, told: Iterable[FlowMod]) -> None:
+        """Raise Refusal if a change asks for a path that cannot be, or makes one impossible.
+
+        `told` is what the bridge would be told for it.
+        """
+        for reason in self.impossible(trial, told).values():
+            raise impossible_path(reason)
+
+    def impossible(self, trial: FlowTable, told: Iterable[FlowMod]) -> dict[CrossConnect, str]:
+        """Return the paths that a change asks for or affects and that cannot be, and why."""
+        refused = trial.plan().refused
+        if not refused:
+            return {}
+        asked = circuits(told)
+        known = self.paths.table.plan().refused
+        return {
+            path: reason
+            for path, reason in refused.items()
+            if path not in known or path.circuit in asked
+        }
+
+    def promise(self, mod: FlowMod, asker: Asker, request: bytes) -> None:
+        """Note that a controller counts on a path, by an entry that is let into the table."""
+        path = self.paths.table.path_of(mod)
+        if path is not None:
+            self.paths.promises.add(path, asker, request)
+
+    def _take_back(self, path: CrossConnect) -> None:
+        """Delete the entry of a path that the hardware has refused."""
+        entry = self.paths.table.light_paths().get(path)
+        if entry is not None:
+            self._delete(entry)
 
     def new_circuit(self) -> int:
         """Return a number under which the photons of a new light entry are counted."""
@@ -180,7 +213,7 @@ class Switch:
             log.info("another condition; it concerns ports %s", sorted(affected) or "none")
             self._channels.announce(affected & self.fibers)
         self._known.set()
-        self.paths.retry()
+        self.paths.update_stuck(condition.stuck)
 
     def shown(self, port: Port) -> Port:
         """Return a fibre port's description as a controller sees it.
@@ -253,6 +286,16 @@ class Switch:
             round(max(0.0, min(65535.0, reading.bias_ma * 10))),
             _signed(readings.temperature_c * 10),
         )
+
+
+def impossible_path(reason: str) -> Refusal:
+    """Return the error for a port that may be valid at another time (OpenFlow 1.4, 6.4)."""
+    return Refusal(ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_OUT_PORT, reason)
+
+
+def circuits(mods: Iterable[FlowMod]) -> set[int]:
+    """Return the numbers under which the photons of light entries are counted."""
+    return {mod.instructions.mark.circuit for mod in mods if mod.instructions.mark}
 
 
 def port_optics(condition: Condition) -> PortOptics:

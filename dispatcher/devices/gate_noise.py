@@ -2,8 +2,9 @@
 
 Of one qubit X, Z and XZ come with p/4 each; of two qubits each of the 15 products of Pauli
 operators but the identity with p/16, on both qubits together. A pair is hit only where both are
-there. A Bell measurement by gates is a CX, an H of the first qubit and two measurements; as
-depolarising noise commutes with Clifford gates, that of both comes in front of it.
+there. A Bell measurement by gates is a CX, an H of the first qubit and two measurements. All
+products being alike, the noise of the CX is the same in front of it. That of the H is not: X or XZ
+after the H flips the bit of the phase alone, which in front of both gates is Z.
 """
 
 import numpy as np
@@ -20,17 +21,13 @@ Positions = NDArray[np.int64]
 
 ONE_QUBIT_ERRORS, TWO_QUBIT_ERRORS = 3, 15
 IDENTITY = np.uint8(0)
+FLIPS_BIT, FLIPS_PHASE = np.uint8(1), np.uint8(2)  # X, Z
 
 
 def after_gate(layer: PhysicalLayer, block: Block, mask: Mask | None = None) -> int:
     """Let noise follow a gate on the photons of a block, or those of a mask; return the errors."""
-    p = layer.devices.of(block.node).gates.one_qubit_depolarizing
-    chance = _chance(layer, block)
-    errors = chance.events("one qubit", p * ONE_QUBIT_ERRORS / 4)
     met = block.register.present if mask is None else block.register.present & mask
-    errors = errors[met[errors]]
-    paulis = 1 + chance.which("which Pauli", errors.size, np.ones(ONE_QUBIT_ERRORS))
-    return _hit(layer, block, errors, paulis)
+    return _hit(layer, block, *_one_qubit_errors(layer, block, met))
 
 
 def after_pair_gate(layer: PhysicalLayer, first: Block, second: Block) -> int:
@@ -47,8 +44,19 @@ def after_pair_gate(layer: PhysicalLayer, first: Block, second: Block) -> int:
 
 def before_bell_measurement(layer: PhysicalLayer, first: Block, second: Block) -> dict[str, int]:
     """Let the noise of the gates that a Bell measurement is made of be in its outcomes."""
-    errors = after_pair_gate(layer, first, second) + after_gate(layer, first)
+    errors = after_pair_gate(layer, first, second)
+    at, paulis = _one_qubit_errors(layer, first, first.register.present)
+    errors += _hit(layer, first, at, (paulis & FLIPS_BIT) * FLIPS_PHASE)
     return {"gate-errors": errors} if errors else {}
+
+
+def _one_qubit_errors(layer: PhysicalLayer, block: Block, met: Mask) -> tuple[Positions, Bytes]:
+    """Draw which qubits, of those that a gate has met, it has hit, and with what."""
+    p = layer.devices.of(block.node).gates.one_qubit_depolarizing
+    chance = _chance(layer, block)
+    errors = chance.events("one qubit", p * ONE_QUBIT_ERRORS / 4)
+    errors = errors[met[errors]]
+    return errors, 1 + chance.which("which Pauli", errors.size, np.ones(ONE_QUBIT_ERRORS))
 
 
 def _chance(layer: PhysicalLayer, block: Block) -> Chance:

@@ -5,6 +5,7 @@ import asyncio
 from qmn.sweeps.bell_test import CHSH
 from qmn.sweeps.dead_time import DEAD
 from qmn.sweeps.experiment import Experiment, Outcome
+from qmn.sweeps.gated_bell import GATED_BELL
 from qmn.sweeps.interference import HOM
 from qmn.sweeps.parameters import Values
 from qmn.sweeps.seeds import point_seed
@@ -12,7 +13,7 @@ from qmn.sweeps.superdense import SUPERDENSE
 from qmn.sweeps.teleportation import SWAP, TELEPORT
 
 EXPERIMENTS: dict[str, Experiment] = {
-    each.name: each for each in (SUPERDENSE, TELEPORT, SWAP, CHSH, HOM, DEAD)
+    each.name: each for each in (SUPERDENSE, TELEPORT, SWAP, CHSH, HOM, DEAD, GATED_BELL)
 }
 
 

@@ -219,4 +219,27 @@ SHEETS = (
             )
         ],
     ),
+    Sheet(
+        "gated-bell",
+        "gated-bell",
+        {
+            "one_qubit_depolarizing": "0:0.4:9",
+            "two_qubit_depolarizing": [0.0, 0.1],
+            "pairs": 400_000,
+        },
+        [
+            Curve(
+                f"gated-bell-{state}",
+                f"Bell measurement by gates: {text}",
+                "one_qubit_depolarizing",
+                "depolarising probability p1 of the H",
+                measure,
+                by=["two_qubit_depolarizing"],
+            )
+            for state, text, measure in (
+                ("phase", "wrong phase (1 - p2) p1/2 + p2/4", "phi_minus"),
+                ("parity", "wrong parity p2/4", "psi_plus"),
+            )
+        ],
+    ),
 )

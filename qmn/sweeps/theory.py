@@ -80,6 +80,16 @@ def swapped_fidelity(first: float, second: float) -> float:
     return first * second + (1 - first) * (1 - second) / 3
 
 
+def gated_bell_outcomes(p1: float, p2: float) -> tuple[float, float, float, float]:
+    """Return how often a CX, an H and two readings tell Phi+, Psi+, Phi- and Psi- of Phi+.
+
+    Depolarising of p2 follows the CX and of p1 the H. After the H, X and Y of its qubit flip the
+    bit of the phase (p1/2), Z flips nothing, and the bit of the parity is the other qubit's.
+    """
+    phase, parity = (1 - p2) * p1 / 2 + p2 / 4, p2 / 4
+    return 1 - phase - 2 * parity, parity, phase, parity
+
+
 def chsh(fidelity: float) -> float:
     """Return S of a Werner pair at the angles that suit Phi+ best: 2 sqrt 2 (4F - 1)/3."""
     return 2 * math.sqrt(2) * (4 * fidelity - 1) / 3

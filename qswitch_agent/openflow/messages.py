@@ -124,16 +124,6 @@ def error(kind: int, code: int, request: bytes) -> bytes:
     )
 
 
-def barrier_error(barrier_reply: bytes) -> bytes:
-    """Return the error that a controller gets in place of this reply to its barrier.
-
-    Type and code: the flow entries before the barrier failed, for a reason that
-    OpenFlow 1.4 has no code for.
-    """
-    request = encode(ofp.OFPT_BARRIER_REQUEST, transaction_id(barrier_reply))
-    return error(ofp.OFPET_FLOW_MOD_FAILED, ofp.OFPFMFC_UNKNOWN, request)
-
-
 @strict
 def error_code(message: bytes) -> tuple[int, int]:
     """Return type and code of an ERROR message."""

@@ -8,7 +8,6 @@ from os_ken.ofproto import ofproto_v1_4 as ofp
 
 from qswitch_agent.bridge import BridgeFault
 from qswitch_agent.hardware.optics import HardwareFault, HardwareRefusal, Readings
-from qswitch_agent.light_paths import NotReady
 from qswitch_agent.openflow import flow_reports, messages, multipart, packets, ports
 from qswitch_agent.openflow.flow_reports import FlowRemoved
 from qswitch_agent.openflow.flows import FlowEntry
@@ -67,16 +66,19 @@ class Replies:
         return await self._bundle(message)
 
     async def _barrier(self, message: bytes) -> bytes:
-        """Hold the reply until light passes as was asked for before the barrier."""
+        """Hold the reply until light passes as was asked for before the barrier.
+
+        What has not come about until the deadline is answered by errors.
+        """
         try:
             confirmed = self._link.confirmed
             async with asyncio.timeout(self._hold_deadline_s):
                 await self._switch.ready()
             self._link.reported(confirmed)
-        except (NotReady, BridgeFault, HardwareFault, TimeoutError) as error:
+        except (BridgeFault, HardwareFault, TimeoutError) as error:
             reason = str(error) or f"light paths were not ready in {self._hold_deadline_s} s"
-            log.error("barrier refused: %s", reason)
-            return messages.barrier_error(message)
+            log.error("before a barrier: %s", reason)
+            self._switch.paths.promises.give_up(self._link, reason)
         return message
 
     async def _multipart(self, message: bytes) -> bytes:

@@ -89,7 +89,9 @@ class Requests:
             return
         async with self._switch.trial(self._link) as trial:
             told = trial.change(mod)
-            self._switch.require_free_outputs(trial)
+            self._switch.require_possible(trial, told)
+            for one in told:
+                self._switch.promise(one, self._link, message)
             self._link.change(*(one.encode(xid) for one in told))
 
     async def _port_mod(self, message: bytes) -> None:

@@ -190,10 +190,10 @@ def test_bundle_with_a_member_that_the_bridge_refuses_changes_nothing(switch: Sw
 
 def test_output_that_is_taken_is_refused(switch: Switch) -> None:
     accepted(switch.controller, light(1, 3, priority=5))
-    overlap = ofp.OFPET_FLOW_MOD_FAILED, ofp.OFPFMFC_OVERLAP
-    assert refused(switch.controller, light(2, 3)) == overlap
+    taken = ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_OUT_PORT
+    assert refused(switch.controller, light(2, 3)) == taken
     bundle(switch.controller, 50, light(4, 2), light(2, 3))
-    assert switch.controller.answer(52).code == ofp.OFPFMFC_OVERLAP
+    assert switch.controller.answer(52).code == ofp.OFPBAC_BAD_OUT_PORT
     assert switch.controller.answer(50).code == ofp.OFPBFC_MSG_FAILED
     assert switch.dispatcher.sets[-1] == [(1, 3)]
     assert len(entries(switch.controller)) == 1
@@ -213,7 +213,7 @@ def test_requests_that_nobody_waited_for_are_judged_together(switch: Switch) -> 
     controller.send(light(2, 3), 3)
     controller.send(light(4, 3), 4)
     wrong = controller.answer(4)
-    assert (wrong.type, wrong.code) == (ofp.OFPET_FLOW_MOD_FAILED, ofp.OFPFMFC_OVERLAP)
+    assert (wrong.type, wrong.code) == (ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_OUT_PORT)
     accepted(controller, parser.OFPBarrierRequest(DATAPATH), 90)
     assert switch.dispatcher.sets[-1] == [(2, 3)]
 
@@ -241,7 +241,7 @@ def test_paths_are_swapped_by_modify_in_a_bundle(switch: Switch) -> None:
     committed(switch.controller, 60, *swap)
     assert switch.dispatcher.sets[-1] == [(1, 4), (2, 3)]
     bundle(switch.controller, 70, light(1, 3, command=modify))
-    assert switch.controller.answer(71).code == ofp.OFPFMFC_OVERLAP
+    assert switch.controller.answer(71).code == ofp.OFPBAC_BAD_OUT_PORT
     assert switch.controller.answer(70).code == ofp.OFPBFC_MSG_FAILED
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from five_sigma import within
+from numpy.typing import NDArray
 
 from dispatcher.laboratory import Laboratory
 from dispatcher.refusal import Refusal
@@ -187,15 +188,60 @@ def test_a_bell_measurement_by_gates_tells_all_states_apart_with_the_noise_of_it
     scene(act, Device(gates=gates, analyser=BellAnalyser("gates")))
 
 
-def test_both_gates_of_a_bell_measurement_err() -> None:
+FLIP, PHASE = np.array([[0, 1], [1, 0]], np.complex128), np.diag([1, -1]).astype(np.complex128)
+PAULIS = {"I": np.eye(2), "X": FLIP, "Y": 1j * FLIP @ PHASE, "Z": PHASE}
+Matrix = NDArray[np.complex128]
+
+
+def depolarized(state: Matrix, p: float, on: str) -> Matrix:
+    """Return a density matrix of two qubits after depolarising those marked `x` in `on`."""
+    each = ["IXYZ" if mark == "x" else "I" for mark in on]
+    errors = [np.kron(PAULIS[one], PAULIS[other]) for one in each[0] for other in each[1]]
+    return (1 - p) * state + sum(p / len(errors) * e @ state @ e.conj().T for e in errors)
+
+
+def bell_outcomes(p1: float, p2: float) -> NDArray[np.float64]:
+    """Return how likely a CX, an H and two readings tell each Bell state of Phi+: in matrices."""
+    phi = np.array([1, 0, 0, 1], np.complex128) / np.sqrt(2)
+    state: Matrix = np.outer(phi, phi)
+    controlled = np.eye(4)[[0, 1, 3, 2]]
+    hadamard = np.kron(np.array([[1, 1], [1, -1]]) / np.sqrt(2), np.eye(2))
+    state = depolarized(controlled @ state @ controlled.T, p2, "xx")
+    state = depolarized(hadamard @ state @ hadamard.T, p1, "x.")
+    return np.diag(state).real  # phase, parity: Phi+, Psi+, Phi-, Psi-
+
+
+def test_the_reference_of_a_bell_measurement_by_gates_has_the_known_closed_form() -> None:
+    wrong = [(1 - P2) * P1 / 2 + P2 / 4, P2 / 4]
+    expected = [1 - wrong[0] - 2 * wrong[1], wrong[1], wrong[0], wrong[1]]
+    np.testing.assert_allclose(bell_outcomes(P1, P2), expected)
+
+
+@pytest.mark.parametrize(("p1", "p2"), [(P1, P2), (P1, 0.0), (0.2, 0.0)])
+def test_both_gates_of_a_bell_measurement_err(p1: float, p2: float) -> None:
     async def act(laboratory: Laboratory) -> None:
         alice = laboratory.host("alice")
         await alice.create(COUNT)
         found = counted(await alice.bell_measure((0, 0), (0, 1)))
-        wrong = (1 - (1 - P1) * (1 - P2)) / 4
-        assert all(within(count, COUNT, wrong) for count in found[1:])
+        expected = bell_outcomes(p1, p2)
+        assert all(within(n, COUNT, p) for n, p in zip(found, expected, strict=True))
 
-    scene(act, noisy(analyser=BellAnalyser("gates")))
+    scene(act, Device(gates=Gates("any", p1, p2), analyser=BellAnalyser("gates")))
+
+
+def test_swapping_by_a_noisy_hadamard_errs_in_the_phase_alone() -> None:
+    """Perfect pairs, p1 = .2: each of two Bell measurements errs with p1/2 = .1."""
+
+    async def act(laboratory: Laboratory) -> None:
+        alice = laboratory.host("alice")
+        for number in (0, 1):
+            await alice.create(COUNT, number)
+        told = await alice.bell_measure((0, 0), (1, 0))
+        found = told ^ await alice.bell_measure((0, 1), (1, 1))
+        assert within(int(np.count_nonzero(found == 0)), COUNT, 0.9**2 + 0.1**2)
+        assert within(int(np.count_nonzero(found == 2)), COUNT, 2 * 0.9 * 0.1)
+
+    scene(act, Device(gates=Gates("any", 0.2, 0.0), analyser=BellAnalyser("gates")))
 
 
 def test_qubits_that_gates_measure_need_not_interfere() -> None:

@@ -149,8 +149,8 @@ def test_conflict_is_blamed_on_the_last_path_of_the_bundle() -> None:
             for _member in range(2):
                 await member_mod(now)
             await is_discarded(now, 5)
-            overlap = ofp.OFPET_FLOW_MOD_FAILED, ofp.OFPFMFC_OVERLAP
-            await fails(now, scene[-1], last, *overlap)
+            taken = ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_OUT_PORT
+            await fails(now, scene[-1], last, *taken)
 
     play(scene())
 

@@ -160,13 +160,89 @@ def test_malformed_barrier_is_not_waited_for() -> None:
     play(scene())
 
 
-def test_problem_is_an_error_in_the_replys_place() -> None:
+def undone(request: bytes) -> bytes:
+    return error(ofp.OFPET_FLOW_MOD_FAILED, ofp.OFPFMFC_UNKNOWN, request)
+
+
+def test_what_the_hardware_turns_out_to_refuse_is_an_error_before_the_barriers_reply() -> None:
     async def scene() -> None:
         async with stage() as now:
-            now.optics.failure = HardwareRefusal("the mirror is stuck")
-            now.reports.waiting.append(path(1, 2))
+            now.optics.refused = {(1, 2)}
+            bad = of.light(1, 2, xid=5)
+            now.controller.says(bad, of.light(3, 4, xid=6), of.barrier_request(7))
+            first = await heard_light(now.bridge)
+            await now.bridge.hears(OWN_BARRIER)
+            now.bridge.says(OWN_REPLY)
+            second = await heard_light(now.bridge)
+            await now.bridge.hears(of.barrier_request(7))
+            now.reports.waiting += [
+                path(1, 2, first.instructions.mark),
+                path(3, 4, second.instructions.mark),
+            ]
             now.bridge.says(of.barrier_reply(7), ECHO)
-            await now.controller.hears(messages.barrier_error(of.barrier_reply(7)), ECHO)
+            await now.controller.hears(undone(bad), of.barrier_reply(7), ECHO)
+            assert now.optics.paths == {(3, 4)}
+            deleted = FlowMod.decode(await now.commanded.next())
+            assert (deleted.command, deleted.match) == (
+                ofp.OFPFC_DELETE_STRICT,
+                matches.of_port(1),
+            )
+
+    play(scene())
+
+
+def test_what_the_hardware_turns_out_to_refuse_is_told_without_a_barrier() -> None:
+    async def scene() -> None:
+        async with stage() as now:
+            now.optics.refused = {(1, 2)}
+            bad = of.light(1, 2, xid=5)
+            now.controller.says(bad)
+            mod = await heard_light(now.bridge)
+            now.switch.paths.update([path(1, 2, mod.instructions.mark)])
+            await now.controller.hears(undone(bad))
+
+    play(scene())
+
+
+def test_entry_that_was_confirmed_is_not_refused_when_its_path_gets_stuck() -> None:
+    async def scene() -> None:
+        async with stage() as now:
+            await pass_light(now, 1, 2)
+            now.optics.refused = {(1, 2)}
+            now.switch.paths.update_stuck(frozenset({(1, 3)}))
+            now.bridge.says(of.barrier_reply(7))
+            await now.controller.hears(of.barrier_reply(7))
+            assert now.optics.paths == set()
+
+    play(scene())
+
+
+@pytest.mark.parametrize("request_", [of.light(1, 2, xid=9), of.light(4, 3, xid=9)])
+def test_what_is_stuck_is_refused_before_the_bridge_hears_of_it(request_: bytes) -> None:
+    async def scene() -> None:
+        async with stage() as now:
+            now.switch.condition_changed(Condition(stuck=frozenset({(1, 3)})))
+            now.controller.says(request_, request_, of.light(1, 3), of.barrier_request(10))
+            refused = error(ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_OUT_PORT, request_)
+            await now.controller.hears(refused, refused)
+            mod = await heard_light(now.bridge)  # what is stuck may be asked for
+            await now.bridge.hears(of.barrier_request(10))
+            now.reports.waiting.append(path(1, 3, mod.instructions.mark))
+            now.bridge.says(of.barrier_reply(10))
+            await now.controller.hears(of.barrier_reply(10))
+            assert now.optics.paths == {(1, 3)}
+
+    play(scene())
+
+
+def test_entry_whose_path_is_stuck_by_now_cannot_be_added_again() -> None:
+    async def scene() -> None:
+        async with stage() as now:
+            await pass_light(now, 1, 2)
+            now.switch.condition_changed(Condition(stuck=frozenset({(1, 3)})))
+            again = of.light(1, 2, xid=9)
+            now.controller.says(again)
+            await now.controller.hears(error(ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_OUT_PORT, again))
 
     play(scene())
 
@@ -175,8 +251,12 @@ def test_hold_has_a_deadline(caplog: pytest.LogCaptureFixture) -> None:
     async def scene() -> None:
         async with stage(hold_deadline_s=0.05) as now:
             now.reports.open.clear()
+            asked = of.light(1, 2, xid=6)
+            now.controller.says(asked, of.barrier_request(7))
+            await heard_light(now.bridge)
+            await now.bridge.hears(of.barrier_request(7))
             now.bridge.says(of.barrier_reply(7))
-            await now.controller.hears(messages.barrier_error(of.barrier_reply(7)))
+            await now.controller.hears(undone(asked), of.barrier_reply(7))
 
     play(scene())
     assert "light paths were not ready in 0.05 s" in caplog.text
@@ -188,7 +268,7 @@ def test_taken_output_is_refused_before_the_bridge_hears_of_it() -> None:
             await pass_light(now, 1, 2)
             second = of.light(3, 2, xid=9)
             now.controller.says(second, ECHO)
-            taken = error(ofp.OFPET_FLOW_MOD_FAILED, ofp.OFPFMFC_OVERLAP, second)
+            taken = error(ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_OUT_PORT, second)
             await now.controller.hears(taken)
             await now.bridge.hears(ECHO)
 
@@ -211,7 +291,7 @@ def test_change_that_the_monitor_has_not_reported_yet_is_judged_too() -> None:
             await other.hears_nothing()
             now.reports.waiting.append(path(1, 2, mod.instructions.mark))
             now.reports.open.set()
-            await other.hears(error(ofp.OFPET_FLOW_MOD_FAILED, ofp.OFPFMFC_OVERLAP, second))
+            await other.hears(error(ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_OUT_PORT, second))
             await now.controller.hears(of.barrier_reply(7))
             for end in (bridge, other):
                 end.writer.close()
