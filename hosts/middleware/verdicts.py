@@ -18,14 +18,17 @@ class Verdicts:
 
     def check(self, setup: Setup, connection: Connection) -> None:
         """Raise SessionError unless the controller has written this verdict for the connection."""
-        if setup.verdict == Verdict.PENDING:
+        verdict = Verdict(setup.verdict)
+        if verdict == Verdict.PENDING:
             raise SessionError(Reason.NOT_ARBITRATED)
         if not self.key or not is_sealed(setup.encode(), self.key, connection):
-            text = f"the verdict {setup.verdict.name} does not carry the controller's seal: is it "
-            text += "made up, or have host and controller different device keys?"
+            text = (
+                f"the verdict {verdict.name} does not carry the controller's seal: is it made up, "
+            )
+            text += "or have host and controller different device keys?"
             raise SessionError(Reason.NOT_ARBITRATED, text)
         if setup.seal in self._taken:
-            text = f"this verdict {setup.verdict.name} has come before: was it sent again?"
+            text = f"this verdict {verdict.name} has come before: was it sent again?"
             raise SessionError(Reason.NOT_ARBITRATED, text)
         if len(self._taken) >= MAX_REMEMBERED:
             del self._taken[next(iter(self._taken))]

@@ -2,6 +2,7 @@
 
 import re
 import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -52,11 +53,8 @@ def spoken(network: Network, host: str, data: bytes, to: str = BOB) -> Message |
 def first_with_payload(capture: Path) -> Packet:
     """Return the first segment to the metadata port that has data."""
     packets = (packet for packet in rdpcap(str(capture)) if TCP in packet)
-    return next(
-        packet[TCP]
-        for packet in packets
-        if packet[TCP].dport == METADATA_PORT and bytes(packet[TCP].payload)
-    )
+    segments: Iterator[Packet] = (packet[TCP] for packet in packets)
+    return next(each for each in segments if each.dport == METADATA_PORT and bytes(each.payload))
 
 
 def test_a_segment_without_psh_is_arbitrated_like_any_other(network: Network) -> None:
