@@ -48,6 +48,8 @@ def launch(
     """Start one of our programs with its configuration, in a host's namespace if given."""
     path = network.folder / f"{name}.json"
     program = network.program(name)
+    scale, since_ns = network.time.scale, network.time.since_ns
+    config = replace(config, time_scale=scale, time_since_ns=since_ns)
     command = [python(), "-m", module, "--config", str(path)]
     with ExitStack() as stack:
         descriptors = []

@@ -20,14 +20,23 @@ from dispatcher.refusal import exhausted
 from dispatcher.sabot.draws import Draws
 from dispatcher.sabot.room import GateStep
 from dispatcher.sabot.simulation import Simulation
+from dispatcher.software_time import SoftwareTime
 from wire.features import STORE
 
 
 class Memories:
     """The memories of all hosts."""
 
-    def __init__(self, devices: Devices, clock: Clock, sabot: Simulation, draws: Draws) -> None:
-        """Begin with empty ones."""
+    def __init__(
+        self,
+        devices: Devices,
+        clock: Clock,
+        sabot: Simulation,
+        draws: Draws,
+        software: SoftwareTime,
+    ) -> None:
+        """Begin with empty ones; tell of each wait how long it was."""
+        self._software = software
         self._devices, self._clock = devices, clock
         self._sabot, self._draws = sabot, draws
         self._stored: dict[str, dict[Block, int]] = {}  # qubits of each block, by node
@@ -82,6 +91,7 @@ class Memories:
         waited_ns = now_ns - block.stored_ns
         memory = self._devices.of(block.node).memory
         happened = decay(memory, waited_ns / 1e9)
+        self._software.waited(block.stored_ns, now_ns, memory.decays)
         if happened.damped:
             self._damp(block, happened.damped)
         block.start_ns += waited_ns

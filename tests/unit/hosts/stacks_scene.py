@@ -17,7 +17,7 @@ from typing import Any, Literal, TextIO
 import grpc
 import pytest
 
-from dispatcher.clock import CaptureClock
+from dispatcher.clock import NetworkClock
 from dispatcher.server import build_layer, build_server, build_service
 from hosts.hardware.simulated import SimulatedQnic
 from hosts.middleware.channel import MetadataChannel
@@ -254,7 +254,7 @@ async def network(
     if cuts is not None:
         cuts.set_result(cut)
     server = build_server(
-        config, build_service(config, build_layer(config, CaptureClock(), events), errors.append)
+        config, build_service(config, build_layer(config, NetworkClock(), events), errors.append)
     )
     await server.start()
     async with AsyncExitStack() as stack:
