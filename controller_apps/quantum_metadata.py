@@ -84,6 +84,7 @@ class QuantumMetadata(App):
             config.idle_timeout_s,
             config.loss_budget_db,
             config.contention == "queue",
+            keys={at: config.device_keys[host] for host, at in config.addresses.items()},
         )
         self.fibers = Fibers(self.network, record, self.logger)
         self.policy_path = config.policy
