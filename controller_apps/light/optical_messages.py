@@ -67,9 +67,9 @@ def port_optics(port: Any) -> PortOptics | None:
 
 
 def port_light(statistics: Any) -> PortLight | None:
-    """Return how a port is tuned and what it measures, None if it does not say so."""
+    """Return how a port is tuned and what it measures, None if it has no optics."""
     for found in statistics.properties:
-        if isinstance(found, parser.OFPPortStatsPropOptical) and found.flags & USE_FREQ:
+        if isinstance(found, parser.OFPPortStatsPropOptical):
             return PortLight(
                 found.flags,
                 found.tx_freq_lmda,

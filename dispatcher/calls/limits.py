@@ -13,7 +13,7 @@ from dispatcher.sabot.dense import Dense
 from dispatcher.sabot.gates import ROTATIONS
 from dispatcher.switch.optical_switch import MAX_POWER_DBM
 from wire.config import QuantumSwitch
-from wire.dispatcher_pb2 import Connection, CreateRequest, Gate
+from wire.dispatcher_pb2 import Connection, CreateRequest, Gate, TunePortRequest
 from wire.switch_check import TEMPERATURE_C
 
 MAX_COUNT = 4_000_000
@@ -160,6 +160,12 @@ def cross_connects(connections: Iterable[Connection]) -> dict[int, int]:
         outputs[in_port] = out_port
         inputs[out_port] = in_port
     return outputs
+
+
+def require_direction(direction: int) -> None:
+    """Refuse a direction of light that there is not."""
+    if direction not in TunePortRequest.Direction.values():
+        raise invalid(f"direction {direction} is not known; choose 0 (both), 1 or 2")
 
 
 def require_tuning(switch: QuantumSwitch, frequency_mhz: int, power_dbm: float | None) -> None:

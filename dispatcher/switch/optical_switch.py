@@ -45,11 +45,12 @@ class Passed(NamedTuple):
 
 
 class Port:
-    """A fibre port: its filter, its attenuator and what it has counted."""
+    """A fibre port: a filter for each direction, its attenuator and what it has counted."""
 
     def __init__(self, frequency_mhz: int) -> None:
-        """Begin with this filter, full power and no photons."""
-        self.frequency_mhz = Steps(frequency_mhz)
+        """Begin with these filters, full power and no photons."""
+        self.rx_mhz = Steps(frequency_mhz)  # for light that comes from the fibre
+        self.tx_mhz = Steps(frequency_mhz)  # for light that goes into it
         self.power_dbm = Steps(MAX_POWER_DBM)
         self.photons_in = self.photons_out = self.photons_lost = 0
 
@@ -109,13 +110,13 @@ class OpticalSwitch:
         Photons that stray take all the light of their pulse with them.
         """
         times_ns = light.times_ns
-        entered = light.pulses & self._passes_filter(in_port, light)
+        entered = light.pulses & self._passes(self.ports[in_port].rx_mhz, light)
         leaving = self._route(in_port, entered, times_ns)
         if self.config.crosstalk_db is not None:
             leaving = self._stray(leaving, times_ns, chance)
         passed = {}
         for out_port, pulses in leaving.items():
-            pulses &= self._passes_filter(out_port, light)
+            pulses &= self._passes(self.ports[out_port].tx_mhz, light)
             loss_db = self._loss_db(in_port, out_port, times_ns)
             transmission = 10 ** (-loss_db / 10)
             photons = pulses & light.photons
@@ -138,9 +139,9 @@ class OpticalSwitch:
     def _is_hot(self) -> bool:
         return self.temperature_c > self.config.max_temperature_c
 
-    def _passes_filter(self, port: int, light: Light) -> Mask | np.bool_:
-        """Say for which photons a port is tuned to within half the grid of their colour."""
-        offset_mhz = np.abs(self.ports[port].frequency_mhz.at(light.times_ns) - light.frequency_mhz)
+    def _passes(self, filter_mhz: Steps, light: Light) -> Mask | np.bool_:
+        """Say for which photons a filter is tuned to within half the grid of their colour."""
+        offset_mhz = np.abs(filter_mhz.at(light.times_ns) - light.frequency_mhz)
         passes: Mask | np.bool_ = offset_mhz < self.config.grid_mhz / 2
         return passes
 

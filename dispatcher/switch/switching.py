@@ -19,6 +19,12 @@ from wire.dispatcher_pb2 import (
     TunePortRequest,
 )
 
+DIRECTIONS = {
+    TunePortRequest.BOTH: "",
+    TunePortRequest.RECEIVE: " for light that comes",
+    TunePortRequest.TRANSMIT: " for light that leaves",
+}
+
 
 class Switching:
     """All quantum switches of a network."""
@@ -47,12 +53,16 @@ class Switching:
         switch = self._switches[request.switch]
         _require_port(switch, request.port)
         power_dbm = request.power_dbm if request.HasField("power_dbm") else None
+        limits.require_direction(request.direction)
         limits.require_tuning(switch.config, request.frequency_mhz, power_dbm)
         now_ns = self._layer.clock.now_ns()
         port, details = switch.ports[request.port], []
         if request.frequency_mhz:
-            port.frequency_mhz.set(request.frequency_mhz, now_ns)
-            details.append(f"{request.frequency_mhz} MHz")
+            if request.direction != TunePortRequest.TRANSMIT:
+                port.rx_mhz.set(request.frequency_mhz, now_ns)
+            if request.direction != TunePortRequest.RECEIVE:
+                port.tx_mhz.set(request.frequency_mhz, now_ns)
+            details.append(f"{request.frequency_mhz} MHz{DIRECTIONS[request.direction]}")
         if power_dbm is not None:
             port.power_dbm.set(power_dbm, now_ns)
             details.append(f"{power_dbm:g} dBm")

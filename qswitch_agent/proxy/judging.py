@@ -51,4 +51,4 @@ def checked_port_mod(message: bytes, switch: Switch) -> tuple[PortMod, Tunings]:
             ofp.OFPPMFC_BAD_CONFIG,
             f"configuration bits {mod.mask:#x} of a fibre: it can be down or send no packet-in",
         )
-    return mod, [(mod.number, *switch.tuning(mod.tuning))] if mod.tuning else []
+    return mod, [(mod.number, switch.tuning(mod.tuning))] if mod.tuning else []

@@ -103,9 +103,9 @@ class Requests:
         await self._tune(tunings)
 
     async def _tune(self, tunings: Tunings) -> None:
-        for tuning in tunings:
+        for port, tuned in tunings:
             try:
-                await self._switch.hardware.tune(*tuning)
+                await self._switch.hardware.tune(port, *tuned)
             except HardwareRefusal as refusal:
                 raise Refusal(
                     ofp.OFPET_PORT_MOD_FAILED, ofp.OFPPMFC_BAD_CONFIG, str(refusal)

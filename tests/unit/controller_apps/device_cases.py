@@ -41,7 +41,7 @@ from wire.device import (
     open_sealed,
 )
 from wire.metadata import Answer, Message, Reason
-from wire.optical import TUNABLE, PortLight, PortOptics
+from wire.optical import ALL_VALID, TUNABLE, PortLight, PortOptics
 
 KEYS = {"alice": "aa" * 16, "bob": "bb" * 16}
 CONTROLLER, ALICE = "10.0.0.254", "10.0.0.1"
@@ -310,7 +310,7 @@ def test_optical_ports_counters_and_paths_are_read(scene: Scene) -> None:
     port = parser.OFPPort.parser(described(ethernet, optics.encode()), 0)
     message = SimpleNamespace(datapath=scene.q1, body=[port])
     scene.monitor.ports_described(SimpleNamespace(msg=message))
-    light = PortLight(15, 193_400_000, 0, 0, 193_400_000, 0, 0, -15, -234, 1234, 251)
+    light = PortLight(ALL_VALID, 193_400_000, 0, 0, 193_400_000, 0, 0, -15, -234, 1234, 251)
     counts = (3, 0, 0, 100, 90, 0, 0, 7, 0, 0, 0)
     body = light.encode()
     fixed = (80 + len(body)).to_bytes(2, "big") + bytes(2) + counts[0].to_bytes(4, "big") + bytes(8)

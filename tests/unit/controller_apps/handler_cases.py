@@ -64,6 +64,7 @@ from wire.metadata import (
     decode,
 )
 from wire.optical import (
+    ALL_VALID,
     ANY_PORT,
     EXPERIMENTER,
     PATH_OPTICS,
@@ -359,7 +360,7 @@ def test_fibres_are_cut_and_mended_as_their_ports_go_down_and_up(ready: Scene) -
 BAND = PortOptics(
     TUNABLE, 191_350_000, 196_100_000, 50_000, 191_350_000, 196_100_000, 50_000, -200, 0
 )
-LIGHT = PortLight(TUNABLE, 193_500_000, 0, 0, 193_500_000, 0, 0, -30, -42, 500, 250)
+LIGHT = PortLight(ALL_VALID, 193_500_000, 0, 0, 193_500_000, 0, 0, -30, -42, 500, 250)
 
 
 def fiber_port(number: int, optics: PortOptics | None = BAND, up: bool = True) -> Any:
@@ -510,7 +511,7 @@ def test_ports_are_tuned_first_in_the_bundle(scene: Scene) -> None:
     q1 = reconnect(scene, *(fiber_port(number) for number in FIBERS))
     scene.announce()
     for number in (2, 3, 4, 5):
-        scene.measure(q1, number, replace(LIGHT, tx_mhz=193_400_000))
+        scene.measure(q1, number, replace(LIGHT, tx_mhz=193_400_000, rx_mhz=193_400_000))
     scene.measure(q1, 1, LIGHT)
     scene.packet_in(scene.s1, 1, frame(FRAMED.encode()))
     _opening, tuning, *adds, _commit, _barrier = q1.take()

@@ -176,11 +176,19 @@ class Client:
         self._link.close()
 
     async def tune(
-        self, port: int, frequency_mhz: int = 0, power_dbm: float | None = None
+        self,
+        port: int,
+        frequency_mhz: int = 0,
+        power_dbm: float | None = None,
+        direction: TunePortRequest.Direction = TunePortRequest.BOTH,
     ) -> TunePortReply:
         """Tune a port of q1."""
         request = TunePortRequest(
-            switch="q1", port=port, frequency_mhz=frequency_mhz, power_dbm=power_dbm
+            switch="q1",
+            port=port,
+            frequency_mhz=frequency_mhz,
+            power_dbm=power_dbm,
+            direction=direction,
         )
         reply: TunePortReply = await self.call("TunePort", request)
         return reply
