@@ -72,7 +72,9 @@ class QuantumMetadata(App):
     ) -> None:
         super().__init__(**contexts)
         self.quantum_switches = frozenset(config.quantum_switches)
-        self.idle_timeout_s = config.idle_timeout_s
+        self.time = config.time
+        # Open vSwitch counts it, on the wall clock.
+        self.bypass_timeout_s = min(round(config.time.wall_s(config.idle_timeout_s)), 0xFFFF)
         self.mac_table = mac_table
         self.record = record
         self.network = Network()
@@ -82,6 +84,7 @@ class QuantumMetadata(App):
             config.idle_timeout_s,
             config.loss_budget_db,
             config.contention == "queue",
+            keys={at: config.device_keys[host] for host, at in config.addresses.items()},
         )
         self.fibers = Fibers(self.network, record, self.logger)
         self.policy_path = config.policy
@@ -98,7 +101,7 @@ class QuantumMetadata(App):
         self._listed: dict[tuple[int, int], list[Any]] = {}
         self._transactions: dict[tuple[int, int], int] = {}
         self.state = state
-        for number in take_over(state, self.arbiter, self.logger, time.monotonic()):
+        for number in take_over(state, self.arbiter, self.logger, self._now()):
             self._note(Note("resumed", number))
         self._keep_hosts()
 
@@ -119,9 +122,12 @@ class QuantumMetadata(App):
     @on(EventTick)
     def time_passed(self, event: Any) -> None:
         """Do what is due."""
-        now = time.monotonic()
-        self.fibers.time_passed(now)
-        self._do(self.arbiter.tick(now))
+        self.fibers.time_passed(time.monotonic())
+        self._do(self.arbiter.tick(self._now()))
+
+    def _now(self) -> float:
+        """Return the time of the network, by which sessions go; discovery goes by the wall."""
+        return self.time.network_s(time.monotonic())
 
     @on(ofp_event.EventOFPStateChange, MAIN, DEAD)
     def switch_changed(self, event: Any) -> None:
@@ -136,7 +142,7 @@ class QuantumMetadata(App):
                 for key in [key for key in table if key[0] == datapath.id]:
                     del table[key]
             self.fibers.switch_left(datapath.id)
-            self._do(self.arbiter.switch_left(datapath.id, time.monotonic()))
+            self._do(self.arbiter.switch_left(datapath.id, self._now()))
             self.logger.info("switch %#x is gone", datapath.id)
         if event.state == MAIN:
             self._take_in(datapath)
@@ -174,7 +180,7 @@ class QuantumMetadata(App):
         if dpid not in self.network.connected:
             self.network.connected.add(dpid)
             self._ready(dpid, "quantum")
-        self._do(self.arbiter.network_changed(time.monotonic()))
+        self._do(self.arbiter.network_changed(self._now()))
 
     @on(ofp_event.EventOFPPortStatsReply, CONFIG, MAIN)
     def ports_measured(self, event: Any) -> None:
@@ -216,40 +222,37 @@ class QuantumMetadata(App):
     @on(ofp_event.EventOFPPacketIn, MAIN)
     def packet_arrived(self, event: Any) -> None:
         """Hand LLDP to discovery and metadata to the arbiter; the rest is not ours."""
-        now = time.monotonic()
         self.packet_in_count += 1
         message = event.msg
         dpid, in_port, frame = message.datapath.id, message.match["in_port"], bytes(message.data)
         if message.table_id == flow_entries.LEARNING_TABLE:
             return
         if dpid in self.quantum_switches:
-            self._fiber_spoke(SwitchPort(dpid, in_port), frame, now)
+            self._fiber_spoke(SwitchPort(dpid, in_port), frame)
         elif is_tcp(frame):
-            self._do(self.arbiter.segment_arrived(dpid, in_port, frame, now))
+            self._do(self.arbiter.segment_arrived(dpid, in_port, frame, self._now()))
 
-    def _fiber_spoke(self, at: SwitchPort, frame: bytes, now: float) -> None:
+    def _fiber_spoke(self, at: SwitchPort, frame: bytes) -> None:
         try:
-            news = self.fibers.spoke(at, frame, now)
+            news = self.fibers.spoke(at, frame, time.monotonic())
         except MalformedPacket as error:
             self._drop(Drop("lldp", f"switch {at.dpid:#x} port {at.port}: {error}"))
             return
         if self.network.hosts is not self._hosts_kept:
             self._keep_hosts()
         if news:
-            self._do(self.arbiter.network_changed(now))
+            self._do(self.arbiter.network_changed(self._now()))
 
     @on(ofp_event.EventOFPPortStatus, MAIN)
     def port_changed(self, event: Any) -> None:
         """Note a port whose fibre was cut or mended, and move what it has cut off."""
-        now = time.monotonic()
         quantum = event.msg.datapath.id in self.quantum_switches
-        if quantum and self.fibers.port_changed(event.msg, now):
-            self._do(self.arbiter.network_changed(now))
+        if quantum and self.fibers.port_changed(event.msg, time.monotonic()):
+            self._do(self.arbiter.network_changed(self._now()))
 
     @on(ofp_event.EventOFPBarrierReply, CONFIG, MAIN)
     def barrier_passed(self, event: Any) -> None:
         """Tell the arbiter that a switch is ready."""
-        now = time.monotonic()
         dpid, xid = event.msg.datapath.id, event.msg.xid
         transaction = self._transactions.get((dpid, xid))
         if transaction is None:
@@ -257,7 +260,7 @@ class QuantumMetadata(App):
         while self._transactions.get((dpid, xid)) == transaction:  # back to the bundle's begin
             del self._transactions[dpid, xid]
             xid -= 1
-        self._do(self.arbiter.barrier_passed(dpid, transaction, now))
+        self._do(self.arbiter.barrier_passed(dpid, transaction, self._now()))
 
     @on(ofp_event.EventOFPErrorMsg, CONFIG, MAIN)
     def switch_refused(self, event: Any) -> None:
@@ -271,7 +274,7 @@ class QuantumMetadata(App):
         self.logger.warning("switch %#x: error type %d, code %s", dpid, error.type, code)
         transaction = self._transactions.get((dpid, error.xid))
         if transaction is not None:
-            self._do(self.arbiter.switch_refused(transaction, time.monotonic()))
+            self._do(self.arbiter.switch_refused(transaction, self._now()))
 
     @on(ofp_event.EventOFPFlowRemoved, MAIN)
     def entry_removed(self, event: Any) -> None:
@@ -281,22 +284,20 @@ class QuantumMetadata(App):
         idle = message.reason == ofproto.OFPRR_IDLE_TIMEOUT
         if classical and idle and message.priority == flow_entries.BYPASS_PRIORITY:
             connection = flow_entries.five_tuple_of(message.match)
-            now = time.monotonic()
-            self._do(self.arbiter.bypass_expired(message.datapath.id, connection, now))
+            switch = message.datapath.id
+            self._do(self.arbiter.bypass_expired(switch, connection, self._now()))
 
     @on(EventNodeAnswered)
     def node_answered(self, event: Any) -> None:
         """Tell the arbiter that a node of a chain has, or will not."""
-        now = time.monotonic()
-        self._do(self.arbiter.node_answered(event.session, event.node, event.reason, now))
+        session, node = event.session, event.node
+        self._do(self.arbiter.node_answered(session, node, event.reason, self._now()))
 
     @on(EventQuestion)
     def asked(self, question: Any) -> None:
         """Answer what another thread wants to know."""
         handlers = {
-            "sessions": lambda: sessions_view(
-                self.arbiter.sessions, self.network, time.monotonic()
-            ),
+            "sessions": lambda: sessions_view(self.arbiter.sessions, self.network, self._now()),
             "paths": lambda: paths_view(self.arbiter.sessions, self.network),
             "fibers": lambda: fibers_view(self.network),
             "abilities": lambda: abilities_view(self.network),
@@ -360,7 +361,7 @@ class QuantumMetadata(App):
             case ClosePaths(_, session):
                 return [flow_entries.delete_paths(datapath, session)]
             case AddBypass(_, five_tuple, session):
-                return [flow_entries.bypass(datapath, five_tuple, session, self.idle_timeout_s)]
+                return [flow_entries.bypass(datapath, five_tuple, session, self.bypass_timeout_s)]
             case RemoveBypass(_, five_tuple, session):
                 return [flow_entries.delete_bypass(datapath, five_tuple, session)]
             case _:

@@ -14,7 +14,9 @@ from dispatcher.ownership import Block, BlockName, Ownership
 from dispatcher.replaying.journal import Journal
 from dispatcher.sabot.draws import Draws
 from dispatcher.sabot.simulation import Simulation
+from dispatcher.software_time import SoftwareTime
 from wire.dispatcher_pb2 import BlockId, Event, Feedback, HeldBlock
+from wire.network_time import REAL_TIME, NetworkTime
 
 
 @dataclass
@@ -32,6 +34,8 @@ class PhysicalLayer:
     max_live_qubits: int
     photons_lost: int = 0
     journal: Journal = field(default_factory=Journal)
+    time: NetworkTime = REAL_TIME
+    software: SoftwareTime = field(default_factory=SoftwareTime)
     exact: bool = True  # False once an approximation has been in what was reported
 
     def record(
@@ -44,12 +48,12 @@ class PhysicalLayer:
         time_ns: int = 0,
         each: Callable[[int], str] | None = None,
     ) -> None:
-        """Record an event; it happened now unless a time is given.
+        """Record an event; it happened now unless a time of the network is given.
 
         `each` says of a photon, by its position, what `detail` says of all.
         """
         event = Event(node=node, kind=kind, port=port, detail=detail)
-        event.time_ns = time_ns or self.clock.now_ns()
+        event.time_ns = self.time.wall_ns(time_ns or self.clock.now_ns())
         if block is not None:
             event.block.CopyFrom(block_id(block.name))
             event.photons = block.register.size
@@ -83,11 +87,20 @@ class PhysicalLayer:
     def take_up(self, *blocks: Block) -> None:
         """Take blocks that are to be used out of their node's memory, if they are in there."""
         for block in blocks:
-            before = block.register.remaining
-            detail = self.memories.read_out(block)
-            if detail is not None:
-                self.photons_lost += before - block.register.remaining
-                self.record(block.node, "recall", block, detail=detail)
+            self._take_up(block)
+
+    def take_up_pair(self, first: Block, second: Block) -> None:
+        """The same of blocks whose photons pair up: what is stored waits for light that is not."""
+        for block, other in ((first, second), (second, first)):
+            comes = other.interval_ns and not self.memories.holds(other)
+            self._take_up(block, other if comes else None)
+
+    def _take_up(self, block: Block, light: Block | None = None) -> None:
+        before = block.register.remaining
+        detail = self.memories.read_out(block, light)
+        if detail is not None:
+            self.photons_lost += before - block.register.remaining
+            self.record(block.node, "recall", block, detail=detail)
 
     def held(self, block: Block) -> HeldBlock:
         """Return where a block is and what is left of it."""

@@ -66,7 +66,7 @@ class Measurements:
         require_pairs(first, second)
         abilities.require(layer.devices, node, MEASURE)
         layer.sabot.require_room(first.register, [GateStep("CX", second.register)])
-        layer.take_up(first, second)
+        layer.take_up_pair(first, second)
         feedback = layer.feedback(first, second)
         feedback.first_ns = min(first.first_ns, second.first_ns)
         feedback.last_ns = max(first.last_ns, second.last_ns)

@@ -15,7 +15,7 @@ from dispatcher import freed_memory
 from dispatcher.calls.callers import Callers
 from dispatcher.calls.cross_connects import CrossConnects, bind
 from dispatcher.calls.service import Failed, Service
-from dispatcher.clock import CaptureClock, Clock
+from dispatcher.clock import Clock, NetworkClock
 from dispatcher.devices.hardware import Devices
 from dispatcher.devices.memory import Memories
 from dispatcher.event_capture import EventCapture
@@ -30,6 +30,7 @@ from dispatcher.sabot.draws import Draws
 from dispatcher.sabot.manager import Sabot
 from dispatcher.sabot.remote.client import RemoteSabot
 from dispatcher.sabot.simulation import Simulation
+from dispatcher.software_time import SoftwareTime
 from dispatcher.tracing.traced import TracedSabot
 from dispatcher.tracing.writer import QasmWriter
 from wire.config import BadConfig, DispatcherConfig
@@ -62,6 +63,7 @@ def build_layer(
     if unknown := config.devices.keys() - config.tokens.keys():
         raise BadConfig(f"devices of {', '.join(sorted(unknown))}: there are no such hosts")
     sabot, draws = sabot or Sabot(BACKENDS[config.backend]), Draws(config.seed)
+    software = SoftwareTime()
     return PhysicalLayer(
         clock=clock,
         sabot=sabot,
@@ -70,9 +72,11 @@ def build_layer(
         ownership=Ownership(),
         history=History(config.history_depth, event_log, capture, config.per_qubit),
         devices=devices,
-        memories=Memories(devices, clock, sabot, draws),
+        memories=Memories(devices, clock, sabot, draws, software),
         max_live_qubits=config.max_live_qubits,
-        journal=journal or Journal(),
+        journal=journal or Journal(config.time),
+        time=config.time,
+        software=software,
     )
 
 
@@ -190,7 +194,7 @@ async def serve(config: DispatcherConfig) -> None:
         event_log = (
             stack.enter_context(Path(config.event_log).open("a")) if config.event_log else None
         )
-        layer = open_layer(config, CaptureClock(), event_log, stack)
+        layer = open_layer(config, NetworkClock(config.time), event_log, stack)
         service = build_service(config, layer, failed)
         server = build_server(config, service)
         async with metrics(config, service):

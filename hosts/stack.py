@@ -34,6 +34,7 @@ from hosts.middleware.services.session import (
 from hosts.middleware.source import serve_pairs
 from hosts.middleware.swapping.orders import Swaps
 from hosts.middleware.swapping.serving import serve_link
+from hosts.middleware.verdicts import Verdicts
 from wire.config import HostConfig
 from wire.metadata import FEC_NAMES, Handshake, Reason, Service, Setup, Verdict
 from wire.services import Role
@@ -49,6 +50,7 @@ class Stack:
         self._qnic = qnic
         self._sessions_made = 0
         self._receiving: dict[int, ReceivingSession] = {}
+        self._verdicts = Verdicts(config.device_key)
         self._light = Light()
         self.swaps = Swaps(config.address)
         self._means = Means(
@@ -124,6 +126,7 @@ class Stack:
         try:
             setup = await channel.receive(Setup, ANSWER_TIMEOUT_S)
             session = setup.session
+            self._verdicts.check(setup, channel.connection)
             await self._handler(setup)(channel, setup)
         except (SessionError, HardwareError) as error:
             log.warning("session %016x with %s: %s", session, channel.peer, error)
@@ -149,9 +152,7 @@ class Stack:
         return self._receive
 
     def _refusal(self, setup: Setup) -> SessionError:
-        """Return what the controller has said, or that it has said nothing."""
-        if setup.verdict != Verdict.REFUSED:
-            return SessionError(Reason.NOT_ARBITRATED)
+        """Return what the controller has said."""
         if setup.reason != Reason.NODE_SILENT:
             return refusal(setup, self._config.hosts)
         names = {address: f"{name} ({address})" for name, address in self._config.hosts.items()}

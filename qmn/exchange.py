@@ -22,8 +22,10 @@ class Exchange:
 
     data: bytes  # as it was received; empty if it was not kept
     size: int  # bytes received, each of which was verified
-    setup_s: float  # from the request to the open light path, as the application sees it
-    elapsed_s: float  # from the open light path until every byte was verified
+    setup_s: (
+        float  # of the network, from the request to the open light path, as the application sees it
+    )
+    elapsed_s: float  # of the network, from the open light path until every byte was verified
     bell_pairs: int
     lost_pairs: int
     received_symbols: int
@@ -58,7 +60,7 @@ def exchange(
 
     Raise TransferError if not all arrived, NetworkError if the network failed.
     """
-    received, size = bytearray(), 0
+    received, size, network_time = bytearray(), 0, network.runtime.time
 
     def take(data: bytes) -> None:
         nonlocal size
@@ -76,14 +78,14 @@ def exchange(
             for start in range(0, len(part), chunk):
                 sending.sendall(part[start : start + chunk])
         sending.shutdown()
-        reading.result(STALL_TIMEOUT_S)
+        reading.result(network_time.wall_s(STALL_TIMEOUT_S))
         ended = time.monotonic()
     used = sending.statistics
     return Exchange(
         bytes(received),
         size,
-        setup_s=opened - asked,
-        elapsed_s=ended - opened,
+        setup_s=network_time.network_s(opened - asked),
+        elapsed_s=network_time.network_s(ended - opened),
         **{name: used[name] for name in COUNTS},
     )
 
@@ -102,10 +104,11 @@ def connection(
     Raise TransferError if it is refused or breaks, NetworkError if the network failed.
     """
     stack = network.runtime.socket
+    limit_s = network.runtime.time.wall_s(STALL_TIMEOUT_S)
     try:
         with QuantumSocket(stack(receiver)) as listener, QuantumSocket(stack(sender)) as sending:
             for each in (listener, sending):
-                each.settimeout(STALL_TIMEOUT_S)
+                each.settimeout(limit_s)
             listener.listen(APPLICATION_PORT)
             sending.connect((receiver, APPLICATION_PORT), **options)
             receiving, _peer = listener.accept()
@@ -113,5 +116,5 @@ def connection(
                 yield sending, receiving
     except (QuantumSocketError, TimeoutError) as error:
         check_cause(network)
-        text = f"{sender} to {receiver}: no progress for {STALL_TIMEOUT_S:g} s"
+        text = f"{sender} to {receiver}: no progress for {limit_s:g} s"
         raise TransferError(text if isinstance(error, TimeoutError) else str(error)) from error

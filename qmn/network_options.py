@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, NoReturn, TypedDict
 
 from controller_apps.policy import BadPolicy, read_policy
+from qmn.time_scale import AUTO, REAL, scale
 from topologies.node_kinds import NODE_KINDS
 from topologies.presets import PRESETS
 from topologies.runtime import OPENFLOW_PORT, Runtime
@@ -25,6 +26,7 @@ class NetworkOptions(TypedDict, total=False):
     """The keywords of scripts; `qmn cli --help` says what each means and what it is if absent."""
 
     seed: int
+    time_scale: float | str
     backend: str
     sabot: str
     controller: str
@@ -56,6 +58,8 @@ def add_network_options(parser: argparse.ArgumentParser) -> None:
     """Describe the options."""
     add = partial(parser.add_argument)
     add("--seed", type=int, default=1, help="of all quantum randomness (1)")
+    text = f"one second of the network takes K seconds here ({REAL}; {AUTO}: as slowly as it needs)"
+    add("--time-scale", type=scale, default=REAL, metavar="K", help=text)
     add("--backend", choices=BACKENDS, default="chp", help="simulates quantum states (chp)")
     add("--sabot", default="", metavar="SOCKET", help="simulate in a Sabot server (in ed itself)")
     add("--controller", choices=["ryu", "os-ken"], default="ryu", help="default: ryu")
@@ -162,6 +166,7 @@ def check_two_hosts(sender: str, receiver: str, hosts: list[str]) -> None:
 def settings(
     arguments: argparse.Namespace,
     folder: Path | None,
+    time_scale: float,
     record: bool = False,
     qasm: bool = False,
     events: bool = True,
@@ -169,6 +174,7 @@ def settings(
     """Return the settings of a network that leaves its logs in a folder; None: leaves none."""
     return Runtime(
         seed=arguments.seed,
+        time_scale=time_scale,
         backend=arguments.backend,
         sabot=arguments.sabot and str(Path(arguments.sabot).resolve()),
         record=record,

@@ -9,6 +9,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from qmn import software_share
 from topologies.record import read_record
 from topologies.runtime import EVENT_LOG
 from wire.device import RANGES, setting_name
@@ -41,10 +42,19 @@ def complete(facts: dict[str, Any], folder: Path) -> None:
     facts["in_use"] = in_use or None
     facts["code_rate"] = sender.get("code_rate")
     facts["bell_states"] = sender.get("symbols")  # that the receiver's analyser tells apart
-    facts["elapsed_s"] = sender.get("elapsed_s", 0.0)
+    elapsed_s = sender.get("elapsed_s", 0.0)  # the application measures by the wall
+    facts["elapsed_s"] = elapsed_s / facts.get("time_scale", 1.0)
     facts["pairs_per_s"] = facts["bell_pairs"] / facts["elapsed_s"] if sender else 0.0
+    facts["emulation"] = emulation(facts, facts)
     facts.update(controller_facts(read_record(folder)))
     (folder / "result.json").write_text(json.dumps(facts, indent=2) + "\n")
+
+
+def emulation(told: dict[str, Any], facts: dict[str, Any]) -> dict[str, float]:
+    """Return how long it took here, and rates by the wall: the speed of the emulation."""
+    scale = facts.get("time_scale", 1.0)  # a run that did not start has none
+    rates = {name: rate / scale for name, rate in told.items() if name.endswith("_per_s") and rate}
+    return {"elapsed_s": told.get("elapsed_s", 0.0) * scale, **rates}
 
 
 def sha256(file: Path) -> str | None:
@@ -100,6 +110,7 @@ def rows_of_every_run(facts: dict[str, Any], folder: Path) -> dict[str, str]:
         "metadata to light path": "no path was set up"
         if setup["p50"] is None
         else f"p50 {setup['p50']:.2f} ms, p99 {setup['p99']:.2f} ms, n {setup['n']}",
+        **software_share.rows(facts),
         "quantum states": f"{facts['backend']}, {EXACTNESS[facts['exact']]}",
         "captures": captures(facts, folder),
         "quantum events": f"{folder}/{EVENT_LOG}" if facts["events"] else "not written",

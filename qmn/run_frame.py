@@ -27,6 +27,8 @@ from qmn.networks import (
 )
 from qmn.report import report_of_run
 from qmn.run_folder import give_to_invoker, given_at_the_end, make_folder, point_latest
+from qmn.software_share import software_facts
+from qmn.time_scale import scale_of
 from qmn.timeline import timeline_of_run
 from qmn.transfer import TransferError
 from topologies.network import Interrupted, Network, Signals
@@ -138,23 +140,29 @@ def running_network(
     console: Console,
 ) -> Iterator[Network]:
     """Run a network with its captures, and add to the facts."""
+    topo = topology(arguments)
+    chosen = scale_of(arguments.time_scale, topo)
     runtime = settings(
         arguments,
         folder,
+        chosen.scale,
         record=not arguments.no_record,
         qasm=arguments.qasm,
         events=not arguments.no_events,
     )
+    facts["time_scale"], facts["time_scale_because"] = chosen.scale, chosen.reason or None
     console.print(f"starting the network ({arguments.controller}, seed {arguments.seed}) ...")
+    if chosen.reason:
+        console.print(f"time scale {chosen.scale:g}: {chosen.reason}")
     with (
         given_at_the_end(arguments.keys),
-        Network(topology(arguments), runtime, signals) as network,
+        Network(topo, runtime, signals) as network,
     ):
         facts["network"] = network_facts(network).to_dict()
         facts["backend"] = status(network).backend
         if arguments.classical_mbps is not None:
             for host in quantum_hosts(network.net.topo):
-                slow_metadata(network.host(host), arguments.classical_mbps)
+                slow_metadata(network.host(host), arguments.classical_mbps / chosen.scale)
         if arguments.metrics:
             facts["metrics"] = urls = announce(runtime.metrics_addresses, folder)
             for program, url in urls.items():
@@ -163,7 +171,9 @@ def running_network(
             files = [*network.capture("s1"), network.capture_openflow()]
             facts["captures"] = [str(file) for file in files]
         yield network
-        facts["exact"] = status(network).exact
+        reached = status(network)
+        facts["exact"] = reached.exact
+        facts |= software_facts(reached.software, network.runtime.devices.values())
     facts["packets_not_captured"] = network.packets_missed
 
 

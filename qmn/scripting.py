@@ -31,6 +31,7 @@ from qmn.network_options import (
 )
 from qmn.networks import FIBER, SIZES, TOPOLOGIES, topology
 from qmn.run_folder import given_at_the_end
+from qmn.time_scale import scale_of
 from topologies.network import Network, Signals
 from topologies.nodes import QuantumHost
 
@@ -196,7 +197,9 @@ def running(
         given_at_the_end(arguments.keys),
         left_behind(arguments, folder) as facts,
     ):
-        runtime = settings(arguments, folder)
+        chosen = scale_of(arguments.time_scale, topo)
+        facts["time_scale"], facts["time_scale_because"] = chosen.scale, chosen.reason or None
+        runtime = settings(arguments, folder, chosen.scale)
         network = QuantumNetwork(topo, runtime, signals)
         try:
             with network, signals.at_once():

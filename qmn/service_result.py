@@ -6,7 +6,7 @@ from typing import Any
 
 from rich.console import Console
 
-from qmn.result import controller_facts, print_rows, rows_of_every_run
+from qmn.result import controller_facts, emulation, print_rows, rows_of_every_run
 from topologies.record import read_record
 
 NOT_FIGURES = ("event", "peer")
@@ -17,6 +17,7 @@ def complete(facts: dict[str, Any], folder: Path) -> None:
     for end in ("asking", "asked"):
         told = facts.get(end, {})
         facts[end] = {name: value for name, value in told.items() if name not in NOT_FIGURES}
+    facts["emulation"] = emulation(facts["asking"], facts)
     facts.update(controller_facts(read_record(folder)))
     (folder / "result.json").write_text(json.dumps(facts, indent=2) + "\n")
 

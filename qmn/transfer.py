@@ -84,14 +84,15 @@ def follow(
     network: Network, program: Program, progress: Callable[[dict[str, Any]], None]
 ) -> dict[str, Any]:
     """Read a program's lines of JSON until its last; every wait here has a deadline."""
-    position, deadline = 0, time.monotonic() + STALL_TIMEOUT_S
+    limit_s = network.runtime.time.wall_s(STALL_TIMEOUT_S)
+    position, deadline = 0, time.monotonic() + limit_s
     while True:
         ended = not program.running  # asked first, so that no line after it is missed
         text = program.log.read_bytes()[position:].decode(errors="replace")
         complete = text[: text.rfind("\n") + 1]
         position += len(complete.encode())
         for line in complete.splitlines():
-            deadline = time.monotonic() + STALL_TIMEOUT_S
+            deadline = time.monotonic() + limit_s
             fields = _fields(line)
             if fields.get("event") == "failed":
                 check_cause(network)
@@ -105,7 +106,7 @@ def follow(
             raise TransferError(f"{program.name} ended: {program.end()}")
         if time.monotonic() > deadline:
             raise NetworkError(
-                f"{program.name} made no progress for {STALL_TIMEOUT_S:g} s; "
+                f"{program.name} made no progress for {limit_s:g} s; "
                 "is the loss of the fibres too high?"
             )
         time.sleep(POLL_S)

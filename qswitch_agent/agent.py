@@ -7,6 +7,7 @@ from qswitch_agent.hardware.optics import OpticalHardware
 from qswitch_agent.light_paths import LightPaths
 from qswitch_agent.openflow.ports import Port
 from qswitch_agent.proxy.proxy import Address, Proxy
+from qswitch_agent.proxy.replies import HOLD_DEADLINE_S
 from qswitch_agent.supervision import SupervisoryChannels
 from qswitch_agent.switch import Switch
 from wire.config import AgentConfig, BadConfig
@@ -17,7 +18,7 @@ class Agent:
 
     def __init__(self, config: AgentConfig, hardware: OpticalHardware) -> None:
         self._hardware = hardware
-        self._paths = LightPaths(config.fiber_ports, hardware)
+        self._paths = LightPaths(config.fiber_ports, hardware, config.time)
         self._monitor = Monitor(config.management, self._paths.update, self._ports_changed)
         self._commands = Commands(config.management)
         self._channels = SupervisoryChannels(self._paths.table.fibers, self._commands)
@@ -29,8 +30,9 @@ class Agent:
             self._commands.delete,
         )
         host, port = address(config.listen)
+        hold_s = config.time.wall_s(HOLD_DEADLINE_S)
         self._proxies = [
-            (Proxy(address(controller), self._switch), (host, port + number))
+            (Proxy(address(controller), self._switch, hold_s), (host, port + number))
             for number, controller in enumerate(config.controllers)
         ]
 

@@ -19,6 +19,7 @@ from qswitch_agent.openflow.flows import FlowEntry
 from qswitch_agent.openflow.instructions import Mark
 from qswitch_agent.openflow.ports import Port
 from qswitch_agent.promises import Promises
+from wire.network_time import REAL_TIME, NetworkTime
 
 MAX_REMOVED = 4096
 IDLE_POLL_S = 0.25
@@ -36,7 +37,13 @@ class Removed:
 class LightPaths:
     """The flow table on one side, the hardware on the other, and how far they agree."""
 
-    def __init__(self, fiber_ports: Iterable[int], hardware: OpticalHardware) -> None:
+    def __init__(
+        self,
+        fiber_ports: Iterable[int],
+        hardware: OpticalHardware,
+        network_time: NetworkTime = REAL_TIME,
+    ) -> None:
+        self._time = network_time
         self.table = FlowTable(fiber_ports)
         self.promises = Promises()
         self._hardware = hardware
@@ -61,7 +68,7 @@ class LightPaths:
             if update.event == REMOVED and update.entry is not None:
                 self._remember(update.entry)
             elif update.event == ADDED and update.entry is not None and update.entry.mark:
-                self._added_ns[update.entry.mark.circuit] = time.time_ns()
+                self._added_ns[update.entry.mark.circuit] = self._now_ns()
             self.table.apply(update)
         self._ask()
 
@@ -149,7 +156,7 @@ class LightPaths:
             if not readings.counts_photons:
                 log.warning("this hardware counts no photons: idle time-outs have no effect")
                 return
-            now_ns = time.time_ns()
+            now_ns = self._now_ns()
             circuits = readings.circuits
             active = {mark.circuit: active.get(mark.circuit, now_ns) for _, mark in waiting}
             active |= {name: circuits[name].last_ns for name in active if name in circuits}
@@ -161,6 +168,9 @@ class LightPaths:
                         log.info("no photon for %d s: %s", mark.idle_timeout_s, entry)
                     self._idle.add(name)
                     delete(entry)
+
+    def _now_ns(self) -> int:
+        return self._time.network_ns(time.time_ns())
 
     async def _answer(self, asked: int, refused: Mapping[CrossConnect, str]) -> None:
         self._answered, self._refused = asked, refused

@@ -56,7 +56,7 @@ class DeviceMonitor(App):
     def __init__(self, config: ControllerConfig, record: Record, **contexts: Any) -> None:
         super().__init__(**contexts)
         self.quantum_switches = frozenset(config.quantum_switches)
-        self.address = config.address
+        self.address, self.time = config.address, config.time
         self.policy_path = config.policy
         self.record = record
         self.datapaths: dict[int, Any] = {}
@@ -84,7 +84,7 @@ class DeviceMonitor(App):
         """Do what is due."""
         now = time.monotonic()
         self._give_up_waiting(now)
-        self._repeat_orders(now)
+        self._repeat_orders(self._now())
         if now < self._next_poll:
             return
         self._next_poll = now + self.hosts.reporting.period_s
@@ -94,6 +94,10 @@ class DeviceMonitor(App):
         for host in self.hosts.states:
             self._send(host, DeviceQuery(self._next_number()))
             self._note_silence(host, now)
+
+    def _now(self) -> float:
+        """Return the time of the network, by which orders go; reports and polls go by the wall."""
+        return self.time.network_s(time.monotonic())
 
     def _poll_switch(self, datapath: Any) -> None:
         anything = ofproto.OFPP_ANY, ofproto.OFPG_ANY, 0, 0, parser.OFPMatch()
@@ -204,7 +208,7 @@ class DeviceMonitor(App):
     @on(EventSwapsOrdered)
     def swaps_ordered(self, event: Any) -> None:
         """Tell the nodes of a chain of repeaters what they do, until they have understood."""
-        now, ordered = time.monotonic(), event.ordered
+        now, ordered = self._now(), event.ordered
         for node, order in orders(ordered, self._next_number()).items():
             self._orders.add(node, order, now)
         self._send_orders()

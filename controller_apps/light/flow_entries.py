@@ -11,12 +11,13 @@ from controller_apps.framework import ofproto, parser
 from controller_apps.light.optical_messages import is_fiber
 from controller_apps.light.paths import Hop
 from controller_apps.sessions.actions import OpenPaths
-from controller_apps.sessions.segments import FIN, IP_TCP, PSH, RST, FiveTuple
+from controller_apps.sessions.segments import ACK, FIN, IP_TCP, RST, SYN, FiveTuple
 from wire.device import DEVICE_PORT
 from wire.metadata import METADATA_PORT
 
 METADATA_TABLE, LEARNING_TABLE = 0, 1
-CLOSE_PRIORITY, BYPASS_PRIORITY, METADATA_PRIORITY, PATH_PRIORITY = 400, 300, 200, 100
+CLOSE_PRIORITY, BYPASS_PRIORITY, OPENING_PRIORITY, METADATA_PRIORITY = 400, 300, 250, 200
+PATH_PRIORITY = 100
 LLDP_PRIORITY = 65000
 LEARNING_PRIORITY = 1
 ETH_TYPE_IPV4, ETH_TYPE_LLDP = 0x0800, 0x88CC
@@ -71,9 +72,9 @@ def metadata_entries(datapath: Any) -> list[Any]:
     """Return what makes table 0 of a classical switch pick quantum metadata out.
 
     Bypasses, which carry the cookie of their session, stay: see ask_entries.
-    A set-up message is one short write, so its segment carries PSH; SYN and bare ACK stay
-    in the switch. A segment without PSH is not arbitrated, and the receiver refuses what
-    the controller has not granted.
+    Whatever can carry a set-up message goes to the controller, whichever flags it has: a switch
+    cannot see whether a segment has data. The first SYN stays in the switch; what else might be
+    in it no listener takes.
     """
     to_port = {"eth_type": ETH_TYPE_IPV4, "ip_proto": IP_TCP, "tcp_dst": METADATA_PORT}
     from_port = {"eth_type": ETH_TYPE_IPV4, "ip_proto": IP_TCP, "tcp_src": METADATA_PORT}
@@ -85,11 +86,12 @@ def metadata_entries(datapath: Any) -> list[Any]:
         for ends, flag in closing
     ]  # fmt: skip
     to_agents = {"eth_type": ETH_TYPE_IPV4, "ip_proto": IP_UDP, "udp_dst": DEVICE_PORT}
-    pushed = {**to_port, "tcp_flags": (PSH, PSH)}
+    opening = {**to_port, "tcp_flags": (SYN, SYN | ACK | FIN | RST)}
     return [
         delete(datapath, METADATA_TABLE, cookie=0, cookie_mask=ALL_BITS),
         add(datapath, METADATA_TABLE, 0, {}, to_learning()),
-        add(datapath, METADATA_TABLE, METADATA_PRIORITY, pushed, to_controller()),
+        add(datapath, METADATA_TABLE, OPENING_PRIORITY, opening, to_learning()),
+        add(datapath, METADATA_TABLE, METADATA_PRIORITY, to_port, to_controller()),
         # Of the node agents: to the controller and to nobody else.
         add(datapath, METADATA_TABLE, METADATA_PRIORITY, to_agents, to_controller()),
         *copies,

@@ -231,6 +231,7 @@ class Service(DispatcherServicer):
             events=self.layer.history.count,
             backend=self.layer.sabot.backend,
             exact=self.layer.exact,
+            software=self.layer.software.told(),
         )
 
     @call

@@ -145,6 +145,7 @@ class Flight:
         beam.delay_ns += line.delay_ns
         beam.fibers_passed += 1
         time_ns = self._departure.last_ns + beam.delay_ns
+        self._layer.software.goes_on(self._departure.start_ns, time_ns)
         heapq.heappush(self._queue, (time_ns, next(self._number), line, beam))
 
     def _pass(self, beam: Beam, line: Line) -> None:

@@ -89,6 +89,7 @@ class Transport:
     def _launch(self, block: Block, end: FiberEnd, departure: Departure) -> asyncio.Task[None]:
         layer = self._layer
         layer.record(end.node, "send", block, port=end.port, time_ns=departure.start_ns)
+        self._keep_time(block, departure)
         layer.ownership.move(block, "")
         block.interval_ns = departure.pattern.interval_ns
         block.source_rate_hz = float("inf")
@@ -97,6 +98,16 @@ class Transport:
         self._flights.add(task)
         task.add_done_callback(self._landed)
         return task
+
+    def _keep_time(self, block: Block, departure: Departure) -> None:
+        """Let the half that stays begin to be when its source emits this one, pair by pair."""
+        name = block.name._replace(half=1 - block.name.half)
+        other = self._layer.ownership.at(name, block.node)
+        if other is None or block.fibers_passed or other.fibers_passed or other.interval_ns:
+            return
+        if other.start_ns == block.start_ns:  # it has not been used since both were created
+            other.start_ns, other.interval_ns = departure.start_ns, departure.pattern.interval_ns
+            other.first_ns, other.last_ns = departure.start_ns, departure.last_ns
 
     def _landed(self, task: asyncio.Task[None]) -> None:
         self._flights.discard(task)

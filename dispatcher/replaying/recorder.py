@@ -55,6 +55,7 @@ class Recorder(Journal):
 
     def __init__(self, file: BinaryIO, config: DispatcherConfig) -> None:
         """Begin the record of a dispatcher."""
+        super().__init__(config.time)
         self._file, self._numbers = file, count(1)
         record.begin(file)
         # Its paths are of that run, and its tokens nobody's business.

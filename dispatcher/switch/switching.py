@@ -150,10 +150,12 @@ class Switching:
                 wanted[in_port], circuits[in_port] = out_port, connection.circuit
         now_ns = layer.clock.now_ns()
         ready_ns, opened, closed = switch.timeline.connect(wanted, now_ns, circuits)
-        changes = (("close", closed, now_ns), ("open", opened, ready_ns))
+        layer.software.goes_on(now_ns, ready_ns)
+        wall_ns = layer.time.wall_ns
+        changes = (("close", closed, wall_ns(now_ns)), ("open", opened, wall_ns(ready_ns)))
         events = [
-            Event(time_ns=time_ns, node=switch.name, kind=kind, port=str(i), detail=f"{i} -> {o}")
-            for kind, ports, time_ns in changes
+            Event(time_ns=when_ns, node=switch.name, kind=kind, port=str(i), detail=f"{i} -> {o}")
+            for kind, ports, when_ns in changes
             for i, o in sorted(ports.items())
         ]
         layer.history.record(*events)

@@ -52,7 +52,7 @@ class Stored:
     """What a memory has taken."""
 
     arrived: NDArray[np.bool_]  # shape (k,): whether each photon is in it
-    time_ns: int
+    since_ns: int  # the mean time from which they wait there
 
 
 @dataclass(frozen=True)

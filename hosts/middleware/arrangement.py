@@ -2,11 +2,11 @@
 
 import asyncio
 import math
-import time
 from dataclasses import dataclass, replace
 
 from hosts.hardware.qnic import HardwareError
 from hosts.middleware.channel import ANSWER_TIMEOUT_S, MetadataChannel, SessionError
+from hosts.network_loop import now_s, wall_sleep
 from wire.metadata import Answer, Emit, Reason, Service, Setup
 
 DISCOVERY_TIMEOUT_S = 3.0
@@ -18,7 +18,7 @@ PAUSE_S = 0.1
 class Light:
     """The light of a host, which its sessions have one after the other."""
 
-    freed_s: float = -math.inf  # when a session last let go of it, of time.monotonic()
+    freed_s: float = -math.inf  # when a session last let go of it, of the network's clock
 
 
 class Arrangement:
@@ -43,7 +43,7 @@ class Arrangement:
         Fibres that the controller is still discovering are waited for, and so is light that this
         host has only just let go: the controller may hear of that after the next request.
         """
-        began_s = time.monotonic()
+        began_s = now_s()
         deadlines_s = {Reason.UNKNOWN_HOST: began_s + DISCOVERY_TIMEOUT_S}
         if began_s - self._light.freed_s < FREEING_TIMEOUT_S:
             deadlines_s[Reason.BUSY] = began_s + FREEING_TIMEOUT_S
@@ -55,9 +55,9 @@ class Arrangement:
                 channel.close()
                 if not isinstance(error, SessionError):
                     raise
-                if time.monotonic() > deadlines_s.get(error.reason, -math.inf):
+                if now_s() > deadlines_s.get(error.reason, -math.inf):
                     raise
-                await asyncio.sleep(PAUSE_S)
+                await wall_sleep(PAUSE_S)
             else:
                 self.channel = channel
                 return answer
@@ -86,4 +86,4 @@ class Arrangement:
             self._pairs.close()
         if hasattr(self, "channel"):
             self.channel.close()
-            self._light.freed_s = time.monotonic()
+            self._light.freed_s = now_s()

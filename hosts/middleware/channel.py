@@ -17,6 +17,7 @@ from wire.metadata import (
     decode,
     message_length,
 )
+from wire.verdict import Connection
 
 M = TypeVar("M", bound=Message)
 
@@ -74,7 +75,10 @@ class MetadataChannel:
     def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self._reader = reader
         self._writer = writer
-        self.peer: str = writer.get_extra_info("peername")[0]
+        own, peer = writer.get_extra_info("sockname"), writer.get_extra_info("peername")
+        self.peer: str = peer[0]
+        # As its opener sees it, if that is the other end.
+        self.connection: Connection = (*peer[:2], *own[:2])
         self._given_up = False
         self._session: int | None = None  # as its set-up message says, whoever has sent that
         # The answer to a short message carries its acknowledgement.
@@ -85,7 +89,7 @@ class MetadataChannel:
         """Connect to the stack of a host."""
         try:
             async with asyncio.timeout(CONNECT_TIMEOUT_S):
-                channel = cls(*await asyncio.open_connection(address, METADATA_PORT))
+                channel = cls(*await _connection(address))
         except OSError as error:  # TimeoutError is one
             raise SessionError(
                 Reason.UNKNOWN_HOST,
@@ -196,6 +200,22 @@ class MetadataChannel:
                 while await self._reader.read(1 << 16):
                     continue
         self.close()
+
+
+async def _connection(address: str) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+    """Connect; the set-up message acknowledges the handshake.
+
+    An acknowledgement of its own would go by way of the controller, as the set-up message does.
+    """
+    connection = socket.socket()
+    try:
+        connection.setblocking(False)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 0)
+        await asyncio.get_running_loop().sock_connect(connection, (address, METADATA_PORT))
+        return await asyncio.open_connection(sock=connection)
+    except BaseException:
+        connection.close()
+        raise
 
 
 def _named(kind: type[Message]) -> str:

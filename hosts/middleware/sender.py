@@ -15,7 +15,6 @@ paths stay up only as long as that connection (paper, figure "handshaking").
 """
 
 import asyncio
-import time
 from dataclasses import dataclass, replace
 from hashlib import sha256
 
@@ -31,6 +30,7 @@ from hosts.middleware.frame_format import agreed_format
 from hosts.middleware.framing import FramingError
 from hosts.middleware.one_by_one import Agreed, OneByOne
 from hosts.middleware.outbox import Outbox, OutgoingBlock
+from hosts.network_loop import now_s
 from wire.metadata import (
     SYMBOLS,
     Answer,
@@ -102,7 +102,7 @@ class SendingSession:
     async def open(self) -> None:
         """Arrange light paths and pair source; raise SessionError if they cannot be had."""
         answer = await self._arrangement.open()
-        self._lit_at_s = time.monotonic()
+        self._lit_at_s = now_s()
         await self._arrangement.engage_source()
         self._agree(answer)
 
@@ -205,7 +205,7 @@ class SendingSession:
         self._give_up_if_dark(str(error))
 
     def _give_up_if_dark(self, what: str) -> None:
-        if time.monotonic() - self._lit_at_s > DARK_LIMIT_S:
+        if now_s() - self._lit_at_s > DARK_LIMIT_S:
             raise SessionError(
                 Reason.NO_LIGHT,
                 f"{what} for {DARK_LIMIT_S:g} s; is a fibre cut, or its loss too high?",
@@ -224,7 +224,7 @@ class SendingSession:
         statistics.filled_symbols = report.filled
         statistics.repeated_frames = self._outbox.repeated_frames
         if report.lost < report.pairs:
-            self._lit_at_s = time.monotonic()
+            self._lit_at_s = now_s()
         self._give_up_if_dark(f"no pair reached {self._peer[0]}")
         self._give_up_if_too_noisy()
 

@@ -16,6 +16,7 @@ from rich.console import Console
 from qmn import run
 from qmn.network_options import BadInput
 from qmn.sweeps import emulated_teleportation, theory
+from qmn.sweeps.emulated_teleportation import TIME_SCALE
 from qmn.sweeps.estimates import proportion
 from qmn.sweeps.experiment import Experiment, Measure, Outcome, SweepError, number
 from qmn.sweeps.grid import Grid, Measurer, Row
@@ -35,6 +36,7 @@ OPTIONS = (
     RATE,
     Parameter("frame_bytes", 32, 1, 65_536),
     FEC,
+    TIME_SCALE,
 )  # of `qmn run`, by these names
 
 

@@ -24,6 +24,7 @@ from qmn.transfer import TransferError
 from topologies.network import Signals
 from topologies.programs import NetworkError
 from topologies.slow_copper import LEAST_MBPS, MOST_MBPS
+from wire.network_time import LEAST_SCALE, MOST_SCALE
 from wire.physics import Memory
 
 FIBERS_PASSED = 4  # two by either half of a pair
@@ -33,6 +34,7 @@ RATE = Parameter("classical_mbps", MOST_MBPS, LEAST_MBPS, MOST_MBPS, "Mbit/s")
 T1, T2 = (each for each in of_dataclass("memory_", Memory()) if each.unit == "s")
 STATE = Parameter("state", "random", choices=("random", "haar"))
 STATES = Parameter("states", 16_384, 100, 262_144)
+TIME_SCALE = Parameter("time_scale", LEAST_SCALE, LEAST_SCALE, MOST_SCALE)
 WAITED = Parameter("measured_wait_s", 0.0)
 
 
@@ -56,6 +58,7 @@ def arguments(values: Values, seed: int, runs: Path) -> argparse.Namespace:
         "backend": "chp" if values[STATE.name] == "random" else "dense",
         "depolarizing": values[DEPOLARIZING.name],
         "classical-mbps": values[RATE.name],
+        "time-scale": values[TIME_SCALE.name],
         "seed": seed,
         "runs": runs,
     }
@@ -90,7 +93,7 @@ def teleported(values: Values) -> float | None:
 TELEPORT = Experiment(
     "teleport",
     "teleportation in the emulated network with a slow classical channel",
-    (RATE, T1, T2, DEPOLARIZING, STATE, STATES),
+    (RATE, T1, T2, DEPOLARIZING, STATE, STATES, TIME_SCALE),
     (
         Measure(WAITED.name, "measured wait in memory for the two bits (s)"),
         Measure("teleported", "average fidelity of the teleported state", teleported, over=WAITED),

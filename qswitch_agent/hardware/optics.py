@@ -73,7 +73,7 @@ class CircuitReading:
     """How much light a cross-connect has passed."""
 
     photons: int
-    since_ns: int  # when it was made, on the clock of time.time_ns
+    since_ns: int  # when it was made, in time of the network since 1970
     last_ns: int  # when the last photon passed; since_ns if none has
 
 

@@ -24,6 +24,7 @@ from qswitch_agent.hardware.optics import (
 from wire import dispatcher_pb2 as messages
 from wire import service
 from wire.metadata import MalformedPacket
+from wire.network_time import REAL_TIME, NetworkTime
 
 REFUSALS = (
     grpc.StatusCode.INVALID_ARGUMENT,
@@ -45,8 +46,11 @@ Reply = TypeVar("Reply")
 class SimulatedSwitch:
     """The switch that the dispatcher simulates."""
 
-    def __init__(self, switch: str, socket: str, token: str) -> None:
+    def __init__(
+        self, switch: str, socket: str, token: str, network_time: NetworkTime = REAL_TIME
+    ) -> None:
         """Name the switch, the dispatcher's unix socket and the switch's token."""
+        self._time = network_time
         self._switch = switch
         self._socket = socket
         self._metadata = service.metadata(token)
@@ -82,7 +86,7 @@ class SimulatedSwitch:
 
     async def _outcome(self, request: messages.CrossConnectRequest) -> messages.CrossConnectOutcome:
         try:
-            async with asyncio.timeout(CALL_DEADLINE_S):
+            async with asyncio.timeout(self._time.wall_s(CALL_DEADLINE_S)):
                 return await self._cross_connects.ask(request)
         except TimeoutError as error:
             late = grpc.StatusCode.DEADLINE_EXCEEDED
@@ -156,14 +160,14 @@ class SimulatedSwitch:
             raise self._meaning(error.code(), error.details()) from error
 
     async def _wait_until(self, ready_ns: int) -> None:
-        remaining_s = (ready_ns - time.time_ns()) / 1e9
+        remaining_s = (ready_ns - self._time.network_ns(time.time_ns())) / 1e9
         if remaining_s > CALL_DEADLINE_S:
             raise HardwareFault(
                 f"dispatcher at {self._socket} says that {self._switch} needs {remaining_s:.1f} s "
                 f"to switch; lower its switching time to {CALL_DEADLINE_S} s at most"
             )
         if remaining_s > 0:
-            await asyncio.sleep(remaining_s)
+            await asyncio.sleep(self._time.wall_s(remaining_s))
 
     def _meaning(self, code: grpc.StatusCode, details: str | None) -> Exception:
         cause = f"{code.name}: {details}"

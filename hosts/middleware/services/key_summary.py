@@ -1,6 +1,5 @@
 """What applications are told of key distribution: counts, rates and error rates, never a key."""
 
-import time
 from dataclasses import dataclass, field
 from typing import Any
 from uuid import UUID
@@ -8,6 +7,7 @@ from uuid import UUID
 from hosts.middleware.qkd.end import End
 from hosts.middleware.qkd.key_length import asymptotic_fraction
 from hosts.middleware.qkd.key_store import KEY_BITS
+from hosts.network_loop import now_s
 
 CONFIDENCE = 0.95
 
@@ -18,14 +18,14 @@ class Progress:
 
     photons: int = 0  # or pairs, that were made
     blocks: int = 0  # of them
-    started: float = field(default_factory=time.monotonic)
+    started: float = field(default_factory=now_s)
     sifted_blocks: int = 0
     light_s: float = 0.0  # until the last of them was sifted
 
     def note(self, sifted_blocks: int) -> None:
         """Note when blocks have been sifted."""
         if sifted_blocks > self.sifted_blocks:
-            self.sifted_blocks, self.light_s = sifted_blocks, time.monotonic() - self.started
+            self.sifted_blocks, self.light_s = sifted_blocks, now_s() - self.started
 
 
 def so_far(progress: Progress, keys: End) -> dict[str, Any]:
@@ -41,7 +41,7 @@ def summary(progress: Progress, keys: End, ids: list[UUID]) -> dict[str, Any]:
     the whole session. The limit of the key fraction is 1 - 2 h(QBER), of endless keys.
     """
     report, estimate = keys.report, keys.estimate
-    elapsed_s = time.monotonic() - progress.started
+    elapsed_s = now_s() - progress.started
     light_s = progress.light_s or elapsed_s  # nothing was sifted
     low, high = estimate.interval(CONFIDENCE) if estimate else (None, None)
     qber = estimate.qber if estimate else None

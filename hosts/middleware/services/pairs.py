@@ -3,7 +3,6 @@
 Member i of a block is one pair at both ends, as both do the same to their halves.
 """
 
-import time
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,6 +24,7 @@ from hosts.middleware.services.blocks import (
 from hosts.middleware.services.fidelity import BASES, Estimate
 from hosts.middleware.services.purification import PHOTONS, Protocol, purify
 from hosts.middleware.services.service import End
+from hosts.network_loop import now_s
 from wire.metadata import Reason, Topic
 
 MAX_ASKED = 100_000  # pairs in one question
@@ -48,7 +48,7 @@ class Pairs:
         """Begin with none; half 0 is the opener's, half 1 the acceptor's."""
         self._end, self._half = end, half
         self._used = np.zeros(0, dtype=bool)
-        self._started = time.monotonic()
+        self._started = now_s()
         self.blocks: dict[int, Portion] = {}
         self.facts: dict[str, Any] = {}  # beside those that there are of all pairs
         self.estimates: dict[int, Estimate] = {}  # by rounds of purification
@@ -148,7 +148,7 @@ class Pairs:
 
     def summary(self) -> dict[str, Any]:
         """Return what the application is told; None where nothing is known."""
-        elapsed_s = time.monotonic() - self._started
+        elapsed_s = now_s() - self._started
         low, high = self.estimate.interval or (None, None)
         return {
             "session": f"{self._end.setup.session:016x}",

@@ -105,7 +105,7 @@ class _LastLink:
         name = end.block(number, half=1)
         if there:
             await take(end.qnic, name, {link.block(number): np.flatnonzero(bits.seen)})
-        chosen = await self._correct(name, bits, link.stored_ns)
+        chosen = await self._correct(name, bits, link.since_ns)
         for swapped in swaps:
             waited_ms = np.count_nonzero(bits.seen) * swapped.waited_us / 1e3
             self._repeaters_ms[swapped.place] += waited_ms
@@ -118,13 +118,13 @@ class _LastLink:
                 for _place, waited_ms in sorted(self._repeaters_ms.items())
             ]
 
-    async def _correct(self, name: BlockName, bits: Bits, stored_ns: int) -> Mask:
+    async def _correct(self, name: BlockName, bits: Bits, since_ns: int) -> Mask:
         """Return which of the pairs are in memory, corrected."""
         qnic, seen = self._end.qnic, np.flatnonzero(bits.seen)
         chosen = np.zeros(bits.size, dtype=bool)
         if seen.size:
             corrected_ns = await qnic.apply(name, bits.operators[seen])
-            self._waited_ms += seen.size * (corrected_ns - stored_ns) / 1e6
+            self._waited_ms += seen.size * (corrected_ns - since_ns) / 1e6
             self._corrected += seen.size
             kept = await store(qnic, name)
             await keep_of_all(qnic, name, kept)

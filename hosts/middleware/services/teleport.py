@@ -13,7 +13,6 @@ ones, whose mean fidelity is that of all states; on the backend dense they may b
 The acceptor cannot correct before the bits are there: they are what it corrects by.
 """
 
-import time
 from dataclasses import dataclass
 from math import sqrt
 from typing import Any
@@ -25,6 +24,7 @@ from hosts.middleware.services import qubit_states
 from hosts.middleware.services.options import ServiceOptions
 from hosts.middleware.services.qubit_states import RANDOM, States
 from hosts.middleware.services.service import AcceptorEnd, OpenerEnd, ServiceKind
+from hosts.network_loop import now_s
 from wire.metadata import Service, Topic
 
 STATE_BLOCKS = 1 << 31  # numbers of the blocks of states, beside those of pairs
@@ -75,12 +75,12 @@ class Tally:
 
 async def teleport(end: OpenerEnd, options: TeleportOptions) -> None:
     """Teleport all states, block after block."""
-    tally, number, started = Tally(), 0, time.monotonic()
+    tally, number, started = Tally(), 0, now_s()
     while left := options.count - tally.states:
         number, size = number + 1, min(left, end.setup.pairs)
         states = qubit_states.chosen(options.state, end.draws, size)
         tally.add(size, *await _teleport_block(end, number, size, states))
-        end.summary = tally.summary(time.monotonic() - started)
+        end.summary = tally.summary(now_s() - started)
         await end.tell(**end.summary)
 
 
@@ -103,13 +103,13 @@ async def _teleport_block(
 
 async def receive(end: AcceptorEnd) -> None:
     """Take states in until the opener has no more."""
-    tally, started = Tally(), time.monotonic()
+    tally, started = Tally(), now_s()
     while (coming := await end.announced(end.setup.pairs)) is not None:
         number, size = coming
         counts = await _receive_block(end, number, size)
         end.say(Topic.COUNTS, number, counts, 32)
         tally.add(size, *counts)
-        end.summary = tally.summary(time.monotonic() - started)
+        end.summary = tally.summary(now_s() - started)
         await end.tell(**end.summary)
 
 
@@ -126,7 +126,7 @@ async def _receive_block(end: AcceptorEnd, number: int, size: int) -> tuple[int,
     waited_us, found = 0, np.full(size, NO_COINCIDENCE, dtype=np.uint8)
     if stored.arrived.any():
         operators = corrections.astype(np.uint8) ^ np.uint8(end.setup.rotation)
-        waited_us = (await end.qnic.apply(name, operators) - stored.time_ns) // 1000
+        waited_us = (await end.qnic.apply(name, operators) - stored.since_ns) // 1000
     states = await qubit_states.heard(end, number, size)
     if stored.arrived.any():
         found = await states.measure(end.qnic, name)

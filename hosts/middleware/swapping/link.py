@@ -35,7 +35,7 @@ class OutgoingLink:
     def __init__(self, end: ConnectionEnd, arrangement: Arrangement, port: str) -> None:
         """Use a connection that is arranged, and this port for its light."""
         self._end, self._arrangement, self._port = end, arrangement, port
-        self.stored_ns = 0  # when the last block was kept
+        self.since_ns = 0  # the mean time from which the last block waits
 
     @classmethod
     async def open(cls, qnic: Qnic, order: SwapOrder, asked: Setup, address: str) -> "OutgoingLink":
@@ -69,7 +69,7 @@ class OutgoingLink:
         await end.channel.request(values(setup.session, Topic.COMING, number, [size], 32))
         light = setup.rate_hz, setup.wavelength_pm
         stored = await end.qnic.share_pairs(setup.session, number, size, self._port, *light)
-        self.stored_ns = stored.time_ns
+        self.since_ns = stored.since_ns
         end.say(Topic.ARRIVED, number, stored.arrived, 1)
         theirs = await end.hear(Topic.ARRIVED, number, size, 1)
         return await keep_of_all(end.qnic, self.block(number), stored.arrived & theirs.astype(bool))
@@ -110,7 +110,7 @@ class IncomingLink:
     def __init__(self, end: ConnectionEnd, order: SwapOrder) -> None:
         """Use a connection that has been accepted, as was ordered."""
         self._end, self._port = end, fiber_of(end.qnic, order.left_fiber)
-        self.stored_ns = 0  # when the last block came
+        self.since_ns = 0  # the mean time from which the last block waits
 
     def block(self, number: int) -> BlockName:
         """Return the name of the halves that are kept here."""
@@ -131,7 +131,7 @@ class IncomingLink:
             stored = await end.stored(light, size)
         finally:
             light.cancel()
-        self.stored_ns, arrived = stored.time_ns, stored.arrived
+        self.since_ns, arrived = stored.since_ns, stored.arrived
         if arrived.any() and end.setup.rotation:
             await end.qnic.apply(name, np.full(size, end.setup.rotation, dtype=np.uint8))
             arrived = await store(end.qnic, name)

@@ -85,7 +85,7 @@ class Repeater:
         if not size:
             return Swapped(place, 0, Bits.told(np.zeros(0, dtype=np.uint8), self._told_apart))
         found = await self._qnic.coincidences(*names)
-        waited_ns = found.time_ns - (self._left.stored_ns + self._right.stored_ns) // 2
+        waited_ns = found.time_ns - (self._left.since_ns + self._right.since_ns) // 2
         bits = Bits.told(found.outcomes, self._told_apart)
         return Swapped(place, max(waited_ns // 1000, 0), bits)
 

@@ -287,7 +287,8 @@ def test_a_classical_switch_gets_its_two_tables(scene: Scene) -> None:
     expected = [
         (1, 0, {}, [up]),
         (0, 0, {}, [on]),
-        (0, 200, {**to_port, "tcp_flags": (8, 8)}, [up]),
+        (0, 250, {**to_port, "tcp_flags": (2, 23)}, [on]),
+        (0, 200, to_port, [up]),
         (0, 200, {"eth_type": 0x0800, "ip_proto": 17, "udp_dst": DEVICE_PORT}, [up]),
         (0, 400, {**to_port, "tcp_flags": (1, 1)}, [up, on]),
         (0, 400, {**to_port, "tcp_flags": (4, 4)}, [up, on]),

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from chain_scene import Stacks, chain, order_swaps
 from dispatcher_status import held, require_nothing_left
-from stacks_scene import DEADLINE_S, OWN_ADDRESS, RELAYED, Change, grant
+from stacks_scene import DEADLINE_S, OWN_ADDRESS, RELAYED, Change, grant, sealed
 
 from hosts.middleware.channel import MetadataChannel, SessionError
 from hosts.middleware.swapping import orders
@@ -253,7 +253,9 @@ def test_the_acceptor_names_the_node_that_the_controller_has_not_reached(tmp_pat
             setup = Setup(5, Service.SWAP, 1, RELAYED["r1"], 100, 1, 1_000_000)
             told = replace(setup, verdict=Verdict.REFUSED, reason=Reason.NODE_SILENT)
             with pytest.raises(SessionError, match=rf"r1 \({RELAYED['r1']}\) has not answered"):
-                await channel.request(told)
+                await channel.request(
+                    sealed(told, "bob", (*channel.connection[2:], *channel.connection[:2]))
+                )
             channel.close()
 
     asyncio.run(run())

@@ -7,13 +7,14 @@ import sys
 import time
 from collections.abc import AsyncIterator, Coroutine, Iterator
 from contextlib import asynccontextmanager, contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import grpc
 import pytest
 
-from dispatcher.clock import CaptureClock
+from dispatcher.clock import NetworkClock
 from dispatcher.layer import PhysicalLayer
 from dispatcher.server import build_layer, build_server, build_service
 from qswitch_agent.hardware import simulated as hardware
@@ -66,7 +67,7 @@ class Bench:
 
     def __init__(self, layer: PhysicalLayer, server: Any, config: DispatcherConfig) -> None:
         self.layer, self.server = layer, server
-        self.switch = SimulatedSwitch("q1", config.socket, "token of q1")
+        self.switch = SimulatedSwitch("q1", config.socket, "token of q1", config.time)
         self.channel = grpc.aio.insecure_channel(f"unix:{config.socket}")
         self._stub: Any = DispatcherStub(self.channel)  # type: ignore[no-untyped-call]
 
@@ -91,9 +92,11 @@ class Bench:
 
 
 @asynccontextmanager
-async def simulation(folder: Path, **optics: Any) -> AsyncIterator[Bench]:
-    config = configuration(folder, **optics)
-    layer, errors = build_layer(config, CaptureClock(), None), list[BaseException]()
+async def simulation(folder: Path, scale: float = 1.0, **optics: Any) -> AsyncIterator[Bench]:
+    config = replace(
+        configuration(folder, **optics), time_scale=scale, time_since_ns=time.time_ns()
+    )
+    layer, errors = build_layer(config, NetworkClock(config.time), None), list[BaseException]()
     server = build_server(config, build_service(config, layer, errors.append))
     await server.start()
     bench = Bench(layer, server, config)
@@ -140,6 +143,16 @@ def test_switching_time_is_waited_for(tmp_path: Path) -> None:
             begin_s = time.monotonic()
             await bench.switch.set_cross_connects([CrossConnect(1, 2)])
             assert time.monotonic() - begin_s >= 0.05
+
+    play(scene())
+
+
+def test_switching_time_is_that_of_the_network(tmp_path: Path) -> None:
+    async def scene() -> None:
+        async with simulation(tmp_path, scale=20.0, switching_time_s=0.01) as bench:
+            begin_s = time.monotonic()
+            await bench.switch.set_cross_connects([CrossConnect(1, 2)])
+            assert time.monotonic() - begin_s >= 20 * 0.01
 
     play(scene())
 
@@ -255,7 +268,11 @@ async def heard(switch: OpticalHardware) -> tuple[asyncio.Queue[Condition], asyn
 
 
 def test_the_condition_is_reported_at_once_and_after_each_change(tmp_path: Path) -> None:
-    optics = {"insertion_loss_db": 1.0, "rotation": 2, "paths": [PathOptics(1, 3, 2.0, 1)]}
+    optics: dict[str, Any] = {
+        "insertion_loss_db": 1.0,
+        "rotation": 2,
+        "paths": [PathOptics(1, 3, 2.0, 1)],
+    }
 
     async def scene() -> None:
         async with simulation(tmp_path, **optics) as bench:
