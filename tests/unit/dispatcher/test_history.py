@@ -16,7 +16,7 @@ from dispatcher_network import (
 )
 
 from dispatcher.clock import CaptureClock
-from dispatcher.history import WATCHER_DEPTH, History
+from dispatcher.layer.history import WATCHER_DEPTH, History
 from wire import service
 from wire.dispatcher_pb2 import BlockId, CreateRequest, Event, WatchRequest
 
