@@ -18,12 +18,7 @@ from qswitch_agent.openflow.messages import HEADER, Refusal, transaction_id
 from qswitch_agent.openflow.packets import PacketOut
 from qswitch_agent.proxy.bundle_requests import BundleRequests
 from qswitch_agent.proxy.bundles import Tunings
-from qswitch_agent.proxy.judging import (
-    checked_port_mod,
-    marked,
-    may_modify_light,
-    require_not_slave,
-)
+from qswitch_agent.proxy.checks import checked_port_mod, marked, may_modify_light, require_not_slave
 from qswitch_agent.proxy.link import Link
 from qswitch_agent.switch import Switch
 from wire.metadata import MalformedPacket

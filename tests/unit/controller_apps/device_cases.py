@@ -14,15 +14,15 @@ from metadata_scene import Q1, S1
 from scapy.layers.inet import IP, UDP
 from scapy.layers.l2 import Ether
 
-from controller_apps import framework
+from controller_apps.apps.device_monitor import SET_TIMEOUT_S, DeviceMonitor
+from controller_apps.apps.swap_orders import EventSwapsOrdered
 from controller_apps.console import console
 from controller_apps.console.console import Console
 from controller_apps.console.facts import MAX_REQUEST, Facts, perform
 from controller_apps.console.questions import EventQuestion, Refused
-from controller_apps.devices.datagrams import Frame
-from controller_apps.devices.device_monitor import SET_TIMEOUT_S, DeviceMonitor
-from controller_apps.devices.swap_orders import EventSwapsOrdered
-from controller_apps.framework import ofp_event, ofproto, parser
+from controller_apps.openflow import framework
+from controller_apps.openflow.framework import ofp_event, ofproto, parser
+from controller_apps.packets.datagrams import Frame
 from controller_apps.record import Record
 from controller_apps.sessions.actions import SwapsOrdered
 from controller_apps.sessions.ordering import NODE_TIMEOUT_S
@@ -58,7 +58,7 @@ class Scene:
         )
         self.now = 100.0
         clock = SimpleNamespace(monotonic=lambda: self.now, time_ns=lambda: 5_000)
-        monkeypatch.setattr("controller_apps.devices.device_monitor.time", clock)
+        monkeypatch.setattr("controller_apps.apps.device_monitor.time", clock)
         self.monitor = DeviceMonitor(config, Record(str(self.record_path)))
         self.s1, self.q1 = Datapath(S1), Datapath(Q1)
         self.number = 0

@@ -37,19 +37,18 @@ from scapy.contrib.lldp import (
 )
 from scapy.layers.l2 import Ether
 
-from controller_apps import framework
+from controller_apps.apps.learning_switch import LearningSwitch
+from controller_apps.apps.quantum_metadata import QuantumMetadata
+from controller_apps.apps.swap_orders import EventNodeAnswered
 from controller_apps.console.questions import EventQuestion
-from controller_apps.devices.swap_orders import EventNodeAnswered
-from controller_apps.framework import ProtocolDesc, ofp_event, ofproto, parser
-from controller_apps.learning_switch import LearningSwitch
-from controller_apps.light import discovery, flow_entries
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import HostPort
-from controller_apps.mac_table import MacTable
-from controller_apps.quantum_metadata import QuantumMetadata
+from controller_apps.openflow import discovery, flow_entries, framework
+from controller_apps.openflow.framework import ProtocolDesc, ofp_event, ofproto, parser
+from controller_apps.openflow.mac_table import MacTable
+from controller_apps.packets.segments import FiveTuple
 from controller_apps.record import Record
-from controller_apps.sessions.segments import FiveTuple
-from controller_apps.succession.state_folder import StateFolder
+from controller_apps.sessions.state_folder import StateFolder
 from wire.config import ControllerConfig
 from wire.device import DEVICE_PORT
 from wire.features import EVERYTHING, OUI, SUBTYPE, Abilities
@@ -752,7 +751,7 @@ def test_an_expired_bypass_tears_down(ready: Scene, monkeypatch: pytest.MonkeyPa
 
 def shift_clock(monkeypatch: pytest.MonkeyPatch, seconds: float) -> None:
     later = time.monotonic() + seconds
-    monkeypatch.setattr("controller_apps.quantum_metadata.time.monotonic", lambda: later)
+    monkeypatch.setattr("controller_apps.apps.quantum_metadata.time.monotonic", lambda: later)
 
 
 def test_the_deadline_of_the_hold(ready: Scene, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -19,7 +19,7 @@ from dispatcher_network import (
     with_fibers,
 )
 
-from dispatcher.layer import block_name
+from dispatcher.layer.layer import block_name
 from dispatcher.switch.timeline import REMEMBERED_NS
 from wire.config import DispatcherConfig, PathOptics, QuantumSwitch
 from wire.dispatcher_pb2 import Connection, SwitchStatisticsReply, TunePortRequest

@@ -9,7 +9,7 @@ import grpc
 import pytest
 from dispatcher_network import Bench, JumpingClock, configuration, running
 
-from dispatcher.network import Network
+from dispatcher.layer.network import Network
 from dispatcher.refusal import Refusal
 from wire.config import BadConfig, PathOptics, QuantumSwitch
 from wire.dispatcher_pb2 import (

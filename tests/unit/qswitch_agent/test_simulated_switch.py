@@ -14,9 +14,10 @@ from typing import Any
 import grpc
 import pytest
 
+from dispatcher.build import build_layer
 from dispatcher.clock import NetworkClock
-from dispatcher.layer import PhysicalLayer
-from dispatcher.server import build_layer, build_server, build_service
+from dispatcher.layer.layer import PhysicalLayer
+from dispatcher.server.server import build_server, build_service
 from qswitch_agent.hardware import simulated as hardware
 from qswitch_agent.hardware.optics import (
     Condition,
