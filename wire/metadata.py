@@ -129,7 +129,7 @@ class Pauli(IntEnum):
 
 
 class Fec(IntEnum):
-    """Error-correction codes of a session (hosts/middleware/coding)."""
+    """Error-correction codes of a session (hosts/middleware/services/superdense/coding)."""
 
     NONE = 0
     REPETITION = 1  # (3,1)

@@ -11,9 +11,10 @@ may add bytes behind it, so a request is known by its connection and sequence nu
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from controller_apps.light.light import Light
 from controller_apps.light.paths import Hop, Network, switches
-from controller_apps.policy import Tap
+from controller_apps.packets.segments import RST, FiveTuple, parse
+from controller_apps.policy.policy import Tap
+from controller_apps.policy.schedules import PARALLEL
 from controller_apps.sessions.actions import (
     Action,
     AddBypass,
@@ -23,9 +24,9 @@ from controller_apps.sessions.actions import (
 )
 from controller_apps.sessions.admission import Admission, admit, find_light
 from controller_apps.sessions.chains import links_of
+from controller_apps.sessions.light_paths import Light
 from controller_apps.sessions.ordering import Ordering
-from controller_apps.sessions.schedules import PARALLEL
-from controller_apps.sessions.segments import RST, FiveTuple, parse
+from controller_apps.sessions.recovery import Inheritance
 from controller_apps.sessions.sessions import (
     Arrival,
     Request,
@@ -35,7 +36,6 @@ from controller_apps.sessions.sessions import (
     read_setup,
 )
 from controller_apps.sessions.verdicts import Verdicts, released
-from controller_apps.succession.inheritance import Inheritance
 from wire.metadata import (
     METADATA_PORT,
     SETUP_LENGTH,

@@ -3,12 +3,12 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from controller_apps.light.light import Light
+from controller_apps.packets.segments import FiveTuple
 from controller_apps.sessions.actions import Action, Forget, Forward, Note, RemoveBypass
 from controller_apps.sessions.chains import links_of
-from controller_apps.sessions.segments import FiveTuple
+from controller_apps.sessions.light_paths import Light
 from controller_apps.sessions.sessions import Arrival, Request, Session, Sessions
-from controller_apps.succession.kept import keep
+from controller_apps.sessions.snapshot import keep
 from wire.metadata import Reason, Verdict
 from wire.verdict import seal
 

@@ -212,7 +212,7 @@ class Qnic(Protocol):
     async def coincidences(self, first: BlockName, second: BlockName) -> Coincidences:
         """Make Bell measurements as `bell_measure` does; also say when, and how many clicks."""
 
-    async def let_go(self, session: int, number: int) -> None:
+    async def discard_block(self, session: int, number: int) -> None:
         """Let go of what has come of both halves of a block."""
 
     def watch(self, session: int, history: bool) -> AsyncIterator[bytes]:

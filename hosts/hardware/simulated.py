@@ -119,7 +119,7 @@ class SimulatedQnic:
         try:
             feedback = (await self._orders.perform(*receive, bell))[-1]
         except NoLight:
-            await self.let_go(session, number)
+            await self.discard_block(session, number)
             raise
         outcomes = np.frombuffer(feedback.outcomes, dtype=np.uint8)
         return Coincidences(outcomes, feedback.clicks, feedback.time_ns)
@@ -271,7 +271,7 @@ class SimulatedQnic:
         """Let go of all photons of a session."""
         await self._orders.perform(Step(discard=DiscardRequest(session=session)))
 
-    async def let_go(self, session: int, number: int) -> None:
+    async def discard_block(self, session: int, number: int) -> None:
         """Let go of what has come of both halves of a block."""
         for half in (0, 1):
             discard = DiscardRequest(block=_half(session, number, half))

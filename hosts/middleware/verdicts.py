@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from hosts.middleware.channel import SessionError
+from hosts.middleware.session.channel import SessionError
 from wire.metadata import Reason, Setup, Verdict
 from wire.verdict import Connection, is_sealed
 

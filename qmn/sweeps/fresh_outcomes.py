@@ -1,4 +1,6 @@
-"""Blocks of one name, one after the other: their outcomes must have nothing to do with each other."""
+"""Blocks of one name, one after the other: the outcomes of each are its own."""
+
+from itertools import pairwise
 
 import numpy as np
 
@@ -23,7 +25,7 @@ async def use_again(values: Values, seed: int) -> Outcome:
         await alice.create(size)
         found.append(await alice.measure((0, 0), MeasureRequest.X))
         await alice.discard((0, 1))
-    equal = sum(np.count_nonzero(a == b) for a, b in zip(found, found[1:], strict=False))
+    equal = sum(np.count_nonzero(a == b) for a, b in pairwise(found))
     return {"equal": proportion(int(equal), size * (uses - 1))}
 
 

@@ -17,7 +17,7 @@ from metadata_scene import (
 
 from controller_apps.sessions.actions import Action, Forward, Keep, OpenPaths
 from controller_apps.sessions.arbiter import Arbiter
-from controller_apps.succession.kept import decode_session
+from controller_apps.sessions.snapshot import decode_session
 from wire.metadata import HEADER, METADATA_PORT, Setup
 from wire.verdict import is_sealed
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dispatcher.devices.decay import decay
 from dispatcher.laboratory import BlockKey, Laboratory, block_id
-from dispatcher.ownership import Block, BlockName
+from dispatcher.layer.ownership import Block, BlockName
 from dispatcher.refusal import Refusal
 from dispatcher.sabot.dense import TooLarge
 from dispatcher.sabot.manager import NO_CLICK

@@ -22,7 +22,7 @@ from five_sigma import within
 from numpy.typing import NDArray
 
 from dispatcher.devices.decay import Decay, decay
-from dispatcher.ownership import BlockName
+from dispatcher.layer.ownership import BlockName
 from dispatcher.sabot.manager import NO_CLICK
 from wire.dispatcher_pb2 import CreateRequest, DiscardRequest, Feedback, StoreRequest
 from wire.physics import Device, Memory, PairSource

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from five_sigma import within
 
-from dispatcher import used_names
 from dispatcher.laboratory import Laboratory
+from dispatcher.layer import used_names
+from dispatcher.layer.used_names import UsedNames, UsedNumbers
 from dispatcher.sabot.manager import NO_CLICK
-from dispatcher.used_names import UsedNames, UsedNumbers
 from wire.config import DispatcherConfig
 from wire.dispatcher_pb2 import MeasureRequest
 from wire.physics import Detectors, Device, PairSource

@@ -17,12 +17,13 @@ from typing import Any, Literal, TextIO
 import grpc
 import pytest
 
+from dispatcher.build import build_layer
 from dispatcher.clock import NetworkClock
-from dispatcher.server import build_layer, build_server, build_service
+from dispatcher.server.server import build_server, build_service
 from hosts.hardware.simulated import SimulatedQnic
-from hosts.middleware.channel import MetadataChannel
+from hosts.middleware.session.channel import MetadataChannel
+from hosts.quantum_socket import QuantumSocket
 from hosts.service_socket import ServiceSocket
-from hosts.software import QuantumSocket
 from hosts.stack import Stack
 from hosts.stack_socket import QuantumSocketError
 from qswitch_agent.hardware.optics import CrossConnect

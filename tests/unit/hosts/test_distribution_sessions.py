@@ -13,9 +13,9 @@ import pytest
 from dispatcher_status import held, require_nothing_left
 from stacks_scene import DEADLINE_S, OWN_ADDRESS, Cut, arbitrated, network, refusal
 
-from hosts.middleware.channel import MetadataChannel, SessionError
-from hosts.middleware.services import distribute
-from hosts.middleware.values import expect, values
+from hosts.middleware.services.distribution import distribute
+from hosts.middleware.session.channel import MetadataChannel, SessionError
+from hosts.middleware.session.values import expect, values
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
 from wire.metadata import Finish, Message, Reason, Service, Setup, Topic, Values

@@ -10,10 +10,12 @@ import pytest
 from fault_scene import PORT, SERVICES, Once, require_no_session, running, session
 from stacks_scene import DEADLINE_S, OWN_ADDRESS, arbitrated, grant
 
-from hosts.middleware.channel import MetadataChannel, SessionError
-from hosts.middleware.services import key_light, key_messages, service
+from hosts.middleware.services.key_distribution import light as key_light
+from hosts.middleware.services.key_distribution import messages as key_messages
+from hosts.middleware.session import service
+from hosts.middleware.session.channel import MetadataChannel, SessionError
+from hosts.quantum_socket import QuantumSocket
 from hosts.service_socket import ServiceSocket
-from hosts.software import QuantumSocket
 from wire.metadata import (
     HEADER,
     METADATA_PORT,
