@@ -5,10 +5,9 @@ from contextlib import suppress
 
 from hosts.hardware.lldp import announcement
 from hosts.network_loop import wall_sleep
+from hosts.timeouts import ANNOUNCEMENT_PERIOD_S, ANNOUNCEMENT_TTL_S
 from wire.features import Abilities
 
-TTL_S = 30
-PERIOD_S = 5.0
 FAST_START = (0.2,) * 50  # pauses before the period begins, while the network starts
 
 
@@ -16,7 +15,7 @@ async def announce(name: str, address: str, ports: list[str], abilities: Abiliti
     """Announce every fibre port for ever, quickly at first (802.1AB fast start)."""
     channels = [_open(port) for port in ports]
     frames = [
-        announcement(name, port, address, channel.getsockname()[4], TTL_S, abilities)
+        announcement(name, port, address, channel.getsockname()[4], ANNOUNCEMENT_TTL_S, abilities)
         for port, channel in zip(ports, channels, strict=True)
     ]
     try:
@@ -25,7 +24,7 @@ async def announce(name: str, address: str, ports: list[str], abilities: Abiliti
             for channel, frame in zip(channels, frames, strict=True):
                 with suppress(OSError):  # a fibre that is set down says nothing
                     channel.send(frame)
-            await wall_sleep(next(pauses, PERIOD_S))
+            await wall_sleep(next(pauses, ANNOUNCEMENT_PERIOD_S))
     finally:
         for channel in channels:
             channel.close()
