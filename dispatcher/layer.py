@@ -53,7 +53,9 @@ class PhysicalLayer:
         `each` says of a photon, by its position, what `detail` says of all.
         """
         event = Event(node=node, kind=kind, port=port, detail=detail)
-        event.time_ns = self.time.wall_ns(time_ns or self.clock.now_ns())
+        happened_ns = time_ns or self.clock.now_ns()
+        self.software.news(node, happened_ns)
+        event.time_ns = self.time.wall_ns(happened_ns)
         if block is not None:
             event.block.CopyFrom(block_id(block.name))
             event.photons = block.register.size

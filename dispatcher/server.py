@@ -63,7 +63,7 @@ def build_layer(
     if unknown := config.devices.keys() - config.tokens.keys():
         raise BadConfig(f"devices of {', '.join(sorted(unknown))}: there are no such hosts")
     sabot, draws = sabot or Sabot(BACKENDS[config.backend]), Draws(config.seed)
-    software = SoftwareTime()
+    software = SoftwareTime(config.news_s)
     return PhysicalLayer(
         clock=clock,
         sabot=sabot,

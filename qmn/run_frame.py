@@ -31,6 +31,7 @@ from qmn.software_share import software_facts
 from qmn.time_scale import scale_of
 from qmn.timeline import timeline_of_run
 from qmn.transfer import TransferError
+from topologies.causality import worst
 from topologies.network import Interrupted, Network, Signals
 from topologies.programs import NetworkError
 from topologies.slow_copper import LEAST_MBPS, MOST_MBPS, slow_metadata
@@ -48,6 +49,7 @@ NETWORK_PARAMETERS = (
     "leaves",
     "repeaters",
     "spines",
+    "copper_km",
     "loss_budget_db",
     "contention",
     "openflow_port",
@@ -173,6 +175,8 @@ def running_network(
         yield network
         reached = status(network)
         facts["exact"] = reached.exact
+        early = worst(network.runtime)
+        facts["acausal"] = early.to_dict() if early else None
         facts |= software_facts(reached.software, network.runtime.devices.values())
     facts["packets_not_captured"] = network.packets_missed
 

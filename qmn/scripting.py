@@ -32,6 +32,7 @@ from qmn.network_options import (
 from qmn.networks import FIBER, SIZES, TOPOLOGIES, topology
 from qmn.run_folder import given_at_the_end
 from qmn.time_scale import scale_of
+from topologies.causality import worst
 from topologies.network import Network, Signals
 from topologies.nodes import QuantumHost
 
@@ -204,6 +205,8 @@ def running(
         try:
             with network, signals.at_once():
                 facts["network"] = network_facts(network).to_dict()
+                early = worst(network.runtime)
+                facts["acausal"] = early.to_dict() if early else None
                 if folder is not None and runtime.metrics:
                     facts["metrics"] = announce(runtime.metrics_addresses, folder)
                 yield network

@@ -91,7 +91,7 @@ class Memories:
         waited_ns = now_ns - block.stored_ns
         memory = self._devices.of(block.node).memory
         happened = decay(memory, waited_ns / 1e9)
-        self._software.waited(block.stored_ns, now_ns, memory.decays)
+        self._software.waited(block.node, block.stored_ns, now_ns, memory.decays)
         if happened.damped:
             self._damp(block, happened.damped)
         block.start_ns += waited_ns

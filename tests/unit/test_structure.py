@@ -13,6 +13,7 @@ PRODUCT = (
     "hosts",
     "controller_apps",
     "qswitch_agent",
+    "copper",
     "topologies",
 )
 ALL = (*PRODUCT, "qmn", "tests")
