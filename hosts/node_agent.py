@@ -9,9 +9,9 @@ import logging
 import time
 from typing import cast
 
-from hosts.middleware.channel import SessionError
 from hosts.middleware.device import Device, changed
-from hosts.middleware.swapping.orders import Swaps
+from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.swap_orders import Swaps
 from hosts.network_loop import wall_sleep
 from wire.config import HostConfig
 from wire.device import (

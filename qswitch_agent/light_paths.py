@@ -12,7 +12,6 @@ from qswitch_agent.hardware.optics import (
     HardwareFault,
     HardwareRefusal,
     OpticalHardware,
-    Quantity,
 )
 from qswitch_agent.middleware.flow_table import FlowTable
 from qswitch_agent.openflow.flow_reports import ADDED, REMOVED, FlowUpdate
@@ -154,7 +153,7 @@ class LightPaths:
             except HardwareRefusal as refusal:
                 log.error("no idle path can be found: %s", refusal)
                 continue
-            if Quantity.PHOTONS in readings.not_measured:
+            if not readings.counts_photons:
                 log.warning("this hardware counts no photons: idle time-outs have no effect")
                 return
             now_ns = self._now_ns()

@@ -35,7 +35,7 @@ class FabricTopo(Topo):
         super().__init__(*arguments, **params)
         lay_copper(self)  # when all fibres are there
 
-    def lay_copper(
+    def add_classical_network(
         self,
         preset: str = "ideal",
         devices: Mapping[str, Device] | None = None,

@@ -18,8 +18,8 @@ from mininet.topo import Topo
 from topologies import openvswitch, runtime
 from topologies.copper_lengths import lay_copper
 from topologies.nodes import COPPER, READY_TIMEOUT_S, QuantumController, ShellWatcher
+from topologies.parallel import ParallelMininet
 from topologies.programs import POLL_S, NetworkError, Program, stop_all
-from topologies.quick import QuickMininet
 from topologies.record import read_record
 from topologies.runtime import DISPATCHER, RUNTIME_ROOT, Runtime, alive, only_run
 from wire.config import Fiber
@@ -162,7 +162,7 @@ class Network:
         (self.runtime.folder / SWITCHES).write_text("\n".join(topo.switches()))
         # Mininet would raise kernel limits for the whole machine, which is not ours to change.
         Mininet.inited = True
-        self.net = QuickMininet(topo=topo, controller=QuantumController, build=False)
+        self.net = ParallelMininet(topo=topo, controller=QuantumController, build=False)
         self._cleanup.callback(remove_links, topo.switches())
         self._cleanup.callback(self._stop_nodes)
         self._cleanup.callback(self._stop_programs)

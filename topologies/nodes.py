@@ -448,6 +448,7 @@ class QuantumController(ShellWatcher, Controller):
             policy=network.policy,
             address=free_address(network.addresses.values(), network.prefix_length),
             device_keys=network.device_keys,
+            addresses={host: network.addresses[host] for host in network.device_keys},
             console=network.socket(CONSOLE),
             rest=network.rest,
             apps=network.apps,

@@ -239,7 +239,8 @@ class ControllerConfig(MeasuredConfig):
     contention: str = "refuse"  # or "queue": what becomes of a request for light that is taken
     policy: str = ""  # path of the policy file; empty: the shipped one, which allows the demo
     address: str = ""  # IPv4, in the hosts' network, that its datagrams to node agents come from
-    device_keys: dict[str, str] = field(default_factory=dict)  # of each host's node agent
+    device_keys: dict[str, str] = field(default_factory=dict)  # of each host
+    addresses: dict[str, str] = field(default_factory=dict)  # of these hosts, IPv4
     console: str = ""  # path of the unix socket of the console; empty: none
     rest: str = ""  # "127.0.0.1:8080": serve the same there, on Ryu only; empty: not at all
     apps: list[str] = field(default_factory=list)  # modules of further apps to load

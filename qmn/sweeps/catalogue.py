@@ -11,9 +11,10 @@ from qmn.sweeps.parameters import Values
 from qmn.sweeps.seeds import point_seed
 from qmn.sweeps.superdense import SUPERDENSE
 from qmn.sweeps.teleportation import SWAP, TELEPORT
+from qmn.sweeps.waiting import WAITING
 
 EXPERIMENTS: dict[str, Experiment] = {
-    each.name: each for each in (SUPERDENSE, TELEPORT, SWAP, CHSH, HOM, DEAD, GATED_BELL)
+    each.name: each for each in (SUPERDENSE, TELEPORT, SWAP, CHSH, HOM, DEAD, GATED_BELL, WAITING)
 }
 
 

@@ -12,15 +12,15 @@ from typing import Any
 
 from rich.console import Console
 
-from qmn import run, service_run
-from qmn.network_options import BadInput
-from qmn.networks import BadTopology
+from qmn.jobs import service
+from qmn.jobs.transfer import TransferError
+from qmn.network.options import BadInput
+from qmn.network.topologies import BadTopology
 from qmn.sweeps import theory
 from qmn.sweeps.estimates import NOTHING, Estimate, proportion
 from qmn.sweeps.experiment import Experiment, Measure, Outcome, SweepError, number
 from qmn.sweeps.link import FIBER
 from qmn.sweeps.parameters import Parameter, Values, of_dataclass
-from qmn.transfer import TransferError
 from topologies.network import Signals
 from topologies.programs import NetworkError
 from topologies.slow_copper import LEAST_MBPS, MOST_MBPS
@@ -41,7 +41,7 @@ WAITED = Parameter("measured_wait_s", 0.0)
 def measure(values: Values, seed: int, runs: Path, signals: Signals) -> Outcome:
     """Teleport states, all in one block: they wait equally long."""
     try:
-        service_run.run(arguments(values, seed, runs), signals, Console(quiet=True))
+        service.run(arguments(values, seed, runs), signals, Console(quiet=True))
     except (NetworkError, TransferError, BadInput, BadTopology) as error:
         raise SweepError(f"{TELEPORT.place(values)} failed: {error}") from error
     return outcome(json.loads((runs / "latest" / "result.json").read_text())["asking"])
@@ -50,7 +50,7 @@ def measure(values: Values, seed: int, runs: Path, signals: Signals) -> Outcome:
 def arguments(values: Values, seed: int, runs: Path) -> argparse.Namespace:
     """Return what `qmn run teleport` would be told."""
     parser = argparse.ArgumentParser()
-    run.add_parser(parser.add_subparsers())
+    service.add_parsers(parser.add_subparsers(dest="job"))
     options = {
         "count": values[STATES.name],
         "block-pairs": values[STATES.name],
@@ -66,7 +66,7 @@ def arguments(values: Values, seed: int, runs: Path) -> argparse.Namespace:
     for time in (T1, T2):
         name = time.name.removeprefix("memory_")
         words.append(f"--device={RECEIVER}.memory.{name}={values[time.name]}")
-    return parser.parse_args(["run", "teleport", "--no-capture", *words])
+    return parser.parse_args(["teleport", "--no-capture", *words])
 
 
 def outcome(told: dict[str, Any]) -> Outcome:

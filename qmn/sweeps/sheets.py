@@ -242,4 +242,20 @@ SHEETS = (
             )
         ],
     ),
+    Sheet(
+        "memory",
+        "memory",
+        {"rate_hz": "100:1e6:9:log", "t2_s": [0.01, 0.1, 1.0], "t1_s": [1.0], "pairs": 100_000},
+        [
+            Curve(
+                f"memory-{measure}",
+                f"1,000 pairs wait in memories for the last: {text}",
+                "rate_hz",
+                "pairs a second",
+                measure,
+                by=["t2_s"],
+            )
+            for measure, text in (("xx", "X and X, T2"), ("zz", "Z and Z, T1 = 1 s"))
+        ],
+    ),
 )

@@ -13,6 +13,7 @@ from qswitch_agent.hardware.optics import (
     CircuitReading,
     Condition,
     CrossConnect,
+    Direction,
     HardwareFault,
     HardwareRefusal,
     Path,
@@ -32,6 +33,11 @@ REFUSALS = (
     grpc.StatusCode.RESOURCE_EXHAUSTED,
 )
 
+DIRECTIONS = {
+    Direction.BOTH: messages.TunePortRequest.BOTH,
+    Direction.RECEIVE: messages.TunePortRequest.RECEIVE,
+    Direction.TRANSMIT: messages.TunePortRequest.TRANSMIT,
+}
 STATUS = {status.value[0]: status for status in grpc.StatusCode}
 
 Reply = TypeVar("Reply")
@@ -88,9 +94,20 @@ class SimulatedSwitch:
         except (OSError, EOFError, MalformedPacket) as error:
             raise self._meaning(grpc.StatusCode.UNAVAILABLE, str(error)) from error
 
-    async def tune(self, port: int, frequency_mhz: int | None, power_dbm: float | None) -> None:
-        """Tune a port's filter and its attenuator; None leaves a value as it is."""
-        request = messages.TunePortRequest(switch=self._switch, port=port, power_dbm=power_dbm)
+    async def tune(
+        self,
+        port: int,
+        frequency_mhz: int | None,
+        power_dbm: float | None,
+        direction: Direction = Direction.BOTH,
+    ) -> None:
+        """Tune a port's filters and its attenuator; None leaves a value as it is."""
+        request = messages.TunePortRequest(
+            switch=self._switch,
+            port=port,
+            power_dbm=power_dbm,
+            direction=DIRECTIONS[direction],
+        )
         if frequency_mhz is not None:
             if not 0 < frequency_mhz < 1 << 32:
                 raise HardwareRefusal(f"port {port} cannot be tuned to {frequency_mhz} MHz")
@@ -173,7 +190,8 @@ def _readings(reply: messages.SwitchStatisticsReply) -> Readings:
                 photons_in=port.photons_in,
                 photons_out=port.photons_out,
                 photons_lost=port.photons_lost,
-                frequency_mhz=port.frequency_mhz,
+                tx_mhz=port.frequency_mhz,
+                rx_mhz=port.rx_frequency_mhz,
                 tx_dbm=port.power_dbm,
                 rx_dbm=port.rx_power_dbm,
                 bias_ma=port.bias_ma,

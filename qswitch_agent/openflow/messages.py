@@ -14,6 +14,7 @@ ERROR = struct.Struct("!HH")  # type, code
 PART = struct.Struct("!HH")  # type, length
 ERROR_DATA = 64  # bytes of the message that is answered, at least those it has
 MAX_LENGTH = 0xFFFF
+NOT_AVAILABLE = (1 << 64) - 1  # a counter that a switch does not have (OpenFlow 1.4, 5.8)
 ANY_VERSION = (ofp.OFPT_HELLO, ofp.OFPT_ERROR)  # of a message that may not be of version 1.4
 ROLE = struct.Struct(ofp.OFP_ROLE_REQUEST_PACK_STR)
 

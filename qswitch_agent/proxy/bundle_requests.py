@@ -11,12 +11,7 @@ from qswitch_agent.openflow.flows import FlowMod
 from qswitch_agent.openflow.messages import HEADER, Refusal, transaction_id
 from qswitch_agent.openflow.ports import PortMod
 from qswitch_agent.proxy.bundles import Bundle, Member, require_supported
-from qswitch_agent.proxy.judging import (
-    checked_port_mod,
-    marked,
-    may_modify_light,
-    require_not_slave,
-)
+from qswitch_agent.proxy.checks import checked_port_mod, marked, may_modify_light, require_not_slave
 from qswitch_agent.proxy.link import Link
 from qswitch_agent.switch import Switch, circuits, impossible_path
 from wire.metadata import MalformedPacket

@@ -110,35 +110,37 @@ class Replies:
         return multipart.rebuilt(message, parts)
 
     def _photons(self, port: ports.PortStatistics, readings: Readings) -> ports.PortStatistics:
-        reading = readings.ports.get(port.number)
-        if port.number not in self._switch.fibers or reading is None:
+        if port.number not in self._switch.fibers:
             return port
-        photons = reading.photons_in, reading.photons_out, reading.photons_lost
+        reading = readings.ports.get(port.number)
+        if reading is None or not readings.counts_photons:
+            photons = (messages.NOT_AVAILABLE,) * 3
+        else:
+            photons = reading.photons_in, reading.photons_out, reading.photons_lost
         return port.shown(photons, self._switch.light(port.number, readings).encode())
 
     async def _flow_statistics(self, message: bytes) -> bytes:
         statistics = flow_reports.flow_statistics(message)
         marks = [self._mark(one.entry) for one in statistics]
         if any(marks):
-            circuits = (await self._switch.read()).circuits
+            readings = await self._switch.read()
             for number, mark in enumerate(marks):
                 if mark:
-                    reading = circuits.get(mark.circuit)
-                    photons = reading.photons if reading else 0
+                    photons = _photons(readings, mark)
                     statistics[number] = statistics[number].shown(mark, photons)
         xid = transaction_id(message)
         if xid not in self._link.aggregates:
             return multipart.rebuilt(message, [entry.encode() for entry in statistics])
         counted, octets, count = self._link.aggregates[xid]
-        counted += sum(entry.packets for entry in statistics)
-        octets += sum(entry.octets for entry in statistics)
+        counted = _total([counted, *(entry.packets for entry in statistics)])
+        octets = _total([octets, *(entry.octets for entry in statistics)])
         count += len(statistics)
         self._link.aggregates[xid] = counted, octets, count
         if multipart.more_follows(message):
             return b""
         del self._link.aggregates[xid]
-        total = AGGREGATE.pack(counted, octets, count)
-        return multipart.reply(ofp.OFPMP_AGGREGATE, xid, [total])
+        body = AGGREGATE.pack(counted, octets, count)
+        return multipart.reply(ofp.OFPMP_AGGREGATE, xid, [body])
 
     def _mark(self, entry: FlowEntry) -> Mark | None:
         """Return the mark of a light entry; what a controller noted elsewhere is its own."""
@@ -152,8 +154,7 @@ class Replies:
         removed = self._switch.paths.removed(*gone.key)
         if removed is None:
             return message
-        reading = (await self._switch.read(since_ns)).circuits.get(removed.mark.circuit)
-        photons = reading.photons if reading else 0
+        photons = _photons(await self._switch.read(since_ns), removed.mark)
         return gone.shown(message, removed.mark, photons, removed.idle)
 
     def _packet_in(self, message: bytes) -> bytes:
@@ -169,11 +170,24 @@ class Replies:
         xid = transaction_id(message)
         if packets.bundle_control(message)[1] != ofp.OFPBCT_COMMIT_REPLY:
             return message
-        for port, frequency_mhz, power_dbm in self._link.bundles.committing.pop(xid, []):
+        for port, tuned in self._link.bundles.committing.pop(xid, []):
             try:
-                await self._switch.hardware.tune(port, frequency_mhz, power_dbm)
+                await self._switch.hardware.tune(port, *tuned)
             except HardwareRefusal as refusal:
                 log.error("port %d is not tuned: %s", port, refusal)
                 failed = ofp.OFPET_BUNDLE_FAILED, ofp.OFPBFC_MSG_FAILED
                 return messages.error(*failed, message)
         return message
+
+
+def _photons(readings: Readings, mark: Mark) -> int:
+    """Return how many photons a light entry has passed, if that is counted."""
+    if not readings.counts_photons:
+        return messages.NOT_AVAILABLE
+    reading = readings.circuits.get(mark.circuit)
+    return reading.photons if reading else 0
+
+
+def _total(counters: list[int]) -> int:
+    """Return the sum of counters; it is not available if one of them is not."""
+    return messages.NOT_AVAILABLE if messages.NOT_AVAILABLE in counters else sum(counters)

@@ -68,6 +68,7 @@ def test_port_statistics_count_photons_and_show_the_light(switch: Switch) -> Non
         photons_out=70,
         photons_lost=9,
         frequency_mhz=193_500_000,
+        rx_frequency_mhz=193_550_000,
         power_dbm=-1.5,
         rx_power_dbm=-12.3,
         bias_ma=8.5,
@@ -78,9 +79,29 @@ def test_port_statistics_count_photons_and_show_the_light(switch: Switch) -> Non
     assert (port.rx_packets, port.tx_packets, port.rx_dropped) == (5_000_000_000, 70, 9)
     (shown,) = port.properties
     assert shown.type == ofp.OFPPSPT_OPTICAL
-    assert (shown.tx_freq_lmda, shown.rx_freq_lmda) == (193_500_000, 193_500_000)
+    assert (shown.tx_freq_lmda, shown.rx_freq_lmda) == (193_500_000, 193_550_000)
+    assert shown.flags == (
+        ofp.OFPOSF_RX_TUNE
+        | ofp.OFPOSF_TX_TUNE
+        | ofp.OFPOSF_TX_PWR
+        | ofp.OFPOSF_RX_PWR
+        | ofp.OFPOSF_TX_BIAS
+        | ofp.OFPOSF_TX_TEMP
+    )
     assert (shown.tx_pwr, shown.rx_pwr) == (-15 & 0xFFFF, -123 & 0xFFFF)
     assert (shown.bias_current, shown.temperature) == (85, 315)
+
+
+def test_a_cut_fibre_has_no_light(switch: Switch) -> None:
+    reading = pb.SwitchStatisticsReply.Port(port=2, rx_power_dbm=-0.0)
+    switch.dispatcher.readings = pb.SwitchStatisticsReply(ports=[reading])
+    run("ip", "link", "set", veth_names()[0], "down")  # its peer, port 2, loses its carrier
+    while switch.controller.next().desc.port_no != 2:
+        pass
+    switch.controller.send(parser.OFPPortStatsRequest(DATAPATH, 0, 2), 5)
+    (port,) = switch.controller.answer(5).body
+    assert not port.properties[0].flags & ofp.OFPOSF_RX_PWR
+    assert port.properties[0].rx_pwr == 0x8000
 
 
 def test_port_is_tuned(switch: Switch) -> None:
@@ -128,7 +149,8 @@ def test_flow_statistics_count_photons(switch: Switch) -> None:
     switch.dispatcher.passed(123_456, 1, 3)
     found = {entry.priority: entry for entry in entries(switch.controller)}
     path = found[9]
-    assert (path.packet_count, path.byte_count, path.idle_timeout) == (123_456, 0, 40)
+    assert (path.packet_count, path.byte_count) == (123_456, (1 << 64) - 1)
+    assert path.idle_timeout == 40
     assert path.cookie == 77
     assert [one.port for one in path.instructions[0].actions] == [3]
     assert found[0].packet_count == 0

@@ -18,7 +18,7 @@ from dispatcher_network import (
 )
 
 from dispatcher.clock import NetworkClock
-from dispatcher.history import WATCHER_DEPTH, History
+from dispatcher.layer.history import WATCHER_DEPTH, History
 from wire import service
 from wire.dispatcher_pb2 import BlockId, CreateRequest, Event, WatchRequest
 

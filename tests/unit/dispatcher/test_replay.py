@@ -24,9 +24,10 @@ from dispatcher_network import (
     with_fibers,
 )
 
+from dispatcher.build import open_layer
 from dispatcher.clock import Clock, NetworkClock
-from dispatcher.replaying.replay import replay
-from dispatcher.server import build_service, open_layer
+from dispatcher.replay import replay
+from dispatcher.server.server import build_service
 from wire import record
 from wire.dispatcher_pb2 import (
     AdjustFiberRequest,

@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from dispatcher.software_time import Activity, SoftwareTime
+from dispatcher.layer.software_time import Activity, SoftwareTime
 
 
 def test_intervals_in_any_order_cover_what_their_moments_cover() -> None:
@@ -46,7 +46,7 @@ def test_the_largest_share_and_the_longest_time_may_be_of_different_waits() -> N
 def test_a_long_run_forgets_its_oldest_light_but_not_its_share(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("dispatcher.software_time.MOST_INTERVALS", 10)
+    monkeypatch.setattr("dispatcher.layer.software_time.MOST_INTERVALS", 10)
     activity = Activity()
     for begin in range(0, 1000, 10):
         activity.note(begin, begin + 4)

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from dispatcher.build import open_layer
 from dispatcher.clock import NetworkClock
-from dispatcher.server import build_service, open_layer
+from dispatcher.server.server import build_service
 from wire.config import DispatcherConfig, Fiber, FiberEnd
 from wire.dispatcher_pb2 import BlockId, CreateRequest, Launch, MeasureRequest, SendRequest
 

@@ -19,6 +19,7 @@ from qswitch_agent.hardware import optics
 from qswitch_agent.hardware.optics import (
     Condition,
     CrossConnect,
+    Direction,
     HardwareRefusal,
     Readings,
     Tuning,
@@ -47,7 +48,7 @@ class Optics:
     def __init__(self) -> None:
         self.calls: list[set[CrossConnect]] = []
         self.made: set[CrossConnect] = set()
-        self.tuned: list[tuple[int, int | None, float | None]] = []
+        self.tuned: list[tuple[int, int | None, float | None, Direction]] = []
         self.failure: Exception | None = None
         self.refused: set[tuple[int, int]] = set()  # paths; a set with one of them is refused
         self.readings = Readings()
@@ -69,10 +70,16 @@ class Optics:
             raise HardwareRefusal("the mirror is stuck")
         self.made = wanted
 
-    async def tune(self, port: int, frequency_mhz: int | None, power_dbm: float | None) -> None:
+    async def tune(
+        self,
+        port: int,
+        frequency_mhz: int | None,
+        power_dbm: float | None,
+        direction: Direction = Direction.BOTH,
+    ) -> None:
         if self.failure:
             raise self.failure
-        self.tuned.append((port, frequency_mhz, power_dbm))
+        self.tuned.append((port, frequency_mhz, power_dbm, direction))
 
     async def read(self) -> Readings:
         if self.failure:

@@ -8,7 +8,7 @@ from os_ken.ofproto import ofproto_v1_4 as ofp
 from os_ken.ofproto import ofproto_v1_4_parser as parser
 from proxy_scene import Stage, play, stage
 
-from qswitch_agent.hardware.optics import HardwareRefusal
+from qswitch_agent.hardware.optics import Direction, HardwareRefusal
 from qswitch_agent.openflow import instructions, matches, messages, packets
 from qswitch_agent.openflow.flow_reports import ADDED, FlowUpdate
 from qswitch_agent.openflow.flows import FlowEntry, FlowMod
@@ -226,7 +226,7 @@ def test_bundle_tunes_ports_when_it_is_committed() -> None:
             reply = of.bundle_control(5, ofp.OFPBCT_COMMIT_REPLY, 50)
             now.bridge.says(reply)
             await now.controller.hears(reply)
-            assert now.optics.tuned == [(2, 193_400_000, -5.0)]
+            assert now.optics.tuned == [(2, 193_400_000, -5.0, Direction.BOTH)]
             now.bridge.says(reply)
             await now.controller.hears(reply)
             assert len(now.optics.tuned) == 1

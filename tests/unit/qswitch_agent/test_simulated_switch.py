@@ -14,13 +14,15 @@ from typing import Any
 import grpc
 import pytest
 
+from dispatcher.build import build_layer
 from dispatcher.clock import NetworkClock
-from dispatcher.layer import PhysicalLayer
-from dispatcher.server import build_layer, build_server, build_service
+from dispatcher.layer.layer import PhysicalLayer
+from dispatcher.server.server import build_server, build_service
 from qswitch_agent.hardware import simulated as hardware
 from qswitch_agent.hardware.optics import (
     Condition,
     CrossConnect,
+    Direction,
     HardwareFault,
     HardwareRefusal,
     OpticalHardware,
@@ -221,9 +223,14 @@ def test_tuning_reaches_the_port_and_leaves_the_rest(tmp_path: Path) -> None:
             await bench.switch.tune(2, None, -3.0)
             ports = (await bench.switch.read()).ports
             port, other = ports[2], ports[1]
-            assert (port.frequency_mhz, port.tx_dbm) == (DEFAULT_FREQUENCY_MHZ + 50_000, -3.0)
-            assert (other.frequency_mhz, other.tx_dbm) == (DEFAULT_FREQUENCY_MHZ, 0.0)
+            assert (port.tx_mhz, port.tx_dbm) == (DEFAULT_FREQUENCY_MHZ + 50_000, -3.0)
+            assert (other.tx_mhz, other.tx_dbm) == (DEFAULT_FREQUENCY_MHZ, 0.0)
             assert (other.rx_dbm, other.bias_ma) == (0.0, 20.0)
+            await bench.switch.tune(1, DEFAULT_FREQUENCY_MHZ - 50_000, None, Direction.RECEIVE)
+            await bench.switch.tune(1, DEFAULT_FREQUENCY_MHZ + 50_000, None, Direction.TRANSMIT)
+            turned = (await bench.switch.read()).ports[1]
+            assert turned.rx_mhz == DEFAULT_FREQUENCY_MHZ - 50_000
+            assert turned.tx_mhz == DEFAULT_FREQUENCY_MHZ + 50_000
             await bench.switch.tune(2, None, 0.0)
             assert (await bench.switch.read()).ports[2].tx_dbm == 0.0
 
