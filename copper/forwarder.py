@@ -45,6 +45,7 @@ class Forwarder:
             for into, out_of in ((cable.a_fd, cable.b_fd), (cable.b_fd, cable.a_fd)):
                 os.set_blocking(into, False)
                 self._directions[into] = Direction(into, out_of, delay_ns)
+        self._open = list(self._directions)  # where more may come in
         self._wake_reader, self._wake_writer = os.pipe()
         self.held = self.lost = 0
 
@@ -54,34 +55,38 @@ class Forwarder:
 
     def run(self) -> None:
         """Forward until told to stop; what is still on its way then is lost."""
-        files = [*self._directions, self._wake_reader]
         while True:
+            files = [*self._open, self._wake_reader]
             # Unlike poll and epoll, select waits for microseconds.
             readable, _, _ = select.select(files, [], [], self._wait_s())
             if self._wake_reader in readable:
                 return
             for file in readable:
-                self._take_in(self._directions[file])
+                if not self._take_in(self._directions[file]):
+                    self._open.remove(file)
             self._give_out()
 
     def _wait_s(self) -> float | None:
         due = [each.under_way[0][0] for each in self._directions.values() if each.under_way]
         return max(0, min(due) - time.monotonic_ns()) / 1e9 if due else None
 
-    def _take_in(self, direction: Direction) -> None:
+    def _take_in(self, direction: Direction) -> bool:
+        """Read what is there; return whether there may be more, some time."""
         for _ in range(AT_ONCE):
             try:
                 frame = os.read(direction.into, MOST_BYTES)
             except BlockingIOError:
-                return
-            except OSError:  # the interface is down
-                self.lost += 1
-                return
+                return True
+            except OSError:  # the interface has been removed
+                return False
+            if not frame:
+                return False
             if self._is_simulation(frame):
                 self._write(direction.out_of, frame)
             else:
                 self.held += 1
                 direction.under_way.append((time.monotonic_ns() + direction.delay_ns, frame))
+        return True
 
     def _give_out(self) -> None:
         now_ns = time.monotonic_ns()

@@ -192,6 +192,15 @@ class DispatcherHost(ClassicalHost):
         self.program = launch(network, DISPATCHER, "dispatcher", config, self)
         return result
 
+    def terminate(self) -> None:
+        """End the dispatcher, then the copper to it, then the host."""
+        if self.program:
+            self.program.stop()
+        for program in self.network.programs:
+            if program.name == COPPER:
+                program.stop()
+        super().terminate()
+
 
 class QuantumHost(ClassicalHost):
     """A host with a QNIC: runs the three-layer stack.

@@ -18,6 +18,8 @@ from dispatcher.sabot.simulation import Simulation
 from wire.dispatcher_pb2 import BlockId, Event, Feedback, HeldBlock
 from wire.network_time import REAL_TIME, NetworkTime
 
+NEWS = ("arrive", "measure", "bell-measure")  # of which a host may have to hear before it goes on
+
 
 @dataclass
 class PhysicalLayer:
@@ -54,7 +56,8 @@ class PhysicalLayer:
         """
         event = Event(node=node, kind=kind, port=port, detail=detail)
         happened_ns = time_ns or self.clock.now_ns()
-        self.software.news(node, happened_ns)
+        if kind in NEWS:
+            self.software.news(node, happened_ns)
         event.time_ns = self.time.wall_ns(happened_ns)
         if block is not None:
             event.block.CopyFrom(block_id(block.name))
