@@ -75,8 +75,9 @@ class ShellWatcher:
         return shell is not None and shell.poll() is not None
 
     def find_our_programs(self) -> None:
-        """Let `python -m qmn spy` and the like work in the node's shell."""
-        self.cmd(f'export PYTHONPATH="{ROOT}" PATH="{Path(python()).parent}:$PATH"')
+        """Let `qmn spy`, and `python` with our packages, work in the node's shell."""
+        folders = f"{ROOT / 'bin'}:{Path(python()).parent}"
+        self.cmd(f'export PYTHONPATH="{ROOT}" PATH="{folders}:$PATH"')
 
     def end_if_busy(self) -> None:
         """End a shell in which a command still runs: it would not do what clean-up asks of it."""
