@@ -1,4 +1,4 @@
-"""What topologies of several quantum switches share.
+"""The base of topologies of several quantum switches.
 
 Everything has copper to the classical switch s1; fibres join the quantum switches. Superdense
 coding takes one fibre to the sender, two to the receiver, two to the pair source, and three

@@ -1,4 +1,4 @@
-"""What the nodes of one emulated network share: names, tokens, places and programs.
+"""The shared state of one emulated network: names, tokens, places and programs.
 
 Mininet makes nodes one by one and gives them no way to see the whole. So each node and
 each fibre registers here as it is made, and the programs learn the rest from here.

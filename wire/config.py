@@ -1,4 +1,4 @@
-"""What the runner tells each program at its start: one JSON file a program.
+"""The configuration of each program at its start: one JSON file a program.
 
 The runner writes them, readable by root alone, because they hold the node tokens.
 """

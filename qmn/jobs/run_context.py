@@ -1,4 +1,4 @@
-"""What runs of all kinds have in common: their folder, their network, their facts, their end."""
+"""The context of a run of any kind: its folder, its network, its facts, its end."""
 
 import argparse
 import os

@@ -1,4 +1,4 @@
-"""What can be said of a network before it starts: the same words for `qmn run`, `qmn cli`, scripts.
+"""Options of a network before it starts: the same for `qmn run`, `qmn cli` and scripts.
 
 The command line has them as options, Python as keywords: --length-km 2 and length_km=2.
 """
