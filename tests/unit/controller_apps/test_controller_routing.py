@@ -91,7 +91,9 @@ def test_a_gain_counts_as_no_loss() -> None:
 def test_single_paths_of_a_switch_may_differ() -> None:
     network = ring()
     worse = PathOptics(21, 23, 2000, 0)
-    network.optics.switches[2] = SwitchOptics.reported([PathOptics(ANY_PORT, ANY_PORT, 0, 0), worse])
+    network.optics.switches[2] = SwitchOptics.reported(
+        [PathOptics(ANY_PORT, ANY_PORT, 0, 0), worse]
+    )
     assert hops(path(network)) == BY_FOUR
 
 
