@@ -75,6 +75,7 @@ class PortTuning(OpticalProperty):
     """ofp_port_mod_prop_optical: what a controller wants of a port."""
 
     FIELDS = struct.Struct("!IIiIi")
+    LENGTH: ClassVar[int] = PROPERTY.size + FIELDS.size
 
     configure: int  # OFPOPF_ bits: which of the fields count
     frequency: int  # MHz if USE_FREQ is set, else nm * 100
@@ -139,7 +140,7 @@ def decode_path_optics(body: bytes) -> list[PathOptics]:
 def frequency_mhz(wavelength_pm: int) -> int:
     """Return the channel of ITU-T G.694.1 that a wavelength in picometres is in.
 
-    Raise ValueError for a wavelength that is none of light.
+    Raise ValueError for a wavelength outside the optical range.
     """
     least, most = WAVELENGTHS_PM
     if not least <= wavelength_pm <= most:

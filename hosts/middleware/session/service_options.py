@@ -1,4 +1,4 @@
-"""What an application may choose for every session, checked before anything is sent."""
+"""Options of every session, checked before anything is sent."""
 
 from dataclasses import dataclass
 from typing import Any

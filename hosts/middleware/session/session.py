@@ -192,7 +192,7 @@ class AcceptingSession:
     async def ended(self) -> None:
         """Wait until the opener ends the session, if it has not yet."""
         assert self._end is not None
-        if self.answer is not None and await self._end.told() is not None:
+        if self.answer is not None and await self._end.next_values() is not None:
             raise SessionError(Reason.PROTOCOL, "values after all was done")
 
     def confirm(self) -> None:
