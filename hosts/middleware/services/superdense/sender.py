@@ -84,6 +84,7 @@ class Sender:
             symbols=end.answer.symbols, **{name: getattr(end.setup, name) for name in used_of}
         )
         end.counts, end.summary = self._counts, asdict(self.statistics)
+        end.sent = 0, self._digest.digest()
 
     async def send(self, data: bytes) -> None:
         """Send bytes; return when the other end holds every one of them."""
