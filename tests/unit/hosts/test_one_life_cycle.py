@@ -8,10 +8,11 @@ from typing import Any, TypeVar
 
 import pytest
 from fault_scene import DATA, SERVICES, SESSIONS, running, session
-from stacks_scene import DEADLINE_S, Stack, network
+from stacks_scene import DEADLINE_S, network
 
 from hosts.middleware.services import KINDS, NAMES
 from hosts.service_socket import ServiceSocket
+from hosts.stack import Stack
 from hosts.stack_socket import QuantumSocketError
 from wire.metadata import Finish, Message, Service
 from wire.services import LIGHT
