@@ -22,7 +22,10 @@ from topologies.record import RECORD
 from topologies.runtime import CONSOLE, DISPATCHER, EVENT_CAPTURE, EVENT_LOG, Runtime
 from wire import switch_check
 from wire.config import (
+    CONTROLLER,
     DISPATCHER_PORT,
+    LIGHT,
+    STANDING,
     AgentConfig,
     BadConfig,
     Config,
@@ -208,7 +211,8 @@ class QuantumHost(ClassicalHost):
 
     `source=True` makes pairs, for all hosts that do not name another by `pairs_from`. What its
     hardware is like goes by parts, as detectors=Detectors(efficiency=0.8), or as one `device`;
-    `source` may be a PairSource. Raise BadParameter for what no hardware is like.
+    `source` may be a PairSource. `light` says who grants it (wire.config.LIGHT). Raise
+    BadParameter for what no hardware is like.
     """
 
     def __init__(
@@ -221,8 +225,11 @@ class QuantumHost(ClassicalHost):
         detectors: Detectors | None = None,
         analyser: BellAnalyser | None = None,
         gates: Gates | None = None,
+        light: str = CONTROLLER,
         **params: object,
     ) -> None:
+        if light not in LIGHT:
+            raise BadParameter(f"{name}: light {light!r}: choose one of {', '.join(LIGHT)}")
         parts: dict[str, Any] = {"memory": memory, "detectors": detectors}
         parts |= {"analyser": analyser, "gates": gates}
         if not isinstance(source, bool):
@@ -236,6 +243,7 @@ class QuantumHost(ClassicalHost):
         self.network.devices[name] = described
         self.network.token(name)
         self.pairs_from = pairs_from
+        self.light = light
         self.network.device_key(name)
         if source:
             self.network.source = name
@@ -261,10 +269,23 @@ class QuantumHost(ClassicalHost):
             memory_qubits=network.devices[self.name].memory.capacity,
             pair_secrets=network.secrets_of(self.name),
             keys=network.key_folder(self.name),
+            light=self.light,
         )
+        if self.light == STANDING:
+            require_unrotated(network.switches.values())
         self.program = launch(network, self.name, "hosts", config, self)
         self.cmd(f'export QMN_STACK="{config.socket}"')
         return result
+
+
+def require_unrotated(switches: Iterable[QuantumSwitch]) -> None:
+    """Raise BadConfig for a switch that rotates light: only our controller tells hosts of it."""
+    for switch in switches:
+        if switch.rotation or any(path.rotation for path in switch.paths):
+            raise BadConfig(
+                f"{switch.name} rotates light, and with light=standing nobody tells the hosts; "
+                "take rotation=0 or light=controller"
+            )
 
 
 class ClassicalSwitch(ShellWatcher, OVSSwitch):
@@ -285,7 +306,8 @@ class ClassicalSwitch(ShellWatcher, OVSSwitch):
         return f"{super().bridgeOpts()} {openvswitch.OWNER}={self.network.name}"
 
     def start(self, controllers: list[Controller]) -> None:
-        """Start the bridge."""
+        """Start the bridge; whichever the controller is, copper has its length by then."""
+        connect_copper(self.network)
         super().start(controllers)
         self.find_our_programs()
 
