@@ -31,6 +31,7 @@ from wire.config import (
     MeasuredConfig,
     PathOptics,
     QuantumSwitch,
+    Station,
 )
 from wire.physics import BadParameter, BellAnalyser, Detectors, Device, Gates, Memory, PairSource
 
@@ -113,6 +114,22 @@ class ShellWatcher:
         return any(event & select.POLLIN for _file, event in events)
 
 
+def stations_of(host: Host) -> list[Station]:
+    """Return where a host is on copper at classical switches."""
+    address, mac = str(host.params["ip"]).partition("/")[0], host.params.get("mac")
+    ends = [
+        (interface, end)
+        for interface in host.intfList()
+        if interface.link is not None
+        for end in (interface.link.intf1, interface.link.intf2)
+        if isinstance(end.node, ClassicalSwitch) and not isinstance(end.node, OpticalSwitch)
+    ]
+    return [
+        Station(int(end.node.dpid, 16), end.node.ports[end], mac or interface.updateMAC(), address)
+        for interface, end in ends
+    ]
+
+
 class ClassicalHost(ShellWatcher, Host):
     """A host whose interfaces suit a switch in user space: no IPv6, finished checksums."""
 
@@ -120,6 +137,7 @@ class ClassicalHost(ShellWatcher, Host):
         self.network = runtime.current()
         self.program: Program | None = None
         super().__init__(name, **params)
+        self.network.hosts.append(self)
         self.network.addresses[name], _, bits = str(params["ip"]).partition("/")
         self.network.prefix_length = int(bits or DEFAULT_PREFIX_LENGTH)
 
@@ -426,6 +444,7 @@ class QuantumController(ShellWatcher, Controller):
             address=free_address(network.addresses.values(), network.prefix_length),
             device_keys=network.device_keys,
             addresses={host: network.addresses[host] for host in network.device_keys},
+            stations=[station for host in network.hosts for station in stations_of(host)],
             console=network.socket(CONSOLE),
             rest=network.rest,
             apps=network.apps,
