@@ -33,7 +33,9 @@ from controller_apps.openflow.framework import (
     ofproto,
     on,
 )
+from controller_apps.openflow.identities import Identities
 from controller_apps.openflow.mac_table import MacTable
+from controller_apps.openflow.stations import filter_entries
 from controller_apps.packets.segments import FiveTuple, is_tcp
 from controller_apps.policy.policy import DEFAULT, BadPolicy, read_policy
 from controller_apps.record import Record
@@ -57,7 +59,6 @@ from controller_apps.sessions.permission import Permission
 from controller_apps.sessions.restore import take_over
 from controller_apps.sessions.snapshot import encode_hosts
 from controller_apps.sessions.state_folder import StateFolder
-from controller_apps.stations import filter_entries
 from wire.config import ControllerConfig
 from wire.metadata import MalformedPacket, Reason, Setup
 
@@ -98,7 +99,8 @@ class QuantumMetadata(App):
             config.contention == "queue",
             keys={at: config.device_keys[host] for host, at in config.addresses.items()},
         )
-        self.fibers = Fibers(self.network, record, self.logger)
+        identities = Identities(config.device_keys, config.addresses)
+        self.fibers = Fibers(self.network, record, self.logger, identities)
         self.policy_path = config.policy
         self.permission = Permission(
             read_policy(config.policy), self.network, self.arbiter.sessions

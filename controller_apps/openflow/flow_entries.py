@@ -1,6 +1,6 @@
 """The OpenFlow messages of both apps: standing entries, paths, bypasses, packets out.
 
-Classical switches: table 0 filters (light.stations), table 1 picks quantum metadata out, table 2
+Classical switches: table 0 filters (openflow.stations), table 1 picks quantum metadata out, table 2
 learns and forwards.
 Quantum switches: table 0 holds light paths and nothing else, but for LLDP.
 """

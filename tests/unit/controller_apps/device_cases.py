@@ -80,7 +80,7 @@ class Scene:
             / data
         )
         message = parser.OFPPacketIn(
-            self.s1, table_id=0, match=parser.OFPMatch(in_port=port), data=bytes(frame)
+            self.s1, table_id=1, match=parser.OFPMatch(in_port=port), data=bytes(frame)
         )
         self.monitor.packet_arrived(ofp_event.EventOFPPacketIn(message))
 

@@ -18,7 +18,7 @@ from controller_apps.openflow.flow_entries import (
 from controller_apps.openflow.framework import parser
 from wire.config import Station
 
-OWN_PRIORITY, FOREIGN_PRIORITY, STATION_PRIORITY, PORT_PRIORITY = 400, 300, 200, 100
+OWN_PRIORITY, FOREIGN_PRIORITY, STATION_PRIORITY, PORT_PRIORITY = 40, 30, 20, 10
 ETH_TYPE_ARP, ETH_TYPE_IPV6 = 0x0806, 0x86DD
 
 
