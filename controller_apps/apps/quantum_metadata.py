@@ -169,17 +169,17 @@ class QuantumMetadata(App):
             self._filter(datapath)
             for message in flow_entries.metadata_entries(datapath):
                 datapath.send_msg(message)
-            self._ask_entries(datapath)
+            self._ask_entries(datapath, flow_entries.METADATA_TABLE)
             self._ready(datapath.id, "classical")
             return
         datapath.send_msg(flow_entries.discovery_entry(datapath))
         for message in flow_entries.classical_entries(datapath):
             datapath.send_msg(message)
-        self._ask_entries(datapath)
+        self._ask_entries(datapath, flow_entries.LIGHT_TABLE)
         self.fibers.switch_here(datapath, time.monotonic())  # of use when it has told its optics
 
-    def _ask_entries(self, datapath: Any) -> None:
-        question = flow_entries.ask_entries(datapath)
+    def _ask_entries(self, datapath: Any, table: int) -> None:
+        question = flow_entries.ask_entries(datapath, table)
         datapath.send_msg(question)
         self._listed[datapath.id, question.xid] = []
 
@@ -211,11 +211,8 @@ class QuantumMetadata(App):
         dpid, xid = event.msg.datapath.id, event.msg.xid
         if (dpid, xid) in self._counting:
             count = sum(entry.byte_count for entry in event.msg.body)
-            self._do(
-                self.arbiter.bypass_counted(
-                    self._counting.pop((dpid, xid)), count, time.monotonic()
-                )
-            )
+            five_tuple = self._counting.pop((dpid, xid))
+            self._do(self.arbiter.bypass_counted(five_tuple, count, self._now()))
         if (dpid, xid) not in self._listed:
             return  # somebody else has asked
         self._listed[dpid, xid] += event.msg.body

@@ -17,6 +17,7 @@ from wire.device import DEVICE_PORT
 from wire.metadata import METADATA_PORT
 
 FILTER_TABLE, METADATA_TABLE, LEARNING_TABLE = 0, 1, 2
+LIGHT_TABLE = 0
 CLOSE_PRIORITY, BYPASS_PRIORITY, OPENING_PRIORITY, METADATA_PRIORITY = 400, 300, 250, 200
 PATH_PRIORITY = 100
 LLDP_PRIORITY = 65000
@@ -116,10 +117,10 @@ def classical_entries(datapath: Any) -> list[Any]:
     ]
 
 
-def ask_entries(datapath: Any) -> Any:
-    """Return the request for all entries of a switch, those of its past included."""
+def ask_entries(datapath: Any, table: int) -> Any:
+    """Return the request for all entries of a table, those of a switch's past included."""
     return parser.OFPFlowStatsRequest(
-        datapath, 0, 0, ofproto.OFPP_ANY, ofproto.OFPG_ANY, 0, 0, parser.OFPMatch()
+        datapath, 0, table, ofproto.OFPP_ANY, ofproto.OFPG_ANY, 0, 0, parser.OFPMatch()
     )
 
 

@@ -125,7 +125,8 @@ class Datapath(ProtocolDesc):  # type: ignore[misc]
         if kind == ofproto.OFPT_PACKET_OUT:
             return packet_out(data, xid)
         if kind == ofproto.OFPT_MULTIPART_REQUEST:
-            return SimpleNamespace(kind=kind, xid=xid, multipart=int.from_bytes(data[8:10], "big"))
+            multipart = int.from_bytes(data[8:10], "big")
+            return SimpleNamespace(kind=kind, xid=xid, multipart=multipart, body=data[16:])
         if kind == ofproto.OFPT_PORT_MOD:
             return SimpleNamespace(kind=kind, xid=xid, data=data)
         if kind not in decoders:
@@ -359,6 +360,12 @@ def test_a_classical_switch_gets_its_two_tables(scene: Scene) -> None:
         for instruction in entry.instructions:
             if instruction.type == ofproto.OFPIT_APPLY_ACTIONS:
                 assert instruction.actions[0].max_len == ofproto.OFPCML_NO_BUFFER
+
+
+def test_each_switch_is_asked_for_the_table_that_sessions_have_entries_in(scene: Scene) -> None:
+    for switch, table in ((scene.s1, 1), (scene.q1, 0)):
+        (asked,) = [m for m in switch.take() if getattr(m, "multipart", None) == ofproto.OFPMP_FLOW]
+        assert asked.body[0] == table
 
 
 def filtering(messages: list[Any]) -> list[tuple[int, dict[str, Any], list[tuple[str, int]]]]:
