@@ -1,4 +1,4 @@
-"""Which block is where: at a node, waiting at one of its ports, or on its way."""
+"""The place of every block: at a node, waiting at one of its ports, or on its way."""
 
 from collections import deque
 from dataclasses import dataclass, field
@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dispatcher.layer.used_names import UsedNames
 from dispatcher.refusal import denied, not_found
 from dispatcher.sabot.registers import Register
 
@@ -57,7 +58,8 @@ class Block:
     stores: int = 0  # how often that was
     resends: int = 0  # how often photons were measured and replaced by others
     gates: int = 0  # how many gates were done to it whose noise was drawn
-    lineage: str = ""  # which photons have been gathered here, if any: names of random numbers
+    # What tells these photons from others of this name: which use of it, or where they come from.
+    lineage: str = ""
 
     def draws_for(self, purpose: str) -> str:
         """Return a purpose of random numbers that no other photons of this name have."""
@@ -72,6 +74,7 @@ class Ownership:
         self._by_name: dict[BlockName, list[Block]] = {}
         self._by_session: dict[tuple[str, int], dict[Block, None]] = {}
         self._closed: deque[tuple[str, int]] = deque(maxlen=CLOSED_SESSIONS)
+        self.used_names = UsedNames()
         self.count = 0
         self.places = 0  # for photons in all blocks, those that are lost included
 

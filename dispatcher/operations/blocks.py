@@ -1,4 +1,4 @@
-"""What a node does to blocks it holds: each operation checks, then acts, then records."""
+"""Operations of a node on blocks that it holds: each checks, then acts, then records."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -99,12 +99,14 @@ class Operations:
         self._require_room(names, request.count)
         states = limits.states(request)
         registers = self._make(request, states)
+        lineage = layer.ownership.used_names.use(request.session, request.number)
         now_ns = layer.clock.now_ns()
         blocks = [
             Block(name, register, node, first_ns=now_ns, last_ns=now_ns, start_ns=now_ns)
             for name, register in zip(names, registers, strict=True)
         ]
         for block in blocks:
+            block.lineage = lineage
             layer.ownership.add(block)
         if halves == PAIR:
             pairs, told = emit_into(blocks[0], blocks[1], layer)

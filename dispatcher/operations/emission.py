@@ -16,7 +16,7 @@ def emit_into(first: Block, second: Block, layer: PhysicalLayer) -> tuple[int, s
     """Let the halves of new blocks be what a source emits; return the pairs, and a description."""
     source = layer.devices.of(first.node).source
     count = first.register.size
-    emission = emit(source, PhotonRandom(layer.draws, first.name, "source", count))
+    emission = emit(source, PhotonRandom(layer.draws, first.name, first.draws_for("source"), count))
     told = ""
     if emission.paulis is not None:
         layer.sabot.pauli(first.register, emission.paulis)

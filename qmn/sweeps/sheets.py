@@ -258,4 +258,18 @@ SHEETS = (
             for measure, text in (("xx", "X and X, T2"), ("zz", "Z and Z, T1 = 1 s"))
         ],
     ),
+    Sheet(
+        "fresh-outcomes",
+        "fresh-outcomes",
+        {"uses": [2, 3, 10, 30], "pairs": 200_000},
+        [
+            Curve(
+                "fresh-outcomes",
+                "Blocks of the same name: outcomes that are equal, 1/2",
+                "uses",
+                "blocks of this name",
+                "equal",
+            )
+        ],
+    ),
 )
