@@ -20,9 +20,9 @@ from topologies.copper_lengths import lay_copper
 from topologies.nodes import COPPER, READY_TIMEOUT_S, QuantumController, ShellWatcher
 from topologies.parallel import ParallelMininet
 from topologies.programs import POLL_S, NetworkError, Program, stop_all
-from topologies.record import read_record
 from topologies.runtime import DISPATCHER, RUNTIME_ROOT, Runtime, alive, only_run
 from wire.config import Fiber
+from wire.controller_record import read_record
 
 DISCOVERY_TIMEOUT_S = 20.0
 CAPTURE_SETTLE_S = 1.0

@@ -18,7 +18,6 @@ from topologies.addresses import broadcast, free_address
 from topologies.causality import news_s
 from topologies.fiber import qnics
 from topologies.programs import ROOT, Program, python
-from topologies.record import RECORD
 from topologies.runtime import CONSOLE, DISPATCHER, EVENT_CAPTURE, EVENT_LOG, Runtime
 from wire import switch_check
 from wire.config import (
@@ -34,6 +33,7 @@ from wire.config import (
     PathOptics,
     QuantumSwitch,
 )
+from wire.controller_record import RECORD
 from wire.physics import BadParameter, BellAnalyser, Detectors, Device, Gates, Memory, PairSource
 
 READY_TIMEOUT_S = 20.0
