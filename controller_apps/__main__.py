@@ -11,10 +11,10 @@ import time
 from pathlib import Path
 from typing import Any
 
-from controller_apps.policy import BadPolicy, read_policy
+from controller_apps.policy.policy import BadPolicy, read_policy
 from wire.config import BadConfig, ControllerConfig
 
-APPS = ("learning_switch", "quantum_metadata", "devices.device_monitor")
+APPS = ("learning_switch", "quantum_metadata", "device_monitor")
 WSGI_APPS = {"ryu.app.ofctl_rest", "ryu.app.rest_topology"}
 READY_TIMEOUT_S = 10.0
 
@@ -57,7 +57,7 @@ def load_framework(name: str) -> Any:
     """Load the framework that the configuration names, before any app is imported."""
     os.environ["QMN_CONTROLLER_FRAMEWORK"] = name
     try:
-        from controller_apps import framework
+        from controller_apps.openflow import framework
     except ValueError as error:
         raise Fatal(str(error)) from error
     framework.hub.patch()
@@ -104,9 +104,9 @@ def start_apps(framework: Any, config: ControllerConfig) -> Any:
     """Start the apps, the OpenFlow server and the console; return the quantum-metadata app."""
     from controller_apps.console.console import Console
     from controller_apps.console.facts import Facts
-    from controller_apps.mac_table import MacTable
+    from controller_apps.openflow.mac_table import MacTable
     from controller_apps.record import Record
-    from controller_apps.succession.state_folder import StateFolder
+    from controller_apps.sessions.state_folder import StateFolder
 
     try:
         state = StateFolder(config.state)
@@ -121,7 +121,7 @@ def start_apps(framework: Any, config: ControllerConfig) -> Any:
         console = Console(config.console) if config.console else None
     except OSError as error:
         raise Fatal(f"cannot open the console {config.console!r}: {error.strerror}") from error
-    modules = [f"controller_apps.{name}" for name in APPS]
+    modules = [f"controller_apps.apps.{name}" for name in APPS]
     modules += ["controller_apps.console.rest"] if config.rest else []
     apps = framework.start(
         modules + config.apps, config=config, mac_table=MacTable(), record=record, state=state
@@ -137,7 +137,7 @@ def open_metrics(config: ControllerConfig) -> Any:
     """Return what tells Prometheus the controller's figures; None if that is not configured."""
     if config.metrics_fd is None:
         return None
-    from controller_apps.metrics import Metrics
+    from controller_apps.console.metrics import Metrics
 
     return Metrics(config.metrics_fd)
 

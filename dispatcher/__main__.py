@@ -11,7 +11,7 @@ os.environ.setdefault("GRPC_VERBOSITY", "NONE")
 
 import uvloop
 
-from dispatcher.server import serve
+from dispatcher.server.server import serve
 from wire.config import BadConfig, DispatcherConfig
 from wire.physics import BadParameter
 

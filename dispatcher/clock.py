@@ -1,10 +1,16 @@
-"""Time in nanoseconds since 1970, as packet captures stamp it, but never jumping."""
+"""The clock of the network in nanoseconds, which never jumps.
+
+It begins with the time since 1970, as packet captures stamp it, and goes on as slowly as the time
+scale says.
+"""
 
 import asyncio
 import time
 from typing import Protocol
 
-# The event loop sleeps in steps of a millisecond; a shorter wait than this yields instead.
+from wire.network_time import REAL_TIME, NetworkTime
+
+# The event loop sleeps in steps of a millisecond; a shorter wait here than this yields instead.
 SHORT_WAIT_NS = 200_000
 
 
@@ -18,18 +24,20 @@ class Clock(Protocol):
         """Return once the time has passed."""
 
 
-class CaptureClock:
-    """The monotonic clock, set once by the clock that stamps captures."""
+class NetworkClock:
+    """Time of the network, from the monotonic clock, set once by the clock that stamps captures."""
 
-    def __init__(self) -> None:
+    def __init__(self, network_time: NetworkTime = REAL_TIME) -> None:
         """Read both clocks."""
+        self._time = network_time
         self._offset_ns = time.time_ns() - time.monotonic_ns()
 
     def now_ns(self) -> int:
         """Return the time."""
-        return time.monotonic_ns() + self._offset_ns
+        return self._time.network_ns(time.monotonic_ns() + self._offset_ns)
 
     async def wait_until(self, time_ns: int) -> None:
         """Return once the time has passed."""
         while (remaining_ns := time_ns - self.now_ns()) >= 0:
-            await asyncio.sleep(remaining_ns / 1e9 if remaining_ns > SHORT_WAIT_NS else 0)
+            wall_ns = self._time.wall_s(remaining_ns)
+            await asyncio.sleep(wall_ns / 1e9 if wall_ns > SHORT_WAIT_NS else 0)

@@ -13,16 +13,16 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.calls.acts import Act, acts
-from dispatcher.gathering import Gathering
-from dispatcher.light.transport import Transport
-from dispatcher.measurements import Measurements
-from dispatcher.operations import Operations
-from dispatcher.ownership import BlockName
-from dispatcher.resending import Resending
+from dispatcher.build import build_layer
+from dispatcher.layer.ownership import BlockName
+from dispatcher.operations.blocks import Operations
+from dispatcher.operations.gathering import Gathering
+from dispatcher.operations.measurements import Measurements
+from dispatcher.operations.operation_handlers import Act, acts
+from dispatcher.operations.resending import Resending
+from dispatcher.operations.switching import Switching
+from dispatcher.operations.transport import Transport
 from dispatcher.sabot.backend import Bytes
-from dispatcher.server import build_layer
-from dispatcher.switch.switching import Switching
 from wire.config import DispatcherConfig
 from wire.dispatcher_pb2 import (
     ApplyRequest,
@@ -130,7 +130,7 @@ class LaboratoryHost:
         return await self._act("create", request)
 
     async def prepare(self, states: Bytes, number: int = 0) -> Feedback:
-        """Make a block of photons in these states (dispatcher.devices.preparation.STATES)."""
+        """Make a block of photons in these states (dispatcher.operations.preparation.STATES)."""
         request = CreateRequest(
             session=SESSION,
             number=number,

@@ -8,8 +8,7 @@ import signal
 import sys
 from pathlib import Path
 
-import uvloop
-
+from hosts import network_loop
 from hosts.hardware.announce import announce
 from hosts.hardware.simulated import SimulatedQnic
 from hosts.node_agent import start_node_agent
@@ -52,7 +51,8 @@ def main() -> int:
     arguments = parser.parse_args()
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s")
     try:
-        uvloop.run(run(HostConfig.read(arguments.config)))
+        config = HostConfig.read(arguments.config)
+        network_loop.run(run(config), config.time)
     except (BadConfig, OSError) as error:
         print(f"host stack: {error}", file=sys.stderr)
         return 1

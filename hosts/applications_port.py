@@ -6,17 +6,17 @@ from collections.abc import Callable, Coroutine
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from hosts.active_sessions import ActiveSessions
 from hosts.answering import reply
-from hosts.engaged import Engaged
 from hosts.event_watching import Watch, tell_events
 from hosts.hardware.qnic import HardwareError
 from hosts.incoming import Incoming, failed
 from hosts.intercepting import serve_interception
-from hosts.middleware.channel import SessionError
-from hosts.middleware.interception import Interception
-from hosts.middleware.options import SessionOptions
-from hosts.middleware.sender import SendingSession
-from hosts.middleware.services.session import OpeningSession
+from hosts.middleware.services.interception import Interception
+from hosts.middleware.services.superdense.sender import SendingSession
+from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.options import SessionOptions
+from hosts.middleware.session.session import OpeningSession
 from wire.metadata import MalformedPacket, Reason
 from wire.services import Role
 from wire.socket_calls import (
@@ -51,10 +51,10 @@ class ApplicationsPort:
         request: Callable[[dict[str, Any]], OpeningSession],
         watch: Watch,
         intercept: Callable[[dict[str, Any]], Interception],
-        engaged: Engaged,
+        active_sessions: ActiveSessions,
     ) -> None:
         self._connect, self._request, self._watch = connect, request, watch
-        self._intercept, self._engaged = intercept, engaged
+        self._intercept, self._active_sessions = intercept, active_sessions
         self._listening: dict[int, Listening] = {}
 
     def incoming(self, port: int, peer: str, service: str = BYTES) -> Incoming:
@@ -106,7 +106,7 @@ class ApplicationsPort:
         self, fields: dict[str, Any], reader: asyncio.StreamReader, writer: asyncio.StreamWriter
     ) -> None:
         session = self._connect(SessionOptions.from_fields(fields))
-        with self._engaged.engage(session.setup.session, Role.OPENER):
+        with self._active_sessions.engage(session.setup.session, Role.OPENER):
             await self._send(session, reader, writer)
 
     async def _send(
@@ -139,7 +139,7 @@ class ApplicationsPort:
         self, fields: dict[str, Any], reader: asyncio.StreamReader, writer: asyncio.StreamWriter
     ) -> None:
         session = self._request(fields)
-        with self._engaged.engage(session.setup.session, Role.OPENER):
+        with self._active_sessions.engage(session.setup.session, Role.OPENER):
             await _take_part(session, reader, writer)
 
     async def _serve_watcher(

@@ -3,8 +3,8 @@
 import asyncio
 from typing import Any
 
-from hosts.middleware.channel import SessionError
-from hosts.middleware.services.service import Answerer
+from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.service import Answerer
 from wire.metadata import Reason
 from wire.socket_calls import MAX_PAYLOAD, Call, encode, encode_fields
 

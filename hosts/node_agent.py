@@ -9,9 +9,10 @@ import logging
 import time
 from typing import cast
 
-from hosts.middleware.channel import SessionError
 from hosts.middleware.device import Device, changed
-from hosts.middleware.swapping.orders import Swaps
+from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.swap_orders import Swaps
+from hosts.network_loop import wall_sleep
 from wire.config import HostConfig
 from wire.device import (
     DEVICE_PORT,
@@ -96,7 +97,7 @@ class NodeAgent(asyncio.DatagramProtocol):
     async def run(self) -> None:
         """Report what changes or alarms, for ever; and now and then if nobody asks."""
         while True:
-            await asyncio.sleep(CHECK_S)
+            await wall_sleep(CHECK_S)
             now = time.monotonic()
             period_s = self._device.subscription.period_ms / 1e3 or UNSUBSCRIBED_PERIOD_S
             report = self._device.report()

@@ -10,30 +10,27 @@ from collections.abc import Awaitable, Callable
 from hashlib import blake2b
 from typing import Any
 
+from hosts.active_sessions import ActiveSessions
 from hosts.applications_port import ApplicationsPort
-from hosts.engaged import Engaged
 from hosts.hardware.ports import read_ports
 from hosts.hardware.qnic import HardwareError, Qnic
 from hosts.incoming import Incoming
-from hosts.middleware.arrangement import Arrangement, Light
-from hosts.middleware.channel import ANSWER_TIMEOUT_S, MetadataChannel, SessionError
 from hosts.middleware.device import Device
-from hosts.middleware.interception import Interception, InterceptionOptions
-from hosts.middleware.options import HANDSHAKES, SessionOptions
 from hosts.middleware.qkd.keyring import Keyring
-from hosts.middleware.receiver import ReceivingSession
-from hosts.middleware.sender import SendingSession
 from hosts.middleware.services import KINDS, NAMES
-from hosts.middleware.services.abilities import refusal
-from hosts.middleware.services.means import Means
-from hosts.middleware.services.session import (
-    AcceptingSession,
-    OpeningSession,
-    require_source,
-)
-from hosts.middleware.source import serve_pairs
-from hosts.middleware.swapping.orders import Swaps
-from hosts.middleware.swapping.serving import serve_link
+from hosts.middleware.services.interception import Interception, InterceptionOptions
+from hosts.middleware.services.source import serve_pairs
+from hosts.middleware.services.superdense.receiver import ReceivingSession
+from hosts.middleware.services.superdense.sender import SendingSession
+from hosts.middleware.services.swapping.serving import serve_link
+from hosts.middleware.session.abilities import refusal
+from hosts.middleware.session.arrangement import Arrangement, Light
+from hosts.middleware.session.channel import ANSWER_TIMEOUT_S, MetadataChannel, SessionError
+from hosts.middleware.session.host_resources import HostResources
+from hosts.middleware.session.options import HANDSHAKES, SessionOptions
+from hosts.middleware.session.session import AcceptingSession, OpeningSession, require_source
+from hosts.middleware.session.swap_orders import Swaps
+from hosts.middleware.verdicts import Verdicts
 from wire.config import HostConfig
 from wire.metadata import FEC_NAMES, Handshake, Reason, Service, Setup, Verdict
 from wire.services import Role
@@ -49,9 +46,10 @@ class Stack:
         self._qnic = qnic
         self._sessions_made = 0
         self._receiving: dict[int, ReceivingSession] = {}
+        self._verdicts = Verdicts(config.device_key)
         self._light = Light()
         self.swaps = Swaps(config.address)
-        self._means = Means(
+        self._means = HostResources(
             config.name,
             config.seed,
             qnic,
@@ -60,10 +58,10 @@ class Stack:
             self.swaps,
             config.abilities,
         )
-        self.engaged = Engaged(self.swaps.opens)
+        self.active_sessions = ActiveSessions(self.swaps.opens)
         self.device = Device(lambda: read_ports(config.qnics))
         self.applications = ApplicationsPort(
-            self.connect, self.request, qnic.watch, self.intercept, self.engaged
+            self.connect, self.request, qnic.watch, self.intercept, self.active_sessions
         )
 
     def connect(self, options: SessionOptions) -> SendingSession:
@@ -124,6 +122,7 @@ class Stack:
         try:
             setup = await channel.receive(Setup, ANSWER_TIMEOUT_S)
             session = setup.session
+            self._verdicts.check(setup, channel.connection)
             await self._handler(setup)(channel, setup)
         except (SessionError, HardwareError) as error:
             log.warning("session %016x with %s: %s", session, channel.peer, error)
@@ -149,9 +148,7 @@ class Stack:
         return self._receive
 
     def _refusal(self, setup: Setup) -> SessionError:
-        """Return what the controller has said, or that it has said nothing."""
-        if setup.verdict != Verdict.REFUSED:
-            return SessionError(Reason.NOT_ARBITRATED)
+        """Return what the controller has said."""
         if setup.reason != Reason.NODE_SILENT:
             return refusal(setup, self._config.hosts)
         names = {address: f"{name} ({address})" for name, address in self._config.hosts.items()}
@@ -159,7 +156,7 @@ class Stack:
         return SessionError(Reason.NODE_SILENT, f"{text} for its chain; is its stack running?")
 
     async def _emit_pairs(self, channel: MetadataChannel, setup: Setup) -> None:
-        with self.engaged.engage(setup.session, Role.SOURCE), self.device.serves(setup):
+        with self.active_sessions.engage(setup.session, Role.SOURCE), self.device.serves(setup):
             await serve_pairs(self._qnic, channel, setup, self.device.made)
 
     async def _receive_pair(self, channel: MetadataChannel, setup: Setup) -> None:
@@ -170,7 +167,7 @@ class Stack:
 
     async def _receive(self, channel: MetadataChannel, setup: Setup) -> None:
         session = ReceivingSession(self._qnic, channel, setup, self._config.analyser)
-        with self.engaged.engage(setup.session, Role.ACCEPTOR):
+        with self.active_sessions.engage(setup.session, Role.ACCEPTOR):
             incoming = self.applications.incoming(setup.port, channel.peer)
             self._receiving[setup.session] = session
             self.device.receives(session)
@@ -183,7 +180,7 @@ class Stack:
     async def _accept(self, channel: MetadataChannel, setup: Setup) -> None:
         service = Service(setup.service)
         session = AcceptingSession(KINDS[service], self._means, channel, setup)
-        with self.engaged.engage(setup.session, Role.ACCEPTOR):
+        with self.active_sessions.engage(setup.session, Role.ACCEPTOR):
             incoming = self.applications.incoming(setup.port, channel.peer, service.name.lower())
             await self._take_part(session, incoming, setup)
 
@@ -202,7 +199,7 @@ class Stack:
             await session.close()
 
     async def _link(self, channel: MetadataChannel, setup: Setup) -> None:
-        with self.engaged.engage(setup.session, Role.ACCEPTOR), self.device.serves(setup):
+        with self.active_sessions.engage(setup.session, Role.ACCEPTOR), self.device.serves(setup):
             await serve_link(self._means, channel, setup)
 
     async def _deliver(self, session: ReceivingSession, incoming: Incoming) -> None:

@@ -9,7 +9,7 @@ from importlib import import_module
 # Until a verb runs there is nothing to clean up: Ctrl-C just ends the program.
 signal.signal(signal.SIGINT, signal.SIG_DFL)
 
-VERBS = (  # each a module of this folder
+VERBS = (  # each a module of qmn.verbs
     "run",
     "cli",
     "sweep",
@@ -37,7 +37,7 @@ def described(words: list[str]) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="qmn", description=__doc__)
     verbs = parser.add_subparsers(metavar="VERB", required=True)
     for name in [name for name in VERBS if words[:1] == [name]] or VERBS:
-        import_module(f"qmn.{name}").add_parser(verbs)
+        import_module(f"qmn.verbs.{name}").add_parser(verbs)
     return parser
 
 

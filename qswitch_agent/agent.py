@@ -1,13 +1,13 @@
 """One quantum switch's agent: its three layers put together, from start to end."""
 
 import asyncio
-import contextlib
 
 from qswitch_agent.bridge import Commands, Monitor
 from qswitch_agent.hardware.optics import OpticalHardware
-from qswitch_agent.light_paths import LightPaths, NotReady
+from qswitch_agent.light_paths import LightPaths
 from qswitch_agent.openflow.ports import Port
 from qswitch_agent.proxy.proxy import Address, Proxy
+from qswitch_agent.proxy.replies import HOLD_DEADLINE_S
 from qswitch_agent.supervision import SupervisoryChannels
 from qswitch_agent.switch import Switch
 from wire.config import AgentConfig, BadConfig
@@ -18,14 +18,21 @@ class Agent:
 
     def __init__(self, config: AgentConfig, hardware: OpticalHardware) -> None:
         self._hardware = hardware
-        self._paths = LightPaths(config.fiber_ports, hardware)
+        self._paths = LightPaths(config.fiber_ports, hardware, config.time)
         self._monitor = Monitor(config.management, self._paths.update, self._ports_changed)
         self._commands = Commands(config.management)
         self._channels = SupervisoryChannels(self._paths.table.fibers, self._commands)
-        self._switch = Switch(self._paths, self._channels, hardware, self._monitor.synchronise)
+        self._switch = Switch(
+            self._paths,
+            self._channels,
+            hardware,
+            self._monitor.synchronise,
+            self._commands.delete,
+        )
         host, port = address(config.listen)
+        hold_s = config.time.wall_s(HOLD_DEADLINE_S)
         self._proxies = [
-            (Proxy(address(controller), self._switch), (host, port + number))
+            (Proxy(address(controller), self._switch, hold_s), (host, port + number))
             for number, controller in enumerate(config.controllers)
         ]
 
@@ -64,8 +71,7 @@ class Agent:
         await self._switch.started()
         await self._monitor.synchronise()
         await self._commands.barrier()  # no packet goes into a fibre from here on
-        with contextlib.suppress(NotReady):  # logged, and the controller may change the table
-            await self._paths.ready()
+        await self._paths.ready()
         for proxy, listen in self._proxies:
             try:
                 await proxy.serve(listen)

@@ -4,7 +4,7 @@ import asyncio
 import logging
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 from qswitch_agent.hardware.optics import (
@@ -12,21 +12,18 @@ from qswitch_agent.hardware.optics import (
     HardwareFault,
     HardwareRefusal,
     OpticalHardware,
-    Quantity,
 )
 from qswitch_agent.middleware.flow_table import FlowTable
 from qswitch_agent.openflow.flow_reports import ADDED, REMOVED, FlowUpdate
 from qswitch_agent.openflow.flows import FlowEntry
 from qswitch_agent.openflow.instructions import Mark
 from qswitch_agent.openflow.ports import Port
+from qswitch_agent.promises import Promises
+from wire.network_time import REAL_TIME, NetworkTime
 
 MAX_REMOVED = 4096
 IDLE_POLL_S = 0.25
 log = logging.getLogger(__name__)
-
-
-class NotReady(Exception):
-    """The hardware does not do what the flow table asks for; the message says why."""
 
 
 @dataclass
@@ -40,13 +37,21 @@ class Removed:
 class LightPaths:
     """The flow table on one side, the hardware on the other, and how far they agree."""
 
-    def __init__(self, fiber_ports: Iterable[int], hardware: OpticalHardware) -> None:
+    def __init__(
+        self,
+        fiber_ports: Iterable[int],
+        hardware: OpticalHardware,
+        network_time: NetworkTime = REAL_TIME,
+    ) -> None:
+        self._time = network_time
         self.table = FlowTable(fiber_ports)
+        self.promises = Promises()
         self._hardware = hardware
-        self._made: frozenset[CrossConnect] | None = None  # None: unknown
+        self._made: frozenset[CrossConnect] | None = None  # as planned; None: not all of it
+        self._standing: frozenset[CrossConnect] = frozenset()  # that the hardware took last
         self._asked = 0  # counts the changes of the table
         self._answered = -1  # up to which of them the hardware has answered
-        self._problem = ""  # why the hardware differs from the table, as of the last answer
+        self._refused: Mapping[CrossConnect, str] = {}  # as of the last answer, and why
         self._fault: HardwareFault | None = None  # what ended run
         self._news = ""  # what was made, and is not in the log yet
         self._changed = asyncio.Event()
@@ -63,7 +68,7 @@ class LightPaths:
             if update.event == REMOVED and update.entry is not None:
                 self._remember(update.entry)
             elif update.event == ADDED and update.entry is not None and update.entry.mark:
-                self._added_ns[update.entry.mark.circuit] = time.time_ns()
+                self._added_ns[update.entry.mark.circuit] = self._now_ns()
             self.table.apply(update)
         self._ask()
 
@@ -75,9 +80,11 @@ class LightPaths:
                 log.info("the fibre at port %d is %s", port.number, condition)
                 self._ask()
 
-    def retry(self) -> None:
-        """Ask the hardware again for what it has refused: it may be able to by now."""
-        if self._problem:
+    def update_stuck(self, stuck: frozenset[tuple[int, int]]) -> None:
+        """Take which cross-connects cannot be changed, and ask again for what was refused."""
+        changed = stuck != self.table.stuck
+        self.table.stuck = stuck
+        if changed or self._refused:
             self._ask()
 
     def _ask(self) -> None:
@@ -107,29 +114,30 @@ class LightPaths:
             await self._changed.wait()
             self._changed.clear()
             asked = self._asked
+            due = self.promises.due(self.table.light_paths()) if self.promises else []
             try:
-                problem = await self._bring_up_to_date()
+                refused = await self._bring_up_to_date()
             except HardwareFault as fault:
                 self._fault = fault
-                await self._answer(asked, str(fault))
+                await self._answer(asked, self._refused)
                 raise
-            if problem and problem != self._problem:
-                log.error("%s", problem)
-            await self._answer(asked, problem)
+            for path, reason in refused.items():
+                if self._refused.get(path) != reason:
+                    log.error("%s", reason)
+            self.promises.settle(due, refused)
+            await self._answer(asked, refused)
             await self._tell()
 
     async def ready(self) -> None:
-        """Return when the hardware is as the flow table is now.
+        """Return when the hardware is as the flow table is now, as far as it can be.
 
-        Raise NotReady if the hardware cannot do this, HardwareFault if it has failed.
+        Raise HardwareFault if the hardware has failed.
         """
         asked = self._asked
         async with self._progress:
             await self._progress.wait_for(lambda: self._answered >= asked)
         if self._fault:
             raise HardwareFault(str(self._fault))
-        if self._problem:
-            raise NotReady(self._problem)
 
     async def expire(self, delete: Callable[[FlowEntry], None]) -> None:
         """Delete entries through which no photon has passed for their idle time-out, for ever."""
@@ -145,10 +153,10 @@ class LightPaths:
             except HardwareRefusal as refusal:
                 log.error("no idle path can be found: %s", refusal)
                 continue
-            if Quantity.PHOTONS in readings.not_measured:
+            if not readings.counts_photons:
                 log.warning("this hardware counts no photons: idle time-outs have no effect")
                 return
-            now_ns = time.time_ns()
+            now_ns = self._now_ns()
             circuits = readings.circuits
             active = {mark.circuit: active.get(mark.circuit, now_ns) for _, mark in waiting}
             active |= {name: circuits[name].last_ns for name in active if name in circuits}
@@ -161,8 +169,11 @@ class LightPaths:
                     self._idle.add(name)
                     delete(entry)
 
-    async def _answer(self, asked: int, problem: str) -> None:
-        self._answered, self._problem = asked, problem
+    def _now_ns(self) -> int:
+        return self._time.network_ns(time.time_ns())
+
+    async def _answer(self, asked: int, refused: Mapping[CrossConnect, str]) -> None:
+        self._answered, self._refused = asked, refused
         async with self._progress:
             self._progress.notify_all()
 
@@ -173,20 +184,48 @@ class LightPaths:
             await asyncio.sleep(0)
             log.info("%s", news)
 
-    async def _bring_up_to_date(self) -> str:
-        """Return what of the table the hardware cannot do, empty if it does it all."""
+    async def _bring_up_to_date(self) -> Mapping[CrossConnect, str]:
+        """Do what can be had of the table; return what cannot, and why."""
         plan = self.table.plan()
-        if plan.cross_connects != self._made:
-            started = time.monotonic()
-            try:
-                await self._hardware.set_cross_connects(plan.cross_connects)
-            except HardwareRefusal as refusal:
-                self._made = None
-                return f"the hardware refuses {_text(plan.cross_connects)}: {refusal}"
-            self._made = plan.cross_connects
-            elapsed_ms = (time.monotonic() - started) * 1e3
-            self._news = f"{_text(plan.cross_connects)}, ready in {elapsed_ms:.2f} ms"
-        return "; ".join(plan.conflicts)
+        if plan.cross_connects == self._made:
+            return plan.refused
+        started = time.monotonic()
+        refused = await self._make(plan.cross_connects)
+        made = plan.cross_connects - refused.keys()
+        self._made = None if refused else made
+        elapsed_ms = (time.monotonic() - started) * 1e3
+        self._news = f"{_text(made)}, ready in {elapsed_ms:.2f} ms"
+        return {**plan.refused, **refused}
+
+    async def _make(self, wanted: frozenset[CrossConnect]) -> dict[CrossConnect, str]:
+        """Make cross-connects; if the hardware refuses them together, each that it can.
+
+        A refusal changes nothing, so what stands already and is wanted stays as it is.
+        """
+        if not (reason := await self._refusal(wanted)):
+            return {}
+        log.warning("the hardware refuses %s: %s; each is tried alone", _text(wanted), reason)
+        before = {path[:2] for path in self._standing}
+        kept = frozenset(path for path in wanted if path[:2] in before)
+        if await self._refusal(kept):  # what stood cannot stand any more
+            kept = frozenset()
+        refused = {}
+        for path in sorted(wanted - kept):
+            reason = await self._refusal(kept | {path})
+            if reason:
+                refused[path] = f"the hardware refuses {path.in_port}->{path.out_port}: {reason}"
+            else:
+                kept |= {path}
+        return refused
+
+    async def _refusal(self, wanted: frozenset[CrossConnect]) -> str:
+        """Try to make exactly these cross-connects; return why not, empty if they are made."""
+        try:
+            await self._hardware.set_cross_connects(wanted)
+        except HardwareRefusal as refusal:
+            return str(refusal) or "it does not say why"
+        self._standing = wanted
+        return ""
 
 
 def _text(cross_connects: frozenset[CrossConnect]) -> str:

@@ -9,6 +9,7 @@ from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram
 from qswitch_agent.hardware.optics import (
     Condition,
     CrossConnect,
+    Direction,
     HardwareRefusal,
     OpticalHardware,
     Readings,
@@ -56,10 +57,16 @@ class MeasuredHardware:
             await self._hardware.set_cross_connects(wanted)
         self._paths.set(len(wanted))
 
-    async def tune(self, port: int, frequency_mhz: int | None, power_dbm: float | None) -> None:
+    async def tune(
+        self,
+        port: int,
+        frequency_mhz: int | None,
+        power_dbm: float | None,
+        direction: Direction = Direction.BOTH,
+    ) -> None:
         """Tune a port."""
         with self._measured("tune"):
-            await self._hardware.tune(port, frequency_mhz, power_dbm)
+            await self._hardware.tune(port, frequency_mhz, power_dbm, direction)
 
     async def read(self) -> Readings:
         """Return what the hardware counts and measures."""

@@ -4,7 +4,7 @@ import asyncio
 import logging
 import secrets
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
 from contextlib import asynccontextmanager
 from typing import Protocol
 
@@ -13,27 +13,25 @@ from os_ken.ofproto import ofproto_v1_4 as ofp
 from qswitch_agent.hardware.optics import (
     CALL_DEADLINE_S,
     Condition,
+    CrossConnect,
     HardwareFault,
     HardwareRefusal,
     OpticalHardware,
-    Path,
-    PortReading,
-    Quantity,
     Readings,
-    Tuning,
 )
 from qswitch_agent.light_paths import LightPaths
+from qswitch_agent.middleware import optical_ports
 from qswitch_agent.middleware.flow_table import FlowTable
-from qswitch_agent.openflow.flows import FlowMod
+from qswitch_agent.middleware.optical_ports import Tuned
+from qswitch_agent.openflow.flows import FlowEntry, FlowMod
 from qswitch_agent.openflow.messages import Refusal
 from qswitch_agent.openflow.ports import Port
+from qswitch_agent.promises import Asker
 from qswitch_agent.supervision import SupervisoryChannels
-from wire import optical
-from wire.optical import PathOptics, PortLight, PortOptics, PortTuning
+from wire.optical import PathOptics, PortLight, PortTuning
 
 log = logging.getLogger(__name__)
 MIN_CIRCUIT, MAX_CIRCUIT = 1, (1 << 31) - 1
-MAX_LOSS_MDB = 0xFFFFFFFF  # a path that passes no light at all
 
 
 class Unconfirmed(Protocol):
@@ -65,12 +63,18 @@ class Switch:
         channels: SupervisoryChannels,
         hardware: OpticalHardware,
         synchronise: Callable[[], Awaitable[None]],
+        delete: Callable[[FlowEntry], None],
     ) -> None:
-        """`synchronise` returns when the table is what the bridge has reported up to now."""
+        """`synchronise` returns when the table is what the bridge has reported up to now.
+
+        `delete` has the bridge delete an entry.
+        """
         self.paths = paths
         self.fibers = paths.table.fibers
         self.connections: set[Unconfirmed] = set()
         self._synchronise = synchronise
+        self._delete = delete
+        paths.promises.break_one = self._take_back
         self._synchronised_ns = 0  # when that was begun last, of those that are done
         self.hardware = hardware
         self._channels = channels
@@ -97,7 +101,7 @@ class Switch:
             self._synchronised_ns = max(self._synchronised_ns, begun_ns)
 
     async def ready(self) -> None:
-        """Return when light passes as the bridge's table says now; raise NotReady if it cannot."""
+        """Return when light passes as the bridge's table says now, as far as it can."""
         await self.synchronise()
         await self.paths.ready()
 
@@ -123,13 +127,38 @@ class Switch:
                 table.change(mod)
             yield table
 
-    def require_free_outputs(self, trial: FlowTable) -> None:
-        """Raise Refusal if a change makes two paths end in one port."""
-        conflicts = trial.plan().conflicts
-        known = set(self.paths.table.plan().conflicts) if conflicts else ()
-        for conflict in conflicts:
-            if conflict not in known:
-                raise Refusal(ofp.OFPET_FLOW_MOD_FAILED, ofp.OFPFMFC_OVERLAP, conflict)
+    def require_possible(self, trial: FlowTable, told: Iterable[FlowMod]) -> None:
+        """Raise Refusal if a change asks for a path that cannot be, or makes one impossible.
+
+        `told` is what the bridge would be told for it.
+        """
+        for reason in self.impossible(trial, told).values():
+            raise impossible_path(reason)
+
+    def impossible(self, trial: FlowTable, told: Iterable[FlowMod]) -> dict[CrossConnect, str]:
+        """Return the paths that a change asks for or affects and that cannot be, and why."""
+        refused = trial.plan().refused
+        if not refused:
+            return {}
+        asked = circuits(told)
+        known = self.paths.table.plan().refused
+        return {
+            path: reason
+            for path, reason in refused.items()
+            if path not in known or path.circuit in asked
+        }
+
+    def promise(self, mod: FlowMod, asker: Asker, request: bytes) -> None:
+        """Note that a controller counts on a path, by an entry that is let into the table."""
+        path = self.paths.table.path_of(mod)
+        if path is not None:
+            self.paths.promises.add(path, asker, request)
+
+    def _take_back(self, path: CrossConnect) -> None:
+        """Delete the entry of a path that the hardware has refused."""
+        entry = self.paths.table.light_paths().get(path)
+        if entry is not None:
+            self._delete(entry)
 
     def new_circuit(self) -> int:
         """Return a number under which the photons of a new light entry are counted."""
@@ -180,7 +209,7 @@ class Switch:
             log.info("another condition; it concerns ports %s", sorted(affected) or "none")
             self._channels.announce(affected & self.fibers)
         self._known.set()
-        self.paths.retry()
+        self.paths.update_stuck(condition.stuck)
 
     def shown(self, port: Port) -> Port:
         """Return a fibre port's description as a controller sees it.
@@ -194,92 +223,29 @@ class Switch:
         healthy = port.up and not self._condition.hot
         state = state | ofp.OFPPS_LIVE if healthy else state & ~ofp.OFPPS_LIVE
         config = port.config & ~ofp.OFPPC_NO_FWD  # our own, not the controllers'
-        optics = port_optics(self._condition).encode()
+        optics = optical_ports.description(self._condition).encode()
         return Port(port.number, port.address, port.name, config, state, port.properties + optics)
 
     def path_optics(self) -> list[PathOptics]:
         """Return what paths do to light: first all that are not named, then the others."""
-        condition = self._condition
-        paths = [_path_optics((optical.ANY_PORT, optical.ANY_PORT), condition.others, False)]
-        named = {**condition.paths}
-        for ports in condition.stuck:
-            named.setdefault(ports, condition.others)
-        return paths + [
-            _path_optics(ports, named[ports], ports in condition.stuck) for ports in sorted(named)
-        ]
+        return optical_ports.path_optics(self._condition)
 
-    def tuning(self, wanted: PortTuning) -> tuple[int | None, float | None]:
-        """Return frequency (MHz) and power (dBm) that a PORT_MOD asks for, None: as they are.
-
-        Raise Refusal for what the ports cannot be tuned to.
-        """
-        power_dbm = wanted.tx_power / 10 if wanted.configure & optical.TX_PWR else None
-        frequency_mhz = None
-        if wanted.configure & (optical.TX_TUNE | optical.RX_TUNE):
-            if not wanted.configure & optical.USE_FREQ:
-                raise _bad_value("give a frequency in MHz, with OFPOPF_USE_FREQ")
-            frequency_mhz = wanted.frequency + wanted.offset
-        tuning = self._condition.tuning
-        if tuning is None:
-            raise _bad_value("the ports of this switch cannot be tuned")
-        if frequency_mhz is not None and not _on_grid(frequency_mhz, tuning):
-            raise _bad_value(
-                f"{frequency_mhz} MHz: ports are tuned to {tuning.min_mhz} to {tuning.max_mhz} "
-                f"MHz in steps of {tuning.grid_mhz} MHz"
-            )
-        if power_dbm is not None and not tuning.min_dbm <= power_dbm <= tuning.max_dbm:
-            raise _bad_value(
-                f"{power_dbm} dBm: the power is {tuning.min_dbm} to {tuning.max_dbm} dBm"
-            )
-        return frequency_mhz, power_dbm
+    def tuning(self, wanted: PortTuning) -> Tuned:
+        """Return what a PORT_MOD asks for; raise Refusal for what ports cannot be tuned to."""
+        return optical_ports.tuned(wanted, self._condition.tuning)
 
     def light(self, port: int, readings: Readings) -> PortLight:
-        """Return the optical statistics of a port; its flags say which fields are measured."""
-        reading = readings.ports.get(port, PortReading())
-        missing = readings.not_measured
-        flags = optical.USE_FREQ
-        if Quantity.FREQUENCY not in missing:
-            flags |= optical.RX_TUNE | optical.TX_TUNE
-        if not missing & {Quantity.TX_POWER, Quantity.RX_POWER}:
-            flags |= optical.TX_PWR
-        tuning = self._condition.tuning
-        channel = reading.frequency_mhz, 0, tuning.grid_mhz if tuning else 0
-        return PortLight(
-            flags,
-            *channel,
-            *channel,
-            _signed(reading.tx_dbm * 10),
-            _signed(reading.rx_dbm * 10),
-            round(max(0.0, min(65535.0, reading.bias_ma * 10))),
-            _signed(readings.temperature_c * 10),
-        )
+        """Return the optical statistics of a port; no light comes from a fibre that is cut."""
+        whole = port in self._channels.ports and self._channels.ports[port].up
+        grid_mhz = self._condition.tuning.grid_mhz if self._condition.tuning else 0
+        return optical_ports.light(readings, port, whole, grid_mhz)
 
 
-def port_optics(condition: Condition) -> PortOptics:
-    """Return how far ports can be tuned, as their descriptions tell."""
-    tuning = condition.tuning
-    if tuning is None:
-        return PortOptics(0, 0, 0, 0, 0, 0, 0, 0, 0)
-    band = tuning.min_mhz, tuning.max_mhz, tuning.grid_mhz
-    power = round(tuning.min_dbm * 10), round(tuning.max_dbm * 10)
-    return PortOptics(optical.TUNABLE, *band, *band, *power)
+def impossible_path(reason: str) -> Refusal:
+    """Return the error for a port that may be valid at another time (OpenFlow 1.4, 6.4)."""
+    return Refusal(ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_OUT_PORT, reason)
 
 
-def _path_optics(ports: tuple[int, int], path: Path, stuck: bool) -> PathOptics:
-    loss_mdb = round(min(path.loss_db * 1000, MAX_LOSS_MDB))
-    return PathOptics(*ports, loss_mdb, path.rotation, stuck)
-
-
-def _on_grid(frequency_mhz: int, tuning: Tuning) -> bool:
-    within = tuning.min_mhz <= frequency_mhz <= tuning.max_mhz
-    step = tuning.grid_mhz or 1
-    return within and (frequency_mhz - tuning.min_mhz) % step == 0
-
-
-def _bad_value(reason: str) -> Refusal:
-    return Refusal(ofp.OFPET_BAD_PROPERTY, ofp.OFPBPC_BAD_VALUE, reason)
-
-
-def _signed(value: float) -> int:
-    """Return a number that fits 16 bits: no light at all is -infinity dBm."""
-    return round(max(-32768.0, min(32767.0, value)))
+def circuits(mods: Iterable[FlowMod]) -> set[int]:
+    """Return the numbers under which the photons of light entries are counted."""
+    return {mod.instructions.mark.circuit for mod in mods if mod.instructions.mark}

@@ -20,7 +20,7 @@ class ChainTopo(FabricTopo):
 
     def build(self, switches: int = 3, fibers: int = 2, **fiber: Any) -> None:
         """Lay copper and fibre; every fibre is alike: see sdc.py."""
-        self.lay_copper(**fiber)
+        self.add_classical_network(**fiber)
         names = self.add_quantum_switches(int(switches))
         self.place(names[0], names[-1], names[(len(names) - 1) // 2])
         for one, other in pairwise(names):

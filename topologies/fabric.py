@@ -30,7 +30,7 @@ MOST_SWITCHES = 32
 class FabricTopo(Topo):
     """alice, bob, charlie with his pairs, ed with the qubits; subclasses lay the fibres."""
 
-    def lay_copper(
+    def add_classical_network(
         self,
         preset: str = "ideal",
         devices: Mapping[str, Device] | None = None,

@@ -21,7 +21,7 @@ class LeafSpineTopo(FabricTopo):
 
     def build(self, leaves: int = 3, spines: int = 2, fibers: int = 1, **fiber: Any) -> None:
         """Lay copper and fibre; every fibre is alike: see sdc.py."""
-        self.lay_copper(**fiber)
+        self.add_classical_network(**fiber)
         leaves, spines = int(leaves), int(spines)
         if leaves < 1 or spines < 1:
             raise ValueError(f"{leaves} leaves and {spines} spines: choose 1 or more of each")

@@ -17,8 +17,8 @@ from mininet.topo import Topo
 from topologies import openvswitch, owners, runtime
 from topologies.nodes import READY_TIMEOUT_S, QuantumController
 from topologies.owners import Owner
+from topologies.parallel import ParallelMininet
 from topologies.programs import POLL_S, NetworkError, Program, stop_all
-from topologies.quick import QuickMininet
 from topologies.record import read_record
 from topologies.runtime import DISPATCHER, Runtime, folders_of_gone, only_run
 from topologies.shells import ShellWatcher
@@ -99,7 +99,7 @@ class Network:
         (self.runtime.folder / SWITCHES).write_text("\n".join(topo.switches()))
         # Mininet would raise kernel limits for the whole machine, which is not ours to change.
         Mininet.inited = True
-        self.net = QuickMininet(topo=topo, controller=QuantumController, build=False)
+        self.net = ParallelMininet(topo=topo, controller=QuantumController, build=False)
         self._cleanup.callback(delete_interfaces_of, topo.switches())
         self._cleanup.callback(end_processes_of, self.runtime.name)
         self._cleanup.callback(self.net.stop)

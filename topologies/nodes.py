@@ -43,6 +43,8 @@ def launch(
     """Start one of our programs with its configuration, in a host's namespace if given."""
     path = network.folder / f"{name}.json"
     program = network.program(name)
+    scale, since_ns = network.time.scale, network.time.since_ns
+    config = replace(config, time_scale=scale, time_since_ns=since_ns)
     command = [python(), "-m", module, "--config", str(path)]
     with ExitStack() as stack:
         descriptors = []
@@ -403,6 +405,7 @@ class QuantumController(QuantumNode, Controller):
             policy=network.policy,
             address=free_address(network.addresses.values(), network.prefix_length),
             device_keys=network.device_keys,
+            addresses={host: network.addresses[host] for host in network.device_keys},
             console=network.socket(CONSOLE),
             rest=network.rest,
             apps=network.apps,

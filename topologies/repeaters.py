@@ -22,7 +22,7 @@ class RepeatersTopo(FabricTopo):
         count = int(repeaters)
         if not 1 <= count <= MAX_REPEATERS:
             raise ValueError(f"{count} repeaters: choose 1 to {MAX_REPEATERS}")
-        self.lay_copper(source="alice", **fiber)
+        self.add_classical_network(source="alice", **fiber)
         names = [f"r{number}" for number in range(1, count + 1)]
         for number, name in enumerate(names, 1):
             self.add_host(name, f"10.0.0.{10 + number}")

@@ -19,7 +19,7 @@ class RingTopo(FabricTopo):
 
     def build(self, switches: int = 4, fibers: int = 2, **fiber: Any) -> None:
         """Lay copper and fibre; every fibre is alike: see sdc.py."""
-        self.lay_copper(**fiber)
+        self.add_classical_network(**fiber)
         names = self.add_quantum_switches(int(switches), least=3)
         self.place(names[0], names[2], names[1])
         for one, other in zip(names, [*names[1:], names[0]], strict=True):

@@ -9,6 +9,7 @@ import fcntl
 import secrets
 import shutil
 import socket
+import time
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,6 +18,7 @@ from typing import IO
 from topologies.owners import from_words, gone, this_process
 from topologies.programs import NetworkError, Program
 from wire.config import Fiber, QuantumSwitch
+from wire.network_time import NetworkTime
 from wire.physics import Device
 from wire.service import RUNNER
 
@@ -36,6 +38,7 @@ class Runtime:
     """One network: settings given by the caller, and what its nodes have registered."""
 
     seed: int = 1
+    time_scale: float = 1.0  # seconds here for one second of the network
     sabot: str = ""  # path of a Sabot server's socket; empty: the dispatcher simulates by itself
     record: bool = False  # whether the dispatcher records what it is asked, for a replay
     events: bool = True  # whether the dispatcher writes what happens to qubits
@@ -70,6 +73,7 @@ class Runtime:
     metrics_addresses: dict[str, str] = field(default_factory=dict)  # by program: where
 
     def __post_init__(self) -> None:
+        self.time = NetworkTime(self.time_scale, time.time_ns())
         self.name = str(this_process())
         self.folder = RUNTIME_ROOT / self.name
         self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)

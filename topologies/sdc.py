@@ -24,7 +24,7 @@ class SdcTopo(FabricTopo):
 
     def build(self, **fiber: Any) -> None:
         """Lay copper and fibre; every fibre is alike: `preset`, or wire.fiber.FiberOptics."""
-        self.lay_copper(**fiber)
+        self.add_classical_network(**fiber)
         (q1,) = self.add_quantum_switches(1)
         self.place(q1, q1, q1)
 

@@ -10,6 +10,7 @@ from typing import Any, Self
 
 from wire.features import Abilities
 from wire.fiber import Fiber, FiberEnd
+from wire.network_time import NetworkTime
 from wire.physics import ANALYSERS, Device
 
 __all__ = [
@@ -39,7 +40,15 @@ class BadConfig(ValueError):
 
 @dataclass(frozen=True)
 class Config:
-    """Reading and writing, the same for all."""
+    """Reading, writing and time, the same for all."""
+
+    time_scale: float = field(default=1.0, kw_only=True)  # seconds here for one of the network
+    time_since_ns: int = field(default=0, kw_only=True)  # when both clocks said the same
+
+    @property
+    def time(self) -> NetworkTime:
+        """Return how time of the network and of the wall belong together; or raise ValueError."""
+        return NetworkTime(self.time_scale, self.time_since_ns)
 
     def write(self, path: Path) -> None:
         """Write the file so that only its owner can read it."""
@@ -50,9 +59,11 @@ class Config:
     def read(cls, path: Path) -> Self:
         """Read the file; raise BadConfig if it is not one of this kind."""
         try:
-            return cls.from_dict(json.loads(path.read_text()))
+            config = cls.from_dict(json.loads(path.read_text()))
+            _ = config.time
         except (OSError, ValueError, TypeError, KeyError) as error:
             raise BadConfig(f"{path} is not a {cls.__name__}: {error}") from error
+        return config
 
     @classmethod
     def from_dict(cls, fields: dict[str, Any]) -> Self:
@@ -200,7 +211,8 @@ class ControllerConfig(MeasuredConfig):
     contention: str = "refuse"  # or "queue": what becomes of a request for light that is taken
     policy: str = ""  # path of the policy file; empty: the shipped one, which allows the demo
     address: str = ""  # IPv4, in the hosts' network, that its datagrams to node agents come from
-    device_keys: dict[str, str] = field(default_factory=dict)  # of each host's node agent
+    device_keys: dict[str, str] = field(default_factory=dict)  # of each host
+    addresses: dict[str, str] = field(default_factory=dict)  # of these hosts, IPv4
     console: str = ""  # path of the unix socket of the console; empty: none
     rest: str = ""  # "127.0.0.1:8080": serve the same there, on Ryu only; empty: not at all
     apps: list[str] = field(default_factory=list)  # modules of further apps to load

@@ -18,9 +18,10 @@ from typing import ClassVar, TypeVar
 
 METADATA_PORT = 9010
 MAGIC = 0x514D  # "QM"
-VERSION = 2
+VERSION = 3
 MAX_LENGTH = 1 << 17
 MAX_FRAMES = 4096  # in one block
+SEAL_BYTES = 16
 HEADER = struct.Struct("!HBBIQ")
 
 E = TypeVar("E", bound=IntEnum)
@@ -128,7 +129,7 @@ class Pauli(IntEnum):
 
 
 class Fec(IntEnum):
-    """Error-correction codes of a session (hosts/middleware/coding)."""
+    """Error-correction codes of a session (hosts/middleware/services/superdense/coding)."""
 
     NONE = 0
     REPETITION = 1  # (3,1)
@@ -175,7 +176,7 @@ class Setup(Message):
     """Ask for light paths. First on its connection, one write, nothing after until answered."""
 
     KIND = 1
-    FIELDS = struct.Struct("!BB4sIIIHIBBBBBIiIIBBH")
+    FIELDS = struct.Struct(f"!BB4sIIIHIBBBBBIiIIBBH{SEAL_BYTES}s")
 
     service: int
     handshake: int
@@ -199,6 +200,7 @@ class Setup(Message):
     verdict: int = Verdict.PENDING
     rotation: int = Pauli.I  # known rotation of the paths, for the receiver to undo
     reason: int = Reason.OK
+    seal: bytes = bytes(SEAL_BYTES)  # of the controller, with its verdict (wire.verdict)
 
     def encode(self) -> bytes:
         """Return the message as it goes onto the wire."""
@@ -237,8 +239,8 @@ def session_of(message: bytes) -> int:
 
 def refused(setup: bytes, reason: Reason) -> bytes:
     """Return a set-up message, whatever it asks for, with a refusal written into it."""
-    *asked, _verdict, _rotation, _reason = Setup.FIELDS.unpack(setup[HEADER.size :])
-    answer = Setup.FIELDS.pack(*asked, Verdict.REFUSED, Pauli.I, reason)
+    *asked, _verdict, _rotation, _reason, seal = Setup.FIELDS.unpack(setup[HEADER.size :])
+    answer = Setup.FIELDS.pack(*asked, Verdict.REFUSED, Pauli.I, reason, seal)
     return setup[: HEADER.size] + answer
 
 

@@ -19,6 +19,11 @@ PATH_OPTICS = 1  # exp_type of our OFPMP_EXPERIMENTER messages
 ANY_PORT = 0xFFFFFFFF
 
 RX_TUNE, TX_TUNE, TX_PWR, USE_FREQ = 1, 2, 4, 8  # OFPOPF_
+# OFPOSF_, the flags of port statistics: which fields are valid.
+VALID_RX_TUNE, VALID_TX_TUNE, VALID_TX_PWR = 1, 2, 4
+VALID_RX_PWR, VALID_TX_BIAS, VALID_TX_TEMP = 16, 32, 64
+ALL_VALID = 0x77
+DARK = -0x8000  # in a field of power: no light
 TUNABLE = RX_TUNE | TX_TUNE | TX_PWR | USE_FREQ
 
 LIGHT_M_PER_S = 299_792_458
@@ -84,7 +89,7 @@ class PortLight(OpticalProperty):
 
     FIELDS = struct.Struct("!4xIIiIIiIhhHh")
 
-    flags: int  # OFPOPF_ bits: which of the fields count
+    flags: int  # OFPOSF_ bits: which of the fields are valid
     tx_mhz: int
     tx_offset: int
     tx_grid_span: int

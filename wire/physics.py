@@ -98,6 +98,11 @@ class Memory:
     efficiency: float = parameter(1.0, 0.0, 1.0)  # of storing and reading together
     capacity: int = parameter(4_000_000, 0, 4_000_000)  # qubits
 
+    @property
+    def decays(self) -> bool:
+        """Whether waiting changes what it keeps."""
+        return min(self.t1_s, self.t2_s) < math.inf
+
     def check(self, where: str) -> None:
         """Raise BadParameter for what no memory is like."""
         check(where, self)

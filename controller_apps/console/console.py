@@ -17,7 +17,7 @@ from typing import Any
 
 from controller_apps.console.facts import MAX_REQUEST, Facts, perform
 from controller_apps.console.questions import Refused
-from controller_apps.framework import EndOnFault, hub
+from controller_apps.openflow.framework import EndOnFault, hub
 
 REQUEST_TIMEOUT_S = 5.0
 BACKLOG = 16

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
-from controller_apps.framework import Event, hub
+from controller_apps.openflow.framework import Event, hub
 
 ANSWER_TIMEOUT_S = 5.0
 

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 from controller_apps.console.facts import MAX_REQUEST, Facts, check_settings_request
 from controller_apps.console.questions import Refused
-from controller_apps.framework import App, app_manager, wsgi
+from controller_apps.openflow.framework import App, app_manager, wsgi
 
 Handler = TypeVar("Handler", bound=Callable[..., Any])
 route: Callable[..., Callable[[Handler], Handler]] = wsgi().route

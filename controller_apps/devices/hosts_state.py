@@ -9,7 +9,7 @@ between two lives of the controller.
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from controller_apps.policy import Reporting
+from controller_apps.policy.policy import Reporting
 from wire.device import (
     Datagram,
     DeviceReport,

@@ -8,9 +8,17 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
-from wire.optical import OPTICAL
+from wire.optical import (
+    OPTICAL,
+    VALID_RX_PWR,
+    VALID_TX_BIAS,
+    VALID_TX_PWR,
+    VALID_TX_TEMP,
+    VALID_TX_TUNE,
+)
 
 MAX_PORT = 0xFFFFFF00  # OFPP_MAX
+NOT_AVAILABLE = (1 << 64) - 1  # a counter that a switch does not have (OpenFlow 1.4, 5.8)
 LOCAL = 0xFFFFFFFE  # OFPP_LOCAL: the bridge itself, named as the switch
 
 
@@ -53,9 +61,9 @@ class SwitchState:
         what = "packets" if light is None else "photons"
         port.update(
             {
-                f"{what}_in": statistics.rx_packets,
-                f"{what}_out": statistics.tx_packets,
-                f"{what}_lost": statistics.rx_dropped,
+                f"{what}_in": _counter(statistics.rx_packets),
+                f"{what}_out": _counter(statistics.tx_packets),
+                f"{what}_lost": _counter(statistics.rx_dropped),
                 "light": light,
             }
         )
@@ -80,15 +88,20 @@ def _tuning(properties: Iterable[Any]) -> dict[str, int | float] | None:
     return None
 
 
-def _light(properties: Iterable[Any]) -> dict[str, int | float] | None:
+def _light(properties: Iterable[Any]) -> dict[str, int | float | None] | None:
+    """Return what a port measures; None for what its flags say is not valid."""
     for optical in properties or ():
         if optical.type == OPTICAL:
+            values = {
+                "frequency_mhz": (VALID_TX_TUNE, optical.tx_freq_lmda),
+                "tx_power_dbm": (VALID_TX_PWR, signed(optical.tx_pwr) / 10),
+                "rx_power_dbm": (VALID_RX_PWR, signed(optical.rx_pwr) / 10),
+                "bias_ma": (VALID_TX_BIAS, optical.bias_current / 10),
+                "temperature_c": (VALID_TX_TEMP, signed(optical.temperature) / 10),
+            }
             return {
-                "frequency_mhz": optical.tx_freq_lmda,
-                "tx_power_dbm": signed(optical.tx_pwr) / 10,
-                "rx_power_dbm": signed(optical.rx_pwr) / 10,
-                "bias_ma": optical.bias_current / 10,
-                "temperature_c": signed(optical.temperature) / 10,
+                name: value if optical.flags & flag else None
+                for name, (flag, value) in values.items()
             }
     return None
 
@@ -109,10 +122,15 @@ def _path(entry: Any) -> list[dict[str, Any]]:
             "in_port": match["in_port"],
             "out_port": outputs[0],
             "session": f"{entry.cookie:016x}",
-            "photons": entry.packet_count,
+            "photons": _counter(entry.packet_count),
             "duration_s": round(entry.duration_sec + entry.duration_nsec / 1e9, 3),
         }
     ]
+
+
+def _counter(value: int) -> int | None:
+    """Return a counter, None if the switch does not have it."""
+    return None if value == NOT_AVAILABLE else value
 
 
 def signed(value: int) -> int:

@@ -7,10 +7,20 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from wire.optical import ANY_PORT, PathOptics, PortLight, PortOptics
+from wire.optical import (
+    ANY_PORT,
+    VALID_RX_PWR,
+    VALID_RX_TUNE,
+    VALID_TX_PWR,
+    VALID_TX_TUNE,
+    PathOptics,
+    PortLight,
+    PortOptics,
+)
 
 HOST_TX_POWER = 0  # dBm * 10, launched by every host
 MDB_PER_POWER_UNIT = 100  # power is in tenths of a dB
+BOTH_TUNED = VALID_RX_TUNE | VALID_TX_TUNE
 NOT_TOLD = PathOptics(ANY_PORT, ANY_PORT, 0, 0)
 
 
@@ -65,8 +75,11 @@ class Optics:
 
     def measured(self, at: SwitchPort, light: PortLight) -> bool:
         """Take the statistics of a port; tell whether it is tuned differently than was known."""
-        news = self.tuned_mhz.get(at) != light.tx_mhz
         self.lights[at] = light
+        if light.flags & BOTH_TUNED != BOTH_TUNED or light.tx_mhz != light.rx_mhz:
+            self.tuned_mhz.pop(at, None)  # unknown, or of no use for light in both directions
+            return False
+        news = self.tuned_mhz.get(at) != light.tx_mhz
         self.tuned_mhz[at] = light.tx_mhz
         return news
 
@@ -98,13 +111,21 @@ class Optics:
 
         A fibre is alike in both directions, so that to a host is measured on its way here.
         """
+        launched: int | None
         if far is None:
-            here = self.lights.get(near)
-            lost = 0 if here is None else HOST_TX_POWER - here.rx_power
+            launched, arrived = HOST_TX_POWER, self._rx_power(near)
         else:
-            here, there = self.lights.get(near), self.lights.get(far)
-            lost = 0 if here is None or there is None else here.tx_power - there.rx_power
+            launched, arrived = self._tx_power(near), self._rx_power(far)
+        lost = 0 if launched is None or arrived is None else launched - arrived
         return max(lost, 0) * MDB_PER_POWER_UNIT
+
+    def _tx_power(self, at: SwitchPort) -> int | None:
+        light = self.lights.get(at)
+        return light.tx_power if light and light.flags & VALID_TX_PWR else None
+
+    def _rx_power(self, at: SwitchPort) -> int | None:
+        light = self.lights.get(at)
+        return light.rx_power if light and light.flags & VALID_RX_PWR else None
 
 
 def _in_band(frequency_mhz: int, least_mhz: int, most_mhz: int, grid_mhz: int) -> bool:

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Network, natural_order
 from controller_apps.light.routing import Leg
-from controller_apps.policy import Tap
+from controller_apps.policy.policy import Tap
 from wire.metadata import Reason
 
 FIBERS_NEEDED = 2

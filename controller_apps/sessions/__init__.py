@@ -1,1 +1,1 @@
-"""Sessions and the set-up messages that ask for them: who gets light, and when."""
+"""Sessions: asked for, admitted, given light, ended, and remembered over a restart."""

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from controller_apps.light.paths import Hop
-from controller_apps.sessions.segments import FiveTuple
+from controller_apps.packets.segments import FiveTuple
 from controller_apps.sessions.sessions import Chain
 
 

@@ -8,10 +8,10 @@ from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Network
 from controller_apps.light.routing import Leg, LightPath, Limits, route, why_not
 from controller_apps.light.taps import CannotTap, tapped
-from controller_apps.policy import Tap
+from controller_apps.packets.segments import FiveTuple
+from controller_apps.policy.policy import Tap
 from controller_apps.sessions.abilities import Want, block_pairs, first_want, want_of_repeater
 from controller_apps.sessions.chains import find_chain, ordered_link, repeaters_of
-from controller_apps.sessions.segments import FiveTuple
 from controller_apps.sessions.sessions import Chain, Session, Sessions
 from wire.metadata import Handshake, Reason, Service, Setup
 from wire.optical import frequency_mhz

@@ -8,12 +8,13 @@ No socket, no clock: `now` is in seconds of one steady clock. TCP repeats what i
 may add bytes behind it, so a request is known by its connection and sequence number.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from controller_apps.light.light import Light
 from controller_apps.light.paths import Hop, Network, switches
-from controller_apps.policy import Tap
+from controller_apps.packets.segments import RST, FiveTuple, parse
+from controller_apps.policy.policy import Tap
+from controller_apps.policy.schedules import PARALLEL
 from controller_apps.sessions.actions import (
     Action,
     AddBypass,
@@ -23,9 +24,9 @@ from controller_apps.sessions.actions import (
 )
 from controller_apps.sessions.admission import Admission, admit, find_light
 from controller_apps.sessions.chains import links_of
+from controller_apps.sessions.light_paths import Light
 from controller_apps.sessions.ordering import Ordering
-from controller_apps.sessions.schedules import PARALLEL
-from controller_apps.sessions.segments import RST, FiveTuple, parse
+from controller_apps.sessions.recovery import Inheritance
 from controller_apps.sessions.sessions import (
     Arrival,
     Request,
@@ -35,7 +36,6 @@ from controller_apps.sessions.sessions import (
     read_setup,
 )
 from controller_apps.sessions.verdicts import Verdicts, released
-from controller_apps.succession.inheritance import Inheritance
 from wire.metadata import (
     METADATA_PORT,
     SETUP_LENGTH,
@@ -64,11 +64,12 @@ class Arbiter:
     forbid: Callable[[Setup, FiveTuple], Admission | None] = lambda _setup, _connection: None
     taps: Sequence[Tap] = ()  # for sessions that are still to come
     schedule: str = PARALLEL  # for chains that are still to come: one of SCHEDULES
+    keys: Mapping[str, str] = field(default_factory=dict)  # device keys, by address of the host
 
     def __post_init__(self) -> None:
         self.budget_mdb = round(self.loss_budget_db * 1000)
         self.light = Light(self.network, self.sessions, self.budget_mdb)
-        self.verdicts = Verdicts(self.sessions, self.light)
+        self.verdicts = Verdicts(self.sessions, self.light, self.keys)
         self.ordering = Ordering(self.sessions, self.light, self.verdicts)
         self.inheritance = Inheritance(self.sessions, self.light)
 
@@ -104,7 +105,10 @@ class Arbiter:
     def _unknown(self, arrival: Arrival) -> list[Action]:
         """Refuse a service of another version; the receiver tells the one who asked."""
         message = arrival.segment.payload[:SETUP_LENGTH]
-        frame = arrival.segment.with_payload(refused(message, Reason.UNSUPPORTED))
+        answer = self.verdicts.sealed(
+            refused(message, Reason.UNSUPPORTED), arrival.segment.five_tuple
+        )
+        frame = arrival.segment.with_payload(answer)
         note = Note("refused", session_of(message), detail=Reason.UNSUPPORTED.name)
         return [note, Forward(arrival.dpid, arrival.in_port, frame)]
 
@@ -286,6 +290,8 @@ class Arbiter:
     def resume(self, session: Session, now: float) -> None:
         """Take over what another controller has kept; raise MalformedPacket if that cannot be."""
         self.inheritance.resume(session, now)
+        for request in session.requests.values():
+            self.verdicts.seal(request)
 
     def bypasses_found(self, dpid: int, entries: Iterable[tuple[int, FiveTuple]]) -> list[Action]:
         """Take what a classical switch lets pass (session and connection of each entry)."""

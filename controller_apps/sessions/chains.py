@@ -10,9 +10,9 @@ from dataclasses import replace
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Network
 from controller_apps.light.routing import Leg, Limits, cheapest_path
+from controller_apps.packets.segments import FiveTuple
+from controller_apps.policy.schedules import schedule
 from controller_apps.sessions.actions import SwapsOrdered
-from controller_apps.sessions.schedules import schedule
-from controller_apps.sessions.segments import FiveTuple
 from controller_apps.sessions.sessions import Chain, Session, Sessions, Stop
 from wire.device import MAX_REPEATERS, NOBODY, SwapOrder
 from wire.metadata import Service, Setup

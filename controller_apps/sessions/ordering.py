@@ -6,8 +6,8 @@ set-up --> ordered --last answer--> granted
 
 from dataclasses import dataclass
 
-from controller_apps.light.light import Light
 from controller_apps.sessions.actions import Action, Note, SwapsOrdered
+from controller_apps.sessions.light_paths import Light
 from controller_apps.sessions.sessions import Chain, Request, Session, Sessions
 from controller_apps.sessions.verdicts import Verdicts
 from wire.metadata import Reason

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from controller_apps.light.paths import Direction, Hop, directions
 from controller_apps.light.routing import LightPath
-from controller_apps.sessions.segments import FiveTuple, Segment
+from controller_apps.packets.segments import FiveTuple, Segment
 from wire.metadata import (
     SETUP_LENGTH,
     Handshake,

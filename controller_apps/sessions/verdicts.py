@@ -1,13 +1,16 @@
 """What becomes of requests and sessions: granted, refused, over; and what that undoes."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
-from controller_apps.light.light import Light
+from controller_apps.packets.segments import FiveTuple
 from controller_apps.sessions.actions import Action, Forget, Forward, Note, RemoveBypass
 from controller_apps.sessions.chains import links_of
+from controller_apps.sessions.light_paths import Light
 from controller_apps.sessions.sessions import Arrival, Request, Session, Sessions
-from controller_apps.succession.kept import keep
+from controller_apps.sessions.snapshot import keep
 from wire.metadata import Reason, Verdict
+from wire.verdict import seal
 
 
 @dataclass
@@ -16,6 +19,7 @@ class Verdicts:
 
     sessions: Sessions
     light: Light
+    keys: Mapping[str, str] = field(default_factory=dict)  # device keys, by address of the host
 
     def grant(self, request: Request, *notes: Note) -> list[Action]:
         """Let a request on: its session is open from now on."""
@@ -43,7 +47,17 @@ class Verdicts:
         self.sessions.held.pop(request.transaction, None)
         self.sessions.queue.pop(request.five_tuple, None)
         arrival = request.decide(verdict, reason, node)
+        self.seal(request)
         return [released(request, arrival)]
+
+    def seal(self, request: Request) -> None:
+        """Seal the answer to a request for the host that it is on its way to, if it is ours."""
+        request.answer = self.sealed(request.answer, request.five_tuple)
+
+    def sealed(self, message: bytes, five_tuple: FiveTuple) -> bytes:
+        """Return a set-up message with the seal that its receiver wants."""
+        key = self.keys.get(five_tuple.destination)
+        return seal(message, key, five_tuple) if key else message
 
     def over(self, request: Request, cause: str, now: float) -> list[Action]:
         """Note the end of a request's connection."""

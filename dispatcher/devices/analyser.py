@@ -10,7 +10,7 @@ Distinguishable photons interfere less (Hong, Ou, Mandel, Phys. Rev. Lett. 59, 2
 visibility V = V0 exp(-(bandwidth * mismatch)^2) the phase is wrong with probability (1 - V) / 2.
 Linear optics tell Psi+ and Psi- from the rest, and Phi+ from Phi- not (Mattle, Weinfurter, Kwiat,
 Zeilinger, Phys. Rev. Lett. 76, 4656); that outcome is reported as Phi+. A host that measures by
-gates (dispatcher.devices.gate_noise) lets nothing interfere: neither mismatch nor window matter.
+gates (dispatcher.operations.gate_noise) lets nothing interfere: neither mismatch nor window matter.
 """
 
 from dataclasses import dataclass
@@ -18,9 +18,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.chance import Chance
 from dispatcher.devices.detector import Train
 from dispatcher.devices.detectors import Detection, DetectorPair, hide
+from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.manager import NO_CLICK
 from dispatcher.sabot.registers import Mask
 from wire.physics import Device
@@ -79,13 +79,13 @@ class Analyser:
         self._like, self._detectors, self._arms = device.analyser, device.detectors, arms
         self._interferes = device.analyser.kind != "gates"  # light; qubits are measured apart
 
-    def analyse(self, states: Bytes, halves: tuple[Half, Half], chance: Chance) -> Analysis:
+    def analyse(self, states: Bytes, halves: tuple[Half, Half], random: PhotonRandom) -> Analysis:
         """Return what is told of pairs in these Bell states (NO_CLICK: not both are there)."""
         mismatch = Mismatch(halves)
         incidents = {}
         flips = np.zeros(0, dtype=np.intp)
         if self._interferes:
-            flips = self._distinguished(mismatch, chance)
+            flips = self._distinguished(mismatch, random)
         if flips.size:
             flips = flips[states[flips] != NO_CLICK]
             states = states.copy()
@@ -96,12 +96,12 @@ class Analyser:
             clicks = sum(int(np.count_nonzero(half.present)) for half in halves)
             found = None
         else:
-            found = self._look(states, halves, chance)
+            found = self._look(states, halves, random)
             outcomes, told, clicks, more = _combine(found, states)
             incidents |= more
         late = np.zeros(0, dtype=np.intp)
         if self._interferes:
-            late = self._late(told, found, halves, mismatch, chance)
+            late = self._late(told, found, halves, mismatch, random)
         if late.size:
             outcomes[late] = NO_CLICK
             incidents["late"] = late.size
@@ -109,17 +109,17 @@ class Analyser:
             outcomes ^= (outcomes == PHI_MINUS) * PHASE
         return Analysis(outcomes, clicks, incidents)
 
-    def _distinguished(self, mismatch: Mismatch, chance: Chance) -> NDArray[np.intp]:
+    def _distinguished(self, mismatch: Mismatch, random: PhotonRandom) -> NDArray[np.intp]:
         """Draw which pairs show no interference, so that their phase is wrong."""
         worst = float(self._wrong(np.float64(mismatch.most_ps)))
         if worst == 0:
             return np.zeros(0, dtype=np.intp)
         # Draw as if all were as far apart as the worst; keep of those what their own mismatch says.
-        some = chance.events("interference", worst)
+        some = random.events("interference", worst)
         if mismatch.ps is None or not self._like.bandwidth_rad_per_s:
             return some
         wrong = self._wrong(mismatch.ps[some])
-        return some[chance.generator("visibility").random(some.size) * worst < wrong]
+        return some[random.generator("visibility").random(some.size) * worst < wrong]
 
     def _wrong(self, mismatch_ps: Picoseconds | np.float64) -> Picoseconds | np.float64:
         """Return how likely a phase is wrong after a mismatch."""
@@ -129,13 +129,13 @@ class Analyser:
         return wrong
 
     def _look(
-        self, states: Bytes, halves: tuple[Half, Half], chance: Chance
+        self, states: Bytes, halves: tuple[Half, Half], random: PhotonRandom
     ) -> tuple[Detection, Detection]:
         """Let the detectors of both arms look at the pairs."""
         both = states != NO_CLICK
         found = []
         for arm, half in enumerate(halves):
-            inside = chance.at(f"arm {arm}")
+            inside = random.at(f"arm {arm}")
             bits = hide(states & np.uint8(1) if arm else states >> np.uint8(1), ~both)
             lone = np.flatnonzero(half.present & ~both)
             if lone.size:
@@ -149,7 +149,7 @@ class Analyser:
         found: tuple[Detection, Detection] | None,
         halves: tuple[Half, Half],
         mismatch: Mismatch,
-        chance: Chance,
+        random: PhotonRandom,
     ) -> NDArray[np.intp]:
         """Return the pairs whose clicks are too far apart."""
         window_ps = self._like.coincidence_window_s * 1e12
@@ -163,7 +163,7 @@ class Analyser:
         pairs = np.flatnonzero(told)
         apart_ps = np.zeros(pairs.size) if mismatch.ps is None else mismatch.ps[pairs]
         if jitter_ps:
-            apart_ps += chance.generator("jitter").standard_normal(pairs.size) * jitter_ps
+            apart_ps += random.generator("jitter").standard_normal(pairs.size) * jitter_ps
         for half, mask, sign in zip(halves, lightless, (1, -1), strict=True):
             if mask is None:
                 continue
@@ -171,7 +171,7 @@ class Analyser:
             without = np.flatnonzero(mask[pairs])
             if half.delays_ps is not None:
                 apart_ps[without] -= sign * half.delays_ps[pairs[without]]
-            moments = chance.generator(f"moment in the gate {sign}").random(without.size) - 0.5
+            moments = random.generator(f"moment in the gate {sign}").random(without.size) - 0.5
             apart_ps[without] += sign * moments * gate_ps
         return pairs[np.abs(apart_ps) > window_ps]
 

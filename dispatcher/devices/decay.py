@@ -8,31 +8,76 @@ rotation of an unseen qubit that is controlled by ours, and a CX back (Nielsen a
 section 8.3.5).
 """
 
-from math import expm1
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from wire.physics import Memory
+
+Each = float | NDArray[np.float64]  # the same for all qubits, or one for each, shape (k,)
+
+LEAST = 1e-300  # of what is divided by
 
 
 class Decay(NamedTuple):
     """How likely a qubit that has waited is reset or damped, or else meets a Pauli."""
 
-    reset: float = 0.0
-    damped: float = 0.0
-    x: float = 0.0
-    y: float = 0.0
-    z: float = 0.0
+    reset: Each = 0.0
+    damped: Each = 0.0
+    x: Each = 0.0
+    y: Each = 0.0
+    z: Each = 0.0
     exact: bool = True
 
+    @property
+    def error(self) -> Each:
+        """Return how likely a Pauli is if there was no reset."""
+        return (self.x + self.y + self.z) / np.maximum(1 - self.reset, LEAST)
 
-def decay(memory: Memory, waited_s: float) -> Decay:
-    """Return what has happened to a qubit in a memory for some time."""
-    relaxed, dephased = (-expm1(-waited_s / time_s) for time_s in (memory.t1_s, memory.t2_s))
+
+class Waits(NamedTuple):
+    """How long k qubits have waited: the first for a time, and each next one for a step more."""
+
+    first_s: float
+    step_s: float
+    qubits: int
+
+    @property
+    def shortest_s(self) -> float:
+        """Return the shortest of them."""
+        return max(min(self.first_s, self._last_s), 0.0)
+
+    @property
+    def longest_s(self) -> float:
+        """Return the longest of them."""
+        return max(self.first_s, self._last_s, 0.0)
+
+    @property
+    def alike(self) -> bool:
+        """Return whether they are all the same."""
+        return self.shortest_s == self.longest_s
+
+    @property
+    def _last_s(self) -> float:
+        return self.first_s + (self.qubits - 1) * self.step_s
+
+    def of(self, qubits: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Return how long these qubits have waited."""
+        return np.clip(self.first_s + qubits * self.step_s, 0.0, None)
+
+
+def decay(memory: Memory, waited_s: Each) -> Decay:
+    """Return what has happened to qubits that were in a memory for so long.
+
+    A reset, and a Pauli if there was no reset, are the likelier the longer it was.
+    """
+    relaxed, dephased = (-np.expm1(-waited_s / time_s) for time_s in (memory.t1_s, memory.t2_s))
     if memory.t2_s <= memory.t1_s:
         return Decay(reset=relaxed, z=(dephased - relaxed) / 2)
     if memory.damping == "dense":
         # Damping alone keeps e^(-t / 2 T1) of the coherence.
         kept = waited_s / (2 * memory.t1_s) - waited_s / memory.t2_s
-        return Decay(damped=relaxed, z=max(-expm1(kept) / 2, 0.0))
-    z = max(dephased / 2 - relaxed / 4, 0.0)
-    return Decay(x=relaxed / 4, y=relaxed / 4, z=z, exact=relaxed == 0)
+        return Decay(damped=relaxed, z=np.maximum(-np.expm1(kept) / 2, 0.0))
+    z = np.maximum(dephased / 2 - relaxed / 4, 0.0)
+    return Decay(x=relaxed / 4, y=relaxed / 4, z=z, exact=not np.any(relaxed))

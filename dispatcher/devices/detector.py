@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.chance import Chance
 from dispatcher.devices import dead_time
+from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.registers import Mask
 from wire.physics import Detectors
 
@@ -57,13 +57,13 @@ class Detector:
     _last_ns: int | None = None
     _to_come_ns: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
 
-    def watch(self, candidates: Mask, train: Train, chance: Chance) -> Clicks:
+    def watch(self, candidates: Mask, train: Train, random: PhotonRandom) -> Clicks:
         """Return which of the candidates, shape (k,), and afterpulses click in a train."""
         like = self.like
         if not train.interval_ns or not (like.dead_time_s or like.afterpulse_probability):
             return Clicks(candidates)
         left_over = self._left_over(train)
-        pulses = self._afterpulses(train, chance)
+        pulses = self._afterpulses(train, random)
         after, seen = left_over, self._live(candidates | left_over, train)
         # What clicks decides which afterpulses there are, and these decide what clicks later:
         # each round is right up to a later moment, and the last one throughout.
@@ -91,10 +91,10 @@ class Detector:
                 asked[:first] = False
         return dead_time.seen(asked, dead_slots)
 
-    def _afterpulses(self, train: Train, chance: Chance) -> Afterpulses:
+    def _afterpulses(self, train: Train, random: PhotonRandom) -> Afterpulses:
         """Draw the afterpulses of the train, if there were clicks in all its slots."""
-        causes = chance.events("afterpulse", self.like.afterpulse_probability)
-        waits = chance.generator("afterpulse delay").standard_exponential(causes.size)
+        causes = random.events("afterpulse", self.like.afterpulse_probability)
+        waits = random.generator("afterpulse delay").standard_exponential(causes.size)
         slots = causes + waits * (self.like.afterpulse_s * 1e9 / train.interval_ns)
         later = np.rint(slots) > causes
         return Afterpulses(causes[later], slots[later])

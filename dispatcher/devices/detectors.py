@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.chance import Chance
 from dispatcher.devices.detector import Detector, Train
+from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.manager import NO_CLICK
 from dispatcher.sabot.registers import Mask
 from wire.physics import Detectors
@@ -55,22 +55,24 @@ class DetectorPair:
         """Return whether a detector clicks for every photon, and for nothing else."""
         return self._like.efficiency == 1 and not self._dark and not self._remembers
 
-    def detect(self, bits: Bits, extras: Bits | None, train: Train, chance: Chance) -> Detection:
+    def detect(
+        self, bits: Bits, extras: Bits | None, train: Train, random: PhotonRandom
+    ) -> Detection:
         """Look at photons with these bits (NO_CLICK: not there) and further ones; shape (k,)."""
         own = bits != NO_CLICK
         if self.ideal and extras is None:
             return Detection(bits, own, int(np.count_nonzero(own)))
         if self._like.efficiency < 1:
-            own &= chance.happens("efficiency", self._like.efficiency)
+            own &= random.happens("efficiency", self._like.efficiency)
         light = [own & (bits == value) for value in (0, 1)]
         if extras is not None:
-            self._add(light, extras, chance)
-        return self._watch(light, own, train, chance)
+            self._add(light, extras, random)
+        return self._watch(light, own, train, random)
 
-    def _add(self, light: list[Mask], extras: Bits, chance: Chance) -> None:
+    def _add(self, light: list[Mask], extras: Bits, random: PhotonRandom) -> None:
         """Draw the clicks of further photons, each in either detector."""
         pulses = np.flatnonzero(extras > 0)
-        drawn = chance.generator("further photons").random(pulses.size)
+        drawn = random.generator("further photons").random(pulses.size)
         # Neither clicks with (1 - e)^n, and each one alone does not with (1 - e/2)^n.
         neither = (1 - self._like.efficiency) ** extras[pulses].astype(np.float64)
         one = (1 - self._like.efficiency / 2) ** extras[pulses].astype(np.float64) - neither
@@ -78,22 +80,22 @@ class DetectorPair:
         light[0][pulses] |= both | ((drawn >= neither) & (drawn < neither + one))
         light[1][pulses] |= both | ((drawn >= neither + one) & ~both)
 
-    def _watch(self, light: list[Mask], own: Mask, train: Train, chance: Chance) -> Detection:
+    def _watch(self, light: list[Mask], own: Mask, train: Train, random: PhotonRandom) -> Detection:
         """Add what detectors do without light, and read off the bits."""
         dark, asked = 0, light
         if self._dark:
-            counts = [chance.happens(f"dark count {which}", self._dark) for which in (0, 1)]
+            counts = [random.happens(f"dark count {which}", self._dark) for which in (0, 1)]
             dark = sum(int(np.count_nonzero(mask)) for mask in counts)
             asked = [mask | more for mask, more in zip(light, counts, strict=True)]
         watched = [
-            detector.watch(mask, train, chance.at(str(which)))
+            detector.watch(mask, train, random.at(str(which)))
             for which, (detector, mask) in enumerate(zip(self._detectors, asked, strict=True))
         ]
         zero, one = (clicks.seen for clicks in watched)
         bits = hide(one.astype(np.uint8), ~(zero | one))
         both = np.flatnonzero(zero & one)
         if both.size:
-            bits[both] = chance.coins("double click", both.size)
+            bits[both] = random.coins("double click", both.size)
         told = int(np.count_nonzero(zero)) + int(np.count_nonzero(one))
         lightless = self._dark > 0 or self._like.afterpulse_probability > 0
         return Detection(

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.chance import Chance
+from dispatcher.photon_random import PhotonRandom
 from wire.physics import PairSource
 
 MOST_PAIRS = 255  # in a pulse: fits a byte; rarer than 1e-10 at the largest mean
@@ -26,13 +26,13 @@ class Emission(NamedTuple):
     exact: bool
 
 
-def emit(source: PairSource, chance: Chance) -> Emission:
+def emit(source: PairSource, random: PhotonRandom) -> Emission:
     """Draw what a source emits, one pulse for each photon of a half."""
-    pairs = None if source.statistics == "single" else _pairs(source, chance)
+    pairs = None if source.statistics == "single" else _pairs(source, random)
     return Emission(
-        paulis=_bell_states(source.bell_probabilities(), chance),
+        paulis=_bell_states(source.bell_probabilities(), random),
         pairs=pairs,
-        delays_ps=_delays_ps(source.jitter_ps, pairs, chance) if source.jitter_ps else None,
+        delays_ps=_delays_ps(source.jitter_ps, pairs, random) if source.jitter_ps else None,
         exact=pairs is None,
     )
 
@@ -46,33 +46,35 @@ def pair_probabilities(statistics: str, mean_pairs: float) -> NDArray[np.float64
     return np.cumprod(factors, dtype=np.float64)
 
 
-def _bell_states(probabilities: tuple[float, ...], chance: Chance) -> NDArray[np.uint8] | None:
+def _bell_states(
+    probabilities: tuple[float, ...], random: PhotonRandom
+) -> NDArray[np.uint8] | None:
     """Draw the Bell states: first which are not Phi+, then which of the others they are."""
     others = sum(probabilities[1:])
     if others == 0:
         return None
-    wrong = chance.events("not Phi+", others)
-    states = np.zeros(chance.photons, dtype=np.uint8)
-    states[wrong] = 1 + chance.which("Bell state", wrong.size, probabilities[1:])
+    wrong = random.events("not Phi+", others)
+    states = np.zeros(random.photons, dtype=np.uint8)
+    states[wrong] = 1 + random.which("Bell state", wrong.size, probabilities[1:])
     return states
 
 
-def _pairs(source: PairSource, chance: Chance) -> NDArray[np.uint8]:
+def _pairs(source: PairSource, random: PhotonRandom) -> NDArray[np.uint8]:
     """Draw the number of pairs in each pulse: first where there are any, then how many."""
     probabilities = pair_probabilities(source.statistics, source.mean_pairs)
-    some = chance.events("light", 1 - float(probabilities[0]))
-    pairs = np.zeros(chance.photons, dtype=np.uint8)
-    pairs[some] = 1 + chance.which("pairs", some.size, probabilities[1:])
+    some = random.events("light", 1 - float(probabilities[0]))
+    pairs = np.zeros(random.photons, dtype=np.uint8)
+    pairs[some] = 1 + random.which("pairs", some.size, probabilities[1:])
     return pairs
 
 
 def _delays_ps(
-    jitter_ps: float, pairs: NDArray[np.uint8] | None, chance: Chance
+    jitter_ps: float, pairs: NDArray[np.uint8] | None, random: PhotonRandom
 ) -> NDArray[np.float64]:
     """Draw how late each pulse leaves; one without light does not matter."""
     if pairs is None:
-        return chance.normal("jitter") * jitter_ps
-    delays_ps = np.zeros(chance.photons)
+        return random.normal("jitter") * jitter_ps
+    delays_ps = np.zeros(random.photons)
     some = np.flatnonzero(pairs > 0)
-    delays_ps[some] = chance.generator("jitter").standard_normal(some.size) * jitter_ps
+    delays_ps[some] = random.generator("jitter").standard_normal(some.size) * jitter_ps
     return delays_ps

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator
 
-from dispatcher.fiber import own_noise
+from dispatcher.fiber import custom_noise
 from dispatcher.fiber.classical_light import ClassicalLight
 from dispatcher.fiber.fluctuations import Bursts, PolarizationDrift, ThermalDrift
 from dispatcher.fiber.noise import Dephasing, Depolarizing, Loss, NoiseModel
@@ -40,4 +40,4 @@ def _models(optics: FiberOptics) -> Iterator[NoiseModel]:
     if light.photons_per_mw > 0:
         yield light
     if optics.noise:
-        yield own_noise.load(optics.noise, optics.noise_parameters)
+        yield custom_noise.load(optics.noise, optics.noise_parameters)

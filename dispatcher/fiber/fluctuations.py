@@ -104,22 +104,22 @@ class Bursts:
 
     def states(self, passage: Passage) -> NDArray[np.bool_]:
         """Return which photons pass while the channel is bad, shape (k,)."""
-        schedule, past, photons = passage.schedule, passage.past, passage.photons
+        schedule, history, photons = passage.schedule, passage.history, passage.photons
         known = reached(passage)
         if known == photons:
-            return past.at(passage.times_ns) > 0
+            return history.at(passage.times_ns) > 0
         renewed = passage.events("renew", self._renewal(schedule.interval_ns))
         starts = np.concatenate([[known], renewed[renewed.searchsorted(known, "right") :]])
         generator = passage.generator("state")
         drawn = generator.random(len(starts)) * (self.start_hz + self.end_hz) < self.start_hz
-        if past.latest is not None:
-            since_ns, latest = past.latest
+        if history.latest is not None:
+            since_ns, latest = history.latest
             if generator.random() >= self._renewal(schedule.time_ns(known) - since_ns):
                 drawn[0] = latest > 0
         states = np.repeat(drawn, np.diff(starts, append=photons))
         if known:
-            states = np.concatenate([past.at(passage.times_ns[:known]) > 0, states])
-        past.remember(schedule.of(starts), drawn.astype(np.float64))
+            states = np.concatenate([history.at(passage.times_ns[:known]) > 0, states])
+        history.remember(schedule.of(starts), drawn.astype(np.float64))
         return states
 
     def _renewal(self, interval_ns: float) -> float:
@@ -129,28 +129,28 @@ class Bursts:
 
 def follow(passage: Passage, step_s: float, go_on: Continue) -> Values:
     """Return a process at each photon, a new array (k,): looked up, or gone on with by steps."""
-    schedule, past, photons = passage.schedule, passage.past, passage.photons
+    schedule, history, photons = passage.schedule, passage.history, passage.photons
     known = reached(passage)
     if known == photons:
-        return past.at(passage.times_ns)
+        return history.at(passage.times_ns)
     stride = min(max(int(step_s * 1e9 / schedule.interval_ns), 1), photons)
     starts = np.arange(known, photons, stride)
     gap_s, latest = None, 0.0
-    if past.latest is not None:
-        since_ns, latest = past.latest
+    if history.latest is not None:
+        since_ns, latest = history.latest
         gap_s = (schedule.time_ns(known) - since_ns) / 1e9
     drawn = passage.generator("step").standard_normal(len(starts))
     values = go_on(gap_s, latest, stride * schedule.interval_ns / 1e9, drawn)
     found = np.repeat(values, stride)[: photons - known]
     if known:
-        found = np.concatenate([past.at(passage.times_ns[:known]), found])
-    past.remember(schedule.of(starts), values)
+        found = np.concatenate([history.at(passage.times_ns[:known]), found])
+    history.remember(schedule.of(starts), values)
     return found
 
 
 def reached(passage: Passage) -> int:
     """Return how many photons pass no later than the latest value that is remembered."""
-    latest = passage.past.latest
+    latest = passage.history.latest
     if latest is None or latest[0] < passage.schedule.first_ns:
         return 0
     return int(passage.times_ns.searchsorted(latest[0], side="right"))

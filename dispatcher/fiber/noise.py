@@ -12,8 +12,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.chance import Chance, Source
-from dispatcher.fiber.past import Past
+from dispatcher.fiber.noise_history import NoiseHistory
+from dispatcher.photon_random import PhotonRandom, Source
 
 Z = 2
 
@@ -71,20 +71,25 @@ class Schedule:
         return self.time_ns(self.photons - 1)
 
 
-class Passage(Chance):
+class Passage(PhotonRandom):
     """What a noise model is told: a block's photons at the far end of a fibre.
 
-    `photons` is k, `schedule` when they are there, `past` what this model remembered of this
-    fibre in this direction; uniform, normal, events and happens draw (dispatcher/chance.py). All
-    k photons count, also those that have taken another way: the noise is the channel's.
+    `photons` is k, `schedule` when they are there, `history` what this model remembered of this
+    fibre in this direction; uniform, normal, events and happens draw (dispatcher/photon_random.py).
+    All k photons count, also those that have taken another way: the noise is the channel's.
     """
 
     def __init__(
-        self, draws: Source, block: tuple[int, int, int], place: str, schedule: Schedule, past: Past
+        self,
+        draws: Source,
+        block: tuple[int, int, int],
+        place: str,
+        schedule: Schedule,
+        history: NoiseHistory,
     ) -> None:
         """Draw from a block's generators for one passage."""
         super().__init__(draws, block, place, schedule.photons)
-        self.schedule, self.past = schedule, past
+        self.schedule, self.history = schedule, history
 
     @property
     def times_ns(self) -> NDArray[np.int64]:

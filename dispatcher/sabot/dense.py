@@ -142,9 +142,11 @@ class Dense:
         """Measure Z; return a bit for each member and whether the states determined them all."""
         zero, one = self._halves(qubit)
         weights = [np.sum(np.abs(half) ** 2, axis=(1, 2)) for half in (zero, one)]
-        chance = np.round(weights[1] / (weights[0] + weights[1]), DIGITS)
-        determined = bool(((chance == 0) | (chance == 1)).all())
-        bits = (chance if determined else randomness.uniform() >= 1 - chance).astype(np.uint8)
+        probability = np.round(weights[1] / (weights[0] + weights[1]), DIGITS)
+        determined = bool(((probability == 0) | (probability == 1)).all())
+        bits = (probability if determined else randomness.uniform() >= 1 - probability).astype(
+            np.uint8
+        )
         zero[bits == 1] = 0
         one[bits == 0] = 0
         self._normalize()

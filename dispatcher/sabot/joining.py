@@ -5,7 +5,7 @@
 
 Where two qubits that are to meet belong to the same component already, but to different members
 of it, members that hang together become one: the pairs of A and B in the picture do if A and B meet
-again, and form rings. How large such a system may be is decided before (dispatcher.sabot.room).
+again, and form rings. How large such a system may be is decided before (dispatcher.sabot.capacity).
 """
 
 import numpy as np

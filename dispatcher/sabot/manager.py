@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dispatcher.sabot.backend import Angle, Begin, Bytes, GateName
+from dispatcher.sabot.capacity import GateStep, require_amplitudes, require_capacity
 from dispatcher.sabot.dense import Dense
 from dispatcher.sabot.draws import PhotonDraws
 from dispatcher.sabot.gates import TWO_QUBIT_GATES, as_clifford
@@ -19,7 +20,6 @@ from dispatcher.sabot.registers import (
     Store,
     ordered,
 )
-from dispatcher.sabot.room import GateStep, require_amplitudes, require_room
 
 NO_CLICK = 255
 
@@ -74,9 +74,9 @@ class Sabot:
         for share in register.shares:
             share.component.state.pauli(share.qubit, paulis[share.positions])
 
-    def require_room(self, register: Register, steps: Sequence[GateStep]) -> None:
+    def require_capacity(self, register: Register, steps: Sequence[GateStep]) -> None:
         """Raise TooLarge if these gates would need state vectors beyond the limits."""
-        require_room(register, steps, self._store.live_amplitudes)
+        require_capacity(register, steps, self._store.live_amplitudes)
 
     def gate(
         self,
@@ -96,7 +96,7 @@ class Sabot:
             self._require_pair(register, target)
         if np.size(angle_rad) not in (1, register.size):
             raise ValueError(f"{np.size(angle_rad)} angles for {register.size} qubits")
-        self.require_room(register, [GateStep(name, target, angle_rad)])
+        self.require_capacity(register, [GateStep(name, target, angle_rad)])
         if target is None:
             self._gate_each(name, register, angle_rad)
         else:
@@ -147,7 +147,7 @@ class Sabot:
         of state vectors would be beyond their limits.
         """
         self._require_pair(first, second)
-        self.require_room(first, [GateStep("CX", second)])
+        self.require_capacity(first, [GateStep("CX", second)])
         for share, other in join(self._store, first, second):
             share.component.state.gate("CX", share.qubit, other.qubit)
             share.component.state.gate("H", share.qubit)

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from dispatcher.sabot.backend import Angle, Bytes, GateName
+from dispatcher.sabot.capacity import GateStep
 from dispatcher.sabot.draws import PhotonDraws
 from dispatcher.sabot.registers import Mask, Pick, Register
-from dispatcher.sabot.room import GateStep
 
 
 class Simulation(Protocol):
@@ -29,7 +29,7 @@ class Simulation(Protocol):
 
     def pauli(self, register: Register, paulis: Bytes) -> None: ...
 
-    def require_room(self, register: Register, steps: Sequence[GateStep]) -> None: ...
+    def require_capacity(self, register: Register, steps: Sequence[GateStep]) -> None: ...
 
     def gate(
         self,

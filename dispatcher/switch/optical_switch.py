@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.chance import Chance
+from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.registers import Mask
 from dispatcher.switch.steps import Steps
 from dispatcher.switch.timeline import Circuit, Timeline
@@ -45,11 +45,12 @@ class Passed(NamedTuple):
 
 
 class Port:
-    """A fibre port: its filter, its attenuator and what it has counted."""
+    """A fibre port: a filter for each direction, its attenuator and what it has counted."""
 
     def __init__(self, frequency_mhz: int) -> None:
-        """Begin with this filter, full power and no photons."""
-        self.frequency_mhz = Steps(frequency_mhz)
+        """Begin with these filters, full power and no photons."""
+        self.rx_mhz = Steps(frequency_mhz)  # for light that comes from the fibre
+        self.tx_mhz = Steps(frequency_mhz)  # for light that goes into it
         self.power_dbm = Steps(MAX_POWER_DBM)
         self.photons_in = self.photons_out = self.photons_lost = 0
 
@@ -103,24 +104,24 @@ class OpticalSwitch:
         path = self._paths.get((in_port, out_port))
         return self.config.rotation if path is None else path.rotation
 
-    def cross(self, in_port: int, light: Light, chance: Chance) -> dict[int, Passed]:
+    def cross(self, in_port: int, light: Light, random: PhotonRandom) -> dict[int, Passed]:
         """Return what leaves by which port, and count the photons; all other light is lost.
 
         Photons that stray take all the light of their pulse with them.
         """
         times_ns = light.times_ns
-        entered = light.pulses & self._passes_filter(in_port, light)
+        entered = light.pulses & self._passes(self.ports[in_port].rx_mhz, light)
         leaving = self._route(in_port, entered, times_ns)
         if self.config.crosstalk_db is not None:
-            leaving = self._stray(leaving, times_ns, chance)
+            leaving = self._stray(leaving, times_ns, random)
         passed = {}
         for out_port, pulses in leaving.items():
-            pulses &= self._passes_filter(out_port, light)
+            pulses &= self._passes(self.ports[out_port].tx_mhz, light)
             loss_db = self._loss_db(in_port, out_port, times_ns)
             transmission = 10 ** (-loss_db / 10)
             photons = pulses & light.photons
             if np.any(loss_db):
-                photons &= chance.happens("pass", transmission)
+                photons &= random.happens("pass", transmission)
             passed[out_port] = Passed(pulses, photons, transmission)
         self._count(in_port, light, passed)
         return passed
@@ -138,9 +139,9 @@ class OpticalSwitch:
     def _is_hot(self) -> bool:
         return self.temperature_c > self.config.max_temperature_c
 
-    def _passes_filter(self, port: int, light: Light) -> Mask | np.bool_:
-        """Say for which photons a port is tuned to within half the grid of their colour."""
-        offset_mhz = np.abs(self.ports[port].frequency_mhz.at(light.times_ns) - light.frequency_mhz)
+    def _passes(self, filter_mhz: Steps, light: Light) -> Mask | np.bool_:
+        """Say for which photons a filter is tuned to within half the grid of their colour."""
+        offset_mhz = np.abs(filter_mhz.at(light.times_ns) - light.frequency_mhz)
         passes: Mask | np.bool_ = offset_mhz < self.config.grid_mhz / 2
         return passes
 
@@ -152,10 +153,12 @@ class OpticalSwitch:
             mask[part] = photons[part]
         return leaving
 
-    def _stray(self, leaving: dict[int, Mask], times_ns: Times, chance: Chance) -> dict[int, Mask]:
+    def _stray(
+        self, leaving: dict[int, Mask], times_ns: Times, random: PhotonRandom
+    ) -> dict[int, Mask]:
         """Let some light leave by another output that was in use just then, any alike."""
         assert self.config.crosstalk_db is not None
-        drawn = chance.happens("crosstalk", 10 ** (-self.config.crosstalk_db / 10))
+        drawn = random.happens("crosstalk", 10 ** (-self.config.crosstalk_db / 10))
         in_use = self.timeline.outputs_in_use(times_ns)
         outputs = sorted(in_use)
         open_then = np.array([in_use[port] for port in outputs]).reshape(len(outputs), -1)
@@ -165,7 +168,7 @@ class OpticalSwitch:
             wrong = open_then[:, strays]
             wrong[outputs.index(out_port)] = False
             strays, wrong = strays[wrong.any(axis=0)], wrong[:, wrong.any(axis=0)]
-            chosen = _choose(wrong, chance.uniform("wrong output")[strays])
+            chosen = _choose(wrong, random.uniform("wrong output")[strays])
             result[out_port][strays] = False
             for row in np.unique(chosen):
                 mask = result.setdefault(outputs[row], np.zeros(len(photons), dtype=bool))

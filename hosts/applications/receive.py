@@ -9,7 +9,7 @@ import sys
 from hashlib import sha256
 from pathlib import Path
 
-from hosts.software import QuantumSocket, QuantumSocketError
+from hosts.quantum_socket import QuantumSocket, QuantumSocketError
 
 CHUNK_BYTES = 1 << 16
 

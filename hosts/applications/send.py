@@ -10,7 +10,7 @@ import time
 from hashlib import sha256
 from typing import BinaryIO
 
-from hosts.software import QuantumSocket, QuantumSocketError
+from hosts.quantum_socket import QuantumSocket, QuantumSocketError
 from wire.metadata import FEC_NAMES
 
 CHUNK_BYTES = {"framed": 1 << 16, "per-pair": 16}

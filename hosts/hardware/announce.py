@@ -1,10 +1,10 @@
 """Announcements on the fibres' supervisory channel, by which a controller finds hosts."""
 
-import asyncio
 import socket
 from contextlib import suppress
 
 from hosts.hardware.lldp import announcement
+from hosts.network_loop import wall_sleep
 from wire.features import Abilities
 
 TTL_S = 30
@@ -25,7 +25,7 @@ async def announce(name: str, address: str, ports: list[str], abilities: Abiliti
             for channel, frame in zip(channels, frames, strict=True):
                 with suppress(OSError):  # a fibre that is set down says nothing
                     channel.send(frame)
-            await asyncio.sleep(next(pauses, PERIOD_S))
+            await wall_sleep(next(pauses, PERIOD_S))
     finally:
         for channel in channels:
             channel.close()

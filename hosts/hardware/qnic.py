@@ -52,7 +52,7 @@ class Stored:
     """What a memory has taken."""
 
     arrived: NDArray[np.bool_]  # shape (k,): whether each photon is in it
-    time_ns: int
+    since_ns: int  # the mean time from which they wait there
 
 
 @dataclass(frozen=True)
@@ -212,7 +212,7 @@ class Qnic(Protocol):
     async def coincidences(self, first: BlockName, second: BlockName) -> Coincidences:
         """Make Bell measurements as `bell_measure` does; also say when, and how many clicks."""
 
-    async def let_go(self, session: int, number: int) -> None:
+    async def discard_block(self, session: int, number: int) -> None:
         """Let go of what has come of both halves of a block."""
 
     def watch(self, session: int, history: bool) -> AsyncIterator[bytes]:

@@ -26,6 +26,7 @@ from wire.dispatcher_pb2 import (
     BlockId,
     CreateRequest,
     DiscardRequest,
+    Feedback,
     Gate,
     GatherRequest,
     Launch,
@@ -82,10 +83,10 @@ class SimulatedQnic:
         create = CreateRequest(session=session, number=number, count=count)
         near, far = (_half(session, number, half) for half in (0, 1))
         send = _send([Launch(block=far, port=port)], rate_hz, wavelength_pm)
-        _made, feedback, _sent = await self._orders.perform(
+        _made, stored, sent = await self._orders.perform(
             Step(create=create), Step(store=StoreRequest(block=near)), Step(send=send)
         )
-        return Stored(np.frombuffer(feedback.arrived, dtype=bool), feedback.time_ns)
+        return _stored(stored.arrived, sent)
 
     async def modulate(
         self,
@@ -118,7 +119,7 @@ class SimulatedQnic:
         try:
             feedback = (await self._orders.perform(*receive, bell))[-1]
         except NoLight:
-            await self.let_go(session, number)
+            await self.discard_block(session, number)
             raise
         outcomes = np.frombuffer(feedback.outcomes, dtype=np.uint8)
         return Coincidences(outcomes, feedback.clicks, feedback.time_ns)
@@ -183,7 +184,7 @@ class SimulatedQnic:
             Step(receive=ReceiveRequest(block=name, port=port, timeout_s=timeout_s)),
             Step(store=StoreRequest(block=name)),
         )
-        return Stored(np.frombuffer(feedback.arrived, dtype=bool), feedback.time_ns)
+        return _stored(feedback.arrived, feedback)
 
     async def apply(self, block: BlockName, paulis: Symbols) -> int:
         """Apply one Pauli operator to each photon at this host."""
@@ -204,7 +205,7 @@ class SimulatedQnic:
     async def store(self, block: BlockName) -> Stored:
         """Put photons at this host into memory."""
         (feedback,) = await self._orders.perform(Step(store=StoreRequest(block=_named(block))))
-        return Stored(np.frombuffer(feedback.arrived, dtype=bool), feedback.time_ns)
+        return _stored(feedback.arrived, feedback)
 
     async def gather(
         self, into: BlockName, picks: Mapping[BlockName, Positions], keep_rest: bool = False
@@ -270,7 +271,7 @@ class SimulatedQnic:
         """Let go of all photons of a session."""
         await self._orders.perform(Step(discard=DiscardRequest(session=session)))
 
-    async def let_go(self, session: int, number: int) -> None:
+    async def discard_block(self, session: int, number: int) -> None:
         """Let go of what has come of both halves of a block."""
         for half in (0, 1):
             discard = DiscardRequest(block=_half(session, number, half))
@@ -290,6 +291,11 @@ def _send(launches: list[Launch], rate_hz: int, wavelength_pm: int) -> SendReque
 
 def _named(block: BlockName) -> BlockId:
     return _half(block.session, block.number, block.half)
+
+
+def _stored(arrived: bytes, light: Feedback) -> Stored:
+    """Return what has been stored of light that has come, or left its source, evenly in time."""
+    return Stored(np.frombuffer(arrived, dtype=bool), (light.first_ns + light.last_ns) // 2)
 
 
 def _half(session: int, number: int, half: int) -> BlockId:

@@ -9,11 +9,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
-from hosts.middleware.channel import SessionError
-from hosts.middleware.coding import CODES, NAMES
-from hosts.middleware.options import overridden
-from hosts.middleware.receiver import ReceivingSession
-from hosts.middleware.sender import SendingSession
+from hosts.middleware.services.superdense.coding import CODES, NAMES
+from hosts.middleware.services.superdense.receiver import ReceivingSession
+from hosts.middleware.services.superdense.sender import SendingSession
+from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.options import overridden
 from wire.device import DevicePort, DeviceReport, DeviceSettings, Subscribe
 from wire.metadata import Reason, Setup
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from qmn.network_facts import NetworkFacts
 from qmn.reports.packets import messages
+from qmn.results.network_facts import NetworkFacts
 from wire.metadata import Block, Emit, Report
 
 MAX_CAPTURE_BYTES = 50_000_000  # 0.4 s to read

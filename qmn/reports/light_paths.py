@@ -5,7 +5,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from qmn.network_facts import NetworkFacts
+from qmn.results.network_facts import NetworkFacts
 from wire.config import QuantumSwitch
 from wire.dispatcher_pb2 import Event
 from wire.fiber import Fiber, FiberEnd

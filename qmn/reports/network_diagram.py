@@ -7,12 +7,12 @@ from math import dist
 from matplotlib.axes import Axes
 from matplotlib.patches import FancyBboxPatch
 
-from qmn.network_facts import NetworkFacts
 from qmn.reports import drawing
 from qmn.reports.drawing import GRID, INK, MUTED, PAPER, PATHS, QUANTUM
 from qmn.reports.labels import BUNDLE_INCHES, NODE_INCHES, Labels, Place
 from qmn.reports.light_paths import LightPath, fiber_name
 from qmn.reports.places import columns
+from qmn.results.network_facts import NetworkFacts
 from wire.fiber import Fiber
 
 WIDTH_INCHES, LEAST_HEIGHT_INCHES, NODE_ROW_INCHES = 8.6, 3.6, 0.72

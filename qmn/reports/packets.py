@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
-from qmn.network_facts import NetworkFacts
 from qmn.reports.streams import Flow, framed
+from qmn.results.network_facts import NetworkFacts
 from wire.metadata import (
     MAGIC,
     METADATA_PORT,

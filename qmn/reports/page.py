@@ -10,7 +10,7 @@ from qmn.reports import figures
 from qmn.reports.light_paths import fiber_name, light_paths, photons_by_port
 from qmn.reports.markup import table
 from qmn.reports.run_facts import RunFacts, read_run
-from qmn.service_result import figure
+from qmn.results.service_result import figure
 
 REPORT = "report.html"
 LAST_WORD = "Counts are the sender's last word; the figures may know more."

@@ -6,7 +6,7 @@ its far side in a second one; so has a fabric of two stages, leaves in the first
 
 from collections.abc import Mapping
 
-from qmn.network_facts import NetworkFacts
+from qmn.results.network_facts import NetworkFacts
 
 Neighbours = Mapping[str, set[str]]
 

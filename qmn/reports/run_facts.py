@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from qmn.event_sources import RESULT, recorded
-from qmn.network_facts import NetworkFacts
+from qmn.live.event_sources import RESULT, recorded
+from qmn.results.network_facts import NetworkFacts
 from topologies.record import read_record
 from topologies.runtime import EVENT_CAPTURE
 from wire.dispatcher_pb2 import Event

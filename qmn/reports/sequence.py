@@ -8,11 +8,11 @@ from itertools import islice
 from pathlib import Path
 from types import MappingProxyType
 
-from qmn.network_facts import NetworkFacts
 from qmn.reports.packets import Flight, flights, holds_setup, openflow
 from qmn.reports.places import columns
 from qmn.reports.steps import METADATA, OPENFLOW, QUANTUM, Step, together
 from qmn.reports.streams import Flow
+from qmn.results.network_facts import NetworkFacts
 from wire.dispatcher_pb2 import Event
 from wire.metadata import (
     FEC_NAMES,

@@ -15,7 +15,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from hosts.middleware.coding import CODES, NAMES
+from hosts.middleware.services.superdense.coding import CODES, NAMES
 from qmn.sweeps import theory
 
 Counts = NDArray[np.float64]

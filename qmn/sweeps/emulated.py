@@ -13,9 +13,11 @@ from types import MappingProxyType
 
 from rich.console import Console
 
-from qmn import run
-from qmn.network_options import BadInput
+from qmn.jobs import superdense
+from qmn.jobs.transfer import TransferError
+from qmn.network.options import BadInput
 from qmn.sweeps import emulated_teleportation, theory
+from qmn.sweeps.emulated_teleportation import TIME_SCALE
 from qmn.sweeps.estimates import proportion
 from qmn.sweeps.experiment import Experiment, Measure, Outcome, SweepError, number
 from qmn.sweeps.grid import Grid, Measurer, Row
@@ -23,7 +25,6 @@ from qmn.sweeps.link import FIBER, PRESET, implied
 from qmn.sweeps.parameters import Parameter, Values
 from qmn.sweeps.seeds import point_seed
 from qmn.sweeps.superdense import FEC, INTERLEAVE, LOSSES, RATE, loss_db
-from qmn.transfer import TransferError
 from topologies.network import Signals
 from topologies.programs import NetworkError
 
@@ -35,6 +36,7 @@ OPTIONS = (
     RATE,
     Parameter("frame_bytes", 32, 1, 65_536),
     FEC,
+    TIME_SCALE,
 )  # of `qmn run`, by these names
 
 
@@ -57,7 +59,7 @@ def measure(values: Values, seed: int, runs: Path, signals: Signals) -> Outcome:
         message.flush()
         given = arguments(values, seed, Path(message.name), runs)
         try:
-            run.run(given, signals, Console(quiet=True))
+            superdense.run(given, signals, Console(quiet=True))
         except (NetworkError, TransferError, BadInput) as error:
             raise SweepError(f"{EMULATED['sdc'].place(values)} failed: {error}") from error
     return outcome(json.loads((runs / "latest" / "result.json").read_text()))
@@ -66,14 +68,14 @@ def measure(values: Values, seed: int, runs: Path, signals: Signals) -> Outcome:
 def arguments(values: Values, seed: int, message: Path, runs: Path) -> argparse.Namespace:
     """Return what `qmn run sdc` would be told."""
     parser = argparse.ArgumentParser()
-    run.add_parser(parser.add_subparsers())
+    superdense.add_parsers(parser.add_subparsers(dest="job"))
     options = {each.name.replace("_", "-"): values[each.name] for each in OPTIONS}
     options |= {"seed": seed, "file": str(message), "runs": str(runs)}
     words = [f"--{name}={value}" for name, value in options.items()]
     words += [f"--fiber={each.name}={values[each.name]}" for each in FIBER]
     if values[INTERLEAVE.name] == "on":
         words.append("--interleave")
-    return parser.parse_args(["run", "sdc", "--no-capture", *words])
+    return parser.parse_args(["sdc", "--no-capture", *words])
 
 
 def outcome(result: dict[str, float]) -> Outcome:

@@ -12,18 +12,19 @@ from typing import Any
 
 from rich.console import Console
 
-from qmn import run, service_run
-from qmn.network_options import BadInput
-from qmn.networks import BadTopology
+from qmn.jobs import service
+from qmn.jobs.transfer import TransferError
+from qmn.network.options import BadInput
+from qmn.network.topologies import BadTopology
 from qmn.sweeps import theory
 from qmn.sweeps.estimates import NOTHING, Estimate, proportion
 from qmn.sweeps.experiment import Experiment, Measure, Outcome, SweepError, number
 from qmn.sweeps.link import FIBER
 from qmn.sweeps.parameters import Parameter, Values, of_dataclass
-from qmn.transfer import TransferError
 from topologies.network import Signals
 from topologies.programs import NetworkError
 from topologies.slow_copper import LEAST_MBPS, MOST_MBPS
+from wire.network_time import LEAST_SCALE, MOST_SCALE
 from wire.physics import Memory
 
 FIBERS_PASSED = 4  # two by either half of a pair
@@ -33,13 +34,14 @@ RATE = Parameter("classical_mbps", MOST_MBPS, LEAST_MBPS, MOST_MBPS, "Mbit/s")
 T1, T2 = (each for each in of_dataclass("memory_", Memory()) if each.unit == "s")
 STATE = Parameter("state", "random", choices=("random", "haar"))
 STATES = Parameter("states", 16_384, 100, 262_144)
+TIME_SCALE = Parameter("time_scale", LEAST_SCALE, LEAST_SCALE, MOST_SCALE)
 WAITED = Parameter("measured_wait_s", 0.0)
 
 
 def measure(values: Values, seed: int, runs: Path, signals: Signals) -> Outcome:
     """Teleport states, all in one block: they wait equally long."""
     try:
-        service_run.run(arguments(values, seed, runs), signals, Console(quiet=True))
+        service.run(arguments(values, seed, runs), signals, Console(quiet=True))
     except (NetworkError, TransferError, BadInput, BadTopology) as error:
         raise SweepError(f"{TELEPORT.place(values)} failed: {error}") from error
     return outcome(json.loads((runs / "latest" / "result.json").read_text())["asking"])
@@ -48,7 +50,7 @@ def measure(values: Values, seed: int, runs: Path, signals: Signals) -> Outcome:
 def arguments(values: Values, seed: int, runs: Path) -> argparse.Namespace:
     """Return what `qmn run teleport` would be told."""
     parser = argparse.ArgumentParser()
-    run.add_parser(parser.add_subparsers())
+    service.add_parsers(parser.add_subparsers(dest="job"))
     options = {
         "count": values[STATES.name],
         "block-pairs": values[STATES.name],
@@ -56,6 +58,7 @@ def arguments(values: Values, seed: int, runs: Path) -> argparse.Namespace:
         "backend": "chp" if values[STATE.name] == "random" else "dense",
         "depolarizing": values[DEPOLARIZING.name],
         "classical-mbps": values[RATE.name],
+        "time-scale": values[TIME_SCALE.name],
         "seed": seed,
         "runs": runs,
     }
@@ -63,7 +66,7 @@ def arguments(values: Values, seed: int, runs: Path) -> argparse.Namespace:
     for time in (T1, T2):
         name = time.name.removeprefix("memory_")
         words.append(f"--device={RECEIVER}.memory.{name}={values[time.name]}")
-    return parser.parse_args(["run", "teleport", "--no-capture", *words])
+    return parser.parse_args(["teleport", "--no-capture", *words])
 
 
 def outcome(told: dict[str, Any]) -> Outcome:
@@ -90,7 +93,7 @@ def teleported(values: Values) -> float | None:
 TELEPORT = Experiment(
     "teleport",
     "teleportation in the emulated network with a slow classical channel",
-    (RATE, T1, T2, DEPOLARIZING, STATE, STATES),
+    (RATE, T1, T2, DEPOLARIZING, STATE, STATES, TIME_SCALE),
     (
         Measure(WAITED.name, "measured wait in memory for the two bits (s)"),
         Measure("teleported", "average fidelity of the teleported state", teleported, over=WAITED),

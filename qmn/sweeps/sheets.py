@@ -242,4 +242,34 @@ SHEETS = (
             )
         ],
     ),
+    Sheet(
+        "memory",
+        "memory",
+        {"rate_hz": "100:1e6:9:log", "t2_s": [0.01, 0.1, 1.0], "t1_s": [1.0], "pairs": 100_000},
+        [
+            Curve(
+                f"memory-{measure}",
+                f"1,000 pairs wait in memories for the last: {text}",
+                "rate_hz",
+                "pairs a second",
+                measure,
+                by=["t2_s"],
+            )
+            for measure, text in (("xx", "X and X, T2"), ("zz", "Z and Z, T1 = 1 s"))
+        ],
+    ),
+    Sheet(
+        "fresh-outcomes",
+        "fresh-outcomes",
+        {"uses": [2, 3, 10, 30], "pairs": 200_000},
+        [
+            Curve(
+                "fresh-outcomes",
+                "Blocks of the same name: outcomes that are equal, 1/2",
+                "uses",
+                "blocks of this name",
+                "equal",
+            )
+        ],
+    ),
 )

@@ -7,7 +7,15 @@ from typing import Self
 import numpy as np
 
 from dispatcher.laboratory import LaboratoryHost
-from hosts.middleware.coding import CODES, NAMES, Bits, Code, Mask, deinterleave, interleave
+from hosts.middleware.services.superdense.coding import (
+    CODES,
+    NAMES,
+    Bits,
+    Code,
+    Mask,
+    deinterleave,
+    interleave,
+)
 from qmn.sweeps import coding_theory, theory
 from qmn.sweeps.estimates import information, mean, proportion, ratio
 from qmn.sweeps.experiment import Experiment, Measure, Outcome, number, pairs_parameter

@@ -5,7 +5,7 @@ each of the other three Bell states has probability (1 - F)/3.
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import cache
 
 EXPERIMENT_P = 0.0598  # at which the capacity is that of the experiment below
@@ -73,6 +73,19 @@ def waited_fidelity(waited_s: float, t1_s: float, t2_s: float, p: float) -> floa
     """
     along, across = math.exp(-waited_s / t1_s), math.exp(-waited_s / t2_s)
     return 1 / 2 + (1 - p) * (along + 2 * across) / 6
+
+
+def agreement_in_x(waits_s: Sequence[tuple[float, float]], t2_s: float) -> float:
+    """Return how often X and X of Phi+ agree after both halves of each pair have waited."""
+    kept = [math.exp(-(mine_s + yours_s) / t2_s) for mine_s, yours_s in waits_s]
+    return (1 + sum(kept) / len(kept)) / 2
+
+
+def agreement_in_z(waits_s: Sequence[tuple[float, float]], t1_s: float) -> float:
+    """Return how often Z and Z of Phi+ agree: both relax from |11>, neither from |00>."""
+    kept = [(math.exp(-mine_s / t1_s), math.exp(-yours_s / t1_s)) for mine_s, yours_s in waits_s]
+    both = [mine * yours + (1 - mine) * (1 - yours) for mine, yours in kept]
+    return (1 + sum(both) / len(both)) / 2
 
 
 def swapped_fidelity(first: float, second: float) -> float:

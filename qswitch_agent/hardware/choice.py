@@ -15,7 +15,12 @@ def hardware(config: AgentConfig) -> OpticalHardware:
     if not config.hardware:
         if config.hardware_ports:
             raise BadConfig("hardware_ports are given without hardware; name the instrument, too")
-        return SimulatedSwitch(config.switch, config.dispatcher, config.token)
+        return SimulatedSwitch(config.switch, config.dispatcher, config.token, config.time)
+    if config.time_scale != 1:
+        raise BadConfig(
+            f"time scale {config.time_scale:g} with hardware {config.hardware}: an instrument runs "
+            "in real time; leave the scale out"
+        )
     host, port = _address(config.hardware)
     return ScpiSwitch(host, port, _matrix_ports(config))
 

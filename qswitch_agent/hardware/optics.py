@@ -61,7 +61,8 @@ class PortReading:
     photons_in: int = 0  # came from the fibre
     photons_out: int = 0  # went into the fibre
     photons_lost: int = 0  # of those that came in, did not leave anywhere
-    frequency_mhz: int = 0  # to which it is tuned
+    tx_mhz: int = 0  # to which the filter for light that leaves is tuned
+    rx_mhz: int = 0  # and that for light that comes in
     tx_dbm: float = 0.0  # launched into the fibre
     rx_dbm: float = 0.0  # from the fibre
     bias_ma: float = 0.0
@@ -72,7 +73,7 @@ class CircuitReading:
     """How much light a cross-connect has passed."""
 
     photons: int
-    since_ns: int  # when it was made, on the clock of time.time_ns
+    since_ns: int  # when it was made, in time of the network since 1970
     last_ns: int  # when the last photon passed; since_ns if none has
 
 
@@ -96,6 +97,19 @@ class Readings:
     temperature_c: float = 0.0
     not_measured: frozenset[Quantity] = frozenset()
 
+    @property
+    def counts_photons(self) -> bool:
+        """Whether the numbers of photons say anything."""
+        return Quantity.PHOTONS not in self.not_measured
+
+
+class Direction(Enum):
+    """Which of a port's filters."""
+
+    BOTH = "both"
+    RECEIVE = "receive"  # for light that comes from the fibre
+    TRANSMIT = "transmit"  # for light that goes into it
+
 
 class OpticalHardware(Protocol):
     """An N x N cross-connect for light; it never measures what passes.
@@ -110,7 +124,13 @@ class OpticalHardware(Protocol):
         Those that were there before, by in_port and out_port, are not interrupted.
         """
 
-    async def tune(self, port: int, frequency_mhz: int | None, power_dbm: float | None) -> None:
+    async def tune(
+        self,
+        port: int,
+        frequency_mhz: int | None,
+        power_dbm: float | None,
+        direction: Direction = Direction.BOTH,
+    ) -> None:
         """Tune a port, within the condition's `tuning`; None leaves a value as it is."""
 
     async def read(self) -> Readings:

@@ -26,6 +26,7 @@ from qswitch_agent.hardware.optics import (
     CircuitReading,
     Condition,
     CrossConnect,
+    Direction,
     HardwareFault,
     HardwareRefusal,
     PortReading,
@@ -84,7 +85,13 @@ class ScpiSwitch:
 
         await self._call(change)
 
-    async def tune(self, port: int, frequency_mhz: int | None, power_dbm: float | None) -> None:
+    async def tune(
+        self,
+        port: int,
+        frequency_mhz: int | None,
+        power_dbm: float | None,
+        direction: Direction = Direction.BOTH,
+    ) -> None:
         """Refuse: a matrix switch passes light of every wavelength as it is."""
         raise HardwareRefusal(f"port {port} cannot be tuned: a matrix switch has no filters")
 

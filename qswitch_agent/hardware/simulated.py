@@ -13,6 +13,7 @@ from qswitch_agent.hardware.optics import (
     CircuitReading,
     Condition,
     CrossConnect,
+    Direction,
     HardwareFault,
     HardwareRefusal,
     Path,
@@ -23,6 +24,7 @@ from qswitch_agent.hardware.optics import (
 from wire import dispatcher_pb2 as messages
 from wire import service
 from wire.metadata import MalformedPacket
+from wire.network_time import REAL_TIME, NetworkTime
 
 REFUSALS = (
     grpc.StatusCode.INVALID_ARGUMENT,
@@ -31,6 +33,11 @@ REFUSALS = (
     grpc.StatusCode.RESOURCE_EXHAUSTED,
 )
 
+DIRECTIONS = {
+    Direction.BOTH: messages.TunePortRequest.BOTH,
+    Direction.RECEIVE: messages.TunePortRequest.RECEIVE,
+    Direction.TRANSMIT: messages.TunePortRequest.TRANSMIT,
+}
 STATUS = {status.value[0]: status for status in grpc.StatusCode}
 
 Reply = TypeVar("Reply")
@@ -39,8 +46,11 @@ Reply = TypeVar("Reply")
 class SimulatedSwitch:
     """The switch that the dispatcher simulates."""
 
-    def __init__(self, switch: str, socket: str, token: str) -> None:
+    def __init__(
+        self, switch: str, socket: str, token: str, network_time: NetworkTime = REAL_TIME
+    ) -> None:
         """Name the switch, the dispatcher's unix socket and the switch's token."""
+        self._time = network_time
         self._switch = switch
         self._socket = socket
         self._metadata = service.metadata(token)
@@ -76,7 +86,7 @@ class SimulatedSwitch:
 
     async def _outcome(self, request: messages.CrossConnectRequest) -> messages.CrossConnectOutcome:
         try:
-            async with asyncio.timeout(CALL_DEADLINE_S):
+            async with asyncio.timeout(self._time.wall_s(CALL_DEADLINE_S)):
                 return await self._cross_connects.ask(request)
         except TimeoutError as error:
             late = grpc.StatusCode.DEADLINE_EXCEEDED
@@ -84,9 +94,20 @@ class SimulatedSwitch:
         except (OSError, EOFError, MalformedPacket) as error:
             raise self._meaning(grpc.StatusCode.UNAVAILABLE, str(error)) from error
 
-    async def tune(self, port: int, frequency_mhz: int | None, power_dbm: float | None) -> None:
-        """Tune a port's filter and its attenuator; None leaves a value as it is."""
-        request = messages.TunePortRequest(switch=self._switch, port=port, power_dbm=power_dbm)
+    async def tune(
+        self,
+        port: int,
+        frequency_mhz: int | None,
+        power_dbm: float | None,
+        direction: Direction = Direction.BOTH,
+    ) -> None:
+        """Tune a port's filters and its attenuator; None leaves a value as it is."""
+        request = messages.TunePortRequest(
+            switch=self._switch,
+            port=port,
+            power_dbm=power_dbm,
+            direction=DIRECTIONS[direction],
+        )
         if frequency_mhz is not None:
             if not 0 < frequency_mhz < 1 << 32:
                 raise HardwareRefusal(f"port {port} cannot be tuned to {frequency_mhz} MHz")
@@ -139,14 +160,14 @@ class SimulatedSwitch:
             raise self._meaning(error.code(), error.details()) from error
 
     async def _wait_until(self, ready_ns: int) -> None:
-        remaining_s = (ready_ns - time.time_ns()) / 1e9
+        remaining_s = (ready_ns - self._time.network_ns(time.time_ns())) / 1e9
         if remaining_s > CALL_DEADLINE_S:
             raise HardwareFault(
                 f"dispatcher at {self._socket} says that {self._switch} needs {remaining_s:.1f} s "
                 f"to switch; lower its switching time to {CALL_DEADLINE_S} s at most"
             )
         if remaining_s > 0:
-            await asyncio.sleep(remaining_s)
+            await asyncio.sleep(self._time.wall_s(remaining_s))
 
     def _meaning(self, code: grpc.StatusCode, details: str | None) -> Exception:
         cause = f"{code.name}: {details}"
@@ -169,7 +190,8 @@ def _readings(reply: messages.SwitchStatisticsReply) -> Readings:
                 photons_in=port.photons_in,
                 photons_out=port.photons_out,
                 photons_lost=port.photons_lost,
-                frequency_mhz=port.frequency_mhz,
+                tx_mhz=port.frequency_mhz,
+                rx_mhz=port.rx_frequency_mhz,
                 tx_dbm=port.power_dbm,
                 rx_dbm=port.rx_power_dbm,
                 bias_ma=port.bias_ma,

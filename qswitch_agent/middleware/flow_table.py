@@ -5,8 +5,8 @@ the highest priority; if that entry is a path (in_port = one fibre port -> outpu
 the hardware makes this cross-connect.
 """
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from zlib import crc32
 
 from os_ken.ofproto import ofproto_v1_4 as ofp
@@ -27,14 +27,15 @@ class Plan:
     """What the hardware shall do, and what of the table it cannot do."""
 
     cross_connects: frozenset[CrossConnect] = frozenset()
-    conflicts: tuple[str, ...] = ()  # paths into a port that another path already ends in
+    refused: Mapping[CrossConnect, str] = field(default_factory=dict)  # and why
 
 
 class FlowTable:
-    """The entries of table 0, and which fibres are whole."""
+    """The entries of table 0, which fibres are whole, and what is stuck."""
 
     def __init__(self, fiber_ports: Iterable[int]) -> None:
         self.fibers = frozenset(fiber_ports)
+        self.stuck: frozenset[tuple[int, int]] = frozenset()  # that cannot be changed
         self._cut: set[int] = set()
         self._entries: dict[tuple[int, bytes], FlowEntry] = {}
         self._marked: set[tuple[int, bytes]] = set()  # keys of the entries with a mark
@@ -42,6 +43,7 @@ class FlowTable:
     def copy(self) -> "FlowTable":
         """Return a table in which a change can be tried."""
         other = FlowTable(self.fibers)
+        other.stuck = self.stuck
         other._cut = set(self._cut)
         other._entries = dict(self._entries)
         other._marked = set(self._marked)
@@ -141,6 +143,10 @@ class FlowTable:
             self._put(flows.entry(one.priority, one.match, one.instructions, one.cookie))
         return changed
 
+    def path_of(self, mod: FlowMod) -> CrossConnect | None:
+        """Return the path that an ADD or a MODIFY_STRICT of one light entry asks for, if any."""
+        return self._path(flows.entry(mod.priority, mod.match, mod.instructions, mod.cookie))
+
     def _affected(self, mod: FlowMod) -> list[FlowEntry]:
         """Return the entries that MODIFY or DELETE is about."""
         return [entry for entry in self._entries.values() if concerns(mod, entry)]
@@ -149,21 +155,34 @@ class FlowTable:
         """Return the cross-connects that the table asks for, between fibres that are whole.
 
         Two paths cannot end in one port: the higher priority has it, then the lower
-        in_port; the other path is a conflict.
+        in_port. What is stuck keeps both its ports from all other paths.
         """
         taken: dict[int, CrossConnect] = {}
-        conflicts = []
+        refused = {}
         for entry in self._effective_entries():
             path = self._path(entry)
             if path is None or self._cut.intersection(path[:2]):
                 continue
-            first = taken.setdefault(path.out_port, path)
-            if first != path:
-                conflicts.append(
-                    f"no path from port {path.in_port} to port {path.out_port}: "
-                    f"the path from port {first.in_port} ends there"
+            reason = self._in_the_way(path) or _taken(path, taken.get(path.out_port))
+            if reason:
+                refused[path] = (
+                    f"no path from port {path.in_port} to port {path.out_port}: {reason}"
                 )
-        return Plan(frozenset(taken.values()), tuple(conflicts))
+            else:
+                taken[path.out_port] = path
+        return Plan(frozenset(taken.values()), refused)
+
+    def _in_the_way(self, path: CrossConnect) -> str:
+        """Say which stuck cross-connect keeps a path from being made, empty if none does."""
+        for in_port, out_port in sorted(self.stuck):
+            if (in_port == path.in_port) != (out_port == path.out_port):
+                return f"the cross-connect {in_port}->{out_port} is stuck"
+        return ""
+
+    def light_paths(self) -> dict[CrossConnect, FlowEntry]:
+        """Return the paths that controllers have asked for, whether light meets them or not."""
+        paths = ((self._path(entry), entry) for entry in self.marked())
+        return {path: entry for path, entry in paths if path is not None}
 
     def _effective_entries(self) -> list[FlowEntry]:
         """Return, highest priority first, the entry that the light of each port meets."""
@@ -185,6 +204,12 @@ class FlowTable:
         if entry.in_port == entry.out_port:
             return None
         return CrossConnect(entry.in_port, entry.out_port, circuit_of(entry))
+
+
+def _taken(path: CrossConnect, first: CrossConnect | None) -> str:
+    if first is None or first == path:
+        return ""
+    return f"the path from port {first.in_port} ends there"
 
 
 def circuit_of(entry: FlowEntry) -> int:

@@ -10,7 +10,7 @@ from os_ken.ofproto import ofproto_v1_4 as ofp
 from qswitch_agent.openflow import instructions, matches, multipart
 from qswitch_agent.openflow.flows import FlowEntry, entry
 from qswitch_agent.openflow.instructions import Instructions, Mark
-from qswitch_agent.openflow.messages import HEADER, strict, with_body
+from qswitch_agent.openflow.messages import HEADER, NOT_AVAILABLE, strict, with_body
 from wire.metadata import MalformedPacket
 
 UPDATE = struct.Struct(ofp.OFP_FLOW_UPDATE_FULL_0_PACK_STR)
@@ -137,7 +137,7 @@ class FlowStatistics:
     def shown(self, mark: Mark, photons: int) -> "FlowStatistics":
         """Return what a controller sees of a light entry."""
         fixed = list(self.fixed)
-        fixed[5], fixed[10], fixed[11] = mark.idle_timeout_s, photons, 0
+        fixed[5], fixed[10], fixed[11] = mark.idle_timeout_s, photons, NOT_AVAILABLE
         return FlowStatistics(
             tuple(fixed), self.match, instructions.parse(self.instructions.without_mark())
         )
@@ -187,5 +187,5 @@ class FlowRemoved:
         fixed = list(self.fixed)
         if idle:
             fixed[2] = ofp.OFPRR_IDLE_TIMEOUT
-        fixed[6], fixed[8], fixed[9] = mark.idle_timeout_s, photons, 0
+        fixed[6], fixed[8], fixed[9] = mark.idle_timeout_s, photons, NOT_AVAILABLE
         return with_body(message, GONE.pack(*fixed) + matches.join(self.match))

@@ -14,6 +14,7 @@ ERROR = struct.Struct("!HH")  # type, code
 PART = struct.Struct("!HH")  # type, length
 ERROR_DATA = 64  # bytes of the message that is answered, at least those it has
 MAX_LENGTH = 0xFFFF
+NOT_AVAILABLE = (1 << 64) - 1  # a counter that a switch does not have (OpenFlow 1.4, 5.8)
 ANY_VERSION = (ofp.OFPT_HELLO, ofp.OFPT_ERROR)  # of a message that may not be of version 1.4
 ROLE = struct.Struct(ofp.OFP_ROLE_REQUEST_PACK_STR)
 
@@ -122,16 +123,6 @@ def error(kind: int, code: int, request: bytes) -> bytes:
     return encode(
         ofp.OFPT_ERROR, transaction_id(request), ERROR.pack(kind, code) + request[:ERROR_DATA]
     )
-
-
-def barrier_error(barrier_reply: bytes) -> bytes:
-    """Return the error that a controller gets in place of this reply to its barrier.
-
-    Type and code: the flow entries before the barrier failed, for a reason that
-    OpenFlow 1.4 has no code for.
-    """
-    request = encode(ofp.OFPT_BARRIER_REQUEST, transaction_id(barrier_reply))
-    return error(ofp.OFPET_FLOW_MOD_FAILED, ofp.OFPFMFC_UNKNOWN, request)
 
 
 @strict

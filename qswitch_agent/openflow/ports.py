@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from os_ken.ofproto import ofproto_v1_4 as ofp
 
 from qswitch_agent.openflow import multipart
-from qswitch_agent.openflow.messages import HEADER, encode, strict, with_body
+from qswitch_agent.openflow.messages import HEADER, NOT_AVAILABLE, encode, strict, with_body
 from wire.metadata import MalformedPacket
 from wire.optical import OPTICAL, PortTuning
 
@@ -157,10 +157,12 @@ class PortStatistics:
     def shown(self, photons: tuple[int, int, int], light: bytes) -> "PortStatistics":
         """Return what a controller sees of a fibre port: photons in, out and lost, and light.
 
-        Photons in and out are its packets, those lost its dropped packets; it has no bytes.
+        Photons in and out are its packets, those lost its dropped packets. There are no
+        other counters: light has no bytes, and errors are for receivers to see.
         """
         came, went, lost = photons
-        counters = came, went, 0, 0, lost, 0, 0, 0
+        none = NOT_AVAILABLE
+        counters = came, went, none, none, lost, none, none, none
         return replace(self, fixed=(*self.fixed[:4], *counters), properties=light)
 
 

@@ -11,14 +11,9 @@ from qswitch_agent.openflow.flows import FlowMod
 from qswitch_agent.openflow.messages import HEADER, Refusal, transaction_id
 from qswitch_agent.openflow.ports import PortMod
 from qswitch_agent.proxy.bundles import Bundle, Member, require_supported
-from qswitch_agent.proxy.judging import (
-    checked_port_mod,
-    marked,
-    may_modify_light,
-    require_not_slave,
-)
+from qswitch_agent.proxy.checks import checked_port_mod, marked, may_modify_light, require_not_slave
 from qswitch_agent.proxy.link import Link
-from qswitch_agent.switch import Switch
+from qswitch_agent.switch import Switch, circuits, impossible_path
 from wire.metadata import MalformedPacket
 
 
@@ -118,18 +113,23 @@ class BundleRequests:
 
     async def _fits(self, number: int, commit: bytes, bundle: Bundle, trial: FlowTable) -> bool:
         """Tell whether a bundle can be committed; refuse it if not."""
-        member = None
+        member, asked = None, list[tuple[Member, FlowMod]]()
         try:
             for member in bundle.members:
                 told = trial.change(member.mod) if member.mod else []
+                asked += [(member, mod) for mod in told]
                 if not member.sent and not await self._send_late(member, told):
                     await self._fail(number, commit)
                     return False
-            member = bundle.last_light
-            self._switch.require_free_outputs(trial)
+            for path, reason in self._switch.impossible(trial, [mod for _, mod in asked]).items():
+                blamed = [one for one, mod in asked if path.circuit in circuits([mod])]
+                member = blamed[-1] if blamed else bundle.last_light
+                raise impossible_path(reason)
         except Refusal as refusal:
             await self._fail(number, commit, member, refusal)
             return False
+        for member, mod in asked:
+            self._switch.promise(mod, self._link, member.message)
         return True
 
     async def _send_late(self, member: Member, told: list[FlowMod]) -> bool:

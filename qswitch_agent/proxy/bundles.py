@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 from os_ken.ofproto import ofproto_v1_4 as ofp
 
+from qswitch_agent.middleware.optical_ports import Tuned
 from qswitch_agent.openflow import packets
 from qswitch_agent.openflow.flows import FlowMod
 from qswitch_agent.openflow.messages import Refusal
@@ -15,7 +16,7 @@ from qswitch_agent.openflow.messages import Refusal
 MAX_BUNDLES = 256
 MAX_BYTES = 1 << 24
 
-Tunings = list[tuple[int, int | None, float | None]]  # port, frequency in MHz, power in dBm
+Tunings = list[tuple[int, Tuned]]  # by port
 
 
 @dataclass

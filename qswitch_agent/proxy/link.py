@@ -1,6 +1,7 @@
 """One connection between the bridge and a controller: what its two directions share."""
 
 import asyncio
+import contextlib
 import logging
 import time
 from asyncio import StreamWriter
@@ -17,6 +18,7 @@ from qswitch_agent.openflow.messages import message_type, transaction_id
 from qswitch_agent.proxy.bundles import Bundles
 
 PRIVATE_XID = 0x514D0000
+UNDONE = ofp.OFPET_FLOW_MOD_FAILED, ofp.OFPFMFC_UNKNOWN  # no code says: by the hardware
 MAX_SAID = 10_000  # messages that wait for their turn; more wait in the connection
 log = logging.getLogger(__name__)
 
@@ -56,6 +58,7 @@ class Link:
         self._barriers: deque[Barrier] = deque()
         self._refused: dict[int, bool] = {}  # by xid: whether an error came for what is watched
         self._discarding: set[int] = set()  # xids of our own
+        self._failed: list[bytes] = []  # errors for what was not refused at once
 
     def to_bridge(self, request: bytes) -> None:
         """Send a request to the bridge, at the next flush."""
@@ -83,6 +86,18 @@ class Link:
     async def answer(self, message: bytes) -> None:
         """Send an answer of the agent's own to the controller, behind what the bridge has said."""
         await self.said.put(Said(message, time.monotonic_ns(), by_agent=True))
+
+    def fail(self, request: bytes, reason: str) -> None:
+        """Answer a request with an error after all, before what is shown next."""
+        log.info("refused after all: %s", reason)
+        self._failed.append(messages.error(*UNDONE, request))
+        with contextlib.suppress(asyncio.QueueFull):  # then something is shown anyway
+            self.said.put_nowait(Said(b"", time.monotonic_ns(), by_agent=True))
+
+    def failed(self) -> bytes:
+        """Return the errors that are to be shown now."""
+        errors, self._failed = b"".join(self._failed), []
+        return errors
 
     def delete(self, mod: FlowMod, request: bytes) -> None:
         """Send a FLOW_MOD that deletes: what it will do is certain."""

@@ -3,8 +3,8 @@
     bridge --- agent --- controller
 
 Messages keep their order in each direction. A BARRIER_REPLY waits until the light paths are
-ready, and what the bridge says after it waits behind it. If they do not get ready, the
-controller gets an ERROR in its place.
+ready, and what the bridge says after it waits behind it. For what does not get ready, the
+controller gets an ERROR with the xid of its FLOW_MOD before the reply.
 """
 
 import asyncio
@@ -171,7 +171,7 @@ class Proxy:
                     if replies.may_wait(message):
                         link.show()
                     message = await replies.shown(message, since_ns)
-                link.to_controller(message)
+                link.to_controller(link.failed() + message)
                 if link.said.empty():
                     link.show()
                     await link.controller.drain()

@@ -8,7 +8,6 @@ from os_ken.ofproto import ofproto_v1_4 as ofp
 
 from qswitch_agent.bridge import BridgeFault
 from qswitch_agent.hardware.optics import HardwareFault, HardwareRefusal, Readings
-from qswitch_agent.light_paths import NotReady
 from qswitch_agent.openflow import flow_reports, messages, multipart, packets, ports
 from qswitch_agent.openflow.flow_reports import FlowRemoved
 from qswitch_agent.openflow.flows import FlowEntry
@@ -67,16 +66,19 @@ class Replies:
         return await self._bundle(message)
 
     async def _barrier(self, message: bytes) -> bytes:
-        """Hold the reply until light passes as was asked for before the barrier."""
+        """Hold the reply until light passes as was asked for before the barrier.
+
+        What has not come about until the deadline is answered by errors.
+        """
         try:
             confirmed = self._link.confirmed
             async with asyncio.timeout(self._hold_deadline_s):
                 await self._switch.ready()
             self._link.reported(confirmed)
-        except (NotReady, BridgeFault, HardwareFault, TimeoutError) as error:
+        except (BridgeFault, HardwareFault, TimeoutError) as error:
             reason = str(error) or f"light paths were not ready in {self._hold_deadline_s} s"
-            log.error("barrier refused: %s", reason)
-            return messages.barrier_error(message)
+            log.error("before a barrier: %s", reason)
+            self._switch.paths.promises.give_up(self._link, reason)
         return message
 
     async def _multipart(self, message: bytes) -> bytes:
@@ -108,35 +110,37 @@ class Replies:
         return multipart.rebuilt(message, parts)
 
     def _photons(self, port: ports.PortStatistics, readings: Readings) -> ports.PortStatistics:
-        reading = readings.ports.get(port.number)
-        if port.number not in self._switch.fibers or reading is None:
+        if port.number not in self._switch.fibers:
             return port
-        photons = reading.photons_in, reading.photons_out, reading.photons_lost
+        reading = readings.ports.get(port.number)
+        if reading is None or not readings.counts_photons:
+            photons = (messages.NOT_AVAILABLE,) * 3
+        else:
+            photons = reading.photons_in, reading.photons_out, reading.photons_lost
         return port.shown(photons, self._switch.light(port.number, readings).encode())
 
     async def _flow_statistics(self, message: bytes) -> bytes:
         statistics = flow_reports.flow_statistics(message)
         marks = [self._mark(one.entry) for one in statistics]
         if any(marks):
-            circuits = (await self._switch.read()).circuits
+            readings = await self._switch.read()
             for number, mark in enumerate(marks):
                 if mark:
-                    reading = circuits.get(mark.circuit)
-                    photons = reading.photons if reading else 0
+                    photons = _photons(readings, mark)
                     statistics[number] = statistics[number].shown(mark, photons)
         xid = transaction_id(message)
         if xid not in self._link.aggregates:
             return multipart.rebuilt(message, [entry.encode() for entry in statistics])
         counted, octets, count = self._link.aggregates[xid]
-        counted += sum(entry.packets for entry in statistics)
-        octets += sum(entry.octets for entry in statistics)
+        counted = _total([counted, *(entry.packets for entry in statistics)])
+        octets = _total([octets, *(entry.octets for entry in statistics)])
         count += len(statistics)
         self._link.aggregates[xid] = counted, octets, count
         if multipart.more_follows(message):
             return b""
         del self._link.aggregates[xid]
-        total = AGGREGATE.pack(counted, octets, count)
-        return multipart.reply(ofp.OFPMP_AGGREGATE, xid, [total])
+        body = AGGREGATE.pack(counted, octets, count)
+        return multipart.reply(ofp.OFPMP_AGGREGATE, xid, [body])
 
     def _mark(self, entry: FlowEntry) -> Mark | None:
         """Return the mark of a light entry; what a controller noted elsewhere is its own."""
@@ -150,8 +154,7 @@ class Replies:
         removed = self._switch.paths.removed(*gone.key)
         if removed is None:
             return message
-        reading = (await self._switch.read(since_ns)).circuits.get(removed.mark.circuit)
-        photons = reading.photons if reading else 0
+        photons = _photons(await self._switch.read(since_ns), removed.mark)
         return gone.shown(message, removed.mark, photons, removed.idle)
 
     def _packet_in(self, message: bytes) -> bytes:
@@ -167,11 +170,24 @@ class Replies:
         xid = transaction_id(message)
         if packets.bundle_control(message)[1] != ofp.OFPBCT_COMMIT_REPLY:
             return message
-        for port, frequency_mhz, power_dbm in self._link.bundles.committing.pop(xid, []):
+        for port, tuned in self._link.bundles.committing.pop(xid, []):
             try:
-                await self._switch.hardware.tune(port, frequency_mhz, power_dbm)
+                await self._switch.hardware.tune(port, *tuned)
             except HardwareRefusal as refusal:
                 log.error("port %d is not tuned: %s", port, refusal)
                 failed = ofp.OFPET_BUNDLE_FAILED, ofp.OFPBFC_MSG_FAILED
                 return messages.error(*failed, message)
         return message
+
+
+def _photons(readings: Readings, mark: Mark) -> int:
+    """Return how many photons a light entry has passed, if that is counted."""
+    if not readings.counts_photons:
+        return messages.NOT_AVAILABLE
+    reading = readings.circuits.get(mark.circuit)
+    return reading.photons if reading else 0
+
+
+def _total(counters: list[int]) -> int:
+    """Return the sum of counters; it is not available if one of them is not."""
+    return messages.NOT_AVAILABLE if messages.NOT_AVAILABLE in counters else sum(counters)

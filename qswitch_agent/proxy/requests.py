@@ -18,12 +18,7 @@ from qswitch_agent.openflow.messages import HEADER, Refusal, transaction_id
 from qswitch_agent.openflow.packets import PacketOut
 from qswitch_agent.proxy.bundle_requests import BundleRequests
 from qswitch_agent.proxy.bundles import Tunings
-from qswitch_agent.proxy.judging import (
-    checked_port_mod,
-    marked,
-    may_modify_light,
-    require_not_slave,
-)
+from qswitch_agent.proxy.checks import checked_port_mod, marked, may_modify_light, require_not_slave
 from qswitch_agent.proxy.link import Link
 from qswitch_agent.switch import Switch
 from wire.metadata import MalformedPacket
@@ -89,7 +84,9 @@ class Requests:
             return
         async with self._switch.trial(self._link) as trial:
             told = trial.change(mod)
-            self._switch.require_free_outputs(trial)
+            self._switch.require_possible(trial, told)
+            for one in told:
+                self._switch.promise(one, self._link, message)
             self._link.change(*(one.encode(xid) for one in told))
 
     async def _port_mod(self, message: bytes) -> None:
@@ -101,9 +98,9 @@ class Requests:
         await self._tune(tunings)
 
     async def _tune(self, tunings: Tunings) -> None:
-        for tuning in tunings:
+        for port, tuned in tunings:
             try:
-                await self._switch.hardware.tune(*tuning)
+                await self._switch.hardware.tune(port, *tuned)
             except HardwareRefusal as refusal:
                 raise Refusal(
                     ofp.OFPET_PORT_MOD_FAILED, ofp.OFPPMFC_BAD_CONFIG, str(refusal)

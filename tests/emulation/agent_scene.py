@@ -110,6 +110,7 @@ class Dispatcher:
         self.sets: list[list[tuple[int, int]]] = []
         self.tokens: set[Any] = set()
         self.failure: grpc.StatusCode | None = None
+        self.refused: set[tuple[int, int]] = set()  # paths; a set with one of them is refused
         self.open = threading.Event()
         self.open.set()
         self.readings = pb.SwitchStatisticsReply()
@@ -156,8 +157,11 @@ class Dispatcher:
         self.asked += 1
         self.tokens.add(token)
         assert self.open.wait(DEADLINE_S)
-        if self.failure is not None:
-            return pb.CrossConnectOutcome(code=self.failure.value[0], text="the mirror is stuck")
+        failure = self.failure
+        if self.refused.intersection((one.in_port, one.out_port) for one in request.connections):
+            failure = grpc.StatusCode.FAILED_PRECONDITION
+        if failure is not None:
+            return pb.CrossConnectOutcome(code=failure.value[0], text="the mirror is stuck")
         self.circuits = {(one.in_port, one.out_port): one.circuit for one in request.connections}
         self.sets.append(sorted(self.circuits))
         return pb.CrossConnectOutcome(ready_ns=time.time_ns())

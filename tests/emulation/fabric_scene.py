@@ -9,7 +9,7 @@ from pathlib import Path
 
 from mininet.topo import Topo
 
-from hosts.software import QuantumSocket
+from hosts.quantum_socket import QuantumSocket
 from topologies.network import Network, Signals
 from topologies.record import read_record
 from topologies.runtime import Runtime

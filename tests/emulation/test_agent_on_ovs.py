@@ -10,8 +10,12 @@ from agent_scene import (
     DATAPATH,
     TOKEN,
     Switch,
+    accepted,
+    bundle,
     flows,
+    light,
     needs_open_vswitch,
+    refused,
     run,
     running_switch,
     veth_names,
@@ -20,7 +24,7 @@ from agent_scene import (
 from os_ken.ofproto import ofproto_v1_4 as ofp
 from os_ken.ofproto import ofproto_v1_4_parser as parser
 
-from qswitch_agent.openflow.messages import HEADER
+from wire import dispatcher_pb2 as pb
 
 pytestmark = needs_open_vswitch
 
@@ -105,30 +109,55 @@ def test_paths_survive_the_controller(switch: Switch) -> None:
     assert switch.dispatcher.sets == [[], [(1, 2)], [(1, 2), (3, 4)]]
 
 
-def test_refusal_of_the_hardware_answers_the_barrier_with_an_error(switch: Switch) -> None:
-    switch.dispatcher.failure = grpc.StatusCode.INVALID_ARGUMENT
-    switch.controller.add_paths(10, (1, 2))
-    error = switch.controller.answer(11)
-    assert (error.msg_type, error.type) == (ofp.OFPT_ERROR, ofp.OFPET_FLOW_MOD_FAILED)
-    assert HEADER.unpack(error.data)[1::2] == (ofp.OFPT_BARRIER_REQUEST, 11)
-    switch.dispatcher.failure = None
-    switch.controller.add_paths(20, (1, 3))
-    assert isinstance(switch.controller.answer(21), parser.OFPBarrierReply)
-    assert switch.dispatcher.sets[-1] == [(1, 3)]
+def test_one_entry_that_the_hardware_refuses_does_not_block_the_switch(switch: Switch) -> None:
+    # OpenFlow 1.4, 7.3.8: errors of what was asked before come before the barrier's reply.
+    switch.dispatcher.refused = {(1, 2)}
+    for xid, one in ((10, light(1, 2)), (11, light(3, 4))):
+        switch.controller.send(one, xid)
+    switch.controller.send(parser.OFPBarrierRequest(DATAPATH), 12)
+    answers = [switch.controller.next() for _ in range(2)]
+    assert [(one.xid, one.msg_type) for one in answers] == [
+        (10, ofp.OFPT_ERROR),
+        (12, ofp.OFPT_BARRIER_REPLY),
+    ]
+    assert (answers[0].type, answers[0].code) == (ofp.OFPET_FLOW_MOD_FAILED, ofp.OFPFMFC_UNKNOWN)
+    assert switch.dispatcher.sets[-1] == [(3, 4)]
+    wait_until(lambda: "in_port=1" not in flows("dump-flows"), "the refused entry to be deleted")
+    accepted(switch.controller, light(1, 4, command=ofp.OFPFC_DELETE))
+    accepted(switch.controller, light(2, 1))
+    assert switch.dispatcher.sets[-1] == [(2, 1), (3, 4)]
 
 
-def test_two_paths_into_one_port_that_came_by_hand_fail_the_barrier(switch: Switch) -> None:
+def test_what_is_stuck_is_refused_with_the_xid_of_its_message(switch: Switch) -> None:
+    stuck = pb.SwitchCondition()
+    stuck.CopyFrom(switch.dispatcher.condition)
+    stuck.stuck.add(in_port=1, out_port=3)
+    switch.dispatcher.changes(stuck)
+    assert isinstance(switch.controller.next(), parser.OFPPortStatus)  # blocked, from now on
+    cannot = ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_OUT_PORT
+    assert refused(switch.controller, light(1, 2)) == cannot
+    bundle(switch.controller, 50, light(2, 4), light(4, 3))
+    wrong = switch.controller.answer(52)  # that of the second member
+    assert (wrong.type, wrong.code) == cannot
+    assert switch.controller.answer(50).code == ofp.OFPBFC_MSG_FAILED
+    accepted(switch.controller, light(2, 4), 60)
+    assert "in_port=1" not in flows("dump-flows")
+    assert switch.dispatcher.sets[-1] == [(2, 4)]
+
+
+def test_two_paths_into_one_port_that_came_by_hand_do_not_fail_the_barrier(switch: Switch) -> None:
     flows("add-flow", "in_port=1,actions=output:3")
     flows("add-flow", "in_port=2,actions=output:3")
-    switch.controller.send(parser.OFPBarrierRequest(DATAPATH), 9)
-    assert switch.controller.answer(9).msg_type == ofp.OFPT_ERROR
-    assert switch.dispatcher.sets[-1] == [(1, 3)]
+    accepted(switch.controller, light(4, 2))
+    assert switch.dispatcher.sets[-1] == [(1, 3), (4, 2)]
 
 
 def test_failing_dispatcher_ends_the_agent_after_an_error(switch: Switch) -> None:
     switch.dispatcher.failure = grpc.StatusCode.UNAVAILABLE
-    switch.controller.add_paths(10, (1, 2))
-    assert switch.controller.answer(11).msg_type == ofp.OFPT_ERROR
+    switch.controller.send(light(1, 2), 10)
+    switch.controller.send(parser.OFPBarrierRequest(DATAPATH), 11)
+    assert switch.controller.next().msg_type == ofp.OFPT_ERROR
+    assert isinstance(switch.controller.answer(11), parser.OFPBarrierReply)
     assert switch.ended() == 1
     assert "does not answer" in switch.log.read_text().splitlines()[-1]
 

@@ -16,9 +16,9 @@ from conftest import ROOT, verb, wait_until
 from test_metrics_of_a_run import figures
 from test_timeline_of_a_run import fields
 
-from qmn.network_options import BadInput
-from qmn.scripting import start
-from qmn.transfer import TransferError
+from qmn.jobs.transfer import TransferError
+from qmn.network.options import BadInput
+from qmn.scripting.network import start
 from topologies.chain import ChainTopo
 from wire.metadata import Pauli
 

@@ -11,7 +11,7 @@ import pytest
 from conftest import wait_until
 from fabric_scene import Session, facts, light_paths, running, session
 
-from hosts.software import QuantumSocketError
+from hosts.quantum_socket import QuantumSocketError
 from topologies.network import Network
 from topologies.nodes import READY_TIMEOUT_S
 from topologies.programs import python

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from conftest import ROOT, wait_until
 
-from hosts.software import QuantumSocket, QuantumSocketError
+from hosts.quantum_socket import QuantumSocket, QuantumSocketError
 from topologies.network import Network, Signals
 from topologies.runtime import Runtime
 from topologies.sdc import SdcTopo
@@ -151,7 +151,7 @@ def connect(network: Network, sender: str, receiver: str) -> None:
 @pytest.mark.parametrize("framework", FRAMEWORKS)
 def test_the_policy_decides_until_it_is_changed(tmp_path: Path, framework: str) -> None:
     policy = tmp_path / "policy.toml"
-    policy.write_text((ROOT / "controller_apps/policies/deny.toml").read_text())
+    policy.write_text((ROOT / "controller_apps/policy/deny.toml").read_text())
     settings = Runtime(framework=framework, log_folder=tmp_path / "run", policy=str(policy))
     with Signals() as signals, Network(SdcTopo, settings, signals) as network:
         connect(network, "alice", "bob")

@@ -8,7 +8,7 @@ from typing import Any
 
 from conftest import ROOT, qmn, wait_until
 
-from hosts.software import QuantumSocket
+from hosts.quantum_socket import QuantumSocket
 from topologies.network import Network, Signals
 from topologies.runtime import Runtime
 from topologies.sdc import SdcTopo

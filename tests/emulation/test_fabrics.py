@@ -11,7 +11,7 @@ from conftest import wait_until
 from fabric_scene import Session, facts, light_paths, running, session, switches_on_the_way
 from mininet.topo import Topo
 
-from hosts.software import QuantumSocketError
+from hosts.quantum_socket import QuantumSocketError
 from topologies.chain import ChainTopo
 from topologies.leaf_spine import LeafSpineTopo
 from topologies.network import Network

@@ -5,7 +5,7 @@ import threading
 import pytest
 from conftest import wait_until
 
-from hosts.software import QuantumSocket, QuantumSocketError
+from hosts.quantum_socket import QuantumSocket, QuantumSocketError
 from topologies.network import Network
 from topologies.record import read_record
 from wire.metadata import Reason

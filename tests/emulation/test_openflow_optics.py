@@ -68,6 +68,7 @@ def test_port_statistics_count_photons_and_show_the_light(switch: Switch) -> Non
         photons_out=70,
         photons_lost=9,
         frequency_mhz=193_500_000,
+        rx_frequency_mhz=193_550_000,
         power_dbm=-1.5,
         rx_power_dbm=-12.3,
         bias_ma=8.5,
@@ -78,9 +79,29 @@ def test_port_statistics_count_photons_and_show_the_light(switch: Switch) -> Non
     assert (port.rx_packets, port.tx_packets, port.rx_dropped) == (5_000_000_000, 70, 9)
     (shown,) = port.properties
     assert shown.type == ofp.OFPPSPT_OPTICAL
-    assert (shown.tx_freq_lmda, shown.rx_freq_lmda) == (193_500_000, 193_500_000)
+    assert (shown.tx_freq_lmda, shown.rx_freq_lmda) == (193_500_000, 193_550_000)
+    assert shown.flags == (
+        ofp.OFPOSF_RX_TUNE
+        | ofp.OFPOSF_TX_TUNE
+        | ofp.OFPOSF_TX_PWR
+        | ofp.OFPOSF_RX_PWR
+        | ofp.OFPOSF_TX_BIAS
+        | ofp.OFPOSF_TX_TEMP
+    )
     assert (shown.tx_pwr, shown.rx_pwr) == (-15 & 0xFFFF, -123 & 0xFFFF)
     assert (shown.bias_current, shown.temperature) == (85, 315)
+
+
+def test_a_cut_fibre_has_no_light(switch: Switch) -> None:
+    reading = pb.SwitchStatisticsReply.Port(port=2, rx_power_dbm=-0.0)
+    switch.dispatcher.readings = pb.SwitchStatisticsReply(ports=[reading])
+    run("ip", "link", "set", veth_names()[0], "down")  # its peer, port 2, loses its carrier
+    while switch.controller.next().desc.port_no != 2:
+        pass
+    switch.controller.send(parser.OFPPortStatsRequest(DATAPATH, 0, 2), 5)
+    (port,) = switch.controller.answer(5).body
+    assert not port.properties[0].flags & ofp.OFPOSF_RX_PWR
+    assert port.properties[0].rx_pwr == 0x8000
 
 
 def test_port_is_tuned(switch: Switch) -> None:
@@ -128,7 +149,8 @@ def test_flow_statistics_count_photons(switch: Switch) -> None:
     switch.dispatcher.passed(123_456, 1, 3)
     found = {entry.priority: entry for entry in entries(switch.controller)}
     path = found[9]
-    assert (path.packet_count, path.byte_count, path.idle_timeout) == (123_456, 0, 40)
+    assert (path.packet_count, path.byte_count) == (123_456, (1 << 64) - 1)
+    assert path.idle_timeout == 40
     assert path.cookie == 77
     assert [one.port for one in path.instructions[0].actions] == [3]
     assert found[0].packet_count == 0
@@ -190,10 +212,10 @@ def test_bundle_with_a_member_that_the_bridge_refuses_changes_nothing(switch: Sw
 
 def test_output_that_is_taken_is_refused(switch: Switch) -> None:
     accepted(switch.controller, light(1, 3, priority=5))
-    overlap = ofp.OFPET_FLOW_MOD_FAILED, ofp.OFPFMFC_OVERLAP
-    assert refused(switch.controller, light(2, 3)) == overlap
+    taken = ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_OUT_PORT
+    assert refused(switch.controller, light(2, 3)) == taken
     bundle(switch.controller, 50, light(4, 2), light(2, 3))
-    assert switch.controller.answer(52).code == ofp.OFPFMFC_OVERLAP
+    assert switch.controller.answer(52).code == ofp.OFPBAC_BAD_OUT_PORT
     assert switch.controller.answer(50).code == ofp.OFPBFC_MSG_FAILED
     assert switch.dispatcher.sets[-1] == [(1, 3)]
     assert len(entries(switch.controller)) == 1
@@ -213,7 +235,7 @@ def test_requests_that_nobody_waited_for_are_judged_together(switch: Switch) -> 
     controller.send(light(2, 3), 3)
     controller.send(light(4, 3), 4)
     wrong = controller.answer(4)
-    assert (wrong.type, wrong.code) == (ofp.OFPET_FLOW_MOD_FAILED, ofp.OFPFMFC_OVERLAP)
+    assert (wrong.type, wrong.code) == (ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_OUT_PORT)
     accepted(controller, parser.OFPBarrierRequest(DATAPATH), 90)
     assert switch.dispatcher.sets[-1] == [(2, 3)]
 
@@ -241,7 +263,7 @@ def test_paths_are_swapped_by_modify_in_a_bundle(switch: Switch) -> None:
     committed(switch.controller, 60, *swap)
     assert switch.dispatcher.sets[-1] == [(1, 4), (2, 3)]
     bundle(switch.controller, 70, light(1, 3, command=modify))
-    assert switch.controller.answer(71).code == ofp.OFPFMFC_OVERLAP
+    assert switch.controller.answer(71).code == ofp.OFPBAC_BAD_OUT_PORT
     assert switch.controller.answer(70).code == ofp.OFPBFC_MSG_FAILED
 
 

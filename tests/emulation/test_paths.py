@@ -5,7 +5,7 @@ import subprocess
 
 from conftest import wait_until
 
-from hosts.software import QuantumSocket
+from hosts.quantum_socket import QuantumSocket
 from topologies.network import Network
 
 

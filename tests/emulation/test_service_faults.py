@@ -12,7 +12,7 @@ from test_paths import flows, light_paths
 
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
-from qmn.dispatcher_calls import held_blocks, status
+from qmn.live.dispatcher_calls import held_blocks, status
 from topologies.network import Network
 from topologies.record import read_record
 from wire.metadata import (

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from conftest import qmn, wait_until
 
-from hosts.software import QuantumSocket, QuantumSocketError
+from hosts.quantum_socket import QuantumSocket, QuantumSocketError
 from topologies.network import Network
 from wire.metadata import Reason
 

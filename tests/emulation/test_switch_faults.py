@@ -6,7 +6,7 @@ import threading
 
 from conftest import ROOT, wait_until
 
-from hosts.software import QuantumSocket
+from hosts.quantum_socket import QuantumSocket
 from topologies.network import Network
 
 

@@ -2,9 +2,12 @@
 
 import ast
 from collections.abc import Iterator
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
+
+from qmn.__main__ import VERBS
 
 ROOT = Path(__file__).resolve().parents[2]
 PRODUCT = (
@@ -57,3 +60,46 @@ def test_grpc_stays_where_it_belongs(folder: str) -> None:
 
 def test_wire_imports_nothing_by_itself() -> None:
     assert list(imports(ROOT / "wire" / "__init__.py")) == []
+
+
+def room_of(file: Path) -> str:
+    """Return the folder of a file; a file at the top of a product folder is a room by itself."""
+    path = file.relative_to(ROOT)
+    return str(path.parent if len(path.parts) > 2 else path)
+
+
+def arrows() -> dict[str, set[str]]:
+    """Return which rooms each room imports; packages and entry points stand above their folder."""
+    modules = {
+        ".".join(file.relative_to(ROOT).with_suffix("").parts): file
+        for folder in ALL[:-1]
+        for file in sources(folder)
+    }
+    found: dict[str, set[str]] = {}
+    for file in modules.values():
+        if file.name in ("__init__.py", "__main__.py"):
+            continue
+        for name in members(file):
+            if name in modules and (there := room_of(modules[name])) != room_of(file):
+                found.setdefault(room_of(file), set()).add(there)
+    return found
+
+
+def members(file: Path) -> Iterator[str]:
+    """Yield what a file imports, also as members of modules, which may be modules themselves."""
+    yield from imports(file)
+    for node in ast.walk(ast.parse(file.read_text())):
+        if isinstance(node, ast.ImportFrom):
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def test_no_rooms_import_each_other_even_by_way_of_others() -> None:
+    try:
+        list(TopologicalSorter(arrows()).static_order())
+    except CycleError as error:
+        pytest.fail(f"a circle: {' <- '.join(error.args[1])}")
+
+
+def test_every_verb_is_a_module_of_verbs_and_nothing_else_is() -> None:
+    names = {file.stem for file in sources("qmn/verbs")} - {"__init__"}
+    assert names == set(VERBS)

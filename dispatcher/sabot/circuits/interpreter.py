@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dispatcher.sabot.backend import Backend, Begin, Bytes, CliffordName, GateName
+from dispatcher.sabot.capacity import require_amplitudes
 from dispatcher.sabot.circuits.circuit import (
     MAX_SHOTS,
     Barrier,
@@ -29,7 +30,6 @@ from dispatcher.sabot.dense import MAX_QUBITS as MOST_DENSE
 from dispatcher.sabot.dense import Dense, TooLarge
 from dispatcher.sabot.draws import Draws
 from dispatcher.sabot.registers import Mask
-from dispatcher.sabot.room import require_amplitudes
 
 MAX_RESULT_BITS = 1 << 28  # shots times classical bits
 # Shots that are simulated at once, so that a state vector of each fits into 64 MB. It depends on

@@ -14,12 +14,12 @@ import grpc
 import numpy as np
 
 from dispatcher.sabot.backend import Angle, Bytes, GateName
+from dispatcher.sabot.capacity import GateStep
 from dispatcher.sabot.dense import TooLarge
 from dispatcher.sabot.draws import PhotonDraws
 from dispatcher.sabot.gates import as_clifford
 from dispatcher.sabot.registers import Mask, Pick, Register
 from dispatcher.sabot.remote.requests import packed_mask
-from dispatcher.sabot.room import GateStep
 from wire import sabot_pb2 as messages
 from wire.sabot_pb2_grpc import SabotStub
 from wire.service import CHANNEL_OPTIONS
@@ -105,7 +105,7 @@ class RemoteSabot:
         values = paulis.astype(np.uint8, copy=False).tobytes()
         self._apply(register, paulis=values)
 
-    def require_room(self, register: Register, steps: Sequence[GateStep]) -> None:
+    def require_capacity(self, register: Register, steps: Sequence[GateStep]) -> None:
         """Raise TooLarge if these gates would need state vectors beyond the limits."""
         if self._one_backend and not any(map(_needs_vectors, steps)):
             return

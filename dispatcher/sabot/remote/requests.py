@@ -6,14 +6,14 @@ from typing import cast, get_args
 
 import numpy as np
 
-from dispatcher.calls import limits
 from dispatcher.refusal import invalid
+from dispatcher.sabot import limits
 from dispatcher.sabot.backend import Angle, Bytes, GateName
+from dispatcher.sabot.capacity import GateStep
 from dispatcher.sabot.draws import Draws, PhotonDraws
 from dispatcher.sabot.gates import ROTATIONS, TWO_QUBIT_GATES
 from dispatcher.sabot.registers import Mask, Pick, Register
 from dispatcher.sabot.remote.workspace import Workspace
-from dispatcher.sabot.room import GateStep
 from wire import sabot_pb2 as messages
 
 SEED = re.compile(r"-?\d{1,100}")

@@ -7,8 +7,8 @@ import functools
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from dispatcher.calls import limits
 from dispatcher.refusal import Refusal, exhausted, invalid
+from dispatcher.sabot import limits
 from dispatcher.sabot.backends import BACKENDS
 from dispatcher.sabot.dense import TooLarge
 from dispatcher.sabot.manager import Sabot
@@ -74,7 +74,7 @@ class SabotService(SabotServicer):
         if request.state not in messages.CreateRequest.State.values():
             raise invalid(f"state {request.state} is unknown; use ZEROS or BELL_PAIRS")
         pairs = request.state == messages.CreateRequest.BELL_PAIRS
-        self._workspaces.require_room(request.count * (1 + pairs))
+        self._workspaces.require_capacity(request.count * (1 + pairs))
         workspace.require_place(1 + pairs)
         sabot = workspace.sabot
         made = sabot.bell_pairs(request.count) if pairs else (sabot.zeros(request.count),)
@@ -88,7 +88,7 @@ class SabotService(SabotServicer):
         register = workspace.require(request.register)
         paulis = requests.paulis(request.paulis, register)
         steps = requests.steps(workspace, register, request.gates)
-        workspace.sabot.require_room(register, steps)
+        workspace.sabot.require_capacity(register, steps)
         if request.check:
             return _done(workspace)
         if paulis is not None:

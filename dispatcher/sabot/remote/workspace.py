@@ -77,7 +77,7 @@ class Workspaces:
             raise not_found(f"no workspace {number}; begin one first")
         return workspace
 
-    def require_room(self, more: int) -> None:
+    def require_capacity(self, more: int) -> None:
         """Refuse more qubits than there may be."""
         live = sum(workspace.sabot.live_qubits for workspace in self._all.values())
         if live + more > self._max_live_qubits:

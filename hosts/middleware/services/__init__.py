@@ -3,8 +3,11 @@
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from hosts.middleware.services import bb84, bbm92, distribute, swap, teleport
-from hosts.middleware.services.service import ServiceKind
+from hosts.middleware.services.distribution import distribute
+from hosts.middleware.services.key_distribution import bb84, bbm92
+from hosts.middleware.services.swapping import swap
+from hosts.middleware.services.teleportation import teleport
+from hosts.middleware.session.service import ServiceKind
 from wire.metadata import Service
 
 KINDS: Mapping[Service, ServiceKind] = MappingProxyType(

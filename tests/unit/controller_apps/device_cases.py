@@ -14,15 +14,15 @@ from metadata_scene import Q1, S1
 from scapy.layers.inet import IP, UDP
 from scapy.layers.l2 import Ether
 
-from controller_apps import framework
+from controller_apps.apps.device_monitor import SET_TIMEOUT_S, DeviceMonitor
+from controller_apps.apps.swap_orders import EventSwapsOrdered
 from controller_apps.console import console
 from controller_apps.console.console import Console
 from controller_apps.console.facts import MAX_REQUEST, Facts, perform
 from controller_apps.console.questions import EventQuestion, Refused
-from controller_apps.devices.datagrams import Frame
-from controller_apps.devices.device_monitor import SET_TIMEOUT_S, DeviceMonitor
-from controller_apps.devices.swap_orders import EventSwapsOrdered
-from controller_apps.framework import ofp_event, ofproto, parser
+from controller_apps.openflow import framework
+from controller_apps.openflow.framework import ofp_event, ofproto, parser
+from controller_apps.packets.datagrams import Frame
 from controller_apps.record import Record
 from controller_apps.sessions.actions import SwapsOrdered
 from controller_apps.sessions.ordering import NODE_TIMEOUT_S
@@ -41,7 +41,7 @@ from wire.device import (
     open_sealed,
 )
 from wire.metadata import Answer, Message, Reason
-from wire.optical import TUNABLE, PortLight, PortOptics
+from wire.optical import ALL_VALID, TUNABLE, PortLight, PortOptics
 
 KEYS = {"alice": "aa" * 16, "bob": "bb" * 16}
 CONTROLLER, ALICE = "10.0.0.254", "10.0.0.1"
@@ -58,7 +58,7 @@ class Scene:
         )
         self.now = 100.0
         clock = SimpleNamespace(monotonic=lambda: self.now, time_ns=lambda: 5_000)
-        monkeypatch.setattr("controller_apps.devices.device_monitor.time", clock)
+        monkeypatch.setattr("controller_apps.apps.device_monitor.time", clock)
         self.monitor = DeviceMonitor(config, Record(str(self.record_path)))
         self.s1, self.q1 = Datapath(S1), Datapath(Q1)
         self.number = 0
@@ -310,7 +310,7 @@ def test_optical_ports_counters_and_paths_are_read(scene: Scene) -> None:
     port = parser.OFPPort.parser(described(ethernet, optics.encode()), 0)
     message = SimpleNamespace(datapath=scene.q1, body=[port])
     scene.monitor.ports_described(SimpleNamespace(msg=message))
-    light = PortLight(15, 193_400_000, 0, 0, 193_400_000, 0, 0, -15, -234, 1234, 251)
+    light = PortLight(ALL_VALID, 193_400_000, 0, 0, 193_400_000, 0, 0, -15, -234, 1234, 251)
     counts = (3, 0, 0, 100, 90, 0, 0, 7, 0, 0, 0)
     body = light.encode()
     fixed = (80 + len(body)).to_bytes(2, "big") + bytes(2) + counts[0].to_bytes(4, "big") + bytes(8)

@@ -37,19 +37,18 @@ from scapy.contrib.lldp import (
 )
 from scapy.layers.l2 import Ether
 
-from controller_apps import framework
+from controller_apps.apps.learning_switch import LearningSwitch
+from controller_apps.apps.quantum_metadata import QuantumMetadata
+from controller_apps.apps.swap_orders import EventNodeAnswered
 from controller_apps.console.questions import EventQuestion
-from controller_apps.devices.swap_orders import EventNodeAnswered
-from controller_apps.framework import ProtocolDesc, ofp_event, ofproto, parser
-from controller_apps.learning_switch import LearningSwitch
-from controller_apps.light import discovery, flow_entries
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import HostPort
-from controller_apps.mac_table import MacTable
-from controller_apps.quantum_metadata import QuantumMetadata
+from controller_apps.openflow import discovery, flow_entries, framework
+from controller_apps.openflow.framework import ProtocolDesc, ofp_event, ofproto, parser
+from controller_apps.openflow.mac_table import MacTable
+from controller_apps.packets.segments import FiveTuple
 from controller_apps.record import Record
-from controller_apps.sessions.segments import FiveTuple
-from controller_apps.succession.state_folder import StateFolder
+from controller_apps.sessions.state_folder import StateFolder
 from wire.config import ControllerConfig
 from wire.device import DEVICE_PORT
 from wire.features import EVERYTHING, OUI, SUBTYPE, Abilities
@@ -64,6 +63,7 @@ from wire.metadata import (
     decode,
 )
 from wire.optical import (
+    ALL_VALID,
     ANY_PORT,
     EXPERIMENTER,
     PATH_OPTICS,
@@ -286,7 +286,8 @@ def test_a_classical_switch_gets_its_two_tables(scene: Scene) -> None:
     expected = [
         (1, 0, {}, [up]),
         (0, 0, {}, [on]),
-        (0, 200, {**to_port, "tcp_flags": (8, 8)}, [up]),
+        (0, 250, {**to_port, "tcp_flags": (2, 23)}, [on]),
+        (0, 200, to_port, [up]),
         (0, 200, {"eth_type": 0x0800, "ip_proto": 17, "udp_dst": DEVICE_PORT}, [up]),
         (0, 400, {**to_port, "tcp_flags": (1, 1)}, [up, on]),
         (0, 400, {**to_port, "tcp_flags": (4, 4)}, [up, on]),
@@ -359,7 +360,7 @@ def test_fibres_are_cut_and_mended_as_their_ports_go_down_and_up(ready: Scene) -
 BAND = PortOptics(
     TUNABLE, 191_350_000, 196_100_000, 50_000, 191_350_000, 196_100_000, 50_000, -200, 0
 )
-LIGHT = PortLight(TUNABLE, 193_500_000, 0, 0, 193_500_000, 0, 0, -30, -42, 500, 250)
+LIGHT = PortLight(ALL_VALID, 193_500_000, 0, 0, 193_500_000, 0, 0, -30, -42, 500, 250)
 
 
 def fiber_port(number: int, optics: PortOptics | None = BAND, up: bool = True) -> Any:
@@ -510,7 +511,7 @@ def test_ports_are_tuned_first_in_the_bundle(scene: Scene) -> None:
     q1 = reconnect(scene, *(fiber_port(number) for number in FIBERS))
     scene.announce()
     for number in (2, 3, 4, 5):
-        scene.measure(q1, number, replace(LIGHT, tx_mhz=193_400_000))
+        scene.measure(q1, number, replace(LIGHT, tx_mhz=193_400_000, rx_mhz=193_400_000))
     scene.measure(q1, 1, LIGHT)
     scene.packet_in(scene.s1, 1, frame(FRAMED.encode()))
     _opening, tuning, *adds, _commit, _barrier = q1.take()
@@ -750,7 +751,7 @@ def test_an_expired_bypass_tears_down(ready: Scene, monkeypatch: pytest.MonkeyPa
 
 def shift_clock(monkeypatch: pytest.MonkeyPatch, seconds: float) -> None:
     later = time.monotonic() + seconds
-    monkeypatch.setattr("controller_apps.quantum_metadata.time.monotonic", lambda: later)
+    monkeypatch.setattr("controller_apps.apps.quantum_metadata.time.monotonic", lambda: later)
 
 
 def test_the_deadline_of_the_hold(ready: Scene, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,5 +1,6 @@
 """Three hosts on one quantum switch (datapath id 2) and the frames they send over s1."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -42,11 +43,13 @@ def rotating(rotation: int, loss_mdb: int = 0) -> SwitchOptics:
     return SwitchOptics(PathOptics(ANY_PORT, ANY_PORT, loss_mdb, rotation))
 
 
-def arbiter(rotation: int = 0, queues: bool = False) -> Arbiter:
-    """Return an arbiter for it that has seen nothing yet."""
+def arbiter(
+    rotation: int = 0, queues: bool = False, keys: Mapping[str, str] | None = None
+) -> Arbiter:
+    """Return an arbiter for it that has seen nothing yet; keys are those of hosts, by address."""
     discovered = network()
     discovered.optics.switches[Q1] = rotating(rotation)
-    return Arbiter(discovered, HOLD_S, IDLE_S, queues=queues)
+    return Arbiter(discovered, HOLD_S, IDLE_S, queues=queues, keys=keys or {})
 
 
 def frame(

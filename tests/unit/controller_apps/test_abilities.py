@@ -11,11 +11,11 @@ from controller_apps.console.views import abilities_view
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import HostPort, Network
 from controller_apps.light.routing import Limits
+from controller_apps.packets.segments import FiveTuple
 from controller_apps.sessions.abilities import want_of_repeater
 from controller_apps.sessions.actions import Forward, Note, OpenPaths, SwapsOrdered
 from controller_apps.sessions.admission import Admission, find_light
 from controller_apps.sessions.chains import find_chain, repeaters_of
-from controller_apps.sessions.segments import FiveTuple
 from controller_apps.sessions.sessions import Sessions
 from wire.features import EMIT, EVERYTHING, GATE, MEASURE, STORE, Abilities, Feature
 from wire.metadata import METADATA_PORT, Reason, Service, Setup, Verdict, decode

@@ -7,14 +7,14 @@ from metadata_scene import ALICE, BOB, CHARLIE, FRAMED, HOLD_S, IDLE_S, Q1, S1, 
 from test_controller_arbiter import LATER, answer, arrive, fin, notes, opened
 
 from controller_apps.light.paths import Hop
-from controller_apps.permission import Permission
-from controller_apps.policy import parse_policy
+from controller_apps.policy.policy import parse_policy
 from controller_apps.sessions.actions import Action, ClosePaths, Keep, Note
 from controller_apps.sessions.admission import Admission
 from controller_apps.sessions.arbiter import Arbiter
 from controller_apps.sessions.ordering import NODE_TIMEOUT_S
+from controller_apps.sessions.permission import Permission
 from controller_apps.sessions.sessions import Stop
-from controller_apps.succession.kept import decode_session
+from controller_apps.sessions.snapshot import decode_session
 from wire.features import EVERYTHING, Abilities
 from wire.metadata import MalformedPacket, Reason, Service, Setup, Verdict
 

@@ -8,9 +8,9 @@ from metadata_scene import ALICE, BOB, CHARLIE, FRAMED, arbiter, frame, network,
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import HostPort, Network
 from controller_apps.light.routing import Limits
+from controller_apps.policy.schedules import SCHEDULES
 from controller_apps.sessions.actions import Forward, SwapsOrdered
 from controller_apps.sessions.chains import find_chain, orders
-from controller_apps.sessions.schedules import SCHEDULES
 from controller_apps.sessions.sessions import Chain, Stop
 from wire.device import SwapOrder
 from wire.metadata import HEADER, Reason, Service, Setup, Verdict, decode

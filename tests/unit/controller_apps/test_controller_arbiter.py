@@ -26,6 +26,7 @@ from metadata_scene import (
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Hop
 from controller_apps.light.routing import Leg, Limits, cheapest_path
+from controller_apps.packets.segments import FiveTuple
 from controller_apps.sessions.actions import (
     Action,
     AddBypass,
@@ -39,7 +40,6 @@ from controller_apps.sessions.actions import (
     RemoveBypass,
 )
 from controller_apps.sessions.arbiter import SWITCH_GRACE_S, Arbiter
-from controller_apps.sessions.segments import FiveTuple
 from wire.metadata import (
     HEADER,
     METADATA_PORT,

@@ -41,7 +41,7 @@ from controller_apps.sessions.actions import (
     OpenPaths,
 )
 from controller_apps.sessions.arbiter import Arbiter
-from controller_apps.succession.kept import decode_session, keep
+from controller_apps.sessions.snapshot import decode_session, keep
 from wire.metadata import METADATA_PORT, SETUP_LENGTH, Reason, Setup, Verdict, decode
 from wire.optical import DEFAULT_FREQUENCY_MHZ, TUNABLE, PortOptics
 

@@ -1,6 +1,6 @@
 """What the learning switch remembers."""
 
-from controller_apps.mac_table import MAX_STATIONS, MacTable
+from controller_apps.openflow.mac_table import MAX_STATIONS, MacTable
 
 STATION = bytes.fromhex("020000000001")
 

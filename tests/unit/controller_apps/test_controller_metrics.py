@@ -14,7 +14,7 @@ from wire.config import ControllerConfig
 
 RECORDED = """
 from prometheus_client import CollectorRegistry, generate_latest
-from controller_apps.metrics import MeasuredRecord
+from controller_apps.console.metrics import MeasuredRecord
 registry = CollectorRegistry()
 record = MeasuredRecord("", registry)
 record.write("path_ready", session="1", setup_ms=2.5)

@@ -15,7 +15,7 @@ from controller_apps.light.routing import (
     why_not,
 )
 from wire.metadata import Reason
-from wire.optical import ANY_PORT, TUNABLE, PathOptics, PortLight, PortOptics
+from wire.optical import ALL_VALID, ANY_PORT, TUNABLE, PathOptics, PortLight, PortOptics
 
 CHANNEL_MHZ, OTHER_MHZ = 193_400_000, 193_500_000
 START, END = SwitchPort(1, 1), SwitchPort(3, 1)
@@ -32,7 +32,7 @@ def ring() -> Network:
 
 
 def light(tx_power: int = 0, rx_power: int = 0) -> PortLight:
-    return PortLight(TUNABLE, CHANNEL_MHZ, 0, 0, CHANNEL_MHZ, 0, 0, tx_power, rx_power, 0, 250)
+    return PortLight(ALL_VALID, CHANNEL_MHZ, 0, 0, CHANNEL_MHZ, 0, 0, tx_power, rx_power, 0, 250)
 
 
 def band(least_mhz: int, most_mhz: int) -> PortOptics:

@@ -8,7 +8,7 @@ from scapy.layers.inet import IP, TCP, UDP
 from scapy.layers.l2 import Ether
 from scapy.packet import Packet
 
-from controller_apps.sessions.segments import ETHERNET_LENGTH, FiveTuple, checksum, parse
+from controller_apps.packets.segments import ETHERNET_LENGTH, FiveTuple, checksum, parse
 from wire.metadata import METADATA_PORT, MalformedPacket
 
 

@@ -6,7 +6,7 @@ import pytest
 from scapy.layers.inet import IP, UDP
 from scapy.layers.l2 import Ether
 
-from controller_apps.devices.datagrams import Frame, is_udp
+from controller_apps.packets.datagrams import Frame, is_udp
 from wire.metadata import MalformedPacket
 
 FRAME = Frame(

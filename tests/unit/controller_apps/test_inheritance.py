@@ -23,6 +23,7 @@ from metadata_scene import (
 
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Hop
+from controller_apps.packets.segments import FiveTuple
 from controller_apps.sessions.actions import (
     Action,
     AddBypass,
@@ -36,9 +37,8 @@ from controller_apps.sessions.actions import (
     RemoveBypass,
 )
 from controller_apps.sessions.arbiter import SWITCH_GRACE_S, Arbiter
-from controller_apps.sessions.segments import FiveTuple
-from controller_apps.succession.inheritance import DISCOVERY_S
-from controller_apps.succession.kept import decode_session
+from controller_apps.sessions.recovery import DISCOVERY_S
+from controller_apps.sessions.snapshot import decode_session
 from wire.metadata import METADATA_PORT, SETUP_LENGTH, MalformedPacket, Reason, Setup, decode
 
 LATER = 100 + SETUP_LENGTH

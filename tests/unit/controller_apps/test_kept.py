@@ -10,13 +10,13 @@ from metadata_scene import FIBERS, FRAMED, Q1
 from test_inheritance import HOPS, OWNER, SOURCE, kept
 
 from controller_apps.light.optics import SwitchPort
-from controller_apps.succession.kept import (
+from controller_apps.sessions.snapshot import (
     decode_hosts,
     decode_session,
     encode_hosts,
     encode_session,
 )
-from controller_apps.succession.state_folder import StateFolder
+from controller_apps.sessions.state_folder import StateFolder
 from wire.features import STORE, Abilities
 from wire.metadata import SETUP_LENGTH, MalformedPacket, Verdict, decode
 

@@ -5,12 +5,12 @@ from dataclasses import replace
 import pytest
 from metadata_scene import BOB, CHARLIE, FRAMED, ONE_PAIR, PAIR_SOURCE, PER_PAIR, S1, arbiter, frame
 
-from controller_apps.permission import Permission
-from controller_apps.policy import parse_policy
+from controller_apps.packets.segments import parse
+from controller_apps.policy.policy import parse_policy
 from controller_apps.sessions.actions import Action, Forward, Note, OpenPaths
 from controller_apps.sessions.admission import Admission
 from controller_apps.sessions.arbiter import Arbiter
-from controller_apps.sessions.segments import parse
+from controller_apps.sessions.permission import Permission
 from wire.metadata import Reason, Setup, Verdict, decode
 
 

@@ -5,36 +5,38 @@ from pathlib import Path
 
 import pytest
 
-from controller_apps.policy import (
+from controller_apps.policy.policy import (
     SHIPPED,
     BadPolicy,
-    Party,
+    Host,
     Policy,
     Reporting,
-    Wish,
+    SessionRequest,
     parse_policy,
     read_policy,
 )
 from wire.device import DeviceSettings
 
 ALICE, BOB, CHARLIE = (
-    Party(name, f"10.0.0.{number}") for number, name in enumerate(("alice", "bob", "charlie"), 1)
+    Host(name, f"10.0.0.{number}") for number, name in enumerate(("alice", "bob", "charlie"), 1)
 )
-WISH = Wish("sdc", ALICE, BOB, CHARLIE, 1_000_000, 4096, 256)
-BACK = replace(WISH, sender=BOB, receiver=ALICE)
+REQUEST = SessionRequest("sdc", ALICE, BOB, CHARLIE, 1_000_000, 4096, 256)
+BACK = replace(REQUEST, sender=BOB, receiver=ALICE)
 
 
 def test_the_default_policy_allows_the_demo() -> None:
     policy = read_policy("")
-    assert policy.objection(WISH, []) == policy.objection(BACK, []) == ""
+    assert policy.objection(REQUEST, []) == policy.objection(BACK, []) == ""
 
 
 def test_the_example_denies_all_but_alice_to_bob() -> None:
     policy = read_policy(SHIPPED / "deny.toml")
-    assert policy.objection(WISH, []) == ""
+    assert policy.objection(REQUEST, []) == ""
     assert policy.objection(BACK, []) == "no rule allows it, and the default denies"
-    assert policy.objection(replace(WISH, source=ALICE), []) != ""
-    assert policy.objection(WISH, [WISH]) == ("rule 1: max_sessions is 1, and as many are open")
+    assert policy.objection(replace(REQUEST, source=ALICE), []) != ""
+    assert policy.objection(REQUEST, [REQUEST]) == (
+        "rule 1: max_sessions is 1, and as many are open"
+    )
 
 
 def test_the_first_rule_that_fits_decides() -> None:
@@ -47,7 +49,7 @@ def test_the_first_rule_that_fits_decides() -> None:
         action = "deny"
         service = "sdc"
     """)
-    assert policy.objection(WISH, []) == ""
+    assert policy.objection(REQUEST, []) == ""
     assert policy.objection(BACK, []) == "rule 2 denies it"
 
 
@@ -63,9 +65,9 @@ def test_the_first_rule_that_fits_decides() -> None:
 def test_a_limit_is_kept_to_the_last_unit(limit: str, text: str) -> None:
     name, _, value = limit.partition(" = ")
     policy = parse_policy(f'[[rule]]\naction = "allow"\n{limit}')
-    assert policy.objection(WISH, []) == f"rule 1: {text}"
+    assert policy.objection(REQUEST, []) == f"rule 1: {text}"
     edge = int(value) + (-1 if name.startswith("min") else 1)
-    assert parse_policy(f'[[rule]]\naction = "allow"\n{name} = {edge}').objection(WISH, []) == ""
+    assert parse_policy(f'[[rule]]\naction = "allow"\n{name} = {edge}').objection(REQUEST, []) == ""
 
 
 def test_sessions_count_against_the_rule_that_allowed_them() -> None:
@@ -78,9 +80,9 @@ def test_sessions_count_against_the_rule_that_allowed_them() -> None:
         action = "allow"
         max_sessions = 1
     """)
-    assert policy.objection(WISH, [BACK, WISH]) == ""
-    assert policy.objection(WISH, [WISH, WISH]).startswith("rule 1: max_sessions is 2")
-    assert policy.objection(BACK, [WISH, WISH]) == ""
+    assert policy.objection(REQUEST, [BACK, REQUEST]) == ""
+    assert policy.objection(REQUEST, [REQUEST, REQUEST]).startswith("rule 1: max_sessions is 2")
+    assert policy.objection(BACK, [REQUEST, REQUEST]) == ""
 
 
 def test_overrides_and_reporting_are_read() -> None:

@@ -4,7 +4,7 @@ from math import ceil, log2
 
 import pytest
 
-from controller_apps.sessions.schedules import SCHEDULES, Schedule, Turn, schedule
+from controller_apps.policy.schedules import SCHEDULES, Schedule, Turn, schedule
 
 
 def rounds(turns: Schedule) -> dict[int, int]:

@@ -7,10 +7,10 @@ from metadata_scene import BOB, CHARLIE, FRAMED, Q1, S1, arbiter, frame
 
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Hop, HostPort
-from controller_apps.policy import Tap, parse_policy
+from controller_apps.packets.segments import parse
+from controller_apps.policy.policy import Tap, parse_policy
 from controller_apps.sessions.actions import Action, Forward, Note, OpenPaths
 from controller_apps.sessions.arbiter import Arbiter
-from controller_apps.sessions.segments import parse
 from wire.metadata import Reason, Service, Setup, Verdict, decode
 
 EVE = "10.0.0.4"

@@ -13,10 +13,11 @@ from typing import Any
 
 import grpc
 
-from dispatcher.calls.service import Service
+from dispatcher.build import open_layer
 from dispatcher.clock import Clock
 from dispatcher.refusal import Refusal
-from dispatcher.server import build_server, build_service, open_layer
+from dispatcher.server.server import build_server, build_service
+from dispatcher.server.service import Service
 from qswitch_agent.hardware.dispatcher_link import DispatcherLink
 from wire.config import DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
 from wire.dispatcher_pb2 import (
@@ -176,11 +177,19 @@ class Client:
         self._link.close()
 
     async def tune(
-        self, port: int, frequency_mhz: int = 0, power_dbm: float | None = None
+        self,
+        port: int,
+        frequency_mhz: int = 0,
+        power_dbm: float | None = None,
+        direction: TunePortRequest.Direction = TunePortRequest.BOTH,
     ) -> TunePortReply:
         """Tune a port of q1."""
         request = TunePortRequest(
-            switch="q1", port=port, frequency_mhz=frequency_mhz, power_dbm=power_dbm
+            switch="q1",
+            port=port,
+            frequency_mhz=frequency_mhz,
+            power_dbm=power_dbm,
+            direction=direction,
         )
         reply: TunePortReply = await self.call("TunePort", request)
         return reply

@@ -1,7 +1,7 @@
 """Passages of many photons for noise models, and bounds of 5 standard errors; the seed is 1."""
 
 from dispatcher.fiber.noise import Passage, Pattern, Schedule
-from dispatcher.fiber.past import Past
+from dispatcher.fiber.noise_history import NoiseHistory
 from dispatcher.sabot.draws import Draws
 
 COUNT = 200_000
@@ -13,13 +13,13 @@ def passage(
     photons: int = COUNT,
     interval_ns: float = 20.0,
     first_ns: int = START_NS,
-    past: Past | None = None,
+    history: NoiseHistory | None = None,
     number: int = 0,
     depth: int = 1_000_000,
 ) -> Passage:
     """Return the passage of block `number` of session 7."""
     schedule = Schedule(first_ns, Pattern(interval_ns, photons))
-    return Passage(DRAWS, (7, number, 0), "here", schedule, past or Past(depth))
+    return Passage(DRAWS, (7, number, 0), "here", schedule, history or NoiseHistory(depth))
 
 
 def within(found: int, probability: float, count: int = COUNT) -> bool:

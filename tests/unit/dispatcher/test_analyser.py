@@ -8,10 +8,10 @@ from five_sigma import within
 from numpy.typing import NDArray
 from test_detectors import COUNT, TRAIN, NoDraws
 
-from dispatcher.chance import Chance
 from dispatcher.devices.analyser import Analyser, Analysis, Half
 from dispatcher.devices.detector import Train
 from dispatcher.devices.detectors import DetectorPair
+from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.draws import Draws
 from dispatcher.sabot.manager import NO_CLICK
 from wire.physics import BellAnalyser, Detectors, Device
@@ -20,7 +20,7 @@ STATES = np.random.default_rng(1).integers(0, 4, COUNT, dtype=np.uint8)
 NONE = np.full(COUNT, NO_CLICK, dtype=np.uint8)
 LIGHT = Half(np.ones(COUNT, dtype=bool), None, None, TRAIN)
 DARKNESS = Half(np.zeros(COUNT, dtype=bool), None, None, TRAIN)
-CHANCE = Chance(Draws(1), (7, 0, 0), "analyser", COUNT)
+CHANCE = PhotonRandom(Draws(1), (7, 0, 0), "analyser", COUNT)
 
 
 def analyse(
@@ -28,12 +28,12 @@ def analyse(
     detectors: Detectors = Detectors(),  # noqa: B008
     states: NDArray[np.uint8] = STATES,
     halves: tuple[Half, Half] = (LIGHT, LIGHT),
-    chance: Chance = CHANCE,
+    random: PhotonRandom = CHANCE,
 ) -> Analysis:
     """Analyse pairs with devices like this."""
     arms = DetectorPair(detectors), DetectorPair(detectors)
     device = Device(detectors=detectors, analyser=analyser)
-    return Analyser(device, arms).analyse(states, halves, chance)
+    return Analyser(device, arms).analyse(states, halves, random)
 
 
 def late(delay_ps: float | NDArray[np.float64]) -> Half:
@@ -42,8 +42,8 @@ def late(delay_ps: float | NDArray[np.float64]) -> Half:
 
 
 def test_a_complete_analyser_tells_all_states_and_draws_nothing() -> None:
-    nothing = Chance(NoDraws(), (7, 0, 0), "analyser", COUNT)
-    found = analyse(chance=nothing)
+    nothing = PhotonRandom(NoDraws(), (7, 0, 0), "analyser", COUNT)
+    found = analyse(random=nothing)
     assert np.array_equal(found.outcomes, STATES)
     assert (found.clicks, found.incidents) == (2 * COUNT, {})
 

@@ -7,9 +7,9 @@ import pytest
 from five_sigma import within
 from numpy.typing import NDArray
 
-from dispatcher.chance import Chance
 from dispatcher.devices.detector import Detector, Train
 from dispatcher.devices.detectors import Detection, DetectorPair
+from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.draws import Draws
 from dispatcher.sabot.manager import NO_CLICK
 from wire.physics import Detectors
@@ -29,18 +29,18 @@ class NoDraws:
         raise AssertionError(f"drew for {purpose}")
 
 
-def chance(number: int = 0, count: int = COUNT) -> Chance:
+def random(number: int = 0, count: int = COUNT) -> PhotonRandom:
     """Return the draws of a block."""
-    return Chance(Draws(1), (7, number, 0), "detectors", count)
+    return PhotonRandom(Draws(1), (7, number, 0), "detectors", count)
 
 
 def look(bits: NDArray[np.uint8] = BITS, train: Train = TRAIN, **like: float) -> Detection:
     """Look at light with detectors like this."""
-    return DetectorPair(Detectors(**like)).detect(bits, None, train, chance(count=train.count))
+    return DetectorPair(Detectors(**like)).detect(bits, None, train, random(count=train.count))
 
 
 def test_ideal_detectors_tell_the_bits_and_draw_nothing() -> None:
-    nothing = Chance(NoDraws(), (7, 0, 0), "detectors", COUNT)
+    nothing = PhotonRandom(NoDraws(), (7, 0, 0), "detectors", COUNT)
     found = DetectorPair(Detectors()).detect(BITS, None, TRAIN, nothing)
     assert found.bits is BITS
     assert (found.clicks, found.incidents()) == (COUNT, {})
@@ -78,7 +78,7 @@ def test_two_clicks_at_once_are_squashed_to_a_random_bit() -> None:
 def test_further_photons_of_a_pulse_click_in_either_detector() -> None:
     """With n photons and efficiency e, neither clicks with (1-e)^n, both with what is left."""
     extras = np.full(COUNT, 2, dtype=np.uint8)
-    found = DetectorPair(Detectors(efficiency=0.6)).detect(DARK, extras, TRAIN, chance())
+    found = DetectorPair(Detectors(efficiency=0.6)).detect(DARK, extras, TRAIN, random())
     assert within(int((found.bits == NO_CLICK).sum()), COUNT, 0.4**2)
     assert within(found.double, COUNT, 1 - 2 * 0.7**2 + 0.4**2)
     assert within(int((found.bits == 1).sum()), COUNT, (1 - 0.4**2) / 2)
@@ -97,7 +97,7 @@ def test_the_dead_time_goes_on_into_the_next_block() -> None:
 
     def seen(start_ns: int) -> list[int]:
         train = Train(START_NS + start_ns, 20.0, 3)
-        return list(pair.detect(zeros, None, train, chance(count=3)).bits)
+        return list(pair.detect(zeros, None, train, random(count=3)).bits)
 
     assert seen(0) == [0, NO_CLICK, NO_CLICK]
     assert seen(960) == [NO_CLICK, NO_CLICK, 0]  # live again at 1000 ns
@@ -129,11 +129,11 @@ def test_afterpulses_outside_the_gates_are_not_seen() -> None:
 def test_afterpulses_of_a_block_are_seen_in_the_next() -> None:
     detector = Detector(Detectors(gate_s=20e-9, afterpulse_probability=1.0, afterpulse_s=1e-4))
     light, dark = np.ones(1_000, dtype=bool), np.zeros(100_000, dtype=bool)
-    assert detector.watch(light, Train(START_NS, 20.0, 1_000), chance(0, 1_000)).seen.all()
-    later = detector.watch(dark, Train(START_NS + 20_000, 20.0, 100_000), chance(1, 100_000))
+    assert detector.watch(light, Train(START_NS, 20.0, 1_000), random(0, 1_000)).seen.all()
+    later = detector.watch(dark, Train(START_NS + 20_000, 20.0, 100_000), random(1, 100_000))
     # All 1,000 but those that came already: 1 - E[e^(-u)], u uniform over 0 to .2.
     assert within(later.afterpulses, 1_000, (1 - np.exp(-0.2)) / 0.2)
-    again = detector.watch(dark, Train(START_NS + 3_000_000, 20.0, 100_000), chance(2, 100_000))
+    again = detector.watch(dark, Train(START_NS + 3_000_000, 20.0, 100_000), random(2, 100_000))
     assert again.afterpulses == 0
 
 
@@ -147,7 +147,7 @@ def test_dead_time_and_afterpulses_together_are_as_one_after_the_other(dead_slot
         afterpulse_s=100e-9,
     )
     light = np.random.default_rng(1).random(count) < 0.3
-    drawn = chance(0, count)
+    drawn = random(0, count)
     found = Detector(like).watch(light, Train(START_NS, 20.0, count), drawn)
     causes = drawn.events("afterpulse", 0.4)
     waits = drawn.generator("afterpulse delay").standard_exponential(causes.size) * 5
@@ -164,6 +164,6 @@ def test_dead_time_and_afterpulses_together_are_as_one_after_the_other(dead_slot
 def test_the_same_block_is_seen_the_same_whatever_was_measured_before() -> None:
     like = Detectors(efficiency=0.7, dark_count_hz=1e7)
     alone, second = DetectorPair(like), DetectorPair(like)
-    second.detect(BITS, None, TRAIN, chance(1))
-    one, other = (pair.detect(BITS, None, TRAIN, chance(2)) for pair in (alone, second))
+    second.detect(BITS, None, TRAIN, random(1))
+    one, other = (pair.detect(BITS, None, TRAIN, random(2)) for pair in (alone, second))
     assert np.array_equal(one.bits, other.bits)

@@ -8,8 +8,8 @@ from pathlib import Path
 from dispatcher_network import JumpingClock, block, configuration, running
 from prometheus_client.parser import text_string_to_metric_families
 
-from dispatcher.metrics import MeasuredService
-from dispatcher.server import metrics
+from dispatcher.server.metrics import MeasuredService
+from dispatcher.server.server import metrics
 from wire.dispatcher_pb2 import MeasureRequest, Order, Step
 
 

@@ -1,5 +1,6 @@
 """The program: it says when it serves, ends cleanly, and names what is wrong."""
 
+import asyncio
 import signal
 import socket
 import stat
@@ -14,11 +15,12 @@ import grpc
 import pytest
 from dispatcher_network import configuration
 
-from dispatcher.clock import CaptureClock
+from dispatcher.clock import NetworkClock
 from wire import service
 from wire.config import DispatcherConfig
 from wire.dispatcher_pb2 import StatusRequest
 from wire.dispatcher_pb2_grpc import DispatcherStub
+from wire.network_time import NetworkTime
 
 DEADLINE_S = 20
 
@@ -105,7 +107,20 @@ def test_a_configuration_of_another_kind_is_named(tmp_path: Path) -> None:
 
 def test_the_clock_is_that_of_captures_and_never_goes_back() -> None:
     before = time.time_ns()
-    clock = CaptureClock()
+    clock = NetworkClock()
     times = [clock.now_ns() for _ in range(1000)]
     assert abs(times[0] - before) < 1_000_000_000
     assert times == sorted(times)
+
+
+def test_a_slower_clock_begins_with_the_time_of_captures_and_goes_k_times_slower() -> None:
+    since_ns = time.time_ns()
+    clock = NetworkClock(NetworkTime(1000.0, since_ns))
+    began_ns = time.monotonic_ns()
+    first_ns = clock.now_ns()
+    asyncio.run(clock.wait_until(first_ns + 20_000))  # 20 us of the network: 20 ms here
+    waited_ns, passed_ns = time.monotonic_ns() - began_ns, clock.now_ns() - first_ns
+    assert waited_ns >= 20_000_000
+    assert passed_ns >= 20_000
+    assert passed_ns * 1000 <= time.monotonic_ns() - began_ns + 1000
+    assert first_ns >= since_ns

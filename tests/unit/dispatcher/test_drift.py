@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dispatcher.light import drift
-from dispatcher.ownership import Block, BlockName, Pulses
+from dispatcher.layer import drift
+from dispatcher.layer.ownership import Block, BlockName, Pulses
 from dispatcher.sabot.draws import Draws, PhotonDraws
 from dispatcher.sabot.manager import Sabot
 from dispatcher.sabot.tableau import Tableau

@@ -12,9 +12,9 @@ import pytest
 from five_sigma import within
 from numpy.typing import NDArray
 
-from dispatcher.devices.preparation import STATES
 from dispatcher.laboratory import BlockKey, Laboratory, LaboratoryHost, block_id
-from dispatcher.ownership import BlockName
+from dispatcher.layer.ownership import BlockName
+from dispatcher.operations.preparation import STATES
 from dispatcher.sabot.backend import Bytes
 from dispatcher.sabot.manager import NO_CLICK
 from wire.config import DispatcherConfig, Fiber, FiberEnd

@@ -9,7 +9,7 @@ import grpc
 import pytest
 from dispatcher_network import Bench, JumpingClock, block, configuration, running
 
-from dispatcher.ownership import BlockName
+from dispatcher.layer.ownership import BlockName
 from wire.dispatcher_pb2 import (
     ApplyRequest,
     CreateRequest,

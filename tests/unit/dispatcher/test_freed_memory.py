@@ -10,7 +10,7 @@ import sys
 
 import numpy as np
 
-from dispatcher import freed_memory
+from dispatcher.layer import freed_memory
 
 PR_SET_THP_DISABLE = 41  # huge pages would hide how many small ones are cleared
 assert ctypes.CDLL(None).prctl(PR_SET_THP_DISABLE, 1, 0, 0, 0) == 0

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dispatcher.devices.decay import decay
 from dispatcher.laboratory import BlockKey, Laboratory, block_id
-from dispatcher.ownership import Block, BlockName
+from dispatcher.layer.ownership import Block, BlockName
 from dispatcher.refusal import Refusal
 from dispatcher.sabot.dense import TooLarge
 from dispatcher.sabot.manager import NO_CLICK
@@ -234,9 +234,8 @@ def test_stored_photons_decay_by_the_time_they_really_waited(moments: tuple[floa
             assert not laboratory.layer.memories.holds(held(laboratory, (0, 1)))
         found = await fidelity_counts(laboratory, (0, 0), (0, 1))
         happened = decay(Memory(t1_s=T2_S, t2_s=T2_S), WAITED_S)
-        kept = 1 - happened.reset
-        expected = [kept - happened.z + happened.reset / 4, happened.reset / 4]
-        expected += [happened.z + happened.reset / 4, happened.reset / 4]
+        reset, z = float(happened.reset), float(happened.z)
+        expected = [1 - reset - z + reset / 4, reset / 4, z + reset / 4, reset / 4]
         assert all(within(n, size, p) for n, p in zip(found, expected, strict=True))
 
     scene(act, devices=memory(t1_s=T2_S, t2_s=T2_S))

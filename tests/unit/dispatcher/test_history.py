@@ -1,12 +1,14 @@
 """Events: the log, the watchers, and that a seed gives the same log again."""
 
 import asyncio
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import grpc
 import pytest
 from dispatcher_network import (
+    START_NS,
     Bench,
     JumpingClock,
     block,
@@ -15,8 +17,8 @@ from dispatcher_network import (
     with_fibers,
 )
 
-from dispatcher.clock import CaptureClock
-from dispatcher.history import WATCHER_DEPTH, History
+from dispatcher.clock import NetworkClock
+from dispatcher.layer.history import WATCHER_DEPTH, History
 from wire import service
 from wire.dispatcher_pb2 import BlockId, CreateRequest, Event, WatchRequest
 
@@ -41,7 +43,7 @@ def logged(folder: Path, seed: int) -> list[str]:
 
     async def run() -> None:
         fibers = with_fibers(config, loss_db_per_km=50.0, depolarizing=0.2)
-        async with running(fibers, CaptureClock()) as bench:
+        async with running(fibers, NetworkClock()) as bench:
             await exchange(bench)
 
     asyncio.run(run())
@@ -195,5 +197,21 @@ def test_nobody_asked_means_no_event_of_a_photon(tmp_path: Path) -> None:
     async def run() -> None:
         async with running(configuration(tmp_path), JumpingClock()) as bench:
             assert bench.layer.history.photons_wanted == 0
+
+    asyncio.run(run())
+
+
+def test_events_carry_the_wall_clock_and_answers_the_time_of_the_network(tmp_path: Path) -> None:
+    """Both clocks agreed one second of the network, ten seconds here, before the clock began."""
+    since_ns = START_NS - 1_000_000_000
+    config = replace(configuration(tmp_path), time_scale=10.0, time_since_ns=since_ns)
+
+    async def run() -> None:
+        async with running(config, JumpingClock()) as bench:
+            told = await bench.alice.create(5)
+            stream = await watch(bench, WatchRequest(node="alice", history=True))
+            event = await stream.read()
+            assert event.kind == "create"
+            assert event.time_ns == since_ns + 10 * (told.time_ns - since_ns)
 
     asyncio.run(run())

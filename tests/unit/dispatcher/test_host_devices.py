@@ -10,9 +10,9 @@ import pytest
 from dispatcher_network import Bench, JumpingClock, block, configuration, running
 from five_sigma import within
 
+from dispatcher.build import build_layer
 from dispatcher.devices.source import pair_probabilities
-from dispatcher.ownership import BlockName
-from dispatcher.server import build_layer
+from dispatcher.layer.ownership import BlockName
 from wire.config import BadConfig
 from wire.dispatcher_pb2 import (
     ApplyRequest,

@@ -19,7 +19,7 @@ from dispatcher_network import (
     with_fibers,
 )
 
-from dispatcher.network import Network
+from dispatcher.layer.network import Network
 from wire.config import BadConfig, DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
 from wire.dispatcher_pb2 import CreateRequest
 

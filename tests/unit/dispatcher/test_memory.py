@@ -22,7 +22,7 @@ from five_sigma import within
 from numpy.typing import NDArray
 
 from dispatcher.devices.decay import Decay, decay
-from dispatcher.ownership import BlockName
+from dispatcher.layer.ownership import BlockName
 from dispatcher.sabot.manager import NO_CLICK
 from wire.dispatcher_pb2 import CreateRequest, DiscardRequest, Feedback, StoreRequest
 from wire.physics import Device, Memory, PairSource
@@ -319,10 +319,10 @@ def test_replies_tell_the_wait_and_not_how_long_it_took_to_simulate(tmp_path: Pa
     async def scene() -> int:
         config = configuration(tmp_path, event_log=str(log))
         async with running(config, SlowClock()) as bench:
-            await bench.alice.create(10)
-            stored = await store(bench.alice, 0)
+            created = await bench.alice.create(10)
+            await store(bench.alice, 0)
             applied = await bench.alice.apply(block(0, 0), bytes(10))
-            return applied.time_ns - stored.time_ns
+            return applied.time_ns - created.first_ns
 
     told_ns = asyncio.run(scene())
     (waited,) = (line for line in log.read_text().splitlines() if " recall " in line)

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from noise_cases import COUNT, START_NS, passage, within
 
-from dispatcher.chance import Chance
 from dispatcher.fiber import fiber_noise
 from dispatcher.fiber.classical_light import ClassicalLight
 from dispatcher.fiber.noise import Dephasing, Depolarizing, Effect, Loss, Passage, Pattern, Schedule
-from dispatcher.fiber.past import Past
+from dispatcher.fiber.noise_history import NoiseHistory
+from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.draws import Draws
 from wire.fiber import FiberOptics, optics
 
@@ -54,7 +54,7 @@ def test_dephasing_flips_the_phase_and_nothing_else(p: float) -> None:
 @pytest.mark.parametrize("length_km", [0.0, 0.01, 100.0])
 def test_nothing_is_drawn_where_there_is_no_noise(length_km: float) -> None:
     schedule = Schedule(START_NS, Pattern(20.0, 10))
-    quiet = Passage(NoDraws(), (7, 0, 0), "here", schedule, Past(0))
+    quiet = Passage(NoDraws(), (7, 0, 0), "here", schedule, NoiseHistory(0))
     models = fiber_noise.models(FiberOptics(length_km=length_km))
     assert len(models) == (length_km > 0)  # classical light could be turned on
     assert all(model.effect(quiet) == Effect() for model in models.values())
@@ -83,9 +83,9 @@ def test_a_fibre_has_the_models_that_its_parameters_ask_for() -> None:
 
 @pytest.mark.parametrize("p", [1e-18, 1e-5, 0.01, 0.03, 0.04, 0.3, 0.7, 0.96, 0.98, 1.0])
 def test_events_and_happenings_have_their_probability(p: float) -> None:
-    chance = passage()
-    assert within(int(chance.happens("it", p).sum()), p)
-    found = chance.events("it", p)
+    random = passage()
+    assert within(int(random.happens("it", p).sum()), p)
+    found = random.events("it", p)
     assert within(len(found), p)
     assert (np.diff(found) > 0).all()
     assert not len(found) or 0 <= found[0] <= found[-1] < COUNT
@@ -110,7 +110,7 @@ def test_each_photon_may_have_a_probability_of_its_own() -> None:
 @pytest.mark.parametrize("p", [0.01, 0.5])
 def test_draws_differ_by_block_place_and_purpose_and_not_by_when(p: float) -> None:
     def draw(seed: int = 1, number: int = 0, place: str = "here", purpose: str = "it") -> bytes:
-        return Chance(Draws(seed), (7, number, 0), place, 1000).happens(purpose, p).tobytes()
+        return PhotonRandom(Draws(seed), (7, number, 0), place, 1000).happens(purpose, p).tobytes()
 
     again = [draw(2), draw(number=1), draw(place="there"), draw(purpose="that"), draw()]
     assert draw() == again.pop()

@@ -19,10 +19,10 @@ from dispatcher_network import (
     with_fibers,
 )
 
-from dispatcher.layer import block_name
+from dispatcher.layer.layer import block_name
 from dispatcher.switch.timeline import REMEMBERED_NS
 from wire.config import DispatcherConfig, PathOptics, QuantumSwitch
-from wire.dispatcher_pb2 import Connection, SwitchStatisticsReply
+from wire.dispatcher_pb2 import Connection, SwitchStatisticsReply, TunePortRequest
 from wire.optical import DEFAULT_FREQUENCY_MHZ
 
 GRID_MHZ = 50_000
@@ -179,6 +179,27 @@ def test_ports_on_different_wavelengths_do_not_connect(tmp_path: Path) -> None:
         statistics = await bench.switch.statistics()
         assert port(statistics, 1) == (60, 0, 40)
         assert statistics.ports[0].frequency_mhz == other_mhz
+
+    play(configuration(tmp_path), scene)
+
+
+def test_each_direction_of_a_port_has_a_filter_of_its_own(tmp_path: Path) -> None:
+    other_mhz = DEFAULT_FREQUENCY_MHZ + GRID_MHZ
+
+    async def scene(bench: Bench) -> None:
+        await bench.switch.connect((1, 3))
+        # Charlie's light comes in by port 1 and leaves by port 3.
+        await bench.switch.tune(1, other_mhz, direction=TunePortRequest.TRANSMIT)
+        await bench.switch.tune(3, other_mhz, direction=TunePortRequest.RECEIVE)
+        assert await clicks(bench, 10, 0) == 10
+        await bench.switch.tune(1, other_mhz, direction=TunePortRequest.RECEIVE)
+        await bench.switch.tune(3, other_mhz, direction=TunePortRequest.TRANSMIT)
+        await bench.switch.tune(3, DEFAULT_FREQUENCY_MHZ, direction=TunePortRequest.RECEIVE)
+        assert await clicks(bench, 10, 1, other_mhz) == 10
+        third = (await bench.switch.statistics()).ports[2]
+        assert third.port == 3
+        tuned = third.frequency_mhz, third.rx_frequency_mhz
+        assert tuned == (other_mhz, DEFAULT_FREQUENCY_MHZ)
 
     play(configuration(tmp_path), scene)
 

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from five_sigma import within
 
-from dispatcher.devices.preparation import STATES
+from dispatcher.build import build_layer
 from dispatcher.laboratory import JumpingClock, Laboratory, LaboratoryHost
-from dispatcher.operations import Operations
+from dispatcher.operations.blocks import Operations
+from dispatcher.operations.preparation import STATES
 from dispatcher.sabot.backend import Bytes
 from dispatcher.sabot.manager import NO_CLICK
-from dispatcher.server import build_layer
 from wire.config import DispatcherConfig, Fiber, FiberEnd
 from wire.dispatcher_pb2 import CreateRequest, Gate
 

@@ -22,11 +22,11 @@ from dispatcher_network import (
 )
 from noise_cases import within
 
-from dispatcher.calls.limits import MAX_EMISSION_S
 from dispatcher.fiber.noise import Effect
-from dispatcher.layer import block_name
-from dispatcher.light import pulses
-from dispatcher.ownership import Block, Pulses
+from dispatcher.layer import pulses
+from dispatcher.layer.layer import block_name
+from dispatcher.layer.ownership import Block, Pulses
+from dispatcher.operations.limits import MAX_EMISSION_S
 from dispatcher.switch.timeline import REMEMBERED_NS
 from wire.config import DispatcherConfig, PathOptics, QuantumSwitch
 from wire.dispatcher_pb2 import AdjustFiberRequest
@@ -169,7 +169,7 @@ def test_angles_of_fibres_add_up_and_a_flip_turns_them_around(tmp_path: Path) ->
         assert not arrived.exact
         assert arrived.angles_rad is not None
         ways = [("charlie", "charlie-q0"), ("q1", "3")]
-        met = [bench.layer.history.past(*way, "0 PolarizationDrift").latest for way in ways]
+        met = [bench.layer.history.of_model(*way, "0 PolarizationDrift").latest for way in ways]
         assert met[0] is not None
         assert met[1] is not None
         return np.array([arrived.angles_rad[0], met[0][1], met[1][1]])
@@ -190,7 +190,7 @@ def test_a_flip_in_a_fibre_turns_the_angle_of_before_around(tmp_path: Path) -> N
         await bench.switch.connect((1, 3))
         angles = (await send(bench)).pulses.angles_rad
         assert angles is not None
-        first = bench.layer.history.past("charlie", "charlie-q0", "0 PolarizationDrift").latest
+        first = bench.layer.history.of_model("charlie", "charlie-q0", "0 PolarizationDrift").latest
         assert first is not None
         assert abs(first[1]) > 0.1
         assert np.abs(angles) == pytest.approx(abs(first[1]))

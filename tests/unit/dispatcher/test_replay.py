@@ -24,9 +24,10 @@ from dispatcher_network import (
     with_fibers,
 )
 
-from dispatcher.clock import CaptureClock, Clock
-from dispatcher.replaying.replay import replay
-from dispatcher.server import build_service, open_layer
+from dispatcher.build import open_layer
+from dispatcher.clock import Clock, NetworkClock
+from dispatcher.replay import replay
+from dispatcher.server.server import build_service
 from wire import record
 from wire.dispatcher_pb2 import (
     AdjustFiberRequest,
@@ -90,7 +91,7 @@ async def superdense(bench: Bench) -> None:
     await bench.bob.bell_measure(block(0, 0), block(0, 1))
 
 
-@pytest.mark.parametrize("clock", [JumpingClock, CaptureClock])
+@pytest.mark.parametrize("clock", [JumpingClock, NetworkClock])
 @pytest.mark.parametrize("backend", ["chp", "stim", "dense"])
 def test_a_transmission_is_replayed_byte_for_byte(
     tmp_path: Path, clock: Callable[[], Clock], backend: str
@@ -140,7 +141,7 @@ async def gathered(bench: Bench) -> None:
     await bench.bob.measure(block(1, 1))
 
 
-@pytest.mark.parametrize("clock", [JumpingClock, CaptureClock])
+@pytest.mark.parametrize("clock", [JumpingClock, NetworkClock])
 @pytest.mark.parametrize("backend", ["chp", "stim", "dense"])
 def test_gathered_photons_are_replayed_byte_for_byte(
     tmp_path: Path, clock: Callable[[], Clock], backend: str
@@ -261,7 +262,7 @@ def test_what_happens_at_the_same_time_is_replayed_in_its_order(tmp_path: Path, 
     async def act(bench: Bench) -> None:
         await Crowd(bench, seed).run()
 
-    content, log = recorded(tmp_path, CaptureClock(), act)
+    content, log = recorded(tmp_path, NetworkClock(), act)
     assert log.count("\n") > 100
     assert replayed(content) == log
 
@@ -306,7 +307,7 @@ def test_every_noise_that_there_is_is_replayed(tmp_path: Path, damping: Any) -> 
     device = replace(DEVICE, memory=replace(DEVICE.memory, damping=damping))
     fibers = with_fibers(configuration(tmp_path), length_km=0.3, **EVERYTHING).fibers
     devices = {"alice": device, "bob": device}
-    content, log = recorded(tmp_path, CaptureClock(), act, fibers=fibers, devices=devices)
+    content, log = recorded(tmp_path, NetworkClock(), act, fibers=fibers, devices=devices)
     for word in ("calibrate", "dark", "in pulses", "after 0.0"):
         assert word in log
     assert replayed(content) == log
@@ -369,7 +370,7 @@ def test_a_run_that_ends_while_light_is_on_its_way_is_replayed(tmp_path: Path) -
                 await asyncio.sleep(0.001)
         sending.cancel()
 
-    content, log = recorded(tmp_path, CaptureClock(), act)
+    content, log = recorded(tmp_path, NetworkClock(), act)
     assert log.count("\n") == 2
     assert replayed(content) == log
 

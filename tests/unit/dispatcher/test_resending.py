@@ -11,14 +11,14 @@ import pytest
 from five_sigma import within
 from numpy.typing import NDArray
 
+from dispatcher.build import build_layer
 from dispatcher.laboratory import JumpingClock, Laboratory
-from dispatcher.operations import Operations
-from dispatcher.ownership import Block, BlockName
+from dispatcher.layer.ownership import Block, BlockName
+from dispatcher.operations.blocks import Operations
+from dispatcher.operations.resending import ALONE, Resending
 from dispatcher.refusal import Refusal
-from dispatcher.resending import ALONE, Resending
 from dispatcher.sabot.backend import Bytes
 from dispatcher.sabot.manager import NO_CLICK
-from dispatcher.server import build_layer
 from wire.config import DispatcherConfig, Fiber, FiberEnd
 from wire.dispatcher_pb2 import CreateRequest, MeasureRequest
 from wire.physics import Detectors, Device, PairSource

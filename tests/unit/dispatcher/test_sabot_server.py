@@ -24,10 +24,10 @@ from dispatcher_network import (
     with_fibers,
 )
 
-from dispatcher.calls.limits import MAX_COUNT
 from dispatcher.sabot.backends import BACKENDS
 from dispatcher.sabot.dense import TooLarge
 from dispatcher.sabot.draws import Draws
+from dispatcher.sabot.limits import MAX_COUNT
 from dispatcher.sabot.manager import Sabot
 from dispatcher.sabot.registers import Pick, Register
 from dispatcher.sabot.remote.client import RemoteSabot, SabotUnreachable

@@ -5,19 +5,19 @@ import pytest
 from five_sigma import within
 from test_detectors import COUNT, NoDraws
 
-from dispatcher.chance import Chance
 from dispatcher.devices.source import Emission, emit, pair_probabilities
+from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.draws import Draws
 from wire.physics import PairSource
 
 
 def emission(source: PairSource) -> Emission:
     """Return what a source emits in COUNT pulses."""
-    return emit(source, Chance(Draws(1), (7, 0, 0), "source", COUNT))
+    return emit(source, PhotonRandom(Draws(1), (7, 0, 0), "source", COUNT))
 
 
 def test_an_ideal_source_draws_nothing() -> None:
-    nothing = Chance(NoDraws(), (7, 0, 0), "source", COUNT)
+    nothing = PhotonRandom(NoDraws(), (7, 0, 0), "source", COUNT)
     assert emit(PairSource(), nothing) == Emission(None, None, None, True)
 
 

@@ -9,7 +9,7 @@ import grpc
 import pytest
 from dispatcher_network import Bench, JumpingClock, configuration, running
 
-from dispatcher.network import Network
+from dispatcher.layer.network import Network
 from dispatcher.refusal import Refusal
 from wire.config import BadConfig, PathOptics, QuantumSwitch
 from wire.dispatcher_pb2 import (
@@ -63,6 +63,7 @@ REFUSED = [
         Code.INVALID_ARGUMENT,
         "tune to 193400000 or 193450000",
     ),
+    ("q1", "TunePort", tune(direction=3), Code.INVALID_ARGUMENT, "direction 3 is not known"),
     ("q1", "TunePort", tune(power_dbm=0.1), Code.INVALID_ARGUMENT, "power_dbm 0.1 is not between"),
     ("q1", "TunePort", tune(power_dbm=-20.1), Code.INVALID_ARGUMENT, "-20 and 0"),
     ("q1", "TunePort", tune(power_dbm=NAN), Code.INVALID_ARGUMENT, "power_dbm nan"),

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from dispatcher_network import Bench, JumpingClock, block, configuration, running, with_fibers
 
+from dispatcher.recording.writer import PHOTONS
 from dispatcher.sabot.backend import Bytes
 from dispatcher.sabot.backends import BACKENDS
 from dispatcher.sabot.circuits.circuit import MAX_SOURCE_BYTES, Circuit
@@ -16,7 +17,6 @@ from dispatcher.sabot.circuits.interpreter import run_circuit
 from dispatcher.sabot.circuits.qasm import read_qasm
 from dispatcher.sabot.circuits.source import Source
 from dispatcher.sabot.manager import NO_CLICK
-from dispatcher.tracing.writer import PHOTONS
 from wire.config import PathOptics, QuantumSwitch
 from wire.dispatcher_pb2 import (
     ApplyRequest,

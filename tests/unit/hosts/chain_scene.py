@@ -15,9 +15,9 @@ from typing import Any
 
 from stacks_scene import RELAYED, REPEATERS, Judge, grant, network, requested
 
+from controller_apps.policy.schedules import PARALLEL
 from controller_apps.sessions.actions import SwapsOrdered
 from controller_apps.sessions.chains import orders
-from controller_apps.sessions.schedules import PARALLEL
 from controller_apps.sessions.sessions import Stop
 from hosts.stack import Stack
 from wire.metadata import Service, Setup

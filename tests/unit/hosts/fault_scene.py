@@ -16,8 +16,8 @@ from chain_scene import Stacks, chain
 from dispatcher_status import require_nothing_left
 from stacks_scene import DEADLINE_S, Judge, grant, network
 
+from hosts.quantum_socket import QuantumSocket
 from hosts.service_socket import ServiceSocket
-from hosts.software import QuantumSocket
 from hosts.stack_socket import QuantumSocketError, StackSocket
 from wire.metadata import Message, Reason
 
@@ -93,7 +93,7 @@ async def require_no_session(stacks: Stacks) -> None:
 def _under_way(stacks: Stacks) -> list[str]:
     left = [task.get_name() for task in asyncio.all_tasks() if "light of" in task.get_name()]
     for name, stack in stacks.items():
-        left += [f"{name}: session {session:016x}" for session in stack.engaged.sessions]
+        left += [f"{name}: session {session:016x}" for session in stack.active_sessions.sessions]
         left += [f"{name}: order of {session:016x}" for session in stack.swaps.sessions]
         report = stack.device.report()
         if report.sending or report.receiving or report.serving:

@@ -17,11 +17,13 @@ from typing import Any, Literal, TextIO
 import grpc
 import pytest
 
-from dispatcher.clock import CaptureClock
-from dispatcher.server import build_layer, build_server, build_service
+from dispatcher.build import build_layer
+from dispatcher.clock import NetworkClock
+from dispatcher.server.server import build_server, build_service
 from hosts.hardware.simulated import SimulatedQnic
+from hosts.middleware.session.channel import MetadataChannel
+from hosts.quantum_socket import QuantumSocket
 from hosts.service_socket import ServiceSocket
-from hosts.software import QuantumSocket
 from hosts.stack import Stack
 from hosts.stack_socket import QuantumSocketError
 from qswitch_agent.hardware.optics import CrossConnect
@@ -42,6 +44,7 @@ from wire.metadata import (
     message_length,
 )
 from wire.physics import BellAnalyser, Device
+from wire.verdict import Connection, seal
 
 QNICS = {
     "alice": ["alice-q0"],
@@ -73,6 +76,24 @@ Changes = asyncio.Queue[asyncio.Task[Changed] | None]
 
 def grant(setup: Setup) -> Setup:
     return replace(setup, verdict=Verdict.GRANTED)
+
+
+def sealed(setup: Setup, host: str, connection: Connection) -> Setup:
+    """Return a set-up message on its way to a host as the controller would seal it."""
+    message = decode(seal(setup.encode(), device_key(host), connection))
+    assert isinstance(message, Setup)
+    return message
+
+
+def arbitrated(setup: Setup, host: str, channel: MetadataChannel) -> Setup:
+    """Return a set-up as the controller would grant it to who has opened a channel to a host."""
+    acceptor, opener = channel.connection[:2], channel.connection[2:]
+    return sealed(grant(setup), host, (*opener, *acceptor))
+
+
+def device_key(host: str) -> str:
+    """Return what a host shares with the controller."""
+    return f"key of {host}".encode().hex()
 
 
 async def pump(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -175,7 +196,11 @@ def relay(
             return
         assert isinstance(setup, Setup)
         there = await asyncio.open_connection(OWN_ADDRESS[name], METADATA_PORT)
-        there[1].write(judge(setup).encode())
+        own, peer = map(there[1].get_extra_info, ("sockname", "peername"))
+        judged = judge(setup)
+        if judged.verdict != Verdict.PENDING:
+            judged = sealed(judged, name, (*own, *peer))
+        there[1].write(judged.encode())
         cut.watch(writer, there[1])
         forth, back = (reader, there[1]), (there[0], writer)
         if change is None:
@@ -230,7 +255,7 @@ async def network(
     if cuts is not None:
         cuts.set_result(cut)
     server = build_server(
-        config, build_service(config, build_layer(config, CaptureClock(), events), errors.append)
+        config, build_service(config, build_layer(config, NetworkClock(), events), errors.append)
     )
     await server.start()
     async with AsyncExitStack() as stack:
@@ -292,6 +317,7 @@ async def start_host(
         memory_qubits=device.memory.capacity,
         pair_secrets={other: pair_secret(name, other) for other in QNICS if other != name},
         keys=str(folder / "keys" / name),
+        device_key=device_key(name),
     )
     qnic = SimulatedQnic(config.dispatcher, config.token, config.qnics)
     stack.push_async_callback(qnic.close)

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from stacks_scene import grant, network, requested
 
-from hosts.middleware import arrangement
+from hosts.middleware.session import arrangement
 from hosts.stack_socket import QuantumSocketError
 from wire.metadata import Reason, Service, Setup, Verdict
 

@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from hosts.middleware.channel import MetadataChannel, SessionError
+from hosts.middleware.session.channel import MetadataChannel, SessionError
 from wire.metadata import Answer, Finish, Reason
 
 

@@ -5,8 +5,21 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from hosts.middleware.coding import CODES, NAMES, Bits, Code, Mask, deinterleave, interleave
-from hosts.middleware.coding.perfect import GOLAY, HAMMING, REPETITION, PerfectCode
+from hosts.middleware.services.superdense.coding import (
+    CODES,
+    NAMES,
+    Bits,
+    Code,
+    Mask,
+    deinterleave,
+    interleave,
+)
+from hosts.middleware.services.superdense.coding.perfect import (
+    GOLAY,
+    HAMMING,
+    REPETITION,
+    PerfectCode,
+)
 from wire.metadata import Fec
 
 PERFECT = [REPETITION, HAMMING, GOLAY]

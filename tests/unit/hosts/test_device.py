@@ -10,10 +10,10 @@ from typing import Any
 
 import pytest
 
-from hosts.middleware.channel import SessionError
 from hosts.middleware.device import Device, changed
-from hosts.middleware.options import overridden
-from hosts.middleware.swapping.orders import Swaps
+from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.options import overridden
+from hosts.middleware.session.swap_orders import Swaps
 from hosts.node_agent import CHECK_S, start_node_agent
 from wire.config import HostConfig
 from wire.device import (

@@ -11,11 +11,11 @@ from typing import Any
 
 import pytest
 from dispatcher_status import held, require_nothing_left
-from stacks_scene import DEADLINE_S, OWN_ADDRESS, Cut, grant, network, refusal
+from stacks_scene import DEADLINE_S, OWN_ADDRESS, Cut, arbitrated, network, refusal
 
-from hosts.middleware.channel import MetadataChannel, SessionError
-from hosts.middleware.services import distribute
-from hosts.middleware.values import expect, values
+from hosts.middleware.services.distribution import distribute
+from hosts.middleware.session.channel import MetadataChannel, SessionError
+from hosts.middleware.session.values import expect, values
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
 from wire.metadata import Finish, Message, Reason, Service, Setup, Topic, Values
@@ -328,7 +328,7 @@ def test_an_opener_that_breaks_the_protocol_is_refused(
                 accepting = asyncio.create_task(asyncio.to_thread(listener.accept))
                 channel = await MetadataChannel.connect("bob", OWN_ADDRESS["bob"])
                 setup = Setup(5, Service.DISTRIBUTE, 1, "10.0.0.9", 16_384, 1, 1_000_000, port=9)
-                await channel.request(grant(setup))
+                await channel.request(arbitrated(setup, "bob", channel))
                 told = await channel.receive(Values, DEADLINE_S)
                 assert expect(told, Topic.ABILITIES, 0, 3, 1 << 32).tolist()[0] == setup.pairs
                 for message in messages:

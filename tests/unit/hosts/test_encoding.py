@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hosts.middleware.encoding import agreed_encoding, from_bell_states, to_paulis
+from hosts.middleware.session.encoding import agreed_encoding, from_bell_states, to_paulis
 from wire.metadata import PAPER_ENCODING, Pauli
 
 PHI_PLUS, PSI_PLUS, PHI_MINUS, PSI_MINUS = range(4)

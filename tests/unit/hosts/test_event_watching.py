@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from stacks_scene import network, transfer
 
-from hosts.software import QuantumSocket, QuantumSocketError
+from hosts.quantum_socket import QuantumSocket, QuantumSocketError
 from wire.dispatcher_pb2 import Event
 
 

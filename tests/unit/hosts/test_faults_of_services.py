@@ -20,8 +20,8 @@ from fault_scene import (
     session,
 )
 
-from hosts.middleware.frame_format import MAX_BLOCK_PAIRS
-from hosts.middleware.swapping import orders
+from hosts.middleware.session import swap_orders
+from hosts.middleware.session.options import MAX_BLOCK_PAIRS
 from wire.device import DeviceReport
 from wire.metadata import (
     HEADER,
@@ -49,7 +49,7 @@ Fits = Callable[[str, Message], bool]
 @pytest.fixture(autouse=True)
 def _orders_soon_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let a host not wait long for the session of an order to chains of repeaters."""
-    monkeypatch.setattr(orders, "UNUSED_S", 3.0)
+    monkeypatch.setattr(swap_orders, "UNUSED_S", 3.0)
 
 
 def happens(

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from hosts.hardware.qnic import NO_COINCIDENCE, Symbols
-from hosts.middleware.alphabet import ALPHABETS, Alphabet
-from hosts.middleware.coding import CODES, Bits, Code
-from hosts.middleware.frame_format import FrameFormat
+from hosts.middleware.services.superdense.alphabet import ALPHABETS, Alphabet
+from hosts.middleware.services.superdense.coding import CODES, Bits, Code
+from hosts.middleware.services.superdense.frame_format import FrameFormat
 from wire.metadata import Fec
 
 DIBITS, TRITS = ALPHABETS[4], ALPHABETS[3]

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from hosts.hardware.qnic import Symbols
-from hosts.middleware.alphabet import ALPHABETS, Alphabet
-from hosts.middleware.coding import CODES, Code
-from hosts.middleware.frame_format import FrameFormat
-from hosts.middleware.framing import FramingError
-from hosts.middleware.inbox import Inbox
-from hosts.middleware.outbox import Outbox, OutgoingBlock
+from hosts.middleware.services.superdense.alphabet import ALPHABETS, Alphabet
+from hosts.middleware.services.superdense.coding import CODES, Code
+from hosts.middleware.services.superdense.frame_format import FrameFormat
+from hosts.middleware.services.superdense.framing import FramingError
+from hosts.middleware.services.superdense.inbox import Inbox
+from hosts.middleware.services.superdense.outbox import Outbox, OutgoingBlock
 from wire.metadata import Block, Fec, Frame, Report, decode
 
 PLAIN = FrameFormat()

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from fault_scene import SERVICES, Once, Raw, running, session
 
-from hosts.middleware.swapping import orders
+from hosts.middleware.session import swap_orders
 from wire.metadata import HEADER, Message
 
 SESSIONS = 12
@@ -22,7 +22,7 @@ LENGTH = range(4, 8)  # of the header: what has another one is waited for, see t
 @pytest.fixture(autouse=True)
 def _orders_soon_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let a host not wait long for the session of an order to chains of repeaters."""
-    monkeypatch.setattr(orders, "UNUSED_S", 3.0)
+    monkeypatch.setattr(swap_orders, "UNUSED_S", 3.0)
 
 
 class Hostile:

@@ -15,7 +15,7 @@ import pytest
 from stacks_scene import DEADLINE_S, accepted, live_qubits, network, requested
 
 from hosts.hardware.qnic import Received
-from hosts.middleware.interception import MAX_RATE_HZ, rate_of
+from hosts.middleware.services.interception import MAX_RATE_HZ, rate_of
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
 

@@ -21,10 +21,10 @@ from stacks_scene import (
     requested,
 )
 
-from hosts.middleware.frame_format import MAX_BLOCK_PAIRS
 from hosts.middleware.qkd import keyring
-from hosts.middleware.services import key_light
-from hosts.middleware.values import values
+from hosts.middleware.services.key_distribution import light as key_light
+from hosts.middleware.session.options import MAX_BLOCK_PAIRS
+from hosts.middleware.session.values import values
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
 from wire import qkd

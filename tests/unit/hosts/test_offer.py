@@ -5,9 +5,9 @@ from typing import Any
 
 import pytest
 
-from hosts.middleware.channel import SessionError
-from hosts.middleware.frame_format import MAX_BLOCK_PAIRS, MAX_FRAME_BYTES
-from hosts.middleware.receiver import check_offer
+from hosts.middleware.services.superdense.receiver import check_offer
+from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.options import MAX_BLOCK_PAIRS, MAX_FRAME_BYTES
 from wire.metadata import Fec, Handshake, Reason, Service, Setup
 
 PLAIN = Setup(1, Service.SDC, Handshake.FRAMED, "10.0.0.3", MAX_BLOCK_PAIRS, MAX_FRAME_BYTES, 1)

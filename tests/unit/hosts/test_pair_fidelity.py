@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hosts.middleware.services.fidelity import Estimate
+from hosts.middleware.services.distribution.fidelity import Estimate
 
 Z, X, Y = 0, 1, 2
 NO_CLICK = 3

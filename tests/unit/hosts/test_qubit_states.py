@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hosts.middleware.channel import MetadataChannel, SessionError
-from hosts.middleware.services import qubit_states
-from hosts.middleware.services.qubit_states import TURN, Arbitrary, States, chosen
-from hosts.middleware.services.service import ConnectionEnd
-from hosts.middleware.values import values
+from hosts.middleware.services.teleportation import qubit_states
+from hosts.middleware.services.teleportation.qubit_states import TURN, Arbitrary, States, chosen
+from hosts.middleware.session.channel import MetadataChannel, SessionError
+from hosts.middleware.session.service import ConnectionEnd
+from hosts.middleware.session.values import values
 from wire.metadata import Handshake, Message, Reason, Service, Setup, Topic
 
 SETUP = Setup(5, Service.TELEPORT, Handshake.FRAMED, "10.0.0.3", 100, 1, 1_000_000)

@@ -8,12 +8,14 @@ from typing import Any
 
 import pytest
 from fault_scene import PORT, SERVICES, Once, require_no_session, running, session
-from stacks_scene import DEADLINE_S, OWN_ADDRESS, grant
+from stacks_scene import DEADLINE_S, OWN_ADDRESS, arbitrated, grant
 
-from hosts.middleware.channel import MetadataChannel, SessionError
-from hosts.middleware.services import key_light, key_messages, service
+from hosts.middleware.services.key_distribution import light as key_light
+from hosts.middleware.services.key_distribution import messages as key_messages
+from hosts.middleware.session import service
+from hosts.middleware.session.channel import MetadataChannel, SessionError
+from hosts.quantum_socket import QuantumSocket
 from hosts.service_socket import ServiceSocket
-from hosts.software import QuantumSocket
 from wire.metadata import (
     HEADER,
     METADATA_PORT,
@@ -51,10 +53,10 @@ def host_of(setup: Setup, acceptor: str = "bob") -> str:
 
 
 async def sent(setup: Setup, host: str) -> SessionError | None:
-    """Send a granted set-up past everybody; return how it is refused, None if it is not."""
+    """Send a set-up that the controller grants; return how it is refused, None if it is not."""
     channel = await MetadataChannel.connect(host, OWN_ADDRESS[host])
     try:
-        await channel.request(setup)
+        await channel.request(arbitrated(setup, host, channel))
     except SessionError as error:
         return error
     finally:
@@ -259,7 +261,7 @@ def test_a_source_makes_no_more_than_was_granted(
         async with running(tmp_path, "teleport"):
             channel = await MetadataChannel.connect("charlie", OWN_ADDRESS["charlie"])
             setup = Setup(5, Service.PAIR_SOURCE, 1, OWN_ADDRESS["charlie"], 100, 1, 1000)
-            await channel.request(grant(setup))
+            await channel.request(arbitrated(setup, "charlie", channel))
             channel.send(emit)
             with pytest.raises(SessionError) as caught:
                 await channel.receive(Answer, DEADLINE_S)

@@ -14,10 +14,11 @@ from stacks_scene import DEADLINE_S, OWN_ADDRESS, PORTS, QNICS, Judge, grant, ne
 
 from hosts.hardware.qnic import BlockName
 from hosts.hardware.simulated import SimulatedQnic
-from hosts.middleware import encoding, sender
-from hosts.middleware.coding import CODES, NAMES
-from hosts.middleware.frame_format import FrameFormat
-from hosts.software import QuantumSocket, QuantumSocketError
+from hosts.middleware.services.superdense import sender
+from hosts.middleware.services.superdense.coding import CODES, NAMES
+from hosts.middleware.services.superdense.frame_format import FrameFormat
+from hosts.middleware.session import encoding
+from hosts.quantum_socket import QuantumSocket, QuantumSocketError
 from wire import service
 from wire.device import DeviceSettings
 from wire.dispatcher_pb2 import SwitchStatisticsRequest
@@ -208,7 +209,7 @@ def test_linear_optics_works_with_a_code_over_fibres_that_lose_and_depolarise(
 def test_linear_optics_with_dibits_would_deliver_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(encoding.TOLD_APART, "linear", 4)
+    monkeypatch.setitem(encoding.DISTINGUISHABLE_STATES, "linear", 4)
     with pytest.raises(QuantumSocketError, match="failed its check 64 times"):
         exchange(tmp_path, b"\xaa" * 8, *linear(Pauli.I))
 

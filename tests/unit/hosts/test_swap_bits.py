@@ -6,9 +6,9 @@ import time
 import numpy as np
 import pytest
 
-from hosts.middleware.swapping import orders
-from hosts.middleware.swapping.bits import Bits
-from hosts.middleware.swapping.orders import MAX_ORDERS, Swaps
+from hosts.middleware.services.swapping.bits import Bits
+from hosts.middleware.session import swap_orders
+from hosts.middleware.session.swap_orders import MAX_ORDERS, Swaps
 from wire.device import SwapOrder
 
 
@@ -53,7 +53,7 @@ def test_orders_whose_sessions_never_come_make_room_for_others() -> None:
 def test_an_order_that_nobody_asks_for_is_dropped_and_one_in_use_is_not(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(orders, "UNUSED_S", 0.02)
+    monkeypatch.setattr(swap_orders, "UNUSED_S", 0.02)
 
     async def run() -> None:
         swaps = Swaps("10.0.0.1")

@@ -11,7 +11,7 @@ from bell_pairs import Bell, convolved, dephased, near
 from chain_scene import nodes, order_swaps, swapped
 from stacks_scene import Change
 
-from controller_apps.sessions.schedules import SCHEDULES
+from controller_apps.policy.schedules import SCHEDULES
 from wire.metadata import Message, Topic, Values
 from wire.physics import BellAnalyser, Device, Memory, PairSource
 

@@ -11,11 +11,11 @@ from typing import Any
 import pytest
 from chain_scene import Stacks, chain, order_swaps
 from dispatcher_status import held, require_nothing_left
-from stacks_scene import DEADLINE_S, OWN_ADDRESS, RELAYED, Change, grant
+from stacks_scene import DEADLINE_S, OWN_ADDRESS, RELAYED, Change, grant, sealed
 
-from hosts.middleware.channel import MetadataChannel, SessionError
-from hosts.middleware.swapping import orders
-from hosts.middleware.values import numbers_of, values
+from hosts.middleware.session import swap_orders
+from hosts.middleware.session.channel import MetadataChannel, SessionError
+from hosts.middleware.session.values import numbers_of, values
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
 from wire.device import SwapOrder
@@ -202,7 +202,7 @@ def test_a_full_memory_of_a_repeater_is_told_to_the_one_who_asked(tmp_path: Path
 def test_without_orders_from_a_controller_nothing_is_swapped(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(orders, "ORDER_TIMEOUT_S", 0.2)
+    monkeypatch.setattr(swap_orders, "ORDER_TIMEOUT_S", 0.2)
 
     def scene() -> None:
         alice, bob = asked(tmp_path, nothing, count=100)
@@ -215,7 +215,7 @@ def test_without_orders_from_a_controller_nothing_is_swapped(
 def test_a_repeater_without_an_order_refuses_its_link_and_alice_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(orders, "ORDER_TIMEOUT_S", 0.2)
+    monkeypatch.setattr(swap_orders, "ORDER_TIMEOUT_S", 0.2)
 
     def order(stacks: Stacks, session: int) -> None:
         stacks["alice"].swaps.take(SwapOrder(1, session, 0, RELAYED["r1"]))
@@ -232,7 +232,7 @@ def test_a_repeater_without_an_order_refuses_its_link_and_alice_is_told(
 def test_a_link_that_nobody_has_ordered_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(orders, "ORDER_TIMEOUT_S", 0.2)
+    monkeypatch.setattr(swap_orders, "ORDER_TIMEOUT_S", 0.2)
 
     async def run() -> None:
         async with chain(tmp_path, 1):
@@ -253,7 +253,9 @@ def test_the_acceptor_names_the_node_that_the_controller_has_not_reached(tmp_pat
             setup = Setup(5, Service.SWAP, 1, RELAYED["r1"], 100, 1, 1_000_000)
             told = replace(setup, verdict=Verdict.REFUSED, reason=Reason.NODE_SILENT)
             with pytest.raises(SessionError, match=rf"r1 \({RELAYED['r1']}\) has not answered"):
-                await channel.request(told)
+                await channel.request(
+                    sealed(told, "bob", (*channel.connection[2:], *channel.connection[:2]))
+                )
             channel.close()
 
     asyncio.run(run())

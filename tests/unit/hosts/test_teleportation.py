@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from stacks_scene import DEADLINE_S, Judge, accepted, ask, grant, network, refusal
 
-from dispatcher.sabot import room
+from dispatcher.sabot import capacity
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
 from wire.config import PathOptics
@@ -140,7 +140,7 @@ def test_other_backends_refuse_what_is_no_stabiliser_state(
 def test_state_vectors_that_are_too_large_are_told_with_their_limit(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(room, "MAX_AMPLITUDES", 8 * 1000 - 1)  # 3 qubits for each state
+    monkeypatch.setattr(capacity, "MAX_AMPLITUDES", 8 * 1000 - 1)  # 3 qubits for each state
     assert ask(tmp_path, "teleport", physics=DENSE, state="haar", count=999)[0]["fidelity"] == 1
     for text in failure(tmp_path, physics=DENSE, state="haar", count=1000):
         assert "exceed the limit of 7,999; use smaller blocks" in text

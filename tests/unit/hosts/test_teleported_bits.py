@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from stacks_scene import DEADLINE_S, Change, accepted, network, requested
 
-from hosts.middleware.values import numbers_of, values
+from hosts.middleware.session.values import numbers_of, values
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
 from wire.metadata import Message, Topic, Values

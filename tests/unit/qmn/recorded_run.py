@@ -9,9 +9,9 @@ from scapy.layers.inet import IP, TCP
 from scapy.layers.l2 import Ether
 from scapy.utils import PcapWriter
 
-from dispatcher.event_capture import EventCapture
-from qmn.network_facts import NetworkFacts
-from qmn.result import complete
+from dispatcher.layer.event_capture import EventCapture
+from qmn.results.network_facts import NetworkFacts
+from qmn.results.result import complete
 from topologies.record import RECORD
 from wire.config import PathOptics, QuantumSwitch
 from wire.dispatcher_pb2 import BlockId, Event

@@ -10,9 +10,10 @@ from typing import Any
 
 import pytest
 
-from qmn import controller_console, devices, paths
-from qmn.controller_console import NoAnswer, ask
-from qmn.set import change
+from qmn.live import controller_console, light_paths
+from qmn.live.controller_console import NoAnswer, ask
+from qmn.verbs import devices
+from qmn.verbs.set import change
 
 SWITCH = {
     "name": "q1",
@@ -150,7 +151,7 @@ def test_devices_are_shown_in_tables(capsys: pytest.CaptureFixture[str]) -> None
 
 @pytest.mark.usefixtures("console")
 def test_paths_are_shown_by_the_names_of_switches(capsys: pytest.CaptureFixture[str]) -> None:
-    paths.ask_and_show(as_json=False)
+    light_paths.ask_and_show(as_json=False)
     shown = lines(capsys.readouterr().out)
     hops = "q1:2->7, 0000000000001002:1->3"
     assert f"07 alice bob charlie alice-q0 bob-q0 0.5 dB {hops}".split() in shown
@@ -161,7 +162,7 @@ def test_paths_are_shown_by_the_names_of_switches(capsys: pytest.CaptureFixture[
 
 @pytest.mark.usefixtures("console")
 def test_json_is_all_that_is_known(capsys: pytest.CaptureFixture[str]) -> None:
-    paths.ask_and_show(as_json=True)
+    light_paths.ask_and_show(as_json=True)
     assert json.loads(capsys.readouterr().out) == {**PATHS, "sessions": SESSIONS}
     devices.show(ask("devices"), as_json=True)
     assert json.loads(capsys.readouterr().out) == [SWITCH, HOST, UNHEARD]

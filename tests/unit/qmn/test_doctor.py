@@ -9,8 +9,9 @@ from typing import Any
 
 import pytest
 
-from qmn import doctor, machine
-from qmn.machine import FAILS, LIMITED, UNCHECKED, WORKS, Finding
+from qmn.live import machine
+from qmn.live.machine import FAILS, LIMITED, UNCHECKED, WORKS, Finding
+from qmn.verbs import doctor
 from wire.config import DispatcherConfig
 
 

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from controller_apps.policy import DEFAULT, Tap, read_policy
-from qmn import eavesdropping
-from qmn.network_options import BadInput
-from qmn.networks import topology
-from qmn.service_run import add_parsers, check_input
+from controller_apps.policy.policy import DEFAULT, Tap, read_policy
+from qmn.jobs import eavesdropping
+from qmn.jobs.service import add_parsers, check_input
+from qmn.network.options import BadInput
+from qmn.network.topologies import topology
 
 
 def parse(*words: str) -> argparse.Namespace:

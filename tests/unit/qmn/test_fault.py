@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from qmn import fault, running
+from qmn.live import running
+from qmn.verbs import fault
 from topologies.programs import NetworkError
 from wire.config import DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
 from wire.service import RUNNER

@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 from test_fault import network
 
-from qmn import calibrate, classical, fiber_order, running
+from qmn.live import fiber_order, running
+from qmn.verbs import calibrate, classical
 
 
 def run(

@@ -1,6 +1,6 @@
 """Fibres and light paths, hop by hop."""
 
-from qmn.light import fiber_state, light_path
+from qmn.scripting.light import fiber_state, light_path
 from wire.dispatcher_pb2 import SwitchCondition, SwitchStatisticsReply
 from wire.fiber import Fiber, FiberEnd
 from wire.metadata import Pauli

@@ -6,12 +6,12 @@ from typing import Any
 
 import pytest
 
-from dispatcher.event_capture import EventCapture
-from qmn.event_sources import RESULT
-from qmn.left_behind import left_behind
-from qmn.network_options import from_keywords
-from qmn.report import NoReport, made_report
-from qmn.timeline import TIMELINE
+from dispatcher.layer.event_capture import EventCapture
+from qmn.live.event_sources import RESULT
+from qmn.network.options import from_keywords
+from qmn.reports.report_file import NoReport, made_report
+from qmn.results.artifacts import left_behind
+from qmn.results.timeline import TIMELINE
 from topologies.programs import NetworkError
 from topologies.runtime import EVENT_CAPTURE
 from wire.dispatcher_pb2 import Event

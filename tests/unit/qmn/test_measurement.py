@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from qmn.measure.measurement import Times
-from qmn.measure.path_figures import parts, ratio
-from qmn.measure.path_requests import NoPath, Openings, answered, wait_until_closed
+from qmn.benchmarks.measurement import Times
+from qmn.benchmarks.path_figures import parts, ratio
+from qmn.benchmarks.path_requests import NoPath, Openings, answered, wait_until_closed
 from wire.metadata import Answer, Emit, Reason
 
 OPEN = b"2026-11-21T08:00:00.000000000Z q1       open          port=1 1 -> 2\n"
@@ -51,7 +51,7 @@ def test_openings_are_counted_from_the_end_of_the_log_and_by_whole_lines(tmp_pat
 
 
 def test_a_path_that_stays_open_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("qmn.measure.path_requests.CLOSE_TIMEOUT_S", 0.01)
+    monkeypatch.setattr("qmn.benchmarks.path_requests.CLOSE_TIMEOUT_S", 0.01)
     openings = Openings(io.BytesIO())
     openings.opened = 3
     with pytest.raises(NoPath, match="3 cross-connects stay open"):

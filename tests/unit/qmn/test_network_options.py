@@ -4,8 +4,8 @@ import argparse
 
 import pytest
 
-from qmn.network_options import BadInput, NetworkOptions, add_network_options, from_keywords
-from qmn.scripting import start
+from qmn.network.options import BadInput, NetworkOptions, add_network_options, from_keywords
+from qmn.scripting.network import start
 from topologies.sdc import SdcTopo
 
 

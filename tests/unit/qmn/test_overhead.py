@@ -1,6 +1,6 @@
 """What the rates of runs come down to, and that no kind of run always has the same place."""
 
-from qmn.measure.overhead import EVERYTHING, KINDS, NOTHING, Measured, figures, order
+from qmn.benchmarks.overhead import EVERYTHING, KINDS, NOTHING, Measured, figures, order
 
 
 def test_a_share_is_of_the_bare_run_in_the_same_round() -> None:

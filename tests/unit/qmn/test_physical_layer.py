@@ -5,7 +5,7 @@ import asyncio
 import numpy as np
 import pytest
 
-from qmn.measure.physical_layer import BLOCK_PAIRS, CASES, Case, Scene, speed
+from qmn.benchmarks.physical_layer import BLOCK_PAIRS, CASES, Case, Scene, speed
 from qmn.sweeps.theory import dibit_error, together
 
 NO_COINCIDENCE = 255

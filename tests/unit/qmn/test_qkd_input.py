@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from hosts.middleware.services.key_options import KeyOptions
-from qmn.network_options import BadInput
-from qmn.service_run import add_parsers, check_input
+from hosts.middleware.services.key_distribution.options import KeyOptions
+from qmn.jobs.service import add_parsers, check_input
+from qmn.network.options import BadInput
 
 
 def parse(*words: str) -> argparse.Namespace:

@@ -6,10 +6,10 @@ from typing import Any
 import pytest
 from mininet.net import Mininet
 
-from qmn.exchange import Exchange
-from qmn.quantum_cli import QUANTUM_VERBS, QuantumCLI
-from qmn.scripting import QuantumNetwork
-from qmn.transfer import TransferError
+from qmn.interactive.quantum_cli import QUANTUM_VERBS, QuantumCLI
+from qmn.jobs.transfer import TransferError
+from qmn.scripting.exchange import Exchange
+from qmn.scripting.network import QuantumNetwork
 from topologies.programs import NetworkError
 
 

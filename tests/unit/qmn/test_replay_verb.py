@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from dispatcher.clock import CaptureClock
-from dispatcher.server import build_service, open_layer
+from dispatcher.build import open_layer
+from dispatcher.clock import NetworkClock
+from dispatcher.server.server import build_service
 from wire.config import DispatcherConfig, Fiber, FiberEnd
 from wire.dispatcher_pb2 import BlockId, CreateRequest, Launch, MeasureRequest, SendRequest
 
@@ -34,7 +35,7 @@ def run_folder(tmp_path: Path) -> Path:
     async def act() -> None:
         with ExitStack() as stack:
             log = stack.enter_context(Path(config.event_log).open("a"))
-            layer = open_layer(config, CaptureClock(), log, stack)
+            layer = open_layer(config, NetworkClock(), log, stack)
             service = build_service(config, layer, lambda error: None)
             block = BlockId(session=1)
             create = CreateRequest(session=1, count=20)

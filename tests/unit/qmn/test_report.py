@@ -9,10 +9,11 @@ from pathlib import Path
 import pytest
 from recorded_run import ALICE, BOB, MS, NETWORK, SETUP, capture, record_run, segment
 
-from qmn import report
-from qmn.report import NoReport, made_report, report_of_run
+from qmn.reports import report_file
 from qmn.reports.error_counts import reported
+from qmn.reports.report_file import NoReport, made_report, report_of_run
 from qmn.reports.run_facts import read_run
+from qmn.verbs import report
 from wire.metadata import Block, Emit, Frame, Report
 
 FIGURES = [
@@ -173,7 +174,7 @@ def test_a_long_run_does_not_wait_for_its_report(
 ) -> None:
     record_run(tmp_path)
     assert report_of_run(tmp_path) == str(tmp_path / "report.html")
-    monkeypatch.setattr(report, "AT_MOST_EVENT_BYTES", 100)
+    monkeypatch.setattr(report_file, "AT_MOST_EVENT_BYTES", 100)
     assert report_of_run(tmp_path).endswith(f"`qmn report {tmp_path}` makes it")
 
 

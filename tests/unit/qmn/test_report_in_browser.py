@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from recorded_run import record_run
 
-from qmn.report import made_report
+from qmn.reports.report_file import made_report
 
 BROWSERS = ("chromium-headless-shell", "chromium", "google-chrome")
 PHONE = 390  # pixels

@@ -7,10 +7,10 @@ from itertools import pairwise, product
 
 import pytest
 
-from qmn.network_facts import NetworkFacts
 from qmn.reports.light_paths import Hop, LightPath, fiber_name
 from qmn.reports.network_diagram import network_diagram
 from qmn.reports.places import columns
+from qmn.results.network_facts import NetworkFacts
 from wire.config import QuantumSwitch
 from wire.fiber import Fiber, FiberEnd
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from qmn.result import coding, complete, percentiles
+from qmn.results.result import coding, complete, percentiles
 from topologies.record import RECORD, read_record
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from qmn.run_frame import ending, guarded
+from qmn.jobs.run_context import ending, guarded
 from topologies.network import Interrupted, Signals
 from topologies.programs import NetworkError
 

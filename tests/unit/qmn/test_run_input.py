@@ -7,11 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from qmn import run
-from qmn.device_words import differences
-from qmn.network_options import BadInput
-from qmn.networks import TOPOLOGIES, BadTopology, every_device, every_fiber, topology
-from qmn.run_folder import make_folder, point_latest
+from qmn.jobs import superdense
+from qmn.network.device_options import differences
+from qmn.network.options import BadInput
+from qmn.network.topologies import TOPOLOGIES, BadTopology, every_device, every_fiber, topology
+from qmn.results.run_folder import make_folder, point_latest
+from qmn.verbs import run
 from topologies.node_kinds import ION_TRAP
 from topologies.presets import PRESETS
 from wire.fiber import FiberOptics
@@ -81,13 +82,13 @@ def parse(*words: str) -> argparse.Namespace:
 )
 def test_bad_input_names_the_value_and_what_to_choose(words: list[str], text: str) -> None:
     with pytest.raises((BadInput, BadTopology)) as caught:
-        run.check_input(parse(*words))
+        superdense.check_input(parse(*words))
     assert text in str(caught.value)
 
 
 @pytest.mark.parametrize(("words", "size"), [(["--message", ""], 0), (["--message", "ä"], 2)])
 def test_the_size_is_that_of_the_bytes(words: list[str], size: int) -> None:
-    assert run.check_input(parse(*words)) == size
+    assert superdense.check_input(parse(*words)) == size
 
 
 @pytest.mark.parametrize(
@@ -100,11 +101,11 @@ def test_the_size_is_that_of_the_bytes(words: list[str], size: int) -> None:
     ],
 )
 def test_the_pairs_that_a_message_needs_follow_from_its_code(words: list[str], pairs: int) -> None:
-    assert run.pairs_of(parse(*words), 1000) == pairs
+    assert superdense.pairs_of(parse(*words), 1000) == pairs
 
 
 def test_there_is_a_message_without_being_asked() -> None:
-    assert run.check_input(parse()) > 0
+    assert superdense.check_input(parse()) > 0
 
 
 def test_sizes_reach_the_topology() -> None:

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from scapy.utils import PcapWriter
 
-from dispatcher.event_capture import EventCapture
-from qmn.event_sources import recorded
-from qmn.timeline import NoCaptures, captured_bytes, merge
+from dispatcher.layer.event_capture import EventCapture
+from qmn.live.event_sources import recorded
+from qmn.results.timeline import NoCaptures, captured_bytes, merge
 from topologies.runtime import EVENT_CAPTURE
 from wire.config import Fiber, FiberEnd
 from wire.dispatcher_pb2 import Event

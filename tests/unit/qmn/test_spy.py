@@ -14,8 +14,9 @@ from typing import Any
 import grpc
 import pytest
 
-from hosts.software import STACK_VARIABLE
-from qmn import running, spy
+from hosts.quantum_socket import STACK_VARIABLE
+from qmn.live import running
+from qmn.verbs import spy
 from topologies.runtime import EVENT_CAPTURE
 from wire.config import DispatcherConfig, Fiber, FiberEnd
 from wire.dispatcher_pb2 import BlockId, CreateRequest, Launch, SendRequest
@@ -26,7 +27,9 @@ MAX_LAUNCHES = 100  # in one request
 PROGRAM = """
 import sys
 from pathlib import Path
-from qmn import __main__, running, spy
+from qmn import __main__
+from qmn.live import running
+from qmn.verbs import spy
 root = Path(sys.argv.pop(1))
 find = running.dispatcher_of_running_network
 spy.dispatcher_of_running_network = lambda: find(root)

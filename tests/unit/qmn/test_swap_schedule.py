@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from controller_apps.policy import DEFAULT, read_policy
-from controller_apps.sessions.schedules import SCHEDULES
-from qmn import swap_schedule
-from qmn.network_options import BadInput
-from qmn.service_run import add_parsers, check_input
+from controller_apps.policy.policy import DEFAULT, read_policy
+from controller_apps.policy.schedules import SCHEDULES
+from qmn.jobs import swap_schedule
+from qmn.jobs.service import add_parsers, check_input
+from qmn.network.options import BadInput
 
 
 def parse(*words: str) -> argparse.Namespace:

@@ -8,10 +8,10 @@ import matplotlib.image
 import pytest
 from distributed import LocalCluster
 
-from qmn import curves, sweep
 from qmn.sweeps import cluster, sheets, theory
 from qmn.sweeps.parameters import BadGrid
 from qmn.sweeps.sheets import Curve, Sheet
+from qmn.verbs import curves, sweep
 
 POINTS = ("--fidelity", "0.5,0.75,1", "--pairs", "6000")
 FIDELITY = 0.5

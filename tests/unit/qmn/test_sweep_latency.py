@@ -6,7 +6,7 @@ from pathlib import Path
 import matplotlib.image
 import pytest
 
-from qmn import service_run
+from qmn.jobs import service
 from qmn.sweeps import running, theory
 from qmn.sweeps.emulated import EMULATED
 from qmn.sweeps.emulated_teleportation import WAITED, arguments, outcome
@@ -108,7 +108,7 @@ def test_a_point_is_what_qmn_run_can_be_told(tmp_path: Path, state: str, backend
     told = arguments(values, 7, tmp_path)
     assert (told.classical_mbps, told.backend, told.seed) == (0.5, backend, 7)
     assert told.device == ["bob.memory.t1_s=inf", f"bob.memory.t2_s={T2_S}"]
-    options = service_run.check_input(told)
+    options = service.check_input(told)
     assert options.count == options.block_pairs  # all in one block
 
 

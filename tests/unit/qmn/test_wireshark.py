@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from dispatcher.event_capture import EventCapture
-from qmn import wireshark
+from dispatcher.layer.event_capture import EventCapture
+from qmn.verbs import wireshark
 from topologies.runtime import EVENT_CAPTURE
 from wire.dispatcher_pb2 import Event
 

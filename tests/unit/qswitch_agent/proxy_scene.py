@@ -16,7 +16,14 @@ from openflow_messages import FIBERS, port
 
 from qswitch_agent.bridge import NO_PACKETS, Commands
 from qswitch_agent.hardware import optics
-from qswitch_agent.hardware.optics import Condition, CrossConnect, Readings, Tuning
+from qswitch_agent.hardware.optics import (
+    Condition,
+    CrossConnect,
+    Direction,
+    HardwareRefusal,
+    Readings,
+    Tuning,
+)
 from qswitch_agent.light_paths import LightPaths
 from qswitch_agent.openflow.flow_reports import FlowUpdate
 from qswitch_agent.openflow.messages import Framer
@@ -40,8 +47,10 @@ class Optics:
 
     def __init__(self) -> None:
         self.calls: list[set[CrossConnect]] = []
-        self.tuned: list[tuple[int, int | None, float | None]] = []
+        self.made: set[CrossConnect] = set()
+        self.tuned: list[tuple[int, int | None, float | None, Direction]] = []
         self.failure: Exception | None = None
+        self.refused: set[tuple[int, int]] = set()  # paths; a set with one of them is refused
         self.readings = Readings()
         self.free = asyncio.Event()
         self.free.set()
@@ -49,18 +58,28 @@ class Optics:
     @property
     def paths(self) -> set[tuple[int, int]]:
         """The cross-connects that there are, by ports."""
-        return {(one.in_port, one.out_port) for one in self.calls[-1]}
+        return {(one.in_port, one.out_port) for one in self.made}
 
     async def set_cross_connects(self, cross_connects: Iterable[CrossConnect]) -> None:
-        self.calls.append(set(cross_connects))
+        wanted = set(cross_connects)
+        self.calls.append(wanted)
         await self.free.wait()
         if self.failure:
             raise self.failure
+        if self.refused.intersection((one.in_port, one.out_port) for one in wanted):
+            raise HardwareRefusal("the mirror is stuck")
+        self.made = wanted
 
-    async def tune(self, port: int, frequency_mhz: int | None, power_dbm: float | None) -> None:
+    async def tune(
+        self,
+        port: int,
+        frequency_mhz: int | None,
+        power_dbm: float | None,
+        direction: Direction = Direction.BOTH,
+    ) -> None:
         if self.failure:
             raise self.failure
-        self.tuned.append((port, frequency_mhz, power_dbm))
+        self.tuned.append((port, frequency_mhz, power_dbm, direction))
 
     async def read(self) -> Readings:
         if self.failure:
@@ -185,7 +204,7 @@ async def running_switch() -> AsyncIterator[tuple[Switch, Optics, Reports, End]]
         stack.callback(channels.close)
         paths = LightPaths(FIBERS, hardware)
         reports = Reports(paths)
-        switch = Switch(paths, channels, hardware, reports.synchronise)
+        switch = Switch(paths, channels, hardware, reports.synchronise, commands.delete)
         running = [
             asyncio.create_task(layer)
             for layer in (paths.run(), hardware.watch(switch.condition_changed))

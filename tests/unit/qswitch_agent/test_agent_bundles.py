@@ -8,7 +8,7 @@ from os_ken.ofproto import ofproto_v1_4 as ofp
 from os_ken.ofproto import ofproto_v1_4_parser as parser
 from proxy_scene import Stage, play, stage
 
-from qswitch_agent.hardware.optics import HardwareRefusal
+from qswitch_agent.hardware.optics import Direction, HardwareRefusal
 from qswitch_agent.openflow import instructions, matches, messages, packets
 from qswitch_agent.openflow.flow_reports import ADDED, FlowUpdate
 from qswitch_agent.openflow.flows import FlowEntry, FlowMod
@@ -149,8 +149,8 @@ def test_conflict_is_blamed_on_the_last_path_of_the_bundle() -> None:
             for _member in range(2):
                 await member_mod(now)
             await is_discarded(now, 5)
-            overlap = ofp.OFPET_FLOW_MOD_FAILED, ofp.OFPFMFC_OVERLAP
-            await fails(now, scene[-1], last, *overlap)
+            taken = ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_OUT_PORT
+            await fails(now, scene[-1], last, *taken)
 
     play(scene())
 
@@ -226,7 +226,7 @@ def test_bundle_tunes_ports_when_it_is_committed() -> None:
             reply = of.bundle_control(5, ofp.OFPBCT_COMMIT_REPLY, 50)
             now.bridge.says(reply)
             await now.controller.hears(reply)
-            assert now.optics.tuned == [(2, 193_400_000, -5.0)]
+            assert now.optics.tuned == [(2, 193_400_000, -5.0, Direction.BOTH)]
             now.bridge.says(reply)
             await now.controller.hears(reply)
             assert len(now.optics.tuned) == 1

@@ -42,7 +42,7 @@ def table(*entries: FlowEntry) -> FlowTable:
 
 def pairs(table: FlowTable) -> set[tuple[int, int]]:
     plan = table.plan()
-    assert plan.conflicts == ()
+    assert not plan.refused
     return {(path.in_port, path.out_port) for path in plan.cross_connects}
 
 
@@ -144,10 +144,23 @@ def test_two_paths_into_one_port_conflict_whatever_their_order() -> None:
     for order in itertools.permutations(entries):
         plan = table(*order).plan()
         assert [path[:2] for path in plan.cross_connects] == [(1, 4)]
-        assert plan.conflicts == (
+        assert list(plan.refused.values()) == [
             "no path from port 3 to port 4: the path from port 1 ends there",
             "no path from port 2 to port 4: the path from port 1 ends there",
-        )
+        ]
+
+
+def test_what_is_stuck_keeps_its_ports_from_others_and_from_nobody_else() -> None:
+    one = table(entry(1, 2), entry(3, 4))
+    for stuck, expected in {(1, 3): {(3, 4)}, (4, 2): {(3, 4)}, (1, 2): {(1, 2), (3, 4)}}.items():
+        one.stuck = frozenset({stuck})
+        for plan in (one.plan(), one.copy().plan()):
+            assert {path[:2] for path in plan.cross_connects} == expected
+            assert {path[:2] for path in plan.refused} == {(1, 2), (3, 4)} - expected
+    one.stuck = frozenset({(4, 2)})
+    assert list(one.plan().refused.values()) == [
+        "no path from port 1 to port 2: the cross-connect 4->2 is stuck"
+    ]
 
 
 def test_path_that_is_not_met_takes_no_port() -> None:

@@ -19,7 +19,7 @@ from qswitch_agent.hardware.optics import (
     Quantity,
     Readings,
 )
-from qswitch_agent.light_paths import LightPaths, NotReady, Removed
+from qswitch_agent.light_paths import LightPaths, Removed
 from qswitch_agent.openflow import matches
 from qswitch_agent.openflow.flow_reports import ADDED, REMOVED, FlowUpdate
 from qswitch_agent.openflow.flows import FlowEntry
@@ -107,34 +107,67 @@ def test_ready_waits_for_the_change_before_it_not_for_later_ones() -> None:
     play(scene())
 
 
-def test_refusal_is_told_until_the_table_changes() -> None:
+def test_one_refused_path_does_not_keep_the_others_from_being_made(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     async def scene() -> None:
-        async with running(1, 2) as (paths, optics):
-            optics.failure = HardwareRefusal("the mirror is stuck")
+        async with running(1, 2, 3, 4, 5, 6) as (paths, optics):
             paths.update([path(1, 2)])
-            for _time in range(2):
-                with pytest.raises(NotReady, match="1->2: the mirror is stuck"):
-                    await paths.ready()
-            optics.failure = None
-            paths.update([path(1, 2, REMOVED)])
             await paths.ready()
-            assert made(optics) == [set(), {(1, 2)}, set()]
+            optics.refused = {(3, 4)}
+            paths.update([path(3, 4), path(5, 6)])
+            await paths.ready()
+            assert optics.paths == {(1, 2), (5, 6)}
+            # What stood was in every set that the hardware took: it was not interrupted.
+            assert all((1, 2) in call for call in made(optics)[1:])
+
+    play(scene())
+    assert "the hardware refuses 3->4: the mirror is stuck" in caplog.messages
+
+
+def test_what_stood_and_is_refused_now_does_not_block_the_rest() -> None:
+    async def scene() -> None:
+        async with running(1, 2, 3, 4, 5, 6) as (paths, optics):
+            paths.update([path(1, 2), path(5, 6)])
+            await paths.ready()
+            optics.refused = {(1, 2)}
+            paths.update([path(3, 4)])
+            await paths.ready()
+            assert optics.paths == {(3, 4), (5, 6)}
 
     play(scene())
 
 
-def test_hardware_that_has_refused_is_asked_again_when_it_may_have_changed() -> None:
+def test_what_was_refused_is_asked_for_again_when_it_may_have_changed() -> None:
     async def scene() -> None:
         async with running(1, 2) as (paths, optics):
-            paths.retry()
-            optics.failure = HardwareRefusal("the mirror is stuck")
+            paths.update_stuck(frozenset())
+            optics.refused = {(1, 2)}
             paths.update([path(1, 2)])
-            with pytest.raises(NotReady):
-                await paths.ready()
-            optics.failure = None
-            paths.retry()
             await paths.ready()
-            assert made(optics) == [set(), {(1, 2)}, {(1, 2)}]
+            assert optics.paths == set()
+            optics.refused = set()
+            paths.update_stuck(frozenset())
+            await paths.ready()
+            assert optics.paths == {(1, 2)}
+            calls = len(optics.calls)
+            paths.update_stuck(frozenset())
+            await paths.ready()
+            assert len(optics.calls) == calls
+
+    play(scene())
+
+
+def test_what_is_known_to_be_stuck_is_not_asked_for() -> None:
+    async def scene() -> None:
+        async with running(1, 2, 3, 4) as (paths, optics):
+            paths.update_stuck(frozenset({(1, 3)}))
+            paths.update([path(1, 2), path(3, 4)])
+            await paths.ready()
+            assert made(optics) == [set(), {(3, 4)}]
+            paths.update_stuck(frozenset())
+            await paths.ready()
+            assert optics.paths == {(1, 2), (3, 4)}
 
     play(scene())
 
@@ -155,15 +188,15 @@ def test_fault_is_told_to_all_and_ends_the_run() -> None:
     play(scene())
 
 
-def test_conflict_is_not_ready_though_the_other_path_is_made() -> None:
+def test_of_two_paths_into_one_port_one_is_made(caplog: pytest.LogCaptureFixture) -> None:
     async def scene() -> None:
         async with running(1, 2, 3) as (paths, optics):
             paths.update([path(1, 3), path(2, 3)])
-            with pytest.raises(NotReady, match="from port 2 to port 3"):
-                await paths.ready()
+            await paths.ready()
             assert optics.paths == {(1, 3)}
 
     play(scene())
+    assert "no path from port 2 to port 3: the path from port 1 ends there" in caplog.messages
 
 
 def test_cut_fibre_has_no_path_until_it_is_whole_again() -> None:

@@ -57,12 +57,6 @@ def test_error_names_its_request_and_holds_64_bytes_of_it() -> None:
     assert len(request) > 64
 
 
-def test_barrier_error_names_its_request() -> None:
-    error = of.decoded(messages.barrier_error(of.barrier_reply(77)))
-    assert (error.xid, error.type, error.code) == (77, ofp.OFPET_FLOW_MOD_FAILED, 0)
-    assert error.data == of.barrier_request(77)
-
-
 def test_error_code_and_role_are_read() -> None:
     assert messages.error_code(messages.error(5, 6, of.barrier_request(1))) == (5, 6)
     request = parser.OFPRoleRequest(of.DATAPATH, ofp.OFPCR_ROLE_SLAVE, 9)

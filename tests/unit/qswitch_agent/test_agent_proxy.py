@@ -12,10 +12,12 @@ from proxy_scene import End, Listener, Stage, play, running_switch, stage
 from qswitch_agent.hardware.optics import (
     CircuitReading,
     Condition,
+    Direction,
     HardwareFault,
     HardwareRefusal,
     Path,
     PortReading,
+    Quantity,
     Readings,
 )
 from qswitch_agent.openflow import flow_reports, matches, messages, multipart
@@ -160,13 +162,89 @@ def test_malformed_barrier_is_not_waited_for() -> None:
     play(scene())
 
 
-def test_problem_is_an_error_in_the_replys_place() -> None:
+def undone(request: bytes) -> bytes:
+    return error(ofp.OFPET_FLOW_MOD_FAILED, ofp.OFPFMFC_UNKNOWN, request)
+
+
+def test_what_the_hardware_turns_out_to_refuse_is_an_error_before_the_barriers_reply() -> None:
     async def scene() -> None:
         async with stage() as now:
-            now.optics.failure = HardwareRefusal("the mirror is stuck")
-            now.reports.waiting.append(path(1, 2))
+            now.optics.refused = {(1, 2)}
+            bad = of.light(1, 2, xid=5)
+            now.controller.says(bad, of.light(3, 4, xid=6), of.barrier_request(7))
+            first = await heard_light(now.bridge)
+            await now.bridge.hears(OWN_BARRIER)
+            now.bridge.says(OWN_REPLY)
+            second = await heard_light(now.bridge)
+            await now.bridge.hears(of.barrier_request(7))
+            now.reports.waiting += [
+                path(1, 2, first.instructions.mark),
+                path(3, 4, second.instructions.mark),
+            ]
             now.bridge.says(of.barrier_reply(7), ECHO)
-            await now.controller.hears(messages.barrier_error(of.barrier_reply(7)), ECHO)
+            await now.controller.hears(undone(bad), of.barrier_reply(7), ECHO)
+            assert now.optics.paths == {(3, 4)}
+            deleted = FlowMod.decode(await now.commanded.next())
+            assert (deleted.command, deleted.match) == (
+                ofp.OFPFC_DELETE_STRICT,
+                matches.of_port(1),
+            )
+
+    play(scene())
+
+
+def test_what_the_hardware_turns_out_to_refuse_is_told_without_a_barrier() -> None:
+    async def scene() -> None:
+        async with stage() as now:
+            now.optics.refused = {(1, 2)}
+            bad = of.light(1, 2, xid=5)
+            now.controller.says(bad)
+            mod = await heard_light(now.bridge)
+            now.switch.paths.update([path(1, 2, mod.instructions.mark)])
+            await now.controller.hears(undone(bad))
+
+    play(scene())
+
+
+def test_entry_that_was_confirmed_is_not_refused_when_its_path_gets_stuck() -> None:
+    async def scene() -> None:
+        async with stage() as now:
+            await pass_light(now, 1, 2)
+            now.optics.refused = {(1, 2)}
+            now.switch.paths.update_stuck(frozenset({(1, 3)}))
+            now.bridge.says(of.barrier_reply(7))
+            await now.controller.hears(of.barrier_reply(7))
+            assert now.optics.paths == set()
+
+    play(scene())
+
+
+@pytest.mark.parametrize("request_", [of.light(1, 2, xid=9), of.light(4, 3, xid=9)])
+def test_what_is_stuck_is_refused_before_the_bridge_hears_of_it(request_: bytes) -> None:
+    async def scene() -> None:
+        async with stage() as now:
+            now.switch.condition_changed(Condition(stuck=frozenset({(1, 3)})))
+            now.controller.says(request_, request_, of.light(1, 3), of.barrier_request(10))
+            refused = error(ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_OUT_PORT, request_)
+            await now.controller.hears(refused, refused)
+            mod = await heard_light(now.bridge)  # what is stuck may be asked for
+            await now.bridge.hears(of.barrier_request(10))
+            now.reports.waiting.append(path(1, 3, mod.instructions.mark))
+            now.bridge.says(of.barrier_reply(10))
+            await now.controller.hears(of.barrier_reply(10))
+            assert now.optics.paths == {(1, 3)}
+
+    play(scene())
+
+
+def test_entry_whose_path_is_stuck_by_now_cannot_be_added_again() -> None:
+    async def scene() -> None:
+        async with stage() as now:
+            await pass_light(now, 1, 2)
+            now.switch.condition_changed(Condition(stuck=frozenset({(1, 3)})))
+            again = of.light(1, 2, xid=9)
+            now.controller.says(again)
+            await now.controller.hears(error(ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_OUT_PORT, again))
 
     play(scene())
 
@@ -175,8 +253,12 @@ def test_hold_has_a_deadline(caplog: pytest.LogCaptureFixture) -> None:
     async def scene() -> None:
         async with stage(hold_deadline_s=0.05) as now:
             now.reports.open.clear()
+            asked = of.light(1, 2, xid=6)
+            now.controller.says(asked, of.barrier_request(7))
+            await heard_light(now.bridge)
+            await now.bridge.hears(of.barrier_request(7))
             now.bridge.says(of.barrier_reply(7))
-            await now.controller.hears(messages.barrier_error(of.barrier_reply(7)))
+            await now.controller.hears(undone(asked), of.barrier_reply(7))
 
     play(scene())
     assert "light paths were not ready in 0.05 s" in caplog.text
@@ -188,7 +270,7 @@ def test_taken_output_is_refused_before_the_bridge_hears_of_it() -> None:
             await pass_light(now, 1, 2)
             second = of.light(3, 2, xid=9)
             now.controller.says(second, ECHO)
-            taken = error(ofp.OFPET_FLOW_MOD_FAILED, ofp.OFPFMFC_OVERLAP, second)
+            taken = error(ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_OUT_PORT, second)
             await now.controller.hears(taken)
             await now.bridge.hears(ECHO)
 
@@ -211,7 +293,7 @@ def test_change_that_the_monitor_has_not_reported_yet_is_judged_too() -> None:
             await other.hears_nothing()
             now.reports.waiting.append(path(1, 2, mod.instructions.mark))
             now.reports.open.set()
-            await other.hears(error(ofp.OFPET_FLOW_MOD_FAILED, ofp.OFPFMFC_OVERLAP, second))
+            await other.hears(error(ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_OUT_PORT, second))
             await now.controller.hears(of.barrier_reply(7))
             for end in (bridge, other):
                 end.writer.close()
@@ -326,7 +408,7 @@ def test_port_is_tuned_when_the_bridge_has_taken_the_rest() -> None:
             now.bridge.says(OWN_REPLY)
             while not now.optics.tuned:
                 await asyncio.sleep(0)
-            assert now.optics.tuned == [(2, 193_400_000, -5.0)]
+            assert now.optics.tuned == [(2, 193_400_000, -5.0, Direction.BOTH)]
             now.controller.says(request)
             await now.bridge.hears(of.port_mod(2, xid=9), OWN_BARRIER)
             wrong = error(ofp.OFPET_PORT_MOD_FAILED, ofp.OFPPMFC_BAD_HW_ADDR, request)
@@ -359,7 +441,9 @@ def test_bridge_is_shown_as_an_optical_switch() -> None:
 def test_readings_beyond_their_fields_are_shown_as_the_nearest_value() -> None:
     async def scene() -> None:
         async with stage() as now:
-            dark = PortReading(5, 6, 7, 193_400_000, -float("inf"), -float("inf"), -1.0)
+            dark = PortReading(
+                5, 6, 7, 193_400_000, 193_400_000, -float("inf"), -float("inf"), -1.0
+            )
             now.optics.readings = Readings({1: dark}, temperature_c=1e9)
             parts = [of.port_statistics(1), of.port_statistics(9)]
             now.bridge.says(multipart.reply(ofp.OFPMP_PORT_STATS, 1, parts))
@@ -369,6 +453,65 @@ def test_readings_beyond_their_fields_are_shown_as_the_nearest_value() -> None:
             (light,) = fiber.properties
             assert (light.tx_pwr, light.rx_pwr) == (0x8000, 0x8000)
             assert (light.bias_current, light.temperature) == (0, 0x7FFF)
+
+    play(scene())
+
+
+# OpenFlow 1.4, 7.3.5.7: ofp_port_stats_optical_flags, as os-ken has them too.
+RX_TUNE, TX_TUNE, TX_PWR, RX_PWR, TX_BIAS, TX_TEMP = 1, 2, 4, 16, 32, 64
+
+
+@pytest.mark.parametrize(
+    ("missing", "cut", "flags"),
+    [
+        (set(), False, RX_TUNE | TX_TUNE | TX_PWR | RX_PWR | TX_BIAS | TX_TEMP),
+        ({Quantity.FREQUENCY, Quantity.BIAS, Quantity.TEMPERATURE}, False, TX_PWR | RX_PWR),
+        ({Quantity.TX_POWER}, False, RX_TUNE | TX_TUNE | RX_PWR | TX_BIAS | TX_TEMP),
+        (set(), True, RX_TUNE | TX_TUNE | TX_PWR | TX_BIAS | TX_TEMP),
+    ],
+)
+def test_flags_of_statistics_say_what_is_measured(
+    missing: set[Quantity], cut: bool, flags: int
+) -> None:
+    async def scene() -> None:
+        async with stage() as now:
+            reading = PortReading(5, 6, 7, 193_400_000, 193_450_000)
+            now.optics.readings = Readings({1: reading}, not_measured=frozenset(missing))
+            if cut:
+                now.switch._channels.update([of.port(1, state=ofp.OFPPS_LINK_DOWN)])
+            now.bridge.says(multipart.reply(ofp.OFPMP_PORT_STATS, 1, [of.port_statistics(1)]))
+            (shown,) = of.decoded(await now.controller.next()).body
+            (light,) = shown.properties
+            assert light.flags == flags
+            assert (light.tx_freq_lmda, light.rx_freq_lmda) == (193_400_000, 193_450_000)
+            # What is not valid does not look like 0 dBm, 1 mW.
+            assert light.rx_pwr == (0 if flags & RX_PWR else 0x8000)
+            assert light.tx_pwr == (0 if flags & TX_PWR else 0x8000)
+
+    play(scene())
+
+
+NOT_AVAILABLE = (1 << 64) - 1  # OpenFlow 1.4, 5.8: the maximum field value
+
+
+def test_counters_that_there_are_not_have_the_maximum_value() -> None:
+    async def scene() -> None:
+        async with stage() as now:
+            now.optics.readings = Readings({1: PortReading(5, 6, 7)})
+            ports = multipart.reply(ofp.OFPMP_PORT_STATS, 1, [of.port_statistics(1)])
+            for counted in (True, False):
+                now.bridge.says(ports)
+                (port,) = of.decoded(await now.controller.next()).body
+                photons = (5, 6, 7) if counted else (NOT_AVAILABLE,) * 3
+                assert (port.rx_packets, port.tx_packets, port.rx_dropped) == photons
+                others = port.rx_bytes, port.tx_bytes, port.tx_dropped, port.rx_errors
+                assert (*others, port.tx_errors) == (NOT_AVAILABLE,) * 5
+                entries = [of.flow_entry(of.light(1, 2), Mark(30, 7))]
+                now.bridge.says(multipart.reply(ofp.OFPMP_FLOW, 5, entries))
+                (light,) = of.decoded(await now.controller.next()).body
+                assert light.byte_count == NOT_AVAILABLE
+                assert light.packet_count == (0 if counted else NOT_AVAILABLE)
+                now.optics.readings = Readings(not_measured=frozenset(Quantity))
 
     play(scene())
 
@@ -396,7 +539,11 @@ def test_photons_are_the_packets_of_light_alone() -> None:
             more = multipart.reply(ofp.OFPMP_FLOW, 6, parts[:1], more=True)
             now.bridge.says(more, multipart.reply(ofp.OFPMP_FLOW, 6, parts[1:]))
             total = of.decoded(await now.controller.next()).body
-            assert (total.packet_count, total.byte_count, total.flow_count) == (103, 240, 2)
+            assert (total.packet_count, total.byte_count, total.flow_count) == (
+                103,
+                NOT_AVAILABLE,
+                2,
+            )
 
     play(scene())
 
@@ -411,6 +558,7 @@ def test_path_that_has_gone_is_shown_with_its_photons() -> None:
             now.bridge.says(of.flow_removed(of.light(1, 2)), unknown)
             gone = of.decoded(await now.controller.next())
             assert (gone.idle_timeout, gone.packet_count) == (30, 99)
+            assert gone.byte_count == NOT_AVAILABLE
             assert gone.reason == ofp.OFPRR_DELETE
             await now.controller.hears(unknown)
 

@@ -7,19 +7,22 @@ import sys
 import time
 from collections.abc import AsyncIterator, Coroutine, Iterator
 from contextlib import asynccontextmanager, contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import grpc
 import pytest
 
-from dispatcher.clock import CaptureClock
-from dispatcher.layer import PhysicalLayer
-from dispatcher.server import build_layer, build_server, build_service
+from dispatcher.build import build_layer
+from dispatcher.clock import NetworkClock
+from dispatcher.layer.layer import PhysicalLayer
+from dispatcher.server.server import build_server, build_service
 from qswitch_agent.hardware import simulated as hardware
 from qswitch_agent.hardware.optics import (
     Condition,
     CrossConnect,
+    Direction,
     HardwareFault,
     HardwareRefusal,
     OpticalHardware,
@@ -65,7 +68,7 @@ class Bench:
 
     def __init__(self, layer: PhysicalLayer, server: Any, config: DispatcherConfig) -> None:
         self.layer, self.server = layer, server
-        self.switch = SimulatedSwitch("q1", config.socket, "token of q1")
+        self.switch = SimulatedSwitch("q1", config.socket, "token of q1", config.time)
         self.channel = grpc.aio.insecure_channel(f"unix:{config.socket}")
         self._stub: Any = DispatcherStub(self.channel)  # type: ignore[no-untyped-call]
 
@@ -90,9 +93,11 @@ class Bench:
 
 
 @asynccontextmanager
-async def simulation(folder: Path, **optics: Any) -> AsyncIterator[Bench]:
-    config = configuration(folder, **optics)
-    layer, errors = build_layer(config, CaptureClock(), None), list[BaseException]()
+async def simulation(folder: Path, scale: float = 1.0, **optics: Any) -> AsyncIterator[Bench]:
+    config = replace(
+        configuration(folder, **optics), time_scale=scale, time_since_ns=time.time_ns()
+    )
+    layer, errors = build_layer(config, NetworkClock(config.time), None), list[BaseException]()
     server = build_server(config, build_service(config, layer, errors.append))
     await server.start()
     bench = Bench(layer, server, config)
@@ -139,6 +144,16 @@ def test_switching_time_is_waited_for(tmp_path: Path) -> None:
             begin_s = time.monotonic()
             await bench.switch.set_cross_connects([CrossConnect(1, 2)])
             assert time.monotonic() - begin_s >= 0.05
+
+    play(scene())
+
+
+def test_switching_time_is_that_of_the_network(tmp_path: Path) -> None:
+    async def scene() -> None:
+        async with simulation(tmp_path, scale=20.0, switching_time_s=0.01) as bench:
+            begin_s = time.monotonic()
+            await bench.switch.set_cross_connects([CrossConnect(1, 2)])
+            assert time.monotonic() - begin_s >= 20 * 0.01
 
     play(scene())
 
@@ -208,9 +223,14 @@ def test_tuning_reaches_the_port_and_leaves_the_rest(tmp_path: Path) -> None:
             await bench.switch.tune(2, None, -3.0)
             ports = (await bench.switch.read()).ports
             port, other = ports[2], ports[1]
-            assert (port.frequency_mhz, port.tx_dbm) == (DEFAULT_FREQUENCY_MHZ + 50_000, -3.0)
-            assert (other.frequency_mhz, other.tx_dbm) == (DEFAULT_FREQUENCY_MHZ, 0.0)
+            assert (port.tx_mhz, port.tx_dbm) == (DEFAULT_FREQUENCY_MHZ + 50_000, -3.0)
+            assert (other.tx_mhz, other.tx_dbm) == (DEFAULT_FREQUENCY_MHZ, 0.0)
             assert (other.rx_dbm, other.bias_ma) == (0.0, 20.0)
+            await bench.switch.tune(1, DEFAULT_FREQUENCY_MHZ - 50_000, None, Direction.RECEIVE)
+            await bench.switch.tune(1, DEFAULT_FREQUENCY_MHZ + 50_000, None, Direction.TRANSMIT)
+            turned = (await bench.switch.read()).ports[1]
+            assert turned.rx_mhz == DEFAULT_FREQUENCY_MHZ - 50_000
+            assert turned.tx_mhz == DEFAULT_FREQUENCY_MHZ + 50_000
             await bench.switch.tune(2, None, 0.0)
             assert (await bench.switch.read()).ports[2].tx_dbm == 0.0
 
@@ -249,7 +269,11 @@ async def heard(switch: OpticalHardware) -> tuple[asyncio.Queue[Condition], asyn
 
 
 def test_the_condition_is_reported_at_once_and_after_each_change(tmp_path: Path) -> None:
-    optics = {"insertion_loss_db": 1.0, "rotation": 2, "paths": [PathOptics(1, 3, 2.0, 1)]}
+    optics: dict[str, Any] = {
+        "insertion_loss_db": 1.0,
+        "rotation": 2,
+        "paths": [PathOptics(1, 3, 2.0, 1)],
+    }
 
     async def scene() -> None:
         async with simulation(tmp_path, **optics) as bench:

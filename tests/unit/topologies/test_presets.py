@@ -30,7 +30,7 @@ def test_every_preset_can_be_and_cites_its_source(name: str) -> None:
 def test_the_experiment_of_2017_has_its_capacity() -> None:
     fidelity = preset("fiber-2017").device.source.fidelity
     chances = [fidelity, *[(1 - fidelity) / 3] * 3]
-    capacity = 2 + sum(chance * log2(chance) for chance in chances)
+    capacity = 2 + sum(probability * log2(probability) for probability in chances)
     assert abs(capacity - 1.665) < 0.001
     assert fidelity == pytest.approx(1 - 3 * 0.0598 / 4)
 

@@ -11,6 +11,7 @@ from scapy.fields import (
     LongField,
     ShortField,
     SignedIntField,
+    StrFixedLenField,
     XByteField,
     XShortField,
 )
@@ -52,41 +53,41 @@ SETUP = Setup(
 GOLDEN: list[tuple[Message, str]] = [
     (
         SETUP,
-        "514d0201000000410102030405060708"
+        "514d0301000000510102030405060708"
         "01010a0000030001000000000100009896800007"
         "00000000e4000000000017a728000000000"
-        "00f4240000000000000" + "0000",
+        "00f4240000000000000" + "0000" + "00000000000000000000000000000000",
     ),
     (
         Answer(1, Reason.BUSY, "später"),
-        "514d02020000001b0000000000000001" + "0005" + "0000" + "7370c3a4746572",
+        "514d03020000001b0000000000000001" + "0005" + "0000" + "7370c3a4746572",
     ),
     (
         Answer(1, Reason.OK, symbols=3, encoding=0b10_11_01_00),
-        "514d0202000000140000000000000001" + "0000" + "03b4",
+        "514d0302000000140000000000000001" + "0000" + "03b4",
     ),
-    (Emit(2, 3, 4, 5), "514d02030000001c0000000000000002000000030000000400000005"),
+    (Emit(2, 3, 4, 5), "514d03030000001c0000000000000002000000030000000400000005"),
     (
         Block(3, 1, 9, 1, 10, (Frame(6, 2, 0xDEADBEEF),)),
-        "514d020400000032000000000000000300000001000000090000000100000000"
+        "514d030400000032000000000000000300000001000000090000000100000000"
         "0000000a0001" + "0000000600000002deadbeef",
     ),
     (
         Report(4, 1, 9, 2, 3, 4, 5, (6,), b"\x80\x00"),
-        "514d020500000030000000000000000400000001000000090000000200000003"
+        "514d030500000030000000000000000400000001000000090000000200000003"
         "0000000400000005" + "0001" + "00000006" + "8000",
     ),
     (
         Finish(5, 6, bytes(range(32))),
-        "514d020600000038" + f"{5:016x}{6:016x}" + bytes(range(32)).hex(),
+        "514d030600000038" + f"{5:016x}{6:016x}" + bytes(range(32)).hex(),
     ),
     (
         Values(6, Topic.CORRECTIONS, 2, 9, 5, b"\xe4\x40"),
-        "514d02070000001c0000000000000006" + "0502" + "0000000900000005" + "e440",
+        "514d03070000001c0000000000000006" + "0502" + "0000000900000005" + "e440",
     ),
     (
         Envelope(7, 200, b"own format"),
-        "514d02080000001b0000000000000007" + "c8" + b"own format".hex(),
+        "514d03080000001b0000000000000007" + "c8" + b"own format".hex(),
     ),
 ]
 
@@ -121,6 +122,7 @@ class ScapySetup(Packet):
         XByteField("verdict", 0),
         XByteField("rotation", 0),
         ShortField("reason", 0),
+        StrFixedLenField("seal", b"", 16),
     ]
 
 
@@ -144,7 +146,7 @@ def test_every_truncation_and_every_tail_is_malformed(message: Message) -> None:
 
 def test_scapy_reads_the_same_fields() -> None:
     setup = replace(SETUP, phase_mrad=-5, verdict=Verdict.GRANTED, rotation=Pauli.Z, block=77)
-    setup = replace(setup, fec=3, interleave=1)
+    setup = replace(setup, fec=3, interleave=1, seal=bytes(range(16)))
     seen = ScapySetup(setup.encode())
     for name in (
         "session",
@@ -156,6 +158,7 @@ def test_scapy_reads_the_same_fields() -> None:
         "phase_mrad",
         "fec",
         "interleave",
+        "seal",
     ):
         assert seen.getfieldval(name) == getattr(setup, name)
     assert (seen.verdict, seen.rotation, seen.encoding) == (1, 2, 0xE4)
@@ -167,7 +170,7 @@ def test_a_verdict_moves_no_byte_of_the_set_up() -> None:
     granted = replace(SETUP, verdict=Verdict.GRANTED, rotation=Pauli.X, reason=Reason.OK).encode()
     assert len(granted) == SETUP_LENGTH <= 512
     differing = [i for i, (a, b) in enumerate(zip(granted, SETUP.encode(), strict=True)) if a != b]
-    assert differing == [SETUP_LENGTH - 4, SETUP_LENGTH - 3]
+    assert differing == [SETUP_LENGTH - 20, SETUP_LENGTH - 19]
 
 
 @pytest.mark.parametrize(
@@ -180,8 +183,8 @@ def test_a_verdict_moves_no_byte_of_the_set_up() -> None:
         (17, 9, "unknown handshake 9"),
         (40, 0xE5, "does not use each operator once"),
         (42, 2, "interleave is 2, not 0 or 1"),
-        (SETUP_LENGTH - 4, 7, "unknown verdict 7"),
-        (SETUP_LENGTH - 1, 200, "unknown reason 200"),
+        (SETUP_LENGTH - 20, 7, "unknown verdict 7"),
+        (SETUP_LENGTH - 17, 200, "unknown reason 200"),
     ],
 )
 def test_a_wrong_field_is_named(offset: int, value: int, words: str) -> None:

@@ -28,8 +28,8 @@ def random_bits(rng: Generator, count: int) -> Bits:
 
 def measured(rng: Generator, bits: Bits, bases: Bits, own_bases: Bits) -> Bits:
     """Measure photons prepared in bases: the bit sent in the same basis, chance in the other."""
-    chance = random_bits(rng, bits.size)
-    return np.where(bases == own_bases, bits, chance).astype(np.uint8)
+    random_ones = random_bits(rng, bits.size)
+    return np.where(bases == own_bases, bits, random_ones).astype(np.uint8)
 
 
 def bb84(

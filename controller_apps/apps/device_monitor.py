@@ -1,0 +1,348 @@
+"""Device monitor: polls every device, takes in what they report by themselves, sets hosts.
+
+Quantum switches answer by OpenFlow (port descriptions, port and flow statistics) and report
+by PORT_STATUS. Hosts answer by datagrams of wire.device, which reach the controller like
+this, although it has no address in the hosts' network:
+
+    host --UDP to DEVICE_PORT--> s1, whose entry sends it up and nowhere else (PACKET_IN)
+    host <--UDP from the controller's address-- s1, told to send it out (PACKET_OUT)
+
+The entry also keeps hosts from sending such datagrams to each other; what gets past it, as
+a fragment may, lacks the HMAC. All state belongs to this app's own thread.
+"""
+
+import time
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+from controller_apps.apps.swap_orders import EventNodeAnswered, EventSwapsOrdered, SwapOrders
+from controller_apps.console.questions import EventQuestion, Refused, reply
+from controller_apps.devices.device_view import host_view, switch_view
+from controller_apps.devices.hosts_state import Hosts, Place, Told
+from controller_apps.devices.switch_state import SwitchState
+from controller_apps.openflow import flow_entries
+from controller_apps.openflow.framework import (
+    DEAD,
+    MAIN,
+    App,
+    Event,
+    hub,
+    ofp_event,
+    ofproto,
+    on,
+    parser,
+)
+from controller_apps.packets.datagrams import CONTROLLER_MAC, Frame, is_udp
+from controller_apps.policy.policy import BadPolicy, Policy, read_policy
+from controller_apps.record import Record
+from controller_apps.sessions.chains import orders
+from wire.config import ControllerConfig
+from wire.device import DEVICE_PORT, DeviceQuery, DeviceSettings, check_settings
+from wire.metadata import Answer, MalformedPacket, Message, Reason
+
+SET_TIMEOUT_S = 3.0
+TICK_S = 0.1
+METADATA = "QuantumMetadata"  # the app that asks for orders
+
+
+class EventDeviceTick(Event):
+    """Time has passed."""
+
+
+@dataclass
+class Waiting:
+    """A question about a host that its own answer will settle."""
+
+    question: EventQuestion
+    host: str
+    until: float
+
+
+class DeviceMonitor(App):
+    """Knows the state of every device."""
+
+    OFP_VERSIONS = (ofproto.OFP_VERSION,)
+
+    def __init__(self, config: ControllerConfig, record: Record, **contexts: Any) -> None:
+        super().__init__(**contexts)
+        self.quantum_switches = frozenset(config.quantum_switches)
+        self.address, self.time = config.address, config.time
+        self.policy_path = config.policy
+        self.record = record
+        self.datapaths: dict[int, Any] = {}
+        self.switches: dict[int, SwitchState] = {}
+        self.hosts = Hosts(config.device_keys)
+        self._take_policy(read_policy(config.policy))
+        self._number = 0
+        self._next_poll = 0.0
+        self._waiting: list[Waiting] = []
+        self._orders = SwapOrders()
+        self._silent: set[str] = set()
+
+    def start(self) -> Any:
+        """Begin to handle events; called by the framework."""
+        super().start()
+        hub.spawn(self._tick_for_ever)
+
+    def _tick_for_ever(self) -> None:
+        while True:
+            hub.sleep(TICK_S)
+            self.send_event(self.name, EventDeviceTick())
+
+    @on(EventDeviceTick)
+    def time_passed(self, event: Any) -> None:
+        """Do what is due."""
+        now = time.monotonic()
+        self._give_up_waiting(now)
+        self._repeat_orders(self._now())
+        if now < self._next_poll:
+            return
+        self._next_poll = now + self.hosts.reporting.period_s
+        for dpid in self.switches:
+            if dpid in self.datapaths:
+                self._poll_switch(self.datapaths[dpid])
+        for host in self.hosts.states:
+            self._send(host, DeviceQuery(self._next_number()))
+            self._note_silence(host, now)
+
+    def _now(self) -> float:
+        """Return the time of the network, by which orders go; reports and polls go by the wall."""
+        return self.time.network_s(time.monotonic())
+
+    def _poll_switch(self, datapath: Any) -> None:
+        anything = ofproto.OFPP_ANY, ofproto.OFPG_ANY, 0, 0, parser.OFPMatch()
+        for request in (
+            parser.OFPPortDescStatsRequest(datapath, 0),
+            parser.OFPPortStatsRequest(datapath, 0, ofproto.OFPP_ANY),
+            parser.OFPFlowStatsRequest(datapath, 0, 0, *anything),
+        ):
+            datapath.send_msg(request)
+
+    @on(ofp_event.EventOFPStateChange, MAIN, DEAD)
+    def switch_changed(self, event: Any) -> None:
+        """Note which switches are connected."""
+        datapath, now = event.datapath, time.monotonic()
+        dpid = datapath.id
+        if event.state == MAIN:
+            self.datapaths[dpid] = datapath
+            if dpid in self.quantum_switches:
+                self.switches[dpid] = SwitchState(dpid, now)
+                for port in datapath.ports.values():
+                    self.switches[dpid].describe_port(port)
+        elif self.datapaths.get(dpid) is datapath:
+            del self.datapaths[dpid]
+            if dpid in self.switches:
+                self.switches[dpid].connected = False
+
+    @on(ofp_event.EventOFPPortDescStatsReply, MAIN)
+    def ports_described(self, event: Any) -> None:
+        """Take in what a quantum switch says of its ports."""
+        for port in self._heard(event.msg, event.msg.body):
+            self._describe(event.msg.datapath.id, port)
+
+    @on(ofp_event.EventOFPPortStatus, MAIN)
+    def port_changed(self, event: Any) -> None:
+        """Take in what a quantum switch says of one port by itself."""
+        gone = event.msg.reason == ofproto.OFPPR_DELETE
+        for port in self._heard(event.msg, [event.msg.desc]):
+            self._describe(event.msg.datapath.id, port, gone)
+
+    def _describe(self, dpid: int, port: Any, gone: bool = False) -> None:
+        switch = self.switches[dpid]
+        if switch.describe_port(port, gone):
+            up = not gone and switch.ports[port.port_no]["up"]
+            self.record.write("device", name=switch.name, port=port.port_no, up=up)
+
+    @on(ofp_event.EventOFPPortStatsReply, MAIN)
+    def ports_counted(self, event: Any) -> None:
+        """Take in the counters of a quantum switch's ports."""
+        for statistics in self._heard(event.msg, event.msg.body):
+            self.switches[event.msg.datapath.id].count_port(statistics)
+
+    @on(ofp_event.EventOFPFlowStatsReply, MAIN)
+    def flows_listed(self, event: Any) -> None:
+        """Take in the paths of a quantum switch."""
+        message = event.msg
+        if message.datapath.id in self.switches:
+            more = bool(message.flags & ofproto.OFPMPF_REPLY_MORE)
+            entries = self._heard(message, message.body)
+            self.switches[message.datapath.id].list_paths(entries, more)
+
+    def _heard(self, message: Any, body: list[Any]) -> list[Any]:
+        """Return what a message holds if it comes from a quantum switch, and note the time."""
+        switch = self.switches.get(message.datapath.id)
+        if switch is None:
+            return []
+        switch.heard = time.monotonic()
+        return body
+
+    @on(ofp_event.EventOFPPacketIn, MAIN)
+    def packet_arrived(self, event: Any) -> None:
+        """Take in the datagrams of hosts; the rest is not ours."""
+        message, frame = event.msg, bytes(event.msg.data)
+        classical = message.datapath.id not in self.quantum_switches
+        if not classical or message.table_id != flow_entries.METADATA_TABLE or not is_udp(frame):
+            return
+        try:
+            datagram = Frame.decode(frame)
+            place = Place(
+                message.datapath.id,
+                message.match["in_port"],
+                datagram.source_mac,
+                datagram.source,
+            )
+            told = self.hosts.heard(datagram.payload, place, time.monotonic())
+        except MalformedPacket as error:
+            self.logger.info("dropped: %s", error)
+            return
+        self._take_in(told)
+
+    def _take_in(self, told: Told) -> None:
+        host = told.host
+        if told.first or host in self._silent:
+            self._silent.discard(host)
+            self.logger.info("%s is heard", host)
+            self.record.write("device", name=host, state="heard")
+        if told.answer is not None and told.answer.reason != Reason.OK:
+            self.logger.warning("%s: %s", host, told.answer.text)
+            self._settle(host, Refused(f"{host}: {told.answer.text}"))
+        state = self.hosts.states[host]
+        if told.answer is not None:
+            self._order_answered(state.place.address, told.answer)
+        if state.report.settings == self.hosts.wanted.get(host, DeviceSettings()):
+            self._settle(host, host_view(host, state, silent=False, age_s=0.0))
+        if told.answer is None:  # a report shows what is still to be set
+            for message in self.hosts.due(host):
+                self._send(host, message(self._next_number()))
+
+    @on(EventSwapsOrdered)
+    def swaps_ordered(self, event: Any) -> None:
+        """Tell the nodes of a chain of repeaters what they do, until they have understood."""
+        now, ordered = self._now(), event.ordered
+        for node, order in orders(ordered, self._next_number()).items():
+            self._orders.add(node, order, now)
+        self._send_orders()
+        facts = {"nodes": [stop.address for stop in ordered.chain], "schedule": ordered.schedule}
+        self.record.write("chain", session=f"{ordered.session:016x}", **facts)
+
+    def _order_answered(self, node: str, answer: Answer) -> None:
+        order = self._orders.answered(node, answer.session)
+        if order is not None:
+            reason = Reason(answer.reason)
+            self.send_event(METADATA, EventNodeAnswered(order.chain, node, reason))
+
+    def _repeat_orders(self, now: float) -> None:
+        for node, order in self._orders.give_up(now):
+            self.logger.warning("%s has not answered its order for %016x", node, order.chain)
+        self._send_orders()
+
+    def _send_orders(self) -> None:
+        """Send what is not answered yet to those who have been heard; others may be, soon."""
+        hosts = {state.place.address: host for host, state in self.hosts.states.items()}
+        for node, order in self._orders.due():
+            if node in hosts:
+                self._send(hosts[node], order)
+
+    @on(EventQuestion)
+    def asked(self, question: Any) -> None:
+        """Answer what another thread wants to know."""
+        if question.name == "set":
+            try:
+                self._set(question, **question.fields)
+            except Refused as refused:
+                question.answer(refused)
+            return
+        reply(question, {"devices": self._devices, "reload": self._reload_policy})
+
+    def _devices(self) -> list[dict[str, Any]]:
+        now = time.monotonic()
+        period_s = self.hosts.reporting.period_s
+        switches = [switch_view(switch, now, period_s) for switch in self.switches.values()]
+        hosts = [
+            host_view(host, state, self.hosts.silent(host, now), now - state.heard)
+            for host, state in sorted(self.hosts.states.items())
+        ]
+        unheard = [
+            {"name": host, "kind": "host", "state": "never heard"}
+            for host in sorted(set(self.hosts.keys) - set(self.hosts.states))
+        ]
+        return [*switches, *hosts, *unheard]
+
+    def _set(self, question: Any, device: str, settings: dict[str, Any]) -> None:
+        """Override settings of a host; its own answer settles the question."""
+        if device in {switch.name for switch in self.switches.values()}:
+            raise Refused(f"{device} is a switch: its ports are tuned by OpenFlow (PORT_MOD)")
+        if device not in self.hosts.keys:
+            known = ", ".join(sorted(self.hosts.keys)) or "none"
+            raise Refused(f"no device {device!r}; hosts with a node agent: {known}")
+        if device not in self.hosts.states:
+            raise Refused(f"{device} has never been heard; is its stack running?")
+        known_names = [item.name for item in fields(DeviceSettings)]
+        for name in settings:
+            if name not in known_names:
+                raise Refused(f"no setting {name!r}; choose one of {', '.join(known_names)}")
+        wanted = replace(self.hosts.wanted.get(device, DeviceSettings()), **settings)
+        try:
+            check_settings(wanted)
+        except ValueError as error:
+            raise Refused(str(error)) from error
+        self.hosts.wanted[device] = wanted
+        self.logger.info("%s shall use %s", device, wanted)
+        self.record.write("override", name=device, **settings)
+        self._waiting.append(Waiting(question, device, time.monotonic() + SET_TIMEOUT_S))
+        self._send(device, DeviceQuery(self._next_number()))  # its report shows what is due
+
+    def _settle(self, host: str, answer: Any) -> None:
+        for waiting in [waiting for waiting in self._waiting if waiting.host == host]:
+            self._waiting.remove(waiting)
+            waiting.question.answer(answer)
+
+    def _give_up_waiting(self, now: float) -> None:
+        for waiting in [waiting for waiting in self._waiting if waiting.until <= now]:
+            self._waiting.remove(waiting)
+            text = f"{waiting.host} has not answered in {SET_TIMEOUT_S:g} s; it is set once it does"
+            waiting.question.answer(Refused(text))
+
+    def _note_silence(self, host: str, now: float) -> None:
+        if host not in self._silent and self.hosts.silent(host, now):
+            self._silent.add(host)
+            self.logger.warning("%s is silent", host)
+            self.record.write("device", name=host, state="silent")
+
+    def _reload_policy(self) -> str:
+        try:
+            self._take_policy(read_policy(self.policy_path))
+        except BadPolicy as error:
+            raise Refused(f"{error}; the policy before stays in force") from error
+        return self.policy_path
+
+    def _take_policy(self, policy: Policy) -> None:
+        """Take overrides and reporting from the policy, in place of all there were."""
+        for name in policy.devices:
+            if name not in self.hosts.keys:
+                known = ", ".join(sorted(self.hosts.keys)) or "none"
+                raise BadPolicy(f"policy: device {name!r} is no host; hosts are {known}")
+        self.hosts.wanted = dict(policy.devices)
+        self.hosts.reporting = policy.reporting
+
+    def _send(self, host: str, message: Message) -> None:
+        place = self.hosts.states[host].place
+        datapath = self.datapaths.get(place.dpid)
+        if datapath is None:
+            return  # its switch is gone
+        payload = self.hosts.seal(host, message, self._next_number())
+        frame = Frame(
+            CONTROLLER_MAC,
+            place.mac,
+            self.address,
+            place.address,
+            DEVICE_PORT,
+            DEVICE_PORT,
+            payload,
+        )
+        out = flow_entries.packet_out(datapath, ofproto.OFPP_CONTROLLER, place.port, frame.encode())
+        datapath.send_msg(out)
+
+    def _next_number(self) -> int:
+        self._number = max(self._number + 1, time.time_ns())
+        return self._number

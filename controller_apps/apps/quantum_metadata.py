@@ -1,0 +1,399 @@
+"""Quantum metadata: reads set-up messages and opens light paths before it lets them on.
+
+The thinking is the arbiter's; this turns OpenFlow into its calls and its actions into
+OpenFlow. All state belongs to this app's own thread: the clock comes as an event, too.
+"""
+
+import time
+from collections import Counter
+from itertools import count
+from typing import Any
+
+from controller_apps.apps.swap_orders import EventNodeAnswered, EventSwapsOrdered
+from controller_apps.console.questions import EventQuestion, Refused, reply
+from controller_apps.console.views import (
+    abilities_view,
+    fibers_view,
+    name_of,
+    paths_view,
+    sessions_view,
+)
+from controller_apps.light.optics import SwitchPort
+from controller_apps.light.paths import Network
+from controller_apps.openflow import flow_entries, optical_messages
+from controller_apps.openflow.fibers import Fibers
+from controller_apps.openflow.framework import (
+    CONFIG,
+    DEAD,
+    MAIN,
+    App,
+    Event,
+    hub,
+    ofp_event,
+    ofproto,
+    on,
+)
+from controller_apps.openflow.mac_table import MacTable
+from controller_apps.packets.segments import FiveTuple, is_tcp
+from controller_apps.policy.policy import DEFAULT, BadPolicy, read_policy
+from controller_apps.record import Record
+from controller_apps.sessions.actions import (
+    Action,
+    AddBypass,
+    ClosePaths,
+    Drop,
+    Forget,
+    Forward,
+    Keep,
+    Note,
+    OpenPaths,
+    RemoveBypass,
+    SwapsOrdered,
+)
+from controller_apps.sessions.admission import Admission
+from controller_apps.sessions.arbiter import Arbiter
+from controller_apps.sessions.permission import Permission
+from controller_apps.sessions.restore import take_over
+from controller_apps.sessions.snapshot import encode_hosts
+from controller_apps.sessions.state_folder import StateFolder
+from wire.config import ControllerConfig
+from wire.metadata import MalformedPacket, Reason, Setup
+
+TICK_S = 0.2
+DEVICE_MONITOR = "DeviceMonitor"  # the app that speaks to the hosts
+
+
+class EventTick(Event):
+    """Time has passed."""
+
+
+class QuantumMetadata(App):
+    """Arbitrates light between hosts."""
+
+    OFP_VERSIONS = (ofproto.OFP_VERSION,)
+
+    def __init__(
+        self,
+        config: ControllerConfig,
+        mac_table: MacTable,
+        record: Record,
+        state: StateFolder,
+        **contexts: Any,
+    ) -> None:
+        super().__init__(**contexts)
+        self.quantum_switches = frozenset(config.quantum_switches)
+        self.time = config.time
+        # Open vSwitch counts it, on the wall clock.
+        self.bypass_timeout_s = min(round(config.time.wall_s(config.idle_timeout_s)), 0xFFFF)
+        self.mac_table = mac_table
+        self.record = record
+        self.network = Network()
+        self.arbiter = Arbiter(
+            self.network,
+            config.hold_timeout_s,
+            config.idle_timeout_s,
+            config.loss_budget_db,
+            config.contention == "queue",
+            keys={at: config.device_keys[host] for host, at in config.addresses.items()},
+        )
+        self.fibers = Fibers(self.network, record, self.logger)
+        self.policy_path = config.policy
+        self.permission = Permission(
+            read_policy(config.policy), self.network, self.arbiter.sessions
+        )
+        self.arbiter.forbid = self._forbid
+        self._follow_policy()
+        self.datapaths: dict[int, Any] = {}
+        self.packet_in_count = 0
+        self.dropped: Counter[str] = Counter()
+        self._xids = count(1)
+        # By switch and xid: entries of unfinished replies, transactions of the arbiter.
+        self._listed: dict[tuple[int, int], list[Any]] = {}
+        self._transactions: dict[tuple[int, int], int] = {}
+        self.state = state
+        for number in take_over(state, self.arbiter, self.logger, self._now()):
+            self._note(Note("resumed", number))
+        self._keep_hosts()
+
+    def start(self) -> Any:
+        """Begin to handle events; called by the framework."""
+        super().start()
+        hub.spawn(self._tick_for_ever)
+
+    def _keep_hosts(self) -> None:
+        self._hosts_kept = self.network.hosts
+        self.state.keep_hosts(encode_hosts(self._hosts_kept))
+
+    def _tick_for_ever(self) -> None:
+        while True:
+            hub.sleep(TICK_S)
+            self.send_event(self.name, EventTick())
+
+    @on(EventTick)
+    def time_passed(self, event: Any) -> None:
+        """Do what is due."""
+        self.fibers.time_passed(time.monotonic())
+        self._do(self.arbiter.tick(self._now()))
+
+    def _now(self) -> float:
+        """Return the time of the network, by which sessions go; discovery goes by the wall."""
+        return self.time.network_s(time.monotonic())
+
+    @on(ofp_event.EventOFPStateChange, MAIN, DEAD)
+    def switch_changed(self, event: Any) -> None:
+        """Take in a switch that has connected, end what used one that is gone."""
+        datapath = event.datapath
+        known = self.datapaths.get(datapath.id)
+        if event.state == DEAD and known is not datapath:
+            return  # its successor is here already, or it never said who it was
+        if known is not None:
+            del self.datapaths[datapath.id]
+            for table in (self._transactions, self._listed):
+                for key in [key for key in table if key[0] == datapath.id]:
+                    del table[key]
+            self.fibers.switch_left(datapath.id)
+            self._do(self.arbiter.switch_left(datapath.id, self._now()))
+            self.logger.info("switch %#x is gone", datapath.id)
+        if event.state == MAIN:
+            self._take_in(datapath)
+
+    def _take_in(self, datapath: Any) -> None:
+        self.datapaths[datapath.id] = datapath
+        if datapath.id not in self.quantum_switches:
+            for message in flow_entries.metadata_entries(datapath):
+                datapath.send_msg(message)
+            self._ask_entries(datapath)
+            self._ready(datapath.id, "classical")
+            return
+        datapath.send_msg(flow_entries.discovery_entry(datapath))
+        for message in flow_entries.classical_entries(datapath):
+            datapath.send_msg(message)
+        self._ask_entries(datapath)
+        self.fibers.switch_here(datapath, time.monotonic())  # of use when it has told its optics
+
+    def _ask_entries(self, datapath: Any) -> None:
+        question = flow_entries.ask_entries(datapath)
+        datapath.send_msg(question)
+        self._listed[datapath.id, question.xid] = []
+
+    def _ready(self, dpid: int, kind: str) -> None:
+        self.logger.info("switch %#x is here: %s", dpid, kind)
+        self.record.write("switch", dpid=dpid, kind=kind)
+
+    @on(ofp_event.EventOFPExperimenterStatsReply, CONFIG, MAIN)
+    def optics_told(self, event: Any) -> None:
+        """Take in what a switch does to light."""
+        if self.fibers.told(event.msg):
+            self._optics_known(event.msg.datapath.id)
+
+    def _optics_known(self, dpid: int) -> None:
+        if dpid not in self.network.connected:
+            self.network.connected.add(dpid)
+            self._ready(dpid, "quantum")
+        self._do(self.arbiter.network_changed(self._now()))
+
+    @on(ofp_event.EventOFPPortStatsReply, CONFIG, MAIN)
+    def ports_measured(self, event: Any) -> None:
+        """Take in what the ports of a quantum switch measure."""
+        if event.msg.datapath.id in self.quantum_switches:
+            self.fibers.measured(event.msg)
+
+    @on(ofp_event.EventOFPFlowStatsReply, CONFIG, MAIN)
+    def flows_listed(self, event: Any) -> None:
+        """Make what a switch has kept of its past what living sessions asked for."""
+        dpid, xid = event.msg.datapath.id, event.msg.xid
+        if (dpid, xid) not in self._listed:
+            return  # somebody else has asked
+        self._listed[dpid, xid] += event.msg.body
+        if event.msg.flags & ofproto.OFPMPF_REPLY_MORE:
+            return
+        entries = self._listed.pop((dpid, xid))
+        if dpid in self.quantum_switches:
+            found = [
+                (entry.cookie, flow_entries.hop_of(dpid, entry))
+                for entry in entries
+                if flow_entries.is_path(entry)
+            ]
+            self._do(self.arbiter.entries_found(dpid, found))
+        else:
+            self._bypasses_listed(event.msg.datapath, [entry for entry in entries if entry.cookie])
+
+    def _bypasses_listed(self, datapath: Any, entries: list[Any]) -> None:
+        found = []
+        for entry in entries:
+            connection = flow_entries.bypassed(entry)
+            if connection is not None:
+                found.append((entry.cookie, connection))
+            else:  # of somebody else; this table is ours
+                table = flow_entries.METADATA_TABLE
+                datapath.send_msg(flow_entries.delete_entry(datapath, table, entry))
+        self._do(self.arbiter.bypasses_found(datapath.id, found))
+
+    @on(ofp_event.EventOFPPacketIn, MAIN)
+    def packet_arrived(self, event: Any) -> None:
+        """Hand LLDP to discovery and metadata to the arbiter; the rest is not ours."""
+        self.packet_in_count += 1
+        message = event.msg
+        dpid, in_port, frame = message.datapath.id, message.match["in_port"], bytes(message.data)
+        if message.table_id == flow_entries.LEARNING_TABLE:
+            return
+        if dpid in self.quantum_switches:
+            self._fiber_spoke(SwitchPort(dpid, in_port), frame)
+        elif is_tcp(frame):
+            self._do(self.arbiter.segment_arrived(dpid, in_port, frame, self._now()))
+
+    def _fiber_spoke(self, at: SwitchPort, frame: bytes) -> None:
+        try:
+            news = self.fibers.spoke(at, frame, time.monotonic())
+        except MalformedPacket as error:
+            self._drop(Drop("lldp", f"switch {at.dpid:#x} port {at.port}: {error}"))
+            return
+        if self.network.hosts is not self._hosts_kept:
+            self._keep_hosts()
+        if news:
+            self._do(self.arbiter.network_changed(self._now()))
+
+    @on(ofp_event.EventOFPPortStatus, MAIN)
+    def port_changed(self, event: Any) -> None:
+        """Note a port whose fibre was cut or mended, and move what it has cut off."""
+        quantum = event.msg.datapath.id in self.quantum_switches
+        if quantum and self.fibers.port_changed(event.msg, time.monotonic()):
+            self._do(self.arbiter.network_changed(self._now()))
+
+    @on(ofp_event.EventOFPBarrierReply, CONFIG, MAIN)
+    def barrier_passed(self, event: Any) -> None:
+        """Tell the arbiter that a switch is ready."""
+        dpid, xid = event.msg.datapath.id, event.msg.xid
+        transaction = self._transactions.get((dpid, xid))
+        if transaction is None:
+            return
+        while self._transactions.get((dpid, xid)) == transaction:  # back to the bundle's begin
+            del self._transactions[dpid, xid]
+            xid -= 1
+        self._do(self.arbiter.barrier_passed(dpid, transaction, self._now()))
+
+    @on(ofp_event.EventOFPErrorMsg, CONFIG, MAIN)
+    def switch_refused(self, event: Any) -> None:
+        """Tell the arbiter that a switch will not do it."""
+        error = event.msg
+        dpid = error.datapath.id or 0  # 0: not yet known
+        if self.fibers.silent(dpid, error.xid):
+            self._optics_known(dpid)
+            return
+        code = getattr(error, "code", "of an experimenter")
+        self.logger.warning("switch %#x: error type %d, code %s", dpid, error.type, code)
+        transaction = self._transactions.get((dpid, error.xid))
+        if transaction is not None:
+            self._do(self.arbiter.switch_refused(transaction, self._now()))
+
+    @on(ofp_event.EventOFPFlowRemoved, MAIN)
+    def entry_removed(self, event: Any) -> None:
+        """Tell the arbiter that a connection has fallen silent."""
+        message = event.msg
+        classical = message.datapath.id not in self.quantum_switches
+        idle = message.reason == ofproto.OFPRR_IDLE_TIMEOUT
+        if classical and idle and message.priority == flow_entries.BYPASS_PRIORITY:
+            connection = flow_entries.five_tuple_of(message.match)
+            switch = message.datapath.id
+            self._do(self.arbiter.bypass_expired(switch, connection, self._now()))
+
+    @on(EventNodeAnswered)
+    def node_answered(self, event: Any) -> None:
+        """Tell the arbiter that a node of a chain has, or will not."""
+        session, node = event.session, event.node
+        self._do(self.arbiter.node_answered(session, node, event.reason, self._now()))
+
+    @on(EventQuestion)
+    def asked(self, question: Any) -> None:
+        """Answer what another thread wants to know."""
+        handlers = {
+            "sessions": lambda: sessions_view(self.arbiter.sessions, self.network, self._now()),
+            "paths": lambda: paths_view(self.arbiter.sessions, self.network),
+            "fibers": lambda: fibers_view(self.network),
+            "abilities": lambda: abilities_view(self.network),
+            "reload": self._reload_policy,
+        }
+        reply(question, handlers)
+
+    def _forbid(self, setup: Setup, five_tuple: FiveTuple) -> Admission | None:
+        objection = self.permission.objection(setup, five_tuple)
+        if not objection:
+            return None
+        ends = [name_of(self.network, end) for end in (five_tuple.source, five_tuple.destination)]
+        self.logger.info("session %016x, %s to %s: %s", setup.session, *ends, objection)
+        self.record.write("forbidden", session=f"{setup.session:016x}", detail=objection)
+        return Admission(Reason.NOT_ALLOWED)
+
+    def _reload_policy(self) -> str:
+        try:
+            self.permission.policy = read_policy(self.policy_path)
+        except BadPolicy as error:
+            raise Refused(f"{error}; the policy before stays in force") from error
+        self._follow_policy()
+        self.record.write("policy", path=self.policy_path)
+        return self.policy_path or str(DEFAULT)
+
+    def _follow_policy(self) -> None:
+        policy = self.permission.policy
+        self.arbiter.taps, self.arbiter.schedule = policy.taps, policy.schedule
+
+    def close(self) -> None:
+        """Record the end."""
+        self.record.write("stopped", packet_in_count=self.packet_in_count)
+
+    def _do(self, actions: list[Action]) -> None:
+        for action in actions:
+            if isinstance(action, Note):
+                self._note(action)
+            elif isinstance(action, Drop):
+                self._drop(action)
+            elif isinstance(action, Keep):
+                self.state.keep_session(action.session, action.data)
+            elif isinstance(action, Forget):
+                self.state.forget_session(action.session)
+            elif isinstance(action, SwapsOrdered):
+                self.send_event(DEVICE_MONITOR, EventSwapsOrdered(action))
+            elif action.dpid in self.datapaths:  # what is gone needs nothing
+                datapath = self.datapaths[action.dpid]
+                flow_entries.send(datapath, self._messages(datapath, action))
+
+    def _messages(self, datapath: Any, action: Action) -> list[Any]:
+        match action:
+            case Forward(dpid, in_port, frame):
+                port = self.mac_table.port_of(dpid, frame[:6])
+                return [flow_entries.packet_out(datapath, in_port, port, frame)]
+            case OpenPaths():
+                messages = flow_entries.path_bundle(datapath, action, self._tuning(action))
+                for message in messages:
+                    message.set_xid(next(self._xids) & 0xFFFFFFFF)
+                    self._transactions[action.dpid, message.xid] = action.transaction
+                return messages
+            case ClosePaths(_, session):
+                return [flow_entries.delete_paths(datapath, session)]
+            case AddBypass(_, five_tuple, session):
+                return [flow_entries.bypass(datapath, five_tuple, session, self.bypass_timeout_s)]
+            case RemoveBypass(_, five_tuple, session):
+                return [flow_entries.delete_bypass(datapath, five_tuple, session)]
+            case _:
+                raise TypeError(f"{action} is not for a switch")
+
+    def _tuning(self, action: OpenPaths) -> list[Any]:
+        datapath = self.datapaths[action.dpid]
+        ports = [port for port in action.tuned if port in datapath.ports]
+        return [optical_messages.tune(datapath, port, action.frequency_mhz) for port in ports]
+
+    def _note(self, note: Note) -> None:
+        fields: dict[str, Any] = {"session": f"{note.session:016x}"}
+        if note.setup_ms is not None:
+            fields["setup_ms"] = round(note.setup_ms, 4)
+        if note.detail:
+            fields["detail"] = note.detail
+        if note.event == "refused":  # the rest is in the record, a line for every pair
+            self.logger.info("session %016x: refused, %s", note.session, note.detail)
+        self.record.write(note.event, **fields, packet_in_count=self.packet_in_count)
+
+    def _drop(self, drop: Drop) -> None:
+        self.dropped[drop.cause] += 1
+        self.logger.info(
+            "dropped (%s, %d so far): %s", drop.cause, self.dropped[drop.cause], drop.detail
+        )

@@ -1,0 +1,52 @@
+"""Orders for chains of repeaters on their way to the hosts: sent again until they are answered."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from controller_apps.openflow.framework import Event
+from controller_apps.sessions.actions import SwapsOrdered
+from controller_apps.sessions.ordering import NODE_TIMEOUT_S
+from wire.device import SwapOrder
+from wire.metadata import Reason
+
+
+class EventSwapsOrdered(Event):
+    """A chain has been chosen."""
+
+    def __init__(self, ordered: SwapsOrdered) -> None:
+        super().__init__()
+        self.ordered = ordered
+
+
+class EventNodeAnswered(Event):
+    """A node of a chain has answered its order."""
+
+    def __init__(self, session: int, node: str, reason: Reason) -> None:
+        super().__init__()
+        self.session, self.node, self.reason = session, node, reason
+
+
+@dataclass
+class SwapOrders:
+    """The orders that no node has answered yet, by the node's address and number."""
+
+    _waiting: dict[tuple[str, int], tuple[SwapOrder, float]] = field(default_factory=dict)
+
+    def add(self, node: str, order: SwapOrder, now: float) -> None:
+        """Send it from now on."""
+        self._waiting[node, order.session] = order, now + NODE_TIMEOUT_S
+
+    def answered(self, node: str, number: int) -> SwapOrder | None:
+        """Send it no more; return which one it was, None if it was none."""
+        order, _until = self._waiting.pop((node, number), (None, 0.0))
+        return order
+
+    def due(self) -> Iterator[tuple[str, SwapOrder]]:
+        """Yield what has to be sent again, and to which node."""
+        for (node, _number), (order, _until) in list(self._waiting.items()):
+            yield node, order
+
+    def give_up(self, now: float) -> list[tuple[str, SwapOrder]]:
+        """Drop and return what has not been answered in time."""
+        late = [key for key, (_order, until) in self._waiting.items() if until <= now]
+        return [(node, self._waiting.pop((node, number))[0]) for node, number in late]

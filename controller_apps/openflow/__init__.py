@@ -1,0 +1,1 @@
+"""OpenFlow 1.4 messages: made for switches, and read from them."""

@@ -1,0 +1,150 @@
+"""LLDP (IEEE 802.1AB) on the fibres' supervisory channel: what hosts and switches say by it.
+
+Hosts name themselves and say what they can do (wire.features). Switches say what the controller
+has them say: chassis and port as the frameworks' own topology app writes them, and a seal that
+only this controller can make. A host can therefore not invent a fibre between switches. What
+remains: a host with fibres to two switches that has not announced itself can carry sealed
+messages from one to the other, both ways, and so pose as the fibre that it could be; and a host
+may announce itself under another host's name.
+"""
+
+import struct
+from dataclasses import dataclass
+from hashlib import blake2b
+from hmac import compare_digest
+from ipaddress import IPv4Address
+from typing import Any
+
+from controller_apps.light.optics import SwitchPort
+from controller_apps.light.paths import HostPort
+from controller_apps.openflow.framework import lldp
+from wire.features import OUI, SUBTYPE, Abilities
+from wire.metadata import MalformedPacket
+
+IPV4_ADDRESS = 1  # IANA address family number
+MULTICAST = bytes.fromhex("0180c200000e")
+SWITCH_PREFIX = b"dpid:"
+PORT = struct.Struct("!I")
+SEAL = 1  # our subtype
+SEAL_LENGTH = 16
+TTL_S = 120
+
+
+@dataclass(frozen=True)
+class Announcement:
+    """A host's message: a port, and whether it is there or says goodbye."""
+
+    host_port: HostPort
+    leaving: bool
+
+
+@dataclass(frozen=True)
+class SwitchSaid:
+    """A message that a controller has sent out of a port of a switch."""
+
+    at: SwitchPort
+    seal: bytes  # empty if another controller has sent it
+
+
+def parse(frame: bytes) -> Announcement | SwitchSaid:
+    """Read a frame; raise MalformedPacket unless it names host, port and IPv4 address.
+
+    A message of a switch names its datapath id and port instead.
+    """
+    message, _, _ = lldp.lldp.parser(frame[14:])
+    if message is None or len(message.tlvs) < 3:
+        raise MalformedPacket(f"LLDP of {len(frame)} bytes cannot be read")
+    chassis, port, ttl = message.tlvs[:3]
+    if not (
+        isinstance(chassis, lldp.ChassisID)
+        and isinstance(port, lldp.PortID)
+        and isinstance(ttl, lldp.TTL)
+    ):
+        raise MalformedPacket("LLDP does not begin with chassis, port and time to live")
+    if bytes(chassis.chassis_id).startswith(SWITCH_PREFIX):
+        return _switch(chassis, port, message.tlvs)
+    return _host(chassis, port, ttl, message.tlvs)
+
+
+def _host(chassis: Any, port: Any, ttl: Any, tlvs: list[Any]) -> Announcement:
+    addresses = [
+        bytes(tlv.addr)
+        for tlv in tlvs
+        if tlv.tlv_type == lldp.LLDP_TLV_MANAGEMENT_ADDRESS
+        and tlv.addr_subtype == IPV4_ADDRESS
+        and len(tlv.addr) == 4
+    ]
+    if not addresses:
+        raise MalformedPacket("LLDP without an IPv4 management address")
+    host = _name(chassis.subtype, chassis.chassis_id)
+    address = str(IPv4Address(addresses[0]))
+    name = _name(port.subtype, port.port_id)
+    return Announcement(HostPort(host, address, name, _abilities(tlvs)), ttl.ttl == 0)
+
+
+def _abilities(tlvs: list[Any]) -> Abilities | None:
+    """Return what a host says that it can do; None if it says nothing of it."""
+    told = _ours(tlvs, SUBTYPE)
+    if len(told) > 1:
+        raise MalformedPacket(f"LLDP that tells {len(told)} times what a host can do")
+    return Abilities.decode(told[0]) if told else None
+
+
+def _ours(tlvs: list[Any], subtype: int) -> list[bytes]:
+    """Return what our own TLVs of a subtype hold."""
+    return [
+        bytes(tlv.info)
+        for tlv in tlvs
+        if isinstance(tlv, lldp.OrganizationallySpecific)
+        and (bytes(tlv.oui), tlv.subtype) == (OUI, subtype)
+    ]
+
+
+def _switch(chassis: Any, port: Any, tlvs: list[Any]) -> SwitchSaid:
+    digits, number = bytes(chassis.chassis_id).removeprefix(SWITCH_PREFIX), bytes(port.port_id)
+    try:
+        dpid = int.from_bytes(bytes.fromhex(digits.decode("ascii")), "big")
+    except ValueError as error:
+        raise MalformedPacket(f"LLDP of a switch with datapath id {digits!r}") from error
+    if len(digits) != 16 or len(number) != PORT.size:
+        raise MalformedPacket(f"LLDP of switch {digits!r} with port id {number!r}")
+    if port.subtype != lldp.PortID.SUB_PORT_COMPONENT:
+        raise MalformedPacket(f"LLDP of switch {digits!r} with port subtype {port.subtype}")
+    seals = _ours(tlvs, SEAL)
+    return SwitchSaid(SwitchPort(dpid, *PORT.unpack(number)), seals[0] if seals else b"")
+
+
+def _name(subtype: int, value: bytes) -> str:
+    if subtype != lldp.ChassisID.SUB_LOCALLY_ASSIGNED:  # 7, for ports as well
+        raise MalformedPacket(f"LLDP identifier of subtype {subtype}, 7 is understood")
+    try:
+        name = bytes(value).decode("ascii")
+    except UnicodeDecodeError as error:
+        raise MalformedPacket(f"LLDP identifier {bytes(value)!r} is not ASCII") from error
+    if not name or not name.isprintable():
+        raise MalformedPacket(f"LLDP identifier {name!r} is not a name")
+    return name
+
+
+def switch_message(at: SwitchPort, address: bytes, key: bytes) -> bytes:
+    """Return the frame to be sent out of a port whose hardware address is given."""
+    tlvs = (
+        (lldp.LLDP_TLV_CHASSIS_ID, b"\x07" + SWITCH_PREFIX + b"%016x" % at.dpid),
+        (lldp.LLDP_TLV_PORT_ID, b"\x02" + PORT.pack(at.port)),
+        (lldp.LLDP_TLV_TTL, TTL_S.to_bytes(2, "big")),
+        (lldp.LLDP_TLV_ORGANIZATIONALLY_SPECIFIC, OUI + bytes([SEAL]) + seal(at, key)),
+        (lldp.LLDP_TLV_END, b""),
+    )
+    body = b"".join(struct.pack("!H", kind << 9 | len(value)) + value for kind, value in tlvs)
+    return MULTICAST + address + b"\x88\xcc" + body
+
+
+def seal(at: SwitchPort, key: bytes) -> bytes:
+    """Return what shows that a message about a port comes from the holder of the key."""
+    text = b"%016x:%d" % at
+    return blake2b(text, key=key, digest_size=SEAL_LENGTH).digest()
+
+
+def is_genuine(said: SwitchSaid, key: bytes) -> bool:
+    """Tell whether the holder of the key has sent a message."""
+    return compare_digest(said.seal, seal(said.at, key))

@@ -1,0 +1,267 @@
+"""The OpenFlow messages of both apps: standing entries, paths, bypasses, packets out.
+
+Classical switches: table 0 picks quantum metadata out, table 1 learns and forwards.
+Quantum switches: table 0 holds light paths and nothing else, but for LLDP.
+"""
+
+from typing import Any
+
+from controller_apps.light.paths import Hop
+from controller_apps.openflow.framework import ofproto, parser
+from controller_apps.openflow.optical_messages import is_fiber
+from controller_apps.packets.datagrams import IP_UDP
+from controller_apps.packets.segments import ACK, FIN, IP_TCP, RST, SYN, FiveTuple
+from controller_apps.sessions.actions import OpenPaths
+from wire.device import DEVICE_PORT
+from wire.metadata import METADATA_PORT
+
+METADATA_TABLE, LEARNING_TABLE = 0, 1
+CLOSE_PRIORITY, BYPASS_PRIORITY, OPENING_PRIORITY, METADATA_PRIORITY = 400, 300, 250, 200
+PATH_PRIORITY = 100
+LLDP_PRIORITY = 65000
+LEARNING_PRIORITY = 1
+ETH_TYPE_IPV4, ETH_TYPE_LLDP = 0x0800, 0x88CC
+ALL_BITS = (1 << 64) - 1
+BUNDLE_FLAGS = ofproto.OFPBF_ATOMIC | ofproto.OFPBF_ORDERED
+
+
+def output(port: int) -> Any:
+    """Return the instruction to send packets out of a port."""
+    action = parser.OFPActionOutput(port, ofproto.OFPCML_NO_BUFFER)
+    return parser.OFPInstructionActions(ofproto.OFPIT_APPLY_ACTIONS, [action])
+
+
+def to_controller() -> Any:
+    """Return the instruction to send whole packets to the controller."""
+    return output(ofproto.OFPP_CONTROLLER)
+
+
+def to_learning() -> Any:
+    """Return the instruction to go on with ordinary forwarding."""
+    return parser.OFPInstructionGotoTable(LEARNING_TABLE)
+
+
+def add(
+    datapath: Any, table: int, priority: int, match: dict[str, Any], *instructions: Any, **more: Any
+) -> Any:
+    """Return the message that adds an entry."""
+    return parser.OFPFlowMod(
+        datapath,
+        table_id=table,
+        priority=priority,
+        match=parser.OFPMatch(**match),
+        instructions=list(instructions),
+        **more,
+    )
+
+
+def delete(datapath: Any, table: int, strict: bool = False, **more: Any) -> Any:
+    """Return the message that deletes all entries of a table that fit."""
+    command = ofproto.OFPFC_DELETE_STRICT if strict else ofproto.OFPFC_DELETE
+    return parser.OFPFlowMod(
+        datapath,
+        table_id=table,
+        command=command,
+        out_port=ofproto.OFPP_ANY,
+        out_group=ofproto.OFPG_ANY,
+        **more,
+    )
+
+
+def metadata_entries(datapath: Any) -> list[Any]:
+    """Return what makes table 0 of a classical switch pick quantum metadata out.
+
+    Bypasses, which carry the cookie of their session, stay: see ask_entries.
+    Whatever can carry a set-up message goes to the controller, whichever flags it has: a switch
+    cannot see whether a segment has data. The first SYN stays in the switch; what else might be
+    in it no listener takes.
+    """
+    to_port = {"eth_type": ETH_TYPE_IPV4, "ip_proto": IP_TCP, "tcp_dst": METADATA_PORT}
+    from_port = {"eth_type": ETH_TYPE_IPV4, "ip_proto": IP_TCP, "tcp_src": METADATA_PORT}
+    closing = [(to_port, FIN), (to_port, RST), (from_port, RST)]
+    copies = [
+        # A copy: the close itself must not wait for the controller.
+        add(datapath, METADATA_TABLE, CLOSE_PRIORITY, {**ends, "tcp_flags": (flag, flag)},
+            to_controller(), to_learning())
+        for ends, flag in closing
+    ]  # fmt: skip
+    to_agents = {"eth_type": ETH_TYPE_IPV4, "ip_proto": IP_UDP, "udp_dst": DEVICE_PORT}
+    opening = {**to_port, "tcp_flags": (SYN, SYN | ACK | FIN | RST)}
+    return [
+        delete(datapath, METADATA_TABLE, cookie=0, cookie_mask=ALL_BITS),
+        add(datapath, METADATA_TABLE, 0, {}, to_learning()),
+        add(datapath, METADATA_TABLE, OPENING_PRIORITY, opening, to_learning()),
+        add(datapath, METADATA_TABLE, METADATA_PRIORITY, to_port, to_controller()),
+        # Of the node agents: to the controller and to nobody else.
+        add(datapath, METADATA_TABLE, METADATA_PRIORITY, to_agents, to_controller()),
+        *copies,
+    ]
+
+
+def discovery_entry(datapath: Any) -> Any:
+    """Return what the fibres of a quantum switch need: LLDP goes up, all else is dark."""
+    return add(datapath, 0, LLDP_PRIORITY, {"eth_type": ETH_TYPE_LLDP}, to_controller())
+
+
+def classical_entries(datapath: Any) -> list[Any]:
+    """Return what lets the classical ports of a quantum switch forward as any switch does."""
+    ports = list(datapath.ports.values())
+    classical = [port.port_no for port in ports if not is_fiber(port)]
+    if len(classical) == len(ports):  # nothing tells which are fibres
+        return []
+    return [
+        add(datapath, 0, LEARNING_PRIORITY, {"in_port": port}, to_learning()) for port in classical
+    ]
+
+
+def ask_entries(datapath: Any) -> Any:
+    """Return the request for all entries of a switch, those of its past included."""
+    return parser.OFPFlowStatsRequest(
+        datapath, 0, 0, ofproto.OFPP_ANY, ofproto.OFPG_ANY, 0, 0, parser.OFPMatch()
+    )
+
+
+def path_bundle(datapath: Any, paths: OpenPaths, tuning: list[Any]) -> list[Any]:
+    """Return one bundle that changes the hops through a switch, and a barrier behind it.
+
+    No time-outs: light moves no packets, so an entry would expire while in use.
+    """
+    members = [
+        *(delete_hop(datapath, hop, paths.session) for hop in paths.closed),
+        *tuning,
+        *(
+            add(datapath, 0, PATH_PRIORITY, {"in_port": hop.in_port}, output(hop.out_port),
+                cookie=paths.session)
+            for hop in paths.hops
+        ),
+    ]  # fmt: skip
+    bundle = paths.transaction & 0xFFFFFFFF
+    return [
+        parser.OFPBundleCtrlMsg(datapath, bundle, ofproto.OFPBCT_OPEN_REQUEST, BUNDLE_FLAGS, []),
+        *(parser.OFPBundleAddMsg(datapath, bundle, BUNDLE_FLAGS, member, []) for member in members),
+        parser.OFPBundleCtrlMsg(datapath, bundle, ofproto.OFPBCT_COMMIT_REQUEST, BUNDLE_FLAGS, []),
+        parser.OFPBarrierRequest(datapath),
+    ]
+
+
+def delete_hop(datapath: Any, hop: Hop, session: int) -> Any:
+    """Return the message that deletes one hop of a session, not what has taken its place."""
+    message = delete(
+        datapath,
+        0,
+        strict=True,
+        priority=PATH_PRIORITY,
+        match=parser.OFPMatch(in_port=hop.in_port),
+        cookie=session,
+        cookie_mask=ALL_BITS,
+    )
+    message.out_port = hop.out_port
+    return message
+
+
+def delete_paths(datapath: Any, session: int) -> Any:
+    """Return the message that deletes every path of a session."""
+    return delete(datapath, 0, cookie=session, cookie_mask=ALL_BITS)
+
+
+def is_path(entry: Any) -> bool:
+    """Tell whether flow statistics describe an entry that path_bundle made."""
+    return bool(entry.cookie and entry.priority == PATH_PRIORITY)
+
+
+def hop_of(dpid: int, entry: Any) -> Hop | None:
+    """Read back what path_bundle made, None if somebody has made it something else."""
+    outputs = [
+        action.port
+        for instruction in entry.instructions
+        for action in getattr(instruction, "actions", ())
+        if isinstance(action, parser.OFPActionOutput)
+    ]
+    in_port = dict(entry.match.items()).get("in_port")
+    return Hop(dpid, in_port, outputs[0]) if in_port is not None and outputs else None
+
+
+def _connection(five_tuple: FiveTuple) -> dict[str, Any]:
+    return {
+        "eth_type": ETH_TYPE_IPV4,
+        "ip_proto": IP_TCP,
+        "ipv4_src": five_tuple.source,
+        "ipv4_dst": five_tuple.destination,
+        "tcp_src": five_tuple.source_port,
+        "tcp_dst": five_tuple.destination_port,
+    }
+
+
+BYPASS_FIELDS = set(_connection(FiveTuple("", 0, "", 0)))
+
+
+def bypass(datapath: Any, five_tuple: FiveTuple, session: int, idle_timeout_s: int) -> Any:
+    """Return the entry that lets a connection pass without the controller."""
+    return add(
+        datapath,
+        METADATA_TABLE,
+        BYPASS_PRIORITY,
+        _connection(five_tuple),
+        to_learning(),
+        cookie=session,
+        idle_timeout=idle_timeout_s,
+        flags=ofproto.OFPFF_SEND_FLOW_REM,
+    )
+
+
+def delete_bypass(datapath: Any, five_tuple: FiveTuple, session: int) -> Any:
+    """Return the message that deletes what bypass added."""
+    return delete(
+        datapath,
+        METADATA_TABLE,
+        strict=True,
+        priority=BYPASS_PRIORITY,
+        match=parser.OFPMatch(**_connection(five_tuple)),
+        cookie=session,
+        cookie_mask=ALL_BITS,
+    )
+
+
+def five_tuple_of(match: Any) -> FiveTuple:
+    """Read back what bypass matched on."""
+    return FiveTuple(match["ipv4_src"], match["tcp_src"], match["ipv4_dst"], match["tcp_dst"])
+
+
+def bypassed(entry: Any) -> FiveTuple | None:
+    """Read back which connection a bypass lets pass, None if an entry is none."""
+    fields = dict(entry.match.items())
+    if entry.priority != BYPASS_PRIORITY or fields.keys() != BYPASS_FIELDS:
+        return None
+    return five_tuple_of(fields)
+
+
+def delete_entry(datapath: Any, table: int, entry: Any) -> Any:
+    """Return the message that deletes one entry, as flow statistics describe it."""
+    return delete(
+        datapath,
+        table,
+        strict=True,
+        priority=entry.priority,
+        match=entry.match,
+        cookie=entry.cookie,
+        cookie_mask=ALL_BITS,
+    )
+
+
+def packet_out(datapath: Any, in_port: int, port: int | None, frame: bytes) -> Any:
+    """Return the message that sends a frame out of a port, or of all others if it is None."""
+    action = parser.OFPActionOutput(ofproto.OFPP_FLOOD if port is None else port)
+    return parser.OFPPacketOut(
+        datapath, buffer_id=ofproto.OFP_NO_BUFFER, in_port=in_port, actions=[action], data=frame
+    )
+
+
+def send(datapath: Any, messages: list[Any]) -> None:
+    """Send messages to a switch in one write, so that a bundle is one packet."""
+    data = bytearray()
+    for message in messages:
+        if message.xid is None:
+            datapath.set_xid(message)
+        message.serialize()
+        data += message.buf
+    datapath.send(data)

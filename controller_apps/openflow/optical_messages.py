@@ -1,0 +1,91 @@
+"""OpenFlow's optical properties and our experimenter message, by the framework's classes."""
+
+from typing import Any
+
+from controller_apps.openflow.framework import ofproto, parser
+from wire.optical import (
+    EXPERIMENTER,
+    PATH_OPTICS,
+    RX_TUNE,
+    TX_TUNE,
+    USE_FREQ,
+    PortLight,
+    PortOptics,
+)
+
+
+def ask_paths(datapath: Any) -> Any:
+    """Return the request for what each path of a switch does to light."""
+    return parser.OFPExperimenterStatsRequest(datapath, 0, EXPERIMENTER, PATH_OPTICS, b"")
+
+
+def ask_ports(datapath: Any) -> Any:
+    """Return the request for the statistics of all ports."""
+    return parser.OFPPortStatsRequest(datapath, 0, ofproto.OFPP_ANY)
+
+
+def tune(datapath: Any, port: int, frequency_mhz: int) -> Any:
+    """Return the message that tunes a port, in both directions."""
+    optical = parser.OFPPortModPropOptical(
+        type_=ofproto.OFPPMPT_OPTICAL,
+        configure=RX_TUNE | TX_TUNE | USE_FREQ,
+        freq_lmda=frequency_mhz,
+        fl_offset=0,
+        grid_span=0,
+        tx_pwr=0,
+    )
+    address = datapath.ports[port].hw_addr
+    return parser.OFPPortMod(datapath, port, address, properties=[optical])
+
+
+def is_up(port: Any) -> bool:
+    """Tell whether a port, and what is behind it, is up."""
+    return not (port.config & ofproto.OFPPC_PORT_DOWN or port.state & ofproto.OFPPS_LINK_DOWN)
+
+
+def is_fiber(port: Any) -> bool:
+    """Tell whether a port describes itself as optical."""
+    return any(isinstance(found, parser.OFPPortDescPropOptical) for found in port.properties)
+
+
+def port_optics(port: Any) -> PortOptics | None:
+    """Return how far a port can be tuned, None if it does not say so in frequencies."""
+    for found in port.properties:
+        if isinstance(found, parser.OFPPortDescPropOptical) and found.supported & USE_FREQ:
+            return PortOptics(
+                found.supported,
+                found.tx_min_freq_lmda,
+                found.tx_max_freq_lmda,
+                found.tx_grid_freq_lmda,
+                found.rx_min_freq_lmda,
+                found.rx_max_freq_lmda,
+                found.rx_grid_freq_lmda,
+                signed(found.tx_pwr_min),
+                signed(found.tx_pwr_max),
+            )
+    return None
+
+
+def port_light(statistics: Any) -> PortLight | None:
+    """Return how a port is tuned and what it measures, None if it has no optics."""
+    for found in statistics.properties:
+        if isinstance(found, parser.OFPPortStatsPropOptical):
+            return PortLight(
+                found.flags,
+                found.tx_freq_lmda,
+                found.tx_offset,
+                found.tx_grid_span,
+                found.rx_freq_lmda,
+                found.rx_offset,
+                found.rx_grid_span,
+                signed(found.tx_pwr),
+                signed(found.rx_pwr),
+                found.bias_current,
+                found.temperature,
+            )
+    return None
+
+
+def signed(value: int) -> int:
+    """Return a number of 16 bits that the frameworks take as unsigned."""
+    return value - (1 << 16) if value >> 15 else value

@@ -1,0 +1,1 @@
+"""Packets that the switches hand to the controller: TCP segments and UDP datagrams."""

@@ -1,0 +1,1 @@
+"""Who may open which session, how hosts are set, and in which order repeaters swap."""

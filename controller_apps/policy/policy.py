@@ -1,0 +1,323 @@
+"""Who may open which service to whom, and how devices are set: a policy file in TOML.
+
+default = "deny"            # or "allow": what no rule fits
+
+[[rule]]                    # tried in order, the first that fits decides
+action = "allow"
+service = "sdc"             # left out, or "*": any
+from = "alice"              # a host's name, its address, or "*"
+to = "bob"
+source = "charlie"
+max_sessions = 2            # limits, of rules that allow
+max_rate_hz = 1_000_000
+max_block_pairs = 65_536
+min_frame_bytes = 16
+max_frame_bytes = 1024
+
+[[tap]]                     # light between these two, either way, goes by way of a third host
+between = ["alice", "bob"]
+by = "eve"
+
+[swap]
+schedule = "parallel"       # who swaps when, or "left-to-right", "nested": see sessions.schedules
+
+[device.alice]              # overrides what applications on alice ask for
+rate_hz = 1_000_000
+fec = "golay"               # or its number, as in wire.metadata.Fec
+interleave = true
+
+[report]                    # when devices tell their state: see wire.device.Subscribe
+period_s = 1.0
+"""
+
+import tomllib
+from collections.abc import Iterable
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any, TypeVar
+
+from controller_apps.policy.schedules import PARALLEL, SCHEDULES
+from wire.device import MAX_SHARE, PERIODS_S, DeviceSettings, check_settings, setting_number
+from wire.metadata import Service
+from wire.services import LIGHT
+
+SHIPPED = Path(__file__).parent
+DEFAULT = SHIPPED / "demo.toml"
+ACTIONS = ("allow", "deny")
+# A link belongs to a swap, and is allowed with it.
+SERVICES = ("*", *(service.name.lower() for service in LIGHT if service != Service.LINK))
+WHO = {"from": "sender", "to": "receiver", "source": "source"}
+LIMITS = {
+    "max_sessions": (1, 4096),
+    "max_rate_hz": (1, 4_000_000_000),
+    "max_block_pairs": (1, 1 << 18),
+    "min_frame_bytes": (1, 1 << 16),
+    "max_frame_bytes": (1, 1 << 16),
+}
+MAX_RULES = 1024
+MAX_TAPS = 64
+
+T = TypeVar("T")
+
+
+class BadPolicy(ValueError):
+    """A policy file that cannot be used; the message names file, rule, value and remedy."""
+
+
+@dataclass(frozen=True)
+class Host:
+    """A host as rules see it."""
+
+    name: str
+    address: str
+
+
+@dataclass(frozen=True)
+class SessionRequest:
+    """What a set-up asks for."""
+
+    service: str
+    sender: Host
+    receiver: Host
+    source: Host
+    rate_hz: int
+    block_pairs: int
+    frame_bytes: int
+
+
+@dataclass(frozen=True)
+class Rule:
+    """One rule; "*" fits every host, a limit of None none."""
+
+    action: str
+    service: str = "*"
+    sender: str = "*"
+    receiver: str = "*"
+    source: str = "*"
+    max_sessions: int | None = None
+    max_rate_hz: int | None = None
+    max_block_pairs: int | None = None
+    min_frame_bytes: int | None = None
+    max_frame_bytes: int | None = None
+
+    def fits(self, request: SessionRequest) -> bool:
+        """Whether the rule speaks of such a request."""
+        return self.service in ("*", request.service) and all(
+            getattr(self, who) in ("*", host.name, host.address)
+            for who in WHO.values()
+            for host in [getattr(request, who)]
+        )
+
+    def excess(self, request: SessionRequest) -> str:
+        """Return which limit a request breaks, "" if it keeps them all."""
+        asked = {
+            "max_rate_hz": request.rate_hz,
+            "max_block_pairs": request.block_pairs,
+            "max_frame_bytes": request.frame_bytes,
+        }
+        for name, value in asked.items():
+            limit = getattr(self, name)
+            if limit is not None and value > limit:
+                return f"{name} is {limit}, asked for is {value}"
+        least = self.min_frame_bytes
+        if least is not None and request.frame_bytes < least:
+            return f"min_frame_bytes is {least}, asked for is {request.frame_bytes}"
+        return ""
+
+
+@dataclass(frozen=True)
+class Tap:
+    """A host that is put on the fibres between two others, all by their names."""
+
+    between: tuple[str, str]
+    by: str
+
+    def __str__(self) -> str:
+        """Return it as messages name it."""
+        return f"tap between {' and '.join(self.between)}"
+
+
+@dataclass(frozen=True)
+class Reporting:
+    """When devices tell their state."""
+
+    period_s: float = 1.0
+    lost_share: float = 1.0  # of the pairs that were sent; 1: never
+    symbol_error_share: float = 1.0  # of the symbols that were received; 1: never
+
+
+@dataclass(frozen=True)
+class Policy:
+    """What a policy file says."""
+
+    default: str = "allow"
+    rules: tuple[Rule, ...] = ()
+    devices: dict[str, DeviceSettings] = field(default_factory=dict)  # overrides, by host name
+    reporting: Reporting = Reporting()
+    taps: tuple[Tap, ...] = ()
+    schedule: str = PARALLEL  # of chains of repeaters
+
+    def objection(self, request: SessionRequest, open_wishes: Iterable[SessionRequest]) -> str:
+        """Return why a request is not allowed beside those already granted, "" if it is."""
+        rule, name = self._rule(request)
+        if rule is None:
+            return "" if self.default == "allow" else "no rule allows it, and the default denies"
+        if rule.action == "deny":
+            return f"{name} denies it"
+        excess = rule.excess(request)
+        if not excess and rule.max_sessions is not None:
+            count = sum(self._rule(other)[0] is rule for other in open_wishes)
+            if count >= rule.max_sessions:
+                excess = f"max_sessions is {rule.max_sessions}, and as many are open"
+        return excess and f"{name}: {excess}"
+
+    def _rule(self, request: SessionRequest) -> tuple[Rule | None, str]:
+        for number, rule in enumerate(self.rules, 1):
+            if rule.fits(request):
+                return rule, f"rule {number}"
+        return None, ""
+
+
+def read_policy(path: str | Path) -> Policy:
+    """Read a policy file, the shipped default if the path is empty; raise BadPolicy."""
+    file = Path(path) if str(path) else DEFAULT
+    try:
+        return parse_policy(file.read_bytes().decode())
+    except OSError as error:
+        raise BadPolicy(f"cannot read the policy {file}: {error.strerror}") from error
+    except tomllib.TOMLDecodeError as error:  # it names the line
+        raise BadPolicy(f"policy {file} is not TOML: {error}") from error
+    except ValueError as error:  # UnicodeDecodeError is one
+        raise BadPolicy(f"policy {file}: {error}") from error
+
+
+def parse_policy(text: str) -> Policy:
+    """Build the policy from its text; raise ValueError naming place, value and choices."""
+    content = tomllib.loads(text)
+    _only(content, "the file", {"default", "rule", "tap", "swap", "device", "report"})
+    rules = _array(content, "rule", MAX_RULES)
+    devices = _table(content.get("device", {}), "device")
+    return Policy(
+        _one_of(content.get("default", "allow"), ACTIONS, "default"),
+        tuple(_parse_rule(rule, f"rule {number}") for number, rule in enumerate(rules, 1)),
+        {name: _parse_settings(device, f"device {name}") for name, device in devices.items()},
+        _parse_reporting(_table(content.get("report", {}), "report")),
+        _parse_taps(_array(content, "tap", MAX_TAPS)),
+        _parse_schedule(_table(content.get("swap", {}), "swap")),
+    )
+
+
+def _parse_rule(given: object, place: str) -> Rule:
+    table = _table(given, place)
+    _only(table, place, {"action", "service", *WHO, *LIMITS})
+    if "action" not in table:
+        raise ValueError(f'{place} has no action: write action = "allow" or action = "deny"')
+    who: dict[str, Any] = {
+        field_name: _typed(table.get(key, "*"), str, f"{place}: {key}", 'a host, or "*"')
+        for key, field_name in WHO.items()
+    }
+    rule = Rule(
+        action=_one_of(table["action"], ACTIONS, f"{place}: action"),
+        service=_one_of(table.get("service", "*"), SERVICES, f"{place}: service"),
+        **who,
+        **{
+            name: _number(table[name], *LIMITS[name], f"{place}: {name}")
+            for name in LIMITS
+            if name in table
+        },
+    )
+    if rule.action == "deny" and any(name in table for name in LIMITS):
+        raise ValueError(f"{place} denies and has limits: only rules that allow have them")
+    return rule
+
+
+def _parse_taps(given: list[Any]) -> tuple[Tap, ...]:
+    taps: dict[frozenset[str], Tap] = {}
+    for number, table in enumerate(given, 1):
+        tap = _parse_tap(table, f"tap {number}")
+        first = taps.setdefault(frozenset(tap.between), tap)
+        if first is not tap:
+            raise ValueError(f"tap {number}: there is a {first} already; keep one of them")
+    return tuple(taps.values())
+
+
+def _parse_tap(given: object, place: str) -> Tap:
+    table = _table(given, place)
+    _only(table, place, {"between", "by"})
+    between, by = table.get("between"), table.get("by")
+    remedy = 'write between = ["alice", "bob"] and by = "eve", three different hosts'
+    if not isinstance(between, list) or len(between) != 2:
+        raise ValueError(f"{place}: between is {between!r}: {remedy}")
+    hosts = [*between, by]
+    if not all(isinstance(host, str) and host for host in hosts) or len(set(hosts)) < len(hosts):
+        raise ValueError(f"{place}: between is {between!r} and by is {by!r}: {remedy}")
+    return Tap((between[0], between[1]), str(by))
+
+
+def _parse_schedule(table: dict[str, Any]) -> str:
+    _only(table, "swap", {"schedule"})
+    return _one_of(table.get("schedule", PARALLEL), SCHEDULES, "swap: schedule")
+
+
+def _parse_settings(given: object, place: str) -> DeviceSettings:
+    table = _table(given, place)
+    _only(table, place, {item.name for item in fields(DeviceSettings)})
+    try:
+        given = {name: setting_number(name, value) for name, value in table.items()}
+        settings = DeviceSettings(**given)
+        check_settings(settings)
+    except ValueError as error:
+        raise ValueError(f"{place}: {error}") from error
+    return settings
+
+
+def _parse_reporting(table: dict[str, Any]) -> Reporting:
+    _only(table, "report", {item.name for item in fields(Reporting)})
+    ranges = {"period_s": PERIODS_S, "lost_share": MAX_SHARE, "symbol_error_share": MAX_SHARE}
+    return Reporting(
+        **{
+            name: float(_number(value, *ranges[name], f"report: {name}", (int, float)))
+            for name, value in table.items()
+        }
+    )
+
+
+def _only(table: dict[str, Any], place: str, known: set[str]) -> None:
+    for name in table:
+        if name not in known:
+            raise ValueError(f"{place}: unknown {name!r}; known are {', '.join(sorted(known))}")
+
+
+def _array(content: dict[str, Any], name: str, most: int) -> list[Any]:
+    tables: list[Any] = _typed(content.get(name, []), list, name, f"write it as [[{name}]]")
+    if len(tables) > most:
+        raise ValueError(f"{len(tables)} {name}s: at most {most}")
+    return tables
+
+
+def _table(value: object, place: str) -> dict[str, Any]:
+    return _typed(value, dict, place, "a table")
+
+
+def _typed(value: object, kind: type[T], place: str, remedy: str) -> T:
+    if not isinstance(value, kind):
+        raise ValueError(f"{place} is {value!r}: {remedy}")
+    return value
+
+
+def _one_of(value: object, choices: tuple[str, ...], place: str) -> str:
+    if not isinstance(value, str) or value not in choices:
+        raise ValueError(f"{place} is {value!r}: choose one of {', '.join(choices)}")
+    return value
+
+
+def _number(
+    value: object,
+    least: float,
+    most: float,
+    place: str,
+    kinds: type | tuple[type, ...] = int,
+) -> Any:
+    if not isinstance(value, kinds) or isinstance(value, bool) or not least <= value <= most:  # type: ignore[operator]
+        raise ValueError(f"{place} is {value!r}: choose {least:g} to {most:g}")
+    return value

@@ -1,0 +1,205 @@
+"""Which light paths stand for which session: opened, moved to another way, closed.
+
+    open --> stands --port cut, switch gone--> moved, or stranded until it is whole again
+                `--> closed
+
+The receiver was told at the set-up which rotation to undo. So a path is moved only to one
+of the same rotation; without such, the light is lost and the sender gives up in its time.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from itertools import count
+
+from controller_apps.light.optics import SwitchPort
+from controller_apps.light.paths import Hop, Network, switches
+from controller_apps.light.routing import LightPath, rotation_of, route
+from controller_apps.sessions.actions import Action, ClosePaths, Note, OpenPaths
+from controller_apps.sessions.admission import limits_of
+from controller_apps.sessions.sessions import Request, Session, Sessions
+from controller_apps.sessions.snapshot import keep
+
+
+@dataclass
+class Move:
+    """A session on its way to other paths."""
+
+    session: int
+    started: float
+    waiting: set[int]  # switches that owe a barrier reply
+
+
+@dataclass
+class Light:
+    """The paths of all sessions, and the transactions that change them."""
+
+    network: Network
+    sessions: Sessions
+    budget_mdb: int
+    moves: dict[int, Move] = field(default_factory=dict)  # by transaction
+    _transactions: Iterator[int] = field(default_factory=lambda: count(1))
+
+    def open(
+        self, request: Request, session: Session, paths: tuple[LightPath, ...]
+    ) -> list[Action]:
+        """Open paths for a request, which then waits for the switches."""
+        hops = tuple(hop for path in paths for hop in path.hops)
+        # An earlier connection of the session may still keep its path: it is handed over.
+        stale = self.close(session) if session.hops != hops else []
+        self.sessions.occupy(session, paths, request.five_tuple)
+        self.hold(request)
+        request.waiting = set(switches(hops))
+        request.rotation = rotation_of(paths)
+        return [*stale, *self._program(session, (), hops, request.transaction)]
+
+    def hold(self, request: Request) -> None:
+        """Keep a request waiting, under a transaction of its own."""
+        request.transaction = next(self._transactions)
+        self.sessions.held[request.transaction] = request
+
+    def close(self, session: Session) -> list[Action]:
+        """Close all paths of a session."""
+        dark: list[Action] = [ClosePaths(dpid, session.number) for dpid in switches(session.hops)]
+        self.sessions.vacate(session)
+        self._forget_moves(lambda move: move.session == session.number)
+        return dark
+
+    def is_broken(self, session: Session) -> bool:
+        """Tell whether light cannot pass all its paths."""
+        return not self.network.is_whole(session.hops)
+
+    def move(self, session: Session, now: float) -> list[Action] | None:
+        """Take the paths of a session that are broken elsewhere; None if there is no way."""
+        broken = [path for path in session.paths if not self.network.is_whole(path.hops)]
+        kept = [path for path in session.paths if path not in broken]
+        found = route(
+            self.network,
+            [path.leg for path in broken],
+            limits_of(session.setup, self.sessions, self.budget_mdb),
+            kept,
+            [path.rotation for path in broken],
+        )
+        if found is None:
+            return None
+        other = dict(zip(broken, found, strict=True))
+        before = session.hops
+        paths = tuple(other.get(path, path) for path in session.paths)
+        self.sessions.occupy(session, paths, session.light_owner)
+        transaction = next(self._transactions)
+        actions = self._program(session, before, session.hops, transaction)
+        waiting = {action.dpid for action in actions if isinstance(action, OpenPaths)}
+        self.moves[transaction] = Move(session.number, now, waiting)
+        if session.light_owner == session.owner:
+            actions.insert(0, keep(session))
+        return actions
+
+    def _program(
+        self, session: Session, before: tuple[Hop, ...], after: tuple[Hop, ...], transaction: int
+    ) -> list[Action]:
+        """Return what takes each switch from the hops before to those after."""
+        actions: list[Action] = []
+        for dpid in switches((*after, *before)):
+            new = tuple(h for h in after if h.dpid == dpid and h not in before)
+            taken_over = {hop.in_port for hop in new}
+            old = tuple(
+                h
+                for h in before
+                if h.dpid == dpid and h not in after and h.in_port not in taken_over
+            )
+            if dpid not in switches(after):
+                actions.append(ClosePaths(dpid, session.number))
+            elif new or old:
+                tuned = self._tune(new, session.frequency_mhz)
+                frequency = session.frequency_mhz if tuned else 0
+                actions.append(
+                    OpenPaths(dpid, new, session.number, transaction, old, tuned, frequency)
+                )
+        return actions
+
+    def _tune(self, hops: tuple[Hop, ...], frequency_mhz: int) -> tuple[int, ...]:
+        """Return which ports of one switch need tuning, and note that they get it."""
+        ports = [SwitchPort(hop.dpid, port) for hop in hops for port in hop[1:]]
+        optics = self.network.optics
+        tuned = [at for at in dict.fromkeys(ports) if optics.must_tune(at, frequency_mhz)]
+        optics.tuned_mhz.update(dict.fromkeys(tuned, frequency_mhz))
+        return tuple(at.port for at in tuned)
+
+    def doubt_tuning(self, session: Session) -> None:
+        """Note that ports of a session may not be tuned as they were told to."""
+        for hop in session.hops:
+            for port in hop[1:]:
+                self.network.optics.tuned_mhz.pop(SwitchPort(hop.dpid, port), None)
+
+    def strand(self, session: Session) -> list[Action]:
+        """Note that there is no other way, once."""
+        if session.stranded:
+            return []
+        session.stranded = True
+        return [Note("stranded", session.number, detail="no other way of the same rotation")]
+
+    def barrier_passed(self, dpid: int, transaction: int, now: float) -> list[Action]:
+        """Note that a switch has done its part of a move."""
+        move = self.moves.get(transaction)
+        if move is None:
+            return []
+        move.waiting.discard(dpid)
+        if move.waiting:
+            return []
+        del self.moves[transaction]
+        return [Note("moved", move.session, (now - move.started) * 1000)]
+
+    def switch_left(self, dpid: int) -> None:
+        """Wait no longer for a switch."""
+        for move in self.moves.values():
+            move.waiting.discard(dpid)
+        self._forget_moves(lambda move: not move.waiting)
+
+    def overdue(self, before: float) -> list[Session]:
+        """Return the sessions whose move began before then and is not complete."""
+        late = dict.fromkeys(m.session for m in self.moves.values() if m.started <= before)
+        return [self.sessions.by_number[number] for number in late]
+
+    def entries_found(self, dpid: int, entries: Iterable[tuple[int, Hop | None]]) -> list[Action]:
+        """Close what a switch kept of its past, and open again what it has lost.
+
+        Each entry is a session and a hop, None if it is no path any more.
+        """
+        kept: dict[int, set[Hop | None]] = {}
+        for number, hop in entries:
+            kept.setdefault(number, set()).add(hop)
+        lit = [session.number for session in self.sessions.by_number.values() if session.paths]
+        actions: list[Action] = []
+        for number in sorted({*kept, *lit}):
+            actions += self._reconcile(dpid, number, kept.get(number, set()))
+        return actions
+
+    def _reconcile(self, dpid: int, number: int, kept: set[Hop | None]) -> list[Action]:
+        session = self.sessions.by_number.get(number)
+        wanted = [hop for hop in session.hops if hop.dpid == dpid] if session else []
+        if session is None or not wanted:
+            return [ClosePaths(dpid, number)] if kept else []
+        lost = tuple(hop for hop in wanted if hop not in kept)
+        session.confirmed |= len(lost) < len(wanted)
+        if not session.confirmed:
+            session.missing += lost
+            lost = ()
+        stale = tuple(sorted(hop for hop in kept if hop is not None and hop not in wanted))
+        if not lost and not stale:
+            return []
+        return [OpenPaths(dpid, lost, number, next(self._transactions), stale)]
+
+    def restore(self, session: Session) -> list[Action]:
+        """Open what switches that are here have lost of a session."""
+        missing, session.missing = session.missing, ()
+        return [
+            OpenPaths(
+                dpid,
+                tuple(hop for hop in missing if hop.dpid == dpid),
+                session.number,
+                next(self._transactions),
+            )
+            for dpid in switches(missing)
+        ]
+
+    def _forget_moves(self, over: Callable[[Move], bool]) -> None:
+        self.moves = {number: move for number, move in self.moves.items() if not over(move)}

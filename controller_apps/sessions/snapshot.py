@@ -1,0 +1,227 @@
+"""What a controller keeps for the one that is started after it: sessions, places of hosts.
+
+Switches keep what counts: bypasses tell which connections of a session live, light entries
+which paths it has. They do not hold what a living session needs further on: whom its
+set-up named as source, its handshake and wavelength, the rotation its receiver was told to
+undo, and where on its connection the set-up was. That is kept here, network byte order:
+
+    session: seen (s), requests, paths; each request; each path with its hops; the number of nodes
+             of a chain of repeaters, and each node's address
+    hosts:   each port: switch, port, address, three lengths, name of host and port, abilities
+"""
+
+import struct
+from collections.abc import Mapping
+from dataclasses import replace
+from ipaddress import IPv4Address
+from itertools import islice
+from typing import Any
+
+from controller_apps.light.optics import SwitchPort
+from controller_apps.light.paths import MAX_PORTS, Hop, HostPort
+from controller_apps.light.routing import LightPath
+from controller_apps.packets.segments import FiveTuple
+from controller_apps.sessions.actions import Keep
+from controller_apps.sessions.sessions import Request, Session, Stop, read_setup
+from wire.device import MAX_REPEATERS
+from wire.features import Abilities
+from wire.metadata import (
+    METADATA_PORT,
+    SETUP_LENGTH,
+    Handshake,
+    MalformedPacket,
+    Pauli,
+    Reason,
+    Service,
+    Setup,
+    Verdict,
+)
+from wire.services import LIGHT
+
+MAX_KEPT_REQUESTS = 8  # of one session; it needs two
+SESSION = struct.Struct("!dBB")
+REQUEST = struct.Struct(f"!4sH4sIBI{SETUP_LENGTH}s")  # to the metadata port
+PATH = struct.Struct("!IBB")  # loss in thousandths of a dB, rotation, hops
+HOP = struct.Struct("!QII")
+NODES = struct.Struct("!B")
+NODE = struct.Struct("!4sBB")
+HOST = struct.Struct("!QI4sBBB")
+
+
+def keep(session: Session) -> Keep:
+    """Return what keeps a session as it is now."""
+    session.kept = True
+    return Keep(session.number, encode_session(session))
+
+
+def encode_session(session: Session) -> bytes:
+    """Return what is to be kept of a session whose owner has been granted.
+
+    Light that comes with each pair is not kept: the next pair asks for it again.
+    """
+    kept = list(islice(filter(_is_kept, session.requests.values()), MAX_KEPT_REQUESTS))
+    paths = session.paths if session.light_owner == session.owner else ()
+    data = SESSION.pack(session.seen, len(kept), len(paths))
+    for request in kept:
+        source, port, destination, _ = request.five_tuple
+        data += REQUEST.pack(
+            IPv4Address(source).packed,
+            port,
+            IPv4Address(destination).packed,
+            request.sequence,
+            request.rotation,
+            request.granted.pairs,
+            request.message,
+        )
+    for path in paths:
+        data += PATH.pack(path.loss_mdb, path.rotation, len(path.hops))
+        data += b"".join(HOP.pack(*hop) for hop in path.hops)
+    nodes = (
+        NODE.pack(IPv4Address(node.address).packed, node.left, node.right) for node in session.chain
+    )
+    return data + NODES.pack(len(session.chain)) + b"".join(nodes)
+
+
+def _is_kept(request: Request) -> bool:
+    return request.held is None and request.lasts
+
+
+def decode_session(data: bytes, now: float) -> Session:
+    """Read a session back; raise MalformedPacket for what no controller has kept.
+
+    Its owner is the first request; `now` is of the clock that it was last seen on.
+    """
+    reader = _Reader(data)
+    seen, requests, paths = reader.take(SESSION)
+    if not 0 <= seen <= now:
+        raise MalformedPacket(f"a session last seen at {seen} s, when it is {now} s")
+    if not 1 <= requests <= MAX_KEPT_REQUESTS:
+        raise MalformedPacket(f"a session of {requests} requests")
+    owner, *others = (_request(reader, now) for _ in range(requests))
+    session = Session(owner.setup.session, owner.setup, owner.five_tuple, seen, open=True)
+    session.paths = tuple(_path(reader) for _ in range(paths))
+    session.light_owner = session.owner if paths else None
+    (nodes,) = reader.take(NODES)
+    session.chain = tuple(_stop(reader) for _ in range(nodes))
+    reader.end()
+    _check_owner(session)
+    _check_chain(session)
+    for request in others:
+        _check_member(request, session)
+    session.requests = {request.five_tuple: request for request in (owner, *others)}
+    if len(session.requests) != requests:
+        raise MalformedPacket("two requests of one connection")
+    return session
+
+
+def _request(reader: "_Reader", now: float) -> Request:
+    source, port, destination, sequence, rotation, pairs, message = reader.take(REQUEST)
+    ends = str(IPv4Address(source)), port, str(IPv4Address(destination)), METADATA_PORT
+    setup = read_setup(message)
+    if setup.verdict != Verdict.PENDING or setup.session == 0 or rotation > max(Pauli):
+        raise MalformedPacket(f"no set-up of a session with rotation {rotation}: {setup}")
+    if not 0 < pairs <= setup.pairs:
+        raise MalformedPacket(f"{pairs} pairs granted of {setup.pairs}")
+    request = Request(setup, None, FiveTuple(*ends), sequence, message, now, b"", rotation)
+    request.block_pairs = pairs
+    answer = replace(request.granted, verdict=Verdict.GRANTED, rotation=rotation, reason=Reason.OK)
+    request.answer = answer.encode()
+    return request
+
+
+def _path(reader: "_Reader") -> LightPath:
+    loss_mdb, rotation, count = reader.take(PATH)
+    if not count or rotation > max(Pauli):
+        raise MalformedPacket(f"a path of {count} hops and rotation {rotation}")
+    return LightPath(tuple(Hop(*reader.take(HOP)) for _ in range(count)), loss_mdb, rotation)
+
+
+def _stop(reader: "_Reader") -> Stop:
+    address, left, right = reader.take(NODE)
+    return Stop(str(IPv4Address(address)), left, right)
+
+
+def _check_owner(session: Session) -> None:
+    setup = session.setup
+    lit = setup.handshake == Handshake.FRAMED and bool(LIGHT.get(Service(setup.service)))
+    known = setup.handshake in (Handshake.FRAMED, Handshake.PER_PAIR)
+    if setup.service not in LIGHT or not known or lit != bool(session.paths):
+        raise MalformedPacket(f"{len(session.paths)} paths for a session opened by {setup}")
+    try:
+        _ = session.frequency_mhz
+    except ValueError as error:
+        raise MalformedPacket(str(error)) from error
+
+
+def _check_chain(session: Session) -> None:
+    chain, swaps = session.chain, session.setup.service == Service.SWAP
+    nodes = [stop.address for stop in chain]
+    whole = 0 < len(nodes) - 2 <= MAX_REPEATERS and len(set(nodes)) == len(nodes)
+    whole = whole and (nodes[0], nodes[-1]) == (session.owner.source, session.owner.destination)
+    if not whole if swaps else chain:
+        raise MalformedPacket(f"the chain {chain} for a session opened by {session.setup}")
+
+
+def _check_member(request: Request, session: Session) -> None:
+    setup: Setup = request.setup
+    ends = request.five_tuple.source, request.five_tuple.destination
+    belongs = setup.service == Service.PAIR_SOURCE and setup.session == session.number
+    if not belongs or ends != (session.owner.source, session.setup.source):
+        raise MalformedPacket(f"{setup} does not belong to session {session.number:016x}")
+
+
+def encode_hosts(hosts: Mapping[SwitchPort, HostPort]) -> bytes:
+    """Return what is to be kept of where hosts are."""
+    data = b""
+    for at, host in hosts.items():
+        names = host.host.encode(), host.name.encode()
+        address = IPv4Address(host.address).packed
+        told = host.abilities.encode() if host.abilities else b""
+        texts = *names, told
+        data += HOST.pack(*at, address, *map(len, texts)) + b"".join(texts)
+    return data
+
+
+def decode_hosts(data: bytes) -> dict[SwitchPort, HostPort]:
+    """Read the places of hosts back; raise MalformedPacket for what no controller has kept."""
+    reader = _Reader(data)
+    hosts: dict[SwitchPort, HostPort] = {}
+    while reader.left and len(hosts) < MAX_PORTS:
+        dpid, port, address, host_length, name_length, told_length = reader.take(HOST)
+        host, name = reader.text(host_length), reader.text(name_length)
+        told = Abilities.decode(reader.raw(told_length)) if told_length else None
+        hosts[SwitchPort(dpid, port)] = HostPort(host, str(IPv4Address(address)), name, told)
+    reader.end()
+    return hosts
+
+
+class _Reader:
+    """Takes structures off the front of bytes; raises MalformedPacket where there are none."""
+
+    def __init__(self, data: bytes) -> None:
+        self._data = data
+        self._at = 0
+
+    @property
+    def left(self) -> int:
+        return len(self._data) - self._at
+
+    def take(self, form: struct.Struct) -> tuple[Any, ...]:
+        if self.left < form.size:
+            raise MalformedPacket(f"{len(self._data)} bytes end within a structure")
+        self._at += form.size
+        return form.unpack_from(self._data, self._at - form.size)
+
+    def raw(self, length: int) -> bytes:
+        (data,) = self.take(struct.Struct(f"!{length}s"))
+        return bytes(data)
+
+    def text(self, length: int) -> str:
+        try:
+            return str(self.raw(length), "utf-8")
+        except UnicodeDecodeError as error:
+            raise MalformedPacket(f"a name is not UTF-8: {error}") from error
+
+    def end(self) -> None:
+        if self.left:
+            raise MalformedPacket(f"{self.left} bytes behind the last structure")

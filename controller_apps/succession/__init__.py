@@ -1,1 +1,0 @@
-"""What a controller leaves to the one that is started after it."""

@@ -1,0 +1,93 @@
+"""A physical layer made from a configuration, with its simulator, dump and record."""
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import TextIO
+
+from dispatcher.clock import Clock
+from dispatcher.devices.hardware import Devices
+from dispatcher.layer import freed_memory
+from dispatcher.layer.event_capture import EventCapture
+from dispatcher.layer.history import History
+from dispatcher.layer.journal import Journal
+from dispatcher.layer.layer import PhysicalLayer
+from dispatcher.layer.memory import Memories
+from dispatcher.layer.network import Network
+from dispatcher.layer.ownership import Ownership
+from dispatcher.recording.recorder import RecordedClock, Recorder, open_private
+from dispatcher.recording.traced import TracedSabot
+from dispatcher.recording.writer import QasmWriter
+from dispatcher.sabot.backends import BACKENDS
+from dispatcher.sabot.draws import Draws
+from dispatcher.sabot.manager import Sabot
+from dispatcher.sabot.remote.client import RemoteSabot
+from dispatcher.sabot.simulation import Simulation
+from dispatcher.software_time import SoftwareTime
+from wire.config import BadConfig, DispatcherConfig
+
+
+def build_layer(
+    config: DispatcherConfig,
+    clock: Clock,
+    event_log: TextIO | None,
+    sabot: Simulation | None = None,
+    journal: Journal | None = None,
+    capture: EventCapture | None = None,
+) -> PhysicalLayer:
+    """Return the physical layer that the configuration describes.
+
+    It simulates in this process if nothing else is given, and the process keeps freed memory from
+    then on. Raise BadConfig or BadParameter for what cannot be.
+    """
+    freed_memory.keep()
+    devices = Devices(config.devices)
+    if unknown := config.devices.keys() - config.tokens.keys():
+        raise BadConfig(f"devices of {', '.join(sorted(unknown))}: there are no such hosts")
+    sabot, draws = sabot or Sabot(BACKENDS[config.backend]), Draws(config.seed)
+    software = SoftwareTime()
+    return PhysicalLayer(
+        clock=clock,
+        sabot=sabot,
+        draws=draws,
+        network=Network(config.fibers, config.switches),
+        ownership=Ownership(),
+        history=History(config.history_depth, event_log, capture, config.per_qubit),
+        devices=devices,
+        memories=Memories(devices, clock, sabot, draws, software),
+        max_live_qubits=config.max_live_qubits,
+        journal=journal or Journal(config.time),
+        time=config.time,
+        software=software,
+    )
+
+
+def open_layer(
+    config: DispatcherConfig, clock: Clock, event_log: TextIO | None, stack: ExitStack
+) -> PhysicalLayer:
+    """Return the layer with the server, the dump and the record that are configured.
+
+    The stack closes all of them.
+    """
+    journal: Journal | None = None
+    sabot: Simulation = Sabot(BACKENDS[config.backend])
+    if config.sabot:
+        sabot = stack.enter_context(RemoteSabot(config.sabot, config.backend))
+    if config.qasm:
+        dump = Path(config.qasm).open("w", buffering=1)  # noqa: SIM115
+        sabot = TracedSabot(sabot, QasmWriter(stack.enter_context(dump)))
+    if config.record:
+        journal = Recorder(stack.enter_context(open_private(config.record)), config)
+        clock = RecordedClock(clock, journal)
+    capture = stack.enter_context(event_capture(config))
+    return build_layer(config, clock, event_log, sabot, journal, capture)
+
+
+@contextmanager
+def event_capture(config: DispatcherConfig) -> Iterator[EventCapture | None]:
+    """Give the capture of events that is wanted, if any."""
+    if not config.event_capture:
+        yield None
+        return
+    with Path(config.event_capture).open("wb") as file:
+        yield EventCapture(file, config.fibers)

@@ -1,1 +1,0 @@
-"""Who may ask what of the dispatcher, and how each request is answered."""

@@ -1,0 +1,1 @@
+"""The physical layer as it is: network, ownership of qubits, pulses, memories, history."""

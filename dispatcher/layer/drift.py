@@ -1,0 +1,96 @@
+"""Coherent rotations about the Z axis that light has met on its way: summed, then twirled once.
+
+Angles of one photon add up over its fibres: two of .2 rad flip its phase with probability
+sin^2(.4 / 2) = .0395, where two flips drawn apart would do so with .0197. So they stay angles
+until something does not commute with them: a measurement, or a gate other than Z, S, T, RZ, CZ and
+the control of a CX. Then the twirl turns them into Z with probability sin^2(angle / 2), which is
+what a measurement along X or Y sees of them on average over the Pauli frame; not exact.
+"""
+
+from collections.abc import Callable
+from math import pi, sin
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dispatcher.layer.ownership import Block, Pulses
+from dispatcher.photon_random import PhotonRandom
+from dispatcher.sabot.draws import Draws
+from dispatcher.sabot.manager import NO_CLICK
+from dispatcher.sabot.simulation import Simulation
+
+Angles = NDArray[np.float64]
+Positions = NDArray[np.int64]
+
+FLIPS_BIT = np.uint8(1)  # of a Pauli, and of a Bell outcome: Psi
+FLIPS_PHASE = np.uint8(2)
+
+
+def reflect(pulses: Pulses, paulis: NDArray[np.uint8]) -> None:
+    """Bring Paulis, shape (k,), in before the angles: X R(angle) = R(-angle) X."""
+    if pulses.angles_rad is None:
+        return
+    if (paulis & FLIPS_BIT).any():
+        pulses.angles_rad = _turned(pulses.angles_rad, paulis)
+
+
+def twirl(block: Block, sabot: Simulation, draws: Draws) -> None:
+    """Turn a block's angles into Paulis, before what does not commute with them."""
+    angles_rad = block.pulses.angles_rad
+    if angles_rad is None:
+        return
+    paulis = np.zeros(block.register.size, dtype=np.uint8)
+    paulis[_flipped(block, _most(angles_rad), angles_rad.take, draws)] = FLIPS_PHASE
+    sabot.explain(block.register, "rotation about Z on the way", paulis)
+    sabot.pauli(block.register, paulis)
+    _forget(block)
+
+
+def twirl_pairs(first: Block, second: Block, outcomes: NDArray[np.uint8], draws: Draws) -> None:
+    """Flip the phases of Bell outcomes, shape (k,), by the angles of both photons, in place.
+
+    The angles of a pair add up too: in Phi by their sum, in Psi by their difference.
+    """
+    one, other = first.pulses.angles_rad, second.pulses.angles_rad
+    if one is None and other is None:
+        return
+
+    def total(pairs: Positions) -> Angles:
+        none = np.zeros(len(pairs))
+        mine, theirs = (none if angles is None else angles[pairs] for angles in (one, other))
+        return mine + _turned(theirs, outcomes[pairs])
+
+    pairs = _flipped(first, _most(one) + _most(other), total, draws)
+    outcomes[pairs[outcomes[pairs] != NO_CLICK]] ^= FLIPS_PHASE
+    _forget(first)
+    _forget(second)
+
+
+def _most(angles_rad: Angles | None) -> float:
+    return 0.0 if angles_rad is None else max(float(angles_rad.max()), -float(angles_rad.min()))
+
+
+def _flipped(
+    block: Block, most_rad: float, angles_of: Callable[[Positions], Angles], draws: Draws
+) -> Positions:
+    """Draw whose phases flip, once for every fibre that the block has passed.
+
+    None flips more likely than by the most of the angles: those that would so are drawn first,
+    and of them as many are taken as their own angles say.
+    """
+    most = sin(min(most_rad, pi) / 2) ** 2
+    place = block.draws_for(f"twirl {block.fibers_passed}")
+    random = PhotonRandom(draws, block.name, place, block.register.size)
+    photons = random.events("most", most)
+    likely = np.sin(angles_of(photons) / 2) ** 2
+    return photons[random.generator("own").random(photons.size) * most < likely]
+
+
+def _turned(angles_rad: NDArray[np.float64], flips: NDArray[np.uint8]) -> NDArray[np.float64]:
+    """Negate those angles whose flips are odd, by their sign bits: a tenth of the time of where."""
+    signs = flips.astype(np.uint64) << np.uint64(63)
+    return (angles_rad.view(np.uint64) ^ signs).view(np.float64)
+
+
+def _forget(block: Block) -> None:
+    block.pulses.angles_rad, block.pulses.exact = None, False

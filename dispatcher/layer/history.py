@@ -1,0 +1,139 @@
+"""What happened to the qubits: remembered, written to the event log, and told to watchers.
+
+Noise models remember fibres to the same depth (dispatcher/fiber/noise_history.py).
+"""
+
+import asyncio
+from collections import deque
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import TextIO
+
+from dispatcher.fiber.noise_history import NoiseHistory
+from dispatcher.layer.event_capture import EventCapture
+from wire.dispatcher_pb2 import Event
+from wire.events import DROPPED, format_line
+
+WATCHER_DEPTH = 10_000
+WATCHED_PHOTONS = 1_000  # of a block, for a watcher who asks for them
+
+
+class Watcher:
+    """One reader of events; it loses some when it is slow, and is told how many."""
+
+    def __init__(self, node: str, session: int, per_qubit: bool = False) -> None:
+        """Watch a node (empty: all) and a session (0: all), also photon by photon if wanted."""
+        self._node, self._session, self.per_qubit = node, session, per_qubit
+        self._events: deque[Event] = deque()
+        self._dropped = 0
+        self._some = asyncio.Event()
+
+    def wants(self, event: Event) -> bool:
+        """Return whether the event is of the watched node and session."""
+        return (not self._node or event.node == self._node) and (
+            not self._session or event.block.session == self._session
+        )
+
+    def push(self, event: Event) -> bool:
+        """Queue an event; if the queue is full, count it as dropped and return False."""
+        if not self.wants(event):
+            return True
+        has_room = len(self._events) < WATCHER_DEPTH
+        if has_room:
+            self._report_dropped(event.time_ns)
+            self._events.append(event)
+        else:
+            self._dropped += 1
+        self._some.set()
+        return has_room
+
+    async def next(self) -> Event:
+        """Wait for the next event."""
+        while not self._events:
+            self._some.clear()
+            await self._some.wait()
+        event = self._events.popleft()
+        if not self._events:
+            self._report_dropped(event.time_ns)
+        return event
+
+    def _report_dropped(self, time_ns: int) -> None:
+        if self._dropped:
+            detail = f"{self._dropped} events, because this watcher is slow"
+            self._dropped = 0
+            self._events.append(
+                Event(time_ns=time_ns, node="dispatcher", kind=DROPPED, detail=detail)
+            )
+
+
+class History:
+    """The last events, and everyone who wants to hear of new ones."""
+
+    def __init__(
+        self,
+        depth: int,
+        log: TextIO | None = None,
+        capture: EventCapture | None = None,
+        photons: int = 0,
+    ) -> None:
+        """Remember `depth` events; write each to `log` as a line, to `capture` as a packet.
+
+        The events of the first `photons` photons of each block are written, too.
+        """
+        self._photons = photons
+        self.count = self.dropped = 0  # all events, and those that slow watchers have lost
+        self._events: deque[Event] = deque(maxlen=depth)
+        self._depth = depth
+        self._pasts: dict[tuple[str, ...], NoiseHistory] = {}
+        self._watchers: set[Watcher] = set()
+        self._log, self._capture = log, capture
+
+    def record(self, *events: Event) -> None:
+        """Add events."""
+        self.count += len(events)
+        self._events += events
+        self._write(events)
+        for watcher in self._watchers:
+            self._tell(watcher, events)
+
+    @property
+    def photons_wanted(self) -> int:
+        """Of how many photons of a block somebody wants to know each by itself."""
+        watched = any(watcher.per_qubit for watcher in self._watchers)
+        return max(self._photons, WATCHED_PHOTONS if watched else 0)
+
+    def record_photons(self, events: Sequence[Event]) -> None:
+        """Add events of the first photons of a block; they are not remembered."""
+        self._write(events[: self._photons])
+        for watcher in self._watchers:
+            if watcher.per_qubit:
+                self._tell(watcher, events[:WATCHED_PHOTONS])
+
+    def _write(self, events: Sequence[Event]) -> None:
+        if self._log is not None and events:
+            self._log.write("".join(f"{format_line(event)}\n" for event in events))
+            self._log.flush()
+        if self._capture is not None and events:
+            self._capture.record(*events)
+
+    def _tell(self, watcher: Watcher, events: Sequence[Event]) -> None:
+        for event in events:
+            self.dropped += not watcher.push(event)
+
+    def of_model(self, *place: str) -> NoiseHistory:
+        """Return what has been remembered of a place: a fibre's direction and a noise model."""
+        return self._pasts.setdefault(place, NoiseHistory(self._depth))
+
+    @contextmanager
+    def watching(
+        self, node: str, session: int, remembered: bool, per_qubit: bool = False
+    ) -> Iterator[Watcher]:
+        """Give a watcher of new events, after those still remembered if these are wanted."""
+        watcher = Watcher(node, session, per_qubit)
+        for event in self._events if remembered else ():
+            watcher.push(event)
+        self._watchers.add(watcher)
+        try:
+            yield watcher
+        finally:
+            self._watchers.remove(watcher)

@@ -1,0 +1,150 @@
+"""The physical layer as the operations share it: state, place, time and record."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dispatcher.clock import Clock
+from dispatcher.devices.hardware import Devices
+from dispatcher.layer.history import History
+from dispatcher.layer.journal import Journal
+from dispatcher.layer.memory import Memories
+from dispatcher.layer.network import Network
+from dispatcher.layer.ownership import Block, BlockName, Ownership
+from dispatcher.sabot.draws import Draws
+from dispatcher.sabot.simulation import Simulation
+from dispatcher.software_time import SoftwareTime
+from wire.dispatcher_pb2 import BlockId, Event, Feedback, HeldBlock
+from wire.network_time import REAL_TIME, NetworkTime
+
+
+@dataclass
+class PhysicalLayer:
+    """Everything there is; touched on the event loop alone."""
+
+    clock: Clock
+    sabot: Simulation
+    draws: Draws
+    network: Network
+    ownership: Ownership
+    history: History
+    devices: Devices
+    memories: Memories
+    max_live_qubits: int
+    photons_lost: int = 0
+    journal: Journal = field(default_factory=Journal)
+    time: NetworkTime = REAL_TIME
+    software: SoftwareTime = field(default_factory=SoftwareTime)
+    exact: bool = True  # False once an approximation has been in what was reported
+
+    def record(
+        self,
+        node: str,
+        kind: str,
+        block: Block | None = None,
+        port: str = "",
+        detail: str = "",
+        time_ns: int = 0,
+        each: Callable[[int], str] | None = None,
+    ) -> None:
+        """Record an event; it happened now unless a time of the network is given.
+
+        `each` says of a photon, by its position, what `detail` says of all.
+        """
+        event = Event(node=node, kind=kind, port=port, detail=detail)
+        event.time_ns = self.time.wall_ns(time_ns or self.clock.now_ns())
+        if block is not None:
+            event.block.CopyFrom(block_id(block.name))
+            event.photons = block.register.size
+            event.lost = block.register.size - block.register.remaining
+        self.history.record(event)
+        if block is not None and (wanted := self.history.photons_wanted):
+            self.history.record_photons(_photons(event, block, wanted, each))
+
+    def feedback(self, block: Block, *others: Block) -> Feedback:
+        """Return the feedback that is common to all operations on a block, with others if any."""
+        feedback = Feedback(
+            time_ns=self.clock.now_ns(),
+            photons=block.register.size,
+            first_ns=block.first_ns,
+            last_ns=block.last_ns,
+        )
+        return self.mark(feedback, (block, *others))
+
+    def mark(self, feedback: Feedback, blocks: Sequence[Block]) -> Feedback:
+        """Say in the feedback what simulates the blocks, and whether that is exact."""
+        feedback.backend = self.sabot.simulated_by(*(block.register for block in blocks))
+        feedback.exact = self.count_exact(blocks)
+        return feedback
+
+    def count_exact(self, blocks: Sequence[Block]) -> bool:
+        """Return whether the blocks hold no approximation, which is then in what is reported."""
+        exact = all(block.pulses.exact for block in blocks)
+        self.exact &= exact
+        return exact
+
+    def take_up(self, *blocks: Block) -> None:
+        """Take blocks that are to be used out of their node's memory, if they are in there."""
+        for block in blocks:
+            self._take_up(block)
+
+    def take_up_pair(self, first: Block, second: Block) -> None:
+        """The same of blocks whose photons pair up: what is stored waits for light that is not."""
+        for block, other in ((first, second), (second, first)):
+            comes = other.interval_ns and not self.memories.holds(other)
+            self._take_up(block, other if comes else None)
+
+    def _take_up(self, block: Block, light: Block | None = None) -> None:
+        before = block.register.remaining
+        detail = self.memories.read_out(block, light)
+        if detail is not None:
+            self.photons_lost += before - block.register.remaining
+            self.record(block.node, "recall", block, detail=detail)
+
+    def held(self, block: Block) -> HeldBlock:
+        """Return where a block is and what is left of it."""
+        return HeldBlock(
+            block=block_id(block.name),
+            port=block.port,
+            photons=block.register.remaining,
+            stored=self.memories.holds(block),
+        )
+
+    def drop(self, block: Block) -> None:
+        """Discard a block whatever its state."""
+        self.memories.forget(block)
+        purpose = block.draws_for("discard")
+        draws = self.draws.photons(block.name, purpose, block.register.size)
+        self.sabot.drop(block.register, draws)
+        self.ownership.remove(block)
+
+
+def _photons(
+    event: Event, block: Block, wanted: int, each: Callable[[int], str] | None
+) -> list[Event]:
+    """Return the event once for each of the first photons of its block."""
+    events = []
+    for position, present in enumerate(block.register.present[:wanted].tolist()):
+        photon = Event()
+        photon.CopyFrom(event)
+        photon.photon, photon.photons, photon.lost = position + 1, 1, int(not present)
+        photon.detail = each(position) if each is not None else ""
+        events.append(photon)
+    return events
+
+
+def block_id(name: BlockName) -> BlockId:
+    """Return the name as it goes over the wire."""
+    return BlockId(session=name.session, number=name.number, half=name.half)
+
+
+def block_name(block: BlockId) -> BlockName:
+    """Return the name that came over the wire."""
+    return BlockName(block.session, block.number, block.half)
+
+
+def tally(values: np.ndarray[tuple[int], np.dtype[np.uint8]], names: tuple[str, ...]) -> str:
+    """Count how often each value is in an array, for a person to read."""
+    counts = (int(np.count_nonzero(values == value)) for value in range(len(names)))
+    return " ".join(f"{name}={count}" for name, count in zip(names, counts, strict=True) if count)

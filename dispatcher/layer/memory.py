@@ -1,0 +1,203 @@
+"""Quantum memories: what waiting does to qubits, by the time that each has really waited.
+
+The wait of a qubit that is stored begins when it comes, whenever the host says that it is to be
+stored: light with its arrival at the port; the half of a pair that stays, when the source emits the
+other half; a qubit that is made on the spot at once. It ends when the block is used: at once for
+all, but with light that is not stored one by one, as that comes. A block that is used again has
+left its memory: to wait on it is stored again. Light that is never stored is used as it comes.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dispatcher.clock import Clock
+from dispatcher.devices import abilities
+from dispatcher.devices.decay import Decay, Waits, decay
+from dispatcher.devices.hardware import Devices
+from dispatcher.layer import drift, pulses
+from dispatcher.layer.ownership import Block
+from dispatcher.photon_random import PhotonRandom
+from dispatcher.refusal import exhausted
+from dispatcher.sabot.capacity import GateStep
+from dispatcher.sabot.draws import Draws
+from dispatcher.sabot.registers import Mask
+from dispatcher.sabot.simulation import Simulation
+from dispatcher.software_time import SoftwareTime
+from wire.features import STORE
+from wire.physics import Memory
+
+
+class Memories:
+    """The memories of all hosts."""
+
+    def __init__(
+        self,
+        devices: Devices,
+        clock: Clock,
+        sabot: Simulation,
+        draws: Draws,
+        software: SoftwareTime,
+    ) -> None:
+        """Begin with empty ones; tell of each wait how long it was."""
+        self._software = software
+        self._devices, self._clock = devices, clock
+        self._sabot, self._draws = sabot, draws
+        self._stored: dict[str, dict[Block, int]] = {}  # qubits of each block, by node
+
+    def store(self, block: Block) -> None:
+        """Put a block at a node into its memory, or keep it there; refuse what has no room."""
+        stored = self._stored.setdefault(block.node, {})
+        if block in stored:
+            return
+        abilities.require(self._devices, block.node, STORE)
+        capacity = self._devices.of(block.node).memory.capacity
+        used, more = sum(stored.values()), block.register.remaining
+        if used + more > capacity:
+            raise exhausted(
+                f"{more} more qubits with {used} stored exceed the capacity of {block.node}'s "
+                f"memory, {capacity}; measure, send or discard some first"
+            )
+        stored[block] = more
+        block.stored_ns, block.stores = self._clock.now_ns(), block.stores + 1
+
+    def holds(self, block: Block) -> bool:
+        """Return whether a block is in its node's memory."""
+        return block in self._stored.get(block.node, {})
+
+    def forget(self, block: Block) -> None:
+        """Free the place of a block that is discarded."""
+        self._stored.get(block.node, {}).pop(block, None)
+
+    def read_out(self, block: Block, light: Block | None = None) -> str | None:
+        """Take a block out of the memory, if it is in one; return what has happened to it.
+
+        Each qubit is read out when the photon of the light in its place comes, if there is any.
+        Raise TooLarge, and leave the block there, if that would take too large state vectors.
+        """
+        return self._wait_is_over(block, light, leaves=True) if self.holds(block) else None
+
+    def look_in(self, block: Block) -> str:
+        """Decide what the wait so far has done to a block that stays in the memory.
+
+        Waits add up: what comes later is the same as without looking in. Raise as read_out.
+        """
+        return self._wait_is_over(block, None, leaves=False)
+
+    def exchange(self, givers: Sequence[Block], taker: Block) -> None:
+        """Let a new block be in the memory with photons that were in there: a part of others'."""
+        stored = self._stored.setdefault(taker.node, {})
+        for block in (*givers, taker):
+            stored[block] = block.register.remaining
+        taker.stored_ns = self._clock.now_ns()
+
+    def _wait_is_over(self, block: Block, light: Block | None, leaves: bool) -> str:
+        now_ns = self._clock.now_ns()
+        start_ns, interval_ns = (
+            (now_ns, 0.0) if light is None else (light.start_ns, light.interval_ns)
+        )
+        waits = _waits(block, start_ns, interval_ns)
+        memory = self._devices.of(block.node).memory
+        self._software.waited(block.start_ns, start_ns, memory.decays)
+        self._damp(block, memory, waits)
+        block.start_ns, block.interval_ns = start_ns, interval_ns
+        block.first_ns, block.last_ns = start_ns, _time_ns(block, block.register.size - 1)
+        where = f"memory of {block.node}, {block.fibers_passed}, {block.stores}"
+        random = PhotonRandom(self._draws, block.name, block.draws_for(where), block.register.size)
+        counts = {}
+        if leaves:
+            self.forget(block)
+            counts["lost"] = self._lose(block, memory.efficiency, random)
+        counts |= self._decay(block, memory, waits, random)
+        if not leaves:
+            block.stored_ns, block.stores = now_ns, block.stores + 1
+        told = "".join(f" {name}={count}" for name, count in counts.items() if count)
+        longest = "" if waits.alike else f" to {waits.longest_s:.9f}"
+        return f"after {waits.shortest_s:.9f}{longest} s{told}"
+
+    def _lose(self, block: Block, efficiency: float, random: PhotonRandom) -> int:
+        if efficiency == 1:
+            return 0
+        everything = np.ones(random.photons, dtype=bool)
+        pulses.thin(block.pulses, everything, efficiency, random, "further photons")
+        return self._sabot.lose(block.register, random.happens("efficiency", 1 - efficiency))
+
+    def _damp(self, block: Block, memory: Memory, waits: Waits) -> None:
+        """Let what is damped pass from qubits into others that nobody sees; or raise TooLarge."""
+        if not decay(memory, waits.longest_s).damped:
+            return
+        share = decay(memory, waits.of(np.arange(waits.qubits))).damped
+        sabot, angle_rad = self._sabot, np.arcsin(np.sqrt(share))
+        unseen = sabot.zeros(block.register.size)
+        purpose = block.draws_for(f"damped {block.fibers_passed}, {block.stores}")
+        draws = self._draws.photons(block.name, purpose, block.register.size)
+        try:
+            rotation = GateStep("RY", angle_rad=angle_rad)
+            sabot.require_capacity(unseen, [rotation, GateStep("CX", block.register)])
+            sabot.gate("RY", unseen, angle_rad=angle_rad)
+            sabot.gate("CX", block.register, unseen)
+            sabot.gate("RY", unseen, angle_rad=-angle_rad)
+            sabot.gate("CX", block.register, unseen)
+            sabot.gate("CX", unseen, block.register)
+        finally:
+            sabot.drop(unseen, draws)
+
+    def _decay(
+        self, block: Block, memory: Memory, waits: Waits, random: PhotonRandom
+    ) -> dict[str, int]:
+        worst, counts = decay(memory, waits.longest_s), {}
+        present = block.register.present
+        if worst.reset:
+            reset = _met("reset", memory, waits, random) & present
+            counts["reset"] = int(np.count_nonzero(reset))
+            if counts["reset"]:
+                purpose = block.draws_for(f"reset {block.fibers_passed}, {block.stores}")
+                draws = self._draws.photons(block.name, purpose, random.photons)
+                self._sabot.reset(block.register, reset, draws)
+        if worst.error:
+            # A reset and a Pauli exclude each other, but Z does nothing to what has been reset.
+            met = np.flatnonzero(_met("error", memory, waits, random) & present)
+            paulis = np.zeros(random.photons, dtype=np.uint8)
+            paulis[met] = 1 + _which(decay(memory, waits.of(met)), random)
+            self._sabot.explain(block.register, f"decay in the memory of {block.node}", paulis)
+            self._sabot.pauli(block.register, paulis)
+            drift.reflect(block.pulses, paulis)
+            tally = np.bincount(paulis, minlength=4)
+            counts |= {name: int(tally[i]) for i, name in enumerate(("X", "Z", "XZ"), 1)}
+        block.pulses.exact &= worst.exact
+        return counts
+
+
+def _time_ns(block: Block, photon: int) -> int:
+    return block.start_ns + int(photon * block.interval_ns)
+
+
+def _waits(block: Block, start_ns: int, interval_ns: float) -> Waits:
+    """Return how long the qubits have waited that are wanted from a time on, one by one."""
+    step_s = (interval_ns - block.interval_ns) / 1e9
+    return Waits((start_ns - block.start_ns) / 1e9, step_s, block.register.size)
+
+
+def _met(what: str, memory: Memory, waits: Waits, random: PhotonRandom) -> Mask:
+    """Draw to which qubits something has happened, a part of Decay; shape (k,)."""
+    # Draw as if all had waited longest; keep of those what their own wait says.
+    most = getattr(decay(memory, waits.longest_s), what)
+    met = random.happens(what, most)
+    if not waits.alike:
+        some = np.flatnonzero(met)
+        own = getattr(decay(memory, waits.of(some)), what)
+        drawn = random.generator(f"{what}, own wait").random(some.size) * most
+        met[some[drawn >= own]] = False
+    return met
+
+
+def _which(happened: Decay, random: PhotonRandom) -> NDArray[np.uint8]:
+    """Choose which Pauli has happened to each qubit: 0 X, 1 Z, 2 XZ."""
+    if not np.any(happened.x):
+        return np.ones(np.shape(happened.z), dtype=np.uint8)
+    weights: NDArray[np.float64] = np.array((happened.x, happened.z, happened.y))
+    bounds = weights.cumsum(axis=0)
+    drawn = random.generator("Pauli").random(bounds.shape[1]) * bounds[-1]
+    found: NDArray[np.uint8] = (drawn >= bounds[:-1]).sum(axis=0, dtype=np.uint8)
+    return found

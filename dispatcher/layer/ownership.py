@@ -1,0 +1,156 @@
+"""Which block is where: at a node, waiting at one of its ports, or on its way."""
+
+from collections import deque
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dispatcher.layer.used_names import UsedNames
+from dispatcher.refusal import denied, not_found
+from dispatcher.sabot.registers import Register
+
+CLOSED_SESSIONS = 256  # remembered, for the light that is on its way when they end
+
+
+class BlockName(NamedTuple):
+    """Names the photons of one half of a session's block."""
+
+    session: int
+    number: int
+    half: int
+
+    def __str__(self) -> str:
+        """Return the name as the event log writes it."""
+        return f"block {self.number}/{self.half} of session {self.session:016x}"
+
+
+@dataclass(slots=True)
+class Pulses:
+    """What is known of the light of k photons besides their quantum state; None: nothing.
+
+    Arrays have shape (k,) and cover the whole block, whichever part of it is here.
+    """
+
+    extras: NDArray[np.uint8] | None = None  # more photons in a pulse, of independent pairs
+    delays_ps: NDArray[np.float64] | None = None  # later than the block's rate says
+    angles_rad: NDArray[np.float64] | None = None  # coherent rotation about Z so far
+    exact: bool = True  # no approximation so far
+
+
+@dataclass(eq=False, slots=True)
+class Block:
+    """Photons of a block that are together; one block may have parts at several nodes."""
+
+    name: BlockName
+    register: Register
+    node: str  # empty: on its way
+    port: str = ""  # where it waits to be received
+    first_ns: int = 0  # first and last photon at the port
+    last_ns: int = 0
+    fibers_passed: int = 0
+    pulses: Pulses = field(default_factory=Pulses)
+    start_ns: int = 0  # when photon 0 is, or would have been, at the port; photon k comes later
+    interval_ns: float = 0.0  # by k times this; 0: they were in no fibre yet
+    source_rate_hz: float = float("inf")  # at most, while they have not left their source
+    stored_ns: int = 0  # when the block was put into memory last
+    stores: int = 0  # how often that was
+    resends: int = 0  # how often photons were measured and replaced by others
+    gates: int = 0  # how many gates were done to it whose noise was drawn
+    # What tells these photons from others of this name: which use of it, or where they come from.
+    lineage: str = ""
+
+    def draws_for(self, purpose: str) -> str:
+        """Return a purpose of random numbers that no other photons of this name have."""
+        return f"{self.lineage} {purpose}" if self.lineage else purpose
+
+
+class Ownership:
+    """All live blocks, found by name or by node and session."""
+
+    def __init__(self) -> None:
+        """Begin with none."""
+        self._by_name: dict[BlockName, list[Block]] = {}
+        self._by_session: dict[tuple[str, int], dict[Block, None]] = {}
+        self._closed: deque[tuple[str, int]] = deque(maxlen=CLOSED_SESSIONS)
+        self.used_names = UsedNames()
+        self.count = 0
+        self.places = 0  # for photons in all blocks, those that are lost included
+
+    def close(self, node: str, session: int) -> None:
+        """Note that a node wants no more light of a session."""
+        if (node, session) not in self._closed:
+            self._closed.append((node, session))
+
+    def is_closed(self, node: str, session: int) -> bool:
+        """Return whether a node has let go of a session."""
+        return (node, session) in self._closed
+
+    def add(self, block: Block) -> None:
+        """Enter a new block where it says it is."""
+        self._by_name.setdefault(block.name, []).append(block)
+        self._by_session.setdefault((block.node, block.name.session), {})[block] = None
+        self.count += 1
+        self.places += block.register.size
+
+    def remove(self, block: Block) -> None:
+        """Forget a block."""
+        parts = self._by_name[block.name]
+        parts.remove(block)
+        if not parts:
+            del self._by_name[block.name]
+        self._leave(block)
+        self.count -= 1
+        self.places -= block.register.size
+
+    def move(self, block: Block, node: str, port: str = "") -> None:
+        """Bring a block to a port of a node, or to the node itself."""
+        self._leave(block)
+        block.node, block.port = node, port
+        self._by_session.setdefault((node, block.name.session), {})[block] = None
+
+    def exists(self, name: BlockName) -> bool:
+        """Return whether photons of this name are anywhere."""
+        return name in self._by_name
+
+    def parts(self, name: BlockName) -> list[Block]:
+        """Return all live parts of a block, wherever they are."""
+        return list(self._by_name.get(name, ()))
+
+    def at(self, name: BlockName, node: str, port: str = "") -> Block | None:
+        """Return the block of this name at a port of the node, or at the node itself."""
+        for block in self._by_name.get(name, ()):
+            if (block.node, block.port) == (node, port):
+                return block
+        return None
+
+    def require(self, name: BlockName, node: str) -> Block:
+        """Return the block of this name at the node, or refuse with the reason."""
+        block = self.at(name, node)
+        if block is not None:
+            return block
+        parts = self._by_name.get(name)
+        if parts is None:
+            raise not_found(f"{name} does not exist; create or receive it first")
+        waiting = [part.port for part in parts if part.node == node]
+        if waiting:
+            raise denied(f"{name} waits at port {waiting[0]} of {node}; receive it first")
+        raise denied(f"{name} is not at {node}; only the node that holds it may touch it")
+
+    def of_session(self, node: str, session: int) -> list[Block]:
+        """Return all blocks of a session at a node, those at its ports included."""
+        return list(self._by_session.get((node, session), ()))
+
+    def at_node(self, node: str) -> list[Block]:
+        """Return all blocks at a node, those at its ports included; none at no node."""
+        if not node:
+            return []
+        places = [place for place in self._by_session if place[0] == node]
+        return [block for place in places for block in self._by_session[place]]
+
+    def _leave(self, block: Block) -> None:
+        place = (block.node, block.name.session)
+        del self._by_session[place][block]
+        if not self._by_session[place]:
+            del self._by_session[place]

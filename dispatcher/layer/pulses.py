@@ -1,0 +1,133 @@
+"""The light of a block besides its quantum states, as it is thinned, divided and united.
+
+Arrays are never changed in place: both halves of a block and its parts may share them. They are
+multiplied by masks, which takes the same time whatever is masked; np.where is slow where that is
+random.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from dispatcher.fiber.noise import Effect
+from dispatcher.layer.ownership import Block, Pulses
+from dispatcher.photon_random import PhotonRandom
+from dispatcher.sabot.registers import Mask
+
+MOST_EXTRAS = 255
+
+
+def further(pairs: NDArray[np.uint8]) -> NDArray[np.uint8] | None:
+    """Return how many photons there are beside the first in each pulse; None: in no pulse any."""
+    if not (pairs > 1).any():
+        return None
+    extras: NDArray[np.uint8] = pairs - (pairs > 0)
+    return extras
+
+
+def lit(block: Block) -> Mask:
+    """Return in which pulses of a block there is light: a photon of its own, or another."""
+    present, extras = block.register.present, block.pulses.extras
+    return present if extras is None else present | (extras > 0)
+
+
+def pass_on(pulses: Pulses, members: Mask, effect: Effect) -> None:
+    """Add what a fibre does to the pulses of members, apart from losses and Paulis."""
+    pulses.exact &= effect.exact
+    if effect.angles_rad is not None:
+        pulses.angles_rad = _added(pulses.angles_rad, effect.angles_rad, members)
+    if effect.delays_ps is not None:
+        pulses.delays_ps = _added(pulses.delays_ps, effect.delays_ps, members)
+    if effect.extras is not None:
+        more = (effect.extras * members).astype(np.uint16)
+        if pulses.extras is not None:
+            more += pulses.extras
+        pulses.extras = np.minimum(more, MOST_EXTRAS).astype(np.uint8)
+
+
+def thin(
+    pulses: Pulses,
+    members: Mask,
+    transmission: float | NDArray[np.float64],
+    random: PhotonRandom,
+    purpose: str,
+) -> None:
+    """Let each further photon of the members' pulses through with this probability."""
+    if pulses.extras is None:
+        return
+    there = np.flatnonzero((pulses.extras > 0) & members)
+    owners = np.repeat(there, pulses.extras[there])
+    if isinstance(transmission, np.ndarray):
+        transmission = transmission[owners]
+    lost = owners[random.generator(purpose).random(owners.size) >= transmission]
+    extras = pulses.extras.copy()
+    np.subtract.at(extras, lost, np.uint8(1))
+    pulses.extras = extras
+
+
+def darken(pulses: Pulses, members: Mask) -> None:
+    """Take the further photons out of the members' pulses."""
+    if pulses.extras is not None:
+        pulses.extras = pulses.extras * ~members
+
+
+def part(pulses: Pulses, members: Mask) -> Pulses:
+    """Move the members' pulses into a part of their own."""
+    own = replace(pulses)
+    darken(own, ~members)
+    darken(pulses, members)
+    return own
+
+
+def unite(pulses: Pulses, other: Pulses, members: Mask) -> None:
+    """Take in the pulses of another part, whose light is in these members."""
+    pulses.exact &= other.exact
+    if other.extras is not None:
+        own = np.uint8(0) if pulses.extras is None else pulses.extras
+        pulses.extras = other.extras * members + own * ~members
+    pulses.delays_ps = _merged(pulses.delays_ps, other.delays_ps, members)
+    pulses.angles_rad = _merged(pulses.angles_rad, other.angles_rad, members)
+
+
+def gather(picks: Sequence[tuple[Pulses, NDArray[np.uint32]]]) -> Pulses:
+    """Return the pulses at these positions of several blocks, one after the other."""
+    every = [pulses for pulses, _positions in picks]
+
+    def joined(arrays: Sequence[NDArray[Any] | None], dtype: DTypeLike) -> NDArray[Any] | None:
+        if all(array is None for array in arrays):
+            return None
+        taken = [
+            np.zeros(at.size, dtype) if array is None else array[at]
+            for array, (_pulses, at) in zip(arrays, picks, strict=True)
+        ]
+        return np.concatenate(taken)
+
+    return Pulses(
+        extras=joined([pulses.extras for pulses in every], np.uint8),
+        delays_ps=joined([pulses.delays_ps for pulses in every], np.float64),
+        angles_rad=joined([pulses.angles_rad for pulses in every], np.float64),
+        exact=all(pulses.exact for pulses in every),
+    )
+
+
+def _added(
+    values: NDArray[np.float64] | None, more: NDArray[np.float64], members: Mask
+) -> NDArray[np.float64]:
+    if members.all():
+        return more if values is None else values + more
+    own = more * members
+    if values is not None:
+        own += values
+    return own
+
+
+def _merged(
+    values: NDArray[np.float64] | None, other: NDArray[np.float64] | None, members: Mask
+) -> NDArray[np.float64] | None:
+    if values is None and other is None:
+        return None
+    own, taken = (0.0 if array is None else array for array in (values, other))
+    return taken * members + own * ~members

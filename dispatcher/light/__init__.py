@@ -1,1 +1,0 @@
-"""Light on its way through fibres and switches."""

@@ -1,0 +1,1 @@
+"""Operations on the physical layer, one class for each kind of request."""

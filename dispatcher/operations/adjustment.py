@@ -1,0 +1,55 @@
+"""What the runner may change about a fibre while light flows: its calibration, its traffic."""
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from dispatcher.fiber.classical_light import ClassicalLight
+from dispatcher.fiber.fluctuations import ThermalDrift
+from dispatcher.layer.layer import PhysicalLayer
+from dispatcher.layer.network import Line
+from dispatcher.refusal import invalid
+from wire.dispatcher_pb2 import AdjustFiberRequest
+from wire.physics import BadParameter
+
+
+def adjust(layer: PhysicalLayer, request: AdjustFiberRequest) -> int:
+    """Do what is asked to all fibres between two nodes; return how many there are."""
+    lines = layer.network.between(request.a, request.b)
+    kind = request.WhichOneof("adjustment")
+    if kind == "classical_mw":
+        _illuminate(layer, lines, request.classical_mw)
+    elif request.calibrate:
+        _calibrate(layer, lines)
+    else:
+        raise invalid("no adjustment; name calibrate or classical_mw")
+    return len(lines) // 2
+
+
+def _calibrate(layer: PhysicalLayer, lines: Iterable[Line]) -> None:
+    """Compensate each path's delay of this moment, so that it drifts from here."""
+    now_ns = layer.clock.now_ns()
+    for line in lines:
+        layer.record(line.near.node, "calibrate", port=line.near.port, time_ns=now_ns)
+        for name, model in line.noise.items():
+            if isinstance(model, ThermalDrift):
+                history = layer.history.of_model(line.near.node, line.near.port, name)
+                history.remember(np.array([now_ns]), np.zeros(1))
+
+
+def _illuminate(layer: PhysicalLayer, lines: Iterable[Line], power_mw: float) -> None:
+    """Let the classical light have this power from now on."""
+    now_ns = layer.clock.now_ns()
+    for line in lines:
+        where = f"fiber at {line.near.port} of {line.near.node}"
+        try:
+            replace(line.fiber, classical_mw=power_mw).check(where)
+        except BadParameter as error:
+            raise invalid(str(error)) from error
+    for line in lines:
+        detail = f"classical light {power_mw:g} mW"
+        layer.record(line.near.node, "tune", None, line.near.port, detail, now_ns)
+        for model in line.noise.values():
+            if isinstance(model, ClassicalLight):
+                model.power_mw.set(power_mw, now_ns)

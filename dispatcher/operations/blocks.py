@@ -1,0 +1,240 @@
+"""What a node does to blocks it holds: each operation checks, then acts, then records."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import grpc
+import numpy as np
+
+from dispatcher.devices import abilities
+from dispatcher.layer import drift
+from dispatcher.layer.layer import PhysicalLayer, block_name, tally
+from dispatcher.layer.ownership import Block, BlockName
+from dispatcher.operations import gate_noise, limits, preparation
+from dispatcher.operations.emission import emit_into
+from dispatcher.refusal import Refusal, exhausted, invalid
+from dispatcher.sabot.backend import Angle, Bytes, GateName
+from dispatcher.sabot.capacity import GateStep
+from dispatcher.sabot.gates import ROTATIONS, TWO_QUBIT_GATES
+from dispatcher.sabot.limits import MAX_GATES, packed, require_count
+from dispatcher.sabot.registers import Register
+from wire.dispatcher_pb2 import CreateRequest, Feedback, Gate
+from wire.features import EMIT, GATE, STORE
+
+PAULIS = ("I", "X", "Z", "XZ")
+DIAGONAL = ("S", "S_DAG", "CZ", "T", "T_DAG", "RZ")
+GATES: dict[int, GateName] = {
+    Gate.H: "H",
+    Gate.S: "S",
+    Gate.S_DAG: "S_DAG",
+    Gate.CX: "CX",
+    Gate.CZ: "CZ",
+    Gate.T: "T",
+    Gate.T_DAG: "T_DAG",
+    Gate.RX: "RX",
+    Gate.RY: "RY",
+    Gate.RZ: "RZ",
+}
+PAIR = 2
+STATES = {
+    CreateRequest.BELL_PAIRS: ("Bell pairs", PAIR),
+    CreateRequest.ZEROS: ("zeros", 1),
+    CreateRequest.PREPARED: ("prepared", 1),
+}
+STATE_NAMES = [CreateRequest.State.Name(state) for state in STATES]
+
+
+class PlannedGate(NamedTuple):
+    """A gate that can be done: every pair of photons is there, and its angle is a number."""
+
+    name: GateName
+    target: Block | None = None
+    angle_rad: Angle = 0.0
+
+    @property
+    def step(self) -> GateStep:
+        """Return what Sabot is asked."""
+        target = self.target.register if self.target else None
+        return GateStep(self.name, target, self.angle_rad)
+
+    @property
+    def detail(self) -> str:
+        """Return what the event log says."""
+        if self.name not in ROTATIONS:
+            return self.name
+        one_each = isinstance(self.angle_rad, np.ndarray)
+        return f"{self.name}({'each its own' if one_each else format(self.angle_rad, 'g')})"
+
+    def turned(self, block: Block) -> list[Block]:
+        """Return the blocks whose Z the gate does not commute with."""
+        if self.name in DIAGONAL:
+            return []
+        return [block] if self.target is None else [self.target]
+
+    def spread_approximation(self, block: Block) -> None:
+        """Let an approximation in one of the two blocks be in both."""
+        if self.target is not None:
+            exact = block.pulses.exact and self.target.pulses.exact
+            block.pulses.exact = self.target.pulses.exact = exact
+
+
+class Operations:
+    """Create, apply, store and discard."""
+
+    def __init__(self, layer: PhysicalLayer) -> None:
+        """Act on this layer."""
+        self._layer = layer
+        self.pairs_created = 0
+
+    def create(self, node: str, request: CreateRequest) -> Feedback:
+        """Make a block of Bell pairs or of photons in given states at the node."""
+        layer = self._layer
+        if request.state not in STATES:
+            raise invalid(f"state {request.state} is unknown; use {', '.join(STATE_NAMES)}")
+        text, halves = STATES[request.state]
+        # Photons that leave are of a source; qubits that stay may be ions, too.
+        makers = (EMIT,) if halves == PAIR else (EMIT, STORE)
+        abilities.require(layer.devices, node, *makers)
+        names = [BlockName(request.session, request.number, half) for half in range(halves)]
+        self._require_room(names, request.count)
+        states = limits.states(request)
+        registers = self._make(request, states)
+        lineage = layer.ownership.used_names.use(request.session, request.number)
+        now_ns = layer.clock.now_ns()
+        blocks = [
+            Block(name, register, node, first_ns=now_ns, last_ns=now_ns, start_ns=now_ns)
+            for name, register in zip(names, registers, strict=True)
+        ]
+        for block in blocks:
+            block.lineage = lineage
+            layer.ownership.add(block)
+        if halves == PAIR:
+            pairs, told = emit_into(blocks[0], blocks[1], layer)
+            self.pairs_created += pairs
+            text += told
+        if states is not None:
+            text += f": {tally(states, preparation.STATES)}"
+        each = None if states is None else lambda position: preparation.STATES[states[position]]
+        layer.record(node, "create", blocks[0], detail=text, each=each)
+        return layer.feedback(blocks[0])
+
+    def _make(self, request: CreateRequest, states: Bytes | None) -> Sequence[Register]:
+        """Return new registers, one for each half."""
+        sabot = self._layer.sabot
+        if states is not None:
+            return [preparation.prepare(sabot, states)]
+        if request.state == CreateRequest.ZEROS:
+            return [sabot.zeros(request.count)]
+        return sabot.bell_pairs(request.count)
+
+    def apply(self, node: str, name: BlockName, paulis: bytes, gates: Sequence[Gate]) -> Feedback:
+        """Apply a Pauli to each photon, then gates to all of them."""
+        layer = self._layer
+        block = layer.ownership.require(name, node)
+        planned = self._plan(node, block, gates)
+        if planned:
+            abilities.require(layer.devices, node, GATE)
+        details = [gate.detail for gate in planned]
+        values = packed("paulis", paulis, block.register.size, 3) if paulis else None
+        errors = 0
+        layer.sabot.require_capacity(block.register, [gate.step for gate in planned])
+        done_ns = layer.clock.now_ns()  # however long it takes to simulate
+        layer.take_up(block, *(gate.target for gate in planned if gate.target is not None))
+        if values is not None:
+            layer.sabot.pauli(block.register, values)
+            drift.reflect(block.pulses, values)
+            details.insert(0, tally(values, PAULIS))
+            errors = gate_noise.after_gate(layer, block, values != gate_noise.IDENTITY)
+        for gate in planned:
+            for turned in gate.turned(block):
+                drift.twirl(turned, layer.sabot, layer.draws)
+            step = gate.step
+            layer.sabot.gate(step.name, block.register, step.target, step.angle_rad)
+            gate.spread_approximation(block)
+            if gate.target is None:
+                errors += gate_noise.after_gate(layer, block)
+            else:
+                errors += gate_noise.after_pair_gate(layer, block, gate.target)
+        if errors:
+            details.append(f"gate-errors={errors}")
+        each = None if values is None else lambda position: PAULIS[values[position]]
+        layer.record(node, "apply", block, detail=" ".join(details), each=each)
+        feedback = layer.feedback(block)
+        feedback.time_ns = done_ns
+        return feedback
+
+    def store(self, node: str, name: BlockName) -> Feedback:
+        """Keep a block in the node's memory."""
+        block = self._layer.ownership.require(name, node)
+        self._layer.memories.store(block)
+        self._layer.record(node, "store", block)
+        feedback = self._layer.feedback(block)
+        feedback.time_ns = block.stored_ns
+        feedback.arrived = block.register.present.astype(np.uint8).tobytes()
+        return feedback
+
+    def discard(self, node: str, name: BlockName) -> Feedback:
+        """Discard a block, also one that waits at a port of the node."""
+        ownership = self._layer.ownership
+        waiting = [block for block in ownership.parts(name) if block.node == node]
+        return self._discard(waiting or [ownership.require(name, node)])
+
+    def discard_session(self, node: str, session: int) -> Feedback:
+        """Discard everything of a session at the node and at its ports, now and later."""
+        self._layer.ownership.close(node, session)
+        return self._discard(self._layer.ownership.of_session(node, session))
+
+    def _discard(self, blocks: list[Block]) -> Feedback:
+        photons = sum(block.register.size for block in blocks)
+        feedback = Feedback(time_ns=self._layer.clock.now_ns(), photons=photons)
+        self._layer.mark(feedback, blocks)
+        for block in blocks:
+            self._layer.drop(block)
+            self._layer.record(block.node, "discard", block, port=block.port)
+        return feedback
+
+    def _require_room(self, names: list[BlockName], count: int) -> None:
+        """Refuse a block that would be too large or has a name that is taken."""
+        layer = self._layer
+        require_count(count)
+        for name in names:
+            if layer.ownership.exists(name):
+                message = f"{name} exists; discard it or take another number"
+                raise Refusal(grpc.StatusCode.ALREADY_EXISTS, message)
+        live, more = layer.sabot.live_qubits, count * len(names)
+        if live + more > layer.max_live_qubits:
+            raise exhausted(
+                f"{more} more qubits with {live} live exceed the limit of "
+                f"{layer.max_live_qubits}; measure or discard some first"
+            )
+        if layer.ownership.count + len(names) > limits.MAX_BLOCKS:
+            raise exhausted(
+                f"{limits.MAX_BLOCKS} blocks are live; use larger blocks or discard some"
+            )
+
+    def _plan(self, node: str, block: Block, gates: Sequence[Gate]) -> list[PlannedGate]:
+        """Look up everything that gates need, so that none fails halfway."""
+        if len(gates) > MAX_GATES:
+            raise invalid(f"{len(gates)} gates; send at most {MAX_GATES} in a request")
+        return [self._plan_gate(node, block, gate) for gate in gates]
+
+    def _plan_gate(self, node: str, block: Block, gate: Gate) -> PlannedGate:
+        if gate.name not in GATES:
+            raise invalid(f"gate {gate.name} is unknown; use {', '.join(GATES.values())}")
+        name = GATES[gate.name]
+        angle = limits.angle(name, gate, block.register.size, self._layer.sabot.backend)
+        if name not in TWO_QUBIT_GATES:
+            return PlannedGate(name, None, angle)
+        target = self._layer.ownership.require(block_name(gate.target), node)
+        require_pairs(block, target)
+        return PlannedGate(name, target)
+
+
+def require_pairs(first: Block, second: Block) -> None:
+    if first is second:
+        raise invalid(f"{first.name} is named twice; name two different blocks")
+    if first.register.size != second.register.size:
+        raise invalid(
+            f"{first.name} has {first.register.size} photons and {second.name} "
+            f"{second.register.size}; their photons must pair up"
+        )

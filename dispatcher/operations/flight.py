@@ -1,0 +1,184 @@
+"""The way of a block's light through fibres and switches, photon by photon.
+
+A beam is a part of the block that has taken one way so far. Each beam is resolved when the
+clock has passed its last photon, so what the switches did meanwhile is known. Its Paulis are
+collected and applied when it arrives.
+"""
+
+import heapq
+from dataclasses import dataclass, replace
+from itertools import count
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dispatcher.clock import Clock
+from dispatcher.fiber.noise import Passage, Pattern, Schedule
+from dispatcher.layer import drift, pulses
+from dispatcher.layer.layer import PhysicalLayer
+from dispatcher.layer.network import Line
+from dispatcher.layer.ownership import Block
+from dispatcher.photon_random import PhotonRandom
+from dispatcher.sabot.registers import Mask
+from dispatcher.switch.optical_switch import Light, OpticalSwitch
+from wire.config import FiberEnd
+
+MAX_FIBERS = 64  # light in a ring of cross-connects has faded by then
+
+
+@dataclass(frozen=True)
+class Departure:
+    """When photons leave, and their colour."""
+
+    start_ns: int
+    pattern: Pattern
+    frequency_mhz: int
+
+    @property
+    def last_ns(self) -> int:
+        """Return when the last photon leaves."""
+        return self.after(0).last_ns
+
+    def after(self, delay_ns: int) -> Schedule:
+        """Return when the photons are where they come to after a delay."""
+        return Schedule(self.start_ns + delay_ns, self.pattern)
+
+
+@dataclass
+class Beam:
+    """Light of one block on one way."""
+
+    members: Mask  # pulses of the block, whether or not their own photon is still there
+    fibers_passed: int
+    delay_ns: int = 0  # from its departure to the far end of the fibre that it is in
+    noise: NDArray[np.uint8] | None = None  # Paulis that fibres have added up to, shape (k,)
+    rotation: int = 0  # Pauli that switches have added up to
+
+
+@dataclass(frozen=True)
+class Arrival:
+    """What of a block has come to one port."""
+
+    end: FiberEnd
+    members: Mask
+    schedule: Schedule
+    fibers_passed: int
+    errors: list[int]  # to how many photons X, Z and XZ happened on the way
+
+
+class Flight:
+    """Takes one block from a port to all the ports where its light comes out."""
+
+    def __init__(self, block: Block, departure: Departure, layer: PhysicalLayer) -> None:
+        """Prepare the flight of a block that has left."""
+        self._block, self._departure, self._layer = block, departure, layer
+        self._queue: list[tuple[int, int, Line, Beam]] = []
+        self._number = count()
+        self.lost = 0
+
+    def launch(self, end: FiberEnd) -> None:
+        """Let the light into the fibre that begins at a port."""
+        everything = np.ones(self._departure.pattern.photons, dtype=bool)
+        self._enter(end, Beam(everything, self._block.fibers_passed))
+
+    async def next_arrival(self, clock: Clock) -> Arrival | None:
+        """Wait for the next beam to come out at a node, None if no light is left."""
+        while self._queue:
+            time_ns, _number, line, beam = heapq.heappop(self._queue)
+            await clock.wait_until(time_ns)
+            self._pass(beam, line)
+            if not (beam.members & pulses.lit(self._block)).any():
+                continue
+            switch = self._layer.network.switches.get(line.far.node)
+            if switch is None:
+                return self._arrive(beam, line.far)
+            self._cross(beam, switch, int(line.far.port))
+        return None
+
+    def _arrive(self, beam: Beam, end: FiberEnd) -> Arrival:
+        block = self._block
+        photons = beam.members & block.register.present
+        errors = [0, 0, 0]
+        if beam.noise is not None:
+            noise = beam.noise * photons
+            errors = [int(np.count_nonzero(noise == pauli)) for pauli in (1, 2, 3)]
+            self._layer.sabot.pauli(block.register, noise ^ (photons * np.uint8(beam.rotation)))
+        elif beam.rotation:
+            self._layer.sabot.pauli(block.register, photons * np.uint8(beam.rotation))
+        schedule = self._departure.after(beam.delay_ns)
+        return Arrival(end, beam.members, schedule, beam.fibers_passed, errors)
+
+    def _cross(self, beam: Beam, switch: OpticalSwitch, in_port: int) -> None:
+        """Send a beam on through the switch that it has come to."""
+        block = self._block
+        photons = beam.members & block.register.present
+        if beam.fibers_passed >= MAX_FIBERS:
+            switch.lose(in_port, int(np.count_nonzero(photons)))
+            self._absorb(beam.members)
+            return
+        times_ns = self._departure.after(beam.delay_ns).times_ns
+        light = Light(beam.members, photons, times_ns, self._departure.frequency_mhz)
+        random = self._chance(f"switch {beam.fibers_passed}")
+        dark, lost = beam.members.copy(), photons
+        for out_port, passed in switch.cross(in_port, light, random).items():
+            dark &= ~passed.pulses
+            lost &= ~passed.photons
+            purpose = f"extras {out_port}"
+            pulses.thin(block.pulses, passed.pulses, passed.transmission, random, purpose)
+            if rotation := switch.rotation(in_port, out_port):
+                paulis = passed.pulses * np.uint8(rotation)
+                told = f"rotation of {switch.name}, {in_port} -> {out_port}"
+                self._layer.sabot.explain(block.register, told, paulis)
+                drift.reflect(block.pulses, paulis)
+            end = FiberEnd(switch.name, str(out_port))
+            onward = replace(beam, members=passed.pulses, rotation=beam.rotation ^ rotation)
+            self._enter(end, onward)
+        self._lose(lost, f"in {switch.name}")
+        pulses.darken(block.pulses, dark)
+
+    def _enter(self, end: FiberEnd, beam: Beam) -> None:
+        """Let a beam into the fibre that begins at a port, if there is one."""
+        line = self._layer.network.line(end)
+        if line is None:
+            self._absorb(beam.members)
+            return
+        beam.delay_ns += line.delay_ns
+        beam.fibers_passed += 1
+        time_ns = self._departure.last_ns + beam.delay_ns
+        self._layer.software.goes_on(self._departure.start_ns, time_ns)
+        heapq.heappush(self._queue, (time_ns, next(self._number), line, beam))
+
+    def _pass(self, beam: Beam, line: Line) -> None:
+        """Let a fibre do to the light of a beam what its noise models say."""
+        block = self._block
+        schedule = self._departure.after(beam.delay_ns)
+        for name, model in line.noise.items():
+            history = self._layer.history.of_model(line.near.node, line.near.port, name)
+            place = block.draws_for(f"fiber {beam.fibers_passed} {name}")
+            passage = Passage(self._layer.draws, block.name, place, schedule, history)
+            effect = model.effect(passage)
+            told = f"{type(model).__name__} in the fibre to {line.far.port} of {line.far.node}"
+            if effect.lost is not None:
+                self._lose(effect.lost & beam.members, told)
+            if effect.transmission < 1:
+                pulses.thin(block.pulses, beam.members, effect.transmission, passage, "extras")
+            if effect.paulis is not None:
+                paulis = effect.paulis * beam.members
+                self._layer.sabot.explain(block.register, told, paulis)
+                drift.reflect(block.pulses, paulis)
+                beam.noise = paulis if beam.noise is None else beam.noise ^ paulis
+            pulses.pass_on(block.pulses, beam.members, effect)
+
+    def _chance(self, place: str) -> PhotonRandom:
+        block, photons = self._block, self._departure.pattern.photons
+        return PhotonRandom(self._layer.draws, block.name, block.draws_for(place), photons)
+
+    def _absorb(self, members: Mask) -> None:
+        """Lose all the light of some pulses."""
+        self._lose(members, "nowhere to go")
+        pulses.darken(self._block.pulses, members)
+
+    def _lose(self, photons: Mask, told: str) -> None:
+        if photons.any():
+            self._layer.sabot.explain(self._block.register, told, photons)
+            self.lost += self._layer.sabot.lose(self._block.register, photons)

@@ -1,0 +1,177 @@
+"""Gathers photons of a node's blocks into a new block, in a new order.
+
+    block 0/0   0 1 2 3 4 5          into block 1/0   4 0 3
+                                     and block 2/0    5 2 1
+
+Nothing happens to the photons: a host only counts them anew. What is left of the blocks is let go
+if it is not to be kept.
+"""
+
+from collections.abc import Sequence
+from functools import partial
+from hashlib import blake2b
+from typing import NamedTuple
+
+import grpc
+import numpy as np
+from numpy.typing import NDArray
+
+from dispatcher.layer import pulses
+from dispatcher.layer.layer import PhysicalLayer, block_name
+from dispatcher.layer.ownership import Block, BlockName
+from dispatcher.operations import limits
+from dispatcher.refusal import Refusal, exhausted, invalid
+from dispatcher.sabot.limits import positions as checked_positions
+from dispatcher.sabot.limits import require_count
+from dispatcher.sabot.registers import Mask
+from dispatcher.sabot.registers import Pick as RegisterPick
+from wire.dispatcher_pb2 import Feedback, Pick
+
+MOST_PLACES = 2  # for each qubit that may live
+MOST_TOLD = 8  # blocks that an event names
+
+
+class Picked(NamedTuple):
+    """Photons of a block, counted from 0, in the order in which they are wanted."""
+
+    block: Block
+    positions: NDArray[np.uint32]
+
+
+class Gathering:
+    """Gather."""
+
+    def __init__(self, layer: PhysicalLayer) -> None:
+        """Act on this layer."""
+        self._layer = layer
+
+    def gather(
+        self, node: str, into: BlockName, picks: Sequence[Pick], keep_rest: bool
+    ) -> Feedback:
+        """Make a block of the photons that are picked; keep or let go of the rest."""
+        layer = self._layer
+        picked = self._look_up(node, picks)
+        blocks = [block for block, _positions in picked]
+        self._require_free(into, [] if keep_rest else blocks)
+        if keep_rest:
+            self._require_room(sum(positions.size for _block, positions in picked))
+        stored = self._take_up(blocks)
+        gathered = self._block(node, into, picked)
+        if keep_rest:
+            for block, positions in picked:
+                pulses.darken(block.pulses, _mask(positions, block.register.size))
+        else:
+            for block in blocks:
+                layer.drop(block)
+        if stored:
+            layer.memories.exchange(blocks if keep_rest else [], gathered)
+        layer.ownership.add(gathered)
+        detail = _told(picked) + (", still stored" if stored else "")
+        layer.record(node, "gather", gathered, detail=detail, each=partial(_origin, picked))
+        return layer.feedback(gathered)
+
+    def _look_up(self, node: str, picks: Sequence[Pick]) -> list[Picked]:
+        limits.require_picks(len(picks))
+        picked: dict[BlockName, Picked] = {}
+        for pick in picks:
+            name = block_name(pick.block)
+            if name in picked:
+                raise invalid(f"{name} is picked from twice; pick all of it at once")
+            block = self._layer.ownership.require(name, node)
+            field = f"photons of {name}"
+            positions = checked_positions(field, pick.photons, block.register.size)
+            picked[name] = Picked(block, positions)
+        count = sum(positions.size for _block, positions in picked.values())
+        if not count:
+            raise invalid("no photons are picked; name at least one, or discard the blocks")
+        require_count(count)
+        return list(picked.values())
+
+    def _require_free(self, into: BlockName, leaving: Sequence[Block]) -> None:
+        """Refuse a name that photons have which do not leave, wherever they are."""
+        ownership = self._layer.ownership
+        if any(part not in leaving for part in ownership.parts(into)):
+            message = f"{into} exists, here or elsewhere; discard it or take another number"
+            raise Refusal(grpc.StatusCode.ALREADY_EXISTS, message)
+
+    def _require_room(self, more: int) -> None:
+        """Refuse to divide blocks again and again, of which little but their places is left."""
+        layer = self._layer
+        if layer.ownership.count >= limits.MAX_BLOCKS:
+            raise exhausted(f"{limits.MAX_BLOCKS} blocks are live; discard some")
+        most = MOST_PLACES * layer.max_live_qubits
+        if layer.ownership.places + more > most:
+            raise exhausted(
+                f"{more} more places for photons with {layer.ownership.places}, those of lost "
+                f"ones included, exceed the limit of {most}; discard what little is left in"
+            )
+
+    def _take_up(self, blocks: Sequence[Block]) -> bool:
+        """Decide what waiting has done to stored blocks; return whether all of them stay stored."""
+        layer = self._layer
+        stored = [block for block in blocks if layer.memories.holds(block)]
+        waits = [layer.memories.look_in(block) for block in stored]
+        for block, detail in zip(stored, waits, strict=True):
+            layer.record(block.node, "wait", block, detail=detail)
+        if len(stored) == len(blocks):
+            return True
+        layer.take_up(*stored)
+        return False
+
+    def _block(self, node: str, into: BlockName, picked: Sequence[Picked]) -> Block:
+        blocks = [block for block, _positions in picked]
+        light = pulses.gather([(block.pulses, positions) for block, positions in picked])
+        picks = [RegisterPick(block.register, positions) for block, positions in picked]
+        return Block(
+            into,
+            self._layer.sabot.gather(picks),
+            node,
+            first_ns=min(block.first_ns for block in blocks),
+            last_ns=max(block.last_ns for block in blocks),
+            fibers_passed=max(block.fibers_passed for block in blocks),
+            pulses=light,
+            start_ns=max(block.start_ns for block in blocks),
+            source_rate_hz=min(block.source_rate_hz for block in blocks),
+            stores=max(block.stores for block in blocks),
+            resends=max(block.resends for block in blocks),
+            lineage=_lineage(picked),
+        )
+
+
+def _lineage(picked: Sequence[Picked]) -> str:
+    """Return what only these photons in this order have: no two blocks draw the same numbers."""
+    digest = blake2b(digest_size=16)
+    for block, positions in picked:
+        digest.update(f"{tuple(block.name)} {block.lineage} {positions.size} ".encode())
+        digest.update(positions.tobytes())
+    return digest.hexdigest()
+
+
+def _mask(positions: NDArray[np.uint32], size: int) -> Mask:
+    mask = np.zeros(size, dtype=bool)
+    mask[positions] = True
+    return mask
+
+
+def _told(picked: Sequence[Picked]) -> str:
+    """Return what the event log says."""
+    told = [
+        f"{positions.size} of {block.register.size} of {_short(block)}"
+        for block, positions in picked[:MOST_TOLD]
+    ]
+    if len(picked) > MOST_TOLD:
+        told.append(f"and of {len(picked) - MOST_TOLD} more blocks")
+    return ", ".join(told)
+
+
+def _origin(picked: Sequence[Picked], photon: int) -> str:
+    """Return where a photon comes from, counted from 1 as in the events of single photons."""
+    for block, positions in picked:
+        if photon < positions.size:
+            return f"photon {positions[photon] + 1} of {_short(block)}"
+        photon -= positions.size
+    raise IndexError(photon)
+
+
+def _short(block: Block) -> str:
+    return f"{block.name.number}/{block.name.half}"

@@ -1,0 +1,158 @@
+"""Checks of what a request asks for, before anything is changed."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from dispatcher.layer.ownership import Block
+from dispatcher.operations import preparation
+from dispatcher.refusal import invalid
+from dispatcher.sabot.backend import Angle, Bytes
+from dispatcher.sabot.dense import Dense
+from dispatcher.sabot.gates import ROTATIONS
+from dispatcher.sabot.limits import packed
+from dispatcher.switch.optical_switch import MAX_POWER_DBM
+from wire.config import QuantumSwitch
+from wire.dispatcher_pb2 import Connection, CreateRequest, Gate, TunePortRequest
+from wire.switch_check import TEMPERATURE_C
+
+MAX_BLOCKS = 100_000
+MAX_ANGLE_RAD = 1e6
+MAX_STEPS = 64
+MAX_PICKS = 4096
+MAX_ORDERS = 256  # of one call, at a time
+MAX_TIMEOUT_S = 60.0
+# Shorter than what a switch's timeline remembers.
+MAX_EMISSION_S = 30.0
+
+
+def states(request: CreateRequest) -> Bytes | None:
+    """Return the state of each photon of a block that is to be prepared, None of any other."""
+    if request.state == CreateRequest.PREPARED:
+        return packed("states", request.states, request.count, len(preparation.STATES) - 1)
+    if request.states:
+        name = CreateRequest.State.Name(request.state)
+        raise invalid(f"{len(request.states)} states for a block of {name}; only PREPARED has any")
+    return None
+
+
+def angle(name: str, gate: Gate, photons: int, backend: str) -> Angle:
+    """Return a gate's angle, or that of each photon; 0 of a gate that has none.
+
+    Refuse one that is no number or too large to mean one, and angles that do not fit the block or
+    the backend.
+    """
+    if not gate.angles_rad:
+        _require_angle(name, gate.angle_rad)
+        return gate.angle_rad
+    if gate.angle_rad:
+        raise invalid(f"gate {name} has angle_rad and angles_rad; leave one of them out")
+    if name not in ROTATIONS:
+        raise invalid(f"angles_rad for gate {name}, which takes none; leave them out")
+    if len(gate.angles_rad) != photons:
+        raise invalid(f"angles_rad has {len(gate.angles_rad)} for {photons} photons; send one each")
+    angles = np.array(gate.angles_rad)
+    _require_angle(name, float(angles[np.abs(angles).argmax()]))
+    if backend != Dense.NAME:
+        raise invalid(
+            f"gate {name} has an angle for each of {photons} photons, and this network simulates "
+            f"with backend {backend}; start it with --backend dense, or give one angle_rad for all"
+        )
+    return angles
+
+
+def _require_angle(gate: str, angle_rad: float) -> None:
+    if gate not in ROTATIONS and angle_rad:
+        raise invalid(f"angle_rad {angle_rad:g} for gate {gate}, which takes none; leave it out")
+    if not abs(angle_rad) <= MAX_ANGLE_RAD:
+        raise invalid(
+            f"angle_rad {angle_rad:g} of gate {gate} is not between -{MAX_ANGLE_RAD:g} and "
+            f"{MAX_ANGLE_RAD:g}; an angle repeats after 4 pi"
+        )
+
+
+def require_steps(count: int) -> None:
+    """Refuse an empty or too long order."""
+    if not 1 <= count <= MAX_STEPS:
+        raise invalid(f"{count} steps; send 1 to {MAX_STEPS} in an order")
+
+
+def require_picks(count: int) -> None:
+    """Refuse to gather from no blocks or from too many."""
+    if not 1 <= count <= MAX_PICKS:
+        raise invalid(f"{count} picks; name 1 to {MAX_PICKS} blocks")
+
+
+def require_rate(rate_hz: int, longest: int) -> None:
+    """Refuse a rate at which the longest block of a launch would take too long."""
+    if rate_hz == 0:
+        raise invalid("rate_hz is 0; name the source's pulses per second")
+    if longest / rate_hz > MAX_EMISSION_S:
+        raise invalid(
+            f"{longest} photons at rate_hz {rate_hz} take {longest / rate_hz:.0f} s, more than "
+            f"{MAX_EMISSION_S:.0f} s; send smaller blocks or raise the rate"
+        )
+
+
+def require_source_rate(block: Block, rate_hz: int) -> None:
+    """Refuse to emit pairs faster than their source can."""
+    if rate_hz > block.source_rate_hz:
+        raise invalid(
+            f"rate_hz {rate_hz} is more than the source of {block.name} can emit, max_rate_hz "
+            f"{block.source_rate_hz:g}; lower the rate"
+        )
+
+
+def timeout(timeout_s: float) -> float:
+    """Return the time-out, at most MAX_TIMEOUT_S."""
+    if not timeout_s > 0:
+        raise invalid(f"timeout_s {timeout_s} is not positive; say how long to wait")
+    return min(timeout_s, MAX_TIMEOUT_S)
+
+
+def cross_connects(connections: Iterable[Connection]) -> dict[int, int]:
+    """Return in_port to out_port; light of two inputs cannot leave by one output."""
+    outputs: dict[int, int] = {}
+    inputs: dict[int, int] = {}
+    for connection in connections:
+        in_port, out_port = connection.in_port, connection.out_port
+        if in_port in outputs:
+            raise invalid(f"input port {in_port} is named twice; connect it to one output")
+        if out_port in inputs:
+            raise invalid(
+                f"inputs {inputs[out_port]} and {in_port} share output port {out_port}; "
+                "close one of the paths first"
+            )
+        outputs[in_port] = out_port
+        inputs[out_port] = in_port
+    return outputs
+
+
+def require_direction(direction: int) -> None:
+    """Refuse a direction of light that there is not."""
+    if direction not in TunePortRequest.Direction.values():
+        raise invalid(f"direction {direction} is not known; choose 0 (both), 1 or 2")
+
+
+def require_tuning(switch: QuantumSwitch, frequency_mhz: int, power_dbm: float | None) -> None:
+    """Refuse what a switch's ports cannot be tuned to; frequency 0 and power None ask nothing."""
+    least, most, grid = switch.min_frequency_mhz, switch.max_frequency_mhz, switch.grid_mhz
+    if frequency_mhz and not least <= frequency_mhz <= most:
+        raise invalid(f"frequency_mhz {frequency_mhz} is not between {least} and {most}")
+    if frequency_mhz and (frequency_mhz - least) % grid:
+        below = frequency_mhz - (frequency_mhz - least) % grid
+        raise invalid(
+            f"frequency_mhz {frequency_mhz} is between channels of the grid of {grid} MHz; "
+            f"tune to {below}" + (f" or {below + grid}" if below + grid <= most else "")
+        )
+    if power_dbm is not None and not switch.min_power_dbm <= power_dbm <= MAX_POWER_DBM:
+        raise invalid(
+            f"power_dbm {power_dbm:g} is not between {switch.min_power_dbm:g} and {MAX_POWER_DBM:g}"
+        )
+
+
+def require_temperature(temperature_c: float) -> None:
+    """Refuse a temperature that no switch survives."""
+    least, most = TEMPERATURE_C
+    if not least <= temperature_c <= most:
+        raise invalid(f"temperature_c {temperature_c:g} is not between {least:g} and {most:g}")

@@ -1,0 +1,122 @@
+"""What a node measures of blocks it holds: first their states, then what its detectors tell."""
+
+from functools import partial
+
+import numpy as np
+
+from dispatcher.devices import abilities
+from dispatcher.devices.analyser import Analyser, Half
+from dispatcher.devices.detector import Train
+from dispatcher.layer import drift
+from dispatcher.layer.layer import PhysicalLayer, tally
+from dispatcher.layer.ownership import Block, BlockName
+from dispatcher.operations import gate_noise
+from dispatcher.operations.blocks import require_pairs
+from dispatcher.photon_random import PhotonRandom
+from dispatcher.refusal import invalid
+from dispatcher.sabot.backend import Bytes
+from dispatcher.sabot.capacity import GateStep
+from dispatcher.sabot.draws import PhotonDraws
+from dispatcher.sabot.limits import packed
+from dispatcher.sabot.manager import NO_CLICK
+from wire.dispatcher_pb2 import Feedback, MeasureRequest
+from wire.features import MEASURE
+from wire.physics import BELL_STATES
+
+BASES = ("Z", "X", "Y")
+
+
+class Measurements:
+    """Measure and Bell-measure."""
+
+    def __init__(self, layer: PhysicalLayer) -> None:
+        """Act on this layer."""
+        self._layer = layer
+
+    def measure(self, node: str, name: BlockName, basis: int, bases: bytes) -> Feedback:
+        """Measure and use up every photon, each in its basis."""
+        layer = self._layer
+        block = layer.ownership.require(name, node)
+        abilities.require(layer.devices, node, MEASURE)
+        size = block.register.size
+        if basis not in MeasureRequest.Basis.values():
+            raise invalid(f"basis {basis} is unknown; use Z, X or Y")
+        values = np.full(size, basis, np.uint8)
+        if bases:
+            values = packed("bases", bases, size, 2)
+        layer.take_up(block)
+        if values.any():  # a measurement of Z does not see the angles
+            drift.twirl(block, layer.sabot, layer.draws)
+        feedback = layer.feedback(block)
+        bits = layer.sabot.measure(block.register, values, self._draws(block))
+        layer.ownership.remove(block)
+        place = block.draws_for(f"detectors of {node}")
+        random = PhotonRandom(layer.draws, block.name, place, size)
+        detectors = layer.devices.detectors(node, "measure")
+        found = detectors.detect(bits, block.pulses.extras, train(block), random)
+        told = f"{tally(values, BASES)}: {tally(found.bits, ('0', '1'))}"
+        each = partial(outcome, found.bits, ("0", "1"))
+        layer.record(node, "measure", block, detail=told + listed(found.incidents()), each=each)
+        feedback.clicks, feedback.outcomes = found.clicks, found.bits.tobytes()
+        return feedback
+
+    def bell_measure(self, node: str, names: tuple[BlockName, BlockName]) -> Feedback:
+        """Measure and use up pairs of photons, in the Bell basis."""
+        layer = self._layer
+        first, second = (layer.ownership.require(name, node) for name in names)
+        require_pairs(first, second)
+        abilities.require(layer.devices, node, MEASURE)
+        layer.sabot.require_capacity(first.register, [GateStep("CX", second.register)])
+        layer.take_up_pair(first, second)
+        feedback = layer.feedback(first, second)
+        feedback.first_ns = min(first.first_ns, second.first_ns)
+        feedback.last_ns = max(first.last_ns, second.last_ns)
+        halves = _half(first), _half(second)
+        by_gates = layer.devices.of(node).analyser.kind == "gates"
+        errors = gate_noise.before_bell_measurement(layer, first, second) if by_gates else {}
+        states = layer.sabot.bell_measure(
+            first.register, second.register, (self._draws(first), self._draws(second))
+        )
+        drift.twirl_pairs(first, second, states, layer.draws)
+        feedback.exact = layer.count_exact((first, second))
+        for block in (first, second):
+            layer.ownership.remove(block)
+        place = first.draws_for(f"analyser of {node}")
+        random = PhotonRandom(layer.draws, first.name, place, first.register.size)
+        found = self._analyser(node).analyse(states, halves, random)
+        told = f"with {second.name.number}/{second.name.half}: {tally(found.outcomes, BELL_STATES)}"
+        told += listed(errors)
+        each = partial(outcome, found.outcomes, BELL_STATES)
+        layer.record(node, "bell-measure", first, detail=told + listed(found.incidents), each=each)
+        feedback.clicks = found.clicks
+        feedback.coincidences = int(np.count_nonzero(found.outcomes != NO_CLICK))
+        feedback.outcomes = found.outcomes.tobytes()
+        return feedback
+
+    def _analyser(self, node: str) -> Analyser:
+        devices = self._layer.devices
+        arms = devices.detectors(node, "phase"), devices.detectors(node, "parity")
+        return Analyser(devices.of(node), arms)
+
+    def _draws(self, block: Block) -> PhotonDraws:
+        purpose = block.draws_for("measure")
+        return self._layer.draws.photons(block.name, purpose, block.register.size)
+
+
+def outcome(found: Bytes, names: tuple[str, ...], position: int) -> str:
+    """Return what was found of one photon or pair."""
+    outcome = int(found[position])
+    return "no click" if outcome == NO_CLICK else names[outcome]
+
+
+def train(block: Block) -> Train:
+    return Train(block.start_ns, block.interval_ns, block.register.size)
+
+
+def _half(block: Block) -> Half:
+    pulses = block.pulses
+    return Half(block.register.present, pulses.extras, pulses.delays_ps, train(block))
+
+
+def listed(incidents: dict[str, int]) -> str:
+    return "".join(f", {name}={count}" for name, count in incidents.items())

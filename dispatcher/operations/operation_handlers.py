@@ -1,0 +1,80 @@
+"""What each request of a host asks of the physical layer, whether it comes alone or as a step."""
+
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+from dispatcher.layer.layer import block_name
+from dispatcher.operations.blocks import Operations
+from dispatcher.operations.gathering import Gathering
+from dispatcher.operations.measurements import Measurements
+from dispatcher.operations.resending import Resending
+from dispatcher.operations.transport import Transport
+from dispatcher.refusal import invalid
+from wire import dispatcher_pb2 as messages
+from wire.optical import DEFAULT_FREQUENCY_MHZ
+
+Act = Callable[[str, Any], Awaitable[messages.Feedback]]
+
+
+def acts(
+    operations: Operations,
+    measurements: Measurements,
+    transport: Transport,
+    gathering: Gathering,
+    resending: Resending,
+) -> dict[str, Act]:
+    """Return the act for each operation of a Step, called with node and request."""
+
+    async def create(node: str, request: messages.CreateRequest) -> messages.Feedback:
+        return operations.create(node, request)
+
+    async def apply(node: str, request: messages.ApplyRequest) -> messages.Feedback:
+        name = block_name(request.block)
+        return operations.apply(node, name, request.paulis, request.gates)
+
+    async def send(node: str, request: messages.SendRequest) -> messages.Feedback:
+        launches = [(block_name(launch.block), launch.port) for launch in request.launches]
+        frequency_mhz = request.frequency_mhz or DEFAULT_FREQUENCY_MHZ
+        return await transport.send(node, launches, request.rate_hz, frequency_mhz)
+
+    async def receive(node: str, request: messages.ReceiveRequest) -> messages.Feedback:
+        name = block_name(request.block)
+        return await transport.receive(node, name, request.port, request.timeout_s)
+
+    async def measure(node: str, request: messages.MeasureRequest) -> messages.Feedback:
+        name = block_name(request.block)
+        return measurements.measure(node, name, request.basis, request.bases)
+
+    async def bell_measure(node: str, request: messages.BellMeasureRequest) -> messages.Feedback:
+        names = block_name(request.first), block_name(request.second)
+        return measurements.bell_measure(node, names)
+
+    async def store(node: str, request: messages.StoreRequest) -> messages.Feedback:
+        return operations.store(node, block_name(request.block))
+
+    async def discard(node: str, request: messages.DiscardRequest) -> messages.Feedback:
+        if request.HasField("block") == bool(request.session):
+            raise invalid("name either a block or a session that is not 0")
+        if request.session:
+            return operations.discard_session(node, request.session)
+        return operations.discard(node, block_name(request.block))
+
+    async def gather(node: str, request: messages.GatherRequest) -> messages.Feedback:
+        into = block_name(request.into)
+        return gathering.gather(node, into, request.picks, request.keep_rest)
+
+    async def resend(node: str, request: messages.ResendRequest) -> messages.Feedback:
+        return resending.resend(node, block_name(request.block), request.bases)
+
+    return {
+        "create": create,
+        "apply": apply,
+        "send": send,
+        "receive": receive,
+        "measure": measure,
+        "bell_measure": bell_measure,
+        "store": store,
+        "discard": discard,
+        "gather": gather,
+        "resend": resend,
+    }

@@ -1,0 +1,194 @@
+"""What is asked of quantum switches: cross-connects, tuning, statistics, faults."""
+
+import asyncio
+from collections.abc import AsyncIterator, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+
+from dispatcher.layer.layer import PhysicalLayer
+from dispatcher.operations import limits
+from dispatcher.refusal import invalid, not_found, precondition
+from dispatcher.switch.optical_switch import OpticalSwitch
+from dispatcher.switch.reports import condition, statistics
+from wire.config import FiberEnd
+from wire.dispatcher_pb2 import (
+    Connection,
+    Event,
+    InjectFaultRequest,
+    SwitchCondition,
+    SwitchStatisticsReply,
+    TunePortRequest,
+)
+
+DIRECTIONS = {
+    TunePortRequest.BOTH: "",
+    TunePortRequest.RECEIVE: " for light that comes",
+    TunePortRequest.TRANSMIT: " for light that leaves",
+}
+
+
+class Switching:
+    """All quantum switches of a network."""
+
+    def __init__(self, layer: PhysicalLayer) -> None:
+        """Act on the switches of this layer."""
+        self._layer = layer
+        self._switches = layer.network.switches
+        self._wanted: dict[str, list[Connection]] = {}  # what each was told last
+        self._watchers: dict[str, set[asyncio.Event]] = {name: set() for name in self._switches}
+
+    async def cross_connect(self, name: str, connections: Sequence[Connection]) -> int:
+        """Replace a switch's cross-connects; return when all were open, once they are."""
+        switch = self._switches[name]
+        wanted = limits.cross_connects(connections)
+        for port in (port for connection in wanted.items() for port in connection):
+            _require_port(switch, port)
+        _require_not_stuck(switch, wanted)
+        self._wanted[name] = list(connections)
+        ready_ns = self._connect(switch)
+        await self._layer.clock.wait_until(ready_ns)
+        return ready_ns
+
+    def tune(self, request: TunePortRequest) -> int:
+        """Tune a port; return from when on light meets the new values."""
+        switch = self._switches[request.switch]
+        _require_port(switch, request.port)
+        power_dbm = request.power_dbm if request.HasField("power_dbm") else None
+        limits.require_direction(request.direction)
+        limits.require_tuning(switch.config, request.frequency_mhz, power_dbm)
+        now_ns = self._layer.clock.now_ns()
+        port, details = switch.ports[request.port], []
+        if request.frequency_mhz:
+            if request.direction != TunePortRequest.TRANSMIT:
+                port.rx_mhz.set(request.frequency_mhz, now_ns)
+            if request.direction != TunePortRequest.RECEIVE:
+                port.tx_mhz.set(request.frequency_mhz, now_ns)
+            details.append(f"{request.frequency_mhz} MHz{DIRECTIONS[request.direction]}")
+        if power_dbm is not None:
+            port.power_dbm.set(power_dbm, now_ns)
+            details.append(f"{power_dbm:g} dBm")
+        if details:
+            detail = " ".join(details)
+            self._layer.record(
+                switch.name, "tune", port=str(request.port), detail=detail, time_ns=now_ns
+            )
+        return now_ns
+
+    def statistics(self, name: str) -> SwitchStatisticsReply:
+        """Return what a switch has counted and measures."""
+        switch, network = self._switches[name], self._layer.network
+        powers = {port: network.power_at(FiberEnd(name, str(port))) for port in switch.ports}
+        return statistics(switch, powers, self._layer.clock.now_ns())
+
+    @contextmanager
+    def watching(self, name: str) -> Iterator[AsyncIterator[SwitchCondition]]:
+        """Give a switch's condition now and after changes; a slow reader misses old ones."""
+        changed = asyncio.Event()
+        self._watchers[name].add(changed)
+        try:
+            yield self._conditions(self._switches[name], changed)
+        finally:
+            self._watchers[name].remove(changed)
+
+    async def inject(self, request: InjectFaultRequest) -> None:
+        """Make a switch faulty, or whole again; refuse what cannot be."""
+        switch, kind = self._switches[request.switch], request.WhichOneof("fault")
+        if kind == "stuck":
+            await self._stick(switch, request.stuck)
+        elif kind == "temperature_c":
+            self._heat(switch, request.temperature_c)
+        elif request.repair:
+            await self._repair(switch)
+        else:
+            raise invalid("no fault; name a stuck connection, a temperature or repair")
+
+    async def _conditions(
+        self, switch: OpticalSwitch, changed: asyncio.Event
+    ) -> AsyncIterator[SwitchCondition]:
+        while True:
+            changed.clear()
+            yield condition(switch)
+            await changed.wait()
+
+    async def _stick(self, switch: OpticalSwitch, connection: Connection) -> None:
+        in_port, out_port = connection.in_port, connection.out_port
+        for port in (in_port, out_port):
+            _require_port(switch, port)
+        _require_not_stuck(switch, {in_port: out_port})
+        switch.stuck[in_port] = out_port
+        self._fault(switch, f"stuck {in_port} -> {out_port}")
+        ready_ns = self._connect(switch, {in_port: connection.circuit})
+        await self._layer.clock.wait_until(ready_ns)
+
+    def _heat(self, switch: OpticalSwitch, temperature_c: float) -> None:
+        limits.require_temperature(temperature_c)
+        switch.set_temperature(temperature_c, self._layer.clock.now_ns())
+        effect = f", every path loses {switch.hot_loss_db:g} dB more" if switch.hot else ""
+        self._fault(switch, f"temperature {temperature_c:g} C{effect}")
+
+    async def _repair(self, switch: OpticalSwitch) -> None:
+        """Let the switch do what it was told last."""
+        switch.stuck.clear()
+        switch.set_temperature(switch.config.temperature_c, self._layer.clock.now_ns())
+        self._fault(switch, "repaired")
+        ready_ns = self._connect(switch)
+        await self._layer.clock.wait_until(ready_ns)
+
+    def _fault(self, switch: OpticalSwitch, detail: str) -> None:
+        self._layer.record(switch.name, "fault", detail=detail)
+        for changed in self._watchers[switch.name]:
+            changed.set()
+
+    def _connect(self, switch: OpticalSwitch, stuck_circuits: dict[int, int] | None = None) -> int:
+        """Make what was wanted last, as far as nothing that is stuck is in its way."""
+        layer, stuck = self._layer, switch.stuck
+        open_circuits = switch.timeline.open_circuits
+        wanted, circuits = dict(stuck), {**(stuck_circuits or {})}
+        circuits |= {i: open_circuits[i] for i, o in stuck.items() if _is_open(switch, i, o)}
+        for connection in self._wanted.get(switch.name, ()):
+            in_port, out_port = connection.in_port, connection.out_port
+            if stuck.get(in_port) == out_port or _is_free(stuck, in_port, out_port):
+                wanted[in_port], circuits[in_port] = out_port, connection.circuit
+        now_ns = layer.clock.now_ns()
+        ready_ns, opened, closed = switch.timeline.connect(wanted, now_ns, circuits)
+        layer.software.goes_on(now_ns, ready_ns)
+        wall_ns = layer.time.wall_ns
+        changes = (("close", closed, wall_ns(now_ns)), ("open", opened, wall_ns(ready_ns)))
+        events = [
+            Event(time_ns=when_ns, node=switch.name, kind=kind, port=str(i), detail=f"{i} -> {o}")
+            for kind, ports, when_ns in changes
+            for i, o in sorted(ports.items())
+        ]
+        layer.history.record(*events)
+        return ready_ns
+
+
+def _is_open(switch: OpticalSwitch, in_port: int, out_port: int) -> bool:
+    return switch.timeline.connections.get(in_port) == out_port
+
+
+def _is_free(stuck: dict[int, int], in_port: int, out_port: int) -> bool:
+    return in_port not in stuck and out_port not in stuck.values()
+
+
+def _require_port(switch: OpticalSwitch, port: int) -> None:
+    if port not in switch.ports:
+        known = ", ".join(map(str, switch.ports)) or "none"
+        raise not_found(f"port {port} of {switch.name} has no fibre; fibres end in {known}")
+
+
+def _require_not_stuck(switch: OpticalSwitch, wanted: dict[int, int]) -> None:
+    """Refuse connections that something stuck is in the way of."""
+    for in_port, out_port in wanted.items():
+        for stuck_in, stuck_out in _in_the_way(switch.stuck, in_port, out_port):
+            raise precondition(
+                f"{switch.name} cannot connect {in_port} -> {out_port}: its cross-connect "
+                f"{stuck_in} -> {stuck_out} is stuck; use other ports, or repair the switch"
+            )
+
+
+def _in_the_way(stuck: dict[int, int], in_port: int, out_port: int) -> Iterable[tuple[int, int]]:
+    return (
+        (stuck_in, stuck_out)
+        for stuck_in, stuck_out in stuck.items()
+        if (stuck_in == in_port) != (stuck_out == out_port)
+    )

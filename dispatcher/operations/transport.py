@@ -1,0 +1,193 @@
+"""Light on its way: launching blocks and receiving them."""
+
+import asyncio
+from collections.abc import Callable, Sequence
+
+import grpc
+import numpy as np
+
+from dispatcher.devices import abilities
+from dispatcher.fiber.noise import Pattern
+from dispatcher.layer import pulses
+from dispatcher.layer.layer import PhysicalLayer
+from dispatcher.layer.ownership import Block, BlockName
+from dispatcher.operations import limits
+from dispatcher.operations.flight import Arrival, Departure, Flight
+from dispatcher.refusal import Refusal, invalid
+from wire.config import FiberEnd
+from wire.dispatcher_pb2 import Feedback
+from wire.features import EMIT
+from wire.optical import DEFAULT_FREQUENCY_MHZ
+
+Place = tuple[BlockName, str, str]  # a block at a port of a node
+
+
+class Transport:
+    """Moves blocks between nodes."""
+
+    def __init__(self, layer: PhysicalLayer, failed: Callable[[BaseException], None]) -> None:
+        """Move blocks of this layer; call `failed` with what ends a flight unexpectedly."""
+        self._layer = layer
+        self._failed = failed
+        self._flights: set[asyncio.Task[None]] = set()
+        self._waiting: dict[Place, list[asyncio.Future[None]]] = {}
+
+    async def send(
+        self,
+        node: str,
+        launches: Sequence[tuple[BlockName, str]],
+        rate_hz: int,
+        frequency_mhz: int = DEFAULT_FREQUENCY_MHZ,
+    ) -> Feedback:
+        """Launch blocks together; return when the last photon has come to the far end."""
+        layer = self._layer
+        if not launches:
+            raise invalid("no launches; name at least one block and its port")
+        if len({name for name, _port in launches}) < len(launches):
+            raise invalid("a block is launched twice; name each block once")
+        blocks = [layer.ownership.require(name, node) for name, _port in launches]
+        ends = [layer.network.require_port(node, port) for _name, port in launches]
+        sizes = [block.register.size for block in blocks]
+        limits.require_rate(rate_hz, max(sizes))
+        for block in blocks:
+            limits.require_source_rate(block, rate_hz)
+        if not all(block.fibers_passed for block in blocks):  # light that begins here
+            abilities.require(layer.devices, node, EMIT)
+        layer.take_up(*blocks)
+        start_ns = layer.clock.now_ns()
+        # Halves of a block share a pattern, whose times are computed once.
+        patterns = {size: Pattern(1e9 / rate_hz, size) for size in set(sizes)}
+        departures = [Departure(start_ns, patterns[size], frequency_mhz) for size in sizes]
+        flights = [self._launch(*way) for way in zip(blocks, ends, departures, strict=True)]
+        # A caller that goes away cancels this wait; its photons fly on.
+        await asyncio.wait(flights)
+        await layer.journal.resumed()
+        feedback = Feedback(
+            time_ns=layer.clock.now_ns(),
+            photons=sum(departure.pattern.photons for departure in departures),
+            first_ns=start_ns,
+            last_ns=max(departure.last_ns for departure in departures),
+        )
+        return layer.mark(feedback, blocks)
+
+    async def receive(self, node: str, name: BlockName, port: str, timeout_s: float) -> Feedback:
+        """Wait for a block at a port of the node and take it from there."""
+        layer = self._layer
+        layer.network.require_port(node, port)
+        limit_s = limits.timeout(timeout_s)
+        try:
+            async with layer.journal.timeout(limit_s):
+                block = await self._arrived((name, node, port))
+        except TimeoutError:
+            message = f"{name} did not arrive at {port} of {node} within {limit_s:g} s"
+            raise Refusal(grpc.StatusCode.DEADLINE_EXCEEDED, message) from None
+        feedback = layer.feedback(block)
+        self._bring(block, node, "")
+        layer.record(node, "receive", block, port=port)
+        return feedback
+
+    def _launch(self, block: Block, end: FiberEnd, departure: Departure) -> asyncio.Task[None]:
+        layer = self._layer
+        layer.record(end.node, "send", block, port=end.port, time_ns=departure.start_ns)
+        self._keep_time(block, departure)
+        layer.ownership.move(block, "")
+        block.interval_ns = departure.pattern.interval_ns
+        block.source_rate_hz = float("inf")
+        flight = Flight(block, departure, layer)
+        task = asyncio.create_task(self._fly(block, end, flight))
+        self._flights.add(task)
+        task.add_done_callback(self._landed)
+        return task
+
+    def _keep_time(self, block: Block, departure: Departure) -> None:
+        """Let the half that stays begin to be when its source emits this one, pair by pair."""
+        name = block.name._replace(half=1 - block.name.half)
+        other = self._layer.ownership.at(name, block.node)
+        if other is None or block.fibers_passed or other.fibers_passed or other.interval_ns:
+            return
+        if other.start_ns == block.start_ns:  # it has not been used since both were created
+            other.start_ns, other.interval_ns = departure.start_ns, departure.pattern.interval_ns
+            other.first_ns, other.last_ns = departure.start_ns, departure.last_ns
+
+    def _landed(self, task: asyncio.Task[None]) -> None:
+        self._flights.discard(task)
+        if not task.cancelled() and (error := task.exception()) is not None:
+            self._failed(error)
+
+    async def _fly(self, block: Block, end: FiberEnd, flight: Flight) -> None:
+        """Bring a block to all the ports that its light comes to."""
+        layer = self._layer
+        flight.launch(end)
+        left, landed = True, False
+        while left and (arrival := await flight.next_arrival(layer.clock)):
+            left = bool((pulses.lit(block) & ~arrival.members).any())
+            self._land(self._part(block, arrival) if left else block, arrival)
+            landed = True
+        layer.photons_lost += flight.lost
+        if not landed:
+            layer.record(end.node, "dark", block, end.port, "no light came out")
+        if left:
+            layer.drop(block)
+
+    def _part(self, block: Block, arrival: Arrival) -> Block:
+        layer = self._layer
+        register = layer.sabot.part(block.register, arrival.members)
+        own = pulses.part(block.pulses, arrival.members)
+        part = Block(block.name, register, "", pulses=own)
+        part.interval_ns, part.stores = block.interval_ns, block.stores
+        part.lineage, part.resends, part.gates = block.lineage, block.resends, block.gates
+        layer.ownership.add(part)
+        return part
+
+    def _land(self, block: Block, arrival: Arrival) -> None:
+        """Put what has arrived at the port, and tell those who wait for it."""
+        layer = self._layer
+        block.fibers_passed = arrival.fibers_passed
+        block.start_ns = arrival.schedule.first_ns
+        first, last = np.flatnonzero(pulses.lit(block))[[0, -1]].tolist()
+        block.first_ns = arrival.schedule.time_ns(first)
+        block.last_ns = arrival.schedule.time_ns(last)
+        end = arrival.end
+        counts = zip(("X", "Z", "XZ"), arrival.errors, strict=True)
+        noise = " ".join(f"{pauli}={count}" for pauli, count in counts if count)
+        detail = f"noise: {noise}" if noise else ""
+        layer.record(end.node, "arrive", block, end.port, detail, block.last_ns)
+        if layer.ownership.is_closed(end.node, block.name.session):
+            layer.drop(block)
+            return
+        self._bring(block, end.node, end.port)
+        for waiter in self._waiting.get((block.name, end.node, end.port), ()):
+            if not waiter.done():
+                waiter.set_result(None)
+
+    def _bring(self, block: Block, node: str, port: str) -> None:
+        """Bring a block to a place, where it joins a part of the same block."""
+        layer = self._layer
+        there = layer.ownership.at(block.name, node, port)
+        if there is None:
+            layer.ownership.move(block, node, port)
+            return
+        layer.take_up(there)
+        pulses.unite(there.pulses, block.pulses, pulses.lit(block))
+        layer.sabot.unite(there.register, block.register)
+        there.first_ns = min(there.first_ns, block.first_ns)
+        there.last_ns = max(there.last_ns, block.last_ns)
+        there.fibers_passed = max(there.fibers_passed, block.fibers_passed)
+        there.resends = max(there.resends, block.resends)
+        there.gates = max(there.gates, block.gates)
+        layer.ownership.remove(block)
+
+    async def _arrived(self, place: Place) -> Block:
+        name, node, port = place
+        while (block := self._layer.ownership.at(name, node, port)) is None:
+            waiter = asyncio.get_running_loop().create_future()
+            waiters = self._waiting.setdefault(place, [])
+            waiters.append(waiter)
+            try:
+                await waiter
+            finally:
+                waiters.remove(waiter)
+                if not waiters:
+                    del self._waiting[place]
+            await self._layer.journal.resumed()
+        return block

@@ -1,0 +1,97 @@
+"""The random numbers of one block at one point of its way.
+
+They depend on seed, session, block, photon, place and purpose, and on nothing else: neither on
+when they are asked for nor on how the block was divided. Rare events cost only as much as there
+are of them.
+"""
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+RARE = 1 / 32  # below, gaps between events are drawn instead of a byte for each photon
+STEPS = 256  # of a byte
+
+
+class Source(Protocol):
+    """Where generators come from: dispatcher.sabot.draws.Draws."""
+
+    def generator(self, key: tuple[int, int, int], purpose: str) -> np.random.Generator:
+        """Return the generator of a block for a purpose."""
+
+
+class PhotonRandom:
+    """Draws for k photons, each for a purpose that a noise model names."""
+
+    def __init__(
+        self, draws: Source, block: tuple[int, int, int], place: str, photons: int
+    ) -> None:
+        """Draw for a block of k photons at a place of its way."""
+        self._draws, self._block, self._place = draws, block, place
+        self.photons = photons
+
+    def at(self, place: str) -> "PhotonRandom":
+        """Return the draws for a place within this one."""
+        return PhotonRandom(self._draws, self._block, f"{self._place} {place}", self.photons)
+
+    def generator(self, purpose: str) -> np.random.Generator:
+        """Return the generator for a purpose, at its beginning."""
+        return self._draws.generator(self._block, f"{self._place} {purpose}")
+
+    def uniform(self, purpose: str) -> NDArray[np.float64]:
+        """Return a number from [0, 1) for each photon, shape (k,)."""
+        return self.generator(purpose).random(self.photons)
+
+    def normal(self, purpose: str) -> NDArray[np.float64]:
+        """Return a number of mean 0 and variance 1 for each photon, shape (k,)."""
+        return self.generator(purpose).standard_normal(self.photons)
+
+    def events(self, purpose: str, probability: float) -> NDArray[np.int64]:
+        """Return to which photons something of this probability happens, ascending."""
+        if probability <= 0:
+            return np.empty(0, dtype=np.int64)
+        if probability >= RARE:
+            return np.flatnonzero(self.happens(purpose, probability))
+        generator = self.generator(purpose)
+        expected = self.photons * probability
+        size = int(expected + 6 * expected**0.5) + 8
+        found = self._gaps(generator, probability, size).cumsum() - 1
+        while found[-1] < self.photons:
+            more = self._gaps(generator, probability, size).cumsum() + found[-1]
+            found = np.concatenate([found, more])
+        return found[: found.searchsorted(self.photons)]
+
+    def happens(self, purpose: str, probability: float | NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Say for each photon whether something happens, shape (k,); exact for any probability."""
+        if isinstance(probability, np.ndarray):
+            return self.uniform(purpose) < probability
+        rare = probability < RARE
+        if rare or probability > 1 - RARE:
+            mask = np.full(self.photons, not rare)
+            mask[self.events(purpose, probability if rare else 1 - probability)] = rare
+            return mask
+        generator = self.generator(purpose)
+        drawn = np.frombuffer(generator.bytes(self.photons), np.uint8)
+        whole, rest = divmod(probability * STEPS, 1)
+        mask = drawn < np.uint8(whole)
+        undecided = np.flatnonzero(drawn == np.uint8(whole))
+        mask[undecided] = generator.random(len(undecided)) < rest
+        return mask
+
+    def coins(self, purpose: str, count: int) -> NDArray[np.uint8]:
+        """Return `count` fair bits, for those photons that need one."""
+        return self.generator(purpose).integers(0, 2, count, dtype=np.uint8)
+
+    def which(self, purpose: str, count: int, weights: ArrayLike) -> NDArray[np.uint8]:
+        """Choose one of several cases, `count` times; return their numbers, from 0."""
+        bounds = np.cumsum(weights)
+        drawn = self.generator(purpose).random(count) * bounds[-1]
+        found: NDArray[np.uint8] = bounds[:-1].searchsorted(drawn, side="right").astype(np.uint8)
+        return found
+
+    def _gaps(
+        self, generator: np.random.Generator, probability: float, size: int
+    ) -> NDArray[np.int64]:
+        """Draw how far each event is from the last; beyond the block one is like another."""
+        return np.minimum(generator.geometric(probability, size), self.photons + 1)

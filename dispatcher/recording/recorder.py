@@ -1,0 +1,125 @@
+"""Writes what the dispatcher is asked, and what its clock says, into a private file."""
+
+import asyncio
+import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import asdict, dataclass, replace
+from itertools import count
+from typing import Any, BinaryIO
+
+from dispatcher.clock import Clock
+from dispatcher.layer.journal import Journal
+from wire import record
+from wire.config import DispatcherConfig
+from wire.record_pb2 import Clock as ClockEntry
+from wire.record_pb2 import Entry, Header, Request, Resumed
+
+
+@dataclass
+class RunningRequest:
+    """A request, and the tasks that do it, numbered in the order of their first wait."""
+
+    number: int
+    tasks: dict[asyncio.Task[Any] | None, int]
+
+    def task(self) -> int:
+        """Return the number of the task that asks."""
+        return self.tasks.setdefault(asyncio.current_task(), len(self.tasks))
+
+
+current_request: ContextVar[RunningRequest | None] = ContextVar("current_request", default=None)
+
+
+@contextmanager
+def running_request(number: int) -> Iterator[None]:
+    """Let what is done meanwhile, and by tasks that are begun, belong to a request."""
+    running = RunningRequest(number, {asyncio.current_task(): 0})
+    token = current_request.set(running)
+    try:
+        yield
+    finally:
+        current_request.reset(token)
+
+
+def open_private(path: str) -> BinaryIO:
+    """Create a file that its owner alone can read; raise OSError if it exists."""
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    return os.fdopen(descriptor, "wb")
+
+
+class Recorder(Journal):
+    """Writes requests and the order of their doings."""
+
+    def __init__(self, file: BinaryIO, config: DispatcherConfig) -> None:
+        """Begin the record of a dispatcher."""
+        super().__init__(config.time)
+        self._file, self._numbers = file, count(1)
+        record.begin(file)
+        # Its paths are of that run, and its tokens nobody's business.
+        public = replace(
+            config,
+            tokens=dict.fromkeys(config.tokens, ""),
+            listen="",
+            socket="",
+            event_log="",
+            record="",
+            qasm="",
+            sabot="",
+        )
+        self._write(Entry(header=Header(config=json.dumps(asdict(public)))))
+
+    @contextmanager
+    def request(self, node: str, kind: str, request: Any) -> Iterator[None]:
+        """Record that a request begins."""
+        number, message = next(self._numbers), request.SerializeToString()
+        entry = Request(number=number, node=node, kind=kind, message=message)
+        self._write(Entry(request=entry))
+        try:
+            with running_request(number):
+                yield
+        finally:
+            self._file.flush()
+
+    async def resumed(self) -> None:
+        """Record that a wait is over."""
+        running = current_request.get()
+        if running is not None:
+            self.wait_over(running, running.task())
+
+    def wait_over(self, running: RunningRequest, task: int) -> None:
+        """Record that a wait of a task is over."""
+        self._write(Entry(resumed=Resumed(request=running.number, task=task)))
+
+    def clock_read(self, time_ns: int) -> None:
+        """Record what the clock said, if a request has asked."""
+        running = current_request.get()
+        if running is not None:
+            self._write(Entry(clock=ClockEntry(request=running.number, time_ns=time_ns)))
+
+    def _write(self, entry: Entry) -> None:
+        record.write(self._file, entry)
+
+
+class RecordedClock:
+    """A clock whose times go into the record."""
+
+    def __init__(self, inner: Clock, recorder: Recorder) -> None:
+        """Tell the time of the inner clock."""
+        self._inner, self._recorder = inner, recorder
+
+    def now_ns(self) -> int:
+        """Return the time."""
+        time_ns = self._inner.now_ns()
+        self._recorder.clock_read(time_ns)
+        return time_ns
+
+    async def wait_until(self, time_ns: int) -> None:
+        """Return once the time has passed."""
+        running = current_request.get()
+        task = running.task() if running is not None else 0
+        await self._inner.wait_until(time_ns)
+        if running is not None:
+            self._recorder.wait_over(running, task)

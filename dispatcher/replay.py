@@ -1,0 +1,161 @@
+"""Plays a record through the physical layer again, without a network and without waiting.
+
+Each stretch that the record names is let go in its turn, with the times that the clock gave it
+then. What is done in a stretch is the dispatcher's own code.
+"""
+
+import asyncio
+import json
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import chain
+from typing import Any, BinaryIO, TextIO
+
+from google.protobuf.message import DecodeError
+
+from dispatcher.build import build_layer
+from dispatcher.layer.journal import Journal
+from dispatcher.recording.recorder import current_request, running_request
+from dispatcher.refusal import Refusal
+from dispatcher.server.recorded_requests import REQUESTS
+from dispatcher.server.server import build_service
+from dispatcher.server.service import Service
+from wire import record
+from wire.config import DispatcherConfig
+from wire.record import BadRecord
+from wire.record_pb2 import Entry, Request
+
+MOST_TURNS = 1000  # of the event loop, until a task has come to its wait
+
+Place = tuple[int, int]  # a task of a request
+
+
+class Turns(Journal):
+    """Lets each wait end when the record says so, and is the clock of the record."""
+
+    def __init__(self) -> None:
+        """Begin with no times and nobody waiting."""
+        self._times: dict[int, deque[int]] = {}
+        self._waiting: dict[Place, asyncio.Future[None]] = {}
+
+    def add_time(self, request: int, time_ns: int) -> None:
+        """Note what the clock will say to a request."""
+        self._times.setdefault(request, deque()).append(time_ns)
+
+    def now_ns(self) -> int:
+        """Return the next time that the record has for the request."""
+        running = current_request.get()
+        times = self._times.get(running.number) if running is not None else None
+        if not times:
+            number = running.number if running is not None else 0
+            raise BadRecord(f"request {number} reads the clock more often than it did then")
+        return times.popleft()
+
+    async def wait_until(self, _time_ns: int) -> None:
+        """Wait for this task's turn."""
+        await self.resumed()
+
+    async def resumed(self) -> None:
+        """Wait for this task's turn."""
+        running = current_request.get()
+        if running is None:
+            raise BadRecord("a task waits that belongs to no request")
+        place = running.number, running.task()
+        self._waiting[place] = asyncio.get_running_loop().create_future()
+        await self._waiting[place]
+
+    def timeout(self, _limit_s: float) -> asyncio.Timeout:
+        """Return a time-out that never comes: those that came have changed nothing."""
+        return asyncio.timeout(None)
+
+    async def release(self, place: Place) -> None:
+        """Let a task go on until its next wait."""
+        for _ in range(MOST_TURNS):
+            if (waiting := self._waiting.pop(place, None)) is not None:
+                waiting.set_result(None)
+                await asyncio.sleep(0)
+                return
+            await asyncio.sleep(0)
+        raise BadRecord(f"task {place[1]} of request {place[0]} does not wait where it did then")
+
+
+def replay(file: BinaryIO, event_log: TextIO) -> int:
+    """Play a record again; write its events to a log and return how many requests there were.
+
+    Raise BadRecord if the file is no record of this version of the dispatcher.
+    """
+    entries = record.read(file)
+    config = _config(next(entries, None))
+    return asyncio.run(_play(entries, config, event_log))
+
+
+def _config(header: Entry | None) -> DispatcherConfig:
+    if header is None:
+        raise BadRecord("it is empty")
+    try:
+        config = DispatcherConfig.from_dict(json.loads(header.header.config))
+        tokens = {node: node for node in config.tokens}  # nobody calls
+        return replace(config, tokens=tokens, metrics_fd=None)
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
+        raise BadRecord(f"its configuration is not of this version: {error}") from error
+
+
+async def _play(entries: Iterator[Entry], config: DispatcherConfig, event_log: TextIO) -> int:
+    turns, errors = Turns(), list[BaseException]()
+    try:
+        layer = build_layer(config, turns, event_log, journal=turns)
+        service = build_service(config, layer, errors.append)
+    except (ValueError, TypeError, AttributeError, OverflowError) as error:
+        raise BadRecord(f"its configuration is not of this version: {error}") from error
+    count, tasks = 0, set[asyncio.Task[None]]()
+    for stretch in _stretches(entries, turns):
+        if stretch.HasField("request"):
+            count += 1
+            task = asyncio.create_task(_perform(service, stretch.request))
+            tasks.add(task)
+            await asyncio.sleep(0)
+        else:
+            await turns.release((stretch.resumed.request, stretch.resumed.task))
+        ended = {task for task in tasks if task.done()}
+        tasks -= ended
+        errors += [wrong for task in ended if (wrong := task.exception()) is not None]
+        if errors:
+            raise _unplayable(errors[0]) from errors[0]
+    return count
+
+
+def _stretches(entries: Iterator[Entry], turns: Turns) -> Iterator[Entry]:
+    """Yield what begins each stretch, when the times that it reads are known."""
+    begin: Entry | None = None
+    for entry in chain(entries, (None,)):
+        if entry is not None and entry.HasField("clock"):
+            turns.add_time(entry.clock.request, entry.clock.time_ns)
+            continue
+        if begin is not None:
+            yield begin
+        begin = entry
+
+
+def _unplayable(error: BaseException) -> BadRecord:
+    if isinstance(error, BadRecord):
+        return error
+    return BadRecord(f"the dispatcher fails at it: {type(error).__name__}: {error}")
+
+
+async def _perform(service: Service, entry: Request) -> None:
+    """Do a recorded request; one that was refused is refused again."""
+    with running_request(entry.number):
+        try:
+            await service.change(entry.node, entry.kind, _decoded(entry))
+        except Refusal:
+            return
+
+
+def _decoded(entry: Request) -> Any:
+    if entry.kind not in REQUESTS:
+        raise BadRecord(f"request {entry.number} is of the unknown kind {entry.kind!r}")
+    try:
+        return REQUESTS[entry.kind].FromString(entry.message)
+    except DecodeError as error:
+        raise BadRecord(f"request {entry.number} is malformed") from error

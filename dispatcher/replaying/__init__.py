@@ -1,1 +1,0 @@
-"""What the dispatcher is asked, written down and done again."""

@@ -1,0 +1,1 @@
+"""The dispatcher's services on their sockets: callers, calls, orders, metrics."""

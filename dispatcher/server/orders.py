@@ -1,0 +1,82 @@
+"""The orders of one host: they run side by side, the steps of each one after the other."""
+
+import asyncio
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import suppress
+from functools import partial
+from typing import Any
+
+import grpc
+
+from dispatcher.operations import limits
+from dispatcher.refusal import Refusal, exhausted, invalid
+from wire.dispatcher_pb2 import Feedback, Order, Outcome
+
+Act = Callable[[str, Any], Awaitable[Feedback]]
+Write = Callable[[Outcome], Awaitable[None]]
+
+
+class Orders:
+    """One call of Perform."""
+
+    def __init__(self, act: Act, write: Write) -> None:
+        """Do each step by `act`, answer by `write`."""
+        self._act = act
+        self._write = write
+        self._running: dict[int, asyncio.Task[None]] = {}
+        self._outcomes: asyncio.Queue[Outcome | None] = asyncio.Queue(limits.MAX_ORDERS)
+
+    async def run(self, orders: AsyncIterator[Order]) -> None:
+        """Take orders until there are no more, and end when all are answered."""
+        async with asyncio.TaskGroup() as answering:
+            answering.create_task(self._answer())
+            async with asyncio.TaskGroup() as group:
+                async for order in orders:
+                    await self._take(order, group)
+            await self._outcomes.put(None)
+
+    async def _take(self, order: Order, group: asyncio.TaskGroup) -> None:
+        running = self._running.get(order.number)
+        if order.cancel:
+            if running is not None:
+                running.cancel()
+        elif running is not None:
+            problem = f"order {order.number} is still running; number them apart"
+            await self._outcomes.put(_refused(order, invalid(problem)))
+        elif len(self._running) >= limits.MAX_ORDERS:
+            problem = f"{limits.MAX_ORDERS} orders are running; wait for an outcome"
+            await self._outcomes.put(_refused(order, exhausted(problem)))
+        else:
+            task = group.create_task(self._perform(order))
+            self._running[order.number] = task
+            task.add_done_callback(partial(self._ended, order.number))
+
+    def _ended(self, number: int, _task: asyncio.Task[None]) -> None:
+        del self._running[number]
+
+    async def _perform(self, order: Order) -> None:
+        try:
+            outcome = Outcome(number=order.number, feedbacks=await self._steps(order))
+        except Refusal as refusal:
+            outcome = _refused(order, refusal)
+        await self._outcomes.put(outcome)
+
+    async def _answer(self) -> None:
+        """Write outcomes one after the other; a host that has gone away needs none."""
+        while (outcome := await self._outcomes.get()) is not None:
+            with suppress(grpc.aio.InternalError):
+                await self._write(outcome)
+
+    async def _steps(self, order: Order) -> list[Feedback]:
+        limits.require_steps(len(order.steps))
+        feedbacks = []
+        for step in order.steps:
+            kind = step.WhichOneof("operation")
+            if kind is None:
+                raise invalid("a step without an operation; name one")
+            feedbacks.append(await self._act(kind, getattr(step, kind)))
+        return feedbacks
+
+
+def _refused(order: Order, refusal: Refusal) -> Outcome:
+    return Outcome(number=order.number, code=refusal.code.value[0], text=str(refusal))

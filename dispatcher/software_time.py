@@ -1,0 +1,94 @@
+"""How much of the time was software: moments in which the physics stood still, and waited for it.
+
+    light under way             |=====|        |==|
+    a qubit waits in a memory         |-------------------|
+    software                          ^^^^^^^^^    ^^^^^^^
+
+Light on its way, with its pulses one after the other, and a switch that switches take the time
+that they take. All else is the time that programs need.
+"""
+
+from bisect import bisect_left, bisect_right
+
+from wire import dispatcher_pb2 as messages
+
+MOST_INTERVALS = 100_000  # that are remembered; of waits that began before, less is known
+
+
+class Activity:
+    """When something physical went on, as intervals that do not overlap."""
+
+    def __init__(self) -> None:
+        """Begin with nothing."""
+        self._begins: list[int] = []
+        self._ends: list[int] = []
+        self._forgotten_ns = 0
+        self._first_ns: int | None = None
+
+    def note(self, begin_ns: int, end_ns: int) -> None:
+        """Note that something goes on from then to then."""
+        if self._first_ns is None or begin_ns < self._first_ns:
+            self._first_ns = begin_ns
+        # Those that it touches become one with it.
+        first, last = bisect_left(self._ends, begin_ns), bisect_right(self._begins, end_ns)
+        if first < last:
+            begin_ns = min(begin_ns, self._begins[first])
+            end_ns = max(end_ns, self._ends[last - 1])
+        self._begins[first:last], self._ends[first:last] = [begin_ns], [end_ns]
+        if len(self._ends) > MOST_INTERVALS:
+            self._forget(MOST_INTERVALS // 2)
+
+    def within(self, begin_ns: int, end_ns: int) -> int:
+        """Return for how long (ns) something went on in an interval."""
+        first, last = bisect_right(self._ends, begin_ns), bisect_left(self._begins, end_ns)
+        parts = zip(self._begins[first:last], self._ends[first:last], strict=True)
+        return sum(min(end, end_ns) - max(begin, begin_ns) for begin, end in parts)
+
+    @property
+    def idle_share(self) -> float:
+        """The share of the time from the first to the last, in which nothing went on."""
+        if self._first_ns is None:
+            return 0.0
+        whole_ns = self._ends[-1] - self._first_ns
+        went_on_ns = self._forgotten_ns + self.within(self._first_ns, self._ends[-1])
+        return 1 - went_on_ns / whole_ns if whole_ns else 0.0
+
+    def _forget(self, count: int) -> None:
+        oldest = zip(self._begins[:count], self._ends[:count], strict=True)
+        self._forgotten_ns += sum(end - begin for begin, end in oldest)
+        del self._begins[:count], self._ends[:count]
+
+
+class SoftwareTime:
+    """The largest share of a wait that was software, and the share of the whole run."""
+
+    def __init__(self) -> None:
+        """Begin with no waits."""
+        self._activity = Activity()
+        self.longest_ns = 0  # software in one wait
+        self.largest_share = 0.0  # of one wait
+        self.largest_decaying_share = 0.0  # of one wait that changes qubits
+
+    def told(self) -> messages.SoftwareTime:
+        """Return the figures as they go over the wire."""
+        return messages.SoftwareTime(
+            run_share=self._activity.idle_share,
+            largest_wait_share=self.largest_share,
+            largest_decaying_share=self.largest_decaying_share,
+            longest_ns=self.longest_ns,
+        )
+
+    def goes_on(self, begin_ns: int, end_ns: int) -> None:
+        """Note that something physical goes on from then to then."""
+        self._activity.note(begin_ns, end_ns)
+
+    def waited(self, begin_ns: int, end_ns: int, decays: bool) -> None:
+        """Take in that qubits waited from then to then, in a memory that decays or does not."""
+        if end_ns <= begin_ns:
+            return
+        software_ns = end_ns - begin_ns - self._activity.within(begin_ns, end_ns)
+        share = software_ns / (end_ns - begin_ns)
+        self.longest_ns = max(self.longest_ns, software_ns)
+        self.largest_share = max(self.largest_share, share)
+        if decays:
+            self.largest_decaying_share = max(self.largest_decaying_share, share)

@@ -1,1 +1,0 @@
-"""What the dispatcher does to qubits, written down as a circuit in OpenQASM 2.0."""

@@ -1,0 +1,1 @@
+"""Entanglement distribution: pairs in the memories of two hosts, purified as asked."""

@@ -1,0 +1,195 @@
+"""The pairs of a session at one end of it: block after block, the same at the other end.
+
+Member i of a block is one pair at both ends, as both do the same to their halves.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hosts.hardware.qnic import BlockName, Positions, Symbols
+from hosts.middleware.services.distribution.fidelity import BASES, Estimate
+from hosts.middleware.services.distribution.purification import PHOTONS, Protocol, purify
+from hosts.middleware.session.blocks import (
+    ASKED,
+    LOST,
+    PAIRS,
+    RESERVED,
+    SAMPLE,
+    keep,
+    measure_some,
+    take,
+)
+from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.service import End
+from hosts.network_loop import now_s
+from wire.metadata import Reason, Topic
+
+MAX_ASKED = 100_000  # pairs in one question
+MAX_BLOCKS = 4000  # that one gathering takes from
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass
+class Portion:
+    """Pairs of one block of light."""
+
+    size: int
+    rounds: int = 0  # of purification so far
+
+
+class Pairs:
+    """Keeps, purifies, samples and delivers them; both ends take each step together."""
+
+    def __init__(self, end: End, half: int) -> None:
+        """Begin with none; half 0 is the opener's, half 1 the acceptor's."""
+        self._end, self._half = end, half
+        self._used = np.zeros(0, dtype=bool)
+        self._started = now_s()
+        self.blocks: dict[int, Portion] = {}
+        self.facts: dict[str, Any] = {}  # beside those that there are of all pairs
+        self.estimates: dict[int, Estimate] = {}  # by rounds of purification
+        self.rounds = self.emitted = self.shared = self.compared = self.survived = 0
+
+    @property
+    def available(self) -> int:
+        """Return how many pairs there are."""
+        return sum(portion.size for portion in self.blocks.values())
+
+    @property
+    def estimate(self) -> Estimate:
+        """Return what is known of the fidelity after as many rounds as there have been."""
+        return self.estimates.get(self.rounds, Estimate())
+
+    def portion(self, number: int) -> Portion:
+        """Return what there is of a block; raise SessionError if there is nothing."""
+        if number not in self.blocks:
+            raise SessionError(Reason.PROTOCOL, f"there are no pairs of block {number}")
+        return self.blocks[number]
+
+    def admit(self, number: int) -> None:
+        """Raise SessionError unless a new block may have this number."""
+        if number in self.blocks or not 0 < number < RESERVED or len(self.blocks) >= MAX_BLOCKS:
+            raise SessionError(
+                Reason.UNSUPPORTED,
+                f"block {number} beside {len(self.blocks)} others: no number may come again, and "
+                f"{MAX_BLOCKS} blocks are kept at most; choose larger ones (block_pairs)",
+            )
+
+    async def share(self, number: int, ours: Mask, theirs: Mask) -> None:
+        """Keep of a new block the pairs of which both halves have arrived."""
+        self.admit(number)
+        self.add(number, ours.size, await keep(self._end.qnic, self._name(number), ours & theirs))
+
+    def add(self, number: int, emitted: int, size: int) -> None:
+        """Count a new block, of which both ends have kept so many pairs, all of them shared."""
+        self.emitted, self.shared = self.emitted + emitted, self.shared + size
+        self.blocks[number] = Portion(size)
+        self._forget_empty(number)
+
+    async def purify(self, number: int, protocol: Protocol, seed: int) -> None:
+        """Make fewer and better pairs of those of a block."""
+        portion, name = self.portion(number), self._name(number)
+        portion.rounds += 1
+        self.rounds = max(self.rounds, portion.rounds)
+        compared = portion.size // PHOTONS
+        if compared:
+            ours = await purify(self._end.qnic, name, portion.size, protocol, seed)
+            agreed = (ours == await self._exchange(number, ours)) & (ours != LOST)
+        else:
+            agreed = np.zeros(0, dtype=bool)
+        portion.size = await keep(self._end.qnic, name, agreed)
+        self.compared, self.survived = self.compared + compared, self.survived + portion.size
+        self._forget_empty(number)
+
+    async def sample(self, number: int, chosen: Mask, bases: Symbols) -> None:
+        """Sacrifice pairs of a block: measure them, each in its basis, at both ends."""
+        portion, name = self.portion(number), self._name(number)
+        positions = np.flatnonzero(chosen)
+        ours = await measure_some(self._end.qnic, name, SAMPLE, positions, bases)
+        theirs = await self._exchange(number, ours)
+        estimate = self.estimates.setdefault(portion.rounds, Estimate())
+        estimate.add(bases, ours, theirs)
+        portion.size = await keep(self._end.qnic, name, ~chosen)
+        self._forget_empty(number)
+
+    async def deliver(self, count: int) -> None:
+        """Number so many pairs from 0, and let go of all others; SessionError if too few."""
+        if not 0 < count <= self.available:
+            raise SessionError(Reason.PROTOCOL, f"{count} of {self.available} pairs to deliver")
+        left = count
+        picks: dict[BlockName, Positions] = {}
+        for number, portion in self.blocks.items():
+            picks[self._name(number)] = np.arange(min(left, portion.size))
+            left -= min(left, portion.size)
+        await take(self._end.qnic, self._name(PAIRS), picks)
+        self.blocks = {PAIRS: Portion(count, self.rounds)}
+        self._used = np.zeros(count, dtype=bool)
+
+    async def answer(self, question: dict[str, Any]) -> dict[str, Any]:
+        """Measure pairs: {"measure": numbers, "basis": "X", "Y" or "Z"}; each can be used once.
+
+        Return {"outcomes": 0 or 1 for each, None where no detector clicked}.
+        """
+        if question.keys() != {"measure", "basis"}:
+            raise SessionError(Reason.UNSUPPORTED, "name pairs to measure, and a basis")
+        basis = question["basis"]
+        if basis not in BASES:
+            raise SessionError(Reason.UNSUPPORTED, f"basis {basis!r}: choose X, Y or Z")
+        numbers = self._unused(question["measure"])
+        self._used[numbers] = True
+        bases = np.full(numbers.size, BASES.index(basis), dtype=np.uint8)
+        qnic, name = self._end.qnic, self._name(PAIRS)
+        outcomes = await measure_some(qnic, name, ASKED, numbers, bases)
+        return {"outcomes": [None if told == LOST else int(told) for told in outcomes]}
+
+    def summary(self) -> dict[str, Any]:
+        """Return what the application is told; None where nothing is known."""
+        elapsed_s = now_s() - self._started
+        low, high = self.estimate.interval or (None, None)
+        return {
+            "session": f"{self._end.setup.session:016x}",
+            "pairs": self.available,
+            "pairs_per_s": self.available / elapsed_s,
+            "fidelity": self.estimate.fidelity,
+            "fidelity_low": low,  # of the 95 % confidence interval
+            "fidelity_high": high,
+            "emitted": self.emitted,
+            "shared": self.shared,
+            "sampled": sum(estimate.total for estimate in self.estimates.values()),
+            "rounds": self.rounds,
+            "compared": self.compared,
+            "survived": self.survived,
+            "elapsed_s": elapsed_s,
+            **self.facts,
+        }
+
+    def _unused(self, numbers: Any) -> NDArray[np.int64]:
+        if not isinstance(numbers, list) or not 0 < len(numbers) <= MAX_ASKED:
+            raise SessionError(Reason.UNSUPPORTED, f"name 1 to {MAX_ASKED} pairs, as a list")
+        last = self._used.size - 1
+        for number in numbers:
+            if type(number) is not int or not 0 <= number <= last:
+                raise SessionError(Reason.UNSUPPORTED, f"pair {number!r}: choose 0 to {last}")
+        chosen = np.array(numbers)
+        used = chosen[self._used[chosen]]
+        if used.size or np.unique(chosen).size < chosen.size:
+            which = f"pair {used[0]} is used up" if used.size else "a pair is named twice"
+            raise SessionError(Reason.UNSUPPORTED, f"{which}: name each pair once")
+        return chosen
+
+    async def _exchange(self, number: int, outcomes: Symbols) -> Symbols:
+        """Tell the other end what has been measured here; return what has been there."""
+        self._end.say(Topic.OUTCOMES, number, outcomes, 2)
+        theirs = await self._end.hear(Topic.OUTCOMES, number, outcomes.size, LOST)
+        return theirs.astype(np.uint8)
+
+    def _name(self, number: int) -> BlockName:
+        return self._end.block(number, self._half)
+
+    def _forget_empty(self, number: int) -> None:
+        if not self.blocks[number].size:
+            del self.blocks[number]

@@ -1,0 +1,73 @@
+"""One round of purification of a block of pairs, as one end of it does.
+
+    pair 0, pair 2, …   --o--   kept where the outcomes at both ends agree
+    pair 1, pair 3, …   --X--   measured
+
+BBPSSW: Bennett et al., Phys. Rev. Lett. 76, 722 (1996), for Werner pairs, which a twirl makes of
+any others first. DEJMPS: Deutsch et al., Phys. Rev. Lett. 77, 2818 (1996), for Bell-diagonal pairs.
+Both ends do the same to member i of the block, so that it stays one pair.
+"""
+
+from enum import IntEnum
+
+import numpy as np
+
+from hosts.hardware.qnic import BlockName, LocalGate, Positions, Qnic, Symbols
+from hosts.middleware.session.blocks import LOST, TARGETS, THIRDS, reserved, store
+
+PHOTONS = 2  # that go into one
+
+
+class Protocol(IntEnum):
+    """How pairs are purified, as numbered on the wire."""
+
+    NONE = 0
+    BBPSSW = 1
+    DEJMPS = 2
+
+
+# Rotations that leave Phi+ as it is and exchange the other Bell states, at either half: the other
+# has the complex conjugate of each gate. By a third of the pairs each, and Pauli operators, twirl.
+CYCLES: tuple[tuple[tuple[LocalGate, ...], ...], ...] = (
+    ((), ("S", "H"), ("H", "S_DAG")),
+    ((), ("S_DAG", "H"), ("H", "S")),
+)
+# A quarter turn about X at half 0, and back at half 1.
+QUARTER_TURNS: tuple[tuple[LocalGate, ...], ...] = (("H", "S", "H"), ("H", "S_DAG", "H"))
+
+
+async def purify(qnic: Qnic, name: BlockName, size: int, protocol: Protocol, seed: int) -> Symbols:
+    """Compare the pairs of a block two by two; return the outcomes, 3 where a photon was lost.
+
+    The block holds one pair of each two afterwards, in memory: those are to be kept whose
+    outcomes are the same at both ends. Both ends give the same seed.
+    """
+    order: Positions = np.arange(size)
+    if protocol == Protocol.BBPSSW:
+        order = await _twirl(qnic, name, size, np.random.default_rng(seed))
+    else:
+        await qnic.rotate(name, QUARTER_TURNS[name.half])
+    pairs, targets = size // PHOTONS, reserved(name, TARGETS)
+    await qnic.gather(targets, {name: order[1 : 2 * pairs : 2]}, keep_rest=True)
+    await qnic.gather(name, {name: order[0 : 2 * pairs : 2]})
+    await qnic.controlled_x(name, targets)
+    outcomes = await qnic.measure(targets, np.zeros(pairs, dtype=np.uint8))
+    arrived = await store(qnic, name)
+    return np.where(arrived & (outcomes <= 1), outcomes, LOST).astype(np.uint8)
+
+
+async def _twirl(qnic: Qnic, name: BlockName, size: int, draws: np.random.Generator) -> Positions:
+    """Make Werner pairs of any; return where each is in the block now."""
+    await qnic.apply(name, draws.integers(0, 4, size, dtype=np.uint8))
+    chosen = draws.integers(0, len(THIRDS), size)
+    thirds: dict[BlockName, Positions] = {name: np.zeros(0, dtype=np.int64)}
+    for third, number in enumerate(THIRDS):
+        mine = np.flatnonzero(chosen == third)
+        if mine.size:
+            part = reserved(name, number)
+            await qnic.gather(part, {name: mine}, keep_rest=True)
+            if gates := CYCLES[name.half][third]:
+                await qnic.rotate(part, gates)
+            thirds[part] = np.arange(mine.size)
+    await qnic.gather(name, thirds)
+    return np.argsort(np.argsort(chosen, kind="stable"))

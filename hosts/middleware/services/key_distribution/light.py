@@ -1,0 +1,62 @@
+"""Light of key distribution: photons measured as they arrive, and how many to ask for."""
+
+import asyncio
+from math import ceil
+
+import numpy as np
+
+from hosts.hardware.qnic import NO_COINCIDENCE, BlockName, NoLight, Symbols
+from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.service import LIGHT_TIMEOUT_S, End
+from wire.metadata import Reason
+from wire.qkd import MAX_KEY_BITS
+
+GRACE_S = 1.0  # light that is not measured so long after its last photon is due is lost
+EVEN_CHANCE = 0.5  # that two random bases agree
+MARGIN, MARGIN_PHOTONS = 1.05, 64
+
+
+def random_bases(end: End, photons: int) -> Symbols:
+    """Return Z or X for each photon."""
+    return end.draws.integers(0, 2, photons, dtype=np.uint8)
+
+
+def measuring(end: End, name: BlockName, bases: Symbols) -> asyncio.Task[Symbols]:
+    """Begin to measure the photons that will arrive at the first port."""
+    port = end.qnic.ports[0]
+    return asyncio.create_task(
+        end.qnic.measure_arrivals(name, port, bases, LIGHT_TIMEOUT_S), name=f"light of {name}"
+    )
+
+
+async def measured(end: End, light: asyncio.Task[Symbols], photons: int) -> Symbols:
+    """Return the outcomes of light that is over; no click for any photon if none has come."""
+    try:
+        async with asyncio.timeout(GRACE_S + photons / end.setup.rate_hz):
+            outcomes = await light
+    except (NoLight, TimeoutError):
+        return np.full(photons, NO_COINCIDENCE, dtype=np.uint8)
+    finally:
+        light.cancel()
+    if outcomes.size != photons:
+        raise SessionError(Reason.PROTOCOL, f"{outcomes.size} photons, not {photons}")
+    return outcomes
+
+
+def turned_back(outcomes: Symbols, bases: Symbols, rotation: int) -> Symbols:
+    """Return outcomes as they were without a known Pauli operator on the way (bits: X, Z)."""
+    flips = rotation >> bases & 1  # X turns outcomes of Z round, Z those of X
+    return np.where(outcomes == NO_COINCIDENCE, outcomes, outcomes ^ flips).astype(np.uint8)
+
+
+def next_photons(count: int, sifted: int, seen: int, on_the_way: int, most: int) -> int:
+    """Return how many photons to send for so many sifted bits; 0 if enough may be on the way.
+
+    `sifted` bits have come of the `seen` photons so far.
+    """
+    share = max(sifted, EVEN_CHANCE) / seen if seen else EVEN_CHANCE
+    missing = count - sifted - share * on_the_way
+    if missing <= 0:
+        return 0
+    wanted = ceil(MARGIN * missing / share) + MARGIN_PHOTONS
+    return max(0, min(wanted, most, MAX_KEY_BITS - sifted - on_the_way))

@@ -1,0 +1,59 @@
+"""What an application may choose for key distribution."""
+
+from dataclasses import dataclass
+
+from hosts.middleware.qkd.parameters import Parameters
+from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.options import MAX_BLOCK_S, check_choice, check_whole
+from hosts.middleware.session.service_options import ServiceOptions
+from wire.metadata import Reason
+from wire.qkd import Bound, Reconciliation
+
+CORRECTIONS = {kind.name.lower(): kind for kind in Reconciliation}  # what users call them
+BOUNDS = {kind.name.lower(): kind for kind in Bound}
+MAX_COUNT = 1_000_000  # sifted bits of one session: one key is distilled of all of them
+
+
+@dataclass(frozen=True)
+class KeyOptions(ServiceOptions):
+    """`count` sifted bits at least, of which one key is distilled."""
+
+    count: int = 500_000
+    block_pairs: int = 131_072
+    correction: str = "cascade"
+    max_qber: float = 0.1  # of the disclosed sample: no key above
+    test_fraction: float = 0.1  # of the sifted bits, disclosed to estimate the error rate
+    epsilon: float = 1e-10  # the key is secret but for this probability
+    bound: str = "finite"
+
+    def check(self) -> None:
+        """Raise SessionError for a value out of range."""
+        super().check()
+        check_whole("count", self.count, 1, MAX_COUNT)
+        check_choice("correction", self.correction, tuple(CORRECTIONS))
+        check_choice("bound", self.bound, tuple(BOUNDS))
+        if self.block_pairs / self.rate_hz > MAX_BLOCK_S:
+            raise SessionError(
+                Reason.UNSUPPORTED,
+                f"block_pairs {self.block_pairs} at rate_hz {self.rate_hz} take more than "
+                f"{MAX_BLOCK_S:g} s: choose smaller blocks or a higher rate",
+            )
+        for name in ("max_qber", "test_fraction", "epsilon"):
+            value = getattr(self, name)
+            if not isinstance(value, float) or not 0 < value < 1:
+                text = f"{name} is {value!r}: choose a fraction between 0 and 1"
+                raise SessionError(Reason.UNSUPPORTED, text)
+        try:
+            self.parameters()
+        except ValueError as error:
+            raise SessionError(Reason.UNSUPPORTED, str(error)) from error
+
+    def parameters(self) -> Parameters:
+        """Return what both ends must be told alike; ValueError for what cannot be."""
+        return Parameters(
+            test_fraction=self.test_fraction,
+            max_qber=self.max_qber,
+            eps_sec=self.epsilon,
+            bound=BOUNDS[self.bound],
+            reconciliation=CORRECTIONS[self.correction],
+        )

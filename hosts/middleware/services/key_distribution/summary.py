@@ -1,0 +1,70 @@
+"""What applications are told of key distribution: counts, rates and error rates, never a key."""
+
+from dataclasses import dataclass, field
+from typing import Any
+from uuid import UUID
+
+from hosts.middleware.qkd.end import End
+from hosts.middleware.qkd.key_length import asymptotic_fraction
+from hosts.middleware.qkd.key_store import KEY_BITS
+from hosts.network_loop import now_s
+
+CONFIDENCE = 0.95
+
+
+@dataclass
+class Progress:
+    """What one end has done so far, beside what its state machine counts."""
+
+    photons: int = 0  # or pairs, that were made
+    blocks: int = 0  # of them
+    started: float = field(default_factory=now_s)
+    sifted_blocks: int = 0
+    light_s: float = 0.0  # until the last of them was sifted
+
+    def note(self, sifted_blocks: int) -> None:
+        """Note when blocks have been sifted."""
+        if sifted_blocks > self.sifted_blocks:
+            self.sifted_blocks, self.light_s = sifted_blocks, now_s() - self.started
+
+
+def so_far(progress: Progress, keys: End) -> dict[str, Any]:
+    """Return what is told while light is sent."""
+    report = keys.report
+    return {"photons": progress.photons, "raw_bits": report.raw, "sifted_bits": report.sifted}
+
+
+def summary(progress: Progress, keys: End, ids: list[UUID]) -> dict[str, Any]:
+    """Return what is told at the end; None for what is not known.
+
+    Photons, raw and sifted bits are per second of light and sifting, key bits per second of
+    the whole session. The limit of the key fraction is 1 - 2 h(QBER), of endless keys.
+    """
+    report, estimate = keys.report, keys.estimate
+    elapsed_s = now_s() - progress.started
+    light_s = progress.light_s or elapsed_s  # nothing was sifted
+    low, high = estimate.interval(CONFIDENCE) if estimate else (None, None)
+    qber = estimate.qber if estimate else None
+    return {
+        **so_far(progress, keys),
+        "qber": qber,
+        "qber_low": low,
+        "qber_high": high,
+        "disclosed_bits": report.sample,
+        "leaked_bits": report.leaked,
+        "key_bits": report.key,
+        "key_fraction": report.key / report.sifted if report.sifted else None,
+        "key_fraction_limit": None if qber is None else asymptotic_fraction(qber),
+        "keys": len(ids),
+        "bits_of_a_key": KEY_BITS,
+        "first_key_id": str(ids[0]) if ids else None,
+        "last_key_id": str(ids[-1]) if ids else None,
+        "authentication_bits": report.authentication,
+        "net_key_bits": report.net,
+        "light_s": light_s,
+        "elapsed_s": elapsed_s,
+        "photons_per_s": progress.photons / light_s,
+        "raw_bits_per_s": report.raw / light_s,
+        "sifted_bits_per_s": report.sifted / light_s,
+        "key_bits_per_s": report.key / elapsed_s,
+    }

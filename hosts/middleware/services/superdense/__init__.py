@@ -1,0 +1,1 @@
+"""Superdense coding: bytes from one host to another, two bits a Bell pair."""

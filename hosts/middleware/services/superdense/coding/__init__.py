@@ -1,0 +1,18 @@
+"""Error-correction codes over bits, and the order in which their bits travel.
+
+Pure functions on numpy arrays: no frame, no symbol, no light. Each code is a `Code`, found
+in CODES by its number on the wire; `interleaving` spreads a codeword over many symbols.
+"""
+
+from hosts.middleware.services.superdense.coding.code import Bits, Code, Mask, Uncoded
+from hosts.middleware.services.superdense.coding.interleaving import deinterleave, interleave
+from hosts.middleware.services.superdense.coding.perfect import GOLAY, HAMMING, REPETITION
+from hosts.middleware.services.superdense.coding.reed_solomon import ReedSolomon
+from wire.metadata import FEC_NAMES, Fec
+
+CODES: dict[Fec, Code] = {
+    code.fec: code for code in (Uncoded(), REPETITION, HAMMING, GOLAY, ReedSolomon())
+}
+NAMES = FEC_NAMES
+
+__all__ = ["CODES", "NAMES", "Bits", "Code", "Mask", "deinterleave", "interleave"]

@@ -1,0 +1,173 @@
+"""The receiver's side of framing: what has come, what must come again."""
+
+from dataclasses import dataclass, field
+from zlib import crc32
+
+import numpy as np
+
+from hosts.hardware.qnic import NO_COINCIDENCE, Symbols
+from hosts.middleware.services.superdense.frame_format import FrameFormat
+from hosts.middleware.services.superdense.framing import NO_SLOTS, FramingError, SlotMap, Slots
+from wire.metadata import Block, Frame, Report
+
+DIAGONAL = np.diag_indices(4)
+
+
+@dataclass
+class _Incoming:
+    """A frame under way at the receiver."""
+
+    frame: Frame
+    symbols: Symbols
+    rejected: list[Symbols] = field(default_factory=list)  # earlier, wrong versions
+
+    @property
+    def complete(self) -> bool:
+        return not (self.symbols == NO_COINCIDENCE).any()
+
+
+class Inbox:
+    """Frames that are not whole yet, and bytes that are."""
+
+    MAX_REMEMBERED_VERSIONS = 16
+
+    def __init__(self, frame_bytes: int, frame_format: FrameFormat) -> None:
+        self._slots = SlotMap(frame_format, frame_bytes)
+        self._format = frame_format
+        self._frame_bytes = frame_bytes
+        self._frames: dict[int, _Incoming] = {}
+        self._open: Slots = NO_SLOTS
+        self._announced = 0
+        self._complete: dict[int, bytes] = {}
+        self._delivered = 0
+        self.symbol_errors = 0
+        self.corrected_symbols = 0
+        self.filled_symbols = 0
+        self.symbols_seen = 0
+        self.symbols_lost = 0
+        self.repeated_frames = 0
+        self.confusion = np.zeros((4, 4), dtype=np.int64)  # symbols sent x received, where known
+        self._as_sent: list[Symbols] = []  # of frames that came without an error, to be counted
+
+    def block(self, block: Block, symbols: Symbols) -> Report:
+        """Take the symbols of a block (255: lost); return what the sender must know."""
+        self._announce(block)
+        slots = self._slots.block(self._open, block.refills, block.frames)
+        rest = self._open[block.refills :]
+        touched = self._fill(slots, symbols)
+        accepted, failed = self._judge(touched, on_their_way=self._slots.numbers(rest))
+        self._tally_as_sent()
+        lost = symbols == NO_COINCIDENCE
+        again = lost & ~np.isin(slots // self._slots.frame_pairs, accepted)
+        self._open = np.unique(np.concatenate([rest, slots[again], *map(self._reset, failed)]))
+        self.symbols_seen += int(symbols.size - lost.sum())
+        self.symbols_lost += int(lost.sum())
+        return Report(
+            block.session,
+            block.block,
+            block.pairs,
+            int(lost.sum()),
+            self.symbol_errors,
+            self.corrected_symbols,
+            self.filled_symbols,
+            tuple(failed),
+            np.packbits(again).tobytes() if again.any() else b"",
+        )
+
+    def take(self) -> bytes:
+        """Return the bytes that are complete, in order, once."""
+        parts = []
+        while self._delivered in self._complete:
+            parts.append(self._complete.pop(self._delivered))
+            self._delivered += 1
+        return b"".join(parts)
+
+    def _announce(self, block: Block) -> None:
+        numbers = [frame.number for frame in block.frames]
+        if numbers != list(range(self._announced, self._announced + len(numbers))):
+            raise FramingError(f"block {block.block} announces frames {numbers} out of order")
+        if block.refills > self._open.size:
+            raise FramingError(f"block {block.block} refills more than is open")
+        if block.frames and block.refills != self._open.size:
+            raise FramingError(f"block {block.block} begins new frames before the open ones")
+        for frame in block.frames:
+            if not 0 < frame.size <= self._frame_bytes:
+                raise FramingError(f"frame {frame.number} has {frame.size} bytes")
+        counts = [self._format.pairs(frame.size) for frame in block.frames]
+        if block.pairs != block.refills + sum(counts):
+            raise FramingError(
+                f"block {block.block}: {block.pairs} pairs do not carry {block.refills} refills "
+                f"and frames of {sum(counts)} pairs"
+            )
+        for frame, count in zip(block.frames, counts, strict=True):
+            empty = np.full(count, NO_COINCIDENCE, dtype=np.uint8)
+            self._frames[frame.number] = _Incoming(frame, empty)
+        self._announced += len(numbers)
+
+    def _fill(self, slots: Slots, symbols: Symbols) -> list[int]:
+        """Put symbols where they belong; return the numbers of the frames they belong to."""
+        if not slots.size:
+            return []
+        numbers, starts, indices = self._slots.runs(slots)
+        parts = zip(
+            numbers, np.split(indices, starts[1:]), np.split(symbols, starts[1:]), strict=True
+        )
+        for number, index, symbol in parts:
+            self._frames[number].symbols[index] = symbol
+        return numbers
+
+    def _judge(self, touched: list[int], on_their_way: Slots) -> tuple[list[int], list[int]]:
+        """Return which frames are accepted, and which are to be repeated as a whole."""
+        accepted: list[int] = []
+        failed: list[int] = []
+        for number in set(touched).difference(on_their_way.tolist()):
+            complete = self._frames[number].complete
+            if (complete or self._format.fills_losses) and self._accept(number):
+                accepted.append(number)
+            elif complete:
+                failed.append(number)
+        return accepted, sorted(failed)
+
+    def _accept(self, number: int) -> bool:
+        incoming = self._frames[number]
+        data = self._format.to_bytes(incoming.symbols, incoming.frame.size)
+        if crc32(data) != incoming.frame.crc32:
+            return False
+        if incoming.rejected or self._format.fills_losses:
+            self._count(incoming, self._format.to_symbols(data))
+        else:  # nothing was put right: what came is what was sent
+            self._as_sent.append(incoming.symbols)
+        del self._frames[number]
+        self._complete[number] = data
+        return True
+
+    def _count(self, incoming: _Incoming, sent: Symbols) -> None:
+        lost = incoming.symbols == NO_COINCIDENCE
+        corrected = int(((incoming.symbols != sent) & ~lost).sum())
+        self.corrected_symbols += corrected
+        self.filled_symbols += int(lost.sum())
+        rejected = sum(int((version != sent).sum()) for version in incoming.rejected)
+        self.symbol_errors += corrected + rejected
+        for version in (incoming.symbols, *incoming.rejected):
+            self._tally(sent, version)
+
+    def _tally_as_sent(self) -> None:
+        """Count the symbols of right frames, those of a block at once: one by one takes longer."""
+        if self._as_sent:
+            symbols = np.concatenate(self._as_sent)
+            counts = [np.count_nonzero(symbols == symbol) for symbol in range(4)]
+            self.confusion[DIAGONAL] += counts
+            self._as_sent.clear()
+
+    def _tally(self, sent: Symbols, received: Symbols) -> None:
+        arrived = received != NO_COINCIDENCE
+        cells = 4 * sent[arrived] + received[arrived]
+        self.confusion += np.bincount(cells, minlength=16).reshape(4, 4)
+
+    def _reset(self, number: int) -> Slots:
+        incoming = self._frames[number]
+        self.repeated_frames += 1
+        if len(incoming.rejected) < self.MAX_REMEMBERED_VERSIONS:
+            incoming.rejected.append(incoming.symbols)
+        incoming.symbols = np.full(incoming.symbols.size, NO_COINCIDENCE, dtype=np.uint8)
+        return self._slots.frame(number, incoming.frame.size)

@@ -1,0 +1,102 @@
+"""A handshake for every Bell state (paper, figure "handshaking"), the next ones made ahead.
+
+    pair 1   |-- handshake --|-- light --| close
+    pair 2        |-- handshake --|-- light --| close
+    pair 3             |-- handshake --|-- light --| close
+
+Connections are closed in order: the newest one keeps the light path up.
+"""
+
+import asyncio
+from collections import deque
+from collections.abc import Awaitable, Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hosts.hardware.qnic import NoLight, Symbols
+from hosts.middleware.session.channel import MetadataChannel
+from hosts.middleware.session.encoding import to_paulis
+
+HANDSHAKES_AHEAD = 3
+LIGHTS_AT_A_TIME = 2
+
+
+@dataclass(frozen=True)
+class Agreed:
+    """A light path that is up, and by which operators symbols are sent over it."""
+
+    channel: MetadataChannel
+    encoding: int
+
+
+ShakeHands = Callable[[int], Awaitable[Agreed]]
+Light = Callable[[int, Symbols], Awaitable[int]]
+
+
+class OneByOne:
+    """Sends photons each under a handshake of its own; pairs are numbered from 1."""
+
+    def __init__(self, shake_hands: ShakeHands, light: Light) -> None:
+        self._shake_hands = shake_hands
+        self._light = light
+        self._pairs_begun = 0
+        self._handshakes: deque[asyncio.Task[Agreed]] = deque()
+        self._lights: deque[asyncio.Task[int]] = deque()
+
+    async def send(self, symbols: Symbols) -> int:
+        """Send pairs; one without light is just lost. Return when the first was sent (ns)."""
+        first, count = self._pairs_begun + 1, symbols.size
+        self._pairs_begun += count
+        sent_ns = []
+        try:
+            for index in range(count):
+                ahead = min(index + HANDSHAKES_AHEAD, count)
+                self._begin_handshakes(range(first + index, first + ahead))
+                before = self._lights[-1] if self._lights else None
+                agreed = await self._handshakes.popleft()
+                pair = self._pair(first + index, agreed, symbols[index : index + 1], before)
+                self._lights.append(asyncio.create_task(pair))
+                if len(self._lights) == LIGHTS_AT_A_TIME:
+                    sent_ns.append(await self._lights.popleft())
+            sent_ns += await asyncio.gather(*self._lights)
+        finally:
+            await self._abandon()
+        return int(np.max(sent_ns[:1], initial=0))
+
+    def _begin_handshakes(self, numbers: range) -> None:
+        for number in numbers[len(self._handshakes) :]:
+            self._handshakes.append(asyncio.ensure_future(self._shake_hands(number)))
+
+    async def _pair(
+        self,
+        number: int,
+        agreed: Agreed,
+        symbol: Symbols,
+        before: asyncio.Task[int] | None,
+    ) -> int:
+        try:
+            return await self._light(number, to_paulis(symbol, agreed.encoding))
+        except NoLight:
+            return 0
+        finally:
+            if before is not None:
+                await asyncio.wait([before])
+            agreed.channel.close()
+
+    async def _abandon(self) -> None:
+        """End what was begun and is not needed any more."""
+        await _cancelled(self._lights)
+        for outcome in await _cancelled(self._handshakes):
+            if isinstance(outcome, Agreed):
+                outcome.channel.close()
+        self._lights.clear()
+        self._handshakes.clear()
+
+
+async def _cancelled(tasks: Iterable[asyncio.Task[Any]]) -> list[Any]:
+    """Cancel tasks and return what became of each."""
+    for task in tasks:
+        task.cancel()
+    return await asyncio.gather(*tasks, return_exceptions=True)

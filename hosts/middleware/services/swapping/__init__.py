@@ -1,0 +1,1 @@
+"""Entanglement swapping through chains of repeaters."""

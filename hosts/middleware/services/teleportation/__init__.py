@@ -1,0 +1,1 @@
+"""Teleportation of single-qubit states."""

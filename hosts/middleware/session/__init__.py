@@ -1,0 +1,1 @@
+"""Sessions of any service: channel, arrangement, light, options, what a service is made of."""

@@ -1,0 +1,89 @@
+"""What the two ends of a session can do, as they tell each other and as a service asks for it."""
+
+from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.service import ConnectionEnd, OpenerEnd
+from wire.features import STORE, Abilities, Feature, names
+from wire.metadata import MalformedPacket, Reason, Service, Setup, Topic
+from wire.services import Role, needs
+
+MAX_NUMBER = (1 << 32) - 1
+REMEDIES = {
+    Reason.CANNOT_EMIT: "has no source of light (feature emit): take another host in its place, or "
+    "give it one (source.statistics)",
+    Reason.CANNOT_STORE: "has no memory, or one that is too small (feature store): take another "
+    "host in its place, or give it one (memory.capacity)",
+    Reason.CANNOT_GATE: "has no gates but Pauli operators (feature gate): take another host in its "
+    "place, or give it some (gates.kind)",
+    Reason.CANNOT_MEASURE: "has no detectors that click (feature measure): take another host in "
+    "its place, or give it some (detectors.efficiency)",
+}
+
+
+def refusal(setup: Setup, hosts: dict[str, str]) -> SessionError:
+    """Return why the controller has refused a set-up; hosts: names to addresses."""
+    reason, service = Reason(setup.reason), Service(setup.service)
+    if reason not in REMEDIES:
+        return SessionError(reason)
+    unable = next((name for name, at in hosts.items() if at == setup.source), setup.source)
+    return SessionError(reason, f"{service.name.lower()}: {unable} {REMEDIES[reason]}")
+
+
+def are_told(service: Service) -> bool:
+    """Return whether the acceptor begins by telling them: where it stores pairs."""
+    return STORE in needs(service, Role.ACCEPTOR)
+
+
+def say(end: ConnectionEnd, ours: Abilities) -> None:
+    """Tell the opener, and how large blocks may be: the controller may have granted less."""
+    numbers = end.setup.pairs, ours.features.value, ours.memory_qubits
+    end.say(Topic.ABILITIES, 0, numbers, 32)
+
+
+async def hear(end: ConnectionEnd) -> tuple[int, Abilities]:
+    """Return how large blocks may be, and the acceptor's abilities; or raise SessionError."""
+    numbers = await end.hear(Topic.ABILITIES, 0, 3, MAX_NUMBER)
+    pairs, bits, memory_qubits = numbers.tolist()
+    if not 0 < pairs <= end.setup.pairs:
+        text = f"blocks of {pairs} pairs, {end.setup.pairs} were asked for"
+        raise SessionError(Reason.PROTOCOL, text)
+    try:
+        return pairs, Abilities.checked(bits, memory_qubits)
+    except MalformedPacket as error:
+        raise SessionError(Reason.PROTOCOL, f"{end.channel.peer}: {error}") from error
+
+
+def room(end: OpenerEnd) -> int:
+    """Return how many pairs both ends can keep."""
+    return end.means.abilities.both(end.theirs).memory_qubits
+
+
+def require_capacity(end: OpenerEnd, pairs: int, spare: int) -> None:
+    """Raise SessionError unless so many pairs fit into both memories, with spare ones."""
+    if pairs + spare <= room(end):
+        return
+    least, who = min((abilities.memory_qubits, who) for abilities, who in _ends(end))
+    more = f" and {spare} more, to estimate or purify," if spare else ""
+    raise SessionError(
+        Reason.UNSUPPORTED,
+        f"{pairs} pairs{more} do not fit into the memory of {who}, {least} qubits: ask for at most "
+        f"{max(least - spare, 0)} at a time, or give it a larger one (memory.capacity)",
+    )
+
+
+def require(end: OpenerEnd, feature: Feature, what: str, remedy: str) -> None:
+    """Raise SessionError unless both ends have a feature; what needs it is named."""
+    for abilities, who in (
+        (end.means.abilities, end.means.name),
+        (end.theirs, end.arrangement.peer),
+    ):
+        if feature not in abilities.features:
+            raise SessionError(
+                Reason.UNSUPPORTED,
+                f"{what} needs the feature {names(feature)} at both ends, and {who} has only "
+                f"{names(abilities.features)}: {remedy}",
+            )
+
+
+def _ends(end: OpenerEnd) -> tuple[tuple[Abilities, str], tuple[Abilities, str]]:
+    """Return what each end can do, and its name."""
+    return (end.means.abilities, end.means.name), (end.theirs, end.arrangement.peer)

@@ -1,0 +1,89 @@
+"""Light for a session that this host opens: the paths, and the pair source that belongs to it."""
+
+import asyncio
+import math
+from dataclasses import dataclass, replace
+
+from hosts.hardware.qnic import HardwareError
+from hosts.middleware.session.channel import ANSWER_TIMEOUT_S, MetadataChannel, SessionError
+from hosts.network_loop import now_s, wall_sleep
+from wire.metadata import Answer, Emit, Reason, Service, Setup
+
+DISCOVERY_TIMEOUT_S = 3.0
+FREEING_TIMEOUT_S = 1.0  # in which a controller hears that a session has ended
+PAUSE_S = 0.1
+
+
+@dataclass
+class Light:
+    """The light of a host, which its sessions have one after the other."""
+
+    freed_s: float = -math.inf  # when a session last let go of it, of the network's clock
+
+
+class Arrangement:
+    """The connections of a session that this host opens: to its peer, and to the pair source."""
+
+    channel: MetadataChannel  # to the peer, once it is open
+
+    def __init__(self, setup: Setup, peer: tuple[str, str], source: str, light: Light) -> None:
+        """Prepare it; peer is name and address, source a name."""
+        self._setup, self._peer, self._source, self._light = setup, peer, source, light
+        self._pairs: MetadataChannel | None = None
+        self._source_turn = asyncio.Lock()
+
+    @property
+    def peer(self) -> str:
+        """Name of the other end."""
+        return self._peer[0]
+
+    async def open(self) -> Answer:
+        """Arrange light paths; return what the peer accepts, or raise SessionError.
+
+        Fibres that the controller is still discovering are waited for, and so is light that this
+        host has only just let go: the controller may hear of that after the next request.
+        """
+        began_s = now_s()
+        deadlines_s = {Reason.UNKNOWN_HOST: began_s + DISCOVERY_TIMEOUT_S}
+        if began_s - self._light.freed_s < FREEING_TIMEOUT_S:
+            deadlines_s[Reason.BUSY] = began_s + FREEING_TIMEOUT_S
+        while True:
+            channel = await MetadataChannel.connect(*self._peer)
+            try:
+                answer = await channel.request(self._setup)
+            except BaseException as error:
+                channel.close()
+                if not isinstance(error, SessionError):
+                    raise
+                if now_s() > deadlines_s.get(error.reason, -math.inf):
+                    raise
+                await wall_sleep(PAUSE_S)
+            else:
+                self.channel = channel
+                return answer
+
+    async def engage_source(self) -> None:
+        """Connect to the pair source of the session; raise SessionError if it refuses."""
+        self._pairs = await MetadataChannel.connect(self._source, self._setup.source)
+        await self._pairs.request(replace(self._setup, service=Service.PAIR_SOURCE))
+
+    async def emit(self, block: int, pairs: int) -> None:
+        """Have the source make a block of pairs; return when its light has arrived, or is lost."""
+        assert self._pairs is not None
+        rate_hz = self._setup.rate_hz
+        async with self._source_turn:  # its answers carry no number
+            emit = Emit(self._setup.session, block, pairs, rate_hz)
+            await self._pairs.request(emit, ANSWER_TIMEOUT_S + pairs / rate_hz)
+
+    async def give_up(self, error: SessionError | HardwareError) -> None:
+        """Tell the peer, if there is a session yet, why there is no going on."""
+        if hasattr(self, "channel"):
+            await self.channel.give_up(error)
+
+    def close(self) -> None:
+        """Close the connections."""
+        if self._pairs is not None:
+            self._pairs.close()
+        if hasattr(self, "channel"):
+            self.channel.close()
+            self._light.freed_s = now_s()

@@ -1,0 +1,234 @@
+"""A TCP connection that carries quantum metadata messages, and what can go wrong on it."""
+
+import asyncio
+import socket
+from contextlib import suppress
+from typing import TypeVar
+
+from wire.metadata import (
+    HEADER,
+    METADATA_PORT,
+    Answer,
+    MalformedPacket,
+    Message,
+    Reason,
+    Setup,
+    UnknownService,
+    decode,
+    message_length,
+)
+from wire.verdict import Connection
+
+M = TypeVar("M", bound=Message)
+
+CONNECT_TIMEOUT_S = 5.0
+ANSWER_TIMEOUT_S = 10.0
+IDLE_TIMEOUT_S = 600.0  # between two messages of a session that nobody ends
+LINGER_S = 1.0  # for the other end to hear why, and to close
+REPORT_TIMEOUT_S = 30.0  # a receiver whose application does not read holds its report back
+
+REMEDIES = {
+    Reason.NOT_ARBITRATED: "no controller has granted the light path; is c0 running and does "
+    "its switch send quantum metadata to it?",
+    Reason.NO_LISTENER: "no application listens on that port; start the receiver first",
+    Reason.UNKNOWN_HOST: "the controller has not seen the fibres of sender, receiver and source",
+    Reason.NO_PATH: "no light path joins sender, receiver and source; each needs the fibres that "
+    "the service asks for (for bytes the receiver and the source two, the sender one of its own), "
+    "and none of them cut",
+    Reason.BUSY: "another session uses these fibres; try again when it has ended",
+    Reason.NOT_ALLOWED: "the controller's policy does not allow this service between these "
+    "hosts, or not at this rate, frame size or number of sessions; ask who runs the network to "
+    "change its policy file (`qmn run --policy`)",
+    Reason.LOSS_TOO_HIGH: "every free light path loses more than the controller's loss budget; "
+    "raise the budget, or use shorter or better fibres",
+    Reason.NO_WAVELENGTH: "no light path can be tuned to this wavelength from end to end; choose "
+    "one that every port on the way offers (`wavelength_pm`; the default is 1550120)",
+    Reason.UNKNOWN_SESSION: "the controller knows no such session",
+    Reason.UNSUPPORTED: "the other end does not offer what was asked for",
+    Reason.SWITCH_FAILED: "the quantum switch refused the light path; see its agent's log",
+    Reason.SWITCH_TIMEOUT: "the quantum switch was not ready in time; is its agent running?",
+    Reason.NODE_SILENT: "a node of the chain has not answered the controller's order; is its "
+    "stack running?",
+    Reason.NO_CHAIN: "no chain of 1 to 16 repeaters joins these hosts; a repeater is a host with "
+    "two whole fibres at least, and light to its neighbours within the loss budget",
+}
+
+
+SAME_VERSION = "do both hosts run the same version?"
+
+
+class SessionError(Exception):
+    """A session cannot go on; the reason travels to the other end, the text to a person."""
+
+    def __init__(self, reason: Reason, text: str = "") -> None:
+        super().__init__(text or REMEDIES[reason])
+        self.reason = reason
+
+
+class SilentPeer(SessionError):
+    """Nothing came in time."""
+
+
+class MetadataChannel:
+    """Whole messages over a byte stream, all of one session; every wait has a deadline."""
+
+    def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self._reader = reader
+        self._writer = writer
+        own, peer = writer.get_extra_info("sockname"), writer.get_extra_info("peername")
+        self.peer: str = peer[0]
+        # As its opener sees it, if that is the other end.
+        self.connection: Connection = (*peer[:2], *own[:2])
+        self._given_up = False
+        self._session: int | None = None  # as its set-up message says, whoever has sent that
+        # The answer to a short message carries its acknowledgement.
+        writer.get_extra_info("socket").setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 0)
+
+    @classmethod
+    async def connect(cls, host: str, address: str) -> "MetadataChannel":
+        """Connect to the stack of a host."""
+        try:
+            async with asyncio.timeout(CONNECT_TIMEOUT_S):
+                channel = cls(*await _connection(address))
+        except OSError as error:  # TimeoutError is one
+            raise SessionError(
+                Reason.UNKNOWN_HOST,
+                f"{host} ({address}) does not answer on port {METADATA_PORT} "
+                f"({error or 'timeout'}); is it up?",
+            ) from error
+        if host != address:
+            channel.peer = f"{host} ({address})"
+        return channel
+
+    def send(self, *messages: Message) -> None:
+        """Write messages, in one piece; nothing more once this end has given up."""
+        if self._given_up:
+            return
+        for message in messages:
+            if isinstance(message, Setup):
+                self._session = message.session
+        self._writer.write(b"".join(message.encode() for message in messages))
+
+    async def request(self, message: Message, timeout_s: float = ANSWER_TIMEOUT_S) -> Answer:
+        """Send a message and wait until it is accepted; raise what the other end refuses."""
+        self.send(message)
+        answer = await self.receive(Answer, timeout_s)
+        if answer.reason != Reason.OK:
+            raise SessionError(Reason(answer.reason), answer.text)
+        return answer
+
+    async def receive(self, kind: type[M], timeout_s: float) -> M:
+        """Wait for the next message, which must be of this kind (or a refusal)."""
+        try:
+            message = await self.next(timeout_s)
+        except SilentPeer as error:
+            text = f"no {_named(kind)} from {self.peer} in {timeout_s:g} s: is it still up?"
+            raise SessionError(Reason.PROTOCOL, text) from error
+        if message is None:
+            text = f"{self.peer} is gone: it closed the connection instead of sending "
+            raise SessionError(Reason.PROTOCOL, f"{text}{_named(kind)}; ask again when it is up")
+        if isinstance(message, Answer) and message.reason != Reason.OK:
+            raise SessionError(Reason(message.reason), message.text)
+        if not isinstance(message, kind):
+            text = f"{self.peer} sent {type(message).__name__}, not {kind.__name__}; {SAME_VERSION}"
+            raise SessionError(Reason.PROTOCOL, text)
+        return message
+
+    async def next(self, timeout_s: float = IDLE_TIMEOUT_S) -> Message | None:
+        """Return the next message, None at the end of the connection."""
+        try:
+            async with asyncio.timeout(timeout_s):
+                return self._checked(await self._read())
+        except TimeoutError as error:
+            text = f"{self.peer} has been silent for {timeout_s:g} s"
+            raise SilentPeer(Reason.PROTOCOL, text) from error
+
+    def _checked(self, message: Message | None) -> Message | None:
+        """Return a message of this session; raise SessionError for one of another."""
+        if self._session is None and isinstance(message, Setup):
+            self._session = message.session
+        if message is None or self._session in (None, message.session):
+            return message
+        if isinstance(message, Answer) and message.session == 0 and message.reason != Reason.OK:
+            return message  # of an end that could not read what it was sent
+        what = f"{type(message).__name__} of session {message.session:016x}"
+        text = f"{self.peer} sent {what} over a connection of session {self._session:016x}: "
+        text += "was it made up, or sent again?"
+        raise SessionError(Reason.PROTOCOL, text)
+
+    async def _read(self) -> Message | None:
+        header = b""
+        with suppress(ConnectionError):  # what came before the connection was lost says why
+            await self._writer.drain()
+        try:
+            header = await self._reader.readexactly(HEADER.size)
+            length = message_length(header)
+            assert length is not None
+            return decode(header + await self._reader.readexactly(length - HEADER.size))
+        except asyncio.IncompleteReadError as error:
+            if not header and not error.partial:
+                return None
+            text = f"{self.peer} is gone: it closed the connection inside a message"
+            raise SessionError(Reason.PROTOCOL, text) from error
+        except UnknownService as error:
+            raise SessionError(Reason.UNSUPPORTED, f"{self.peer} asks for an {error}") from error
+        except MalformedPacket as error:
+            text = f"{self.peer} sent what is no message: {error}; {SAME_VERSION}"
+            raise SessionError(Reason.PROTOCOL, text) from error
+        except ConnectionError as error:
+            text = f"{self.peer} is gone: {error}; ask again when it is up"
+            raise SessionError(Reason.PROTOCOL, text) from error
+
+    def close(self) -> None:
+        """Close the connection once everything is written."""
+        self._writer.close()
+
+    async def give_up(self, error: Exception) -> None:
+        """Tell the other end why there is no going on, and close when it has heard that.
+
+        TCP resets a connection that is closed over unread bytes, and the other end would
+        never read why.
+        """
+        if self._given_up:
+            return
+        reason = error.reason if isinstance(error, SessionError) else Reason.HARDWARE
+        self.send(Answer(self._session or 0, reason, str(error)))
+        self._given_up = True
+        with suppress(OSError):  # TimeoutError is one
+            async with asyncio.timeout(LINGER_S):
+                self._writer.write_eof()
+                while await self._reader.read(1 << 16):
+                    continue
+        self.close()
+
+
+async def _connection(address: str) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+    """Connect; the set-up message acknowledges the handshake.
+
+    An acknowledgement of its own would go by way of the controller, as the set-up message does.
+    """
+    connection = socket.socket()
+    try:
+        connection.setblocking(False)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 0)
+        await asyncio.get_running_loop().sock_connect(connection, (address, METADATA_PORT))
+        return await asyncio.open_connection(sock=connection)
+    except BaseException:
+        connection.close()
+        raise
+
+
+def _named(kind: type[Message]) -> str:
+    return "its next message" if kind is Message else kind.__name__
+
+
+def unexpected(message: Message | None, peer: str) -> SessionError:
+    """Return the error that a message is: a refusal, or one that has no place in a session."""
+    if message is None:
+        text = f"{peer} is gone: it closed the connection in mid-session; ask again when it is up"
+        return SessionError(Reason.PROTOCOL, text)
+    if isinstance(message, Answer) and message.reason != Reason.OK:
+        return SessionError(Reason(message.reason), message.text)
+    text = f"{type(message).__name__} from {peer} in mid-session, where it has no place; "
+    text += SAME_VERSION
+    return SessionError(Reason.PROTOCOL, text)

@@ -1,0 +1,52 @@
+"""Symbols, Pauli operators and Bell states (paper, table "encoding").
+
+An encoding is eight bits: symbol s is sent as the Pauli operator (encoding >> 2s) & 3,
+agreed in the handshake. On Phi+ the operators I, X, Z, XZ make the Bell states Phi+, Psi+,
+Phi-, Psi-, numbered like the operators. A known rotation of the light paths is a Pauli
+operator too: number of the state that arrives = operator ^ rotation.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hosts.hardware.qnic import NO_COINCIDENCE, Symbols
+from wire.metadata import Pauli
+
+DISTINGUISHABLE_STATES = {
+    "complete": 4,
+    "linear": 3,
+    "gates": 4,
+}  # Bell states, by the kind of the analyser
+# Linear optics reports Phi- as Phi+, so Phi- carries nothing (its symbol, 3, is never sent).
+LINEAR_STATES = (Pauli.I, Pauli.X, Pauli.XZ, Pauli.Z)
+
+
+def agreed_encoding(proposed: int, symbols: int, rotation: int) -> int:
+    """Return by which operators the sender shall send its symbols.
+
+    Four states: as it proposes, for the receiver can undo any rotation. Three: those that
+    make Phi+, Psi+ and Psi- behind the rotation, since the receiver could not tell others.
+    """
+    if symbols == len(LINEAR_STATES):
+        return proposed
+    return sum((state ^ rotation) << 2 * symbol for symbol, state in enumerate(LINEAR_STATES))
+
+
+def to_paulis(symbols: Symbols, encoding: int) -> Symbols:
+    """Return the operator that sends each symbol."""
+    return _operators(encoding)[symbols]
+
+
+def from_bell_states(outcomes: Symbols, encoding: int, rotation: int, symbols: int = 4) -> Symbols:
+    """Return the symbol of each Bell outcome; 255 (no coincidence) stays 255.
+
+    The known rotation of the light paths is undone here.
+    """
+    symbol_of = np.full(256, NO_COINCIDENCE, dtype=np.uint8)
+    states = _operators(encoding)[:symbols] ^ rotation
+    symbol_of[states] = np.arange(symbols, dtype=np.uint8)
+    return symbol_of[outcomes]
+
+
+def _operators(encoding: int) -> NDArray[np.uint8]:
+    return np.array([encoding >> 2 * symbol & 3 for symbol in range(4)], dtype=np.uint8)

@@ -1,0 +1,36 @@
+"""What a host has that its sessions of services use."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hosts.hardware.qnic import Qnic
+from hosts.middleware.qkd.keyring import Keyring
+from hosts.middleware.session.encoding import DISTINGUISHABLE_STATES
+from hosts.middleware.session.swap_orders import Swaps
+from wire.features import Abilities
+from wire.metadata import Pauli
+
+
+@dataclass(frozen=True)
+class HostResources:
+    """The means of one host."""
+
+    name: str
+    seed: int
+    qnic: Qnic
+    analyser: str  # its kind of Bell analyser (wire.physics.ANALYSERS)
+    keyring: Keyring  # what this host shares with others
+    swaps: Swaps  # the chains of repeaters that it is part of
+    abilities: Abilities
+
+    @property
+    def distinguishable_states(self) -> frozenset[int]:
+        """Return the Bell states that this host's analyser tells from all others."""
+        if DISTINGUISHABLE_STATES[self.analyser] == len(Pauli):
+            return frozenset(range(4))
+        return frozenset({1, 3})  # it reports Phi- as Phi+ (wire/dispatcher.proto, Feedback)
+
+    def draws(self, session: int) -> np.random.Generator:
+        """Return the choices of this host in a session; the same seed, the same choices."""
+        return np.random.default_rng([self.seed, session, *self.name.encode()])

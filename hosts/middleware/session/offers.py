@@ -1,0 +1,30 @@
+"""Light that hosts offer: set-ups that ask for other light are refused."""
+
+from hosts.middleware.session.channel import SessionError
+from wire.metadata import Reason, Setup
+from wire.optical import frequency_mhz
+
+
+def check_light(setup: Setup) -> None:
+    """Raise SessionError for light that no host here makes, takes or keeps."""
+    wanted = {
+        "memory": setup.memory,
+        "polarisation basis": setup.polarization,
+        "phase": setup.phase_mrad,
+    }
+    _offer_nothing_but_0(wanted)
+    check_wavelength(setup)
+
+
+def _offer_nothing_but_0(wanted: dict[str, int]) -> None:
+    for name, value in wanted.items():
+        if value:
+            raise SessionError(Reason.UNSUPPORTED, f"{name} {value}: only 0 is offered yet")
+
+
+def check_wavelength(setup: Setup) -> None:
+    """Raise SessionError for a wavelength that is none of light."""
+    try:
+        frequency_mhz(setup.wavelength_pm)
+    except ValueError as error:
+        raise SessionError(Reason.UNSUPPORTED, str(error)) from error

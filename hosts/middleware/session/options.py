@@ -1,0 +1,111 @@
+"""What an application may choose for a session, checked before anything is sent."""
+
+from collections.abc import Collection
+from dataclasses import dataclass, fields, replace
+from typing import Any, Self
+
+from hosts.middleware.session.channel import SessionError
+from wire.device import DeviceSettings
+from wire.metadata import FEC_NAMES, Handshake, Reason, Setup
+
+MAX_FRAME_BYTES = 1 << 16
+
+
+MAX_BLOCK_PAIRS = 1 << 18
+
+
+HANDSHAKES = {"framed": Handshake.FRAMED, "per-pair": Handshake.PER_PAIR}
+
+MIN_BLOCK_PAIRS = 4
+MAX_BLOCK_S = 5.0  # deadlines of both ends allow for it
+
+
+@dataclass(frozen=True)
+class Options:
+    """What is checked for every session; each kind of session has options of its own."""
+
+    @classmethod
+    def from_fields(cls, given: dict[str, Any]) -> Self:
+        """Check what an application sent; raise SessionError naming value and remedy."""
+        known = [field.name for field in fields(cls)]
+        if unknown := given.keys() - set(known):
+            text = f"unknown option {min(unknown)!r}: known are {', '.join(known)}"
+            raise SessionError(Reason.UNSUPPORTED, text)
+        try:
+            options = cls(**given)
+        except TypeError as error:
+            raise SessionError(Reason.UNSUPPORTED, f"missing option: {error}") from error
+        options.check()
+        return options
+
+    def check(self) -> None:
+        """Raise SessionError for a value out of range."""
+
+
+@dataclass(frozen=True)
+class SessionOptions(Options):
+    """Address and packetisation of a session that carries bytes."""
+
+    host: str
+    port: int
+    handshake: str = "framed"
+    frame_bytes: int = 256
+    block_pairs: int = 65_536
+    rate_hz: int = 50_000_000  # pairs a second of the source
+    fec: str = "none"  # error-correction code, one of FEC_NAMES
+    interleave: bool = False  # let the bits of its codewords travel far from each other
+
+    def check(self) -> None:
+        """Raise SessionError for a value out of range."""
+        check_choice("handshake", self.handshake, HANDSHAKES)
+        check_choice("fec", self.fec, FEC_NAMES)
+        if not isinstance(self.interleave, bool):
+            text = f"interleave is {self.interleave!r}: choose True or False"
+            raise SessionError(Reason.UNSUPPORTED, text)
+        check_whole("frame_bytes", self.frame_bytes, 1, MAX_FRAME_BYTES)
+        check_whole("block_pairs", self.block_pairs, MIN_BLOCK_PAIRS, MAX_BLOCK_PAIRS)
+        check_where_and_how_fast(self.host, self.port, self.rate_hz)
+        check_block_time(self.block_pairs, self.block_pairs, self.rate_hz)
+
+
+def check_where_and_how_fast(host: Any, port: Any, rate_hz: Any) -> None:
+    """Raise SessionError unless these are the name of a host, a port, and a rate of a source."""
+    if not isinstance(host, str):
+        raise SessionError(Reason.UNSUPPORTED, f"host {host!r} is not a name")
+    check_whole("port", port, 1, 65_535)
+    check_whole("rate_hz", rate_hz, 1, 4_000_000_000)
+
+
+def check_block_time(pairs: int, block_pairs: int, rate_hz: int) -> None:
+    """Raise SessionError if so many pairs, in a block of those asked for, take too long."""
+    if pairs / rate_hz > MAX_BLOCK_S:
+        raise SessionError(
+            Reason.UNSUPPORTED,
+            f"block_pairs {block_pairs} at rate_hz {rate_hz} take more than "
+            f"{MAX_BLOCK_S:g} s: choose smaller blocks or a higher rate",
+        )
+
+
+def check_whole(name: str, value: Any, least: int, most: int) -> None:
+    """Raise SessionError unless the value is a whole number in this range."""
+    if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= most:
+        text = f"{name} is {value!r}: choose {least} to {most}"
+        raise SessionError(Reason.UNSUPPORTED, text)
+
+
+def check_choice(name: str, value: Any, choices: Collection[str]) -> None:
+    """Raise SessionError unless the value is one of these words."""
+    if not isinstance(value, str) or value not in choices:
+        text = f"{name} {value!r}: choose one of {', '.join(choices)}"
+        raise SessionError(Reason.UNSUPPORTED, text)
+
+
+def overridden(setup: Setup, settings: DeviceSettings) -> Setup:
+    """Return a set-up with what the controller has set, in place of what was asked for.
+
+    Blocks are made smaller where a lower rate would make them last too long.
+    """
+    given = {name: value for name, value in vars(settings).items() if value is not None}
+    setup = replace(setup, **given)
+    longest = max(MIN_BLOCK_PAIRS, int(MAX_BLOCK_S * setup.rate_hz))
+    return replace(setup, pairs=min(setup.pairs, longest))

@@ -1,0 +1,173 @@
+"""What a service is made of: what its two ends do once their light is granted.
+
+    opener                      controller, switches              acceptor
+      | Setup(service) ------ held until the paths are up ----------> |
+      | <------------------------------------------------ Answer(OK) |
+      |   kind.open(end)          messages and light    kind.accept(end)
+      |   applications use what is there, if it leaves anything
+      | Finish ----------------------------------------------------> |
+      | <------------------------------------------------ Answer(OK) |
+
+A service is one file beside this one that ends in a ServiceKind, and an entry in wire.services.
+"""
+
+import asyncio
+from collections.abc import Awaitable, Callable, Coroutine
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hosts.hardware.qnic import BlockName, NoLight, Qnic, Stored
+from hosts.middleware.session.arrangement import Arrangement
+from hosts.middleware.session.channel import (
+    ANSWER_TIMEOUT_S,
+    MetadataChannel,
+    SessionError,
+    unexpected,
+)
+from hosts.middleware.session.host_resources import HostResources
+from hosts.middleware.session.values import Numbers, expect, values
+from wire.features import Abilities
+from wire.metadata import Answer, Finish, Reason, Service, Setup, Topic, Values
+
+GRACE_S = 0.3  # light that has not come this long after the source's answer is lost
+LIGHT_TIMEOUT_S = 15.0
+
+Tell = Callable[..., Coroutine[Any, Any, None]]
+Answerer = Callable[[dict[str, Any]], Awaitable[dict[str, Any]]]
+
+
+@dataclass
+class ConnectionEnd:
+    """One end of a session's connection: its light, and the other end."""
+
+    qnic: Qnic
+    setup: Setup
+    channel: MetadataChannel  # to the other end
+
+    def block(self, number: int, half: int = 0) -> BlockName:
+        """Return the name of photons of this session."""
+        return BlockName(self.setup.session, number, half)
+
+    def say(self, topic: int, block: int, numbers: ArrayLike, width: int) -> None:
+        """Tell the other end numbers of so many bits."""
+        self.channel.send(self.words(topic, block, numbers, width))
+
+    def words(self, topic: int, block: int, numbers: ArrayLike, width: int) -> Values:
+        """Return the message of this session that carries numbers of so many bits."""
+        return values(self.setup.session, topic, block, numbers, width)
+
+    async def hear(
+        self,
+        topic: int,
+        block: int,
+        count: int | None,
+        most: int,
+        timeout_s: float = ANSWER_TIMEOUT_S,
+    ) -> Numbers:
+        """Return the numbers that the other end tells next; SessionError if it tells others."""
+        return expect(await self.channel.receive(Values, timeout_s), topic, block, count, most)
+
+    def agree(self) -> None:
+        """Answer that what was asked last is accepted."""
+        self.channel.send(Answer(self.setup.session, Reason.OK))
+
+    async def stored(self, light: asyncio.Task[Stored], photons: int) -> Stored:
+        """Return what has come of light that is over; nothing if no photon has."""
+        try:
+            async with asyncio.timeout(GRACE_S + photons / self.setup.rate_hz):
+                found = await light
+        except (NoLight, TimeoutError):
+            return Stored(np.zeros(photons, dtype=bool), 0)
+        finally:
+            light.cancel()
+        if found.arrived.size != photons:
+            raise SessionError(Reason.PROTOCOL, f"{found.arrived.size} photons, not {photons}")
+        return found
+
+    def expect_light(self, name: BlockName, port: str = "") -> asyncio.Task[Stored]:
+        """Begin to store the photons that will arrive at a port, the first if none is named."""
+        light = self.qnic.receive_into_memory(name, port or self.qnic.ports[0], LIGHT_TIMEOUT_S)
+        return asyncio.create_task(light, name=f"light of {name}")
+
+    async def told(self) -> Values | None:
+        """Return what the opener tells next; None at the end of the session."""
+        message = await self.channel.next()
+        if isinstance(message, Finish):
+            return None
+        if not isinstance(message, Values):
+            raise unexpected(message, self.channel.peer)
+        return message
+
+    @staticmethod
+    def coming(message: Values, most: int) -> tuple[int, int]:
+        """Return number and size of the block that a message announces."""
+        (count,) = expect(message, Topic.COMING, message.block, 1, most).tolist()
+        if count == 0:
+            raise SessionError(Reason.PROTOCOL, f"block {message.block} has no photons")
+        return message.block, count
+
+
+@dataclass
+class End(ConnectionEnd):
+    """One end of a session of a service: also its application, and what its host has."""
+
+    means: HostResources
+    tell: Tell  # called with fields for the application
+    draws: np.random.Generator  # of this host's own choices; they follow from the seed
+    summary: dict[str, Any] = field(default_factory=dict)  # for the application, at the end
+
+
+@dataclass
+class OpenerEnd(End):
+    """The end that asked for the session."""
+
+    arrangement: Arrangement = field(kw_only=True)
+    theirs: Abilities = field(kw_only=True)  # of the other end; nothing where it does not tell
+    is_source: bool = field(kw_only=True)  # this host makes the pairs, and keeps half of each
+
+    async def pairs(self, number: int, count: int) -> Stored:
+        """Have a block of pairs made for both ends; return what has come of half 0.
+
+        The other end has said that it is ready before any light is made.
+        """
+        await self.channel.request(values(self.setup.session, Topic.COMING, number, [count], 32))
+        if self.is_source:
+            return await self._own_pairs(number, count)
+        light = self.expect_light(self.block(number))
+        try:
+            await self.arrangement.emit(number, count)
+            return await self.stored(light, count)
+        finally:
+            light.cancel()
+
+    async def _own_pairs(self, number: int, count: int) -> Stored:
+        setup, port = self.setup, self.qnic.ports[-1]
+        light = setup.rate_hz, setup.wavelength_pm
+        return await self.qnic.share_pairs(setup.session, number, count, port, *light)
+
+
+@dataclass
+class AcceptorEnd(End):
+    """The end that was asked."""
+
+    async def announced(self, most: int) -> tuple[int, int] | None:
+        """Return number and size of the block that comes next; None at the end of the session."""
+        message = await self.told()
+        if message is None:
+            return None
+        return self.coming(message, most)
+
+
+@dataclass(frozen=True)
+class ServiceKind:
+    """A service: its entry in the vocabulary, its options, what its two ends do."""
+
+    service: Service
+    options: type[Any]  # a dataclass; its constructor raises SessionError for what cannot be
+    # A service that leaves something to be used returns what answers the application of an end
+    # until the opener's application ends the session; its accept returns before Finish, then.
+    open: Callable[[OpenerEnd, Any], Awaitable[Answerer | None]]
+    accept: Callable[[AcceptorEnd], Awaitable[Answerer | None]]

@@ -1,0 +1,35 @@
+"""Which set-up messages a host takes part in: those whose verdict the controller has sealed."""
+
+from dataclasses import dataclass, field
+
+from hosts.middleware.session.channel import SessionError
+from wire.metadata import Reason, Setup, Verdict
+from wire.verdict import Connection, is_sealed
+
+MAX_REMEMBERED = 4096
+
+
+@dataclass
+class Verdicts:
+    """Checks verdicts of the controller, each of which counts once."""
+
+    key: str  # the device key, hexadecimal; empty: no controller can grant this host anything
+    _taken: dict[bytes, None] = field(default_factory=dict)  # seals, the oldest first
+
+    def check(self, setup: Setup, connection: Connection) -> None:
+        """Raise SessionError unless the controller has written this verdict for the connection."""
+        verdict = Verdict(setup.verdict)
+        if verdict == Verdict.PENDING:
+            raise SessionError(Reason.NOT_ARBITRATED)
+        if not self.key or not is_sealed(setup.encode(), self.key, connection):
+            text = (
+                f"the verdict {verdict.name} does not carry the controller's seal: is it made up, "
+            )
+            text += "or have host and controller different device keys?"
+            raise SessionError(Reason.NOT_ARBITRATED, text)
+        if setup.seal in self._taken:
+            text = f"this verdict {verdict.name} has come before: was it sent again?"
+            raise SessionError(Reason.NOT_ARBITRATED, text)
+        if len(self._taken) >= MAX_REMEMBERED:
+            del self._taken[next(iter(self._taken))]
+        self._taken[setup.seal] = None

@@ -1,0 +1,1 @@
+"""Measurements of this machine and of the product on it, for qmn bench."""

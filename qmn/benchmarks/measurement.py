@@ -1,0 +1,56 @@
+"""What measurements share: programs that print figures, and what many times come down to."""
+
+import time
+from dataclasses import dataclass, field
+
+from qmn.results.result import percentiles
+from topologies.network import Network
+from topologies.programs import POLL_S, NetworkError, Program
+
+TIMEOUT_S = 60.0
+
+
+@dataclass
+class Times:
+    """Times of equal events in ms, and the seconds that all took, with what lay between."""
+
+    each_ms: list[float] = field(default_factory=list)
+    seconds: float = 0.0
+
+    @property
+    def p50_ms(self) -> float:
+        """The median."""
+        return float(percentiles(self.each_ms)["p50"])
+
+    @property
+    def per_s(self) -> float:
+        """How many there were in a second."""
+        return len(self.each_ms) / self.seconds
+
+    def __str__(self) -> str:
+        figures = percentiles(self.each_ms)
+        return f"p50 {figures['p50']:.2f} ms, p99 {figures['p99']:.2f} ms, n {figures['n']}"
+
+    def __add__(self, more: "Times") -> "Times":
+        return Times(self.each_ms + more.each_ms, self.seconds + more.seconds)
+
+
+def finish(network: Network, program: Program) -> str:
+    """Wait for the end of a program and return the last line that it printed."""
+    deadline = time.monotonic() + TIMEOUT_S
+    while program.running:
+        network.check()
+        if time.monotonic() > deadline:
+            raise NetworkError(f"{program.name} did not end in {TIMEOUT_S:g} s")
+        time.sleep(POLL_S)
+    if program.status:
+        raise NetworkError(f"{program.name} failed: {program.end()}")
+    return program.last_words()
+
+
+def seconds_of(network: Network, program: Program) -> float:
+    """Wait for the end of a program and return the figure that it printed."""
+    name, _space, figure = finish(network, program).partition(" ")
+    if name != "seconds":
+        raise NetworkError(f"{program.name} failed: {program.end()}")
+    return float(figure)

@@ -1,0 +1,65 @@
+"""The figures of light paths: over one switch and more, beside baselines of the same run."""
+
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+from qmn.benchmarks.full_switch import PORTS, full_switch
+from qmn.benchmarks.measurement import Times
+from qmn.benchmarks.path_setups import Baseline, baseline_times, path_setups
+from topologies.chain import ChainTopo
+from topologies.network import Network, Signals
+from topologies.runtime import Runtime
+
+LONGEST = 3  # switches in a line
+ROUNDS = 2  # the load of a machine changes: a path and its baselines take turns
+FULL_TURNS = 100
+
+
+def path_figures(folder: Path, count: int, signals: Signals) -> Iterator[tuple[str, str]]:
+    """Yield name and text of each figure, from that many set-ups of each kind."""
+    medians = []
+    for switches in range(1, LONGEST + 1):
+        topo = partial(ChainTopo, switches=switches)
+        runtime = Runtime(log_folder=folder / f"chain-{switches}")
+        with Network(topo, runtime, signals) as network:
+            if switches == 1:
+                setups, learning, bundle = beside_baselines(network, count)
+            else:
+                setups = path_setups(network, count)
+        plural = "es" if switches > 1 else ""
+        yield f"light path, {switches} switch{plural}", f"{setups}"
+        yield "  opened and closed", f"{setups.per_s:.0f}/s, one after the other"
+        medians.append(setups.p50_ms)
+        if switches == 1:
+            yield "baseline: learning switch", f"{learning}"
+            yield "baseline: bundle and barrier", f"{bundle}"
+            yield "light path to bundle and barrier", ratio(setups, bundle)
+    growth_ms = (medians[-1] - medians[0]) / (LONGEST - 1)
+    yield "light path, each switch more", f"p50 {growth_ms:.2f} ms"
+    agent, bare = full_switch(folder / "full-switch", signals, FULL_TURNS)
+    yield f"{PORTS} ports in a bundle, light", f"{agent}"
+    yield f"{PORTS} ports in a bundle, bridge only", f"{bare}"
+    yield "light to bridge only", ratio(agent, bare)
+
+
+def beside_baselines(network: Network, count: int) -> tuple[Times, Times, Times]:
+    """Return the times of paths, of a learning switch and of bundles, as many each and as often."""
+    setups, learning, bundle = Times(), Times(), Times()
+    for part in parts(count, ROUNDS):
+        paths = path_setups(network, part)
+        period_s = paths.seconds / part
+        setups += paths
+        learning += baseline_times(network, Baseline("learning", part, period_s))
+        bundle += baseline_times(network, Baseline("bundle", part, period_s))
+    return setups, learning, bundle
+
+
+def parts(count: int, rounds: int) -> list[int]:
+    """Divide a count into rounds, each of one at least."""
+    return [max(1, (count + number) // rounds) for number in range(rounds)]
+
+
+def ratio(measured: Times, baseline: Times) -> str:
+    """Return how many times longer the median is."""
+    return f"{measured.p50_ms / baseline.p50_ms:.2f} times {baseline.p50_ms:.2f} ms"

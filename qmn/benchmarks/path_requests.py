@@ -1,0 +1,132 @@
+"""Light paths asked for one after the other, by a host, without any light.
+
+python -m qmn.benchmarks.path_requests COUNT RECEIVER SOURCE LOG
+
+Prints the seconds of all. LOG is the dispatcher's: it proves that cross-connects opened
+before the receiver answered, and tells when they are closed, so that each set-up is for
+itself. Nobody listens at the receiver's port, which refuses a session only after the
+controller has granted it.
+"""
+
+import argparse
+import socket
+import time
+from pathlib import Path
+from typing import BinaryIO
+
+from wire.metadata import (
+    METADATA_PORT,
+    Answer,
+    Handshake,
+    MalformedPacket,
+    Reason,
+    Service,
+    Setup,
+    decode,
+    message_length,
+)
+
+ANSWER_TIMEOUT_S = 10.0
+CLOSE_TIMEOUT_S = 5.0
+POLL_S = 0.0002
+CHUNK = 4096
+
+
+class NoPath(Exception):
+    """A path was not made, or not closed, as it should have been."""
+
+
+class Openings:
+    """Follows the dispatcher's log: how many cross-connects were opened, and how many closed."""
+
+    def __init__(self, log: BinaryIO) -> None:
+        """Count from the end of the log."""
+        log.seek(0, 2)
+        self._log = log
+        self._rest = b""
+        self.opened = self.closed = 0
+
+    def read(self) -> None:
+        """Take in what has been written since the last time."""
+        *lines, self._rest = (self._rest + self._log.read()).split(b"\n")
+        kinds = [fields[2] for fields in map(bytes.split, lines) if len(fields) > 2]
+        self.opened += kinds.count(b"open")
+        self.closed += kinds.count(b"close")
+
+
+def ask(session: int, receiver: str, source: str) -> socket.socket:
+    """Return a connection whose set-up message the controller has granted."""
+    setup = Setup(session, Service.SDC, Handshake.FRAMED, source, 64, 64, 1_000_000)
+    connection = socket.socket()
+    connection.settimeout(ANSWER_TIMEOUT_S)
+    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 0)  # as hosts' stacks do
+    connection.connect((receiver, METADATA_PORT))
+    connection.sendall(setup.encode())
+    answer = answered(connection)
+    if answer.session != session or answer.reason != Reason.NO_LISTENER:
+        connection.close()
+        raise NoPath(f"{Reason(answer.reason).name}: {answer.text}")
+    return connection
+
+
+def answered(connection: socket.socket) -> Answer:
+    """Return the receiver's answer; raise NoPath if something else comes."""
+    data = b""
+    while (length := message_length(data)) is None or len(data) < length:
+        chunk = connection.recv(CHUNK)
+        if not chunk:
+            raise NoPath("the receiver closed without an answer")
+        data += chunk
+    message = decode(data[:length])
+    if not isinstance(message, Answer):
+        raise NoPath(f"{type(message).__name__} instead of an answer")
+    return message
+
+
+def wait_until_closed(openings: Openings) -> None:
+    """Return when whatever was opened is closed again."""
+    deadline = time.monotonic() + CLOSE_TIMEOUT_S
+    openings.read()
+    while openings.closed < openings.opened:
+        if time.monotonic() > deadline:
+            left = openings.opened - openings.closed
+            raise NoPath(f"{left} cross-connects stay open after {CLOSE_TIMEOUT_S:g} s")
+        time.sleep(POLL_S)
+        openings.read()
+
+
+def requests(count: int, receiver: str, source: str, openings: Openings) -> float:
+    """Have so many paths opened and closed again; return the seconds that all took."""
+    first = time.time_ns()  # sessions that nobody else has
+    started = time.perf_counter()
+    for session in range(first, first + count):
+        before = openings.opened
+        connection = ask(session, receiver, source)
+        openings.read()
+        connection.close()
+        if openings.opened == before:
+            raise NoPath(f"session {session:016x} was granted, but no cross-connect opened")
+        wait_until_closed(openings)
+    return time.perf_counter() - started
+
+
+def main() -> None:
+    """Ask, and print the time."""
+    parser = argparse.ArgumentParser(
+        prog="python -m qmn.benchmarks.path_requests", description=__doc__
+    )
+    parser.add_argument("count", type=int)
+    parser.add_argument("receiver", help="its IPv4 address")
+    parser.add_argument("source", help="the pair source's")
+    parser.add_argument("log", type=Path)
+    arguments = parser.parse_args()
+    with arguments.log.open("rb") as log:
+        try:
+            seconds = requests(arguments.count, arguments.receiver, arguments.source, Openings(log))
+        except (OSError, MalformedPacket, NoPath) as error:
+            raise SystemExit(f"path requests to {arguments.receiver}: {error}") from error
+    print(f"seconds {seconds:.9f}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

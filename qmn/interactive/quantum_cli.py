@@ -1,0 +1,237 @@
+"""Mininet's command line with quantum verbs: `alice qsend bob hello` beside `alice ping bob`."""
+
+import logging
+import os
+import sys
+from collections.abc import Iterable
+from typing import Any
+
+from mininet.cli import CLI
+from mininet.log import lg
+
+from qmn.interactive import cli_tables
+from qmn.jobs.transfer import TransferError
+from qmn.live import light_paths
+from qmn.live.controller_console import NoAnswer, wide_console
+from qmn.network.options import BadInput
+from qmn.network.topologies import BadTopology
+from qmn.scripting.network import QuantumNetwork
+from topologies.programs import NetworkError
+
+STATUS = "QMN_STATUS"  # variable in a host's shell: how the last command of a script ended
+FAULTS = (BadInput, BadTopology, NetworkError, NoAnswer, TransferError)
+MOST_ROUNDS = 10_000
+MOST_SECONDS = 3_600.0
+
+
+class MininetErrors(logging.StreamHandler[Any]):
+    """Shows what Mininet calls an error, and notes that there was one."""
+
+    terminator = ""
+
+    def __init__(self) -> None:
+        super().__init__(sys.stderr)
+        self.setLevel(logging.ERROR)
+        self.count = 0
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Count and show."""
+        self.count += 1
+        super().emit(record)
+
+
+class QuantumCLI(CLI):
+    """Runs until exit; `script` holds lines to be done instead of asking for them.
+
+    `failures` says how many commands have failed. KeyboardInterrupt ends a script, but at the
+    prompt only the verb.
+    """
+
+    prompt = "qmn> "
+
+    def __init__(self, network: QuantumNetwork, script: Iterable[str] | None = None) -> None:
+        self.network = network
+        self.failures = 0
+        self._script = script
+        self._told = ""
+        self._errors = MininetErrors()
+        lg.addHandler(self._errors)
+        normal = lg.ch.stream
+        lg.ch.setStream(sys.stdout)
+        only_output = _below_error
+        lg.ch.addFilter(only_output)
+        try:
+            if script is None:
+                super().__init__(network.net)
+            else:
+                # Mininet passes on to a host's command what it can read: here it can read nothing.
+                nothing, writer = os.pipe()
+                with os.fdopen(nothing) as silent, os.fdopen(writer, "w"):
+                    super().__init__(network.net, stdin=silent)
+        finally:
+            lg.ch.removeFilter(only_output)
+            lg.ch.setStream(normal)
+            lg.removeHandler(self._errors)
+
+    def run(self) -> None:
+        """Ask for commands, or do those of the script."""
+        if self._script is None:
+            super().run()
+            return
+        for line in self._script:
+            if self.postcmd(self.onecmd(line.strip()), line):
+                return
+
+    def onecmd(self, line: str) -> bool:
+        """Do one command; what is wrong becomes one line."""
+        if line.lstrip().startswith("#"):
+            return False
+        before = self._errors.count
+        sys.stdout.flush()  # so that what `sh` prints comes behind it
+        try:
+            stop = super().onecmd(line)
+        except FAULTS as error:
+            self._fail(str(error))
+            return False
+        self.failures += self._errors.count > before
+        return bool(stop)
+
+    def postcmd(self, stop: bool, line: str) -> bool:
+        """Say once what has died in the network; raise Interrupted if a signal has come."""
+        try:
+            self.network.check()
+        except NetworkError as error:
+            if str(error) != self._told:
+                self._told = str(error)
+                self._fail(self._told)
+        return stop
+
+    def _fail(self, text: str) -> None:
+        self.failures += 1
+        print(f"*** {text}", file=sys.stderr, flush=True)
+
+    def default(self, line: str) -> None:
+        """Run a command on a host, or a quantum verb that is written behind its name."""
+        host, verb, rest = [*line.split(None, 2), "", ""][:3]
+        if host in self.mn and verb in QUANTUM_VERBS:
+            self.onecmd(f"{verb} {host} {rest}")
+        elif host in self.mn and verb and self._script is not None and not line.endswith("&"):
+            super().default(f"{line} ; {STATUS}=$?")  # Mininet puts addresses for whole words
+            status = self.mn[host].cmd(f'echo "${STATUS}"').strip()
+            if status != "0":
+                self._fail(f"{line}: status {status}")
+        else:
+            super().default(line)
+
+    def getLocals(self) -> dict[str, Any]:  # noqa: N802 (Mininet's name)
+        """Return what `py` sees: `network` as scripts have it, `net`, and every node."""
+        seen: dict[str, Any] = super().getLocals()  # which keeps what `px` has named
+        seen["network"] = self.network
+        return seen
+
+    def completenames(self, text: str, *_where: object) -> list[str]:
+        """Return verbs and nodes that begin so."""
+        return sorted({*super().completenames(text), *self._beginning(text, self.mn)})
+
+    def completedefault(self, text: str, line: str, begin: int, _end: int) -> list[str]:
+        """Return nodes, behind a host also quantum verbs, behind `link` its states."""
+        before = line[:begin].split()
+        words = list(self.mn)
+        if len(before) == 1 and before[0] in self.mn:
+            words += QUANTUM_VERBS
+        if before[:1] == ["link"] and len(before) == 3:
+            words = ["up", "down"]
+        return self._beginning(text, words)
+
+    @staticmethod
+    def _beginning(text: str, words: Iterable[str]) -> list[str]:
+        return sorted(word for word in words if word.startswith(text))
+
+    def do_qsend(self, line: str) -> None:
+        """Send a text over light.
+        Usage: qsend alice bob hello
+           or: alice qsend bob hello"""
+        sender, receiver, text, *_ = [*line.split(None, 2), "", "", ""]
+        if not text:
+            raise BadInput("usage: qsend SENDER RECEIVER TEXT")
+        print(cli_tables.sent(receiver, self.network.send(sender, receiver, text.encode())))
+
+    def do_qping(self, line: str) -> None:
+        """Send rounds of a few pairs: what arrives, what is wrong, how long light paths take.
+        Usage: qping alice bob [rounds]"""
+        sender, receiver, rounds = _words(line, "qping SENDER RECEIVER [ROUNDS]", 3, "4")
+        count = int(_number(rounds, "rounds", 1, MOST_ROUNDS))
+        done, tried = [], 0
+        try:
+            for used in self.network.ping(sender, receiver, count):
+                done.append(used)
+                tried += 1
+                print(cli_tables.ping_line(tried, receiver, used), flush=True)
+        except TransferError:
+            tried += 1
+            raise
+        finally:
+            if tried:
+                print(cli_tables.ping_summary(receiver, done, tried))
+
+    def do_qiperf(self, line: str) -> None:
+        """Send as fast as it goes: pairs/s and bit/s.
+        Usage: qiperf alice bob [seconds]"""
+        sender, receiver, given = _words(line, "qiperf SENDER RECEIVER [SECONDS]", 3, "3")
+        seconds = _number(given, "seconds", 0.1, MOST_SECONDS)
+        used = self.network.iperf(sender, receiver, seconds)
+        print(cli_tables.rate(sender, receiver, used))
+
+    def do_qpaths(self, line: str) -> None:
+        """Show light paths that stand, sessions and fibres, as `qmn paths`.
+        Usage: qpaths"""
+        _words(line, "qpaths", 0)
+        light_paths.ask_and_show(as_json=False)
+
+    def do_qlinks(self, line: str) -> None:
+        """Show every fibre: what it loses now, and the photons its switches have counted.
+        Usage: qlinks"""
+        _words(line, "qlinks", 0)
+        wide_console().print(cli_tables.fibers_table(self.network.fibers()))
+
+    def do_qstate(self, line: str) -> None:
+        """Show the device of a host, and the blocks of qubits that it holds.
+        Usage: qstate alice"""
+        (host,) = _words(line, "qstate HOST", 1)
+        for table in cli_tables.state(self.network.state(host)):
+            wide_console().print(table)
+
+    def do_qtrace(self, line: str) -> None:
+        """Show the light paths of a session, with the loss and the rotation of every hop.
+        Usage: qtrace alice bob"""
+        sender, receiver = _words(line, "qtrace SENDER RECEIVER", 2)
+        for path in self.network.trace(sender, receiver):
+            wide_console().print(cli_tables.trace(path))
+
+
+QUANTUM_VERBS = sorted(name[3:] for name in vars(QuantumCLI) if name.startswith("do_q"))
+
+
+def _below_error(record: logging.LogRecord) -> bool:
+    return record.levelno < logging.ERROR
+
+
+def _words(line: str, usage: str, count: int, *default: str) -> list[str]:
+    """Return so many words, the last from the default if it is missing; raise BadInput if not."""
+    words = line.split()
+    if len(words) == count - 1:
+        words += default
+    if len(words) != count:
+        raise BadInput(f"usage: {usage}")
+    return words
+
+
+def _number(text: str, what: str, least: float, most: float) -> float:
+    """Return a number in its range; raise BadInput for any other."""
+    try:
+        number = float(text)
+    except ValueError as error:
+        raise BadInput(f"{what} {text!r} is no number: choose {least:g} to {most:g}") from error
+    if not least <= number <= most:
+        raise BadInput(f"{what} {text}: choose {least:g} to {most:g}")
+    return number

@@ -1,0 +1,1 @@
+"""Jobs: what qmn run starts on a network and follows to its end."""

@@ -1,0 +1,241 @@
+"""The job of sending a message by superdense coding."""
+
+import argparse
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from hosts.applications.send import CHUNK_BYTES
+from hosts.middleware.services.superdense.coding import CODES
+from hosts.middleware.services.superdense.frame_format import FrameFormat
+from hosts.middleware.session.options import MAX_BLOCK_PAIRS
+from qmn.jobs.run_context import (
+    add_run_options,
+    begin_folder,
+    check_run,
+    ending,
+    guarded,
+    known_facts,
+    running_network,
+)
+from qmn.jobs.transfer import Transfer, transfer
+from qmn.network.options import (
+    BadInput,
+    add_network_options,
+    check_network,
+    check_range,
+    check_two_hosts,
+)
+from qmn.network.topologies import TOPOLOGIES, quantum_hosts, topology
+from qmn.results import result
+from topologies.network import Signals, require_root
+from wire.metadata import FEC_NAMES
+
+MESSAGE = Path(__file__).with_name("message.txt")
+MIN_BLOCK_PAIRS = 4
+# Bell pairs a second to expect on two cores, for the estimate before the start.
+EXPECTED_RATE = {"framed": 2_000_000, "per-pair": 200}
+RECORDED_BYTES_PER_PAIR = {"framed": 1.02, "per-pair": 900}
+DECODING_RATE = {"reed-solomon": 300_000}  # pairs a second, of codes that take longer than light
+CAPTURED_BYTES_PER_PAIR = {"framed": 4.4, "per-pair": 4_900}
+SIZE_LIMIT = {"framed": 1 << 30, "per-pair": 1 << 16}
+TELL_ESTIMATE_ABOVE_S = 10
+PARAMETERS = (
+    "sender",
+    "receiver",
+    "frame_bytes",
+    "block_pairs",
+    "rate_hz",
+    "fec",
+    "interleave",
+)
+
+
+def add_parsers(jobs: Any) -> None:
+    """Describe the job, which is called as the topology that it runs on."""
+    for name, (_topo, what) in TOPOLOGIES.items():
+        text = f"superdense coding over {what}"
+        job = jobs.add_parser(name, help=text, description=text)
+        _add_options(job)
+        job.set_defaults(topology=name, call=partial(guarded, run))
+
+
+def _add_options(parser: argparse.ArgumentParser) -> None:
+    add = partial(parser.add_argument)
+    what = parser.add_mutually_exclusive_group()
+    what.add_argument("--message", help="text to send (default: a short text of ours)")
+    what.add_argument("--file", type=Path, help="file to send")
+    add("--from", dest="sender", default="alice", metavar="HOST", help="sending host (alice)")
+    add("--to", dest="receiver", default="bob", metavar="HOST", help="receiving host (bob)")
+    add("--handshake", choices=sorted(EXPECTED_RATE), default="framed", help="default: framed")
+    add_network_options(parser)
+    add("--frame-bytes", type=int, default=256, metavar="N", help="bytes under one check (256)")
+    add("--block-pairs", type=int, default=65_536, metavar="N", help="pairs in a block (65536)")
+    add("--rate-hz", type=int, default=50_000_000, metavar="HZ", help="of the source (50000000)")
+    add("--fec", choices=FEC_NAMES, default="none", help="error-correction code (none)")
+    add("--interleave", action="store_true", help="spread the codewords of --fec over a frame")
+    add_run_options(parser)
+
+
+def run(arguments: argparse.Namespace, signals: Signals, console: Console) -> int:
+    """Do the whole run and return its exit status."""
+    size = check_input(arguments)
+    require_root()
+    tell_estimate(arguments, size, console)
+    folder = begin_folder(arguments.runs, arguments.topology)
+    facts = beginning(arguments, folder)
+    with ending(folder, facts, result.complete):
+        run_network(arguments, folder, facts, signals, console)
+    result.show(console, facts, folder)
+    return 0 if facts["delivered"] else 1
+
+
+def check_input(arguments: argparse.Namespace) -> int:
+    """Return the size of the message; raise BadInput before anything is started."""
+    hosts = quantum_hosts(topology(arguments)())
+    check_two_hosts(arguments.sender, arguments.receiver, hosts)
+    size = message_size(arguments)
+    limit = SIZE_LIMIT[arguments.handshake]
+    if size > limit:
+        raise BadInput(
+            f"{size:,} bytes: with the handshake {arguments.handshake} at most {limit:,} can be "
+            "sent" + ("; use --handshake framed" if arguments.handshake == "per-pair" else "")
+        )
+    check_network(arguments)
+    check_run(arguments)
+    check_range(arguments, "frame_bytes", 1, 65_536)
+    check_range(arguments, "block_pairs", MIN_BLOCK_PAIRS, MAX_BLOCK_PAIRS)
+    check_range(arguments, "rate_hz", 1, 4_000_000_000)
+    check_coding(arguments)
+    return size
+
+
+def check_coding(arguments: argparse.Namespace) -> None:
+    """Raise BadInput for a code that frames are too long for, or none to interleave."""
+    if arguments.interleave and arguments.fec == "none":
+        raise BadInput("--interleave spreads the codewords of a code: choose one with --fec")
+    pairs = frame_format(arguments).pairs(arguments.frame_bytes)
+    if pairs > MAX_BLOCK_PAIRS:
+        raise BadInput(
+            f"--frame-bytes {arguments.frame_bytes} with --fec {arguments.fec}: a frame needs "
+            f"{pairs:,} pairs, at most {MAX_BLOCK_PAIRS:,}; choose fewer bytes"
+        )
+
+
+def frame_format(arguments: argparse.Namespace) -> FrameFormat:
+    """Return what frames are made of, if the receiver tells all Bell states apart."""
+    return FrameFormat(CODES[FEC_NAMES[arguments.fec]], arguments.interleave)
+
+
+def pairs_of(arguments: argparse.Namespace, size: int) -> int:
+    """Return how many Bell pairs carry a message if none is lost and no frame repeated."""
+    used = frame_format(arguments)
+    frame_bytes: int = min(arguments.frame_bytes, CHUNK_BYTES[arguments.handshake])
+    whole, rest = divmod(size, frame_bytes)
+    return whole * used.pairs(frame_bytes) + used.pairs(rest)
+
+
+def message_size(arguments: argparse.Namespace) -> int:
+    """Return how many bytes are to be sent."""
+    if arguments.message is not None:
+        return len(arguments.message.encode())
+    file = arguments.file or MESSAGE
+    try:
+        if file.exists() and not file.is_file() and not file.is_dir():
+            raise BadInput(f"{file} is not a file with an end: save what it gives, and send that")
+        with file.open("rb") as opened:
+            return os.fstat(opened.fileno()).st_size
+    except OSError as error:
+        raise BadInput(f"cannot read {file}: {error.strerror}") from error
+
+
+def tell_estimate(arguments: argparse.Namespace, size: int, console: Console) -> None:
+    """Say before the start how long a long message will take."""
+    pairs = pairs_of(arguments, size)
+    expected = EXPECTED_RATE[arguments.handshake]
+    expected = min(expected, DECODING_RATE.get(arguments.fec, expected), arguments.rate_hz)
+    seconds = pairs / expected
+    if seconds <= TELL_ESTIMATE_ABOVE_S:
+        return
+    text = f"{size:,} bytes are {pairs:,} Bell pairs: about {seconds / 60:.1f} minutes on two cores"
+    if not arguments.no_capture:
+        captured = pairs * CAPTURED_BYTES_PER_PAIR[arguments.handshake] / 1e6
+        text += f", and {captured:,.0f} MB of captures (--no-capture saves these)"
+    if not arguments.no_record:
+        recorded = pairs * RECORDED_BYTES_PER_PAIR[arguments.handshake] / 1e6
+        text += f", {recorded:,.0f} MB of record (--no-record saves these)"
+    console.print(f"{text}; losses take more. Ctrl-C ends it cleanly.")
+
+
+def beginning(arguments: argparse.Namespace, folder: Path) -> dict[str, Any]:
+    """Return the facts that are known before the start, and keep the message in the folder."""
+    if arguments.message is not None:
+        (folder / "message").write_bytes(arguments.message.encode())
+    file = folder / "message" if arguments.message is not None else arguments.file or MESSAGE
+    return {
+        **known_facts(arguments, PARAMETERS),
+        "handshake": arguments.handshake,
+        "file": str(file.resolve()),
+    }
+
+
+def run_network(
+    arguments: argparse.Namespace,
+    folder: Path,
+    facts: dict[str, Any],
+    signals: Signals,
+    console: Console,
+) -> None:
+    """Start the network, send, and add to the facts."""
+    order = Transfer(
+        Path(facts["file"]),
+        folder / "received",
+        arguments.sender,
+        arguments.receiver,
+        arguments.handshake,
+        arguments.frame_bytes,
+        arguments.block_pairs,
+        arguments.rate_hz,
+        arguments.fec,
+        arguments.interleave,
+    )
+    with running_network(arguments, folder, facts, signals, console) as network:
+        console.print(
+            f"sending {order.file.name} from {order.sender} to {order.receiver} "
+            f"by superdense coding ({order.handshake})"
+        )
+        size = order.file.stat().st_size
+        with progress_bar(console, facts, size, pairs_of(arguments, size)) as progress:
+            sent, received = transfer(network, order, progress)
+            progress(sent)
+        facts["confusion"] = received.get("confusion")
+
+
+@contextmanager
+def progress_bar(
+    console: Console, facts: dict[str, Any], size: int, pairs: int
+) -> Iterator[Callable[[dict[str, Any]], None]]:
+    """Show pairs sent and pairs/s; every line also goes into the facts."""
+    columns = (
+        TextColumn("pairs"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[rate]:,.0f} pairs/s"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=console) as bar:
+        task = bar.add_task("pairs", total=pairs, rate=0.0)
+
+        def note(line: dict[str, Any]) -> None:
+            facts["sender"] = line
+            delivered = pairs * line["delivered_bytes"] // max(size, 1)
+            rate = line["bell_pairs"] / max(line["elapsed_s"], 1e-9)
+            bar.update(task, completed=delivered, rate=rate)
+
+        yield note

@@ -1,0 +1,59 @@
+"""Orders about fibres of the running network, as the verbs calibrate and classical give them."""
+
+import argparse
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import grpc
+
+from qmn.live.running import dispatcher_of_running_network
+from topologies.programs import NetworkError
+from wire.config import DispatcherConfig
+from wire.dispatcher_pb2 import AdjustFiberRequest
+from wire.dispatcher_pb2_grpc import DispatcherStub
+from wire.service import RUNNER, metadata
+
+DEADLINE_S = 5.0
+NO_CAUSE = (grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.DEADLINE_EXCEEDED)
+
+
+class BadOrder(Exception):
+    """An order that these fibres cannot follow; the text names value and remedy."""
+
+
+def add_nodes(parser: argparse.ArgumentParser, call: Callable[[argparse.Namespace], int]) -> None:
+    """Describe the two nodes that the fibres join."""
+    parser.add_argument("a", metavar="NODE", help="one end of the fibres, as alice")
+    parser.add_argument("b", metavar="NODE", help="their other end, as q1")
+    parser.set_defaults(call=call)
+
+
+def give(arguments: argparse.Namespace, done: str, **adjustment: Any) -> int:
+    """Adjust the fibres and say so; turn what is wrong into one line and an exit status."""
+    request = AdjustFiberRequest(a=arguments.a, b=arguments.b, **adjustment)
+    try:
+        fibers = send(dispatcher_of_running_network(), request)
+    except (BadOrder, NetworkError) as error:
+        print(f"qmn: {error}", file=sys.stderr)
+        return 1
+    count = "1 fibre" if fibers == 1 else f"{fibers} fibres"
+    print(f"{count} between {arguments.a} and {arguments.b}: {done}")
+    return 0
+
+
+def send(config: DispatcherConfig, request: AdjustFiberRequest) -> int:
+    """Ask the dispatcher; return how many fibres it was."""
+    with grpc.insecure_channel(f"unix:{config.socket}") as channel:
+        stub = DispatcherStub(channel)  # type: ignore[no-untyped-call]
+        try:
+            token = metadata(config.tokens[RUNNER])
+            reply = stub.AdjustFiber(request, timeout=DEADLINE_S, metadata=token)
+        except grpc.RpcError as error:
+            if error.code() in NO_CAUSE:
+                raise NetworkError(
+                    f"the dispatcher at {config.socket} does not answer ({error.details()}); "
+                    "has the network ended?"
+                ) from error
+            raise BadOrder(str(error.details())) from error
+    return int(reply.fibers)

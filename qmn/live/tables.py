@@ -1,0 +1,125 @@
+"""Tables of devices, light paths and fibres, as the terminal shows them."""
+
+from typing import Any
+
+from rich.table import Table
+
+
+def table(title: str, columns: tuple[str, ...], rows: list[list[str]]) -> Table:
+    """Return a table in the style of the other verbs."""
+    made = Table(title=title, title_justify="left", box=None, padding=(0, 2, 0, 0))
+    for column in columns:
+        made.add_column(column)
+    for row in rows:
+        made.add_row(*row)
+    return made
+
+
+def path_row(path: dict[str, Any], names: dict[str, str]) -> list[str]:
+    """Return the line of one light path."""
+    hops = ", ".join(
+        f"{switch_port(hop['dpid'], hop['in_port'], names)}->{hop['out_port']}"
+        for hop in path["hops"]
+    )
+    ends = [path[name] for name in ("session", "from", "to", "source", "begin", "end")]
+    return [*ends, f"{path['loss_db']:g} dB", hops]
+
+
+def switch_port(dpid: str, port: object, names: dict[str, str]) -> str:
+    """Return a port as a person names it: q1:3."""
+    return f"{names.get(dpid, dpid)}:{port}"
+
+
+def far_end(end: str, names: dict[str, str]) -> str:
+    """Return where a fibre leads: a host's port as it is, a switch's as a person names it."""
+    dpid, colon, port = end.rpartition(":")
+    return switch_port(dpid, port, names) if colon else end
+
+
+OPTICS = {
+    "frequency_mhz": "MHz",
+    "tx_power_dbm": "dBm out",
+    "rx_power_dbm": "dBm in",
+    "temperature_c": "deg C",
+}
+
+
+def switch_table(switch: dict[str, Any]) -> Table:
+    """Return the ports of a quantum switch, one a line."""
+    title = f"{switch['name']}: quantum switch {switch['dpid']}, {state(switch)}"
+    table = Table(title=title, title_justify="left", box=None, padding=(0, 2, 0, 0))
+    for column in ("port", "", "photons in", "out", "lost", *OPTICS.values(), "to"):
+        table.add_column(column)
+    leads_to = {path["in_port"]: path["out_port"] for path in switch["paths"]}
+    for port in switch["ports"]:
+        counts = [figure(port.get(f"photons_{way}")) for way in ("in", "out", "lost")]
+        light = port.get("light") or {}
+        optics = [figure(light.get(name)) for name in OPTICS]
+        out = leads_to.get(port["port"])
+        up = "up" if port["up"] else "cut"
+        table.add_row(f"{port['port']} {port['name']}", up, *counts, *optics, figure(out))
+    return table
+
+
+def hosts_table(hosts: list[dict[str, Any]]) -> Table:
+    """Return hosts, one a line."""
+    table = Table(title="hosts", title_justify="left", box=None, padding=(0, 2, 0, 0))
+    columns = ("host", "state", "can", "fibres", "sessions", "pairs sent", "made", "received")
+    for column in (*columns, "lost", "wrong", "in use", "overridden"):
+        table.add_column(column)
+    for host in hosts:
+        table.add_row(*host_row(host))
+    return table
+
+
+def host_row(host: dict[str, Any]) -> list[str]:
+    """Return the line of one host."""
+    if "ports" not in host:
+        return [host["name"], host["state"], abilities(host)]
+    fibers = " ".join(f"{port['name']}{'' if port['up'] else ' (cut)'}" for port in host["ports"])
+    counts = [figure(host[f"pairs_{what}"]) for what in ("sent", "made", "received", "lost")]
+    used = settings(host["in_use"]) if host["in_use"]["rate_hz"] else "-"
+    return [
+        host["name"],
+        state(host),
+        abilities(host),
+        fibers,
+        figure(sum(host["sessions"].values())),
+        *counts,
+        figure(host["symbol_errors"]),
+        used,
+        settings(host["overrides"]) or "-",
+    ]
+
+
+def abilities(host: dict[str, Any]) -> str:
+    """Return what a host has announced that it can do, and how much it stores."""
+    features = host.get("features")
+    if features is None:
+        return "not told"
+    told = {"store": f"store {host['memory_qubits']:,}"}
+    return " ".join(told.get(feature, feature) for feature in features) or "nothing"
+
+
+def state(device: dict[str, Any]) -> str:
+    """Return "up", or since when nothing was heard."""
+    if device["state"] == "up":
+        return "up"
+    return f"{device['state']} since {device['heard_s_ago']:.0f} s"
+
+
+def settings(values: dict[str, Any]) -> str:
+    """Return settings in short."""
+    texts = {
+        "rate_hz": "{:,} Hz",
+        "frame_bytes": "{} B",
+        "fec": "FEC {}",
+        "interleave": "interleaving {}",
+        "wavelength_pm": "{:,} pm",
+    }
+    return ", ".join(texts[name].format(value) for name, value in values.items())
+
+
+def figure(value: float | None) -> str:
+    """Return a number for a person, "-" where there is none."""
+    return "-" if value is None else f"{value:,}"

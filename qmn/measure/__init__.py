@@ -1,1 +1,0 @@
-"""What `qmn bench` measures, each beside the floor that the same machine sets."""

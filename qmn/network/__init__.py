@@ -1,0 +1,1 @@
+"""Networks as the user names and sets them, before anything starts."""

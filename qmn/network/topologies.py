@@ -1,0 +1,123 @@
+"""Which topologies `qmn run` knows, and what the command line may say of them."""
+
+import argparse
+import json
+from collections.abc import Callable
+from dataclasses import asdict
+from functools import partial
+from typing import Any
+
+from mininet.topo import Topo
+
+from dispatcher.fiber import fiber_noise
+from qmn.network.device_options import base_device, devices, kind_of_all, nodes
+from topologies.chain import ChainTopo
+from topologies.fabric import fiber_of
+from topologies.fiber import resolved
+from topologies.leaf_spine import LeafSpineTopo
+from topologies.nodes import QuantumHost
+from topologies.presets import preset
+from topologies.repeaters import RepeatersTopo
+from topologies.ring import RingTopo
+from topologies.sdc import SdcTopo
+from topologies.tapped import TappedTopo
+from wire.fiber import FiberOptics, optics
+from wire.physics import Device
+
+TOPOLOGIES: dict[str, tuple[Callable[..., Topo], str]] = {
+    "sdc": (SdcTopo, "one quantum switch"),
+    "chain": (ChainTopo, "quantum switches in a line"),
+    "ring": (RingTopo, "quantum switches in a ring"),
+    "leaf-spine": (LeafSpineTopo, "two stages of quantum switches"),
+    "repeaters": (RepeatersTopo, "repeaters in a line, a quantum switch between neighbours"),
+    "tapped": (TappedTopo, "one quantum switch, with eve, who can be put on a fibre"),
+}
+SIZES = {
+    "sdc": (),
+    "chain": ("switches",),
+    "ring": ("switches",),
+    "leaf-spine": ("leaves", "spines"),
+    "repeaters": ("repeaters",),
+    "tapped": (),
+}
+FIBER = ("length_km", "loss_db_per_km", "depolarizing", "kind")
+PARAMETERS = asdict(FiberOptics())  # of a fibre, with their defaults
+
+
+class BadTopology(Exception):
+    """What the user asked of a topology cannot be had; the text names value and remedy."""
+
+
+def topology(arguments: argparse.Namespace) -> Callable[[], Topo]:
+    """Return what builds the topology; raise BadTopology for sizes that do not fit it."""
+    name = arguments.topology
+    every = {size for sizes in SIZES.values() for size in sizes}
+    sizes = {size: getattr(arguments, size) for size in every}
+    given = {size: value for size, value in sizes.items() if value is not None}
+    for size in sorted(given.keys() - set(SIZES[name])):
+        fitting = ", ".join(topo for topo, own in SIZES.items() if size in own)
+        raise BadTopology(f"--{size} is of {fitting}, not of {name}: leave it out")
+    build = partial(
+        TOPOLOGIES[name][0], **given, preset=arguments.preset, **fiber_parameters(arguments)
+    )
+    try:
+        build = partial(build, node=kind_of_all(arguments.node))
+        described = every_device(arguments)
+        build = partial(build, devices=described)
+        topo = build()
+        hosts = quantum_hosts(topo)
+        for host in described.keys() - set(hosts):
+            raise BadTopology(f"--node or --device {host}: choose one of {', '.join(hosts)}")
+        # So that a noise model of the user's own is refused here, and not by the dispatcher.
+        fiber_noise.models(resolved(every_fiber(arguments)))
+    except ValueError as error:
+        raise BadTopology(str(error)) from error
+    return build
+
+
+def quantum_hosts(topo: Topo) -> list[str]:
+    """Return the hosts of a topology that have light."""
+    return [host for host in topo.hosts() if topo.nodeInfo(host)["cls"] is QuantumHost]
+
+
+def every_device(arguments: argparse.Namespace) -> dict[str, Device]:
+    """Return the devices of the hosts that the command line names."""
+    given = preset(arguments.preset).device
+    named = nodes(arguments.node, given)
+    return devices(arguments.device, base_device(arguments.node, given), named)
+
+
+def other_device(arguments: argparse.Namespace) -> Device:
+    """Return the device of the hosts that the command line does not name."""
+    return base_device(arguments.node, preset(arguments.preset).device)
+
+
+def devices_of(topo: Topo) -> dict[str, Device]:
+    """Return the devices of all hosts of a topology that have light."""
+    return {host: topo.nodeInfo(host)["device"] for host in quantum_hosts(topo)}
+
+
+def every_fiber(arguments: argparse.Namespace) -> FiberOptics:
+    """Return the optics that all fibres have."""
+    return optics("every fibre", **fiber_of(arguments.preset, fiber_parameters(arguments)))
+
+
+def fiber_parameters(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return what the command line says of every fibre; raise BadTopology for no such words."""
+    given = {key: getattr(arguments, key) for key in FIBER if getattr(arguments, key) is not None}
+    for word in arguments.fiber:
+        name, equals, text = word.partition("=")
+        if not equals or name not in PARAMETERS:
+            known = ", ".join(PARAMETERS)
+            raise BadTopology(f"--fiber {word}: write NAME=VALUE, where NAME is of {known}")
+        given[name] = _value(name, text)
+    return given
+
+
+def _value(name: str, text: str) -> Any:
+    """Return a parameter's value as the kind of its default."""
+    kind = type(PARAMETERS[name])
+    try:
+        return json.loads(text) if kind is dict else kind(text)
+    except ValueError as error:
+        raise BadTopology(f"--fiber {name}={text}: {error}") from error

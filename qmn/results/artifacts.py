@@ -1,0 +1,57 @@
+"""What a network of `qmn cli` or of a script leaves in its folder, beside logs and captures.
+
+One timeline with its dissectors, and result.json: topology, parameters, seed, how it ended.
+"""
+
+import argparse
+import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from qmn.live.event_sources import RESULT
+from qmn.network.options import NetworkOptions
+from qmn.results.timeline import timeline_of_run
+from topologies.network import Interrupted
+from topologies.programs import NetworkError
+
+
+@contextmanager
+def left_behind(arguments: argparse.Namespace, folder: Path | None) -> Iterator[dict[str, Any]]:
+    """Yield the facts of a network, to be added to; at its end leave them and the timeline.
+
+    Without a folder nothing is left.
+    """
+    facts = beginning(arguments)
+    if folder is None:
+        yield facts
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    result = folder / RESULT
+    result.unlink(missing_ok=True)  # of an earlier network: it would say that this one has ended
+    try:
+        yield facts
+    except (NetworkError, Interrupted) as error:
+        facts["error"] = str(error)
+        raise
+    finally:
+        facts["captures"] = [str(file) for file in sorted(folder.glob("*.pcap"))]
+        facts["timeline"] = timeline_of_run(folder)
+        result.write_text(json.dumps(facts, indent=2) + "\n")
+
+
+def beginning(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return what is known before the start."""
+    given = {name: getattr(arguments, name) for name in NetworkOptions.__annotations__}
+    given = {name: value for name, value in given.items() if value not in (None, [], "")}
+    return {
+        "topology": getattr(arguments, "topology", None),  # None: a script's own
+        "mode": os.environ.get("QMN_MODE", "native"),
+        "controller": given.pop("controller"),
+        "seed": given.pop("seed"),
+        "parameters": {
+            name: str(value) if isinstance(value, Path) else value for name, value in given.items()
+        },
+    }

@@ -1,0 +1,211 @@
+"""The network as scripts see it, and `py` in `qmn cli` (docs/scripting.md).
+
+with start("sdc", length_km=1.0) as network:
+    print(network.send("alice", "bob", b"hello").bell_pairs)
+"""
+
+import argparse
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypedDict, Unpack
+
+from mininet.topo import Topo
+
+from qmn.live.controller_console import ask
+from qmn.live.dispatcher_calls import held_blocks, switch_conditions, switch_statistics
+from qmn.live.metrics_targets import announce
+from qmn.network.options import (
+    BadInput,
+    NetworkOptions,
+    check_network,
+    check_two_hosts,
+    from_keywords,
+    settings,
+)
+from qmn.network.topologies import FIBER, SIZES, TOPOLOGIES, topology
+from qmn.results.artifacts import left_behind
+from qmn.results.network_facts import network_facts
+from qmn.results.run_folder import given_at_the_end
+from qmn.scripting.exchange import Exchange, connection, exchange
+from qmn.scripting.light import FiberState, LightPath, fiber_state, light_path
+from qmn.time_scale import scale_of
+from topologies.network import Network, Signals
+from topologies.nodes import QuantumHost
+
+# What only a topology that is chosen by name understands.
+NAMED_ONLY = {
+    "preset",
+    "fiber",
+    "device",
+    *FIBER,
+    *(size for own in SIZES.values() for size in own),
+}
+PING_BYTES = 16
+PART_BYTES = 1 << 16
+
+
+class SendOptions(TypedDict, total=False):
+    """How a message is sent; `qmn run --help` says what each means and what it is if absent."""
+
+    handshake: str
+    frame_bytes: int
+    block_pairs: int
+    rate_hz: int
+    fec: str
+    interleave: bool
+
+
+@dataclass(frozen=True)
+class Held:
+    """Photons of a block that a host holds."""
+
+    session: str  # 16 hexadecimal digits
+    number: int
+    half: int
+    photons: int
+    place: str  # "memory", the port they wait at, or "" for at hand
+
+
+@dataclass(frozen=True)
+class HostState:
+    """A host: what the controller knows of its device, and the blocks it holds."""
+
+    device: dict[str, Any]
+    blocks: tuple[Held, ...]
+
+
+class QuantumNetwork(Network):
+    """A running network; `net` is Mininet's object, `host("alice")` one of its hosts."""
+
+    @property
+    def quantum_hosts(self) -> list[str]:
+        """Return the names of the hosts that have light."""
+        return [host.name for host in self.net.hosts if isinstance(host, QuantumHost)]
+
+    def send(
+        self, sender: str, receiver: str, data: bytes, **options: Unpack[SendOptions]
+    ) -> Exchange:
+        """Send bytes by superdense coding; return when the receiver has verified every one.
+
+        Raise BadInput for hosts there are not, TransferError if the bytes did not arrive.
+        """
+        check_two_hosts(sender, receiver, self.quantum_hosts)
+        return exchange(self, sender, receiver, [data], keep=True, **options)
+
+    def ping(
+        self, sender: str, receiver: str, count: int = 4, **options: Unpack[SendOptions]
+    ) -> Iterator[Exchange]:
+        """Yield so many short messages, each with a session and light paths of its own."""
+        for number in range(count):
+            yield self.send(sender, receiver, number.to_bytes(PING_BYTES, "big"), **options)
+
+    def iperf(
+        self, sender: str, receiver: str, seconds: float = 3.0, **options: Unpack[SendOptions]
+    ) -> Exchange:
+        """Send for so long as fast as it goes; what is received is counted and not kept."""
+        check_two_hosts(sender, receiver, self.quantum_hosts)
+
+        def parts() -> Iterator[bytes]:
+            deadline = time.monotonic() + seconds
+            while time.monotonic() < deadline:
+                yield bytes(PART_BYTES)
+
+        return exchange(self, sender, receiver, parts(), keep=False, **options)
+
+    def paths(self) -> list[LightPath]:
+        """Return the light paths that stand now."""
+        return self._light_paths(ask("paths")["paths"])
+
+    def trace(self, sender: str, receiver: str) -> list[LightPath]:
+        """Open a session that sends nothing, and return the light paths that it gets."""
+        check_two_hosts(sender, receiver, self.quantum_hosts)
+        before = {path["session"] for path in ask("paths")["paths"]}
+        with connection(self, sender, receiver):
+            paths = [path for path in ask("paths")["paths"] if path["session"] not in before]
+            mine = [path for path in paths if (path["from"], path["to"]) == (sender, receiver)]
+            return self._light_paths(mine)
+
+    def _light_paths(self, paths: list[dict[str, Any]]) -> list[LightPath]:
+        names = {number: name for name, number in self.runtime.datapath_ids.items()}
+        conditions = switch_conditions(self)
+        return [light_path(path, self.runtime.fibers, names, conditions) for path in paths]
+
+    def fibers(self) -> list[FiberState]:
+        """Return every fibre with its loss now, and what has passed it."""
+        names = {number: name for name, number in self.runtime.datapath_ids.items()}
+        up = {
+            (names[int(fiber["dpid"], 16)], fiber["port"]): fiber["up"]
+            for fiber in ask("paths")["fibers"]
+        }
+        statistics = switch_statistics(self)
+        return [fiber_state(fiber, statistics, up) for fiber in self.runtime.fibers]
+
+    def state(self, host: str) -> HostState:
+        """Return the state of a host; raise BadInput for none of this name."""
+        if host not in self.quantum_hosts:
+            known = ", ".join(self.quantum_hosts)
+            raise BadInput(f"unknown host {host!r}: choose one of {known}")
+        device = next(device for device in ask("devices") if device["name"] == host)
+        blocks = (
+            Held(
+                f"{held.block.session:016x}",
+                held.block.number,
+                held.block.half,
+                held.photons,
+                "memory" if held.stored else held.port,
+            )
+            for held in held_blocks(self, host)
+        )
+        return HostState(device, tuple(blocks))
+
+
+@contextmanager
+def start(
+    topo: str | Callable[[], Topo] = "sdc",
+    folder: Path | str | None = None,
+    **options: Unpack[NetworkOptions],
+) -> Iterator[QuantumNetwork]:
+    """Start a network, and leave nothing behind at the end; root.
+
+    `topo` is a name that `qmn run` knows, or a topology of your own. Logs and quantum events go
+    into the folder, if there is one. Raise BadInput or BadTopology for what cannot be,
+    NetworkError if it does not start; Ctrl-C is a KeyboardInterrupt, and cleans up, too.
+    """
+    arguments = from_keywords(options)
+    if isinstance(topo, str):
+        if topo not in TOPOLOGIES:
+            raise BadInput(f"unknown topology {topo!r}: choose one of {', '.join(TOPOLOGIES)}")
+        arguments.topology = topo
+        topo = topology(arguments)
+    elif unused := sorted(options.keys() & NAMED_ONLY):
+        raise BadInput(f"{unused[0]} is of the topologies of qmn: say it in your own, or leave it")
+    check_network(arguments)
+    with running(topo, arguments, Path(folder) if folder is not None else None) as network:
+        yield network
+
+
+@contextmanager
+def running(
+    topo: Callable[[], Topo], arguments: argparse.Namespace, folder: Path | None
+) -> Iterator[QuantumNetwork]:
+    """Run a network; a signal that comes while it starts is raised as Interrupted."""
+    with (
+        Signals() as signals,
+        given_at_the_end(arguments.keys),
+        left_behind(arguments, folder) as facts,
+    ):
+        chosen = scale_of(arguments.time_scale, topo)
+        facts["time_scale"], facts["time_scale_because"] = chosen.scale, chosen.reason or None
+        runtime = settings(arguments, folder, chosen.scale)
+        network = QuantumNetwork(topo, runtime, signals)
+        try:
+            with network, signals.at_once():
+                facts["network"] = network_facts(network).to_dict()
+                if folder is not None and runtime.metrics:
+                    facts["metrics"] = announce(runtime.metrics_addresses, folder)
+                yield network
+        finally:
+            facts["packets_not_captured"] = network.packets_missed

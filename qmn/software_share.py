@@ -1,0 +1,45 @@
+"""What a result says of the time: its scale, and how much of it was software."""
+
+from collections.abc import Iterable
+from math import inf
+from typing import Any
+
+from wire.dispatcher_pb2 import SoftwareTime
+from wire.physics import Device, Memory
+
+DOMINATED = 0.5  # of a wait
+MATTERS = 0.01  # of the shortest T1 or T2
+
+
+def software_facts(software: SoftwareTime, devices: Iterable[Device]) -> dict[str, Any]:
+    """Return the facts; None where no qubit waited in a memory."""
+    waited = software.largest_wait_share > 0 or software.longest_ns > 0
+    longest_s = software.longest_ns / 1e9
+    shortest_s = min((coherence_s(device.memory) for device in devices), default=inf)
+    return {
+        "software_share": software.largest_wait_share if waited else None,
+        "software_s": longest_s if waited else None,
+        "software_share_of_run": software.run_share,
+        "dominated_by_software": software.largest_decaying_share > DOMINATED
+        and longest_s > MATTERS * shortest_s,
+    }
+
+
+def coherence_s(memory: Memory) -> float:
+    """Return the shorter of T1 and T2."""
+    return min(memory.t1_s, memory.t2_s)
+
+
+def rows(facts: dict[str, Any]) -> dict[str, str]:
+    """Return what is said of time, for a person to read."""
+    scale = facts["time_scale"]
+    told = {"time": f"1 s of the network took {scale:g} s here"}
+    share = facts.get("software_share")
+    if share is not None:
+        told["software"] = f"up to {share:.1%} of a wait in memory, {facts['software_s']:.3g} s"
+    if facts.get("dominated_by_software"):
+        told["BEWARE"] = (
+            "waits were dominated by software: what they did to qubits is this machine's doing; "
+            "use --time-scale auto"
+        )
+    return told

@@ -1,0 +1,1 @@
+"""The verbs of qmn, one module each."""

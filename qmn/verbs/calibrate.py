@@ -1,0 +1,17 @@
+"""qmn calibrate NODE NODE: compensate how the fibres between two nodes have drifted."""
+
+import argparse
+from typing import Any
+
+from qmn.live.fiber_order import add_nodes, give
+
+
+def add_parser(verbs: Any) -> None:
+    """Describe the verb."""
+    text = "compensate the drift of fibres"
+    add_nodes(verbs.add_parser("calibrate", help=text, description=__doc__), call)
+
+
+def call(arguments: argparse.Namespace) -> int:
+    """Calibrate."""
+    return give(arguments, "calibrated", calibrate=True)

@@ -1,0 +1,20 @@
+"""qmn classical NODE NODE MW: how strong the classical light in the fibres between them is."""
+
+import argparse
+from typing import Any
+
+from qmn.live.fiber_order import add_nodes, give
+
+
+def add_parser(verbs: Any) -> None:
+    """Describe the verb."""
+    text = "power of classical light in fibres"
+    parser = verbs.add_parser("classical", help=text, description=__doc__)
+    add_nodes(parser, call)
+    parser.add_argument("power_mw", type=float, metavar="MW", help="launched into each; 0: none")
+
+
+def call(arguments: argparse.Namespace) -> int:
+    """Change the power."""
+    power_mw = arguments.power_mw
+    return give(arguments, f"classical light of {power_mw:g} mW", classical_mw=power_mw)

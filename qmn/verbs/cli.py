@@ -1,0 +1,81 @@
+"""qmn cli TOPOLOGY: start a network and steer it from Mininet's command line, with quantum verbs.
+
+Commands come from the keyboard, or from a file: qmn cli sdc < commands
+"""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+from qmn.live.metrics_targets import urls
+from qmn.network.options import BadInput, add_key_folder, add_network_options, check_network
+from qmn.network.topologies import TOPOLOGIES, BadTopology, topology
+from qmn.results.run_folder import give_to_invoker, make_folder, point_latest
+from qmn.scripting.network import QuantumNetwork, running
+from topologies.network import Interrupted, require_root
+from topologies.programs import NetworkError
+
+INTERRUPTED = 130  # status of a script that Ctrl-C has ended, as of a shell
+
+
+def add_parser(verbs: Any) -> None:
+    """Describe the verb."""
+    parser = verbs.add_parser("cli", help="a network with a command line", description=__doc__)
+    names = "; ".join(f"{name}: {what}" for name, (_topo, what) in TOPOLOGIES.items())
+    parser.add_argument("topology", choices=sorted(TOPOLOGIES), help=names)
+    add_network_options(parser)
+    add_key_folder(parser)  # a program on a host may distribute some
+    add = parser.add_argument
+    add("--runs", type=Path, default=Path("runs"), metavar="DIR", help="where logs go (runs)")
+    add("--capture", action="store_true", help="capture packets, as `qmn run` does")
+    parser.set_defaults(call=call)
+
+
+def call(arguments: argparse.Namespace) -> int:
+    """Start, obey, clean up; turn every fault into one line and an exit status."""
+    try:
+        return start_and_obey(arguments)
+    except (BadInput, BadTopology, NetworkError) as error:
+        print(f"qmn: {error}", file=sys.stderr)
+        return 1
+    except Interrupted as error:
+        print(f"qmn: {error}; everything is cleaned up", file=sys.stderr)
+        return error.status
+    except KeyboardInterrupt:
+        print("qmn: interrupted; everything is cleaned up", file=sys.stderr)
+        return INTERRUPTED
+
+
+def start_and_obey(arguments: argparse.Namespace) -> int:
+    """Return the exit status: of a script 1 if a command has failed."""
+    check_network(arguments)
+    topo = topology(arguments)
+    require_root()
+    try:
+        folder = make_folder(arguments.runs, arguments.topology)
+    except OSError as error:
+        raise BadInput(f"cannot write to --runs {arguments.runs}: {error.strerror}") from error
+    point_latest(folder)
+    try:
+        print(f"starting the network; its logs and quantum events: {folder}", flush=True)
+        with running(topo, arguments, folder) as network:
+            for program, url in urls(network.runtime.metrics_addresses).items():
+                print(f"figures of {program}: {url}", flush=True)
+            if arguments.capture:
+                network.capture("s1")
+                network.capture_openflow()
+            return obey(network)
+    finally:
+        give_to_invoker(folder)
+
+
+def obey(network: QuantumNetwork) -> int:
+    """Do what comes from the keyboard, or all of a script."""
+    # Loading Mininet's command line takes a moment: other verbs do not wait for it.
+    from qmn.interactive.quantum_cli import QuantumCLI
+
+    if sys.stdin.isatty():
+        QuantumCLI(network)
+        return 0
+    return 1 if QuantumCLI(network, script=sys.stdin).failures else 0

@@ -1,0 +1,102 @@
+"""qmn curves: measure the physical layer against theory and draw it.
+
+Fails, and names the point, if one is further from theory than 5 standard errors.
+"""
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+from rich.progress import Progress
+
+from qmn.results.run_folder import give_tree
+from qmn.sweeps.experiment import SweepError
+from qmn.sweeps.grid import Measurer
+from qmn.sweeps.parameters import BadGrid
+from qmn.sweeps.table import BadTable, opened
+from qmn.verbs.sweep import MAX_WORKERS, progress_columns
+from topologies.network import Interrupted, Signals
+
+if TYPE_CHECKING:
+    from qmn.sweeps.sheets import Sheet
+
+
+def add_parser(verbs: Any) -> None:
+    """Describe the verb."""
+    parser = verbs.add_parser(
+        "curves", help="check the physics against theory", description=__doc__
+    )
+    add = parser.add_argument
+    add("--out", type=Path, default=Path("curves"), metavar="FOLDER", help="(curves)")
+    add("--seed", type=int, default=1, help="of all randomness (1)")
+    add("--workers", type=int, metavar="N", help="processes (as many as processors)")
+    add("--scheduler", default="", metavar="tcp://…", help="a Dask cluster instead of processes")
+    add("--only", action="append", metavar="NAME", help="one sheet alone (more than once)")
+    parser.set_defaults(call=call)
+
+
+def call(arguments: argparse.Namespace) -> int:
+    """Measure and draw everything; turn every fault into one line and an exit status."""
+    # Dask and matplotlib take a second to load: other verbs do not wait for them.
+    from qmn.sweeps import running
+
+    console = Console(highlight=False)
+    try:
+        sheets = chosen(arguments)
+        workers = arguments.workers or os.cpu_count() or 1
+        with Signals() as signals, running.client(arguments.scheduler, workers) as client:
+            measurer = running.on_cluster(client, signals.check)
+            far = measure(sheets, arguments.out, arguments.seed, measurer, console)
+    except (BadGrid, BadTable, SweepError) as error:
+        print(f"qmn: {error}", file=sys.stderr)
+        return 1
+    except Interrupted as error:
+        print(f"qmn: {error}", file=sys.stderr)
+        return error.status
+    for text in far:
+        print(f"qmn: further from theory than 5 standard errors: {text}", file=sys.stderr)
+    return 1 if far else 0
+
+
+def chosen(arguments: argparse.Namespace) -> "Sequence[Sheet]":
+    """Return the sheets asked for; raise BadGrid for what cannot be."""
+    from qmn.sweeps.sheets import SHEETS
+
+    if arguments.workers is not None and not 1 <= arguments.workers <= MAX_WORKERS:
+        raise BadGrid(f"--workers {arguments.workers}: choose 1 to {MAX_WORKERS}")
+    names = {sheet.name: sheet for sheet in SHEETS}
+    for name in arguments.only or ():
+        if name not in names:
+            raise BadGrid(f"--only {name}: choose {', '.join(names)}")
+    return [names[name] for name in arguments.only or names]
+
+
+def measure(
+    sheets: "Sequence[Sheet]", out: Path, seed: int, measurer: Measurer, console: Console
+) -> list[str]:
+    """Measure and draw the sheets; return every point that is too far from theory."""
+    from qmn.sweeps import running
+    from qmn.sweeps.figure import draw
+
+    far, points = [], 0
+    with Progress(*progress_columns(), console=console) as bar:
+        task = bar.add_task("points", total=sum(sheet.grid.size for sheet in sheets))
+        for sheet in sheets:
+            grid = sheet.grid
+            file = out / f"{sheet.name}.csv"
+            file.unlink(missing_ok=True)  # it shall be the code of today that is checked
+            with opened(file, grid.experiment) as table:
+                for _row in running.fill(grid, seed, table, measurer):
+                    bar.advance(task)
+                rows = running.rows(grid, seed, table)
+            far += running.disagreements(grid.experiment, rows) + sheet.unmeasured(rows)
+            points += len(rows)
+            for curve in sheet.curves:
+                draw(sheet.picture(curve, rows), out / f"{curve.file}.png")
+    give_tree(out)
+    console.print(f"{points} points in {out}/, {len(far)} too far from theory", soft_wrap=True)
+    return far

@@ -1,0 +1,32 @@
+"""qmn devices: what the controller knows of every device of the running network."""
+
+import argparse
+import json
+from typing import Any
+
+from qmn.live.controller_console import answered, ask, wide_console
+from qmn.live.tables import hosts_table, switch_table
+
+
+def add_parser(verbs: Any) -> None:
+    """Describe the verb."""
+    parser = verbs.add_parser("devices", help="show the state of all devices", description=__doc__)
+    parser.add_argument("--json", action="store_true", help="print everything, for programs")
+    parser.set_defaults(call=call)
+
+
+def call(arguments: argparse.Namespace) -> int:
+    """Ask and print."""
+    return answered(lambda: show(ask("devices"), arguments.json))
+
+
+def show(devices: list[dict[str, Any]], as_json: bool) -> None:
+    """Print devices as JSON or as tables."""
+    if as_json:
+        print(json.dumps(devices, indent=2))
+        return
+    console = wide_console()
+    hosts = [device for device in devices if device["kind"] == "host"]
+    for switch in [device for device in devices if device["kind"] == "quantum-switch"]:
+        console.print(switch_table(switch))
+    console.print(hosts_table(hosts))

@@ -1,0 +1,41 @@
+"""qmn doctor: does this machine have what a network needs, and what is to be done if not?"""
+
+import argparse
+import json
+from collections.abc import Iterable
+from dataclasses import asdict
+from typing import Any
+
+from qmn.live.controller_console import wide_console
+from qmn.live.machine import FAILS, LIMITED, UNCHECKED, WORKS, Finding, check_machine
+
+STYLES = {WORKS: "green", LIMITED: "yellow", FAILS: "red", UNCHECKED: "dim"}
+STATUS_OF_FAILURE = 1
+
+
+def add_parser(verbs: Any) -> None:
+    """Describe the verb."""
+    parser = verbs.add_parser("doctor", help="check this machine", description=__doc__)
+    parser.add_argument("--json", action="store_true", help="print findings for programs")
+    parser.set_defaults(call=call)
+
+
+def call(arguments: argparse.Namespace) -> int:
+    """Check and print; the status is 1 if a network cannot start as things are."""
+    findings = list(check_machine())
+    if arguments.json:
+        print(json.dumps([asdict(finding) for finding in findings], indent=2))
+    else:
+        show(findings)
+    return STATUS_OF_FAILURE if any(finding.state == FAILS for finding in findings) else 0
+
+
+def show(findings: Iterable[Finding]) -> None:
+    """Print a line for each finding, and one for what to do."""
+    console = wide_console()
+    for finding in findings:
+        style = STYLES[finding.state]
+        console.print(f"[{style}]{finding.state:<10}[/]", end="")
+        console.print(f"{finding.name}: {finding.found}", markup=False, soft_wrap=True)
+        if finding.remedy:
+            console.print(f"{'':10}-> {finding.remedy}", markup=False, soft_wrap=True)

@@ -1,0 +1,110 @@
+"""qmn fault SWITCH: make a quantum switch of the running network faulty, or whole again."""
+
+import argparse
+import sys
+from typing import Any
+
+import grpc
+
+from qmn.live.running import dispatcher_of_running_network
+from topologies.programs import NetworkError
+from wire.config import DispatcherConfig, QuantumSwitch
+from wire.dispatcher_pb2 import Connection, InjectFaultRequest
+from wire.dispatcher_pb2_grpc import DispatcherStub
+from wire.service import RUNNER, metadata
+
+DEADLINE_S = 5.0  # and what the switch takes to switch
+NO_CAUSE = (grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.DEADLINE_EXCEEDED)
+
+
+class BadFault(Exception):
+    """A fault that this network cannot have; the text names value and remedy."""
+
+
+def add_parser(verbs: Any) -> None:
+    """Describe the verb."""
+    parser = verbs.add_parser("fault", help="make a quantum switch faulty", description=__doc__)
+    parser.add_argument("switch", help="its name, as q1")
+    kinds = parser.add_subparsers(dest="kind", metavar="FAULT", required=True)
+    text = "a cross-connect is made now, and nothing can change it"
+    stuck = kinds.add_parser("stuck", help=text, description=text)
+    stuck.add_argument("in_port", type=int, help="OpenFlow port number")
+    stuck.add_argument("out_port", type=int, help="OpenFlow port number")
+    text = "the switch has this temperature; above its limit every path loses more"
+    temperature = kinds.add_parser("temperature", help=text, description=text)
+    temperature.add_argument("temperature_c", type=float, metavar="CELSIUS")
+    text = "nothing is stuck any more, and the temperature is as it was"
+    kinds.add_parser("repair", help=text, description=text)
+    parser.set_defaults(call=call)
+
+
+def call(arguments: argparse.Namespace) -> int:
+    """Inject the fault; turn what is wrong into one line and an exit status."""
+    try:
+        config = dispatcher_of_running_network()
+        print(inject(config, arguments))
+    except (BadFault, NetworkError) as error:
+        print(f"qmn: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def inject(config: DispatcherConfig, arguments: argparse.Namespace) -> str:
+    """Ask the dispatcher for the fault; return what a person shall read."""
+    switch = find_switch(config, arguments.switch)
+    request = build_request(config, arguments)
+    deadline_s = DEADLINE_S + switch.switching_time_s
+    with grpc.insecure_channel(f"unix:{config.socket}") as channel:
+        stub = DispatcherStub(channel)  # type: ignore[no-untyped-call]
+        try:
+            token = metadata(config.tokens[RUNNER])
+            stub.InjectFault(request, timeout=deadline_s, metadata=token)
+        except grpc.RpcError as error:
+            if error.code() in NO_CAUSE:
+                raise NetworkError(
+                    f"the dispatcher at {config.socket} does not answer ({error.details()}); "
+                    "has the network ended?"
+                ) from error
+            raise BadFault(str(error.details())) from error
+    return tell(switch, arguments)
+
+
+def find_switch(config: DispatcherConfig, name: str) -> QuantumSwitch:
+    """Return the switch of this name; raise BadFault with those there are."""
+    switches = {switch.name: switch for switch in config.switches}
+    if name not in switches:
+        known = ", ".join(sorted(switches)) or "none"
+        raise BadFault(f"unknown quantum switch {name!r}: choose one of {known}")
+    return switches[name]
+
+
+def build_request(config: DispatcherConfig, arguments: argparse.Namespace) -> InjectFaultRequest:
+    """Return what the user asks for; raise BadFault for a port without a fibre."""
+    name = arguments.switch
+    if arguments.kind == "repair":
+        return InjectFaultRequest(switch=name, repair=True)
+    if arguments.kind == "temperature":
+        return InjectFaultRequest(switch=name, temperature_c=arguments.temperature_c)
+    ends = [end for fiber in config.fibers for end in (fiber.a, fiber.b)]
+    ports = sorted(int(end.port) for end in ends if end.node == name)
+    for port in (arguments.in_port, arguments.out_port):
+        if port not in ports:
+            known = ", ".join(map(str, ports)) or "none"
+            raise BadFault(f"port {port} of {name} has no fibre: choose of {known}")
+    connection = Connection(in_port=arguments.in_port, out_port=arguments.out_port)
+    return InjectFaultRequest(switch=name, stuck=connection)
+
+
+def tell(switch: QuantumSwitch, arguments: argparse.Namespace) -> str:
+    """Return what has been done."""
+    if arguments.kind == "repair":
+        return f"{switch.name}: repaired, {switch.temperature_c:g} C"
+    if arguments.kind == "stuck":
+        return f"{switch.name}: cross-connect {arguments.in_port} -> {arguments.out_port} is stuck"
+    hot = arguments.temperature_c > switch.max_temperature_c
+    limit = f"{switch.max_temperature_c:g} C"
+    effect = f"above its limit of {limit}: every path loses {switch.hot_loss_db:g} dB more"
+    return (
+        f"{switch.name}: {arguments.temperature_c:g} C, "
+        f"{effect if hot else f'within its limit of {limit}'}"
+    )

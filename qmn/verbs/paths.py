@@ -1,0 +1,19 @@
+"""qmn paths: the light paths that stand in the running network, and the fibres."""
+
+import argparse
+from typing import Any
+
+from qmn.live.controller_console import answered
+from qmn.live.light_paths import ask_and_show
+
+
+def add_parser(verbs: Any) -> None:
+    """Describe the verb."""
+    parser = verbs.add_parser("paths", help="show light paths and fibres", description=__doc__)
+    parser.add_argument("--json", action="store_true", help="print everything, for programs")
+    parser.set_defaults(call=call)
+
+
+def call(arguments: argparse.Namespace) -> int:
+    """Ask and print."""
+    return answered(lambda: ask_and_show(arguments.json))

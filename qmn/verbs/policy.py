@@ -1,0 +1,18 @@
+"""qmn policy reload: let the controller read its policy file again."""
+
+import argparse
+from typing import Any
+
+from qmn.live.controller_console import answered, ask
+
+
+def add_parser(verbs: Any) -> None:
+    """Describe the verb."""
+    parser = verbs.add_parser("policy", help="reload the policy file", description=__doc__)
+    parser.add_argument("what", choices=["reload"], help="overrides become those of the file")
+    parser.set_defaults(call=call)
+
+
+def call(_arguments: argparse.Namespace) -> int:
+    """Ask, and say what is in force."""
+    return answered(lambda: print(f"in force: {ask('reload-policy')['policy']}"))

@@ -1,0 +1,89 @@
+"""qmn replay RUN: do again what the dispatcher did in a run, and compare the event logs.
+
+The record in the run's folder says what the dispatcher was asked, in which order, and what its
+clock said. The same seed must then give the same events, byte for byte.
+"""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any, TextIO, cast
+
+from dispatcher.replay import replay
+from wire.record import BadRecord
+
+RECORD = "dispatcher.record"
+EVENTS = "quantum.log"
+
+
+class BadRun(Exception):
+    """A run that cannot be replayed; the text names file and remedy."""
+
+
+class Comparison:
+    """A log that is compared, line by line, with one that was written before."""
+
+    def __init__(self, recorded: TextIO) -> None:
+        """Compare with this log."""
+        self._recorded = recorded
+        self.lines = 0
+        self.difference = ""
+
+    def write(self, text: str) -> int:
+        """Compare what a log is given to write, whole lines."""
+        for line in text.splitlines(keepends=True):
+            self._compare(self._recorded.readline(), line)
+        return len(text)
+
+    def flush(self) -> None:
+        """Do nothing: nothing is held back."""
+
+    def end(self) -> None:
+        """Compare the ends."""
+        if rest := self._recorded.readline():
+            self._compare(rest, "")
+
+    def _compare(self, recorded: str, replayed: str) -> None:
+        self.lines += 1
+        if recorded != replayed and not self.difference:
+            lines = [line.rstrip("\n") or "(no line)" for line in (recorded, replayed)]
+            self.difference = f"line {self.lines}\n  recorded: {lines[0]}\n  replayed: {lines[1]}"
+
+
+def add_parser(verbs: Any) -> None:
+    """Describe the verb."""
+    text = "do again what a run's dispatcher did, and compare"
+    parser = verbs.add_parser("replay", help=text, description=__doc__)
+    parser.add_argument("run", type=Path, metavar="RUN", help="its folder, as runs/latest")
+    parser.set_defaults(call=call)
+
+
+def call(arguments: argparse.Namespace) -> int:
+    """Replay and compare; turn what is wrong into one line and an exit status."""
+    try:
+        comparison, requests = compare(arguments.run)
+    except BadRun as error:
+        print(f"qmn: {error}", file=sys.stderr)
+        return 2
+    if comparison.difference:
+        print(f"different from {comparison.difference}")
+        return 1
+    print(f"identical: {comparison.lines:,} events of {requests:,} requests")
+    return 0
+
+
+def compare(run: Path) -> tuple[Comparison, int]:
+    """Replay a run; return the comparison of its events and how many requests there were."""
+    try:
+        with (run / RECORD).open("rb") as record, (run / EVENTS).open(newline="") as events:
+            comparison = Comparison(events)
+            requests = replay(record, cast(TextIO, comparison))
+            comparison.end()
+    except OSError as error:
+        raise BadRun(
+            f"cannot read {error.filename}: {error.strerror}; name the folder of a run that was "
+            "made without --no-record"
+        ) from error
+    except (BadRecord, UnicodeDecodeError) as error:
+        raise BadRun(f"{run / RECORD} cannot be replayed: {error}") from error
+    return comparison, requests

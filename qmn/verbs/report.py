@@ -1,0 +1,25 @@
+"""qmn report RUN: make the report of a finished run anew: report.html, one file to look at."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+from qmn.reports.report_file import NoReport, made_report
+
+
+def add_parser(verbs: Any) -> None:
+    """Describe the verb."""
+    parser = verbs.add_parser("report", help="make a run's report anew", description=__doc__)
+    parser.add_argument("run", type=Path, metavar="RUN", help="its folder, as runs/latest")
+    parser.set_defaults(call=call)
+
+
+def call(arguments: argparse.Namespace) -> int:
+    """Make the report; turn what is wrong into one line and an exit status."""
+    try:
+        print(made_report(arguments.run))
+    except NoReport as error:
+        print(f"qmn: {error}", file=sys.stderr)
+        return 1
+    return 0

@@ -1,0 +1,169 @@
+"""qmn spy [RUN]: what happens to the qubits, one line an event: now, or in a run that was."""
+
+import argparse
+import json
+import os
+import re
+import signal
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from hosts.quantum_socket import STACK_VARIABLE
+from qmn.live.event_sources import attached, recorded, single, through_stack
+from qmn.live.running import dispatcher_of_running_network
+from qmn.live.unread_events import dropped
+from topologies.programs import NetworkError
+from topologies.runtime import EVENT_CAPTURE
+from wire.dispatcher_pb2 import Event, WatchRequest
+from wire.events import DROPPED, format_line, to_json
+from wire.metadata import MalformedPacket
+
+
+class BadFilter(Exception):
+    """What shall be shown cannot be told; the text names value and remedy."""
+
+
+def add_parser(verbs: Any) -> None:
+    """Describe the verb."""
+    parser = verbs.add_parser("spy", help="show what happens to the qubits", description=__doc__)
+    parser.add_argument(
+        "run",
+        type=Path,
+        nargs="?",
+        metavar="RUN",
+        help="folder of a run, such as runs/latest (default: what happens now; on a host, there)",
+    )
+    add = parser.add_argument
+    add("--node", action="append", metavar="NAME", help="only this node (more than once)")
+    add(
+        "--session",
+        action="append",
+        type=session_number,
+        metavar="HEX",
+        help="only this session, as the lines show it (more than once)",
+    )
+    add("--kind", action="append", metavar="KIND", help="only events such as send (or more)")
+    add(
+        "--follow",
+        action=argparse.BooleanOptionalAction,
+        help="go on with what happens next (default for the network that runs)",
+    )
+    add("--history", action="store_true", help="begin with what the dispatcher still remembers")
+    add("--per-qubit", action="store_true", help="also what became of single photons")
+    add("--json", action="store_true", help="one JSON object a line, for programs")
+    parser.set_defaults(call=call)
+
+
+def session_number(text: str) -> int:
+    """Return the session that is meant; raise ArgumentTypeError for what is none."""
+    if not re.fullmatch(r"(0x)?[0-9a-fA-F]{1,16}", text):
+        raise argparse.ArgumentTypeError(f"{text!r} is not 1 to 16 hexadecimal digits")
+    return int(text, 16)
+
+
+def call(arguments: argparse.Namespace) -> int:
+    """Print events; turn what is wrong into one line and an exit status."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    spy = Spy(arguments)
+    try:
+        spy.print_all(events(arguments))
+    except KeyboardInterrupt:
+        pass  # the way to end it
+    except (BadFilter, MalformedPacket, NetworkError, OSError) as error:
+        if isinstance(error, BrokenPipeError):
+            raise
+        print(f"qmn: {error}", file=sys.stderr)
+        return 1
+    print(spy.summary(), file=sys.stderr)
+    return 0
+
+
+def events(arguments: argparse.Namespace) -> Iterator[Event]:
+    """Return where events come from; raise for a source that there is not."""
+    if arguments.run is not None:
+        if arguments.history:
+            raise BadFilter("--history is of the network that runs; a run is shown from its start")
+        return recorded(find_record(arguments.run), follow=bool(arguments.follow))
+    stack = os.environ.get(STACK_VARIABLE)
+    if stack:
+        return of_this_node(arguments, stack)
+    config = dispatcher_of_running_network()
+    known = {*config.tokens, *(switch.name for switch in config.switches)}
+    for node in arguments.node or ():
+        if node not in known:
+            raise BadFilter(f"unknown node {node!r}: choose one of {', '.join(sorted(known))}")
+    if arguments.follow is False:
+        if not config.event_capture:
+            raise BadFilter("--no-follow: this network writes no events (--no-events); follow it")
+        return recorded(find_record(Path(config.event_capture)), follow=False)
+    return attached(config, watch_request(arguments))
+
+
+def watch_request(arguments: argparse.Namespace) -> WatchRequest:
+    """Return what to ask the dispatcher for: several nodes or sessions are chosen from here."""
+    return WatchRequest(
+        node=single(arguments.node, ""),
+        session=single(arguments.session, 0),
+        history=arguments.history,
+        per_qubit=arguments.per_qubit,
+    )
+
+
+def of_this_node(arguments: argparse.Namespace, stack: str) -> Iterator[Event]:
+    """Return what happens at the host that the verb is called on."""
+    node = Path(stack).stem
+    if arguments.follow is False:
+        raise BadFilter(f"--no-follow is of a run: on {node} only what happens now is told")
+    for wanted in arguments.node or ():
+        if wanted != node:
+            raise BadFilter(f"--node {wanted}: on {node} only what happens there is told")
+    return through_stack(stack, single(arguments.session, 0), arguments.history)
+
+
+def find_record(run: Path) -> Path:
+    """Return the file of a run's events; raise BadFilter if it has none."""
+    file = run / EVENT_CAPTURE if run.is_dir() else run
+    if not file.is_file():
+        raise BadFilter(f"no quantum events at {file}: name the folder of a run, as runs/latest")
+    return file
+
+
+class Spy:
+    """Prints what is wanted, and counts."""
+
+    def __init__(self, arguments: argparse.Namespace) -> None:
+        """Know what is wanted."""
+        self._nodes = frozenset(arguments.node or ())
+        self._sessions = frozenset(arguments.session or ())
+        self._kinds = frozenset(arguments.kind or ())
+        self._as_json, self._per_qubit = arguments.json, arguments.per_qubit
+        self._count = self._dropped = 0
+
+    def print_all(self, source: Iterator[Event]) -> None:
+        """Print every event that is wanted, each at once."""
+        for event in source:
+            if self.wants(event):
+                text = json.dumps(to_json(event)) if self._as_json else format_line(event)
+                self._note(event)
+                print(text, flush=True)
+
+    def wants(self, event: Event) -> bool:
+        """Return whether to show an event; that some were dropped is always shown."""
+        return event.kind == DROPPED or (
+            (self._per_qubit or not event.photon)
+            and (not self._nodes or event.node in self._nodes)
+            and (not self._sessions or event.block.session in self._sessions)
+            and (not self._kinds or event.kind in self._kinds)
+        )
+
+    def _note(self, event: Event) -> None:
+        if event.kind == DROPPED:
+            self._dropped += dropped(event)
+        else:
+            self._count += 1
+
+    def summary(self) -> str:
+        """Return what to say at the end."""
+        return f"qmn: {self._count:,} events shown, {self._dropped:,} dropped"

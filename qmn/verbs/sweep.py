@@ -1,0 +1,189 @@
+"""qmn sweep WHAT|FILE.toml: measure a grid of parameters; a table and figures come out.
+
+On the dispatcher's physical layer alone, or with --emulate in a whole network for each point.
+"""
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    TextColumn,
+    TimeRemainingColumn,
+)
+
+from qmn.results.run_folder import give_tree
+from qmn.sweeps import grid as grids
+from qmn.sweeps.catalogue import EXPERIMENTS
+from qmn.sweeps.emulated import EMULATED, in_networks
+from qmn.sweeps.experiment import Experiment, SweepError
+from qmn.sweeps.grid import Grid, Measurer
+from qmn.sweeps.parameters import BadGrid
+from qmn.sweeps.table import BadTable, Table, opened
+from topologies.network import Interrupted, Signals, require_root
+from topologies.programs import NetworkError
+
+MAX_WORKERS = 256
+EXAMPLES = """
+values: 0.1   0.1,0.2,0.5   from:to:count (0:0.2:11)   from:to:count:log (1e-3:1:7:log)
+
+examples:
+  qmn sweep sdc --depolarizing 0:0.2:11
+  qmn sweep sdc --depolarizing 0.01:0.2:8 --fec none,golay --interleave off,on --pairs 1000000
+  sudo qmn sweep sdc --emulate --depolarizing 0:0.002:5
+  sudo qmn sweep teleport --emulate --classical-mbps 0.5:20:8:log --memory-t2-s 0.05
+"""
+
+
+def add_parser(verbs: Any) -> None:
+    """Describe the verb."""
+    parser = verbs.add_parser(
+        "sweep",
+        help="measure a grid of parameters",
+        usage="qmn sweep WHAT|FILE.toml [--PARAMETER VALUES …] [options]",
+        description=__doc__,
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    add = partial(parser.add_argument)
+    names = "; ".join(f"{each.name}: {each.what}" for each in EXPERIMENTS.values())
+    add("what", metavar="WHAT|FILE.toml", help=names)
+    add(
+        "--emulate",
+        action="store_true",
+        help="a whole network for each point (root; sdc, teleport)",
+    )
+    add("--seed", type=int, help="of all randomness (1)")
+    add("--out", type=Path, default=Path("sweeps"), metavar="FOLDER", help="(sweeps)")
+    add("--workers", type=int, metavar="N", help="processes here (as many as processors)")
+    add("--scheduler", default="", metavar="tcp://…", help="a Dask cluster instead of processes")
+    axes = parser.add_argument_group("the grid")
+    for name, helps in _axes().items():
+        axes.add_argument(
+            f"--{name.replace('_', '-')}", dest=f"axis_{name}", metavar="VALUES", help=helps
+        )
+    parser.set_defaults(call=call)
+
+
+def call(arguments: argparse.Namespace) -> int:
+    """Sweep; turn every fault into one line and an exit status."""
+    try:
+        grid, seed = asked(arguments)
+        with Signals() as signals:
+            return sweep(grid, seed, arguments, signals, Console(highlight=False))
+    except (BadGrid, BadTable, SweepError, NetworkError) as error:
+        print(f"qmn: {error}", file=sys.stderr)
+        return 1
+    except Interrupted as error:
+        print(f"qmn: {error}; the same command goes on where this one ended", file=sys.stderr)
+        return error.status
+
+
+def asked(arguments: argparse.Namespace) -> tuple[Grid, int]:
+    """Return grid and seed; raise BadGrid before anything is started."""
+    content: dict[str, Any] = {"sweep": arguments.what}
+    if arguments.what.endswith(".toml"):
+        content = grids.read(Path(arguments.what))
+    experiment = experiment_of(content["sweep"], arguments.emulate)
+    given = dict(content.get("grid", {}))
+    for name in _axes():
+        if (text := getattr(arguments, f"axis_{name}")) is not None:
+            given[name] = text
+    seed = content.get("seed", 1) if arguments.seed is None else arguments.seed
+    if isinstance(seed, bool) or not isinstance(seed, int):
+        raise BadGrid(f"seed {seed!r} is no whole number")
+    if arguments.workers is not None and not 1 <= arguments.workers <= MAX_WORKERS:
+        raise BadGrid(f"--workers {arguments.workers}: choose 1 to {MAX_WORKERS}")
+    if arguments.emulate and arguments.scheduler:
+        raise BadGrid("--emulate runs one network after the other here: leave --scheduler out")
+    return grids.build(experiment, given), seed
+
+
+def experiment_of(name: str, emulate: bool) -> Experiment:
+    """Return the experiment of this name."""
+    known = EMULATED if emulate else EXPERIMENTS
+    if name not in known:
+        where = " with --emulate" if emulate else ""
+        raise BadGrid(f"unknown sweep {name!r}: choose {', '.join(known)}{where}, or a .toml file")
+    return known[name]
+
+
+def sweep(
+    grid: Grid, seed: int, arguments: argparse.Namespace, signals: Signals, console: Console
+) -> int:
+    """Measure what is missing, draw, and say how it went."""
+    # Dask and matplotlib take a second to load: other verbs do not wait for them.
+    from qmn.sweeps import running
+    from qmn.sweeps.figure import draw
+    from qmn.sweeps.pictures import pictures
+
+    if arguments.emulate:
+        require_root()
+    name = f"{grid.experiment.name}{'-emulated' if arguments.emulate else ''}"
+    with opened(arguments.out / f"{name}.csv", grid.experiment) as table:
+        _tell_beginning(console, grid, seed, table, len(running.missing(grid, seed, table)))
+        if running.missing(grid, seed, table):
+            if arguments.emulate:
+                measurer = in_networks(arguments.out / "runs", signals)
+                _follow(console, grid, seed, table, measurer)
+            else:
+                workers = arguments.workers or os.cpu_count() or 1
+                with running.client(arguments.scheduler, workers) as client:
+                    measurer = running.on_cluster(client, signals.check)
+                    _follow(console, grid, seed, table, measurer)
+        rows = running.rows(grid, seed, table)
+    console.print(f"table    {table.path}", soft_wrap=True)
+    for picture in pictures(grid, rows):
+        file = arguments.out / f"{name}-{picture.measure.name}.png"
+        draw(picture, file)
+        console.print(f"figure   {file}", soft_wrap=True)
+    for text in running.disagreements(grid.experiment, rows):
+        console.print(f"further from theory than 5 standard errors: {text}", soft_wrap=True)
+    give_tree(arguments.out)
+    return 0
+
+
+def _tell_beginning(console: Console, grid: Grid, seed: int, table: Table, left: int) -> None:
+    text = f"{grid.experiment.name}: {grid.size:,} points, seed {seed}"
+    if left < grid.size:
+        text += f"; {grid.size - left:,} are in {table.path} already"
+    console.print(text, soft_wrap=True)
+    if table.cut_off:
+        console.print(
+            f"{table.path}: its last line was half written; that point comes again", soft_wrap=True
+        )
+
+
+def _follow(console: Console, grid: Grid, seed: int, table: Table, measurer: Measurer) -> None:
+    from qmn.sweeps import running
+
+    with Progress(*progress_columns(), console=console) as bar:
+        left = len(running.missing(grid, seed, table))
+        task = bar.add_task("points", total=grid.size, completed=grid.size - left)
+        for _row in running.fill(grid, seed, table, measurer):
+            bar.advance(task)
+
+
+def progress_columns() -> Sequence[ProgressColumn]:
+    """Return what the progress bar of points shows."""
+    return TextColumn("points"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
+
+
+def _axes() -> dict[str, str]:
+    """Return the parameters of all experiments, each with its range and who has it."""
+    helps: dict[str, str] = {}
+    for experiment in (*EXPERIMENTS.values(), *EMULATED.values()):
+        for each in experiment.parameters:
+            default = f" ({each.default:g})" if isinstance(each.default, float) else ""
+            helps.setdefault(each.name, f"{each.range}{default or f' ({each.default})'}")
+    return helps

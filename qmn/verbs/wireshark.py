@@ -1,0 +1,92 @@
+"""qmn wireshark [RUN]: packets and qubits of a run in Wireshark, or how to see them there."""
+
+import argparse
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+from qmn.results.run_folder import give
+from qmn.results.timeline import TIMELINE, NoCaptures, merge
+from wire.dissectors import SCRIPT, script
+from wire.metadata import MalformedPacket
+
+COLUMNS = {
+    "No.": "%m",
+    "Time": "%t",
+    "Interface": "%Cus:frame.interface_name:0:R",
+    "Source": "%s",
+    "Destination": "%d",
+    "Protocol": "%p",
+    "Info": "%i",
+}
+FILTER = "qmeta || qevent"
+
+
+def add_parser(verbs: Any) -> None:
+    """Describe the verb."""
+    text = "look at a run in Wireshark"
+    parser = verbs.add_parser("wireshark", help=text, description=__doc__)
+    parser.add_argument(
+        "run",
+        type=Path,
+        nargs="?",
+        default=Path("runs/latest"),
+        metavar="RUN",
+        help="folder of a run (runs/latest)",
+    )
+    parser.set_defaults(call=call)
+
+
+def call(arguments: argparse.Namespace) -> int:
+    """Start Wireshark, or print what to type."""
+    try:
+        timeline, dissectors = prepare(arguments.run)
+    except (NoCaptures, MalformedPacket, OSError) as error:
+        print(f"qmn: {error}", file=sys.stderr)
+        return 1
+    command = wireshark_command(timeline, dissectors)
+    missing = what_is_missing()
+    if not missing:
+        return subprocess.run(command, check=False).returncode
+    print(f"{missing}. Where you have both, type:\n")
+    print(f"    {shlex.join(command)}\n\nor here, in this terminal:\n")
+    print(f"    {shlex.join(tshark_command(timeline, dissectors))}")
+    return 0
+
+
+def prepare(run: Path) -> tuple[Path, Path]:
+    """Return a run's timeline and the dissectors that fit it; make what is not there yet."""
+    timeline, dissectors = run.resolve() / TIMELINE, run.resolve() / SCRIPT
+    made = [file for file in (timeline, dissectors) if not file.exists()]
+    if timeline in made:
+        merge(run.resolve())
+    if dissectors in made:
+        dissectors.write_text(script())
+    for file in made:
+        give(file)
+    return timeline, dissectors
+
+
+def what_is_missing() -> str:
+    """Return why Wireshark cannot be started here, "" if it can."""
+    if shutil.which("wireshark") is None:
+        return "Wireshark is not installed here"
+    if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        return "There is no display here"
+    return ""
+
+
+def wireshark_command(timeline: Path, dissectors: Path) -> list[str]:
+    """Return the command that shows a timeline, with the interface in a column."""
+    columns = ",".join(f'"{name}","{form}"' for name, form in COLUMNS.items())
+    options = ["-X", f"lua_script:{dissectors}", "-o", f"gui.column.format:{columns}"]
+    return ["wireshark", *options, "-r", str(timeline)]
+
+
+def tshark_command(timeline: Path, dissectors: Path) -> list[str]:
+    """Return the command that shows the quantum part of a timeline in a terminal."""
+    return ["tshark", "-X", f"lua_script:{dissectors}", "-r", str(timeline), FILTER]

@@ -1,0 +1,126 @@
+"""The optics of ports and paths as OpenFlow describes, tunes and measures them."""
+
+from typing import NamedTuple
+
+from os_ken.ofproto import ofproto_v1_4 as ofp
+
+from qswitch_agent.hardware.optics import (
+    Condition,
+    Direction,
+    Path,
+    PortReading,
+    Quantity,
+    Readings,
+    Tuning,
+)
+from qswitch_agent.openflow.messages import Refusal
+from wire import optical
+from wire.optical import PathOptics, PortLight, PortOptics, PortTuning
+
+MAX_LOSS_MDB = 0xFFFFFFFF  # a path that passes no light at all
+DIRECTIONS = {
+    optical.RX_TUNE: Direction.RECEIVE,
+    optical.TX_TUNE: Direction.TRANSMIT,
+    optical.RX_TUNE | optical.TX_TUNE: Direction.BOTH,
+}
+VALID = {  # what the flags of statistics say of each quantity that a switch may not measure
+    Quantity.FREQUENCY: optical.VALID_RX_TUNE | optical.VALID_TX_TUNE,
+    Quantity.TX_POWER: optical.VALID_TX_PWR,
+    Quantity.RX_POWER: optical.VALID_RX_PWR,
+    Quantity.BIAS: optical.VALID_TX_BIAS,
+    Quantity.TEMPERATURE: optical.VALID_TX_TEMP,
+}
+
+
+class Tuned(NamedTuple):
+    """What a PORT_MOD asks of a port; None: as it is."""
+
+    frequency_mhz: int | None
+    power_dbm: float | None
+    direction: Direction = Direction.BOTH
+
+
+def description(condition: Condition) -> PortOptics:
+    """Return how far ports can be tuned, as their descriptions tell."""
+    tuning = condition.tuning
+    if tuning is None:
+        return PortOptics(0, 0, 0, 0, 0, 0, 0, 0, 0)
+    band = tuning.min_mhz, tuning.max_mhz, tuning.grid_mhz
+    power = round(tuning.min_dbm * 10), round(tuning.max_dbm * 10)
+    return PortOptics(optical.TUNABLE, *band, *band, *power)
+
+
+def tuned(wanted: PortTuning, tuning: Tuning | None) -> Tuned:
+    """Return what a PORT_MOD asks for; raise Refusal for what ports cannot be tuned to."""
+    if unknown := wanted.configure & ~optical.TUNABLE:
+        raise _bad_value(f"configure has the bits {unknown:#x}, which mean nothing")
+    power_dbm = wanted.tx_power / 10 if wanted.configure & optical.TX_PWR else None
+    frequency_mhz, direction = None, Direction.BOTH
+    if ends := wanted.configure & (optical.TX_TUNE | optical.RX_TUNE):
+        if not wanted.configure & optical.USE_FREQ:
+            raise _bad_value("give a frequency in MHz, with OFPOPF_USE_FREQ")
+        frequency_mhz, direction = wanted.frequency + wanted.offset, DIRECTIONS[ends]
+    if tuning is None:
+        raise _bad_value("the ports of this switch cannot be tuned")
+    if frequency_mhz is not None and not _on_grid(frequency_mhz, tuning):
+        raise _bad_value(
+            f"{frequency_mhz} MHz: ports are tuned to {tuning.min_mhz} to {tuning.max_mhz} "
+            f"MHz in steps of {tuning.grid_mhz} MHz"
+        )
+    if power_dbm is not None and not tuning.min_dbm <= power_dbm <= tuning.max_dbm:
+        raise _bad_value(f"{power_dbm} dBm: the power is {tuning.min_dbm} to {tuning.max_dbm} dBm")
+    return Tuned(frequency_mhz, power_dbm, direction)
+
+
+def light(readings: Readings, port: int, whole: bool, grid_mhz: int) -> PortLight:
+    """Return the optical statistics of a port; their flags say which fields are measured.
+
+    Whoever reads a power in spite of its flag finds no light: no fibre, or a cut one, has none.
+    """
+    reading = readings.ports.get(port)
+    missing = set(readings.not_measured) if reading else set(Quantity)
+    if not whole:
+        missing.add(Quantity.RX_POWER)
+    reading = reading or PortReading()
+    tx_dbm = optical.DARK if Quantity.TX_POWER in missing else reading.tx_dbm * 10
+    rx_dbm = optical.DARK if Quantity.RX_POWER in missing else reading.rx_dbm * 10
+    return PortLight(
+        sum(bits for quantity, bits in VALID.items() if quantity not in missing),
+        *(reading.tx_mhz, 0, grid_mhz),
+        *(reading.rx_mhz, 0, grid_mhz),
+        _signed(tx_dbm),
+        _signed(rx_dbm),
+        round(max(0.0, min(65535.0, reading.bias_ma * 10))),
+        _signed(readings.temperature_c * 10),
+    )
+
+
+def path_optics(condition: Condition) -> list[PathOptics]:
+    """Return what paths do to light: first all that are not named, then the others."""
+    paths = [_path_optics((optical.ANY_PORT, optical.ANY_PORT), condition.others, False)]
+    named = {**condition.paths}
+    for ports in condition.stuck:
+        named.setdefault(ports, condition.others)
+    return paths + [
+        _path_optics(ports, named[ports], ports in condition.stuck) for ports in sorted(named)
+    ]
+
+
+def _path_optics(ports: tuple[int, int], path: Path, stuck: bool) -> PathOptics:
+    loss_mdb = round(min(path.loss_db * 1000, MAX_LOSS_MDB))
+    return PathOptics(*ports, loss_mdb, path.rotation, stuck)
+
+
+def _on_grid(frequency_mhz: int, tuning: Tuning) -> bool:
+    within = tuning.min_mhz <= frequency_mhz <= tuning.max_mhz
+    step = tuning.grid_mhz or 1
+    return within and (frequency_mhz - tuning.min_mhz) % step == 0
+
+
+def _bad_value(reason: str) -> Refusal:
+    return Refusal(ofp.OFPET_BAD_PROPERTY, ofp.OFPBPC_BAD_VALUE, reason)
+
+
+def _signed(value: float) -> int:
+    """Return a number that fits 16 bits: no light at all is -infinity dBm."""
+    return round(max(-32768.0, min(32767.0, value)))

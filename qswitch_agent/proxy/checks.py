@@ -1,0 +1,54 @@
+"""What a request about light comes to before the bridge hears of it, alone or in a bundle."""
+
+from os_ken.ofproto import ofproto_v1_4 as ofp
+
+from qswitch_agent.middleware.flow_table import concerns
+from qswitch_agent.middleware.light import MODIFYING
+from qswitch_agent.openflow.flows import FlowMod
+from qswitch_agent.openflow.instructions import Mark
+from qswitch_agent.openflow.messages import Refusal
+from qswitch_agent.openflow.ports import PortMod
+from qswitch_agent.proxy.bundles import Tunings
+from qswitch_agent.proxy.link import Link
+from qswitch_agent.switch import Switch
+
+CHANGEABLE = ofp.OFPPC_PORT_DOWN | ofp.OFPPC_NO_PACKET_IN
+
+
+def require_not_slave(link: Link, request: str) -> None:
+    """Raise Refusal for what the bridge would refuse as well, before it is taken in here."""
+    if link.is_slave:
+        raise Refusal(ofp.OFPET_BAD_REQUEST, ofp.OFPBRC_IS_SLAVE, f"{request} of a slave")
+
+
+def may_modify_light(mod: FlowMod) -> bool:
+    """Tell whether MODIFY could be about light entries, which match in_port alone."""
+    return mod.command in MODIFYING and len(mod.fields) <= 1
+
+
+def marked(mod: FlowMod, switch: Switch, link: Link) -> FlowMod:
+    """Return an ADD with a mark; an entry that takes another's place counts on from there."""
+    before = switch.paths.table.find(mod.priority, mod.match)
+    if mod.flags & ofp.OFPFF_RESET_COUNTS or any(
+        before and concerns(deletion, before) for deletion in link.deletions
+    ):
+        before = None
+    known = before.mark.circuit if before and before.mark else 0
+    return mod.marked(Mark(mod.idle_timeout_s, known or switch.new_circuit()))
+
+
+def checked_port_mod(message: bytes, switch: Switch) -> tuple[PortMod, Tunings]:
+    """Return a PORT_MOD and how ports are to be tuned by it."""
+    mod = PortMod.decode(message)
+    if mod.number not in switch.fibers:
+        if mod.tuning:
+            reason = f"port {mod.number} has no optics"
+            raise Refusal(ofp.OFPET_BAD_PROPERTY, ofp.OFPBPC_BAD_TYPE, reason)
+        return mod, []
+    if mod.mask & ~CHANGEABLE:
+        raise Refusal(
+            ofp.OFPET_PORT_MOD_FAILED,
+            ofp.OFPPMFC_BAD_CONFIG,
+            f"configuration bits {mod.mask:#x} of a fibre: it can be down or send no packet-in",
+        )
+    return mod, [(mod.number, switch.tuning(mod.tuning))] if mod.tuning else []

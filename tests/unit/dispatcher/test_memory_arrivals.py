@@ -1,0 +1,122 @@
+"""Each qubit waits from its own arrival: against sums over arrivals, within 5 standard errors."""
+
+import asyncio
+from collections.abc import Awaitable, Callable, Iterable
+
+import numpy as np
+import pytest
+from five_sigma import within
+from numpy.typing import NDArray
+
+from dispatcher.laboratory import Laboratory
+from dispatcher.sabot.manager import NO_CLICK
+from wire.config import DispatcherConfig, Fiber, FiberEnd
+from wire.dispatcher_pb2 import MeasureRequest
+from wire.physics import Device, Memory
+
+PAIRS, BLOCKS = 1_000, 60
+RATE_HZ = 1_000
+T2_S = 0.1
+WAITS_S = (PAIRS - 1 - np.arange(PAIRS)) / RATE_HZ  # of pair k when the last one comes
+X = MeasureRequest.X
+Each = NDArray[np.float64]
+
+
+def between(act: Callable[[Laboratory], Awaitable[None]], **devices: Device) -> None:
+    """Let something happen to alice and bob, whom two ideal fibres of 10 m join."""
+
+    async def inside() -> None:
+        ends = [[FiberEnd(host, f"{host}-q{i}") for host in ("alice", "bob")] for i in (0, 1)]
+        fibers = [Fiber(a, b) for a, b in ends]
+        tokens = dict.fromkeys(("alice", "bob"), "")
+        await act(Laboratory(DispatcherConfig("", "", 1, tokens, fibers, [], devices=devices)))
+
+    asyncio.run(inside())
+
+
+def agree(probabilities: Iterable[float], agreeing: int, trials: int) -> bool:
+    """Return whether a count agrees with the mean of so many probabilities."""
+    return within(agreeing, trials, float(np.mean(list(probabilities))))
+
+
+async def share(laboratory: Laboratory, number: int) -> None:
+    """Let alice store one half of new pairs and bob the other."""
+    alice, bob = laboratory.host("alice"), laboratory.host("bob")
+    await alice.create(PAIRS, number)
+    await alice.store((number, 0))
+    await laboratory.wait(10.0)  # before the source is told to emit: there are no pairs yet
+    await alice.send({(number, 1): "alice-q0"}, RATE_HZ)
+    await bob.receive((number, 1), "bob-q0")
+    await bob.store((number, 1))
+
+
+@pytest.mark.parametrize(
+    ("mine_s", "yours_s"), [(T2_S, T2_S), (T2_S, np.inf), (np.inf, T2_S)], ids=str
+)
+def test_pairs_that_come_one_by_one_have_waited_one_by_one(mine_s: float, yours_s: float) -> None:
+    """1,000 pairs a second long: X and X agree with (1 + e^(-t/T2) e^(-t/T2')) / 2."""
+    expected = (1 + np.exp(-WAITS_S / mine_s - WAITS_S / yours_s)) / 2
+
+    async def act(laboratory: Laboratory) -> None:
+        alice, bob = laboratory.host("alice"), laboratory.host("bob")
+        equal = np.zeros(PAIRS, np.int64)
+        for number in range(BLOCKS):
+            await share(laboratory, number)
+            mine, yours = await alice.measure((number, 0), X), await bob.measure((number, 1), X)
+            equal += mine == yours
+        for part in (slice(None), slice(0, 900), slice(900, None)):
+            assert agree(expected[part], int(equal[part].sum()), BLOCKS * equal[part].size)
+
+    between(act, alice=Device(memory=Memory(t2_s=mine_s)), bob=Device(memory=Memory(t2_s=yours_s)))
+
+
+def test_the_figure_of_a_thousand_pairs_at_one_kilohertz() -> None:
+    assert np.mean((1 + np.exp(-2 * WAITS_S / T2_S)) / 2) == pytest.approx(0.5253, abs=5e-5)
+
+
+@pytest.mark.parametrize(("t2_s", "damping"), [(0.3, "twirl"), (0.6, "twirl"), (0.5, "dense")])
+def test_what_comes_later_has_relaxed_less(t2_s: float, damping: str) -> None:
+    """Photons in |1>: one that has waited for t is still in it with e^(-t / T1)."""
+    t1_s = 0.3
+    # The twirl of relaxation flips with (1 - e^(-t / T1)) / 2, reset and damping to |0> with twice
+    # that; of |0> and |1> alike the twirl is right, and of |1> alone it is not.
+    relaxed = 1 - np.exp(-WAITS_S / t1_s)
+    expected = 1 - relaxed / 2 if t2_s > t1_s and damping == "twirl" else 1 - relaxed
+
+    async def act(laboratory: Laboratory) -> None:
+        alice, bob = laboratory.host("alice"), laboratory.host("bob")
+        ones = np.zeros(PAIRS, np.int64)
+        for number in range(BLOCKS):
+            await alice.prepare(np.ones(PAIRS, np.uint8), number)
+            await alice.send({(number, 0): "alice-q0"}, RATE_HZ)
+            await bob.receive((number, 0), "bob-q0")
+            await bob.store((number, 0))
+            ones += await bob.measure((number, 0))
+        for part in (slice(0, 500), slice(500, None)):
+            assert agree(expected[part], int(ones[part].sum()), BLOCKS * ones[part].size)
+
+    between(act, bob=Device(memory=Memory(t1_s=t1_s, t2_s=t2_s, damping=damping)))
+
+
+def test_a_stored_half_waits_for_the_light_that_it_is_measured_with() -> None:
+    """Half 1 comes so long before half 0, pair by pair: Phi- with (1 - e^(-t / T2)) / 2."""
+
+    async def act(laboratory: Laboratory) -> None:
+        alice, bob = laboratory.host("alice"), laboratory.host("bob")
+        phases = 0
+        for number in range(BLOCKS):
+            await alice.create(PAIRS, number)
+            first = await alice.send({(number, 1): "alice-q0"}, RATE_HZ)
+            await bob.receive((number, 1), "bob-q0")
+            await bob.store((number, 1))
+            second = await alice.send({(number, 0): "alice-q1"}, RATE_HZ)
+            await bob.receive((number, 0), "bob-q1")
+            await laboratory.wait(5.0)  # until the host asks for what was measured long ago
+            apart_s = (second.first_ns - first.first_ns) / 1e9
+            told = await bob.bell_measure((number, 0), (number, 1))
+            phases += int(np.count_nonzero(told == 2))
+            assert not (told == NO_CLICK).any()
+        assert apart_s > 0.9
+        assert within(phases, BLOCKS * PAIRS, (1 - np.exp(-apart_s / 2.0)) / 2)
+
+    between(act, bob=Device(memory=Memory(t2_s=2.0)))

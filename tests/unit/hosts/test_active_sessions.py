@@ -1,0 +1,66 @@
+"""The sessions of a host: each once in a role, so many at a time, and remembered."""
+
+from contextlib import ExitStack
+
+import pytest
+
+from hosts import active_sessions
+from hosts.active_sessions import MAX_SESSIONS, ActiveSessions
+from hosts.middleware.session.channel import SessionError
+from wire.metadata import Reason
+from wire.services import Role
+
+
+def sessions(links: frozenset[int] = frozenset()) -> ActiveSessions:
+    return ActiveSessions(links.__contains__)
+
+
+def refusal(one: ActiveSessions, session: int, role: Role = Role.ACCEPTOR) -> SessionError:
+    with pytest.raises(SessionError) as caught, one.engage(session, role):
+        pass
+    return caught.value
+
+
+def test_a_session_is_there_while_it_lasts_and_never_again() -> None:
+    one = sessions()
+    with one.engage(7, Role.ACCEPTOR):
+        assert one.sessions == {7}
+        for role in (Role.OPENER, Role.ACCEPTOR):
+            assert "0000000000000007 is under way here" in str(refusal(one, 7, role))
+    assert one.sessions == frozenset()
+    assert "0000000000000007 was here before" in str(refusal(one, 7))
+
+
+def test_a_host_may_be_the_source_of_its_own_session_once() -> None:
+    one = sessions()
+    with one.engage(7, Role.OPENER), one.engage(7, Role.SOURCE):
+        assert refusal(one, 7, Role.SOURCE).reason == Reason.BUSY
+    assert refusal(one, 7, Role.SOURCE).reason == Reason.UNKNOWN_SESSION
+
+
+def test_a_link_that_a_repeater_opens_keeps_its_number() -> None:
+    assert refusal(sessions(frozenset({9})), 9).reason == Reason.BUSY
+
+
+def test_so_many_sessions_of_others_and_no_more_are_taken_at_a_time() -> None:
+    one = sessions()
+    with ExitStack() as stack:
+        for session in range(MAX_SESSIONS):
+            stack.enter_context(one.engage(session, Role.ACCEPTOR))
+        told = refusal(one, MAX_SESSIONS)
+        assert str(told) == "64 sessions are under way here: try again when one has ended"
+        stack.enter_context(one.engage(MAX_SESSIONS, Role.OPENER))  # this host's own application
+    with one.engage(1000, Role.ACCEPTOR):
+        pass
+
+
+def test_the_oldest_are_forgotten_when_many_are_remembered(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(active_sessions, "MAX_REMEMBERED", 2)
+    one = sessions()
+    for session in (1, 2, 3):
+        with one.engage(session, Role.ACCEPTOR):
+            pass
+    assert refusal(one, 3)
+    assert refusal(one, 2)
+    with one.engage(1, Role.ACCEPTOR):
+        pass

@@ -1,0 +1,75 @@
+"""`--time-scale`: a number, or as slowly as the shortest time of a network needs."""
+
+import argparse
+from functools import partial
+
+import pytest
+
+from qmn.software_share import rows, software_facts
+from qmn.time_scale import SHARE, SOFTWARE_S, scale, scale_of
+from topologies.sdc import SdcTopo
+from wire.dispatcher_pb2 import SoftwareTime
+from wire.physics import Device, Memory
+
+LIGHT_M_PER_S = 2.04e8
+
+
+@pytest.fixture(autouse=True)
+def idle(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("os.getloadavg", lambda: (0.1, 0.1, 0.1))
+
+
+@pytest.mark.parametrize("text", ["0", "0.5", "fast", "nan", "2e9", ""])
+def test_what_is_no_scale_is_refused(text: str) -> None:
+    with pytest.raises(argparse.ArgumentTypeError):
+        scale(text)
+
+
+def test_a_scale_that_is_named_is_taken_as_it_is() -> None:
+    assert scale("40") == 40.0
+    assert scale_of(40.0, SdcTopo).scale == 40.0
+
+
+def test_auto_goes_by_the_shortest_time_of_the_network() -> None:
+    long = partial(SdcTopo, length_km=100.0)
+    delay_s = 100e3 / LIGHT_M_PER_S
+    chosen = scale_of("auto", long)
+    assert chosen.scale == pytest.approx(SOFTWARE_S / (SHARE * delay_s), rel=0.005)
+    assert "the fibre from alice to q1" in chosen.reason
+    decays = partial(long, devices={"bob": Device(memory=Memory(t2_s=1e-5))})
+    chosen = scale_of("auto", decays)
+    assert chosen.scale == pytest.approx(SOFTWARE_S / (SHARE * 1e-5), rel=0.005)
+    assert "T2 of bob" in chosen.reason
+
+
+def test_auto_is_slower_on_a_machine_that_is_busy(monkeypatch: pytest.MonkeyPatch) -> None:
+    idle = scale_of("auto", SdcTopo).scale
+    monkeypatch.setattr("os.cpu_count", lambda: 2)
+    monkeypatch.setattr("os.getloadavg", lambda: (6.0, 1.0, 1.0))
+    assert scale_of("auto", SdcTopo).scale == pytest.approx(3 * idle, rel=0.01)
+
+
+def test_a_network_without_a_time_of_its_own_runs_in_real_time() -> None:
+    assert scale_of("auto", partial(SdcTopo, length_km=0.0)).scale == 1.0
+
+
+def facts_of(share: float, software_s: float, t2_s: float) -> dict[str, object]:
+    told = SoftwareTime(
+        largest_wait_share=share, largest_decaying_share=share, longest_ns=round(software_s * 1e9)
+    )
+    return {"time_scale": 1.0, **software_facts(told, [Device(), Device(memory=Memory(t2_s=t2_s))])}
+
+
+def test_a_result_is_marked_if_most_of_a_wait_that_matters_was_software() -> None:
+    marked = facts_of(0.9, 0.02, t2_s=0.1)
+    assert marked["dominated_by_software"] is True
+    assert "BEWARE" in rows(marked)
+    assert facts_of(0.9, 0.02, t2_s=10.0)["dominated_by_software"] is False  # .2 % of T2
+    assert facts_of(0.4, 0.02, t2_s=0.1)["dominated_by_software"] is False
+    assert "BEWARE" not in rows(facts_of(0.4, 0.02, t2_s=0.1))
+
+
+def test_where_nothing_waited_no_share_is_made_up() -> None:
+    facts = {"time_scale": 1.0, **software_facts(SoftwareTime(), [Device()])}
+    assert facts["software_share"] is None
+    assert "software" not in rows(facts)
