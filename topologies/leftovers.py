@@ -1,4 +1,4 @@
-"""What killed runs of ours have left on this machine, and its removal."""
+"""The leftovers of killed runs on this machine, and their removal."""
 
 from contextlib import ExitStack
 from dataclasses import dataclass
