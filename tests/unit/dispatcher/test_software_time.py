@@ -61,6 +61,6 @@ def test_a_wait_for_news_along_the_copper_is_no_software() -> None:
     software.news("bob", 200)  # alice may wait for that, bob does not
     software.news("charlie", 200)
     software.waited("bob", 0, 300, decays=True)
-    assert software.told().longest_ns == 200
+    assert software.message().longest_ns == 200
     software.waited("alice", 200, 300, decays=True)
-    assert software.told().longest_ns == 200
+    assert software.message().longest_ns == 200
