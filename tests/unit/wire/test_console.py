@@ -26,7 +26,7 @@ def test_requests_and_answers_are_read_back() -> None:
     asked = {"command": "set", "device": "alice", "settings": {"rate_hz": None}}
     assert decode_request(SET) == asked
     assert decode_answer(b'{"result": null}\n') is None
-    with pytest.raises(ConsoleError, match="^no$"):
+    with pytest.raises(ConsoleError, match=r"^no$"):
         decode_answer(b'{"error": "no"}\n')
 
 
