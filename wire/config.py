@@ -173,6 +173,7 @@ class HostConfig(Config):
     analyser: str = "complete"  # its Bell analyser (wire.physics.BellAnalyser.kind)
     features: int = Device().features.value  # what its device can do (wire.features.Feature)
     memory_qubits: int = Device().memory.capacity
+    multi_photon: float = 0.0  # how likely a pulse of its source has several photons
 
     def __post_init__(self) -> None:
         if self.analyser not in ANALYSERS:
