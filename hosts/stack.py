@@ -57,6 +57,7 @@ class Stack:
             Keyring(config.name, config.pair_secrets, config.keys),
             self.swaps,
             config.abilities,
+            config.multi_photon,
         )
         self.active_sessions = ActiveSessions(self.swaps.opens)
         self.device = Device(lambda: read_ports(config.qnics))

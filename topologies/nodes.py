@@ -246,6 +246,7 @@ class QuantumHost(ClassicalHost):
             analyser=network.devices[self.name].analyser.kind,
             features=network.devices[self.name].features.value,
             memory_qubits=network.devices[self.name].memory.capacity,
+            multi_photon=network.devices[self.name].source.multi_photon,
             pair_secrets=network.secrets_of(self.name),
             keys=network.key_folder(self.name),
             light=self.light,

@@ -180,6 +180,7 @@ class HostConfig(Config):
     features: int = Device().features.value  # what its device can do (wire.features.Feature)
     memory_qubits: int = Device().memory.capacity
     light: str = CONTROLLER  # who grants it
+    multi_photon: float = 0.0  # how likely a pulse of its source has several photons
 
     def __post_init__(self) -> None:
         if self.light not in LIGHT:
