@@ -30,7 +30,7 @@ from hosts.middleware.session.session import AcceptingSession, OpeningSession, r
 from hosts.middleware.session.swap_orders import Swaps
 from hosts.middleware.verdicts import Verdicts
 from hosts.timeouts import ANSWER_TIMEOUT_S
-from wire.config import HostConfig
+from wire.config import STANDING, HostConfig
 from wire.metadata import Handshake, Reason, Service, Setup, Verdict
 from wire.services import Role
 
@@ -45,7 +45,7 @@ class Stack:
         self._qnic = qnic
         self._sessions_made = 0
         self._accepting: dict[int, AcceptingSession] = {}
-        self._verdicts = Verdicts(config.device_key)
+        self._verdicts = Verdicts(config.device_key, config.light == STANDING)
         self._light = Light()
         self.swaps = Swaps(config.address)
         self._means = HostResources(
@@ -56,6 +56,7 @@ class Stack:
             Keyring(config.name, config.pair_secrets, config.keys),
             self.swaps,
             config.abilities,
+            config.multi_photon,
         )
         self.active_sessions = ActiveSessions(self.swaps.opens)
         self.device = Device(lambda: read_ports(config.qnics))
@@ -97,7 +98,7 @@ class Stack:
         try:
             setup = await channel.receive(Setup, ANSWER_TIMEOUT_S)
             session = setup.session
-            self._verdicts.check(setup, channel.connection)
+            setup = self._verdicts.checked(setup, channel.connection)
             await self._handler(setup)(channel, setup)
         except (SessionError, HardwareError) as error:
             log.warning("session %016x with %s: %s", session, channel.peer, error)

@@ -12,20 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from hosts.hardware.qnic import (
-    LEFT_ALONE,
-    NO_COINCIDENCE,
-    BlockName,
-    NoLight,
-    Qnic,
-    Received,
-    Symbols,
-)
+from hosts.hardware.qnic import LEFT_ALONE, BlockName, NoLight, Qnic, Received, Symbols
 from hosts.middleware.session.channel import SessionError
 from hosts.middleware.session.options import Options, check_whole
 from hosts.timeouts import RESENT_TIMEOUT_S
 from wire.metadata import Reason, Setup
 from wire.optical import WAVELENGTHS_PM
+from wire.outcomes import NO_COINCIDENCE
 
 FIBERS = 2
 MAX_RATE_HZ = 4_000_000_000

@@ -5,11 +5,12 @@ from math import ceil
 
 import numpy as np
 
-from hosts.hardware.qnic import NO_COINCIDENCE, BlockName, NoLight, Symbols
+from hosts.hardware.qnic import BlockName, NoLight, Symbols
 from hosts.middleware.session.channel import SessionError
 from hosts.middleware.session.service import End
 from hosts.timeouts import KEY_GRACE_S, LIGHT_TIMEOUT_S
 from wire.metadata import Reason
+from wire.outcomes import NO_COINCIDENCE
 from wire.qkd import MAX_KEY_BITS
 
 EVEN_CHANCE = 0.5  # that two random bases agree

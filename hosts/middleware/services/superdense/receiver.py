@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from hosts.hardware.qnic import NO_COINCIDENCE, NoLight, Symbols
+from hosts.hardware.qnic import NoLight, Symbols
 from hosts.middleware.services.superdense.frame_format import FrameFormat, agreed_format
 from hosts.middleware.services.superdense.framing import FramingError
 from hosts.middleware.services.superdense.inbox import Inbox
@@ -23,6 +23,7 @@ from hosts.middleware.session.options import MAX_BLOCK_PAIRS, MAX_FRAME_BYTES
 from hosts.middleware.session.service import AcceptorEnd
 from hosts.timeouts import ARRIVED_TIMEOUT_S, PAIR_TIMEOUT_S
 from wire.metadata import Answer, Block, Finish, Handshake, Reason, Report, Setup
+from wire.outcomes import NO_COINCIDENCE
 
 
 def check_offer(setup: Setup, symbols: int) -> FrameFormat:
