@@ -1,4 +1,4 @@
-"""What quantum switches have told of their optics: per path loss and rotation, per port tuning.
+"""The optics of quantum switches as they report them: loss and rotation of paths, port tuning.
 
 What a switch has not told counts as no loss, no rotation and a port that takes any light.
 """

@@ -1,4 +1,4 @@
-"""Which of two detectors clicks for each photon of a train, and what bit that tells.
+"""A pair of detectors: their clicks for each photon of a train, and the bit that these tell.
 
 One detector looks for either value of a bit. They click for the photon if it is there, for
 further photons of its pulse (each in either detector), for dark counts and afterpulses, unless

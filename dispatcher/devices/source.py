@@ -1,4 +1,4 @@
-"""What a source of Bell pairs emits: which Bell states, how many pairs in a pulse, and when.
+"""The emission of a source of Bell pairs: states, pairs in a pulse, and times.
 
 Pairs in a pulse are counted by the statistics of the source: poisson for many modes of light,
 thermal for one (Loudon, The Quantum Theory of Light, chapters 3 and 6). Of several pairs one is

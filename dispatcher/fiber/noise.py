@@ -1,4 +1,4 @@
-"""What a fibre does to the photons that pass it.
+"""The interface of noise models: passages of photons in, effects out.
 
 A noise model turns physical parameters, and what the channel did before, into erasures, Paulis,
 angles and delays; it does not simulate. Models without memory are here, the others in

@@ -18,13 +18,13 @@ from dispatcher.devices.decay import Decay, Waits, decay
 from dispatcher.devices.hardware import Devices
 from dispatcher.layer import drift, pulses
 from dispatcher.layer.ownership import Block
+from dispatcher.layer.software_time import SoftwareTime
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.refusal import exhausted
 from dispatcher.sabot.capacity import GateStep
 from dispatcher.sabot.draws import Draws
 from dispatcher.sabot.registers import Mask
 from dispatcher.sabot.simulation import Simulation
-from dispatcher.software_time import SoftwareTime
 from wire.features import STORE
 from wire.physics import Memory
 
@@ -99,7 +99,7 @@ class Memories:
         )
         waits = _waits(block, start_ns, interval_ns)
         memory = self._devices.of(block.node).memory
-        self._software.waited(block.start_ns, start_ns, memory.decays)
+        self._software.waited(block.node, block.start_ns, start_ns, memory.decays)
         self._damp(block, memory, waits)
         block.start_ns, block.interval_ns = start_ns, interval_ns
         block.first_ns, block.last_ns = start_ns, _time_ns(block, block.register.size - 1)

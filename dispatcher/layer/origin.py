@@ -1,4 +1,4 @@
-"""Why something is done to qubits just now, for those who write it down."""
+"""The request behind an operation on qubits, for those who write it down."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

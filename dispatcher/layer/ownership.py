@@ -1,4 +1,4 @@
-"""Which block is where: at a node, waiting at one of its ports, or on its way."""
+"""The place of every block: at a node, waiting at one of its ports, or on its way."""
 
 from collections import deque
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""What a node does to blocks it holds: each operation checks, then acts, then records."""
+"""Operations of a node on blocks that it holds: each checks, then acts, then records."""
 
 from collections.abc import Sequence
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""What gates do to qubits besides what they are meant to: depolarising noise after each gate.
+"""Noise of gates: depolarisation that follows each of them.
 
 Of one qubit X, Z and XZ come with p/4 each; of two qubits each of the 15 products of Pauli
 operators but the identity with p/16, on both qubits together. A pair is hit only where both are

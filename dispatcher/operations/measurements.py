@@ -1,4 +1,4 @@
-"""What a node measures of blocks it holds: first their states, then what its detectors tell."""
+"""Measurements of blocks by the node that holds them: first states, then detectors."""
 
 from functools import partial
 

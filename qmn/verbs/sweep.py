@@ -101,7 +101,7 @@ def asked(arguments: argparse.Namespace) -> tuple[Grid, int]:
             given[name] = text
     seed = content.get("seed", 1) if arguments.seed is None else arguments.seed
     if isinstance(seed, bool) or not isinstance(seed, int):
-        raise BadGrid(f"seed {seed!r} is no whole number")
+        raise BadGrid(f"seed {seed!r} is not a whole number")
     if arguments.workers is not None and not 1 <= arguments.workers <= MAX_WORKERS:
         raise BadGrid(f"--workers {arguments.workers}: choose 1 to {MAX_WORKERS}")
     if arguments.emulate and arguments.scheduler:

@@ -1,4 +1,4 @@
-"""What a service is made of: what its two ends do once their light is granted.
+"""The parts of a service: the work of its two ends once their light is granted.
 
     opener                      controller, switches              acceptor
       | Setup(service) ------ held until the paths are up ----------> |

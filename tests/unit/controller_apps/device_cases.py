@@ -284,7 +284,7 @@ def test_a_policy_that_sets_an_unknown_host_is_refused(scene: Scene, tmp_path: P
     file = tmp_path / "policy.toml"
     file.write_text("[device.alise]\nfec = 0")
     scene.monitor.policy_path = str(file)
-    with pytest.raises(Refused, match="device 'alise' is no host; hosts are alice, bob"):
+    with pytest.raises(Refused, match="device 'alise' is not a host; hosts are alice, bob"):
         scene.ask("reload").wait()
     file.write_text("[device.alice]\nfec = 0")
     assert scene.ask("reload").wait() == str(file)

@@ -95,7 +95,7 @@ class OutgoingLink:
         await self._end.channel.request(finish, BITS_TIMEOUT_S)
 
     async def give_up(self, error: SessionError | HardwareError) -> None:
-        """Tell all nodes to the right why there is no going on."""
+        """Tell all nodes to the right why it ends."""
         await self._arrangement.give_up(error)
 
     async def close(self) -> None:

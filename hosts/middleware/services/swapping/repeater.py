@@ -1,4 +1,4 @@
-"""What a repeater does: a link to either side, and Bell measurements between them."""
+"""A repeater: a link to either side, and Bell measurements between them."""
 
 import asyncio
 from collections.abc import Coroutine
