@@ -7,6 +7,7 @@ import numpy as np
 
 from dispatcher.clock import Clock
 from dispatcher.devices.hardware import Devices
+from dispatcher.layer import further
 from dispatcher.layer.history import History
 from dispatcher.layer.journal import Journal
 from dispatcher.layer.memory import Memories
@@ -122,6 +123,7 @@ class PhysicalLayer:
         purpose = block.draws_for("discard")
         draws = self.draws.photons(block.name, purpose, block.register.size)
         self.sabot.drop(block.register, draws)
+        further.drop(self.sabot, block, self.draws)
         self.ownership.remove(block)
 
 

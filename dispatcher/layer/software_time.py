@@ -76,7 +76,7 @@ class SoftwareTime:
         self.largest_share = 0.0  # of one wait
         self.largest_decaying_share = 0.0  # of one wait that changes qubits
 
-    def told(self) -> messages.SoftwareTime:
+    def message(self) -> messages.SoftwareTime:
         """Return the figures as they go over the wire."""
         return messages.SoftwareTime(
             run_share=self._activity.idle_share,

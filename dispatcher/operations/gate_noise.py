@@ -10,7 +10,7 @@ after the H flips the bit of the phase alone, which in front of both gates is Z.
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.layer import drift
+from dispatcher.layer import drift, further
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.ownership import Block
 from dispatcher.photon_random import PhotonRandom
@@ -71,6 +71,6 @@ def _hit(layer: PhysicalLayer, block: Block, at: Positions, ops: Bytes) -> int:
         paulis = np.zeros(block.register.size, dtype=np.uint8)
         paulis[at] = ops
         layer.sabot.explain(block.register, f"gate of {block.node}", paulis)
-        layer.sabot.pauli(block.register, paulis)
+        further.pauli(layer.sabot, block, paulis)
         drift.reflect(block.pulses, paulis)
     return at.size

@@ -28,7 +28,7 @@ def test_of_a_wait_only_that_is_software_in_which_no_light_was_under_way() -> No
     software.goes_on(100, 200)
     software.goes_on(400, 500)
     software.waited("bob", 150, 550, decays=False)  # 250 of 400: 200 to 400, and 500 to 550
-    told = software.told()
+    told = software.message()
     assert (told.largest_wait_share, told.longest_ns) == (0.625, 250)
     assert told.largest_decaying_share == 0
     assert told.run_share == 0.5  # 200 to 400, of 100 to 500
@@ -39,7 +39,7 @@ def test_the_largest_share_and_the_longest_time_may_be_of_different_waits() -> N
     software.goes_on(0, 1000)
     software.waited("bob", 1000, 1010, decays=True)  # all of it
     software.waited("bob", 0, 1500, decays=True)  # a third
-    told = software.told()
+    told = software.message()
     assert (told.largest_decaying_share, told.longest_ns) == (1.0, 500)
 
 

@@ -118,7 +118,7 @@ class IncomingLink:
 
     async def announced(self) -> tuple[int, int] | None:
         """Return number and size of the block that comes next; None at the end of the link."""
-        message = await self._end.told()
+        message = await self._end.next_values()
         return None if message is None else self._end.coming(message, self._end.setup.pairs)
 
     async def take(self, number: int, size: int) -> int:
