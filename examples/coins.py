@@ -21,10 +21,9 @@ def shown(outcomes: Sequence[int | None]) -> str:
 def ask(host: str) -> None:
     """Have pairs put into the memories of both hosts, and measure our halves."""
     with ServiceSocket() as asking:
-        delivered = sum(
-            result["pairs"] for result in asking.request("distribute", (host, PORT), count=COINS)
-        )
-        print(shown(asking.ask(measure=list(range(delivered)), basis="Z")["outcomes"]))
+        for result in asking.request("distribute", (host, PORT), count=COINS):
+            print(f"{result['pairs']} pairs")
+        print(shown(asking.ask(measure=list(range(COINS)), basis="Z")["outcomes"]))
         asking.shutdown()
 
 
@@ -35,8 +34,8 @@ def listen() -> None:
         print("listening", flush=True)
         connection, _peer = listener.accept()
         with connection:
-            delivered = sum(result["pairs"] for result in connection.results())
-            outcomes = connection.ask(measure=list(range(delivered)), basis="Z")["outcomes"]
+            list(connection.results())  # until all have come
+            outcomes = connection.ask(measure=list(range(COINS)), basis="Z")["outcomes"]
             print(shown(outcomes), flush=True)
             list(connection.results())  # until the one that asked ends the session
 

@@ -16,9 +16,9 @@ from topologies.nodes import ClassicalSwitch, DispatcherHost, OpticalSwitch, Qua
 
 
 class MyNet(Topo):
-    """Three hosts, two quantum switches ten kilometres apart."""
+    """Three hosts, two quantum switches a kilometre apart."""
 
-    def build(self, length_km: float = 10.0) -> None:
+    def build(self, length_km: float = 1.0) -> None:
         """Add nodes, copper to s1, and fibres."""
         self.addSwitch("s1", cls=ClassicalSwitch, dpid="1")
         self.addHost("sim", cls=DispatcherHost, ip="10.0.0.100/24")

@@ -14,12 +14,11 @@ from rich.console import Console
 from qmn.jobs.transfer import TransferError
 from qmn.live.dispatcher_calls import status
 from qmn.live.metrics_targets import announce
-from qmn.network.custom_topology import short_name
+from qmn.network.custom_topology import BadTopology, short_name
 from qmn.network.device_options import differences
 from qmn.network.options import BadInput, check_range, settings
 from qmn.network.time_scale import scale_of
 from qmn.network.topologies import (
-    BadTopology,
     every_device,
     other_device,
     quantum_hosts,

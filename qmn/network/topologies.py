@@ -11,7 +11,7 @@ from mininet.topo import Topo
 
 from dispatcher.fiber import fiber_noise
 from qmn.network import custom_topology
-from qmn.network.custom_topology import BadTopology as BadTopology
+from qmn.network.custom_topology import BadTopology
 from qmn.network.device_options import base_device, devices, kind_of_all, nodes
 from topologies.chain import ChainTopo
 from topologies.fabric import fiber_of

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from qmn.live.metrics_targets import urls
-from qmn.network.custom_topology import short_name
+from qmn.network.custom_topology import BadTopology, short_name
 from qmn.network.options import BadInput, add_key_folder, add_network_options, check_network
-from qmn.network.topologies import TOPOLOGIES, BadTopology, topology, topology_name
+from qmn.network.topologies import TOPOLOGIES, topology, topology_name
 from qmn.results.run_folder import give_to_invoker, make_folder, point_latest
 from qmn.scripting.network import QuantumNetwork, running
 from topologies.network import Interrupted, require_root
