@@ -1,46 +1,39 @@
 """A service: entangled pairs, measured at both ends, are coins that two hosts throw alike.
 
-qmn cli sdc --device charlie.source.fidelity=0.95
-qmn> bob python examples/coins.py &
-qmn> alice python examples/coins.py bob
+qmn script examples/coins.py
+
+Pairs of fidelity F, which depolarising has made so, give equal outcomes with (2F + 1) / 3.
 """
 
-import sys
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 
-from hosts.service_socket import QuantumSocketError, ServiceSocket
+from hosts.service_socket import ServiceSocket
+from qmn.scripting import start
 
-PORT, COINS = 9, 32
-
-
-def shown(outcomes: Sequence[int | None]) -> str:
-    """Return heads and tails; a coin whose photon no detector has seen is a dot."""
-    return "".join("." if outcome is None else "HT"[outcome] for outcome in outcomes)
+PORT, COINS = 9, 1000
 
 
-def ask(host: str) -> None:
-    """Have pairs put into the memories of both hosts, and measure our halves."""
-    with ServiceSocket() as asking:
-        for result in asking.request("distribute", (host, PORT), count=COINS):
-            print(f"{result['pairs']} pairs")
-        print(shown(asking.ask(measure=list(range(COINS)), basis="Z")["outcomes"]))
-        asking.shutdown()
+def shown(outcomes: Sequence[int]) -> str:
+    """Return the first as heads and tails."""
+    return "".join("HT"[outcome] for outcome in outcomes[:40])
 
 
-def listen() -> None:
-    """Measure the other halves, whenever they have come."""
-    with ServiceSocket() as listener:
-        listener.listen(PORT, "distribute")
-        print("listening", flush=True)
-        connection, _peer = listener.accept()
-        with connection:
-            list(connection.results())  # until all have come
-            outcomes = connection.ask(measure=list(range(COINS)), basis="Z")["outcomes"]
-            print(shown(outcomes), flush=True)
-            list(connection.results())  # until the one that asked ends the session
+with (
+    start("sdc", device=["charlie.source.fidelity=0.9"]) as network,
+    ServiceSocket(network.runtime.socket("alice")) as alice,
+    ServiceSocket(network.runtime.socket("bob")) as listener,
+    ThreadPoolExecutor(1) as pool,
+):
+    listener.listen(PORT, "distribute")
+    accepted = pool.submit(listener.accept)
+    for progress in alice.request("distribute", ("bob", PORT), count=COINS):
+        print(f"{progress['pairs']} pairs are in the memories of both")
+    bob, _address = accepted.result(10)
+    list(bob.results())  # until bob knows that all have come
+    question = {"measure": list(range(COINS)), "basis": "Z"}
+    hers, his = alice.ask(**question)["outcomes"], bob.ask(**question)["outcomes"]
+    alice.shutdown()
 
-
-try:
-    ask(*sys.argv[1:]) if sys.argv[1:] else listen()
-except QuantumSocketError as error:
-    sys.exit(f"coins: {error}")
+print(f"alice  {shown(hers)}\nbob    {shown(his)}")
+print(f"alike: {sum(one == other for one, other in zip(hers, his, strict=True))} of {COINS}")

@@ -3,9 +3,10 @@
 The sender cuts bytes into frames and fills blocks of pairs: first the symbols that the
 receiver asked for again (refills), then new frames. Where most light is lost, a block has more
 refills than there are open symbols, and carries these in turn, again and again; the first copy that
-comes counts. The receiver tries a frame as soon as none of its symbols is on its way any more, with its losses as erasures. If the check fails,
-lost pairs are asked for again one by one: they are few, and each one filled leaves the code
-more room for errors. A frame that has nothing lost and still fails is repeated as a whole.
+comes counts. The receiver tries a frame as soon as none of its symbols is on its way any more, with
+its losses as erasures. If the check fails, lost pairs are asked for again one by one: they are few,
+and each one filled leaves the code more room for errors. A frame that has nothing lost and still
+fails is repeated as a whole.
 Both ends keep the same ascending list of open slots, slot = frame number * pairs of a full
 frame + index, so the list itself never travels.
 """
