@@ -1,10 +1,7 @@
 """Mininet node types of a quantum network: each starts its program and ends it again."""
 
 import os
-import select
 import shlex
-import signal
-import subprocess
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
@@ -18,11 +15,14 @@ from topologies.addresses import broadcast, free_address
 from topologies.causality import news_s
 from topologies.fiber import qnics
 from topologies.programs import ROOT, Program, python
-from topologies.record import RECORD
 from topologies.runtime import CONSOLE, DISPATCHER, EVENT_CAPTURE, EVENT_LOG, Runtime
+from topologies.shells import ShellWatcher
 from wire import switch_check
 from wire.config import (
+    CONTROLLER,
     DISPATCHER_PORT,
+    LIGHT,
+    STANDING,
     AgentConfig,
     BadConfig,
     Config,
@@ -33,15 +33,15 @@ from wire.config import (
     MeasuredConfig,
     PathOptics,
     QuantumSwitch,
+    Station,
 )
+from wire.controller_record import RECORD
 from wire.physics import BadParameter, BellAnalyser, Detectors, Device, Gates, Memory, PairSource
 
 READY_TIMEOUT_S = 20.0
 COPPER = "copper"  # the program that holds packets back
 STATE = "state"  # folder in which the controller keeps what its successor must know
 DEFAULT_PREFIX_LENGTH = 8  # Mininet's
-SHELL_POLL_MS = 50
-SHELL_END_TIMEOUT_S = 1.0
 RECONNECT_MS = 1000  # between a bridge's attempts to find its controller, at most
 
 
@@ -84,64 +84,46 @@ def connect_copper(network: Runtime) -> None:
     program.wait_for("ready", READY_TIMEOUT_S)
 
 
-class ShellWatcher:
-    """A Mininet node that notices when its shell has ended, where Mininet would wait for ever."""
+class QuantumNode(ShellWatcher):
+    """A node of a network of ours, which says when what sets it up must not take long."""
 
-    name: str
+    network: Runtime
 
     @property
-    def shell_ended(self) -> bool:
-        """Whether somebody has ended the node's shell."""
-        shell = getattr(self, "shell", None)
-        return shell is not None and shell.poll() is not None
+    def hurried(self) -> bool:  # type: ignore[override]
+        """Whether the network starts or ends just now."""
+        return self.network.hurried
 
     def find_our_programs(self) -> None:
         """Let `qmn spy`, and `python` with our packages, work in the node's shell."""
         folders = f"{ROOT / 'bin'}:{Path(python()).parent}"
         self.cmd(f'export PYTHONPATH="{ROOT}" PATH="{folders}:$PATH"')
 
-    def end_if_busy(self) -> None:
-        """End a shell in which a command still runs: it would not do what clean-up asks of it."""
-        if self.shell_ended or not getattr(self, "waiting", False):
-            return
-        shell: subprocess.Popen[bytes] = self.shell  # type: ignore[attr-defined]
-        for number in (signal.SIGHUP, signal.SIGKILL):
-            os.killpg(shell.pid, number)
-            try:
-                shell.wait(SHELL_END_TIMEOUT_S)
-            except subprocess.TimeoutExpired:
-                continue
-            return
 
-    def cmd(self, *arguments: object, **options: object) -> str:
-        """Run a command in the node's shell; one that has ended runs no more of them."""
-        if self.shell_ended:
-            return ""
-        output: str = super().cmd(*arguments, **options)  # type: ignore[misc]
-        return output
-
-    def monitor(self, timeoutms: int | None = None, findPid: bool = True) -> str:  # noqa: N803
-        """Return what the shell has said; one that ends in mid-command says no more."""
-        while timeoutms is None and not self._has_output():
-            if self.shell_ended:
-                self.waiting = False
-                return ""
-        output: str = super().monitor(timeoutms, findPid)  # type: ignore[misc]
-        return output
-
-    def _has_output(self) -> bool:
-        """Wait a moment for output; a terminal that was hung up has events, but none."""
-        events = self.pollOut.poll(SHELL_POLL_MS)  # type: ignore[attr-defined]
-        return any(event & select.POLLIN for _file, event in events)
+def stations_of(host: Host) -> list[Station]:
+    """Return where a host is on copper at classical switches."""
+    address, mac = str(host.params["ip"]).partition("/")[0], host.params.get("mac")
+    ends = [
+        (interface, end)
+        for interface in host.intfList()
+        if interface.link is not None
+        for end in (interface.link.intf1, interface.link.intf2)
+        if isinstance(end.node, ClassicalSwitch) and not isinstance(end.node, OpticalSwitch)
+    ]
+    return [
+        Station(int(end.node.dpid, 16), end.node.ports[end], mac or interface.updateMAC(), address)
+        for interface, end in ends
+    ]
 
 
-class ClassicalHost(ShellWatcher, Host):
+class ClassicalHost(QuantumNode, Host):
     """A host whose interfaces suit a switch in user space: no IPv6, finished checksums."""
 
     def __init__(self, name: str, **params: object) -> None:
         self.network = runtime.current()
         self.program: Program | None = None
         super().__init__(name, **params)
+        self.network.hosts.append(self)
         self.network.addresses[name], _, bits = str(params["ip"]).partition("/")
         self.network.prefix_length = int(bits or DEFAULT_PREFIX_LENGTH)
 
@@ -227,7 +209,8 @@ class QuantumHost(ClassicalHost):
 
     `source=True` makes pairs, for all hosts that do not name another by `pairs_from`. What its
     hardware is like goes by parts, as detectors=Detectors(efficiency=0.8), or as one `device`;
-    `source` may be a PairSource. Raise BadParameter for what no hardware is like.
+    `source` may be a PairSource. `light` says who grants it (wire.config.LIGHT). Raise
+    BadParameter for what no hardware is like.
     """
 
     def __init__(
@@ -240,14 +223,18 @@ class QuantumHost(ClassicalHost):
         detectors: Detectors | None = None,
         analyser: BellAnalyser | None = None,
         gates: Gates | None = None,
+        light: str = CONTROLLER,
         **params: object,
     ) -> None:
+        if light not in LIGHT:
+            raise BadParameter(f"{name}: light {light!r}: choose one of {', '.join(LIGHT)}")
         parts = {"memory": memory, "detectors": detectors, "analyser": analyser, "gates": gates}
         described = device_of(name, {"source": source, "device": device, **parts})
         super().__init__(name, **params)
         self.network.devices[name] = described
         self.network.token(name)
         self.pairs_from = pairs_from
+        self.light = light
         self.network.device_key(name)
         if source:
             self.network.source = name
@@ -271,15 +258,29 @@ class QuantumHost(ClassicalHost):
             analyser=network.devices[self.name].analyser.kind,
             features=network.devices[self.name].features.value,
             memory_qubits=network.devices[self.name].memory.capacity,
+            multi_photon=network.devices[self.name].source.multi_photon,
             pair_secrets=network.secrets_of(self.name),
             keys=network.key_folder(self.name),
+            light=self.light,
         )
+        if self.light == STANDING:
+            require_unrotated(network.switches.values())
         self.program = launch(network, self.name, "hosts", config, self)
         self.cmd(f'export QMN_STACK="{config.socket}"')
         return result
 
 
-class ClassicalSwitch(ShellWatcher, OVSSwitch):
+def require_unrotated(switches: Iterable[QuantumSwitch]) -> None:
+    """Raise BadConfig for a switch that rotates light: only our controller tells hosts of it."""
+    for switch in switches:
+        if switch.rotation or any(path.rotation for path in switch.paths):
+            raise BadConfig(
+                f"{switch.name} rotates light, and with light=standing nobody tells the hosts; "
+                "take rotation=0 or light=controller"
+            )
+
+
+class ClassicalSwitch(QuantumNode, OVSSwitch):
     """An Open vSwitch bridge that speaks OpenFlow 1.4 and forwards only what it is told."""
 
     def __init__(self, name: str, **params: object) -> None:
@@ -292,12 +293,33 @@ class ClassicalSwitch(ShellWatcher, OVSSwitch):
         }
         super().__init__(name, **{**params, **settings})
 
+    @classmethod
+    def isOldOVS(cls) -> bool:  # noqa: N802 (Mininet's name)
+        """Say that Open vSwitch is of this century, without asking it."""
+        return False
+
+    @classmethod
+    def batchShutdown(  # noqa: N802 (Mininet's name)
+        cls, switches: Sequence["ClassicalSwitch"], run: object = None
+    ) -> Sequence["ClassicalSwitch"]:
+        """Delete bridges together, by a command that ends also where Open vSwitch has ended."""
+        del run
+        for switch in switches:
+            switch.hang_up()
+        try:
+            openvswitch.delete(*(switch.name for switch in switches))
+        finally:
+            for switch in switches:
+                switch.terminate()
+        return switches
+
     def bridgeOpts(self) -> str:  # noqa: N802 (Mininet's name)
         """Return the bridge's options; the one that marks it as ours comes with its birth."""
         return f"{super().bridgeOpts()} {openvswitch.OWNER}={self.network.name}"
 
     def start(self, controllers: list[Controller]) -> None:
-        """Start the bridge."""
+        """Start the bridge; whichever the controller is, copper has its length by then."""
+        connect_copper(self.network)
         super().start(controllers)
         self.find_our_programs()
 
@@ -426,7 +448,7 @@ class OpticalSwitch(ClassicalSwitch):
         super().terminate()
 
 
-class QuantumController(ShellWatcher, Controller):
+class QuantumController(QuantumNode, Controller):
     """`c0`: our controller apps on Ryu or os-ken.
 
     Mininet's own command line sets it up so: --controller quantum,rest=127.0.0.1:8080,
@@ -471,6 +493,7 @@ class QuantumController(ShellWatcher, Controller):
             address=free_address(network.addresses.values(), network.prefix_length),
             device_keys=network.device_keys,
             addresses={host: network.addresses[host] for host in network.device_keys},
+            stations=[station for host in network.hosts for station in stations_of(host)],
             console=network.socket(CONSOLE),
             rest=network.rest,
             apps=network.apps,
