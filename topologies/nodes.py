@@ -2,7 +2,7 @@
 
 import os
 import shlex
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -185,6 +185,25 @@ class DispatcherHost(ClassicalHost):
         super().terminate()
 
 
+PARTS = ("source", "memory", "detectors", "analyser", "gates")
+
+
+def device_of(name: str, params: Mapping[str, Any]) -> Device:
+    """Return the device that the parameters of a QuantumHost describe; raise BadParameter."""
+    device = params.get("device")
+    if not isinstance(device, Device | None):
+        raise BadParameter(f"{name}: device {device!r} is not a Device")
+    parts = {part: params.get(part) for part in PARTS}
+    given = {
+        part: value
+        for part, value in parts.items()
+        if value is not None and not isinstance(value, bool)
+    }
+    described = replace(device or Device(), **given)
+    described.check(name)
+    return described
+
+
 class QuantumHost(ClassicalHost):
     """A host with a QNIC: runs the three-layer stack.
 
@@ -209,15 +228,8 @@ class QuantumHost(ClassicalHost):
     ) -> None:
         if light not in LIGHT:
             raise BadParameter(f"{name}: light {light!r}: choose one of {', '.join(LIGHT)}")
-        parts: dict[str, Any] = {"memory": memory, "detectors": detectors}
-        parts |= {"analyser": analyser, "gates": gates}
-        if not isinstance(source, bool):
-            parts["source"] = source
-        given = {part: value for part, value in parts.items() if value is not None}
-        if not isinstance(device, Device | None):
-            raise BadParameter(f"{name}: device {device!r} is not a Device")
-        described = replace(device or Device(), **given)
-        described.check(name)
+        parts = {"memory": memory, "detectors": detectors, "analyser": analyser, "gates": gates}
+        described = device_of(name, {"source": source, "device": device, **parts})
         super().__init__(name, **params)
         self.network.devices[name] = described
         self.network.token(name)
