@@ -378,20 +378,32 @@ def accepted(folder: Path, service: str, listening: "Future[None]") -> dict[str,
         listener.settimeout(DEADLINE_S)
         listener.listen(9, service)
         listening.set_result(None)
-        connection, _peer = listener.accept()
-        with connection:
-            while not connection.over:
-                list(connection.results())
-            return connection.summary
+        return taken_part(listener)
+
+
+def taken_part(listener: ServiceSocket) -> dict[str, Any]:
+    """Take part in the next session; return the summary."""
+    connection, _peer = listener.accept()
+    with connection:
+        while not connection.over:
+            list(connection.results())
+        return connection.summary
 
 
 def requested(folder: Path, service: str, **options: Any) -> list[dict[str, Any]]:
-    """Ask for a service at alice; return the summaries of alice and bob."""
-    with ThreadPoolExecutor(1) as pool, ServiceSocket(folder / "alice.sock") as asking:
-        listening: Future[None] = Future()
-        bob = pool.submit(accepted, folder, service, listening)
-        listening.result(DEADLINE_S)
-        asking.settimeout(DEADLINE_S)
+    """Ask for a service at alice; return the summaries of alice and bob.
+
+    Where alice is refused, bob waits no longer.
+    """
+    with (
+        ThreadPoolExecutor(1) as pool,
+        ServiceSocket(folder / "alice.sock") as asking,
+        ServiceSocket(folder / "bob.sock") as listener,
+    ):
+        for either in (asking, listener):
+            either.settimeout(DEADLINE_S)
+        listener.listen(9, service)
+        bob = pool.submit(taken_part, listener)
         list(asking.request(service, ("bob", 9), **options))
         asking.shutdown()
         return [asking.summary, bob.result(DEADLINE_S)]

@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import Callable
 from dataclasses import replace
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -157,6 +158,23 @@ def test_without_the_last_answer_nobody_takes_the_session_for_ended_well(
 ) -> None:
     alice, _bob = broken(tmp_path, service, Once(LastWord(), lambda _message: None))
     assert "is gone" in alice.text
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"sha256": sha256(DATA[::-1]).digest()}, {"size": len(DATA) - 1}],
+    ids=["digest", "size"],
+)
+def test_bytes_that_are_not_those_that_were_sent_are_told_to_both_ends(
+    tmp_path: Path, wrong: dict[str, Any]
+) -> None:
+    """The last message has the right size with the digest of other bytes, or the reverse."""
+    change = Once(last_message, lambda message: replace(message, **wrong))
+    for told in broken(tmp_path, "sdc", change):
+        assert told.error is not None
+        assert told.error.reason == Reason.WRONG_DIGEST
+        size = wrong.get("size", len(DATA))
+        assert told.text == f"{len(DATA)} of {size} bytes arrived, or their SHA-256 differs"
 
 
 def of_another_session(message: Message) -> Message:
