@@ -52,7 +52,7 @@ def test_messages_may_be_cut_at_every_position() -> None:
         before = [*cutter.feed(stream[:place])]
         lengths = [len(b"".join(MESSAGES[:count])) for count in range(len(MESSAGES) + 1)]
         assert len(before) == max(count for count, size in enumerate(lengths) if size <= place)
-        assert before + [*cutter.feed(stream[place:])] == MESSAGES
+        assert [*before, *cutter.feed(stream[place:])] == MESSAGES
 
 
 def test_messages_may_come_byte_by_byte() -> None:
