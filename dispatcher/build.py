@@ -15,6 +15,7 @@ from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.memory import Memories
 from dispatcher.layer.network import Network
 from dispatcher.layer.ownership import Ownership
+from dispatcher.layer.software_time import SoftwareTime
 from dispatcher.recording.recorder import RecordedClock, Recorder, open_private
 from dispatcher.recording.traced import TracedSabot
 from dispatcher.recording.writer import QasmWriter
@@ -23,7 +24,6 @@ from dispatcher.sabot.draws import Draws
 from dispatcher.sabot.manager import Sabot
 from dispatcher.sabot.remote.client import RemoteSabot
 from dispatcher.sabot.simulation import Simulation
-from dispatcher.software_time import SoftwareTime
 from wire.config import BadConfig, DispatcherConfig
 
 
@@ -45,7 +45,7 @@ def build_layer(
     if unknown := config.devices.keys() - config.tokens.keys():
         raise BadConfig(f"devices of {', '.join(sorted(unknown))}: there are no such hosts")
     sabot, draws = sabot or Sabot(BACKENDS[config.backend]), Draws(config.seed)
-    software = SoftwareTime()
+    software = SoftwareTime(config.news_s)
     return PhysicalLayer(
         clock=clock,
         sabot=sabot,

@@ -1,4 +1,4 @@
-"""What a caller may be refused, as the status that goes back to it."""
+"""Refusals of requests, each with the gRPC status that goes back to the caller."""
 
 import grpc
 

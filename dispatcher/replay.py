@@ -83,7 +83,7 @@ class Turns(Journal):
 def replay(file: BinaryIO, event_log: TextIO) -> int:
     """Play a record again; write its events to a log and return how many requests there were.
 
-    Raise BadRecord if the file is no record of this version of the dispatcher.
+    Raise BadRecord if the file is not a record of this version of the dispatcher.
     """
     entries = record.read(file)
     config = _config(next(entries, None))

@@ -10,7 +10,7 @@ from wire.socket_calls import Call, decode_fields, encode_fields
 async def reply(answer: Answerer | None, question: bytes) -> bytes:
     """Return the message that answers a question, or says why not; a refusal ends nothing.
 
-    Raise MalformedPacket for what is no question.
+    Raise MalformedPacket for what is not a question.
     """
     fields = decode_fields(question)
     try:

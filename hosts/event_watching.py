@@ -1,4 +1,4 @@
-"""What happens to the qubits at a host, told to an application there.
+"""Quantum events at a host, told to an application there.
 
 The stack asks with the host's own token, so an application sees its node and no other. Nothing is
 kept here: while the application does not read, the dispatcher keeps events, and counts those that

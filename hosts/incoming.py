@@ -88,6 +88,6 @@ class Incoming:
 
 
 def failed(error: BaseException, **statistics: int) -> bytes:
-    """Return the message that tells an application why there is no going on."""
+    """Return the message that tells an application why it ends."""
     reason = error.reason if isinstance(error, SessionError) else Reason.HARDWARE
     return encode_fields(Call.FAILED, reason=reason, text=str(error), **statistics)

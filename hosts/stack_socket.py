@@ -93,7 +93,7 @@ class StackSocket:
         return decode_fields(payload)
 
     def _read(self) -> tuple[Call, bytes]:
-        """Read one message; after a time-out in the middle of one there is no going on."""
+        """Read one message; after a time-out in the middle of one the socket is useless."""
         if self._broken:
             raise QuantumSocketError("an earlier call on this socket failed; make a new one")
         self._broken = True

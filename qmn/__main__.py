@@ -4,7 +4,10 @@ import argparse
 import os
 import signal
 import sys
+from collections.abc import Sequence
 from importlib import import_module
+
+from qmn.as_root import NoRoot, become_root, needs_root
 
 # Until a verb runs there is nothing to clean up: Ctrl-C just ends the program.
 signal.signal(signal.SIGINT, signal.SIG_DFL)
@@ -32,11 +35,11 @@ VERBS = (  # each a module of qmn.verbs
 )
 
 
-def described(words: list[str]) -> argparse.ArgumentParser:
+def described(words: Sequence[str] = ()) -> argparse.ArgumentParser:
     """Return a parser of the verb that is asked for, or of all, which takes longer to load."""
     parser = argparse.ArgumentParser(prog="qmn", description=__doc__)
     verbs = parser.add_subparsers(metavar="VERB", required=True)
-    for name in [name for name in VERBS if words[:1] == [name]] or VERBS:
+    for name in [name for name in VERBS if name in words[:1]] or VERBS:
         import_module(f"qmn.verbs.{name}").add_parser(verbs)
     return parser
 
@@ -44,6 +47,12 @@ def described(words: list[str]) -> argparse.ArgumentParser:
 def main() -> int:
     """Find the verb, run it, and return its exit status."""
     arguments = described(sys.argv[1:]).parse_args()
+    if needs_root(arguments):
+        try:
+            become_root(sys.argv[1:])
+        except NoRoot as error:
+            print(f"qmn: {error}", file=sys.stderr)
+            return 1
     try:
         status: int = arguments.call(arguments)
         sys.stdout.flush()

@@ -1,4 +1,4 @@
-"""What topologies of several quantum switches share.
+"""The base of topologies of several quantum switches.
 
 Everything has copper to the classical switch s1; fibres join the quantum switches. Superdense
 coding takes one fibre to the sender, two to the receiver, two to the pair source, and three
@@ -11,6 +11,7 @@ from typing import Any
 from mininet.topo import Topo
 
 from topologies import presets
+from topologies.copper_lengths import lay_copper
 from topologies.fiber import FiberLink, resolved
 from topologies.node_kinds import node_device
 from topologies.nodes import (
@@ -29,6 +30,10 @@ MOST_SWITCHES = 32
 
 class FabricTopo(Topo):
     """alice, bob, charlie with his pairs, ed with the qubits; subclasses lay the fibres."""
+
+    def __init__(self, *arguments: Any, **params: Any) -> None:
+        super().__init__(*arguments, **params)
+        lay_copper(self)  # when all fibres are there
 
     def add_classical_network(
         self,

@@ -1,4 +1,4 @@
-"""What killed runs of ours have left on this machine, and its removal."""
+"""The leftovers of killed runs on this machine, and their removal."""
 
 import os
 from contextlib import ExitStack

@@ -16,7 +16,8 @@ from mininet.node import Host
 from mininet.topo import Topo
 
 from topologies import openvswitch, runtime
-from topologies.nodes import READY_TIMEOUT_S, QuantumController, ShellWatcher
+from topologies.copper_lengths import lay_copper
+from topologies.nodes import COPPER, READY_TIMEOUT_S, QuantumController, ShellWatcher
 from topologies.parallel import ParallelMininet
 from topologies.programs import POLL_S, NetworkError, Program, stop_all
 from topologies.record import read_record
@@ -156,6 +157,7 @@ class Network:
         self._signals.check()
         runtime.begin(self.runtime)
         topo = self._topo()
+        lay_copper(topo, self.runtime.copper_km)
         refuse_taken_names(topo)
         (self.runtime.folder / SWITCHES).write_text("\n".join(topo.switches()))
         # Mininet would raise kernel limits for the whole machine, which is not ours to change.
@@ -182,9 +184,9 @@ class Network:
                 yield node
 
     def _stop_programs(self) -> None:
-        """End the dispatcher last: to all others its end is a fault."""
+        """End the dispatcher and the copper to it last: to all others their end is a fault."""
         programs = self.runtime.programs
-        stop_all([program for program in programs if program.name != DISPATCHER])
+        stop_all([program for program in programs if program.name not in (DISPATCHER, COPPER)])
         stop_all(programs)
 
     def _wait_until_ready(self) -> None:

@@ -1,6 +1,6 @@
 """Kinds of nodes by what they are made of: what the device of a host of each kind is like.
 
-sudo .venv/bin/python -m qmn run distribute --node ion-trap --source alice --count 20
+qmn run distribute --node ion-trap --source alice --count 20
 sudo PYTHONPATH=. mn --custom topologies/repeaters.py --topo repeaters,node=ion-trap
 
 The controller does not know them: it goes by the features that follow from a device

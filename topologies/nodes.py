@@ -5,7 +5,7 @@ import select
 import shlex
 import signal
 import subprocess
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +15,7 @@ from mininet.node import Controller, Host, Node, OVSSwitch
 
 from topologies import openvswitch, runtime
 from topologies.addresses import broadcast, free_address
+from topologies.causality import news_s
 from topologies.fiber import qnics
 from topologies.programs import ROOT, Program, python
 from topologies.record import RECORD
@@ -26,6 +27,7 @@ from wire.config import (
     BadConfig,
     Config,
     ControllerConfig,
+    CopperConfig,
     DispatcherConfig,
     HostConfig,
     MeasuredConfig,
@@ -35,6 +37,7 @@ from wire.config import (
 from wire.physics import BadParameter, BellAnalyser, Detectors, Device, Gates, Memory, PairSource
 
 READY_TIMEOUT_S = 20.0
+COPPER = "copper"  # the program that holds packets back
 STATE = "state"  # folder in which the controller keeps what its successor must know
 DEFAULT_PREFIX_LENGTH = 8  # Mininet's
 SHELL_POLL_MS = 50
@@ -43,7 +46,12 @@ RECONNECT_MS = 1000  # between a bridge's attempts to find its controller, at mo
 
 
 def launch(
-    network: Runtime, name: str, module: str, config: Config, host: Node | None = None
+    network: Runtime,
+    name: str,
+    module: str,
+    config: Config,
+    host: Node | None = None,
+    descriptors: Sequence[int] = (),
 ) -> Program:
     """Start one of our programs with its configuration, in a host's namespace if given."""
     path = network.folder / f"{name}.json"
@@ -52,15 +60,28 @@ def launch(
     config = replace(config, time_scale=scale, time_since_ns=since_ns)
     command = [python(), "-m", module, "--config", str(path)]
     with ExitStack() as stack:
-        descriptors = []
         if network.metrics and isinstance(config, MeasuredConfig):
             # A socket stays in the namespace that it was opened in: this machine's.
             listener = stack.enter_context(runtime.metrics_listener(network, name))
-            descriptors = [listener.fileno()]
+            descriptors = [*descriptors, listener.fileno()]
             config = replace(config, metrics_fd=listener.fileno())
         config.write(path)
         program.start(command, host.pid if host else None, descriptors)
     return program
+
+
+def connect_copper(network: Runtime) -> None:
+    """Start what holds packets back on long copper, if there is some, before any are sent."""
+    if not network.cables:
+        return
+    files = [file for cable in network.cables for file in (cable.a_fd, cable.b_fd)]
+    simulation = network.dispatcher.partition(":")[0]
+    config = CopperConfig(cables=list(network.cables), simulation=simulation)
+    program = launch(network, COPPER, "copper", config, descriptors=files)
+    for file in files:
+        os.close(file)  # the program has them
+    network.cables.clear()
+    program.wait_for("ready", READY_TIMEOUT_S)
 
 
 class ShellWatcher:
@@ -75,8 +96,9 @@ class ShellWatcher:
         return shell is not None and shell.poll() is not None
 
     def find_our_programs(self) -> None:
-        """Let `python -m qmn spy` and the like work in the node's shell."""
-        self.cmd(f'export PYTHONPATH="{ROOT}" PATH="{Path(python()).parent}:$PATH"')
+        """Let `qmn spy`, and `python` with our packages, work in the node's shell."""
+        folders = f"{ROOT / 'bin'}:{Path(python()).parent}"
+        self.cmd(f'export PYTHONPATH="{ROOT}" PATH="{folders}:$PATH"')
 
     def end_if_busy(self) -> None:
         """End a shell in which a command still runs: it would not do what clean-up asks of it."""
@@ -166,9 +188,19 @@ class DispatcherHost(ClassicalHost):
             event_capture=str(network.logs / EVENT_CAPTURE) if network.events else "",
             history_depth=network.history_depth,
             per_qubit=network.per_qubit,
+            news_s=news_s(network),
         )
         self.program = launch(network, DISPATCHER, "dispatcher", config, self)
         return result
+
+    def terminate(self) -> None:
+        """End the dispatcher, then the copper to it, then the host."""
+        if self.program:
+            self.program.stop()
+        for program in self.network.programs:
+            if program.name == COPPER:
+                program.stop()
+        super().terminate()
 
 
 class QuantumHost(ClassicalHost):
@@ -415,6 +447,7 @@ class QuantumController(ShellWatcher, Controller):
         if self.program is not None:
             return
         network = self.network
+        connect_copper(network)
         config = ControllerConfig(
             listen=f"127.0.0.1:{self.port}",
             framework=network.framework,

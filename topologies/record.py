@@ -1,4 +1,4 @@
-"""What the controller writes down as it works: one line of JSON for each fact."""
+"""The controller's record: one line of JSON for each fact."""
 
 import json
 from pathlib import Path

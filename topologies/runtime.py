@@ -1,4 +1,4 @@
-"""What the nodes of one emulated network share: names, tokens, places and programs.
+"""The shared state of one emulated network: names, tokens, places and programs.
 
 Mininet makes nodes one by one and gives them no way to see the whole. So each node and
 each fibre registers here as it is made, and the programs learn the rest from here.
@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import IO
 
 from topologies.programs import NetworkError, Program
-from wire.config import Fiber, QuantumSwitch
+from wire.config import Cable, Fiber, QuantumSwitch
 from wire.network_time import NetworkTime
 from wire.physics import Device
 from wire.service import RUNNER
@@ -39,6 +39,7 @@ class Runtime:
 
     seed: int = 1
     time_scale: float = 1.0  # seconds here for one second of the network
+    copper_km: float | None = None  # length of all copper; None: as the fibres beside it
     sabot: str = ""  # path of a Sabot server's socket; empty: the dispatcher simulates by itself
     record: bool = False  # whether the dispatcher records what it is asked, for a replay
     events: bool = True  # whether the dispatcher writes what happens to qubits
@@ -53,6 +54,8 @@ class Runtime:
     log_folder: Path | None = None  # where logs and records go; default: the private folder
     addresses: dict[str, str] = field(default_factory=dict)  # of the hosts
     fibers: list[Fiber] = field(default_factory=list)
+    copper: dict[frozenset[str], float] = field(default_factory=dict)  # delay (s) between two nodes
+    cables: list[Cable] = field(default_factory=list)  # of it, those that packets are held back on
     switches: dict[str, QuantumSwitch] = field(default_factory=dict)
     datapath_ids: dict[str, int] = field(default_factory=dict)  # of the quantum switches
     programmed_elsewhere: set[str] = field(default_factory=set)  # by other controllers than c0
@@ -113,7 +116,11 @@ class Runtime:
         return program
 
     def remove(self) -> None:
-        """Remove the private folder with its tokens and sockets."""
+        """Remove the private folder with its tokens and sockets, and cables that nobody took."""
+        for cable in self.cables:
+            os.close(cable.a_fd)
+            os.close(cable.b_fd)
+        self.cables.clear()
         shutil.rmtree(self.folder, ignore_errors=True)
 
 

@@ -1,4 +1,4 @@
-"""What the runner tells each program at its start: one JSON file a program.
+"""The configuration of each program at its start: one JSON file a program.
 
 The runner writes them, readable by root alone, because they hold the node tokens.
 """
@@ -18,8 +18,10 @@ __all__ = [
     "DISPATCHER_PORT",
     "AgentConfig",
     "BadConfig",
+    "Cable",
     "Config",
     "ControllerConfig",
+    "CopperConfig",
     "DispatcherConfig",
     "Fiber",
     "FiberEnd",
@@ -134,6 +136,8 @@ class DispatcherConfig(MeasuredConfig):
     record: str = ""  # path of a private record to replay, which must not exist; empty: none
     qasm: str = ""  # path of a dump of what is done to qubits (OpenQASM 2.0); empty: none
     sabot: str = ""  # path of a Sabot server's socket; empty: simulate in the dispatcher itself
+    # How long (s) news takes from each host to each other at least; none: no time at all.
+    news_s: dict[str, dict[str, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.backend not in BACKENDS:
@@ -195,6 +199,30 @@ class AgentConfig(MeasuredConfig):
     hardware: str = ""  # empty: the simulated switch; or "scpi://192.0.2.7:5025"
     # scpi: OpenFlow port number to the numbers of its [ingress, egress] at the instrument
     hardware_ports: dict[str, list[int]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Cable:
+    """Copper between two interfaces, each with the file of its TAP in the program `copper`."""
+
+    a: str
+    b: str
+    a_fd: int
+    b_fd: int
+    delay_s: float  # of the network
+
+
+@dataclass(frozen=True)
+class CopperConfig(Config):
+    """What holds packets back for as long as their copper is long."""
+
+    cables: list[Cable]
+    simulation: str  # IPv4 address of the dispatcher, whose packets no cable holds back
+
+    @classmethod
+    def from_dict(cls, fields: dict[str, Any]) -> "CopperConfig":
+        """Build the configuration from decoded JSON."""
+        return cls(**{**fields, "cables": [Cable(**cable) for cable in fields["cables"]]})
 
 
 @dataclass(frozen=True)

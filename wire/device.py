@@ -1,4 +1,4 @@
-"""How the controller asks hosts for their state and sets them: datagrams to the node agents.
+"""Datagrams between the controller and the hosts' node agents: state and settings.
 
     +--------------------+---------------+-----------+---------------+
     | a metadata message | host name, 32 | number, 8 | HMAC, 16 bytes |

@@ -1,4 +1,4 @@
-"""What an event of the dispatcher is outside of gRPC: a line, JSON, a packet of a capture.
+"""Events of the dispatcher outside of gRPC: a line, JSON, a packet of a capture.
 
 A packet is a magic number, a version and the protobuf message Event. Fields that Event gets
 later appear everywhere by themselves: a reader that does not know them keeps them.

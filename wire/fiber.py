@@ -1,4 +1,4 @@
-"""What a fibre is like: every parameter with its unit, range and default, declared here alone.
+"""The parameters of a fibre, each with unit, range and default, declared here alone.
 
 The default is an ideal fibre of 10 m. `optics` fills in what a kind of fibre brings along.
 """

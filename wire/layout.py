@@ -1,4 +1,4 @@
-"""Where each field of a message is, read off the classes that encode and decode it.
+"""The layout of a message's fields, read off the classes that encode and decode it.
 
 What is generated from here cannot drift apart from them: the tables of the Wireshark
 dissectors (wire/dissectors.py) and the scapy layers (wire/scapy_layers.py).

@@ -139,7 +139,7 @@ def decode_path_optics(body: bytes) -> list[PathOptics]:
 def frequency_mhz(wavelength_pm: int) -> int:
     """Return the channel of ITU-T G.694.1 that a wavelength in picometres is in.
 
-    Raise ValueError for a wavelength that is none of light.
+    Raise ValueError for a wavelength outside the optical range.
     """
     least, most = WAVELENGTHS_PM
     if not least <= wavelength_pm <= most:

@@ -1,4 +1,4 @@
-"""What the devices at the ends of fibres are like: parameters with unit and range.
+"""The parameters of devices at the ends of fibres, with unit and range.
 
 The defaults are ideal devices. A topology file names what differs, beside host or link.
 """

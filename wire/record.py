@@ -15,7 +15,7 @@ MAX_ENTRY_BYTES = MAX_MESSAGE_BYTES + 4096
 
 
 class BadRecord(ValueError):
-    """A file that is no record, or not whole; the message says where and why."""
+    """A file that is not a record, or not whole; the message says where and why."""
 
 
 def begin(file: BinaryIO) -> None:

@@ -1,4 +1,4 @@
-"""What the dispatcher and its callers agree on besides the messages."""
+"""The parts of the dispatcher's service beside its messages: limits, tokens, sockets."""
 
 TOKEN_KEY = "qmn-token"  # noqa: S105 - the name of the metadata entry
 RUNNER = "runner"  # the node that the runner is

@@ -1,4 +1,4 @@
-"""How an application talks to its host's stack: messages on a Unix stream socket.
+"""Messages between an application and its host's stack, on a Unix stream socket.
 
 application                 stack (the end that connects)
 CONNECT {host, port, …} ->

@@ -59,7 +59,7 @@ def check_ports(switch: QuantumSwitch, ports: Collection[int]) -> None:
 
 
 def _check_value(where: str, name: str, value: object) -> None:
-    """Raise BadConfig for what is no number of its range; NaN is in none."""
+    """Raise BadConfig for what is not a number of its range; NaN is in none."""
     least, most = RANGES[name]
     kinds = int if name in WHOLE else (int, float)
     if isinstance(value, bool) or not isinstance(value, kinds) or not least <= value <= most:

@@ -321,7 +321,7 @@ class DeviceMonitor(App):
         for name in policy.devices:
             if name not in self.hosts.keys:
                 known = ", ".join(sorted(self.hosts.keys)) or "none"
-                raise BadPolicy(f"policy: device {name!r} is no host; hosts are {known}")
+                raise BadPolicy(f"policy: device {name!r} is not a host; hosts are {known}")
         self.hosts.wanted = dict(policy.devices)
         self.hosts.reporting = policy.reporting
 

@@ -183,7 +183,7 @@ class QuantumMetadata(App):
     @on(ofp_event.EventOFPExperimenterStatsReply, CONFIG, MAIN)
     def optics_told(self, event: Any) -> None:
         """Take in what a switch does to light."""
-        if self.fibers.told(event.msg):
+        if self.fibers.learn(event.msg):
             self._optics_known(event.msg.datapath.id)
 
     def _optics_known(self, dpid: int) -> None:

@@ -1,1 +1,1 @@
-"""What the controller tells by its console and over HTTP."""
+"""The controller's console and its REST interface."""

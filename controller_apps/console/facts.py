@@ -1,4 +1,4 @@
-"""What console and REST offer: each asks the app that owns the facts, from its own thread."""
+"""Answers for console and REST: each is asked of the app that owns the facts, on its own thread."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

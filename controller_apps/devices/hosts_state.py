@@ -1,4 +1,4 @@
-"""What the controller knows and wants of the hosts' devices: reports in, datagrams out.
+"""The controller's view of the hosts' devices: reports in, datagrams out.
 
 Datagrams may be lost, so nothing here is sent once: a report that does not show what is
 wanted (the overrides, the subscription) is answered by asking again. No socket, no clock:

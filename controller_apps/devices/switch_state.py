@@ -1,4 +1,4 @@
-"""What a quantum switch says of its ports and paths, from OpenFlow statistics.
+"""The state of a quantum switch's ports and paths, from OpenFlow statistics.
 
 Optical values come in the units of wire.optical (MHz, dBm * 10, mA * 10, degrees C * 10);
 signed ones in unsigned fields, as the frameworks decode them.

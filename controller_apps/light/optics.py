@@ -1,4 +1,4 @@
-"""What quantum switches have told of their optics: per path loss and rotation, per port tuning.
+"""The optics of quantum switches as they report them: loss and rotation of paths, port tuning.
 
 What a switch has not told counts as no loss, no rotation and a port that takes any light.
 """
@@ -41,7 +41,7 @@ class SwitchOptics:
     stuck_to: dict[int, int] = field(default_factory=dict)  # out_port to in_port
 
     @classmethod
-    def told(cls, entries: Iterable[PathOptics]) -> "SwitchOptics":
+    def reported(cls, entries: Iterable[PathOptics]) -> "SwitchOptics":
         """Build it from a whole answer of the switch."""
         paths = {(entry.in_port, entry.out_port): entry for entry in entries}
         others = paths.pop((ANY_PORT, ANY_PORT), NOT_TOLD)

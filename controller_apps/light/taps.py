@@ -46,7 +46,7 @@ def _fibers(tap: Tap, network: Network) -> list[SwitchPort]:
         known = ", ".join(sorted({host.host for host in network.hosts.values()}))
         raise CannotTap(
             Reason.UNKNOWN_HOST,
-            f"{tap}: {tap.by!r} is no host that has announced a fibre; those are {known}",
+            f"{tap}: {tap.by!r} is not a host that has announced a fibre; those are {known}",
         )
     if len(named) < FIBERS_NEEDED:
         raise CannotTap(

@@ -84,7 +84,7 @@ class Fibers:
         self._told.pop(datapath.id, None)
         datapath.send_msg(optical_messages.ask_ports(datapath))
 
-    def told(self, message: Any) -> bool:
+    def learn(self, message: Any) -> bool:
         """Take a part of the answer about optics; tell whether it is whole now."""
         dpid, body = message.datapath.id, message.body
         kind = body.experimenter, body.exp_type
@@ -97,7 +97,7 @@ class Fibers:
             return False
         if message.flags & ofproto.OFPMPF_REPLY_MORE:
             return False
-        self.network.optics.switches[dpid] = SwitchOptics.told(self._told.pop(dpid))
+        self.network.optics.switches[dpid] = SwitchOptics.reported(self._told.pop(dpid))
         return True
 
     def silent(self, dpid: int, xid: int) -> bool:

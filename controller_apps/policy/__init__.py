@@ -1,1 +1,1 @@
-"""Who may open which session, how hosts are set, and in which order repeaters swap."""
+"""The policy: permissions of sessions, settings of hosts, schedules of repeaters."""

@@ -1,4 +1,4 @@
-"""Who may open which service to whom, and how devices are set: a policy file in TOML.
+"""A policy file in TOML: permissions of sessions between hosts, and settings of devices.
 
 default = "deny"            # or "allow": what no rule fits
 

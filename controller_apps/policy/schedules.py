@@ -1,4 +1,4 @@
-"""Who swaps when in a chain of repeaters, by their places: 1, 2, 3, … from the opener on.
+"""The order of swaps in a chain of repeaters, by their places: 1, 2, 3, … from the opener on.
 
 parallel        each as soon as both its links hold
 left-to-right   each when the bits of the one to its left have come

@@ -1,4 +1,4 @@
-"""What hosts have announced that they can do, held against what a session needs of them.
+"""The abilities that hosts have announced, compared with those that a session needs.
 
 A host that has announced nothing of it (one that is not ours) is taken to be able to everything,
 with a memory for any block: what it cannot do, it refuses itself.

@@ -1,4 +1,4 @@
-"""What the arbiter wants done; the app turns each into OpenFlow or a line of text."""
+"""The arbiter's orders; the app turns each into OpenFlow or a line of text."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Whether a set-up is granted, and which paths it needs. Pure decisions, no state change."""
+"""The decision on a set-up: granted or refused, and over which paths. It changes no state."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -114,7 +114,7 @@ def find_light(
         return Admission(error.reason, detail=str(error))
     try:
         limits = limits_of(setup, sessions, budget_mdb)
-    except ValueError:  # a wavelength that is none of light
+    except ValueError:  # a wavelength outside the optical range
         return Admission(Reason.NO_WAVELENGTH)
     if service == Service.SWAP:  # light comes with each link
         return _find_repeaters(setup, hosts, network, limits._replace(blocked=Limits().blocked))
@@ -166,7 +166,7 @@ def _refused(want: Want) -> Admission:
 def limits_of(setup: Setup, sessions: Sessions, budget_mdb: int) -> Limits:
     """Return what the light paths of a session must keep to.
 
-    Raise ValueError for a wavelength that is none of light.
+    Raise ValueError for a wavelength outside the optical range.
     """
     frequency = frequency_mhz(setup.wavelength_pm)
     return Limits(lambda way: sessions.blocks(way, setup.session, frequency), frequency, budget_mdb)

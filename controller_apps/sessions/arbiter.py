@@ -1,4 +1,4 @@
-"""Who gets light when: segments and switch events in, actions out.
+"""The arbiter of light: segments and switch events in, actions out.
 
     set-up --> held --last barrier reply--> granted --FIN, RST, silence--> torn down
        |         |`--error, deadline, switch gone, silent node--> refused

@@ -1,4 +1,4 @@
-"""Which repeaters join two hosts: the fewest, each with light from the one before it.
+"""The repeaters that join two hosts: the fewest, each with light from the one before it.
 
 Light leaves a host by another fibre than it comes by.
 """

@@ -1,4 +1,4 @@
-"""Which light paths stand for which session: opened, moved to another way, closed.
+"""The light paths of sessions: opened, moved to another way, closed.
 
     open --> stands --port cut, switch gone--> moved, or stranded until it is whole again
                 `--> closed

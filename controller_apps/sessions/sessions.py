@@ -72,7 +72,7 @@ class Request:
         return self.setup.service != Service.SDC or self.setup.handshake != Handshake.ONE_PAIR
 
     def offset(self, segment: Segment) -> int:
-        """Return where a segment begins, in bytes from the begin of the message."""
+        """Return where a segment begins, in bytes from the beginning of the message."""
         distance = (segment.sequence - self.sequence) & 0xFFFFFFFF
         return distance - (1 << 32) if distance >> 31 else distance
 

@@ -1,4 +1,4 @@
-"""What a controller keeps for the one that is started after it: sessions, places of hosts.
+"""The state that a controller keeps for its successor: sessions, places of hosts.
 
 Switches keep what counts: bypasses tell which connections of a session live, light entries
 which paths it has. They do not hold what a living session needs further on: whom its

@@ -1,4 +1,4 @@
-"""What becomes of requests and sessions: granted, refused, over; and what that undoes."""
+"""The outcomes of requests and sessions (granted, refused, over) and their consequences."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dispatcher.devices.detector import Train
-from dispatcher.devices.detectors import Detection, DetectorPair, hide
+from dispatcher.devices.detectors import Detection, DetectorPair, Told, hide
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.manager import NO_CLICK
 from dispatcher.sabot.registers import Mask
@@ -41,6 +41,12 @@ class Half:
     extras: Bytes | None
     delays_ps: Picoseconds | None
     train: Train
+    further: Told | None = None  # in this arm, with the bits that its detectors tell
+
+    @property
+    def brings_more(self) -> bool:
+        """Whether pulses may have light beside their own photons."""
+        return self.extras is not None or self.further is not None
 
 
 @dataclass(frozen=True)
@@ -91,7 +97,7 @@ class Analyser:
             states = states.copy()
             states[flips] ^= PHASE
             incidents["distinguishable"] = flips.size
-        if all(arm.ideal for arm in self._arms) and all(half.extras is None for half in halves):
+        if all(arm.ideal for arm in self._arms) and not any(half.brings_more for half in halves):
             outcomes, told = states.copy(), states != NO_CLICK
             clicks = sum(int(np.count_nonzero(half.present)) for half in halves)
             found = None
@@ -140,7 +146,9 @@ class Analyser:
             lone = np.flatnonzero(half.present & ~both)
             if lone.size:
                 bits[lone] = inside.coins("lone photon", lone.size)
-            found.append(self._arms[arm].detect(bits, half.extras, half.train, inside))
+            found.append(
+                self._arms[arm].detect(bits, half.extras, half.train, inside, half.further)
+            )
         return found[0], found[1]
 
     def _late(

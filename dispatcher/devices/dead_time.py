@@ -1,4 +1,4 @@
-"""Which clicks of a detector with a dead time are seen: that of a click is not extended by others.
+"""The clicks that a detector with a dead time sees: unseen clicks do not extend it.
 
     candidates   x x x . x . . x x
     dead 3       x d d . x . . x d      (x: seen, d: while dead)

@@ -1,4 +1,4 @@
-"""What waiting does to a qubit in a memory.
+"""The decay of a qubit that waits in a memory.
 
 Relaxation to |0> with T1 and decay of coherence with T2 are, for T2 <= T1, exactly a reset with
 probability 1 - e^(-t/T1) and a Z with (e^(-t/T1) - e^(-t/T2)) / 2. Beyond that, up to T2 = 2 T1,

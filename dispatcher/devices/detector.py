@@ -1,4 +1,4 @@
-"""What one single-photon detector remembers: when it clicked last, and its afterpulses to come.
+"""The memory of one single-photon detector: its latest click, and afterpulses to come.
 
 A click is followed by a dead time, which light that comes meanwhile does not extend, and with some
 probability by one afterpulse, an exponential time later; it is seen if it falls into the gate of

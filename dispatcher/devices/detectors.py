@@ -1,4 +1,4 @@
-"""Which of two detectors clicks for each photon of a train, and what bit that tells.
+"""A pair of detectors: their clicks for each photon of a train, and the bit that these tell.
 
 One detector looks for either value of a bit. They click for the photon if it is there, for
 further photons of its pulse (each in either detector), for dark counts and afterpulses, unless
@@ -8,6 +8,7 @@ measured one after the other, with all the time that detectors need.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,13 @@ from dispatcher.sabot.registers import Mask
 from wire.physics import Detectors
 
 Bits = NDArray[np.uint8]
+
+
+class Told(NamedTuple):
+    """Photons that come to detectors beside the pulses' own: their pulses, and their bits."""
+
+    pulses: NDArray[np.int64]
+    bits: Bits
 
 
 @dataclass(frozen=True)
@@ -56,21 +64,38 @@ class DetectorPair:
         return self._like.efficiency == 1 and not self._dark and not self._remembers
 
     def detect(
-        self, bits: Bits, extras: Bits | None, train: Train, random: PhotonRandom
+        self,
+        bits: Bits,
+        extras: Bits | None,
+        train: Train,
+        random: PhotonRandom,
+        further: Told | None = None,
     ) -> Detection:
-        """Look at photons with these bits (NO_CLICK: not there) and further ones; shape (k,)."""
+        """Look at photons with these bits (NO_CLICK: not there), further ones, and noise.
+
+        `bits` and the counts of photons that are noise, `extras`, have shape (k,).
+        """
         own = bits != NO_CLICK
-        if self.ideal and extras is None:
+        if self.ideal and extras is None and further is None:
             return Detection(bits, own, int(np.count_nonzero(own)))
         if self._like.efficiency < 1:
             own &= random.happens("efficiency", self._like.efficiency)
         light = [own & (bits == value) for value in (0, 1)]
+        if further is not None:
+            self._add_further(light, further, random)
         if extras is not None:
             self._add(light, extras, random)
         return self._watch(light, own, train, random)
 
+    def _add_further(self, light: list[Mask], further: Told, random: PhotonRandom) -> None:
+        """Draw the clicks of further photons, each in the detector of its bit."""
+        drawn = random.generator("efficiency of further").random(further.bits.size)
+        met = drawn < self._like.efficiency
+        for value in (0, 1):
+            light[value][further.pulses[met & (further.bits == value)]] = True
+
     def _add(self, light: list[Mask], extras: Bits, random: PhotonRandom) -> None:
-        """Draw the clicks of further photons, each in either detector."""
+        """Draw the clicks of photons that are noise, each in either detector."""
         pulses = np.flatnonzero(extras > 0)
         drawn = random.generator("further photons").random(pulses.size)
         # Neither clicks with (1 - e)^n, and each one alone does not with (1 - e/2)^n.

@@ -1,8 +1,10 @@
-"""What a source of Bell pairs emits: which Bell states, how many pairs in a pulse, and when.
+"""The emission of a source of Bell pairs: states, pairs in a pulse, and times.
 
 Pairs in a pulse are counted by the statistics of the source: poisson for many modes of light,
-thermal for one (Loudon, The Quantum Theory of Light, chapters 3 and 6). Of several pairs one is
-simulated; the photons of the others only make detectors click, as independent pairs would.
+thermal for one (Loudon, The Quantum Theory of Light, chapters 3 and 6). Several pairs of a pulse
+are independent of each other: exact for many modes, an approximation for pairs of one mode, which
+stimulate each other. Photons that a host prepares are counted alike: poisson is a laser, weakened
+and without a fixed phase.
 """
 
 import math
@@ -14,6 +16,7 @@ from numpy.typing import NDArray
 from dispatcher.photon_random import PhotonRandom
 from wire.physics import PairSource
 
+FAR_SIGMAS = 6
 MOST_PAIRS = 255  # in a pulse: fits a byte; rarer than 1e-10 at the largest mean
 
 
@@ -30,10 +33,10 @@ def emit(source: PairSource, random: PhotonRandom) -> Emission:
     """Draw what a source emits, one pulse for each photon of a half."""
     pairs = None if source.statistics == "single" else _pairs(source, random)
     return Emission(
-        paulis=_bell_states(source.bell_probabilities(), random),
+        paulis=bell_states(source, random),
         pairs=pairs,
         delays_ps=_delays_ps(source.jitter_ps, pairs, random) if source.jitter_ps else None,
-        exact=pairs is None,
+        exact=source.statistics != "thermal",
     )
 
 
@@ -46,10 +49,19 @@ def pair_probabilities(statistics: str, mean_pairs: float) -> NDArray[np.float64
     return np.cumprod(factors, dtype=np.float64)
 
 
-def _bell_states(
-    probabilities: tuple[float, ...], random: PhotonRandom
-) -> NDArray[np.uint8] | None:
-    """Draw the Bell states: first which are not Phi+, then which of the others they are."""
+def most_further(source: PairSource, pulses: int) -> int:
+    """Return how many pairs beside the first of a pulse there are at most, but for one in 1e9."""
+    if source.statistics in ("single", "none"):
+        return 0
+    counts = np.maximum(np.arange(MOST_PAIRS + 1) - 1, 0)
+    probabilities = pair_probabilities(source.statistics, source.mean_pairs)
+    mean, square = float(counts @ probabilities), float(counts**2 @ probabilities)
+    return int(pulses * mean + FAR_SIGMAS * (pulses * (square - mean**2)) ** 0.5) + 1
+
+
+def bell_states(source: PairSource, random: PhotonRandom) -> NDArray[np.uint8] | None:
+    """Draw the Bell states of pairs: which are not Phi+, then which they are; None: all are."""
+    probabilities = source.bell_probabilities()
     others = sum(probabilities[1:])
     if others == 0:
         return None

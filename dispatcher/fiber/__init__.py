@@ -1,1 +1,1 @@
-"""What fibres do to the photons that pass them: one small class for each kind of noise."""
+"""Noise of fibres: one small class for each kind."""

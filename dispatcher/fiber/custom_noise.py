@@ -56,7 +56,7 @@ class OwnNoise:
                 f"{self._reference}: {name} is {found}; give {kind.__name__} for {photons} photons"
             )
         if kind is np.float64 and not np.isfinite(array).all():
-            raise BadConfig(f"{self._reference}: {name} holds what is no number")
+            raise BadConfig(f"{self._reference}: {name} holds what is not a number")
 
 
 def load(reference: str, parameters: Mapping[str, Any]) -> OwnNoise:

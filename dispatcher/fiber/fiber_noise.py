@@ -1,4 +1,4 @@
-"""Which noise models a fibre has: those whose parameters say that something happens."""
+"""The noise models of a fibre: those whose parameters say that something happens."""
 
 import math
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""What a fibre does to the photons that pass it.
+"""The interface of noise models: passages of photons in, effects out.
 
 A noise model turns physical parameters, and what the channel did before, into erasures, Paulis,
 angles and delays; it does not simulate. Models without memory are here, the others in
@@ -96,6 +96,11 @@ class Passage(PhotonRandom):
         """When each photon is at the far end, shape (k,), ascending."""
         return self.schedule.times_ns
 
+    def beside(self, photons: int) -> "Passage":
+        """Return the passage of so many further photons of the same pulses."""
+        schedule = Schedule(self.schedule.first_ns, Pattern(self.schedule.interval_ns, photons))
+        return Passage(self._draws, self._block, f"{self._place} beside", schedule, self.history)
+
 
 class Effect(NamedTuple):
     """What happens to each of k photons; None where nothing does."""
@@ -152,6 +157,9 @@ class Dephasing:
         paulis = np.zeros(passage.photons, dtype=np.uint8)
         paulis[passage.events("flip", self.probability)] = Z
         return Effect(paulis=paulis)
+
+
+MEMORYLESS = (Loss, Depolarizing, Dephasing)  # each photon for itself, whenever it comes
 
 
 def depolarized(passage: Passage, photons: NDArray[np.int64]) -> NDArray[np.uint8]:

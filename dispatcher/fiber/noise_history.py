@@ -1,4 +1,4 @@
-"""What a noise model has found in one fibre and one direction: the memory of a channel.
+"""The memory of a channel: values that a noise model has found in one fibre and direction.
 
 A value holds from its time on, until the next one. The dispatcher's history keeps the last of
 them, as many as it is deep.

@@ -43,6 +43,10 @@ def twirl(block: Block, sabot: Simulation, draws: Draws) -> None:
     paulis[_flipped(block, _most(angles_rad), angles_rad.take, draws)] = FLIPS_PHASE
     sabot.explain(block.register, "rotation about Z on the way", paulis)
     sabot.pauli(block.register, paulis)
+    if block.further is not None:
+        at = block.further.pulses
+        flips = _flipped_further(block, angles_rad[at], draws)
+        sabot.pauli(block.further.register, flips * FLIPS_PHASE)
     _forget(block)
 
 
@@ -64,6 +68,27 @@ def twirl_pairs(first: Block, second: Block, outcomes: NDArray[np.uint8], draws:
     outcomes[pairs[outcomes[pairs] != NO_CLICK]] ^= FLIPS_PHASE
     _forget(first)
     _forget(second)
+
+
+def twirl_further(
+    first: Block, second: Block, pulses: Positions, outcomes: NDArray[np.uint8], draws: Draws
+) -> None:
+    """The same for pairs of further photons of these pulses, before the own ones."""
+    one, other = first.pulses.angles_rad, second.pulses.angles_rad
+    if one is None and other is None:
+        return
+    total = np.zeros(pulses.size) if one is None else one[pulses]
+    if other is not None:
+        total = total + _turned(other[pulses], outcomes)
+    flips = _flipped_further(first, total, draws) & (outcomes != NO_CLICK)
+    outcomes[flips] ^= FLIPS_PHASE
+
+
+def _flipped_further(block: Block, angles_rad: Angles, draws: Draws) -> NDArray[np.bool_]:
+    place = block.draws_for(f"twirl {block.fibers_passed} further")
+    drawn = PhotonRandom(draws, block.name, place, angles_rad.size).uniform("own")
+    flipped: NDArray[np.bool_] = drawn < np.sin(angles_rad / 2) ** 2
+    return flipped
 
 
 def _most(angles_rad: Angles | None) -> float:

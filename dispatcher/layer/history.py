@@ -1,4 +1,4 @@
-"""What happened to the qubits: remembered, written to the event log, and told to watchers.
+"""The history of the qubits: remembered, written to the event log, and told to watchers.
 
 Noise models remember fibres to the same depth (dispatcher/fiber/noise_history.py).
 """

@@ -1,4 +1,4 @@
-"""Where the dispatcher tells in which order it does things, so that this can be repeated.
+"""The order in which the dispatcher does things, written down so that it can be repeated.
 
 What changes the physical layer happens without a pause, from the beginning of a request or from
 the end of a wait until the next wait. The order of these stretches, and what the clock said in

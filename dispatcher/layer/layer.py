@@ -7,16 +7,19 @@ import numpy as np
 
 from dispatcher.clock import Clock
 from dispatcher.devices.hardware import Devices
+from dispatcher.layer import further
 from dispatcher.layer.history import History
 from dispatcher.layer.journal import Journal
 from dispatcher.layer.memory import Memories
 from dispatcher.layer.network import Network
 from dispatcher.layer.ownership import Block, BlockName, Ownership
+from dispatcher.layer.software_time import SoftwareTime
 from dispatcher.sabot.draws import Draws
 from dispatcher.sabot.simulation import Simulation
-from dispatcher.software_time import SoftwareTime
 from wire.dispatcher_pb2 import BlockId, Event, Feedback, HeldBlock
 from wire.network_time import REAL_TIME, NetworkTime
+
+NEWS = ("arrive", "measure", "bell-measure")  # of which a host may have to hear before it goes on
 
 
 @dataclass
@@ -53,7 +56,10 @@ class PhysicalLayer:
         `each` says of a photon, by its position, what `detail` says of all.
         """
         event = Event(node=node, kind=kind, port=port, detail=detail)
-        event.time_ns = self.time.wall_ns(time_ns or self.clock.now_ns())
+        happened_ns = time_ns or self.clock.now_ns()
+        if kind in NEWS:
+            self.software.news(node, happened_ns)
+        event.time_ns = self.time.wall_ns(happened_ns)
         if block is not None:
             event.block.CopyFrom(block_id(block.name))
             event.photons = block.register.size
@@ -117,6 +123,7 @@ class PhysicalLayer:
         purpose = block.draws_for("discard")
         draws = self.draws.photons(block.name, purpose, block.register.size)
         self.sabot.drop(block.register, draws)
+        further.drop(self.sabot, block, self.draws)
         self.ownership.remove(block)
 
 

@@ -14,17 +14,17 @@ from numpy.typing import NDArray
 
 from dispatcher.clock import Clock
 from dispatcher.devices import abilities
-from dispatcher.devices.decay import Decay, Waits, decay
+from dispatcher.devices.decay import Decay, Each, Waits, decay
 from dispatcher.devices.hardware import Devices
-from dispatcher.layer import drift, pulses
+from dispatcher.layer import drift, further
 from dispatcher.layer.ownership import Block
+from dispatcher.layer.software_time import SoftwareTime
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.refusal import exhausted
 from dispatcher.sabot.capacity import GateStep
 from dispatcher.sabot.draws import Draws
-from dispatcher.sabot.registers import Mask
+from dispatcher.sabot.registers import Mask, Register
 from dispatcher.sabot.simulation import Simulation
-from dispatcher.software_time import SoftwareTime
 from wire.features import STORE
 from wire.physics import Memory
 
@@ -99,7 +99,7 @@ class Memories:
         )
         waits = _waits(block, start_ns, interval_ns)
         memory = self._devices.of(block.node).memory
-        self._software.waited(block.start_ns, start_ns, memory.decays)
+        self._software.waited(block.node, block.start_ns, start_ns, memory.decays)
         self._damp(block, memory, waits)
         block.start_ns, block.interval_ns = start_ns, interval_ns
         block.first_ns, block.last_ns = start_ns, _time_ns(block, block.register.size - 1)
@@ -120,7 +120,7 @@ class Memories:
         if efficiency == 1:
             return 0
         everything = np.ones(random.photons, dtype=bool)
-        pulses.thin(block.pulses, everything, efficiency, random, "further photons")
+        further.thin(self._sabot, block, everything, efficiency, random, "further photons")
         return self._sabot.lose(block.register, random.happens("efficiency", 1 - efficiency))
 
     def _damp(self, block: Block, memory: Memory, waits: Waits) -> None:
@@ -128,18 +128,24 @@ class Memories:
         if not decay(memory, waits.longest_s).damped:
             return
         share = decay(memory, waits.of(np.arange(waits.qubits))).damped
-        sabot, angle_rad = self._sabot, np.arcsin(np.sqrt(share))
-        unseen = sabot.zeros(block.register.size)
         purpose = block.draws_for(f"damped {block.fibers_passed}, {block.stores}")
-        draws = self._draws.photons(block.name, purpose, block.register.size)
+        self._damp_each(block, block.register, share, purpose)
+        if block.further is not None:
+            own = share[block.further.pulses] if isinstance(share, np.ndarray) else share
+            self._damp_each(block, block.further.register, own, f"{purpose} further")
+
+    def _damp_each(self, block: Block, register: Register, share: Each, purpose: str) -> None:
+        sabot, angle_rad = self._sabot, np.arcsin(np.sqrt(share))
+        unseen = sabot.zeros(register.size)
+        draws = self._draws.photons(block.name, purpose, register.size)
         try:
             rotation = GateStep("RY", angle_rad=angle_rad)
-            sabot.require_capacity(unseen, [rotation, GateStep("CX", block.register)])
+            sabot.require_capacity(unseen, [rotation, GateStep("CX", register)])
             sabot.gate("RY", unseen, angle_rad=angle_rad)
-            sabot.gate("CX", block.register, unseen)
+            sabot.gate("CX", register, unseen)
             sabot.gate("RY", unseen, angle_rad=-angle_rad)
-            sabot.gate("CX", block.register, unseen)
-            sabot.gate("CX", unseen, block.register)
+            sabot.gate("CX", register, unseen)
+            sabot.gate("CX", unseen, register)
         finally:
             sabot.drop(unseen, draws)
 
@@ -155,13 +161,14 @@ class Memories:
                 purpose = block.draws_for(f"reset {block.fibers_passed}, {block.stores}")
                 draws = self._draws.photons(block.name, purpose, random.photons)
                 self._sabot.reset(block.register, reset, draws)
+                further.reset(self._sabot, block, reset, self._draws, purpose)
         if worst.error:
             # A reset and a Pauli exclude each other, but Z does nothing to what has been reset.
             met = np.flatnonzero(_met("error", memory, waits, random) & present)
             paulis = np.zeros(random.photons, dtype=np.uint8)
             paulis[met] = 1 + _which(decay(memory, waits.of(met)), random)
             self._sabot.explain(block.register, f"decay in the memory of {block.node}", paulis)
-            self._sabot.pauli(block.register, paulis)
+            further.pauli(self._sabot, block, paulis)
             drift.reflect(block.pulses, paulis)
             tally = np.bincount(paulis, minlength=4)
             counts |= {name: int(tally[i]) for i, name in enumerate(("X", "Z", "XZ"), 1)}

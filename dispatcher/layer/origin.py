@@ -1,4 +1,4 @@
-"""Why something is done to qubits just now, for those who write it down."""
+"""The request behind an operation on qubits, for those who write it down."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,7 +12,7 @@ _origin: ContextVar[str] = ContextVar("origin", default="")
 
 
 @contextmanager
-def because(text: str) -> Iterator[None]:
+def caused_by(text: str) -> Iterator[None]:
     """Let what is done meanwhile, and by tasks that are begun, have this origin."""
     token = _origin.set(text)
     try:
@@ -26,7 +26,7 @@ def origin() -> str:
     return _origin.get()
 
 
-def told(node: str, kind: str, request: Any) -> str:
+def describe_request(node: str, kind: str, request: Any) -> str:
     """Return a request of a host as the origin of what it asks for."""
     act = f"{node}: {kind.replace('_', ' ')}"
     if kind == "create":

@@ -1,4 +1,4 @@
-"""Which block is where: at a node, waiting at one of its ports, or on its way."""
+"""The place of every block: at a node, waiting at one of its ports, or on its way."""
 
 from collections import deque
 from dataclasses import dataclass, field
@@ -33,10 +33,18 @@ class Pulses:
     Arrays have shape (k,) and cover the whole block, whichever part of it is here.
     """
 
-    extras: NDArray[np.uint8] | None = None  # more photons in a pulse, of independent pairs
+    extras: NDArray[np.uint8] | None = None  # photons in a pulse that are noise, without a state
     delays_ps: NDArray[np.float64] | None = None  # later than the block's rate says
     angles_rad: NDArray[np.float64] | None = None  # coherent rotation about Z so far
     exact: bool = True  # no approximation so far
+
+
+@dataclass(eq=False, slots=True)
+class Further:
+    """Photons of further pairs in pulses, each a qubit: m of them, those elsewhere included."""
+
+    register: Register
+    pulses: NDArray[np.int64]  # the pulse of each, shape (m,), ascending
 
 
 @dataclass(eq=False, slots=True)
@@ -51,6 +59,7 @@ class Block:
     last_ns: int = 0
     fibers_passed: int = 0
     pulses: Pulses = field(default_factory=Pulses)
+    further: Further | None = None  # None: no pulse has a photon of a second pair
     start_ns: int = 0  # when photon 0 is, or would have been, at the port; photon k comes later
     interval_ns: float = 0.0  # by k times this; 0: they were in no fibre yet
     source_rate_hz: float = float("inf")  # at most, while they have not left their source

@@ -20,14 +20,6 @@ from dispatcher.sabot.registers import Mask
 MOST_EXTRAS = 255
 
 
-def further(pairs: NDArray[np.uint8]) -> NDArray[np.uint8] | None:
-    """Return how many photons there are beside the first in each pulse; None: in no pulse any."""
-    if not (pairs > 1).any():
-        return None
-    extras: NDArray[np.uint8] = pairs - (pairs > 0)
-    return extras
-
-
 def lit(block: Block) -> Mask:
     """Return in which pulses of a block there is light: a photon of its own, or another."""
     present, extras = block.register.present, block.pulses.extras

@@ -1,4 +1,4 @@
-"""What the runner may change about a fibre while light flows: its calibration, its traffic."""
+"""Changes of a fibre while light flows: its calibration, its traffic."""
 
 from collections.abc import Iterable
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""What a node does to blocks it holds: each operation checks, then acts, then records."""
+"""Operations of a node on blocks that it holds: each checks, then acts, then records."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -7,11 +7,12 @@ import grpc
 import numpy as np
 
 from dispatcher.devices import abilities
-from dispatcher.layer import drift
+from dispatcher.devices.source import most_further
+from dispatcher.layer import drift, further
 from dispatcher.layer.layer import PhysicalLayer, block_name, tally
 from dispatcher.layer.ownership import Block, BlockName
 from dispatcher.operations import gate_noise, limits, preparation
-from dispatcher.operations.emission import emit_into
+from dispatcher.operations.emission import emit_into, emit_prepared
 from dispatcher.refusal import Refusal, exhausted, invalid
 from dispatcher.sabot.backend import Angle, Bytes, GateName
 from dispatcher.sabot.capacity import GateStep
@@ -75,6 +76,7 @@ class PlannedGate(NamedTuple):
         """Let an approximation in one of the two blocks be in both."""
         if self.target is not None:
             exact = block.pulses.exact and self.target.pulses.exact
+            exact &= block.further is None and self.target.further is None
             block.pulses.exact = self.target.pulses.exact = exact
 
 
@@ -96,7 +98,8 @@ class Operations:
         makers = (EMIT,) if halves == PAIR else (EMIT, STORE)
         abilities.require(layer.devices, node, *makers)
         names = [BlockName(request.session, request.number, half) for half in range(halves)]
-        self._require_room(names, request.count)
+        source = layer.devices.of(node).source
+        self._require_room(names, request.count, most_further(source, request.count))
         states = limits.states(request)
         registers = self._make(request, states)
         lineage = layer.ownership.used_names.use(request.session, request.number)
@@ -111,7 +114,9 @@ class Operations:
         if halves == PAIR:
             pairs, told = emit_into(blocks[0], blocks[1], layer)
             self.pairs_created += pairs
-            text += told
+        else:
+            told = emit_prepared(blocks[0], states, layer)
+        text += told
         if states is not None:
             text += f": {tally(states, preparation.STATES)}"
         each = None if states is None else lambda position: preparation.STATES[states[position]]
@@ -141,7 +146,7 @@ class Operations:
         done_ns = layer.clock.now_ns()  # however long it takes to simulate
         layer.take_up(block, *(gate.target for gate in planned if gate.target is not None))
         if values is not None:
-            layer.sabot.pauli(block.register, values)
+            further.pauli(layer.sabot, block, values)
             drift.reflect(block.pulses, values)
             details.insert(0, tally(values, PAULIS))
             errors = gate_noise.after_gate(layer, block, values != gate_noise.IDENTITY)
@@ -152,6 +157,7 @@ class Operations:
             layer.sabot.gate(step.name, block.register, step.target, step.angle_rad)
             gate.spread_approximation(block)
             if gate.target is None:
+                further.gate(layer.sabot, block, step.name, step.angle_rad)
                 errors += gate_noise.after_gate(layer, block)
             else:
                 errors += gate_noise.after_pair_gate(layer, block, gate.target)
@@ -170,7 +176,7 @@ class Operations:
         self._layer.record(node, "store", block)
         feedback = self._layer.feedback(block)
         feedback.time_ns = block.stored_ns
-        feedback.arrived = block.register.present.astype(np.uint8).tobytes()
+        feedback.arrived = further.held(block).astype(np.uint8).tobytes()
         return feedback
 
     def discard(self, node: str, name: BlockName) -> Feedback:
@@ -193,15 +199,15 @@ class Operations:
             self._layer.record(block.node, "discard", block, port=block.port)
         return feedback
 
-    def _require_room(self, names: list[BlockName], count: int) -> None:
-        """Refuse a block that would be too large or has a name that is taken."""
+    def _require_room(self, names: list[BlockName], count: int, further: int) -> None:
+        """Refuse a block that may be too large, with its further pairs, or whose name is taken."""
         layer = self._layer
         require_count(count)
         for name in names:
             if layer.ownership.exists(name):
                 message = f"{name} exists; discard it or take another number"
                 raise Refusal(grpc.StatusCode.ALREADY_EXISTS, message)
-        live, more = layer.sabot.live_qubits, count * len(names)
+        live, more = layer.sabot.live_qubits, (count + further) * len(names)
         if live + more > layer.max_live_qubits:
             raise exhausted(
                 f"{more} more qubits with {live} live exceed the limit of "

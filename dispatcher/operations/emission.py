@@ -1,13 +1,15 @@
-"""Makes new Bell pairs what the source of their host emits."""
+"""Makes new Bell pairs, and photons in given states, what the source of their host emits."""
 
 import numpy as np
 
-from dispatcher.devices.source import emit
+from dispatcher.devices.source import Emission, bell_states, emit
+from dispatcher.layer.further import owners
 from dispatcher.layer.layer import PhysicalLayer, tally
-from dispatcher.layer.ownership import Block
-from dispatcher.layer.pulses import further
+from dispatcher.layer.ownership import Block, Further
+from dispatcher.operations.preparation import prepare
 from dispatcher.photon_random import PhotonRandom
-from wire.physics import BELL_STATES
+from dispatcher.sabot.backend import Bytes
+from wire.physics import BELL_STATES, PairSource
 
 PAIRS = ("none", "1", "2", "more")
 
@@ -21,14 +23,56 @@ def emit_into(first: Block, second: Block, layer: PhysicalLayer) -> tuple[int, s
     if emission.paulis is not None:
         layer.sabot.pauli(first.register, emission.paulis)
         told += f", {tally(emission.paulis, BELL_STATES)}"
-    for half in (first, second):
+    more = None if emission.pairs is None else _further_pairs(emission, source, first, layer)
+    for number, half in enumerate((first, second)):
         half.source_rate_hz = source.max_rate_hz
         half.pulses.exact = emission.exact
         half.pulses.delays_ps = emission.delays_ps
         if emission.pairs is not None:
             layer.sabot.lose(half.register, emission.pairs == 0)
-            half.pulses.extras = further(emission.pairs)
+            half.further = None if more is None else more[number]
     if emission.pairs is None:
         return count, told
-    told += f", pairs in pulses: {tally(np.minimum(emission.pairs, len(PAIRS) - 1), PAIRS)}"
+    told += f", pairs in pulses: {_told(emission.pairs)}"
     return int(emission.pairs.sum(dtype=np.int64)), told
+
+
+def emit_prepared(block: Block, states: Bytes | None, layer: PhysicalLayer) -> str:
+    """Let new photons in given states (None: |0>) be what a source emits; return a description.
+
+    All photons of a pulse are in the same state. A host without a source keeps what it prepares.
+    """
+    source = layer.devices.of(block.node).source
+    if source.statistics in ("single", "none"):
+        return ""
+    random = PhotonRandom(layer.draws, block.name, block.draws_for("source"), block.register.size)
+    emission = emit(source, random)
+    assert emission.pairs is not None
+    layer.sabot.lose(block.register, emission.pairs == 0)
+    at = owners(emission.pairs)
+    if at.size:
+        own = np.zeros(at.size, np.uint8) if states is None else states[at]
+        block.further = Further(prepare(layer.sabot, own), at)
+    block.source_rate_hz = source.max_rate_hz
+    block.pulses.delays_ps = emission.delays_ps
+    return f", photons in pulses: {_told(emission.pairs)}"
+
+
+def _further_pairs(
+    emission: Emission, source: PairSource, first: Block, layer: PhysicalLayer
+) -> tuple[Further, Further] | None:
+    """Make the pairs of each pulse beside the first, each in a Bell state of its own."""
+    assert emission.pairs is not None
+    at = owners(emission.pairs)
+    if not at.size:
+        return None
+    one, other = layer.sabot.bell_pairs(at.size)
+    place = first.draws_for("source further")
+    paulis = bell_states(source, PhotonRandom(layer.draws, first.name, place, at.size))
+    if paulis is not None:
+        layer.sabot.pauli(one, paulis)
+    return Further(one, at), Further(other, at)
+
+
+def _told(pairs: Bytes) -> str:
+    return tally(np.minimum(pairs, len(PAIRS) - 1), PAIRS)

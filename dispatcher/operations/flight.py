@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dispatcher.clock import Clock
-from dispatcher.fiber.noise import Passage, Pattern, Schedule
-from dispatcher.layer import drift, pulses
+from dispatcher.fiber.noise import MEMORYLESS, Effect, NoiseModel, Passage, Pattern, Schedule
+from dispatcher.layer import drift, further, pulses
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.network import Line
 from dispatcher.layer.ownership import Block
@@ -87,7 +87,7 @@ class Flight:
             time_ns, _number, line, beam = heapq.heappop(self._queue)
             await clock.wait_until(time_ns)
             self._pass(beam, line)
-            if not (beam.members & pulses.lit(self._block)).any():
+            if not (beam.members & further.lit(self._block)).any():
                 continue
             switch = self._layer.network.switches.get(line.far.node)
             if switch is None:
@@ -105,6 +105,8 @@ class Flight:
             self._layer.sabot.pauli(block.register, noise ^ (photons * np.uint8(beam.rotation)))
         elif beam.rotation:
             self._layer.sabot.pauli(block.register, photons * np.uint8(beam.rotation))
+        turn = Effect(paulis=beam.members * np.uint8(beam.rotation))
+        further.meet(self._layer.sabot, block, beam.members, turn, alone=False)
         schedule = self._departure.after(beam.delay_ns)
         return Arrival(end, beam.members, schedule, beam.fibers_passed, errors)
 
@@ -124,7 +126,9 @@ class Flight:
             dark &= ~passed.pulses
             lost &= ~passed.photons
             purpose = f"extras {out_port}"
-            pulses.thin(block.pulses, passed.pulses, passed.transmission, random, purpose)
+            further.thin(
+                self._layer.sabot, block, passed.pulses, passed.transmission, random, purpose
+            )
             if rotation := switch.rotation(in_port, out_port):
                 paulis = passed.pulses * np.uint8(rotation)
                 told = f"rotation of {switch.name}, {in_port} -> {out_port}"
@@ -134,7 +138,7 @@ class Flight:
             onward = replace(beam, members=passed.pulses, rotation=beam.rotation ^ rotation)
             self._enter(end, onward)
         self._lose(lost, f"in {switch.name}")
-        pulses.darken(block.pulses, dark)
+        further.darken(self._layer.sabot, block, dark)
 
     def _enter(self, end: FiberEnd, beam: Beam) -> None:
         """Let a beam into the fibre that begins at a port, if there is one."""
@@ -168,6 +172,22 @@ class Flight:
                 drift.reflect(block.pulses, paulis)
                 beam.noise = paulis if beam.noise is None else beam.noise ^ paulis
             pulses.pass_on(block.pulses, beam.members, effect)
+            self._pass_further(beam, model, passage, effect)
+
+    def _pass_further(
+        self, beam: Beam, model: NoiseModel, passage: Passage, effect: Effect
+    ) -> None:
+        """Let further photons of the pulses meet it: for themselves, if it has no memory."""
+        light = self._block.further
+        if light is None or not light.pulses.size:
+            return
+        alone = isinstance(model, MEMORYLESS)
+        if alone:
+            effect = model.effect(passage.beside(light.pulses.size))
+        elif effect.transmission < 1:
+            lost = passage.beside(light.pulses.size).happens("lost", 1 - effect.transmission)
+            self._layer.sabot.lose(light.register, lost & beam.members[light.pulses])
+        further.meet(self._layer.sabot, self._block, beam.members, effect, alone)
 
     def _chance(self, place: str) -> PhotonRandom:
         block, photons = self._block, self._departure.pattern.photons
@@ -176,7 +196,7 @@ class Flight:
     def _absorb(self, members: Mask) -> None:
         """Lose all the light of some pulses."""
         self._lose(members, "nowhere to go")
-        pulses.darken(self._block.pulses, members)
+        further.darken(self._layer.sabot, self._block, members)
 
     def _lose(self, photons: Mask, told: str) -> None:
         if photons.any():

@@ -1,4 +1,4 @@
-"""What gates do to qubits besides what they are meant to: depolarising noise after each gate.
+"""Noise of gates: depolarisation that follows each of them.
 
 Of one qubit X, Z and XZ come with p/4 each; of two qubits each of the 15 products of Pauli
 operators but the identity with p/16, on both qubits together. A pair is hit only where both are
@@ -10,7 +10,7 @@ after the H flips the bit of the phase alone, which in front of both gates is Z.
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.layer import drift
+from dispatcher.layer import drift, further
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.ownership import Block
 from dispatcher.photon_random import PhotonRandom
@@ -71,6 +71,6 @@ def _hit(layer: PhysicalLayer, block: Block, at: Positions, ops: Bytes) -> int:
         paulis = np.zeros(block.register.size, dtype=np.uint8)
         paulis[at] = ops
         layer.sabot.explain(block.register, f"gate of {block.node}", paulis)
-        layer.sabot.pauli(block.register, paulis)
+        further.pauli(layer.sabot, block, paulis)
         drift.reflect(block.pulses, paulis)
     return at.size

@@ -16,7 +16,7 @@ import grpc
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.layer import pulses
+from dispatcher.layer import further, pulses
 from dispatcher.layer.layer import PhysicalLayer, block_name
 from dispatcher.layer.ownership import Block, BlockName
 from dispatcher.operations import limits
@@ -59,7 +59,7 @@ class Gathering:
         gathered = self._block(node, into, picked)
         if keep_rest:
             for block, positions in picked:
-                pulses.darken(block.pulses, _mask(positions, block.register.size))
+                further.darken(layer.sabot, block, _mask(positions, block.register.size))
         else:
             for block in blocks:
                 layer.drop(block)
@@ -121,6 +121,7 @@ class Gathering:
     def _block(self, node: str, into: BlockName, picked: Sequence[Picked]) -> Block:
         blocks = [block for block, _positions in picked]
         light = pulses.gather([(block.pulses, positions) for block, positions in picked])
+        more = further.gather(self._layer.sabot, picked)
         picks = [RegisterPick(block.register, positions) for block, positions in picked]
         return Block(
             into,
@@ -130,6 +131,7 @@ class Gathering:
             last_ns=max(block.last_ns for block in blocks),
             fibers_passed=max(block.fibers_passed for block in blocks),
             pulses=light,
+            further=more,
             start_ns=max(block.start_ns for block in blocks),
             source_rate_hz=min(block.source_rate_hz for block in blocks),
             stores=max(block.stores for block in blocks),

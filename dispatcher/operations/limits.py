@@ -39,8 +39,8 @@ def states(request: CreateRequest) -> Bytes | None:
 def angle(name: str, gate: Gate, photons: int, backend: str) -> Angle:
     """Return a gate's angle, or that of each photon; 0 of a gate that has none.
 
-    Refuse one that is no number or too large to mean one, and angles that do not fit the block or
-    the backend.
+    Refuse one that is not a number or too large to mean one, and angles that do not fit the block
+    or the backend.
     """
     if not gate.angles_rad:
         _require_angle(name, gate.angle_rad)

@@ -1,4 +1,4 @@
-"""What a node measures of blocks it holds: first their states, then what its detectors tell."""
+"""Measurements of blocks by the node that holds them: first states, then detectors."""
 
 from functools import partial
 
@@ -7,7 +7,8 @@ import numpy as np
 from dispatcher.devices import abilities
 from dispatcher.devices.analyser import Analyser, Half
 from dispatcher.devices.detector import Train
-from dispatcher.layer import drift
+from dispatcher.devices.detectors import Told
+from dispatcher.layer import drift, further
 from dispatcher.layer.layer import PhysicalLayer, tally
 from dispatcher.layer.ownership import Block, BlockName
 from dispatcher.operations import gate_noise
@@ -19,6 +20,7 @@ from dispatcher.sabot.capacity import GateStep
 from dispatcher.sabot.draws import PhotonDraws
 from dispatcher.sabot.limits import packed
 from dispatcher.sabot.manager import NO_CLICK
+from dispatcher.sabot.registers import Mask
 from wire.dispatcher_pb2 import Feedback, MeasureRequest
 from wire.features import MEASURE
 from wire.physics import BELL_STATES
@@ -49,11 +51,12 @@ class Measurements:
             drift.twirl(block, layer.sabot, layer.draws)
         feedback = layer.feedback(block)
         bits = layer.sabot.measure(block.register, values, self._draws(block))
+        more = further.measure(layer.sabot, block, values, layer.draws, "measure")
         layer.ownership.remove(block)
         place = block.draws_for(f"detectors of {node}")
         random = PhotonRandom(layer.draws, block.name, place, size)
         detectors = layer.devices.detectors(node, "measure")
-        found = detectors.detect(bits, block.pulses.extras, train(block), random)
+        found = detectors.detect(bits, block.pulses.extras, train(block), random, more)
         told = f"{tally(values, BASES)}: {tally(found.bits, ('0', '1'))}"
         each = partial(outcome, found.bits, ("0", "1"))
         layer.record(node, "measure", block, detail=told + listed(found.incidents()), each=each)
@@ -71,18 +74,19 @@ class Measurements:
         feedback = layer.feedback(first, second)
         feedback.first_ns = min(first.first_ns, second.first_ns)
         feedback.last_ns = max(first.last_ns, second.last_ns)
-        halves = _half(first), _half(second)
         by_gates = layer.devices.of(node).analyser.kind == "gates"
         errors = gate_noise.before_bell_measurement(layer, first, second) if by_gates else {}
+        present = first.register.present, second.register.present
         states = layer.sabot.bell_measure(
             first.register, second.register, (self._draws(first), self._draws(second))
         )
+        place = first.draws_for(f"analyser of {node}")
+        random = PhotonRandom(layer.draws, first.name, place, first.register.size)
+        halves = self._halves(first, second, present, random)
         drift.twirl_pairs(first, second, states, layer.draws)
         feedback.exact = layer.count_exact((first, second))
         for block in (first, second):
             layer.ownership.remove(block)
-        place = first.draws_for(f"analyser of {node}")
-        random = PhotonRandom(layer.draws, first.name, place, first.register.size)
         found = self._analyser(node).analyse(states, halves, random)
         told = f"with {second.name.number}/{second.name.half}: {tally(found.outcomes, BELL_STATES)}"
         told += listed(errors)
@@ -92,6 +96,36 @@ class Measurements:
         feedback.coincidences = int(np.count_nonzero(found.outcomes != NO_CLICK))
         feedback.outcomes = found.outcomes.tobytes()
         return feedback
+
+    def _halves(
+        self, first: Block, second: Block, present: tuple[Mask, Mask], random: PhotonRandom
+    ) -> tuple[Half, Half]:
+        """Return the light that comes to both arms, its further photons measured."""
+        more = self._further(first, second, random)
+        one, other = (
+            Half(there, block.pulses.extras, block.pulses.delays_ps, train(block), told)
+            for there, block, told in zip(present, (first, second), more, strict=True)
+        )
+        return one, other
+
+    def _further(
+        self, first: Block, second: Block, random: PhotonRandom
+    ) -> tuple[Told | None, Told | None]:
+        """Bell-measure further photons; one alone takes either detector of its arm at random."""
+        layer = self._layer
+        matched = further.bell_measure(layer.sabot, first, second, layer.draws)
+        if matched is None:
+            return None, None
+        first.pulses.exact = second.pulses.exact = False  # photons of pairs interfere
+        drift.twirl_further(first, second, matched.pulses, matched.outcomes, layer.draws)
+        there = matched.outcomes != NO_CLICK
+        pulses, outcomes = matched.pulses[there], matched.outcomes[there]
+        told = []
+        for arm, bits in enumerate((outcomes >> np.uint8(1), outcomes & np.uint8(1))):
+            alone = matched.alone[arm]
+            coins = random.coins(f"further photon alone {arm}", alone.size)
+            told.append(Told(np.append(pulses, alone), np.append(bits, coins)))
+        return told[0], told[1]
 
     def _analyser(self, node: str) -> Analyser:
         devices = self._layer.devices
@@ -111,11 +145,6 @@ def outcome(found: Bytes, names: tuple[str, ...], position: int) -> str:
 
 def train(block: Block) -> Train:
     return Train(block.start_ns, block.interval_ns, block.register.size)
-
-
-def _half(block: Block) -> Half:
-    pulses = block.pulses
-    return Half(block.register.present, pulses.extras, pulses.delays_ps, train(block))
 
 
 def listed(incidents: dict[str, int]) -> str:

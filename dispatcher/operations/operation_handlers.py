@@ -1,4 +1,4 @@
-"""What each request of a host asks of the physical layer, whether it comes alone or as a step."""
+"""The handler of each operation, which a host asks for alone or as a step of an order."""
 
 from collections.abc import Awaitable, Callable
 from typing import Any

@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 
 from dispatcher.devices import abilities
-from dispatcher.layer import drift, pulses
+from dispatcher.layer import drift, further, pulses
 from dispatcher.layer.layer import PhysicalLayer, tally
 from dispatcher.layer.ownership import Block, BlockName, Pulses
 from dispatcher.operations import preparation
@@ -53,9 +53,10 @@ class Resending:
         block.resends += 1
         draws = layer.draws.photons(name, place, size)
         bits = layer.sabot.measure(taken.register, values * chosen, draws)
+        more = further.measure(layer.sabot, taken, values * chosen, layer.draws, place)
         random = PhotonRandom(layer.draws, name, f"{place}, detectors of {node}", size)
         detectors = layer.devices.detectors(node, "measure")
-        found = detectors.detect(bits, taken.pulses.extras, train(block), random)
+        found = detectors.detect(bits, taken.pulses.extras, train(block), random, more)
         outcomes = found.bits | (~chosen * np.uint8(NO_CLICK))
         again = (outcomes != NO_CLICK) & free
         self._replace(block, fresh, again, values << np.uint8(1) | outcomes & np.uint8(1))
@@ -93,6 +94,7 @@ class Resending:
             fibers_passed=block.fibers_passed,
             pulses=own,
             lineage=block.lineage,
+            further=further.part(layer.sabot, block, chosen),
         )
         drift.twirl(part, layer.sabot, layer.draws)
         _renew(block.pulses, chosen)

@@ -1,4 +1,4 @@
-"""What is asked of quantum switches: cross-connects, tuning, statistics, faults."""
+"""Operations of quantum switches: cross-connects, tuning, statistics, faults."""
 
 import asyncio
 from collections.abc import AsyncIterator, Iterable, Iterator, Sequence

@@ -8,7 +8,7 @@ import numpy as np
 
 from dispatcher.devices import abilities
 from dispatcher.fiber.noise import Pattern
-from dispatcher.layer import pulses
+from dispatcher.layer import further, pulses
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.ownership import Block, BlockName
 from dispatcher.operations import limits
@@ -120,7 +120,7 @@ class Transport:
         flight.launch(end)
         left, landed = True, False
         while left and (arrival := await flight.next_arrival(layer.clock)):
-            left = bool((pulses.lit(block) & ~arrival.members).any())
+            left = bool((further.lit(block) & ~arrival.members).any())
             self._land(self._part(block, arrival) if left else block, arrival)
             landed = True
         layer.photons_lost += flight.lost
@@ -134,6 +134,7 @@ class Transport:
         register = layer.sabot.part(block.register, arrival.members)
         own = pulses.part(block.pulses, arrival.members)
         part = Block(block.name, register, "", pulses=own)
+        part.further = further.part(layer.sabot, block, arrival.members)
         part.interval_ns, part.stores = block.interval_ns, block.stores
         part.lineage, part.resends, part.gates = block.lineage, block.resends, block.gates
         layer.ownership.add(part)
@@ -144,7 +145,7 @@ class Transport:
         layer = self._layer
         block.fibers_passed = arrival.fibers_passed
         block.start_ns = arrival.schedule.first_ns
-        first, last = np.flatnonzero(pulses.lit(block))[[0, -1]].tolist()
+        first, last = np.flatnonzero(further.lit(block))[[0, -1]].tolist()
         block.first_ns = arrival.schedule.time_ns(first)
         block.last_ns = arrival.schedule.time_ns(last)
         end = arrival.end
@@ -168,8 +169,9 @@ class Transport:
             layer.ownership.move(block, node, port)
             return
         layer.take_up(there)
-        pulses.unite(there.pulses, block.pulses, pulses.lit(block))
+        pulses.unite(there.pulses, block.pulses, further.lit(block))
         layer.sabot.unite(there.register, block.register)
+        further.unite(layer.sabot, there, block)
         there.first_ns = min(there.first_ns, block.first_ns)
         there.last_ns = max(there.last_ns, block.last_ns)
         there.fibers_passed = max(there.fibers_passed, block.fibers_passed)

@@ -1,4 +1,4 @@
-"""What Sabot asks of a backend: k equal systems of n qubits, simulated at once."""
+"""The interface of Sabot's backends: k equal systems of n qubits, simulated at once."""
 
 from collections.abc import Sequence
 from typing import ClassVar, Literal, NamedTuple, Protocol, Self

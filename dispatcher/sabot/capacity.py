@@ -1,4 +1,4 @@
-"""Whether gates keep states within their limits, asked before anything is changed."""
+"""Limits of states, checked for a series of gates before anything is changed."""
 
 from collections.abc import Sequence
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""Which qubits of a stabilizer state are independent of each other.
+"""The factors of a stabilizer state: qubits that are independent of all others.
 
 The reduced row echelon form of a direct sum is that of its parts, so rows that share no
 qubit in it belong to separate states (linear algebra over GF(2)).

@@ -1,4 +1,4 @@
-"""What the physical layer asks of the simulation manager, in this process or another."""
+"""The interface of the simulation manager, in this process or another."""
 
 from collections.abc import Sequence
 from typing import Protocol

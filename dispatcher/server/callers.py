@@ -1,4 +1,4 @@
-"""Who calls: the token, and not the address, names the node, and the node says what it may do."""
+"""Callers: the token, and not the address, names the node, and the node says what it may do."""
 
 from collections.abc import Collection
 from hashlib import sha256
@@ -34,7 +34,7 @@ class Callers:
     def require_host(self, node: str) -> None:
         """Refuse all but hosts, which alone hold qubits."""
         if node == RUNNER or node in self._switches:
-            raise denied(f"{node} is no host; only hosts act on qubits")
+            raise denied(f"{node} is not a host; only hosts act on qubits")
 
     def require_runner(self, node: str, act: str) -> None:
         """Refuse all but the runner."""

@@ -1,4 +1,4 @@
-"""What requests change besides qubits, by the names under which they are recorded.
+"""Requests that change more than qubits, by the names under which they are recorded.
 
 Whatever a new request changes must be done by a name of this table, or it is not replayed.
 """

@@ -10,7 +10,7 @@ from typing import Any, TypeVar, cast
 import grpc
 
 from dispatcher.layer.layer import PhysicalLayer
-from dispatcher.layer.origin import because, told
+from dispatcher.layer.origin import caused_by, describe_request
 from dispatcher.operations.blocks import Operations
 from dispatcher.operations.gathering import Gathering
 from dispatcher.operations.measurements import Measurements
@@ -156,7 +156,7 @@ class Service(DispatcherServicer):
         try:
             with (
                 self.layer.journal.request(node, kind, request),
-                because(told(node, kind, request)),
+                caused_by(describe_request(node, kind, request)),
             ):
                 return await change(node, request)
         except TooLarge as error:
@@ -231,7 +231,7 @@ class Service(DispatcherServicer):
             events=self.layer.history.count,
             backend=self.layer.sabot.backend,
             exact=self.layer.exact,
-            software=self.layer.software.told(),
+            software=self.layer.software.message(),
         )
 
     @call

@@ -1,4 +1,4 @@
-"""What the middleware may ask of a QNIC, whatever stands behind it.
+"""The interface of a QNIC to the middleware, whatever hardware stands behind it.
 
 Blocks of k photons are named as on the wire: (session, number, half). A driver for real
 equipment implements the same calls (paper, section "Host Nodes").

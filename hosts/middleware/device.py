@@ -1,4 +1,4 @@
-"""What a host's device has done and is set to: counts over all sessions, and overrides.
+"""A host's device: counts over all sessions, settings, and the controller's overrides.
 
 No socket and no clock. Sessions that have ended are added up and forgotten.
 """

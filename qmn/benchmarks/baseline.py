@@ -1,4 +1,4 @@
-"""What the same network costs without light: TCP connects and packet-ins, timed on a host.
+"""The cost of the same network without light: TCP connects and packet-ins, timed on a host.
 
 python -m qmn.benchmarks.baseline serve ADDRESS
 python -m qmn.benchmarks.baseline connects COUNT ADDRESS      seconds for one TCP connect and close

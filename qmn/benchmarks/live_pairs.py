@@ -1,4 +1,4 @@
-"""What a pair costs the dispatcher while many others are alive."""
+"""The cost of a pair for the dispatcher while many others are alive."""
 
 import time
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""What measurements share: programs that print figures, and what many times come down to."""
+"""Programs that print measurements, and statistics of many times."""
 
 import time
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""What seeing everything costs: runs that write it all down beside runs that write nothing.
+"""The cost of captures, events and records: runs with them beside runs without.
 
 Runs of all kinds take turns, in both orders, so that a machine that gets slower, or still has to
 bring to the disk what the run before has written, slows all of them alike.

@@ -1,4 +1,4 @@
-"""How long a light path takes, from the metadata's packet-in on, beside what it cannot beat."""
+"""The time to set up a light path, from the metadata's packet-in on, and its baselines."""
 
 import json
 from collections.abc import Iterator

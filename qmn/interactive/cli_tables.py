@@ -1,4 +1,4 @@
-"""What the quantum verbs of `qmn cli` print."""
+"""The tables and lines of the quantum verbs of `qmn cli`."""
 
 import statistics
 from collections.abc import Sequence

@@ -231,7 +231,7 @@ def _number(text: str, what: str, least: float, most: float) -> float:
     try:
         number = float(text)
     except ValueError as error:
-        raise BadInput(f"{what} {text!r} is no number: choose {least:g} to {most:g}") from error
+        raise BadInput(f"{what} {text!r} is not a number: choose {least:g} to {most:g}") from error
     if not least <= number <= most:
         raise BadInput(f"{what} {text}: choose {least:g} to {most:g}")
     return number

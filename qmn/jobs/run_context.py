@@ -1,4 +1,4 @@
-"""What runs of all kinds have in common: their folder, their network, their facts, their end."""
+"""The context of a run of any kind: its folder, its network, its facts, its end."""
 
 import argparse
 import os
@@ -17,6 +17,7 @@ from qmn.live.dispatcher_calls import status
 from qmn.live.metrics_targets import announce
 from qmn.network.device_options import differences
 from qmn.network.options import BadInput, check_range, settings
+from qmn.network.time_scale import scale_of
 from qmn.network.topologies import (
     BadTopology,
     every_device,
@@ -28,9 +29,9 @@ from qmn.network.topologies import (
 from qmn.reports.report_file import report_of_run
 from qmn.results.network_facts import network_facts
 from qmn.results.run_folder import give_to_invoker, given_at_the_end, make_folder, point_latest
+from qmn.results.software_share import software_facts
 from qmn.results.timeline import timeline_of_run
-from qmn.software_share import software_facts
-from qmn.time_scale import scale_of
+from topologies.causality import worst
 from topologies.network import Interrupted, Network, Signals
 from topologies.programs import NetworkError
 from topologies.slow_copper import LEAST_MBPS, MOST_MBPS, slow_metadata
@@ -48,6 +49,7 @@ NETWORK_PARAMETERS = (
     "leaves",
     "repeaters",
     "spines",
+    "copper_km",
     "loss_budget_db",
     "contention",
     "openflow_port",
@@ -173,6 +175,8 @@ def running_network(
         yield network
         reached = status(network)
         facts["exact"] = reached.exact
+        early = worst(network.runtime)
+        facts["acausal"] = early.to_dict() if early else None
         facts |= software_facts(reached.software, network.runtime.devices.values())
     facts["packets_not_captured"] = network.packets_missed
 

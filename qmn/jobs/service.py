@@ -251,14 +251,14 @@ def check_input(arguments: argparse.Namespace) -> ServiceOptions:
     state = fields.get("state", qubit_states.RANDOM)
     if arguments.backend != "dense" and qubit_states.needs_vectors(state):
         raise BadInput(
-            f"--state {state} is no stabiliser state, as --backend {arguments.backend} holds them: "
-            f"add --backend dense, or choose {', '.join(qubit_states.NAMES)} or random"
+            f"--state {state} is not a stabiliser state, as --backend {arguments.backend} holds "
+            f"them: add --backend dense, or choose {', '.join(qubit_states.NAMES)} or random"
         )
     return options
 
 
 def check_source(arguments: argparse.Namespace, hosts: Sequence[str]) -> None:
-    """Raise BadInput for a source that is no host."""
+    """Raise BadInput for a source that is not a host."""
     if arguments.source and arguments.source not in hosts:
         raise BadInput(f"--source {arguments.source}: choose one of {', '.join(hosts)}")
 

@@ -1,4 +1,4 @@
-"""Where quantum events come from: the dispatcher of a running network, or the file of a run."""
+"""Sources of quantum events: the dispatcher of a running network, or the file of a run."""
 
 import os
 import time

@@ -26,7 +26,7 @@ def add_nodes(parser: argparse.ArgumentParser, call: Callable[[argparse.Namespac
     """Describe the two nodes that the fibres join."""
     parser.add_argument("a", metavar="NODE", help="one end of the fibres, as alice")
     parser.add_argument("b", metavar="NODE", help="their other end, as q1")
-    parser.set_defaults(call=call)
+    parser.set_defaults(call=call, needs_root=True)
 
 
 def give(arguments: argparse.Namespace, done: str, **adjustment: Any) -> int:

@@ -56,7 +56,7 @@ def user() -> Finding:
     """Who asks: namespaces and bridges are root's."""
     if os.geteuid() == 0:
         return Finding("user", WORKS, "root")
-    remedy = "call `qmn run` with sudo, and this too, for all checks"
+    remedy = "`sudo qmn doctor` checks more; verbs that need root ask for it by themselves"
     return Finding("user", LIMITED, f"not root but user {os.geteuid()}", remedy)
 
 

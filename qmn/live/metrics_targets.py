@@ -1,4 +1,4 @@
-"""Where Prometheus finds the figures of a run's programs."""
+"""The addresses of a run's metrics, for Prometheus."""
 
 import json
 from pathlib import Path

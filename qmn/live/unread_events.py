@@ -1,4 +1,4 @@
-"""How many events a network's end took away from somebody who was still reading.
+"""The count of events that the end of a network took from somebody who was still reading.
 
 The dispatcher keeps some thousand events for a slow reader. When it ends they go with it, but the
 file of the run has them all, in the same order: what is behind the last one read was missed.

@@ -1,4 +1,4 @@
-"""What the command line says of hosts' devices.
+"""Options of hosts' devices on the command line.
 
 --node ion-trap --node bob=photonic --device bob.detectors.efficiency=0.8
 """

@@ -1,4 +1,4 @@
-"""What can be said of a network before it starts: the same words for `qmn run`, `qmn cli`, scripts.
+"""Options of a network before it starts: the same for `qmn run`, `qmn cli` and scripts.
 
 The command line has them as options, Python as keywords: --length-km 2 and length_km=2.
 """
@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any, NoReturn, TypedDict
 
 from controller_apps.policy.policy import BadPolicy, read_policy
-from qmn.time_scale import AUTO, REAL, scale
+from qmn.network.time_scale import AUTO, REAL, scale
+from topologies.copper_link import MOST_KM
 from topologies.node_kinds import NODE_KINDS
 from topologies.presets import PRESETS
 from topologies.runtime import OPENFLOW_PORT, Runtime
@@ -43,6 +44,7 @@ class NetworkOptions(TypedDict, total=False):
     leaves: int
     repeaters: int
     spines: int
+    copper_km: float
     loss_budget_db: float
     contention: str
     policy: str | Path
@@ -83,6 +85,8 @@ def add_network_options(parser: argparse.ArgumentParser) -> None:
     add("--switches", type=int, metavar="N", help="quantum switches of a chain or ring")
     add("--leaves", type=int, metavar="N", help="switches of leaf-spine with hosts (3)")
     add("--spines", type=int, metavar="N", help="switches of leaf-spine between leaves (2)")
+    text = "length of every copper cable (that of the fibres between the same places)"
+    add("--copper-km", type=float, metavar="KM", help=text)
     add("--loss-budget-db", type=float, default=30.0, metavar="DB", help="of a light path (30)")
     add("--contention", choices=CONTENTION, default="refuse", help="if light is taken")
     add("--policy", type=Path, metavar="FILE", help="who may do what, in TOML (allow everything)")
@@ -152,6 +156,8 @@ def check_network(arguments: argparse.Namespace) -> None:
     check_range(arguments, "history_depth", 0, 10_000_000)
     check_range(arguments, "per_qubit", 0, 1_000_000)
     check_range(arguments, "loss_budget_db", 0, 1_000)
+    if arguments.copper_km is not None:
+        check_range(arguments, "copper_km", 0, MOST_KM)
 
 
 def check_two_hosts(sender: str, receiver: str, hosts: list[str]) -> None:
@@ -183,6 +189,7 @@ def settings(
         per_qubit=arguments.per_qubit,
         framework=arguments.controller,
         openflow_port=arguments.openflow_port,
+        copper_km=arguments.copper_km,
         history_depth=arguments.history_depth,
         loss_budget_db=arguments.loss_budget_db,
         contention=arguments.contention,

@@ -1,4 +1,4 @@
-"""Which topologies `qmn run` knows, and what the command line may say of them."""
+"""The topologies of `qmn run`, and their options on the command line."""
 
 import argparse
 import json

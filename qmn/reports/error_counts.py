@@ -1,4 +1,4 @@
-"""How errors grew during a run: by the receiver's reports, or else by what the sender said."""
+"""The growth of errors during a run: by the receiver's reports, or else by the sender."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Which light paths stood in a run: cross-connects that opened, joined by fibres."""
+"""The light paths of a run: cross-connects that opened, joined by fibres."""
 
 import re
 from collections import defaultdict

@@ -1,4 +1,4 @@
-"""Where the nodes of a network stand in its drawing: columns from left to right.
+"""The places of a network's nodes in its drawing: columns from left to right.
 
 Classical switches, hosts, then quantum switches. A line of switches is one column; a ring has
 its far side in a second one; so has a fabric of two stages, leaves in the first.

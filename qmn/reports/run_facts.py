@@ -1,4 +1,4 @@
-"""What a report reads in the folder of a run."""
+"""The facts of a run that its report reads from the folder."""
 
 import json
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What a network of `qmn cli` or of a script leaves in its folder, beside logs and captures.
+"""The files of `qmn cli` and of scripts in their folder, beside logs and captures.
 
 One timeline with its dissectors, and result.json: topology, parameters, seed, how it ended.
 """

@@ -1,4 +1,4 @@
-"""What a network is made of, as result.json keeps it: hosts, switches, fibres, copper."""
+"""The parts of a network as result.json keeps them: hosts, switches, fibres, copper."""
 
 from dataclasses import asdict, dataclass
 from typing import Any, Self

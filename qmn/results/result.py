@@ -9,7 +9,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from qmn import software_share
+from qmn.results import software_share
 from topologies.record import read_record
 from topologies.runtime import EVENT_LOG
 from wire.device import RANGES, setting_name

@@ -53,7 +53,7 @@ def merge(run: Path, target: Path | None = None) -> Path:
 
     Packets are on interfaces named after their capture files, events on those that they
     have in the dispatcher's file. Raise NoCaptures where there is nothing, MalformedPacket
-    for a file that is no capture.
+    for a file that is not a capture.
     """
     captures = _captures(run)
     if not captures:

@@ -25,13 +25,14 @@ from qmn.network.options import (
     from_keywords,
     settings,
 )
+from qmn.network.time_scale import scale_of
 from qmn.network.topologies import FIBER, SIZES, TOPOLOGIES, topology
 from qmn.results.artifacts import left_behind
 from qmn.results.network_facts import network_facts
 from qmn.results.run_folder import given_at_the_end
 from qmn.scripting.exchange import Exchange, connection, exchange
 from qmn.scripting.light import FiberState, LightPath, fiber_state, light_path
-from qmn.time_scale import scale_of
+from topologies.causality import worst
 from topologies.network import Network, Signals
 from topologies.nodes import QuantumHost
 
@@ -204,6 +205,8 @@ def running(
         try:
             with network, signals.at_once():
                 facts["network"] = network_facts(network).to_dict()
+                early = worst(network.runtime)
+                facts["acausal"] = early.to_dict() if early else None
                 if folder is not None and runtime.metrics:
                     facts["metrics"] = announce(runtime.metrics_addresses, folder)
                 yield network

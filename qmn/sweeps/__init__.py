@@ -1,1 +1,1 @@
-"""What sweeps consist of: grids, experiments, theory, tables and figures."""
+"""Sweeps: grids, experiments, theory, tables and figures."""

@@ -8,6 +8,7 @@ from qmn.sweeps.experiment import Experiment, Outcome
 from qmn.sweeps.fresh_outcomes import FRESH_OUTCOMES
 from qmn.sweeps.gated_bell import GATED_BELL
 from qmn.sweeps.interference import HOM
+from qmn.sweeps.multi_pair import MULTI_PAIR
 from qmn.sweeps.parameters import Values
 from qmn.sweeps.seeds import point_seed
 from qmn.sweeps.superdense import SUPERDENSE
@@ -26,6 +27,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         GATED_BELL,
         WAITING,
         FRESH_OUTCOMES,
+        MULTI_PAIR,
     )
 }
 

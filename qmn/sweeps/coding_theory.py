@@ -1,4 +1,4 @@
-"""What is left of errors after a perfect code, computed over all error patterns of a codeword.
+"""The errors that a perfect code leaves, computed over all error patterns of a codeword.
 
 Every word is one error pattern away from the nearest codeword: the leader of its coset. So the
 decoder turns an error pattern into the pattern plus its leader, and the residual bit error is the

@@ -1,4 +1,4 @@
-"""What is measured at each point of a grid."""
+"""An experiment: the measures that are taken at each point of a grid."""
 
 from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
@@ -54,7 +54,7 @@ class Experiment:
             if parameter.name == name:
                 return parameter
         names = ", ".join(parameter.name for parameter in self.parameters)
-        raise BadGrid(f"{name} is no parameter of {self.name}: choose {names}")
+        raise BadGrid(f"{name} is not a parameter of {self.name}: choose {names}")
 
     def measure(self, name: str) -> Measure:
         """Return a measure by its name."""

@@ -72,5 +72,5 @@ def read(path: Path) -> dict[str, Any]:
     if not isinstance(content.get("sweep"), str):
         raise BadGrid(f'{path} does not say what to sweep: sweep = "sdc", for example')
     if not isinstance(content.get("grid", {}), dict):
-        raise BadGrid(f"{path}: grid is no table: write [grid]")
+        raise BadGrid(f"{path}: grid is not a table: write [grid]")
     return content

@@ -1,4 +1,4 @@
-"""Which figures a sweep has: one for each measure, over the axis with the most values."""
+"""The figures of a sweep: one for each measure, over the axis with the most values."""
 
 import math
 from collections.abc import Sequence

@@ -272,4 +272,24 @@ SHEETS = (
             )
         ],
     ),
+    Sheet(
+        "multi-pair",
+        "multi-pair",
+        {
+            "mean_pairs": [0.05, 0.1, 0.2, 0.5, 1.0],
+            "statistics": ["poisson", "thermal"],
+            "loss_db": [0.0, 10.0],
+            "pairs": 1_000_000,
+        },
+        [
+            Curve(
+                "multi-pair",
+                "Error rate by several pairs in a pulse",
+                "mean_pairs",
+                "mean number of pairs in a pulse",
+                "qber",
+                by=["statistics", "loss_db"],
+            )
+        ],
+    ),
 )

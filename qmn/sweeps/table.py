@@ -16,7 +16,7 @@ Key = tuple[object, ...]
 
 
 class BadTable(Exception):
-    """A file that is no table of this experiment; the message says what to do."""
+    """A file that is not a table of this experiment; the message says what to do."""
 
 
 class Table:

@@ -7,6 +7,7 @@ each of the other three Bell states has probability (1 - F)/3.
 import math
 from collections.abc import Iterable, Sequence
 from functools import cache
+from itertools import combinations, product
 
 EXPERIMENT_P = 0.0598  # at which the capacity is that of the experiment below
 EXPERIMENT_BITS = (1.665, 0.018)  # per photon, arXiv:1609.00713
@@ -86,6 +87,40 @@ def agreement_in_z(waits_s: Sequence[tuple[float, float]], t1_s: float) -> float
     kept = [(math.exp(-mine_s / t1_s), math.exp(-yours_s / t1_s)) for mine_s, yours_s in waits_s]
     both = [mine * yours + (1 - mine) * (1 - yours) for mine, yours in kept]
     return (1 + sum(both) / len(both)) / 2
+
+
+def several_pairs(statistics: str, mean_pairs: float, arrives: float) -> tuple[float, float]:
+    """Return the error rate, and how often both ends see something, of pulses of Phi+ pairs.
+
+    A pair has a fair bit, the same at both ends, and either half arrives with this probability.
+    The probability that no detector of a set clicks is the generating function of the number of
+    pairs at the probability that one pair hits none of them; the rest is inclusion and exclusion.
+    """
+
+    def dark(detectors: frozenset[tuple[int, int]]) -> float:
+        misses = 0.0
+        for bit in (0, 1):
+            misses += math.prod(1 - arrives * ((end, bit) in detectors) for end in (0, 1)) / 2
+        missing = mean_pairs * (1 - misses)
+        return math.exp(-missing) if statistics == "poisson" else 1 / (1 + missing)
+
+    every = frozenset((end, bit) for end in (0, 1) for bit in (0, 1))
+
+    def exactly(clicking: frozenset[tuple[int, int]]) -> float:
+        rest = every - clicking
+        found = 0.0
+        for count in range(len(clicking) + 1):
+            for some in combinations(clicking, count):
+                found += (-1.0) ** count * dark(rest | frozenset(some))
+        return found
+
+    wrong = both = 0.0
+    for mine, yours in product(((0,), (1,), (0, 1)), repeat=2):
+        likely = exactly(frozenset([(0, bit) for bit in mine] + [(1, bit) for bit in yours]))
+        both += likely
+        certain = len(mine) == len(yours) == 1
+        wrong += likely * (float(mine != yours) if certain else 1 / 2)
+    return wrong / both, both
 
 
 def swapped_fidelity(first: float, second: float) -> float:

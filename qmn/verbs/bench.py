@@ -41,7 +41,7 @@ def add_parser(verbs: Any) -> None:
     parser = verbs.add_parser("bench", help="measure this machine", description=__doc__)
     parser.add_argument("--pairs", type=int, default=256, help="of the per-pair handshake (256)")
     parser.add_argument("--setups", type=int, default=500, help="light paths to set up (500)")
-    parser.set_defaults(call=call)
+    parser.set_defaults(call=call, needs_root=True)
 
 
 def call(arguments: argparse.Namespace) -> int:

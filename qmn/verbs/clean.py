@@ -13,7 +13,7 @@ def add_parser(verbs: Any) -> None:
     """Describe the verb."""
     text = "remove what killed runs have left"
     parser = verbs.add_parser("clean", help=text, description=__doc__)
-    parser.set_defaults(call=call)
+    parser.set_defaults(call=call, needs_root=True)
 
 
 def call(_arguments: argparse.Namespace) -> int:

@@ -12,7 +12,7 @@ def add_parser(verbs: Any) -> None:
     """Describe the verb."""
     parser = verbs.add_parser("devices", help="show the state of all devices", description=__doc__)
     parser.add_argument("--json", action="store_true", help="print everything, for programs")
-    parser.set_defaults(call=call)
+    parser.set_defaults(call=call, needs_root=True)
 
 
 def call(arguments: argparse.Namespace) -> int:

@@ -35,7 +35,7 @@ def add_parser(verbs: Any) -> None:
     temperature.add_argument("temperature_c", type=float, metavar="CELSIUS")
     text = "nothing is stuck any more, and the temperature is as it was"
     kinds.add_parser("repair", help=text, description=text)
-    parser.set_defaults(call=call)
+    parser.set_defaults(call=call, needs_root=True)
 
 
 def call(arguments: argparse.Namespace) -> int:

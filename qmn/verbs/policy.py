@@ -10,7 +10,7 @@ def add_parser(verbs: Any) -> None:
     """Describe the verb."""
     parser = verbs.add_parser("policy", help="reload the policy file", description=__doc__)
     parser.add_argument("what", choices=["reload"], help="overrides become those of the file")
-    parser.set_defaults(call=call)
+    parser.set_defaults(call=call, needs_root=True)
 
 
 def call(_arguments: argparse.Namespace) -> int:

@@ -18,7 +18,7 @@ def add_parser(verbs: Any) -> None:
     parser.add_argument(
         "value", metavar="VALUE", help="a number, a name (fec golay), or `default` to undo it"
     )
-    parser.set_defaults(call=call)
+    parser.set_defaults(call=call, needs_root=True)
 
 
 def call(arguments: argparse.Namespace) -> int:

@@ -53,7 +53,7 @@ def add_parser(verbs: Any) -> None:
     add("--history", action="store_true", help="begin with what the dispatcher still remembers")
     add("--per-qubit", action="store_true", help="also what became of single photons")
     add("--json", action="store_true", help="one JSON object a line, for programs")
-    parser.set_defaults(call=call)
+    parser.set_defaults(call=call, needs_root=lambda arguments: arguments.run is None)
 
 
 def session_number(text: str) -> int:

@@ -39,8 +39,8 @@ values: 0.1   0.1,0.2,0.5   from:to:count (0:0.2:11)   from:to:count:log (1e-3:1
 examples:
   qmn sweep sdc --depolarizing 0:0.2:11
   qmn sweep sdc --depolarizing 0.01:0.2:8 --fec none,golay --interleave off,on --pairs 1000000
-  sudo qmn sweep sdc --emulate --depolarizing 0:0.002:5
-  sudo qmn sweep teleport --emulate --classical-mbps 0.5:20:8:log --memory-t2-s 0.05
+  qmn sweep sdc --emulate --depolarizing 0:0.002:5
+  qmn sweep teleport --emulate --classical-mbps 0.5:20:8:log --memory-t2-s 0.05
 """
 
 
@@ -72,7 +72,7 @@ def add_parser(verbs: Any) -> None:
         axes.add_argument(
             f"--{name.replace('_', '-')}", dest=f"axis_{name}", metavar="VALUES", help=helps
         )
-    parser.set_defaults(call=call)
+    parser.set_defaults(call=call, needs_root=lambda arguments: arguments.emulate)
 
 
 def call(arguments: argparse.Namespace) -> int:
@@ -101,7 +101,7 @@ def asked(arguments: argparse.Namespace) -> tuple[Grid, int]:
             given[name] = text
     seed = content.get("seed", 1) if arguments.seed is None else arguments.seed
     if isinstance(seed, bool) or not isinstance(seed, int):
-        raise BadGrid(f"seed {seed!r} is no whole number")
+        raise BadGrid(f"seed {seed!r} is not a whole number")
     if arguments.workers is not None and not 1 <= arguments.workers <= MAX_WORKERS:
         raise BadGrid(f"--workers {arguments.workers}: choose 1 to {MAX_WORKERS}")
     if arguments.emulate and arguments.scheduler:

@@ -1,4 +1,4 @@
-"""Which driver an agent uses, as its configuration says."""
+"""The choice of a driver, by the agent's configuration."""
 
 from urllib.parse import urlsplit
 

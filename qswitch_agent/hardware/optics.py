@@ -1,4 +1,4 @@
-"""What the agent asks of any optical switch: the interface that each driver implements."""
+"""The interface of any optical switch to the agent, which each driver implements."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""What a matrix switch says, read strictly: anything else is a GarbledReply.
+"""Replies of a matrix switch, read strictly: anything else is a GarbledReply.
 
 connections  (@1,2),(@17,18)   ingress ports, then the egress port of each; none: (@),(@)
 errors       -222,"Data out of range"      0,"No error"

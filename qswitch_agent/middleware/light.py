@@ -1,4 +1,4 @@
-"""What a FLOW_MOD may ask of light.
+"""The limits of light: a FLOW_MOD may ask for nothing beyond them.
 
 Light carries no headers and cannot be copied: a light entry matches one fibre port and
 nothing else, in table 0, and sends what comes in there to one other fibre port, or nowhere.

@@ -1,4 +1,4 @@
-"""What the bridge reports of flow entries: monitor's updates, statistics, FLOW_REMOVED."""
+"""The bridge's reports of flow entries: monitor's updates, statistics, FLOW_REMOVED."""
 
 import struct
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""What a request about light comes to before the bridge hears of it, alone or in a bundle."""
+"""The checks of a request about light before the bridge hears of it, alone or in a bundle."""
 
 from os_ken.ofproto import ofproto_v1_4 as ofp
 

@@ -1,4 +1,4 @@
-"""What the bridge says, as the controller of an optical switch is to see it."""
+"""The bridge's messages, as the controller of an optical switch is to see them."""
 
 import asyncio
 import logging

@@ -1,4 +1,4 @@
-"""What controllers ask for: passed on to the bridge, changed, answered, or refused.
+"""Controllers' requests: passed on to the bridge, changed, answered, or refused.
 
 Light is judged here, before the bridge hears of it: a FLOW_MOD as it comes, the members of
 a bundle together at COMMIT. What a controller is refused changes nothing.

@@ -64,7 +64,7 @@ def test_a_segment_without_psh_is_arbitrated_like_any_other(network: Network) ->
         assert spoken(network, "alice", granted.encode() + BEHIND) is None
         asked = spoken(network, "alice", replace(SETUP, session=1).encode() + BEHIND)
         assert isinstance(asked, Answer)
-        assert asked.reason == Reason.OK  # what follows is no message, and ends it
+        assert asked.reason == Reason.OK  # what follows is not a message, and ends it
         require_nothing_left(network)
         assert [fact["session"] for fact in facts(network, "granted")] == [f"{1:016x}"]
     assert first_with_payload(capture).flags == "A"

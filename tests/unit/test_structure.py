@@ -16,6 +16,7 @@ PRODUCT = (
     "hosts",
     "controller_apps",
     "qswitch_agent",
+    "copper",
     "topologies",
 )
 ALL = (*PRODUCT, "qmn", "tests")

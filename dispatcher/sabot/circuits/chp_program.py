@@ -58,7 +58,7 @@ def _operands(source: Source, line: int, words: list[str]) -> tuple[int, ...]:
         source.fail(line, 1, f"{name} takes {GATES[name][1]} qubits, not {len(numbers)}")
     for number in numbers:
         if not (number.isascii() and number.isdigit() and len(number) <= LONGEST_WORD):
-            source.fail(line, 1, f"{number[:LONGEST_WORD]!r} is no qubit; number them from 0")
+            source.fail(line, 1, f"{number[:LONGEST_WORD]!r} is not a qubit; number them from 0")
         if int(number) >= MAX_QUBITS:
             source.fail(line, 1, f"qubit {number} exceeds the limit of {MAX_QUBITS:,} qubits")
     operands = tuple(int(number) for number in numbers)

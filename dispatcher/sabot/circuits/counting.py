@@ -1,4 +1,4 @@
-"""How often each value of the classical registers was found."""
+"""Counts of the values found in the classical registers of a circuit."""
 
 from collections import Counter
 from collections.abc import Iterable

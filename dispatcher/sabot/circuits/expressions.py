@@ -24,7 +24,7 @@ OPERATIONS: dict[str, Callable[[float, float], float]] = {
 
 
 class BadExpression(ValueError):
-    """An expression that is no finite number; the message says why."""
+    """An expression that is not a finite number; the message says why."""
 
 
 def evaluate(expression: ast.Expression, parameters: Mapping[str, float]) -> float:

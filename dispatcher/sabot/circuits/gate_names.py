@@ -1,4 +1,4 @@
-"""What kinds of gates there are in a circuit, by name."""
+"""The names of the gates in circuits, by kind."""
 
 from dispatcher.sabot import gates
 

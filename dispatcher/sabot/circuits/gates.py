@@ -129,7 +129,7 @@ class Gates:
         names = [_qubit_name(qubit) for qubit in step.qubits]
         for name in names:
             if name not in qubits:
-                raise BadGate(f"{name!r} is no qubit of the gate; it has {', '.join(qubits)}")
+                raise BadGate(f"{name!r} is not a qubit of the gate; it has {', '.join(qubits)}")
         gate = self._require(step.name.name, len(step.arguments), len(names))
         _require_different(step.name.name, names)
         return Step(gate, tuple(qubits.index(name) for name in names), tuple(step.arguments))

@@ -1,4 +1,4 @@
-"""Which reader a program is for."""
+"""The choice of a reader for a program."""
 
 from typing import Literal
 

@@ -23,7 +23,7 @@ class Source:
 
 
 def read_source(path: str) -> Source:
-    """Read a file, or standard input for "-"; raise CircuitError if it is no text or too long."""
+    """Read a file, or standard input for "-"; CircuitError if it is not text or too long."""
     name = "standard input" if path == STANDARD_INPUT else path
     try:
         if path == STANDARD_INPUT:

@@ -1,4 +1,4 @@
-"""What a request to the Sabot server must be: decoded whole or refused, nothing changed."""
+"""Requests to the Sabot server: decoded whole or refused, nothing changed."""
 
 import re
 from collections.abc import Sequence
@@ -53,7 +53,8 @@ def paulis(values: bytes, register: Register) -> Bytes | None:
 def draws(named: messages.Draws, register: Register) -> PhotonDraws:
     """Return the random numbers of this name."""
     if not SEED.fullmatch(named.seed):
-        raise invalid(f"seed {named.seed[:MAX_PURPOSE]!r} is no whole number of up to 100 digits")
+        seed = named.seed[:MAX_PURPOSE]
+        raise invalid(f"seed {seed!r} is not a whole number of up to 100 digits")
     if len(named.purpose) > MAX_PURPOSE:
         raise invalid(f"a purpose of {len(named.purpose)} letters; use at most {MAX_PURPOSE}")
     key = (named.session, named.number, named.half)

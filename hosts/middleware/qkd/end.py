@@ -1,4 +1,4 @@
-"""What both ends of a session share: their states, and messages with tags.
+"""The part of a session that is the same at both ends: its states, and messages with tags.
 
 Bytes in, bytes out. `receive` takes one whole message of the other end (cut the stream by
 `wire.qkd.message_length`) and returns the messages to send, in order. Whatever goes wrong

@@ -1,4 +1,4 @@
-"""How many secret bits a corrected key holds.
+"""The number of secret bits in a corrected key.
 
 Finite keys: Tomamichel, Lim, Gisin, Renner, "Tight finite-key analysis for quantum
 cryptography", Nature Communications 3, 634 (2012), arXiv:1103.4130, equation 2, for ideal

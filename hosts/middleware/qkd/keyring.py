@@ -1,4 +1,4 @@
-"""What a host shares with each other host: a secret to authenticate by, and keys made together.
+"""Secrets shared with other hosts: one to authenticate by, and keys made together.
 
 The secret stands for a store of random bytes that two hosts were given before: the pads of a
 session are drawn from it by SHAKE-256 (FIPS 202), for a session once. A real installation

@@ -1,4 +1,4 @@
-"""What both ends of a session must be told alike."""
+"""Parameters of a session that must be alike at both ends."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""What both ends derive alike from a seed that anybody may know.
+"""Public randomness: permutations and matrices that both ends derive from one seed.
 
 Only choices whose secrecy does not matter come from here: the order of bits in a pass of
 error correction, and the test sample, whose seed is drawn and sent when all light has been

@@ -1,4 +1,4 @@
-"""What the two ends of a session can do, as they tell each other and as a service asks for it."""
+"""The abilities of both ends of a session, compared with those that its service needs."""
 
 from hosts.middleware.session.channel import SessionError
 from hosts.middleware.session.service import ConnectionEnd, OpenerEnd

@@ -76,7 +76,7 @@ class Arrangement:
             await self._pairs.request(emit, ANSWER_TIMEOUT_S + pairs / rate_hz)
 
     async def give_up(self, error: SessionError | HardwareError) -> None:
-        """Tell the peer, if there is a session yet, why there is no going on."""
+        """Tell the peer, if there is a session yet, why it ends."""
         if hasattr(self, "channel"):
             await self.channel.give_up(error)
 

@@ -173,7 +173,7 @@ class MetadataChannel:
         except UnknownService as error:
             raise SessionError(Reason.UNSUPPORTED, f"{self.peer} asks for an {error}") from error
         except MalformedPacket as error:
-            text = f"{self.peer} sent what is no message: {error}; {SAME_VERSION}"
+            text = f"{self.peer} sent what is not a message: {error}; {SAME_VERSION}"
             raise SessionError(Reason.PROTOCOL, text) from error
         except ConnectionError as error:
             text = f"{self.peer} is gone: {error}; ask again when it is up"
@@ -184,7 +184,7 @@ class MetadataChannel:
         self._writer.close()
 
     async def give_up(self, error: Exception) -> None:
-        """Tell the other end why there is no going on, and close when it has heard that.
+        """Tell the other end why it ends, and close when it has heard that.
 
         TCP resets a connection that is closed over unread bytes, and the other end would
         never read why.

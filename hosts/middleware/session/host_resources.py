@@ -1,4 +1,4 @@
-"""What a host has that its sessions of services use."""
+"""The resources of a host that its sessions share."""
 
 from dataclasses import dataclass
 

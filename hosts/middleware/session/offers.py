@@ -23,7 +23,7 @@ def _offer_nothing_but_0(wanted: dict[str, int]) -> None:
 
 
 def check_wavelength(setup: Setup) -> None:
-    """Raise SessionError for a wavelength that is none of light."""
+    """Raise SessionError for a wavelength outside the optical range."""
     try:
         frequency_mhz(setup.wavelength_pm)
     except ValueError as error:

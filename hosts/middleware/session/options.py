@@ -1,4 +1,4 @@
-"""What an application may choose for a session, checked before anything is sent."""
+"""Options of a session, checked before anything is sent."""
 
 from collections.abc import Collection
 from dataclasses import dataclass, fields, replace

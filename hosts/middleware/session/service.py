@@ -1,4 +1,4 @@
-"""What a service is made of: what its two ends do once their light is granted.
+"""The parts of a service: the work of its two ends once their light is granted.
 
     opener                      controller, switches              acceptor
       | Setup(service) ------ held until the paths are up ----------> |
@@ -92,7 +92,7 @@ class ConnectionEnd:
         light = self.qnic.receive_into_memory(name, port or self.qnic.ports[0], LIGHT_TIMEOUT_S)
         return asyncio.create_task(light, name=f"light of {name}")
 
-    async def told(self) -> Values | None:
+    async def next_values(self) -> Values | None:
         """Return what the opener tells next; None at the end of the session."""
         message = await self.channel.next()
         if isinstance(message, Finish):
@@ -155,7 +155,7 @@ class AcceptorEnd(End):
 
     async def announced(self, most: int) -> tuple[int, int] | None:
         """Return number and size of the block that comes next; None at the end of the session."""
-        message = await self.told()
+        message = await self.next_values()
         if message is None:
             return None
         return self.coming(message, most)

@@ -1,4 +1,4 @@
-"""What an application may choose for every service, checked before anything is sent."""
+"""Options of every service, checked before anything is sent."""
 
 from dataclasses import dataclass
 

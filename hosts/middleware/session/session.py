@@ -144,7 +144,7 @@ class AcceptingSession:
     async def finish(self) -> None:
         """Wait until the opener ends the session, if it has not yet, and agree."""
         assert self._end is not None
-        if self.answer is not None and await self._end.told() is not None:
+        if self.answer is not None and await self._end.next_values() is not None:
             raise SessionError(Reason.PROTOCOL, "values after all was done")
         self._end.agree()
 

@@ -1,4 +1,4 @@
-"""What a host has been told to do in chains of repeaters, and links that have come to it."""
+"""Orders to this host as a repeater, and the links of chains that have come to it."""
 
 import asyncio
 from collections.abc import Callable, Iterator

@@ -84,7 +84,7 @@ class Scene:
         )
         self.monitor.packet_arrived(ofp_event.EventOFPPacketIn(message))
 
-    def told(self, host: str = "alice") -> list[Message]:
+    def datagrams(self, host: str = "alice") -> list[Message]:
         """Return what s1 was told to send to a host, checked by scapy."""
         messages = []
         for sent in self.s1.take():
@@ -138,19 +138,19 @@ def test_an_order_for_a_chain_is_sent_again_until_it_is_answered(
 ) -> None:
     told = answers(scene, monkeypatch)
     scene.says(SET)
-    scene.told()
+    scene.datagrams()
     scene.monitor.swaps_ordered(CHAIN)
-    (order,) = scene.told()
+    (order,) = scene.datagrams()
     assert order == SwapOrder(order.session, 7, 0, "10.0.0.9", 0, 1)
     scene.tick(0.1)
-    assert order in scene.told()
+    assert order in scene.datagrams()
     assert told == []
     scene.says(Answer(order.session, Reason.OK))
     scene.says(Answer(order.session, Reason.OK))  # to the order that was sent again
     assert told == [("QuantumMetadata", 7, ALICE, Reason.OK)]
-    scene.told()
+    scene.datagrams()
     scene.tick(0.1)
-    assert order not in scene.told()
+    assert order not in scene.datagrams()
 
 
 def test_a_refused_order_is_told_to_the_one_that_asked_for_it(
@@ -158,39 +158,39 @@ def test_a_refused_order_is_told_to_the_one_that_asked_for_it(
 ) -> None:
     told = answers(scene, monkeypatch)
     scene.says(SET)
-    scene.told()
+    scene.datagrams()
     scene.monitor.swaps_ordered(CHAIN)
-    (order,) = scene.told()
+    (order,) = scene.datagrams()
     scene.says(Answer(order.session, Reason.UNSUPPORTED, "no"))
     assert told == [("QuantumMetadata", 7, ALICE, Reason.UNSUPPORTED)]
 
 
 def test_a_node_that_is_heard_in_time_gets_its_order_then(scene: Scene) -> None:
     scene.monitor.swaps_ordered(CHAIN)
-    assert not any(isinstance(message, SwapOrder) for message in scene.told())
+    assert not any(isinstance(message, SwapOrder) for message in scene.datagrams())
     scene.says(SET)
     scene.tick(0.1)
-    assert any(isinstance(message, SwapOrder) for message in scene.told())
+    assert any(isinstance(message, SwapOrder) for message in scene.datagrams())
 
 
 def test_an_order_that_nobody_answers_is_given_up(scene: Scene) -> None:
     scene.says(SET)
     scene.monitor.swaps_ordered(CHAIN)
-    scene.told()
+    scene.datagrams()
     scene.tick(NODE_TIMEOUT_S)
-    assert not any(isinstance(message, SwapOrder) for message in scene.told())
+    assert not any(isinstance(message, SwapOrder) for message in scene.datagrams())
 
 
 def test_a_host_that_is_heard_is_subscribed_and_polled(scene: Scene) -> None:
     assert scene.devices()["alice"] == {"name": "alice", "kind": "host", "state": "never heard"}
     scene.says(DeviceReport(0, pairs_sent=7, ports=(DevicePort("alice-q0", True),)))
-    (subscribe,) = scene.told()
+    (subscribe,) = scene.datagrams()
     assert isinstance(subscribe, Subscribe)
     assert (subscribe.period_ms, subscribe.lost_ppm) == (1000, 10_000)
     scene.says(replace(SET, pairs_sent=8))
-    assert scene.told() == []
+    assert scene.datagrams() == []
     scene.tick(1.0)
-    (query,) = scene.told()
+    (query,) = scene.datagrams()
     assert isinstance(query, DeviceQuery)
     alice = scene.devices()["alice"]
     assert (alice["state"], alice["pairs_sent"], alice["address"]) == ("up", 8, ALICE)
@@ -228,19 +228,19 @@ def test_forged_repeated_and_strange_datagrams_change_nothing(scene: Scene) -> N
 def test_an_override_is_sent_until_it_is_in_force(scene: Scene) -> None:
     scene.says(SET)
     question = scene.ask("set", device="alice", settings={"rate_hz": 1000})
-    assert [type(message) for message in scene.told()] == [DeviceQuery]
+    assert [type(message) for message in scene.datagrams()] == [DeviceQuery]
     wanted = DeviceSettings(rate_hz=1000)
     for _ in range(2):  # the first is lost
         scene.says(SET)
-        (order,) = scene.told()
+        (order,) = scene.datagrams()
         assert isinstance(order, SetDevice)
         assert order.settings == wanted
     scene.says(Answer(order.session, Reason.OK))
     scene.says(replace(SET, settings=wanted))
-    assert scene.told() == []
+    assert scene.datagrams() == []
     assert question.wait()["overrides"] == {"rate_hz": 1000}
     scene.says(SET)  # it has started anew
-    assert [type(message) for message in scene.told()] == [SetDevice]
+    assert [type(message) for message in scene.datagrams()] == [SetDevice]
 
 
 def test_a_host_that_refuses_is_left_as_it_is(scene: Scene) -> None:
@@ -249,9 +249,9 @@ def test_a_host_that_refuses_is_left_as_it_is(scene: Scene) -> None:
     scene.says(Answer(1, Reason.UNSUPPORTED, "fec 9 is not known"))
     with pytest.raises(Refused, match="alice: fec 9 is not known"):
         question.wait()
-    scene.told()
+    scene.datagrams()
     scene.says(SET)
-    assert scene.told() == []
+    assert scene.datagrams() == []
 
 
 def test_a_host_that_does_not_answer_is_named_in_time(scene: Scene) -> None:
@@ -277,19 +277,19 @@ def test_what_cannot_be_set_is_named(
     scene.says(SET)
     with pytest.raises(Refused, match=words):
         scene.ask("set", device=device, settings=settings).wait()
-    assert scene.told() == []
+    assert scene.datagrams() == []
 
 
 def test_a_policy_that_sets_an_unknown_host_is_refused(scene: Scene, tmp_path: Path) -> None:
     file = tmp_path / "policy.toml"
     file.write_text("[device.alise]\nfec = 0")
     scene.monitor.policy_path = str(file)
-    with pytest.raises(Refused, match="device 'alise' is no host; hosts are alice, bob"):
+    with pytest.raises(Refused, match="device 'alise' is not a host; hosts are alice, bob"):
         scene.ask("reload").wait()
     file.write_text("[device.alice]\nfec = 0")
     assert scene.ask("reload").wait() == str(file)
     scene.says(SET)
-    assert [type(message) for message in scene.told()] == [SetDevice, Subscribe]
+    assert [type(message) for message in scene.datagrams()] == [SetDevice, Subscribe]
 
 
 def described(*properties: bytes, state: int = 0) -> bytes:

@@ -91,16 +91,18 @@ def test_a_gain_counts_as_no_loss() -> None:
 def test_single_paths_of_a_switch_may_differ() -> None:
     network = ring()
     worse = PathOptics(21, 23, 2000, 0)
-    network.optics.switches[2] = SwitchOptics.told([PathOptics(ANY_PORT, ANY_PORT, 0, 0), worse])
+    network.optics.switches[2] = SwitchOptics.reported(
+        [PathOptics(ANY_PORT, ANY_PORT, 0, 0), worse]
+    )
     assert hops(path(network)) == BY_FOUR
 
 
 def test_a_stuck_path_is_used_and_stands_in_the_way_of_others() -> None:
     network = ring()
-    network.optics.switches[2] = SwitchOptics.told([PathOptics(21, 23, 0, 0, stuck=True)])
+    network.optics.switches[2] = SwitchOptics.reported([PathOptics(21, 23, 0, 0, stuck=True)])
     assert hops(path(network)) == BY_TWO
     for stuck in (PathOptics(21, 5, 0, 0, stuck=True), PathOptics(5, 23, 0, 0, stuck=True)):
-        network.optics.switches[2] = SwitchOptics.told([stuck])
+        network.optics.switches[2] = SwitchOptics.reported([stuck])
         assert hops(path(network)) == BY_FOUR
 
 

@@ -78,7 +78,7 @@ def test_a_host_that_nobody_has_announced_is_refused_by_name() -> None:
     actions = ask(state, BB84)
     assert reason(actions) == Reason.UNKNOWN_HOST
     told = (
-        "UNKNOWN_HOST: tap between alice and bob: 'eve' is no host that has announced a fibre; "
+        "UNKNOWN_HOST: tap between alice and bob: 'eve' is not a host that has announced a fibre; "
         "those are alice, bob, charlie"
     )
     assert Note("refused", BB84.session, detail=told) in actions

@@ -88,7 +88,7 @@ BAD_ANSWERS = {
     "Effect(lost=np.zeros(3, bool))": "lost is bool",
     "Effect(paulis=np.zeros(k))": "paulis is float64",
     "Effect(paulis=np.full(k, 4, np.uint8))": "Pauli 4 is not 0 to 3",
-    "Effect(angles_rad=np.full(k, np.nan))": "angles_rad holds what is no number",
+    "Effect(angles_rad=np.full(k, np.nan))": "angles_rad holds what is not a number",
     "Effect(delays_ps=0.5)": "delays_ps is 0.5",
     "Effect(transmission=1.5)": "transmission 1.5 is not 0 to 1",
 }

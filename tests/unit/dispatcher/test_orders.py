@@ -208,7 +208,7 @@ def test_a_number_that_is_still_in_use_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize("node", ["switch", "runner"])
 def test_only_hosts_give_orders(tmp_path: Path, node: str) -> None:
     async def act(bench: Bench) -> None:
-        with pytest.raises(grpc.aio.AioRpcError, match="is no host"):
+        with pytest.raises(grpc.aio.AioRpcError, match="is not a host"):
             await Host(bench, node).outcome()
 
     on(tmp_path, act)

@@ -249,7 +249,7 @@ WRONG = [
     (f"qreg s[{MAX_QUBITS - 3}];", "5:1", "the limit of 1,000"),
     ("creg d[5000];", "5:1", "the limit of 4,096"),
     ("qreg three[3]; cx q, three;", "5:16", "registers of 2, 3 qubits do not pair up"),
-    ("gate g a { h b; }", "5:1", "'b' is no qubit of the gate; it has a"),
+    ("gate g a { h b; }", "5:1", "'b' is not a qubit of the gate; it has a"),
     ("gate g a { g a; }", "5:1", "unknown gate 'g'"),
     ("gate g a, a { h a; }", "5:1", "'a' is named twice"),
     ("gate g a { h a[0]; }", "5:1", "a has an index"),

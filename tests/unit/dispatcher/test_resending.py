@@ -195,9 +195,10 @@ def test_of_a_pulse_of_many_photons_one_is_left() -> None:
         bases[::2] = ALONE
         await intercepted(laboratory, 1, bases)
         (block,) = laboratory.layer.ownership.parts(BlockName(1, 0, 1))
-        assert block.pulses.extras is not None
-        assert not block.pulses.extras[1::2].any()
-        assert block.pulses.extras[::2].any()
+        assert block.further is not None
+        left = block.further.pulses[block.further.register.present]
+        assert left.size
+        assert not (left % 2).any()
 
     scene(act, devices={"alice": Device(source=source)})
 

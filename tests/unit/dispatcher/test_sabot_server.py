@@ -349,7 +349,7 @@ REFUSED = [
     ("Measure", measure(bases=b"\x00"), Code.INVALID_ARGUMENT, "1 bytes for 4 photons"),
     ("Measure", measure(bases=b"\x00\x03\x00\x00"), Code.INVALID_ARGUMENT, "bases[1] is 3"),
     ("Measure", draws(seed=""), Code.INVALID_ARGUMENT, "seed ''"),
-    ("Measure", draws(seed="9" * 101), Code.INVALID_ARGUMENT, "no whole number"),
+    ("Measure", draws(seed="9" * 101), Code.INVALID_ARGUMENT, "not a whole number"),
     ("Measure", draws(purpose="x" * 201), Code.INVALID_ARGUMENT, "201 letters"),
     ("BellMeasure", bell(1, 1), Code.INVALID_ARGUMENT, "named twice"),
     ("BellMeasure", bell(1, 3), Code.INVALID_ARGUMENT, "must pair up"),

@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from dispatcher.software_time import Activity, SoftwareTime
+from dispatcher.layer.software_time import Activity, SoftwareTime
 
 
 def test_intervals_in_any_order_cover_what_their_moments_cover() -> None:
@@ -27,8 +27,8 @@ def test_of_a_wait_only_that_is_software_in_which_no_light_was_under_way() -> No
     software = SoftwareTime()
     software.goes_on(100, 200)
     software.goes_on(400, 500)
-    software.waited(150, 550, decays=False)  # 250 of 400: 200 to 400, and 500 to 550
-    told = software.told()
+    software.waited("bob", 150, 550, decays=False)  # 250 of 400: 200 to 400, and 500 to 550
+    told = software.message()
     assert (told.largest_wait_share, told.longest_ns) == (0.625, 250)
     assert told.largest_decaying_share == 0
     assert told.run_share == 0.5  # 200 to 400, of 100 to 500
@@ -37,16 +37,16 @@ def test_of_a_wait_only_that_is_software_in_which_no_light_was_under_way() -> No
 def test_the_largest_share_and_the_longest_time_may_be_of_different_waits() -> None:
     software = SoftwareTime()
     software.goes_on(0, 1000)
-    software.waited(1000, 1010, decays=True)  # all of it
-    software.waited(0, 1500, decays=True)  # a third
-    told = software.told()
+    software.waited("bob", 1000, 1010, decays=True)  # all of it
+    software.waited("bob", 0, 1500, decays=True)  # a third
+    told = software.message()
     assert (told.largest_decaying_share, told.longest_ns) == (1.0, 500)
 
 
 def test_a_long_run_forgets_its_oldest_light_but_not_its_share(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("dispatcher.software_time.MOST_INTERVALS", 10)
+    monkeypatch.setattr("dispatcher.layer.software_time.MOST_INTERVALS", 10)
     activity = Activity()
     for begin in range(0, 1000, 10):
         activity.note(begin, begin + 4)

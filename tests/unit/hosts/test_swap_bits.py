@@ -28,7 +28,7 @@ def test_operators_of_two_swaps_multiply_where_both_have_told() -> None:
 
 
 def test_what_an_analyser_does_not_tell_apart_is_not_seen() -> None:
-    told = Bits.told(np.array([0, 1, 2, 3, 255], dtype=np.uint8), frozenset({1, 3}))
+    told = Bits.of_outcomes(np.array([0, 1, 2, 3, 255], dtype=np.uint8), frozenset({1, 3}))
     assert same(told, bits([0, 1, 0, 1, 0], [0, 1, 0, 3, 0]))
 
 

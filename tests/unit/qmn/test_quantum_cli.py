@@ -76,7 +76,7 @@ def test_qping_ends_with_statistics_also_where_a_round_fails(
         ("alice qsend", "usage: qsend SENDER RECEIVER TEXT"),
         ("qping alice", "usage: qping SENDER RECEIVER [ROUNDS]"),
         ("qping alice bob 3 4", "usage: qping"),
-        ("qping alice bob many", "rounds 'many' is no number: choose 1 to 10000"),
+        ("qping alice bob many", "rounds 'many' is not a number: choose 1 to 10000"),
         ("alice qiperf bob 0", "seconds 0: choose 0.1 to 3600"),
         ("qiperf alice bob nan", "seconds nan: choose"),
         ("qstate", "usage: qstate HOST"),

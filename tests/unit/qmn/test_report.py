@@ -164,7 +164,7 @@ def test_a_folder_without_a_run_is_refused(tmp_path: Path) -> None:
 
 def test_a_spoiled_capture_is_named_and_ends_no_run(tmp_path: Path) -> None:
     record_run(tmp_path)
-    (tmp_path / "quantum.pcapng").write_bytes(b"this is no capture")
+    (tmp_path / "quantum.pcapng").write_bytes(b"this is not a capture")
     assert report_of_run(tmp_path).startswith("not made: not a pcapng file")
     assert not (tmp_path / "report.html").exists()
 

@@ -61,7 +61,7 @@ def test_the_defaults_of_the_command_line_are_those_of_the_service() -> None:
 def test_states_that_are_no_stabiliser_states_need_state_vectors(state: str) -> None:
     for backend in ("chp", "stim"):
         words = ["--state", state, "--backend", backend]
-        text = f"--state {state} is no stabiliser state.*{backend}.*: add --backend dense"
+        text = f"--state {state} is not a stabiliser state.*{backend}.*: add --backend dense"
         with pytest.raises(BadInput, match=text):
             service.check_input(parse("teleport", *words))
     options = service.check_input(parse("teleport", "--state", state, "--backend", "dense"))

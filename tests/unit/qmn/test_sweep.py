@@ -118,13 +118,13 @@ def test_a_file_with_a_grid_is_swept_and_flags_come_first(tmp_path: Path) -> Non
         (["nonsense"], "unknown sweep 'nonsense': choose sdc, teleport"),
         (["swap", "--emulate"], "unknown sweep 'swap': choose sdc, teleport with --emulate"),
         (["teleport", "--emulate", "--classical-mbps", "0"], "choose 0.001 to 10000 Mbit/s"),
-        (["teleport", "--classical-mbps", "1"], "classical_mbps is no parameter of teleport"),
-        (["teleport", "--depolarizing", "0.1"], "depolarizing is no parameter of teleport"),
+        (["teleport", "--classical-mbps", "1"], "classical_mbps is not a parameter of teleport"),
+        (["teleport", "--depolarizing", "0.1"], "depolarizing is not a parameter of teleport"),
         (["teleport", "--fidelity", "0.1"], "fidelity '0.1': choose 0.25 to 1"),
         (["teleport", "--workers", "0"], "--workers 0: choose 1 to 256"),
         (["/nowhere.toml"], "cannot read /nowhere.toml"),
         (["sdc", "--emulate", "--scheduler", "tcp://x:1"], "leave --scheduler out"),
-        (["sdc", "--emulate", "--pairs", "5000"], "pairs is no parameter of sdc"),
+        (["sdc", "--emulate", "--pairs", "5000"], "pairs is not a parameter of sdc"),
     ],
 )
 def test_bad_input_is_refused_before_anything_runs(

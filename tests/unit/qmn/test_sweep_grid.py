@@ -40,7 +40,7 @@ def test_whole_numbers_stay_whole() -> None:
 @pytest.mark.parametrize(
     ("name", "given", "text"),
     [
-        ("colour", "1", "colour is no parameter of sdc: choose preset, kind, length_km"),
+        ("colour", "1", "colour is not a parameter of sdc: choose preset, kind, length_km"),
         ("depolarizing", "1.5", "depolarizing '1.5': choose 0 to 1"),
         ("depolarizing", "-0.1:1:3", "depolarizing '-0.1': choose 0 to 1"),
         ("depolarizing", "nan", "depolarizing 'nan': choose 0 to 1"),
@@ -114,7 +114,7 @@ def test_a_file_says_what_to_sweep(tmp_path: Path) -> None:
         ("seed = 1", "does not say what to sweep"),
         ("sweep = 3", "does not say what to sweep"),
         ('sweep = "sdc"\ngrids = 1', "grids is unknown: choose sweep, seed, grid"),
-        ('sweep = "sdc"\ngrid = 1', "grid is no table"),
+        ('sweep = "sdc"\ngrid = 1', "grid is not a table"),
     ],
 )
 def test_a_bad_file_is_named(tmp_path: Path, text: str, message: str) -> None:

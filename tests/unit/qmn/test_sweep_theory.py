@@ -72,3 +72,14 @@ def test_the_physical_layer_agrees_with_every_theory_of_superdense_coding(given:
     assert any(value is not None for value in known.values())
     for name, value in known.items():
         assert value is None or Estimate(*measured[name]).agrees(value), name
+
+
+@pytest.mark.parametrize(
+    ("statistics", "mean", "arrives", "figure"),
+    [("poisson", 0.1, 1.0, 0.0125), ("poisson", 0.5, 0.1, 0.1556), ("thermal", 0.1, 1.0, 0.0238)],
+)
+def test_several_pairs_give_the_error_rate_of_an_enumeration(
+    statistics: str, mean: float, arrives: float, figure: float
+) -> None:
+    """Figures of tests/unit/dispatcher/test_further_pairs.py, which goes through all cases."""
+    assert theory.several_pairs(statistics, mean, arrives)[0] == pytest.approx(figure, abs=6e-5)

@@ -5,8 +5,8 @@ from functools import partial
 
 import pytest
 
-from qmn.software_share import rows, software_facts
-from qmn.time_scale import SHARE, SOFTWARE_S, scale, scale_of
+from qmn.network.time_scale import SHARE, SOFTWARE_S, scale, scale_of
+from qmn.results.software_share import rows, software_facts
 from topologies.sdc import SdcTopo
 from wire.dispatcher_pb2 import SoftwareTime
 from wire.physics import Device, Memory

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from topologies.fiber import OPTICS, resolved
+from topologies.fiber import OPTICS, FiberLink, resolved
 from topologies.presets import PRESETS, preset
 from topologies.sdc import SdcTopo
 from wire.fiber import optics
@@ -16,7 +16,7 @@ from wire.physics import BadParameter
 def fiber(**given: Any) -> dict[str, Any]:
     """Return the parameters of a fibre of the topology."""
     links = SdcTopo(**given).links(withInfo=True)
-    return next(info for *_, info in links if "cls" in info)
+    return next(info for *_, info in links if info["cls"] is FiberLink)
 
 
 @pytest.mark.parametrize("name", PRESETS)

@@ -66,7 +66,9 @@ def test_everything_has_copper_and_a_datapath_id_of_its_own(topo: type[Topo]) ->
     assert copper == {*built.hosts(), *built.switches()} - {"s1"}
     dpids = [int(built.nodeInfo(name)["dpid"], 16) for name in built.switches()]
     assert len(set(dpids)) == len(dpids)
-    lengths = {info["length_km"] for *_, info in built.links(withInfo=True) if "length_km" in info}
+    lengths = {
+        info["length_km"] for *_, info in built.links(withInfo=True) if info["cls"] is FiberLink
+    }
     assert lengths == {3.0}
 
 

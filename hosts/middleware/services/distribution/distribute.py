@@ -234,7 +234,7 @@ async def receive(end: AcceptorEnd) -> Answerer:
 async def follow(end: AcceptorEnd, share: Share) -> Answerer:
     """Do what the opener says; new blocks are shared in this way."""
     pairs = Pairs(end, half=1)
-    while (message := await end.told()) is not None:
+    while (message := await end.next_values()) is not None:
         number = message.block
         if message.topic == Topic.COMING:
             await share(pairs, message)

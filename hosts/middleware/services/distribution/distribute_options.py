@@ -1,4 +1,4 @@
-"""What an application may choose for pairs that are to be kept in memory."""
+"""Options of entanglement distribution."""
 
 from dataclasses import dataclass
 from typing import Any

@@ -1,4 +1,4 @@
-"""What an application may choose for key distribution."""
+"""Options of key distribution."""
 
 from dataclasses import dataclass
 

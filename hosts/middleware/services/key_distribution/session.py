@@ -1,4 +1,4 @@
-"""What the protocols of key distribution share: from blocks of light to keys in both stores.
+"""The session of any key distribution: from blocks of light to keys in both stores.
 
     opener (alice of hosts.middleware.qkd)                     acceptor (bob)
       | Envelope(OPENER), Envelope(KEYS: Proposal) -------------> |

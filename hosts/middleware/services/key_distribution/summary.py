@@ -1,4 +1,4 @@
-"""What applications are told of key distribution: counts, rates and error rates, never a key."""
+"""The summary of a key distribution: counts, rates and error rates, never a key."""
 
 from dataclasses import dataclass, field
 from typing import Any

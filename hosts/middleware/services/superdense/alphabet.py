@@ -1,4 +1,4 @@
-"""How bits become the symbols of pairs: one symbol for each Bell state told apart.
+"""Bits as symbols of pairs: one symbol for each Bell state that is distinguished.
 
 Four symbols: two bits a pair, high bit first. Three symbols (an analyser of linear optics):
 11 bits in 7 pairs, since 3^7 = 2187 covers 2^11 = 2048; a lost symbol erases its 11 bits,

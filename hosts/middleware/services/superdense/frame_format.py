@@ -1,4 +1,4 @@
-"""What a session makes of a frame: bytes to code bits to symbols, and back.
+"""The format of a frame: bytes to code bits to symbols, and back.
 
     bytes -> bits -> codewords -> interleaved -> symbols
 

@@ -103,7 +103,7 @@ class SendingSession:
         self._agree(answer)
 
     async def give_up(self, error: SessionError | HardwareError) -> None:
-        """Tell the other end, if there is one yet, why there is no going on."""
+        """Tell the other end, if there is one yet, why it ends."""
         await self._arrangement.give_up(error)
 
     @property

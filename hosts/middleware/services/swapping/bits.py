@@ -20,7 +20,7 @@ class Bits(NamedTuple):
     operators: Symbols  # 0 where not
 
     @classmethod
-    def told(cls, outcomes: Symbols, distinguishable_states: frozenset[int]) -> "Bits":
+    def of_outcomes(cls, outcomes: Symbols, distinguishable_states: frozenset[int]) -> "Bits":
         """Return what a Bell measurement tells: the state's number is the operator.
 
         States that the analyser does not tell from others count as not seen.

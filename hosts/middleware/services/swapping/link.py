@@ -95,7 +95,7 @@ class OutgoingLink:
         await self._end.channel.request(finish, BITS_TIMEOUT_S)
 
     async def give_up(self, error: SessionError | HardwareError) -> None:
-        """Tell all nodes to the right why there is no going on."""
+        """Tell all nodes to the right why it ends."""
         await self._arrangement.give_up(error)
 
     async def close(self) -> None:
@@ -118,7 +118,7 @@ class IncomingLink:
 
     async def announced(self) -> tuple[int, int] | None:
         """Return number and size of the block that comes next; None at the end of the link."""
-        message = await self._end.told()
+        message = await self._end.next_values()
         return None if message is None else self._end.coming(message, self._end.setup.pairs)
 
     async def take(self, number: int, size: int) -> int:

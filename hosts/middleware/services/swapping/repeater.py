@@ -1,4 +1,4 @@
-"""What a repeater does: a link to either side, and Bell measurements between them."""
+"""A repeater: a link to either side, and Bell measurements between them."""
 
 import asyncio
 from collections.abc import Coroutine
@@ -84,11 +84,13 @@ class Repeater:
                 await take(self._qnic, name, {name: np.arange(size)})
         if not size:
             return Swapped(
-                place, 0, Bits.told(np.zeros(0, dtype=np.uint8), self._distinguishable_states)
+                place,
+                0,
+                Bits.of_outcomes(np.zeros(0, dtype=np.uint8), self._distinguishable_states),
             )
         found = await self._qnic.coincidences(*names)
         waited_ns = found.time_ns - (self._left.since_ns + self._right.since_ns) // 2
-        bits = Bits.told(found.outcomes, self._distinguishable_states)
+        bits = Bits.of_outcomes(found.outcomes, self._distinguishable_states)
         return Swapped(place, max(waited_ns // 1000, 0), bits)
 
 

@@ -1,4 +1,4 @@
-"""What every error-correction code offers, and the code that does nothing."""
+"""The interface of error-correction codes, and the code that does nothing."""
 
 from typing import Protocol
 

@@ -4,11 +4,13 @@
     a qubit waits in a memory         |-------------------|
     software                          ^^^^^^^^^    ^^^^^^^
 
-Light on its way, with its pulses one after the other, and a switch that switches take the time
-that they take. All else is the time that programs need.
+Light on its way, with its pulses one after the other, a switch that switches, and news of what was
+done to a qubit elsewhere take the time that they take. All else is the time that programs need.
 """
 
 from bisect import bisect_left, bisect_right
+from collections.abc import Mapping
+from types import MappingProxyType
 
 from wire import dispatcher_pb2 as messages
 
@@ -62,14 +64,19 @@ class Activity:
 class SoftwareTime:
     """The largest share of a wait that was software, and the share of the whole run."""
 
-    def __init__(self) -> None:
-        """Begin with no waits."""
-        self._activity = Activity()
+    def __init__(self, news_s: Mapping[str, Mapping[str, float]] = MappingProxyType({})) -> None:
+        """Begin with no waits; news takes so long from one node to another."""
+        self._activity = Activity()  # anywhere
+        self._at = {node: Activity() for node in news_s}  # that a node may wait for
+        self._news_ns = {
+            node: {other: round(each * 1e9) for other, each in others.items() if each > 0}
+            for node, others in news_s.items()
+        }
         self.longest_ns = 0  # software in one wait
         self.largest_share = 0.0  # of one wait
         self.largest_decaying_share = 0.0  # of one wait that changes qubits
 
-    def told(self) -> messages.SoftwareTime:
+    def message(self) -> messages.SoftwareTime:
         """Return the figures as they go over the wire."""
         return messages.SoftwareTime(
             run_share=self._activity.idle_share,
@@ -79,14 +86,22 @@ class SoftwareTime:
         )
 
     def goes_on(self, begin_ns: int, end_ns: int) -> None:
-        """Note that something physical goes on from then to then."""
-        self._activity.note(begin_ns, end_ns)
+        """Note that something physical goes on from then to then, for which any node may wait."""
+        for activity in (self._activity, *self._at.values()):
+            activity.note(begin_ns, end_ns)
 
-    def waited(self, begin_ns: int, end_ns: int, decays: bool) -> None:
-        """Take in that qubits waited from then to then, in a memory that decays or does not."""
+    def news(self, node: str, happened_ns: int) -> None:
+        """Note that news of what happened at a node then is on its way to all others."""
+        for other, delay_ns in self._news_ns.get(node, {}).items():
+            self._at[other].note(happened_ns, happened_ns + delay_ns)
+            self._activity.note(happened_ns, happened_ns + delay_ns)
+
+    def waited(self, node: str, begin_ns: int, end_ns: int, decays: bool) -> None:
+        """Take in that qubits waited at a node, in a memory that decays or does not."""
         if end_ns <= begin_ns:
             return
-        software_ns = end_ns - begin_ns - self._activity.within(begin_ns, end_ns)
+        activity = self._at.get(node, self._activity)
+        software_ns = end_ns - begin_ns - activity.within(begin_ns, end_ns)
         share = software_ns / (end_ns - begin_ns)
         self.longest_ns = max(self.longest_ns, software_ns)
         self.largest_share = max(self.largest_share, share)

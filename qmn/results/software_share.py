@@ -37,6 +37,11 @@ def rows(facts: dict[str, Any]) -> dict[str, str]:
     share = facts.get("software_share")
     if share is not None:
         told["software"] = f"up to {share:.1%} of a wait in memory, {facts['software_s']:.3g} s"
+    early = facts.get("acausal")
+    if early is not None:
+        told["ACAUSAL"] = (
+            f"news of {early['from']} can be at {early['to']} {early['early_s']:.3g} s before light"
+        )
     if facts.get("dominated_by_software"):
         told["BEWARE"] = (
             "waits were dominated by software: what they did to qubits is this machine's doing; "

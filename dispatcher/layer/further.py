@@ -1,0 +1,239 @@
+"""Photons of further pairs in the pulses of a block: each is a qubit of its own.
+
+    pulse          0   1   2   3
+    own photon     a   b   -   c
+    further            d   -   e        register d e f, pulses 1 3 3
+                               f
+
+What is done to a pulse is done to all its photons, each of which is lost, errs and is measured for
+itself. Gates on two blocks act on the pulses' own photons alone. Light without a state, such as
+Raman noise, is counted (`Pulses.extras`), not simulated.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dispatcher.devices.detectors import Told
+from dispatcher.fiber.noise import Effect
+from dispatcher.layer import pulses
+from dispatcher.layer.ownership import Block, Further
+from dispatcher.photon_random import PhotonRandom
+from dispatcher.sabot.backend import Angle, Bytes, GateName
+from dispatcher.sabot.draws import Draws, PhotonDraws
+from dispatcher.sabot.manager import NO_CLICK
+from dispatcher.sabot.registers import Mask, Pick, Register
+from dispatcher.sabot.simulation import Simulation
+
+RANKS = 256  # a pulse has fewer photons
+NOBODY = -1
+
+
+def owners(photons: NDArray[np.uint8]) -> NDArray[np.int64]:
+    """Return the pulse of each photon beside the first, of counts in pulses; ascending."""
+    several = np.flatnonzero(photons > 1)
+    return np.repeat(several, photons[several] - 1)
+
+
+def lit(block: Block) -> Mask:
+    """Return in which pulses of a block there is light: a photon of its own, or another."""
+    light = pulses.lit(block)
+    if block.further is not None:
+        light[block.further.pulses[block.further.register.present]] = True
+    return light
+
+
+def held(block: Block) -> Mask:
+    """Return in which pulses there is a photon with a state, its own or another."""
+    present = block.register.present
+    if block.further is not None:
+        present[block.further.pulses[block.further.register.present]] = True
+    return present
+
+
+def pauli(sabot: Simulation, block: Block, paulis: Bytes) -> None:
+    """Apply to all photons of a pulse the same operator; shape (k,)."""
+    sabot.pauli(block.register, paulis)
+    if block.further is not None:
+        sabot.pauli(block.further.register, paulis[block.further.pulses])
+
+
+def gate(sabot: Simulation, block: Block, name: GateName, angle_rad: Angle) -> None:
+    """Apply a gate on one qubit to the further photons."""
+    if block.further is not None:
+        own = angle_rad[block.further.pulses] if isinstance(angle_rad, np.ndarray) else angle_rad
+        sabot.gate(name, block.further.register, angle_rad=own)
+
+
+def reset(sabot: Simulation, block: Block, mask: Mask, draws: Draws, purpose: str) -> None:
+    """Put the further photons of the pulses of a mask into |0>; shape (k,)."""
+    if block.further is not None:
+        own = _draws(block, purpose, draws, block.further.pulses.size)
+        sabot.reset(block.further.register, mask[block.further.pulses], own)
+
+
+def meet(sabot: Simulation, block: Block, members: Mask, effect: Effect, alone: bool) -> None:
+    """Let further photons of the members' pulses meet what a fibre does.
+
+    `alone` says that the effect was drawn for them, one by one, and not for pulses.
+    """
+    light = block.further
+    if light is None:
+        return
+    here = members[light.pulses]
+    if effect.paulis is not None:
+        paulis = effect.paulis if alone else effect.paulis[light.pulses]
+        sabot.pauli(light.register, paulis * here)
+    if alone and effect.lost is not None:
+        sabot.lose(light.register, effect.lost & here)
+
+
+def thin(
+    sabot: Simulation,
+    block: Block,
+    members: Mask,
+    transmission: float | NDArray[np.float64],
+    random: PhotonRandom,
+    purpose: str,
+) -> None:
+    """Let each photon beside the own ones of the members' pulses through so likely."""
+    pulses.thin(block.pulses, members, transmission, random, purpose)
+    light = block.further
+    if light is None:
+        return
+    if isinstance(transmission, np.ndarray):
+        transmission = transmission[light.pulses]
+    drawn = random.generator(f"{purpose} of pairs").random(light.pulses.size)
+    sabot.lose(light.register, (drawn >= transmission) & members[light.pulses])
+
+
+def darken(sabot: Simulation, block: Block, members: Mask) -> None:
+    """Take all but the own photons out of the members' pulses."""
+    pulses.darken(block.pulses, members)
+    if block.further is not None:
+        sabot.lose(block.further.register, members[block.further.pulses])
+
+
+def part(sabot: Simulation, block: Block, members: Mask) -> Further | None:
+    """Take the members' further photons out of a block."""
+    if block.further is None:
+        return None
+    taken = members[block.further.pulses]
+    return Further(sabot.part(block.further.register, taken), block.further.pulses)
+
+
+def unite(sabot: Simulation, block: Block, other: Block) -> None:
+    """Take in the further photons of another part of a block."""
+    if block.further is None:
+        block.further = other.further
+    elif other.further is not None:
+        sabot.unite(block.further.register, other.further.register)
+
+
+def gather(sabot: Simulation, picked: Sequence[tuple[Block, NDArray[np.uint32]]]) -> Further | None:
+    """Take the further photons of pulses at these positions of blocks, one after the other."""
+    start, picks, places = 0, [], []
+    for block, positions in picked:
+        if block.further is not None:
+            new = np.full(block.register.size, NOBODY)
+            new[positions] = np.arange(start, start + positions.size)
+            new = new[block.further.pulses]
+            chosen = np.flatnonzero(new != NOBODY)
+            chosen = chosen[np.argsort(new[chosen], kind="stable")]
+            if chosen.size:
+                picks.append(Pick(block.further.register, chosen.astype(np.uint32)))
+                places.append(new[chosen])
+        start += positions.size
+    return Further(sabot.gather(picks), np.concatenate(places)) if picks else None
+
+
+def drop(sabot: Simulation, block: Block, draws: Draws) -> None:
+    """Let go of a block's further photons."""
+    if block.further is not None:
+        sabot.drop(
+            block.further.register, _draws(block, "discard", draws, block.further.pulses.size)
+        )
+        block.further = None
+
+
+def measure(
+    sabot: Simulation, block: Block, bases: Bytes, draws: Draws, purpose: str
+) -> Told | None:
+    """Measure the further photons, each in the basis of its pulse; bases have shape (k,)."""
+    light = block.further
+    if light is None:
+        return None
+    bits = sabot.measure(
+        light.register, bases[light.pulses], _draws(block, purpose, draws, light.pulses.size)
+    )
+    block.further = None
+    there = bits != NO_CLICK
+    return Told(light.pulses[there], bits[there])
+
+
+class Matched(NamedTuple):
+    """Further photons of two blocks: those that pair up, and those that are alone in their arm."""
+
+    pulses: NDArray[np.int64]
+    outcomes: Bytes  # Bell states; NO_CLICK: one of the two is lost
+    alone: tuple[NDArray[np.int64], NDArray[np.int64]]  # the pulses, for either block
+
+
+def bell_measure(sabot: Simulation, first: Block, second: Block, draws: Draws) -> Matched | None:
+    """Measure further photons in the Bell basis: the n-th of a pulse with the n-th of the other."""
+    blocks = first, second
+    if all(block.further is None for block in blocks):
+        return None
+    mine, yours = (_ranks(block.further) for block in blocks)
+    both, *chosen = np.intersect1d(mine, yours, assume_unique=True, return_indices=True)
+    alone, registers = [], []
+    for block, places in zip(blocks, chosen, strict=True):
+        left, taken = _take(sabot, block.further, places)
+        alone.append(left)
+        registers.append(taken)
+    matched = both // RANKS
+    one, other = registers
+    outcomes = np.zeros(0, np.uint8)
+    if one is not None and other is not None:
+        present = one.present, other.present
+        alone = [
+            np.concatenate([left, matched[here & ~there]])
+            for left, here, there in zip(alone, present, present[::-1], strict=True)
+        ]
+        own = [_draws(block, "measure", draws, matched.size) for block in blocks]
+        outcomes = sabot.bell_measure(one, other, (own[0], own[1]))
+    for block, register in zip(blocks, registers, strict=True):
+        if block.further is not None and block.further.register is register:
+            block.further = None  # it is used up
+        drop(sabot, block, draws)
+    return Matched(matched, outcomes, (alone[0], alone[1]))
+
+
+def _ranks(light: Further | None) -> NDArray[np.int64]:
+    """Return for each photon a number that tells its pulse, and which of the pulse it is."""
+    if light is None:
+        return np.zeros(0, np.int64)
+    first = np.searchsorted(light.pulses, light.pulses)
+    return light.pulses * RANKS + np.arange(light.pulses.size) - first
+
+
+def _take(
+    sabot: Simulation, light: Further | None, places: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], Register | None]:
+    """Take photons out of further ones; return the pulses of those left that are there."""
+    if light is None:
+        return np.zeros(0, np.int64), None
+    rest = light.register.present
+    rest[places] = False
+    if not places.size:
+        return light.pulses[rest], None
+    if places.size == light.pulses.size:  # they all pair up, in their order
+        return light.pulses[rest], light.register
+    taken = sabot.gather([Pick(light.register, places.astype(np.uint32))])
+    return light.pulses[rest], taken
+
+
+def _draws(block: Block, purpose: str, draws: Draws, count: int) -> PhotonDraws:
+    return draws.photons(block.name, block.draws_for(f"{purpose} further"), count)

@@ -1,0 +1,32 @@
+"""Root for the verbs that need it: the same command again by sudo."""
+
+import argparse
+import os
+import shutil
+from collections.abc import Sequence
+
+from topologies.programs import ROOT
+
+COMMAND = str(ROOT / "bin" / "qmn")
+# The byte code of root would be in the user's way.
+ENVIRONMENT = ("PYTHONDONTWRITEBYTECODE=1",)
+
+
+class NoRoot(Exception):
+    """Root is needed, and there is no sudo to ask for it."""
+
+
+def needs_root(arguments: argparse.Namespace) -> bool:
+    """Return whether this command needs root, as its verb says: always, or by its arguments."""
+    needed = getattr(arguments, "needs_root", False)
+    return bool(needed(arguments) if callable(needed) else needed)
+
+
+def become_root(words: Sequence[str]) -> None:
+    """Run `qmn` with these words by sudo in place of this program, unless it has root."""
+    if os.geteuid() == 0:
+        return
+    sudo = shutil.which("sudo")
+    if sudo is None:
+        raise NoRoot("this needs root, and there is no sudo: run it as root")
+    os.execv(sudo, ["sudo", "env", *ENVIRONMENT, COMMAND, *words])  # noqa: S606

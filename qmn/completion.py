@@ -1,0 +1,30 @@
+"""The command line as shtab and argparse-manpage read it: completion and the man page.
+
+`setup/install` calls both. What is typed as a path is completed from the files there are.
+"""
+
+import argparse
+from collections.abc import Iterator
+from pathlib import Path
+
+import shtab
+
+from qmn.__main__ import described
+
+
+def completed() -> argparse.ArgumentParser:
+    """Return the parser of all verbs, with file names completed where one is meant."""
+    parser = described()
+    for action in actions(parser):
+        if action.type is Path or action.metavar in ("FILE", "WHAT|FILE.toml"):
+            action.complete = shtab.FILE  # type: ignore[attr-defined]
+    return parser
+
+
+def actions(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
+    """Yield every option and argument of a parser and of the verbs below it."""
+    for action in parser._actions:
+        yield action
+        if isinstance(action, argparse._SubParsersAction):
+            for below in action.choices.values():
+                yield from actions(below)

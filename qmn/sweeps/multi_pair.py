@@ -1,0 +1,64 @@
+"""Both ends measure pulses of a source with several pairs in a pulse: how often their bits differ.
+
+An end whose two detectors both click tells a random bit.
+"""
+
+import numpy as np
+
+from dispatcher.laboratory import Laboratory
+from qmn.sweeps import theory
+from qmn.sweeps.estimates import proportion
+from qmn.sweeps.experiment import Experiment, Measure, Outcome, number, pairs_parameter
+from qmn.sweeps.link import configuration, fiber
+from qmn.sweeps.parameters import Parameter, Values
+from qmn.sweeps.superdense import blocks
+from wire.physics import Device, PairSource
+
+NO_CLICK = 255
+STATISTICS = Parameter("statistics", "poisson", choices=("poisson", "thermal"))
+MEAN = Parameter("mean_pairs", 0.1, 0.0, 10.0)
+LOSS = Parameter("loss_db", 0.0, 0.0, 100.0, "dB")
+WAYS = (("charlie-q0", "alice-q0"), ("charlie-q1", "bob-q0"))
+
+
+async def compare(values: Values, seed: int) -> Outcome:
+    """Send both halves of pulses over equal losses; compare what the ends see in Z."""
+    source = PairSource(
+        statistics=str(values[STATISTICS.name]), mean_pairs=number(values, MEAN.name)
+    )
+    fibers = [fiber(*way, connectors_db=number(values, LOSS.name)) for way in WAYS]
+    laboratory = Laboratory(configuration(seed, fibers, {"charlie": Device(source=source)}))
+    charlie = laboratory.host("charlie")
+    pulses = both = wrong = 0
+    for block, size in enumerate(blocks(int(values["pairs"]))):
+        await charlie.create(size, block)
+        await charlie.send({(block, half): way[0] for half, way in enumerate(WAYS)})
+        seen = []
+        for half, (name, way) in enumerate(zip(("alice", "bob"), WAYS, strict=True)):
+            host = laboratory.host(name)
+            came = await host.receive((block, half), way[1])
+            none = np.full(size, NO_CLICK, np.uint8)
+            seen.append(none if came is None else await host.measure((block, half)))
+        told = (seen[0] != NO_CLICK) & (seen[1] != NO_CLICK)
+        pulses, both = pulses + size, both + int(np.count_nonzero(told))
+        wrong += int(np.count_nonzero(told & (seen[0] != seen[1])))
+    return {"qber": proportion(wrong, both), "coincidences": proportion(both, pulses)}
+
+
+def expected(values: Values) -> tuple[float, float]:
+    """Return what theory says of the error rate and of how often both ends see something."""
+    statistics = str(values[STATISTICS.name])
+    arrives = theory.transmission(number(values, LOSS.name))
+    return theory.several_pairs(statistics, number(values, MEAN.name), arrives)
+
+
+MULTI_PAIR = Experiment(
+    "multi-pair",
+    "errors by several pairs in a pulse",
+    (STATISTICS, MEAN, LOSS, pairs_parameter(1_000_000)),
+    (
+        Measure("qber", "error rate (QBER)", lambda values: expected(values)[0]),
+        Measure("coincidences", "pulses that both ends see", lambda values: expected(values)[1]),
+    ),
+    compare,
+)

@@ -1,0 +1,119 @@
+"""Time in a whole network: nothing outruns light, and a busy machine does not change physics."""
+
+import json
+import math
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from conftest import ROOT
+from scapy.layers.inet import ICMP
+from scapy.utils import rdpcap
+
+from qmn.scripting.network import start
+
+LIGHT_M_PER_S = 2.04e8
+ECHO_REQUEST, ECHO_REPLY = 8, 0
+SLOW_S = 150
+BUSY_PROCESSES = 4
+
+
+def one_way_s(kilometres: float) -> float:
+    return kilometres * 1e3 / LIGHT_M_PER_S
+
+
+def fastest_ping_s(host: Any, address: str) -> float:
+    """Return the shortest of several round trips."""
+    told = host.cmd(f"ping -c 8 -i 0.05 -W 20 -q {address}")
+    found = re.search(r"min/avg/max/mdev = ([\d.]+)/", told)
+    assert found, told
+    return float(found[1]) / 1e3
+
+
+def echoes(capture: Path, kind: int) -> dict[int, float]:
+    """Return when ICMP echoes of a kind passed, by their sequence number."""
+    packets = [packet for packet in rdpcap(str(capture)) if ICMP in packet]
+    return {each[ICMP].seq: float(each.time) for each in packets if each[ICMP].type == kind}
+
+
+def test_a_ping_over_4000_km_takes_as_long_as_light_there_and_back(tmp_path: Path) -> None:
+    with start("sdc", folder=tmp_path, length_km=2000.0) as network:
+        (at_s1,) = (file for file in network.capture("s1") if file.stem == "s1-eth1")
+        alice = network.host("alice")
+        assert fastest_ping_s(alice, "10.0.0.2") >= 2 * one_way_s(4000)
+    # s1 is at q1, half way between alice and bob: what it passes on comes back over 2 x 2000 km.
+    asked, answered = echoes(at_s1, ECHO_REQUEST), echoes(at_s1, ECHO_REPLY)
+    assert asked.keys() & answered.keys()
+    for number in asked.keys() & answered.keys():
+        assert answered[number] - asked[number] >= 2 * one_way_s(2000)
+    assert json.loads((tmp_path / "result.json").read_text())["acausal"] is None
+
+
+def test_copper_takes_as_long_as_the_time_scale_says() -> None:
+    with start("sdc", length_km=200.0, time_scale=5.0) as network:
+        assert fastest_ping_s(network.host("alice"), "10.0.0.2") >= 5 * 2 * one_way_s(400)
+
+
+def test_copper_that_is_too_short_for_light_is_marked(tmp_path: Path) -> None:
+    """Without any copper, bob hears what alice has measured 4000 km before light could tell."""
+    with start("sdc", folder=tmp_path, length_km=2000.0, copper_km=0.0):
+        pass
+    told = json.loads((tmp_path / "result.json").read_text())["acausal"]
+    assert told["early_s"] == pytest.approx(one_way_s(4000))
+    assert {told["from"], told["to"]} < {"alice", "bob", "charlie"}
+
+
+@contextmanager
+def busy_machine() -> Iterator[None]:
+    """Keep all processors busy."""
+    command = [sys.executable, "-c", "while True: pass"]
+    loops = [subprocess.Popen(command) for _ in range(BUSY_PROCESSES)]
+    try:
+        yield
+    finally:
+        for loop in loops:
+            loop.kill()
+            loop.wait()
+
+
+def teleported(runs: Path, length_km: float, t2_s: float) -> dict[str, Any]:
+    words = ["--length-km", str(length_km), "--device", f"bob.memory.t2_s={t2_s}"]
+    words += ["--count", "8000", "--seed", "5", "--time-scale", "4000"]
+    command = [sys.executable, "-m", "qmn", "run", "teleport", *words, "--runs", str(runs)]
+    done = subprocess.run(
+        command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=SLOW_S
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    result: dict[str, Any] = json.loads((runs / "latest" / "result.json").read_text())
+    return result
+
+
+@pytest.mark.timeout(2 * SLOW_S)
+def test_a_busy_machine_does_not_change_what_waiting_does_to_qubits(tmp_path: Path) -> None:
+    """Bob's photons wait for two messages over as much copper as light has passed of fibre.
+
+    charlie tells alice that his light has arrived, she measures, and tells bob. The six states
+    keep their Z, and X and Y with exp(-t / T2): F = 1 - (1 - exp(-t / T2)) / 3. Half a second of
+    software here, which is .125 ms there, changes that by .003.
+    """
+    length_km, t2_s = 20.0, 0.0125
+    waits_s = 2 * one_way_s(2 * length_km)
+    expected = 1 - (1 - math.exp(-waits_s / t2_s)) / 3
+    quiet = teleported(tmp_path / "quiet", length_km, t2_s)
+    with busy_machine():
+        busy = teleported(tmp_path / "busy", length_km, t2_s)
+    for result in (quiet, busy):
+        told = result["asking"]
+        assert told["states"] == told["arrived"] == 8000
+        assert abs(told["fidelity"] - expected) < 5 * math.sqrt(expected * (1 - expected) / 8000)
+        assert told["waited_ms"] / 1e3 >= waits_s - 1e-6
+        assert result["time_scale"] == 4000
+        assert 0 < result["software_share"] < 0.5
+        assert not result["dominated_by_software"]
+    difference = quiet["asking"]["fidelity"] - busy["asking"]["fidelity"]
+    assert abs(difference) < 5 * math.sqrt(2 * expected * (1 - expected) / 8000)

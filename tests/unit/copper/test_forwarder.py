@@ -1,0 +1,114 @@
+"""Copper holds every packet for as long as it is long, and none of the simulation's own."""
+
+import select
+import socket
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from ipaddress import IPv4Address
+from threading import Thread
+
+import pytest
+
+from copper.forwarder import Forwarder
+from wire.config import Cable, CopperConfig
+
+DEADLINE_S = 20.0
+ALICE, BOB, ED = (IPv4Address(f"10.0.0.{number}").packed for number in (1, 2, 4))
+NEVER_S = 1e6
+
+
+def ip(source: bytes, target: bytes, payload: bytes = b"") -> bytes:
+    """Return an Ethernet frame with an IPv4 header, whose addresses are all that matters."""
+    return bytes(12) + b"\x08\x00" + b"\x45" + bytes(11) + source + target + payload
+
+
+def arp(sender: bytes, target: bytes) -> bytes:
+    return bytes(12) + b"\x08\x06" + bytes(14) + sender + bytes(6) + target
+
+
+@contextmanager
+def cables(*delays_s: float, scale: float = 1.0) -> Iterator[list[tuple[socket.socket, ...]]]:
+    """Run copper; yield the far sides of both ends of each cable, which are packet sockets."""
+    kind = socket.AF_UNIX, socket.SOCK_SEQPACKET
+    pairs = [(socket.socketpair(*kind), socket.socketpair(*kind)) for _ in delays_s]
+    laid = [
+        Cable("a", "b", one[0].fileno(), other[0].fileno(), delay_s)
+        for (one, other), delay_s in zip(pairs, delays_s, strict=True)
+    ]
+    forwarder = Forwarder(CopperConfig(laid, "10.0.0.4", time_scale=scale))
+    thread = Thread(target=forwarder.run)
+    thread.start()
+    try:
+        yield [(one[1], other[1]) for one, other in pairs]
+    finally:
+        forwarder.stop()
+        thread.join(DEADLINE_S)
+        assert not thread.is_alive()
+        for end in (end for one, other in pairs for end in (*one, *other)):
+            end.close()
+
+
+def comes(end: socket.socket) -> bytes:
+    end.settimeout(DEADLINE_S)
+    return end.recv(1 << 16)
+
+
+@pytest.mark.parametrize("backwards", [False, True])
+def test_a_packet_is_never_earlier_than_the_cable_is_long(backwards: bool) -> None:
+    with cables(0.05) as [ends]:
+        near, far = reversed(ends) if backwards else ends
+        for number in range(5):
+            sent_s = time.monotonic()
+            near.send(ip(ALICE, BOB, bytes([number])))
+            assert comes(far) == ip(ALICE, BOB, bytes([number]))
+            assert time.monotonic() - sent_s >= 0.05
+
+
+def test_the_delay_is_of_the_network() -> None:
+    with cables(0.001, scale=80.0) as [(near, far)]:
+        sent_s = time.monotonic()
+        near.send(ip(ALICE, BOB))
+        comes(far)
+        assert time.monotonic() - sent_s >= 80 * 0.001
+
+
+def test_packets_come_out_in_order_and_none_is_lost() -> None:
+    with cables(0.01) as [(near, far)]:
+        frames = [ip(ALICE, BOB, number.to_bytes(2, "big")) for number in range(100)]
+        for frame in frames:
+            near.send(frame)
+        assert [comes(far) for _ in frames] == frames
+
+
+def test_a_long_cable_does_not_keep_a_short_one_waiting() -> None:
+    with cables(NEVER_S, 0.001) as [(slow, end), (quick, far)]:
+        slow.send(ip(ALICE, BOB))
+        quick.send(ip(ALICE, BOB))
+        assert comes(far) == ip(ALICE, BOB)
+        assert not select.select([end], [], [], 0)[0]
+
+
+@pytest.mark.parametrize("frame", [ip(ALICE, ED), ip(ED, ALICE), arp(ALICE, ED), arp(ED, ALICE)])
+def test_what_the_simulation_says_is_held_by_no_cable(frame: bytes) -> None:
+    with cables(NEVER_S) as [(near, far)]:
+        near.send(frame)
+        assert comes(far) == frame
+
+
+@pytest.mark.parametrize("frame", [ip(ALICE, BOB), arp(BOB, ALICE), b"\0", ED * 4, bytes(60)])
+def test_all_else_is_held_whatever_is_in_it(frame: bytes) -> None:
+    """The packet behind it shows that the frame has been read by then."""
+    with cables(NEVER_S) as [(near, far)]:
+        near.send(frame)
+        near.send(ip(ALICE, ED))
+        assert comes(far) == ip(ALICE, ED)
+        assert not select.select([far], [], [], 0)[0]
+
+
+def test_an_end_that_is_gone_loses_packets_and_nothing_else() -> None:
+    with cables(0.001, 0.001) as [(near, far), (other, there)]:
+        far.shutdown(socket.SHUT_RDWR)
+        near.send(ip(ALICE, BOB))
+        other.send(ip(ALICE, BOB))
+        assert comes(there) == ip(ALICE, BOB)

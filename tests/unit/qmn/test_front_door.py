@@ -1,0 +1,144 @@
+"""The command `qmn` itself: from anywhere, as root where it must be, on the PATH and off again."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from qmn.__main__ import described
+from qmn.as_root import needs_root
+
+ROOT = Path(__file__).resolve().parents[3]
+QMN = ROOT / "bin" / "qmn"
+AN_ORDINARY_USER = """
+import os, runpy, sys
+os.geteuid = lambda: 1000
+sys.argv[0] = "qmn"
+runpy.run_module("qmn", run_name="__main__", alter_sys=True)
+"""
+
+
+def said(*command: object, **options: object) -> subprocess.CompletedProcess[str]:
+    """Run a command to its end."""
+    words = [str(word) for word in command]
+    return subprocess.run(  # type: ignore[call-overload, no-any-return]
+        words, capture_output=True, text=True, check=False, timeout=60, **options
+    )
+
+
+def test_it_runs_from_anywhere_and_loads_nothing_that_lies_there(tmp_path: Path) -> None:
+    (tmp_path / "argparse.py").write_text("raise SystemExit('a trap')")
+    done = said(QMN, "sabot", "--help", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith("usage: qmn sabot ")
+
+
+def test_a_link_to_it_is_it(tmp_path: Path) -> None:
+    (tmp_path / "link").symlink_to(QMN)
+    assert said(tmp_path / "link", "sabot", "--help").stdout.startswith("usage: qmn sabot ")
+
+
+def test_a_checkout_without_its_set_up_says_what_to_type(tmp_path: Path) -> None:
+    (tmp_path / "bin").mkdir()
+    for name in ("requirements.lock", "bin/qmn"):
+        shutil.copy(ROOT / name, tmp_path / name)
+    done = said(tmp_path / "bin" / "qmn", "doctor")
+    assert done.returncode == 1
+    assert done.stderr == (
+        f"qmn: not set up yet (.venv is missing or too old). Type: make -C '{tmp_path}' setup\n"
+    )
+
+
+STEERS = (
+    "run sdc|run qkd --eve 1|cli ring|devices|paths|spy|policy reload|set alice fec golay|clean|"
+    "fault q1 repair|calibrate alice q1|classical alice q1 1|bench|sweep sdc --emulate"
+)
+LOOKS = (
+    "spy runs/latest|report runs/latest|replay runs/latest|wireshark|doctor|sabot run bell.qasm|"
+    "sweep sdc|curves"
+)
+
+
+@pytest.mark.parametrize("words", STEERS.split("|"))
+def test_what_starts_or_steers_a_network_needs_root(words: str) -> None:
+    assert needs_root(described(words.split()).parse_args(words.split()))
+
+
+@pytest.mark.parametrize("words", LOOKS.split("|"))
+def test_what_looks_at_files_or_computes_does_not(words: str) -> None:
+    assert not needs_root(described(words.split()).parse_args(words.split()))
+
+
+def test_root_is_asked_of_sudo_with_the_very_same_words(tmp_path: Path) -> None:
+    sudo = tmp_path / "sudo"
+    sudo.write_text("#!/bin/sh\nprintf '%s\\n' \"$@\"\n")
+    sudo.chmod(0o755)
+    words = ["run", "sdc", "--message", "two words; $HOME"]
+    environment = {**os.environ, "PATH": f"{tmp_path}:{os.environ['PATH']}"}
+    done = said(sys.executable, "-c", AN_ORDINARY_USER, *words, cwd=ROOT, env=environment)
+    assert done.stdout.splitlines() == ["env", "PYTHONDONTWRITEBYTECODE=1", str(QMN), *words]
+
+
+def test_where_there_is_no_sudo_the_user_hears_so(tmp_path: Path) -> None:
+    environment = {**os.environ, "PATH": str(tmp_path)}
+    done = said(sys.executable, "-c", AN_ORDINARY_USER, "clean", cwd=ROOT, env=environment)
+    assert done.returncode == 1
+    assert done.stderr == "qmn: this needs root, and there is no sudo: run it as root\n"
+
+
+def install(prefix: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    return said(ROOT / "setup" / "install", *words, env={**os.environ, "PREFIX": str(prefix)})
+
+
+def files_of(folder: Path) -> set[str]:
+    return {str(file.relative_to(folder)) for file in folder.rglob("*") if not file.is_dir()}
+
+
+@pytest.fixture(scope="module")
+def prefix(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return where it is installed."""
+    folder = tmp_path_factory.mktemp("a prefix")
+    done = install(folder)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "add " in done.stdout
+    return folder
+
+
+def completions(prefix: Path, *words: str) -> set[str]:
+    """Return how bash would complete the last word."""
+    script = 'source "$1"; shift; COMP_WORDS=("$@"); COMP_CWORD=$(($# - 1)); _shtab_qmn; '
+    script += "printf '%s\\n' \"${COMPREPLY[@]}\""
+    file = prefix / "share/bash-completion/completions/qmn"
+    return set(said("bash", "-c", script, "bash", file, "qmn", *words, cwd=ROOT).stdout.split())
+
+
+def test_installed_it_runs_and_is_completed(prefix: Path) -> None:
+    assert said(prefix / "bin" / "qmn", "--help").stdout.startswith("usage: qmn [-h] VERB")
+    assert completions(prefix, "cal") == {"calibrate"}
+    assert completions(prefix, "run", "tele") == {"teleport"}
+    assert completions(prefix, "run", "sdc", "--controller", "") == {"ryu", "os-ken"}
+    assert completions(prefix, "report", "READ") == {"README.md"}
+    page = (prefix / "share/man/man1/qmn.1").read_text()
+    assert "qmn \\- the Mininet for programmable quantum networks" in page
+    assert "qmn run teleport" in page
+    assert (prefix / "share/zsh/site-functions/_qmn").read_text().startswith("#compdef qmn\n")
+
+
+def test_uninstalled_nothing_of_it_is_left(tmp_path: Path) -> None:
+    assert install(tmp_path).returncode == 0
+    assert len(files_of(tmp_path)) == 4
+    assert install(tmp_path, "--remove").returncode == 0
+    assert files_of(tmp_path) == set()
+
+
+@pytest.mark.parametrize("words", [[], ["--remove"]])
+def test_the_command_of_somebody_else_is_left_alone(tmp_path: Path, words: list[str]) -> None:
+    (tmp_path / "bin").mkdir()
+    (tmp_path / "bin" / "qmn").write_text("theirs")
+    done = install(tmp_path, *words)
+    assert done.returncode == 1
+    assert "is not of this checkout" in done.stderr
+    assert (tmp_path / "bin" / "qmn").read_text() == "theirs"

@@ -1,0 +1,79 @@
+"""Whether news can outrun light, and by how much at worst."""
+
+from typing import Any, NamedTuple
+
+from topologies.copper_lengths import Ways, shortest
+from topologies.copper_link import LEAST_DELAY_S
+from topologies.runtime import Runtime
+
+
+class Early(NamedTuple):
+    """News that can come before light could."""
+
+    origin: str
+    receiver: str
+    early_s: float  # of the network
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as JSON takes it."""
+        return {"from": self.origin, "to": self.receiver, "early_s": self.early_s}
+
+
+def worst(network: Runtime) -> Early | None:
+    """Return what outruns light most, in a network that has been built; None if nothing can.
+
+    News goes along the copper, and from a classical switch by way of the controller to every
+    switch without delay: OpenFlow goes over this machine's loopback. What light leads by less than
+    any packet takes here is not news that is early.
+    """
+    light, news = ways_of_light(network), ways_of_news(network)
+    least_s = network.time.network_s(LEAST_DELAY_S)
+    found = [
+        Early(origin, receiver, light_s - news_s)
+        for origin in light
+        if origin not in network.switches
+        for receiver, light_s in _others(light, origin).items()
+        if (news_s := _others(news, origin).get(receiver)) is not None
+        if light_s - news_s >= least_s
+    ]
+    return max(found, key=lambda each: each.early_s, default=None)
+
+
+def news_s(network: Runtime) -> dict[str, dict[str, float]]:
+    """Return how long news takes at least between any two nodes that news can reach."""
+    ways = ways_of_news(network)
+    return {node: _others(ways, node) for node in ways}
+
+
+def ways_of_light(network: Runtime) -> Ways:
+    """Return the fastest fibre between neighbours."""
+    found: Ways = {}
+    for fiber in network.fibers:
+        _join(found, fiber.a.node, fiber.b.node, fiber.delay_s)
+    return found
+
+
+def ways_of_news(network: Runtime) -> Ways:
+    """Return the copper between neighbours, and what the controller joins."""
+    found: Ways = {}
+    ends = {node for link in network.copper for node in link}
+    for link, delay_s in network.copper.items():
+        one, other = sorted(link)
+        if not link & network.switches.keys():  # there OpenFlow is faster
+            _join(found, one, other, delay_s)
+    classical = ends - network.addresses.keys() - network.switches.keys()
+    for switch in classical:
+        for other in (classical | network.switches.keys()) - {switch}:
+            _join(found, switch, other, 0.0)
+    return found
+
+
+def _join(ways: Ways, one: str, other: str, delay_s: float) -> None:
+    for near, far in ((one, other), (other, one)):
+        known = ways.setdefault(near, {})
+        known[far] = min(delay_s, known.get(far, delay_s))
+
+
+def _others(ways: Ways, start: str) -> dict[str, float]:
+    """Return how long the fastest way takes from a node to all others."""
+    return {node: time_s for node, time_s in shortest(ways, start).items() if node != start}

@@ -1,0 +1,96 @@
+"""How long copper is: as the shortest way along the fibres between the same places.
+
+    alice ===== 20 km ===== q1 ===== 30 km ===== q2 === bob        fibres
+    alice ------ 20 km ---- s1, which is at q1                     copper
+
+A classical switch is where the farthest of its nodes is nearest. Whatever goes by way of it then
+takes at least as long as light does between the same two nodes.
+"""
+
+import heapq
+from collections import defaultdict
+from math import inf
+from typing import Any
+
+from mininet.topo import Topo
+
+from topologies.copper_link import CopperLink
+from topologies.fiber import FiberLink
+from wire.fiber import FiberOptics
+
+Ways = dict[str, dict[str, float]]  # from each node to its neighbours: lengths, or times
+
+
+def lay_copper(topo: Topo, copper_km: float | None = None) -> None:
+    """Give copper of no length one: this, or that of the fibres between its places.
+
+    Links of other classes are left as they are, and without `copper_km` so are lengths that
+    somebody has named.
+    """
+    fibers, copper = fibers_of(topo), copper_of(topo)
+    places = places_of(topo, fibers, copper)
+    for one, other, info in copper:
+        info["cls"] = CopperLink
+        if copper_km is not None:
+            info["length_km"] = copper_km
+        elif "length_km" not in info:
+            info["length_km"] = shortest(fibers, places[one]).get(places[other], 0.0)
+
+
+def fibers_of(topo: Topo) -> Ways:
+    """Return the length (km) of the shortest fibre between neighbours."""
+    found: defaultdict[str, dict[str, float]] = defaultdict(dict)
+    for one, other, info in topo.links(withInfo=True):
+        if info.get("cls") is FiberLink:
+            length_km = float(info.get("length_km", FiberOptics().length_km))
+            for near, far in ((one, other), (other, one)):
+                found[near][far] = min(length_km, found[near].get(far, inf))
+    return dict(found)
+
+
+def copper_of(topo: Topo) -> list[tuple[str, str, dict[str, Any]]]:
+    """Return the links that are plain, or of copper; each with what can be changed of it."""
+    links: list[tuple[str, str, dict[str, Any]]] = topo.links(withInfo=True)
+    return [link for link in links if link[2].get("cls") in (None, CopperLink)]
+
+
+def places_of(
+    topo: Topo, fibers: Ways, copper: list[tuple[str, str, dict[str, Any]]]
+) -> dict[str, str]:
+    """Return the node of the fibres at which each node is; its own name if it is at none."""
+    places = {name: name for name in topo.nodes()}
+    for switch in topo.switches():
+        if switch not in fibers:
+            ends = ((one, other) for one, other, _ in copper if switch in (one, other))
+            near = {other if one == switch else one for one, other in ends} & fibers.keys()
+            places[switch] = centre(fibers, sorted(near)) or switch
+    for one, other, _info in copper:  # what has no light is where its switch is
+        for node, beside in ((one, other), (other, one)):
+            if node not in fibers and not topo.isSwitch(node):
+                places[node] = places[beside]
+    return places
+
+
+def centre(fibers: Ways, nodes: list[str]) -> str | None:
+    """Return the node from which the farthest of these is nearest, None if there are none."""
+    if not nodes:
+        return None
+
+    def farthest(place: str) -> float:
+        reached = shortest(fibers, place)
+        return max(reached.get(node, inf) for node in nodes)
+
+    return min(sorted(fibers), key=farthest)
+
+
+def shortest(ways: Ways, start: str) -> dict[str, float]:
+    """Return how far it is from a node to itself and all that it reaches (Dijkstra)."""
+    reached: dict[str, float] = {}
+    queue = [(0.0, start)]
+    while queue:
+        so_far, node = heapq.heappop(queue)
+        if node not in reached:
+            reached[node] = so_far
+            for far, more in ways.get(node, {}).items():
+                heapq.heappush(queue, (so_far + more, far))
+    return reached

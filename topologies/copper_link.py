@@ -1,0 +1,112 @@
+"""A copper cable as a Mininet link: topo.addLink(alice, s1, cls=CopperLink, length_km=20).
+
+Where its delay is less than a packet takes anyhow it is a plain veth pair. A longer one is two TAP
+interfaces between which the program `copper` holds every packet back: that works in every kernel,
+also without `netem`.
+"""
+
+import fcntl
+import os
+import struct
+import subprocess
+from typing import Any
+
+from mininet.link import Link
+from mininet.node import Node, Switch
+
+from topologies import runtime
+from topologies.programs import NetworkError
+from wire.config import Cable
+from wire.fiber import SPEED_IN_FIBER_M_PER_S
+from wire.physics import BadParameter
+
+MOST_KM = 100_000.0
+# In wall time: from one host to the other, over two cables and a switch in user space, a packet
+# takes longer than twice this.
+LEAST_DELAY_S = 10e-6
+TUN = "/dev/net/tun"
+TUNSETIFF, IFF_TAP, IFF_NO_PI = 0x400454CA, 0x0002, 0x1000
+QUEUED_FRAMES = 10_000
+ARP_TRIES = 3
+COMMAND_TIMEOUT_S = 10.0
+
+
+def delay_s(length_km: float) -> float:
+    """Return how long a packet is on the way; as fast as light in a fibre."""
+    return length_km * 1e3 / SPEED_IN_FIBER_M_PER_S
+
+
+class CopperLink(Link):
+    """A cable of some length; raise BadParameter for a length that none has."""
+
+    def __init__(self, node1: Node, node2: Node, length_km: float = 0.0, **params: object) -> None:
+        if not isinstance(length_km, int | float) or not 0 <= length_km <= MOST_KM:
+            where = f"copper {node1.name} to {node2.name}"
+            raise BadParameter(f"{where}: length_km {length_km!r} is not 0 to {MOST_KM:g}")
+        self.length_km = float(length_km)
+        super().__init__(node1, node2, **params)
+        network = runtime.current()
+        network.copper[frozenset((node1.name, node2.name))] = delay_s(self.length_km)
+        if self._is_held:
+            for end in (self.intf1, self.intf2):
+                if not isinstance(end.node, Switch):
+                    _be_patient(end.node, str(end), network.time.wall_s(delay_s(self.length_km)))
+
+    @property
+    def _is_held(self) -> bool:
+        return runtime.current().time.wall_s(delay_s(self.length_km)) >= LEAST_DELAY_S
+
+    def makeIntfPair(  # noqa: N802 (Mininet's name)
+        self,
+        intfname1: str,
+        intfname2: str,
+        addr1: str | None = None,
+        addr2: str | None = None,
+        node1: Node | None = None,
+        node2: Node | None = None,
+        deleteIntfs: bool = True,  # noqa: N803
+    ) -> None:
+        """Make both ends; only an object knows how long it is."""
+        if not self._is_held:
+            super().makeIntfPair(intfname1, intfname2, addr1, addr2, node1, node2, deleteIntfs)
+            return
+        ends = (intfname1, node1), (intfname2, node2)
+        one, other = (tap(name, node) for name, node in ends)
+        cable = Cable(intfname1, intfname2, one, other, delay_s(self.length_km))
+        runtime.current().cables.append(cable)
+
+
+def tap(name: str, node: Any) -> int:
+    """Return the file of a new TAP interface in a node's namespace; it goes when that is closed."""
+    try:
+        file = os.open(TUN, os.O_RDWR | os.O_NONBLOCK)
+        fcntl.ioctl(file, TUNSETIFF, struct.pack("16sH22x", name.encode(), IFF_TAP | IFF_NO_PI))
+    except OSError as error:
+        raise NetworkError(
+            f"cannot make {name}, an end of copper, with {TUN}: {error.strerror}; load the kernel "
+            "module tun, or make the copper short"
+        ) from error
+    _ip("link", "set", name, "txqueuelen", str(QUEUED_FRAMES))
+    if not isinstance(node, Switch):
+        _ip("link", "set", name, "netns", str(node.pid))
+    return file
+
+
+def _be_patient(node: Node, interface: str, one_way_s: float) -> None:
+    """Let the kernel wait for answers to ARP as long as they take; TCP sees to itself."""
+    round_trip_ms = round(4 * one_way_s * 1e3)  # two cables, there and back
+    retrans_ms = max(1000, 1000 + round_trip_ms // ARP_TRIES)
+    node.cmd(f"sysctl -qw net.ipv4.neigh.{interface}.retrans_time_ms={retrans_ms}")
+
+
+def _ip(*words: str) -> None:
+    done = subprocess.run(
+        ["ip", *words],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=COMMAND_TIMEOUT_S,
+        start_new_session=True,
+    )
+    if done.returncode:
+        raise NetworkError(f"ip {' '.join(words)}: {done.stderr.strip()}")
