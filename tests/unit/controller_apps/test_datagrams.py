@@ -67,7 +67,7 @@ def test_random_bytes_are_malformed_or_what_scapy_reads() -> None:
         assert (frame.source, frame.destination) == (packet[IP].src, packet[IP].dst)
         assert (packet[IP].version, packet[IP].frag, packet[IP].flags.MF) == (4, 0, False)
         assert (frame.source_port, frame.destination_port) == (packet[UDP].sport, packet[UDP].dport)
-        assert (frame.destination_mac, frame.source_mac) == (data[:6], data[6:12])
+        assert frame.destination_mac + frame.source_mac == data[:12]
         assert frame.payload == data[14 + 4 * packet[IP].ihl + 8 : 14 + packet[IP].len]
     assert 500 < read < 1900
 

@@ -11,14 +11,14 @@ import pytest
 from qmn.sweeps import theory
 from qmn.sweeps.catalogue import EXPERIMENTS, measure
 from qmn.sweeps.estimates import Estimate
-from qmn.sweeps.parameters import Values
+from qmn.sweeps.parameters import Value, Values
 from qmn.sweeps.running import disagreements
 
 SEED = 5
 PAIRS = 20_000
 
 
-def measured(experiment: str, name: str, **given: float) -> float:
+def measured(experiment: str, name: str, **given: Value) -> float:
     """Return a measure of an experiment at a point."""
     return measure(experiment, complete(experiment, given), SEED)[name][0]
 
