@@ -84,6 +84,7 @@ class Agent:
 
     def _ports_changed(self, ports: list[Port]) -> None:
         self._paths.update_ports(ports)
+        self._switch.update_ports(ports)
         self._channels.update(ports)
 
 

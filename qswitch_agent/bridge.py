@@ -70,7 +70,7 @@ class Connection:
         try:
             while data := await self._reader.read(CHUNK):
                 for message in framer.feed(data):
-                    self._take(message)
+                    self._take(messages.require_version(message))
         except (MalformedPacket, OSError) as error:
             raise BridgeFault(f"bridge at {self._path}: {error}") from error
         raise BridgeFault(f"bridge at {self._path} is gone; start bridge and agent again")
@@ -161,9 +161,9 @@ class Monitor(Connection):
             else:
                 self._take_updates(message)
         elif kind == ofp.OFPT_PORT_STATUS:
-            gone = ofp.OFPPS_LINK_DOWN if ports.is_gone(message) else 0
+            gone = ports.status_reason(message) == ofp.OFPPR_DELETE
             described = ports.described_ports(message)
-            self._on_ports([replace(port, state=port.state | gone) for port in described])
+            self._on_ports([replace(port, gone=gone) for port in described])
         elif kind == ofp.OFPT_ERROR:
             raise BridgeFault(
                 f"bridge at {self._path} refuses to be watched: OpenFlow error type and "

@@ -119,6 +119,7 @@ class LightPaths:
                 refused = await self._bring_up_to_date()
             except HardwareFault as fault:
                 self._fault = fault
+                self.promises.settle(due, dict.fromkeys(due, str(fault)))
                 await self._answer(asked, self._refused)
                 raise
             for path, reason in refused.items():

@@ -78,6 +78,7 @@ class Switch:
         self._synchronised_ns = 0  # when that was begun last, of those that are done
         self.hardware = hardware
         self._channels = channels
+        self.ports: set[int] = set()  # all that the bridge has
         self._condition = Condition()
         self._known = asyncio.Event()
         self._judging = asyncio.Lock()
@@ -210,6 +211,11 @@ class Switch:
             self._channels.announce(affected & self.fibers)
         self._known.set()
         self.paths.update_stuck(condition.stuck)
+
+    def update_ports(self, ports: Iterable[Port]) -> None:
+        """Take descriptions of ports, of all that there are or of one that has changed."""
+        for port in ports:
+            (self.ports.discard if port.gone else self.ports.add)(port.number)
 
     def shown(self, port: Port) -> Port:
         """Return a fibre port's description as a controller sees it.

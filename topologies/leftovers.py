@@ -1,13 +1,13 @@
 """The leftovers of killed runs on this machine, and their removal."""
 
-import os
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
-from topologies import openvswitch
-from topologies.network import SWITCHES, interfaces_of, sweep
-from topologies.runtime import RUNTIME_ROOT, alive, only_run
+from topologies import openvswitch, owners
+from topologies.network import bridges_of_gone, interfaces_of, sweep, switches_of
+from topologies.owners import Owner, this_process
+from topologies.runtime import RUNTIME_ROOT, folders_of_gone, only_run
 
 
 @dataclass(frozen=True)
@@ -15,6 +15,7 @@ class Leftovers:
     """Things of runs whose process is gone."""
 
     folders: tuple[str, ...] = ()  # private ones, with sockets and tokens
+    processes: tuple[str, ...] = ()  # by id and program
     bridges: tuple[str, ...] = ()
     interfaces: tuple[str, ...] = ()
     open_vswitch: tuple[str, ...] = ()  # its starter, if it was started by such a run
@@ -23,6 +24,7 @@ class Leftovers:
         """Return each thing in words."""
         return [
             *(f"folder {name}" for name in self.folders),
+            *(f"process {name}" for name in self.processes),
             *(f"bridge {name}" for name in self.bridges),
             *(f"interface {name}" for name in self.interfaces),
             *(f"Open vSwitch, started by run {name}" for name in self.open_vswitch),
@@ -31,25 +33,29 @@ class Leftovers:
 
 def find(root: Path = RUNTIME_ROOT) -> Leftovers:
     """Return what is left; raise NetworkError if Open vSwitch does not say."""
-    folders = [path for path in root.glob("*") if path.name.isdigit() and not alive(path.name)]
+    folders = folders_of_gone(root)
     bridges: list[str] = []
-    starter: list[str] = []
+    others: set[str] = set()
     if openvswitch.installed() and openvswitch.running():
-        owners = {name: openvswitch.owner_of(name) for name in openvswitch.bridges()}
-        bridges = [name for name, owner in owners.items() if _gone(owner)]
-        others = set(owners) - set(bridges)
-        starter = [name for name in [openvswitch.starter()] if _gone(name)]
-    else:
-        others = set()
-    files = [folder / SWITCHES for folder in folders]
-    named = {name for file in files if file.exists() for name in file.read_text().split()}
-    interfaces = [found for name in sorted(named - others) for found in interfaces_of(name)]
+        bridges = bridges_of_gone()
+        others = set(openvswitch.bridges()) - set(bridges)
+    named = {name for folder in folders for name in switches_of(folder)}
     return Leftovers(
-        tuple(str(folder) for folder in sorted(folders)),
-        tuple(sorted(bridges)),
-        tuple(interfaces),
-        tuple(starter),
+        tuple(map(str, folders)),
+        tuple(_named(process) for process, run in owners.marked() if owners.gone(run)),
+        tuple(bridges),
+        tuple(found for name in sorted(named - others) for found in interfaces_of(name)),
+        tuple(name for name in [openvswitch.starter()] if owners.gone(name)),
     )
+
+
+def _named(process: Owner) -> str:
+    """Return id and program of a process."""
+    try:
+        program = Path("/proc", str(process.pid), "comm").read_text().strip()
+    except OSError:
+        program = "that has ended"
+    return f"{process.pid} ({program})"
 
 
 def remove() -> Leftovers:
@@ -59,7 +65,7 @@ def remove() -> Leftovers:
         found = find()
         if not found.lines():
             return found
-        owner = str(os.getpid())
+        owner = str(this_process())
         stack.callback(openvswitch.stop_if_ours, owner)
         if openvswitch.running():
             openvswitch.adopt(owner)
@@ -67,7 +73,3 @@ def remove() -> Leftovers:
             openvswitch.start(owner)  # it alone knows of bridges that it has when it starts
         sweep()
     return found
-
-
-def _gone(owner: str) -> bool:
-    return owner.isdigit() and not alive(owner)

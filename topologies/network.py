@@ -3,111 +3,39 @@
 import os
 import re
 import shutil
-import signal
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
-from types import FrameType, TracebackType
+from types import TracebackType
 from typing import Self
 
 from mininet.net import Mininet
 from mininet.node import Host
 from mininet.topo import Topo
 
-from topologies import openvswitch, runtime
+from topologies import openvswitch, owners, runtime
 from topologies.copper_lengths import lay_copper
-from topologies.nodes import COPPER, READY_TIMEOUT_S, QuantumController, ShellWatcher
+from topologies.nodes import COPPER, READY_TIMEOUT_S, QuantumController
+from topologies.owners import Owner
 from topologies.parallel import ParallelMininet
 from topologies.programs import POLL_S, NetworkError, Program, stop_all
 from topologies.record import read_record
-from topologies.runtime import DISPATCHER, RUNTIME_ROOT, Runtime, alive, only_run
+from topologies.runtime import DISPATCHER, Runtime, folders_of_gone, only_run
+from topologies.shells import ShellWatcher
+from topologies.signals import Interrupted as Interrupted
+from topologies.signals import Signals as Signals
 from wire.config import Fiber
 
 DISCOVERY_TIMEOUT_S = 20.0
 CAPTURE_SETTLE_S = 1.0
+END_S = 1.0  # that a program takes to end once its sockets are closed
+LOOK_S = 0.5  # between looks for what is stopped
+STOPPED_S = 10.0
 CAPTURE_BUFFER_KIB = 16_384  # in the kernel, for each capture
 MAX_PACKET_BYTES = 65_600  # TCP hands over up to 64 KiB at once, and its headers
 DROPPED = re.compile(r"^(\d+) packets? dropped by kernel", re.MULTILINE)
 SWITCHES = "switches"  # file in the private folder: what this run has made or will make
-
-
-class Interrupted(Exception):
-    """The user, or the system, has asked the run to end."""
-
-    def __init__(self, number: int) -> None:
-        super().__init__(f"interrupted by {signal.Signals(number).name}")
-        self.status = 128 + number
-
-
-class Signals:
-    """Turns signals into an exception at the next check, never in the middle of a step."""
-
-    NUMBERS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-
-    def __enter__(self) -> Self:
-        self._received: int | None = None
-        self._deferring = False
-        self._previous = {number: signal.signal(number, self._note) for number in self.NUMBERS}
-        return self
-
-    def _note(self, number: int, _frame: FrameType | None) -> None:
-        self._received = self._received or number
-
-    def check(self) -> None:
-        """Raise Interrupted if a signal has come, unless signals are deferred."""
-        if self._received is not None and not self._deferring:
-            raise Interrupted(self._received)
-
-    @contextmanager
-    def deferred(self) -> Iterator[None]:
-        """Let nothing cut a piece of work short, nor the commands that it runs.
-
-        What comes meanwhile counts afterwards: another network may be about to start. The mask
-        is for the commands, which inherit it; other threads of this process still take signals.
-        """
-        mask = signal.pthread_sigmask(signal.SIG_BLOCK, self.NUMBERS)
-        self._deferring = True
-        try:
-            yield
-        finally:
-            self._deferring = False
-            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-
-    @contextmanager
-    def at_once(self) -> Iterator[None]:
-        """Let Ctrl-C interrupt what is being done (KeyboardInterrupt), and other signals end it.
-
-        For a person at the keyboard, or a script, who waits without checks.
-        """
-        for number in self.NUMBERS:
-            ctrl_c = number == signal.SIGINT
-            signal.signal(number, signal.default_int_handler if ctrl_c else self._raise)
-        try:
-            yield
-        finally:
-            for number in self.NUMBERS:
-                signal.signal(number, self._note)
-
-    def _raise(self, number: int, frame: FrameType | None) -> None:
-        self._note(number, frame)  # for the next check, if somebody swallows what is raised
-        self.check()
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        for number, handler in self._previous.items():
-            signal.signal(number, handler)
-        if isinstance(error, Exception) and not isinstance(error, Interrupted):
-            self._check_cause(error)
-
-    def _check_cause(self, error: Exception) -> None:
-        """A terminal's Ctrl-C also ends the commands that run just then: say so instead."""
-        if self._received is not None:
-            raise Interrupted(self._received) from error
 
 
 class Network:
@@ -123,13 +51,16 @@ class Network:
         self._captures: list[Program] = []
         self.packets_missed = 0  # by captures that have ended
         self._cleanup = ExitStack()
+        self._daemons: dict[str, Owner] = {}  # of Open vSwitch
+        self._stopped: dict[str, float] = {}  # what a signal has stopped, since when
+        self._look_again_at = 0.0
 
     def __enter__(self) -> Self:
         self._cleanup.callback(self.runtime.remove)
         try:
             self._start()
-        except BaseException:
-            self._clean_up()
+        except BaseException as error:
+            self._clean_up(error)
             raise
         return self
 
@@ -139,11 +70,18 @@ class Network:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._clean_up()
+        self._clean_up(error)
 
-    def _clean_up(self) -> None:
-        with self._signals.deferred():
-            self._cleanup.close()
+    def _clean_up(self, cause: BaseException | None) -> None:
+        """Remove everything; what then goes wrong does not hide what has ended the network."""
+        self.runtime.hurried = True
+        try:
+            with self._signals.deferred():
+                self._cleanup.close()
+        except NetworkError as error:
+            if cause is None:
+                raise
+            cause.add_note(f"cleaning up: {error}")
 
     def _start(self) -> None:
         require_root()
@@ -153,6 +91,7 @@ class Network:
             openvswitch.adopt(self.runtime.name)
         else:
             openvswitch.start(self.runtime.name)
+        self._daemons = openvswitch.daemons()
         sweep()
         self._signals.check()
         runtime.begin(self.runtime)
@@ -163,19 +102,30 @@ class Network:
         # Mininet would raise kernel limits for the whole machine, which is not ours to change.
         Mininet.inited = True
         self.net = ParallelMininet(topo=topo, controller=QuantumController, build=False)
-        self._cleanup.callback(remove_links, topo.switches())
-        self._cleanup.callback(self._stop_nodes)
+        self._cleanup.callback(delete_interfaces_of, topo.switches())
+        self._cleanup.callback(end_processes_of, self.runtime.name)
+        self._cleanup.callback(self.net.stop)
         self._cleanup.callback(self._stop_programs)
-        self.net.build()
-        self._signals.check()
-        self.net.start()
+        self._cleanup.callback(openvswitch.revive_if_ours, self.runtime.name)
+        self.runtime.hurried = True
+        self._build_and_start()
         self._wait_until_ready()
+        self.runtime.hurried = False
 
-    def _stop_nodes(self) -> None:
-        """Let Mininet stop every node, also one in whose shell a command still runs."""
-        for node in self._watched():
-            node.end_if_busy()
-        self.net.stop()
+    def _build_and_start(self) -> None:
+        """Let Mininet start all nodes; where it fails because of another's end, name that."""
+        try:
+            self.net.build()
+            self._signals.check()
+            self.net.start()
+        except SystemExit as error:
+            self.check()
+            raise NetworkError("Mininet has given up; it says above why") from error
+        except (NetworkError, Interrupted):
+            raise
+        except Exception:  # Mininet raises no other kind
+            self.check()
+            raise
 
     def _watched(self) -> Iterator[ShellWatcher]:
         """Yield our nodes; a topology may have others, too."""
@@ -277,12 +227,44 @@ class Network:
     def check(self) -> None:
         """Raise if a signal has come or a program of the network has ended."""
         self._signals.check()
+        openvswitch.require_alive(self._daemons)
         for program in (*self.runtime.programs, *self._captures):
             if not program.running:
                 raise NetworkError(f"{program.name} died in mid-run: {program.end()}")
         for node in self._watched():
             if node.shell_ended:
                 raise NetworkError(f"{node.name} died in mid-run: its shell was ended")
+        if time.monotonic() > self._look_again_at:
+            self._look_again_at = time.monotonic() + LOOK_S
+            self._require_none_stopped(STOPPED_S)
+
+    def explain(self) -> None:
+        """Raise for what has made something fail, if it is in the network.
+
+        A program's sockets close a moment before it ends. What a signal has stopped is to all
+        others a peer that does not answer.
+        """
+        deadline = time.monotonic() + END_S
+        while time.monotonic() < deadline:
+            self.check()
+            time.sleep(POLL_S)
+        self._require_none_stopped(0.0)
+
+    def _require_none_stopped(self, patience_s: float) -> None:
+        """Raise for what has been seen to be stopped by a signal for so long."""
+        now = time.monotonic()
+        stopped = set()
+        for program in (*self.runtime.programs, *self._captures):
+            stopped |= {program.name} if program.stopped else set()
+        stopped |= {node.name for node in self._watched() if node.shell_stopped}
+        stopped |= {name for name, daemon in self._daemons.items() if daemon.stopped}
+        self._stopped = {name: self._stopped.get(name, now) for name in stopped}
+        for name, since in self._stopped.items():
+            if now - since >= patience_s:
+                raise NetworkError(
+                    f"{name} does not answer: a signal has stopped it (SIGSTOP); `kill -CONT` "
+                    f"within {STOPPED_S:g} s lets such a process go on"
+                )
 
 
 def link_name(ends: Iterable[Sequence[int]]) -> str:
@@ -326,33 +308,51 @@ def require_root() -> None:
 
 
 def sweep() -> None:
-    """Remove what killed runs of ours have left: bridges, interfaces, private folders."""
-    for bridge in openvswitch.bridges():
-        owner = openvswitch.owner_of(bridge)
-        if owner.isdigit() and not alive(owner):
-            openvswitch.delete(bridge)
-    for folder in RUNTIME_ROOT.iterdir():
-        if folder.is_dir() and not alive(folder.name):
-            names = folder / SWITCHES
-            remove_links(names.read_text().split() if names.exists() else [])
-            shutil.rmtree(folder)
+    """Remove what killed runs of ours have left: programs, bridges, interfaces, folders."""
+    owners.end([process for process, run in owners.marked() if owners.gone(run)])
+    openvswitch.delete(*bridges_of_gone())
+    for folder in folders_of_gone():
+        remove_links(switches_of(folder))
+        shutil.rmtree(folder)
+
+
+def bridges_of_gone() -> list[str]:
+    """Return the bridges whose run is gone."""
+    bridges = openvswitch.bridges()
+    return sorted(name for name in bridges if owners.gone(openvswitch.owner_of(name)))
+
+
+def switches_of(folder: Path) -> list[str]:
+    """Return the switches that the run of a private folder has made, or was about to make."""
+    names = folder / SWITCHES
+    return names.read_text().split() if names.exists() else []
 
 
 def remove_links(switches: list[str]) -> None:
-    """Remove what is left of the links of switches that are gone.
+    """Remove what is left of switches that are gone, and of their links.
 
     Most went with their hosts. Links between switches stay, and so do those of a host whose
     namespace the kernel keeps until the last TCP connection in it has timed out.
     """
     bridges = set(openvswitch.bridges())
-    for name in [n for switch in switches if switch not in bridges for n in interfaces_of(switch)]:
-        openvswitch.delete_interface(name)
+    delete_interfaces_of([switch for switch in switches if switch not in bridges])
+
+
+def delete_interfaces_of(switches: list[str]) -> None:
+    """Delete the interfaces that a switch of ours has, or that its daemon has left."""
+    names = [name for switch in switches for name in interfaces_of(switch)]
+    openvswitch.delete_interfaces(names)
+
+
+def end_processes_of(run: str) -> None:
+    """End what still runs in the network of a run, as a server that somebody has started there."""
+    owners.end([process for process, words in owners.marked() if words == run])
 
 
 def interfaces_of(switch: str) -> list[str]:
-    """Return the interfaces on this machine that Mininet would have named for a switch."""
+    """Return the interfaces on this machine that a switch of this name would have."""
     names = sorted(path.name for path in Path("/sys/class/net").iterdir())
-    return [name for name in names if name.startswith(f"{switch}-eth")]
+    return [name for name in names if name == switch or name.startswith(f"{switch}-eth")]
 
 
 def refuse_taken_names(topo: Topo) -> None:

@@ -1,10 +1,7 @@
 """Mininet node types of a quantum network: each starts its program and ends it again."""
 
 import os
-import select
 import shlex
-import signal
-import subprocess
 from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
@@ -20,6 +17,7 @@ from topologies.fiber import qnics
 from topologies.programs import ROOT, Program, python
 from topologies.record import RECORD
 from topologies.runtime import CONSOLE, DISPATCHER, EVENT_CAPTURE, EVENT_LOG, Runtime
+from topologies.shells import ShellWatcher
 from wire import switch_check
 from wire.config import (
     DISPATCHER_PORT,
@@ -40,8 +38,6 @@ READY_TIMEOUT_S = 20.0
 COPPER = "copper"  # the program that holds packets back
 STATE = "state"  # folder in which the controller keeps what its successor must know
 DEFAULT_PREFIX_LENGTH = 8  # Mininet's
-SHELL_POLL_MS = 50
-SHELL_END_TIMEOUT_S = 1.0
 RECONNECT_MS = 1000  # between a bridge's attempts to find its controller, at most
 
 
@@ -84,58 +80,23 @@ def connect_copper(network: Runtime) -> None:
     program.wait_for("ready", READY_TIMEOUT_S)
 
 
-class ShellWatcher:
-    """A Mininet node that notices when its shell has ended, where Mininet would wait for ever."""
+class QuantumNode(ShellWatcher):
+    """A node of a network of ours, which says when what sets it up must not take long."""
 
-    name: str
+    network: Runtime
 
     @property
-    def shell_ended(self) -> bool:
-        """Whether somebody has ended the node's shell."""
-        shell = getattr(self, "shell", None)
-        return shell is not None and shell.poll() is not None
+    def hurried(self) -> bool:  # type: ignore[override]
+        """Whether the network starts or ends just now."""
+        return self.network.hurried
 
     def find_our_programs(self) -> None:
         """Let `qmn spy`, and `python` with our packages, work in the node's shell."""
         folders = f"{ROOT / 'bin'}:{Path(python()).parent}"
         self.cmd(f'export PYTHONPATH="{ROOT}" PATH="{folders}:$PATH"')
 
-    def end_if_busy(self) -> None:
-        """End a shell in which a command still runs: it would not do what clean-up asks of it."""
-        if self.shell_ended or not getattr(self, "waiting", False):
-            return
-        shell: subprocess.Popen[bytes] = self.shell  # type: ignore[attr-defined]
-        for number in (signal.SIGHUP, signal.SIGKILL):
-            os.killpg(shell.pid, number)
-            try:
-                shell.wait(SHELL_END_TIMEOUT_S)
-            except subprocess.TimeoutExpired:
-                continue
-            return
 
-    def cmd(self, *arguments: object, **options: object) -> str:
-        """Run a command in the node's shell; one that has ended runs no more of them."""
-        if self.shell_ended:
-            return ""
-        output: str = super().cmd(*arguments, **options)  # type: ignore[misc]
-        return output
-
-    def monitor(self, timeoutms: int | None = None, findPid: bool = True) -> str:  # noqa: N803
-        """Return what the shell has said; one that ends in mid-command says no more."""
-        while timeoutms is None and not self._has_output():
-            if self.shell_ended:
-                self.waiting = False
-                return ""
-        output: str = super().monitor(timeoutms, findPid)  # type: ignore[misc]
-        return output
-
-    def _has_output(self) -> bool:
-        """Wait a moment for output; a terminal that was hung up has events, but none."""
-        events = self.pollOut.poll(SHELL_POLL_MS)  # type: ignore[attr-defined]
-        return any(event & select.POLLIN for _file, event in events)
-
-
-class ClassicalHost(ShellWatcher, Host):
+class ClassicalHost(QuantumNode, Host):
     """A host whose interfaces suit a switch in user space: no IPv6, finished checksums."""
 
     def __init__(self, name: str, **params: object) -> None:
@@ -267,7 +228,7 @@ class QuantumHost(ClassicalHost):
         return result
 
 
-class ClassicalSwitch(ShellWatcher, OVSSwitch):
+class ClassicalSwitch(QuantumNode, OVSSwitch):
     """An Open vSwitch bridge that speaks OpenFlow 1.4 and forwards only what it is told."""
 
     def __init__(self, name: str, **params: object) -> None:
@@ -279,6 +240,26 @@ class ClassicalSwitch(ShellWatcher, OVSSwitch):
             "reconnectms": RECONNECT_MS,
         }
         super().__init__(name, **{**params, **settings})
+
+    @classmethod
+    def isOldOVS(cls) -> bool:  # noqa: N802 (Mininet's name)
+        """Say that Open vSwitch is of this century, without asking it."""
+        return False
+
+    @classmethod
+    def batchShutdown(  # noqa: N802 (Mininet's name)
+        cls, switches: Sequence["ClassicalSwitch"], run: object = None
+    ) -> Sequence["ClassicalSwitch"]:
+        """Delete bridges together, by a command that ends also where Open vSwitch has ended."""
+        del run
+        for switch in switches:
+            switch.hang_up()
+        try:
+            openvswitch.delete(*(switch.name for switch in switches))
+        finally:
+            for switch in switches:
+                switch.terminate()
+        return switches
 
     def bridgeOpts(self) -> str:  # noqa: N802 (Mininet's name)
         """Return the bridge's options; the one that marks it as ours comes with its birth."""
@@ -414,7 +395,7 @@ class OpticalSwitch(ClassicalSwitch):
         super().terminate()
 
 
-class QuantumController(ShellWatcher, Controller):
+class QuantumController(QuantumNode, Controller):
     """`c0`: our controller apps on Ryu or os-ken.
 
     Mininet's own command line sets it up so: --controller quantum,rest=127.0.0.1:8080,

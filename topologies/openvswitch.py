@@ -1,23 +1,52 @@
 """Open vSwitch on this machine: is it running, which datapath has it, who started it."""
 
 import os
+import re
 import shutil
+import signal
 import subprocess
 import time
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
+from topologies import owners
+from topologies.owners import POLL_S, Owner
 from topologies.programs import NetworkError
-from topologies.runtime import alive
+from topologies.runtime import RUNTIME_ROOT
 
 CONTROL = "/usr/share/openvswitch/scripts/ovs-ctl"
 RUN_FOLDER = Path("/var/run/openvswitch")
+LOG_FOLDER = Path("/var/log/openvswitch")
+DATABASE, SWITCH_DAEMON = "ovsdb-server", "ovs-vswitchd"
+DAEMONS = (DATABASE, SWITCH_DAEMON)
+STARTED = "open-vswitch"  # file: the run that has started the daemons, then the daemons
 START_TIMEOUT_S = 30.0
-OWNER = "external_ids:qmn"  # which run has made a bridge, or started Open vSwitch
+LAST_WORDS_TIMEOUT_S = 0.5  # that a daemon's monitor takes to write how it ended
+OWNER = "external_ids:qmn"  # which run has made a bridge
+RESTART = "restart Open vSwitch, as by `systemctl restart openvswitch-switch`"
 
 
 def vsctl(*arguments: str) -> str:
-    """Run ovs-vsctl; raise NetworkError with its words if it fails."""
-    return _run("ovs-vsctl", "--timeout=10", *arguments)
+    """Run ovs-vsctl; raise NetworkError with its words, or those of a daemon, if it fails."""
+    try:
+        return _run("ovs-vsctl", "--timeout=10", *arguments)
+    except NetworkError as error:
+        found = daemons()
+        if found and (silent := [name for name in DAEMONS if not _answers(found, name)]):
+            raise NetworkError(f"{silent[0]} {_silence(found, silent[0])}") from error
+        raise
+
+
+def _answers(found: Mapping[str, Owner], name: str) -> bool:
+    return name in found and not found[name].stopped
+
+
+def _silence(found: Mapping[str, Owner], name: str) -> str:
+    """Return why a daemon does not answer, and what to do."""
+    if name not in found:
+        return f"does not run: {RESTART}"
+    pid = found[name].pid
+    return f"does not answer: a signal has stopped it; let it go on by `kill -CONT {pid}`"
 
 
 def installed() -> bool:
@@ -29,42 +58,119 @@ def running() -> bool:
     """Whether both daemons answer."""
     probe = ["ovs-vsctl", "--timeout=2", "--no-wait", "show"]
     try:
-        database = subprocess.run(probe, capture_output=True, check=False)
-    except FileNotFoundError as error:
-        raise NetworkError("Open vSwitch is not installed; run `make setup`") from error
-    return database.returncode == 0 and _switch_daemon_runs()
+        _run(*probe)
+    except NetworkError:
+        if shutil.which("ovs-vsctl") is None:
+            raise NetworkError("Open vSwitch is not installed; run `make setup`") from None
+        return False
+    return SWITCH_DAEMON in daemons()
+
+
+def daemons() -> dict[str, Owner]:
+    """Return the daemons that run."""
+    return {name: found for name in DAEMONS if (found := _daemon(name)) is not None}
+
+
+def _daemon(name: str) -> Owner | None:
+    try:
+        pid = int((RUN_FOLDER / f"{name}.pid").read_text())
+        named = Path("/proc", str(pid), "comm").read_text().strip()
+    except (OSError, ValueError):
+        return None
+    found = owners.owner(pid)
+    return found if named == name and found is not None and found.alive else None
+
+
+def require_alive(watched: Mapping[str, Owner]) -> None:
+    """Raise NetworkError if one of these daemons has ended."""
+    for name, daemon in watched.items():
+        if not daemon.alive:
+            raise NetworkError(
+                f"{name} died in mid-run: Open vSwitch's daemon {_end_of(name, daemon)}"
+            )
+
+
+def _end_of(name: str, daemon: Owner) -> str:
+    """Return how a daemon has ended, in the words of the process that watches over it."""
+    died = re.compile(rf"pid {daemon.pid} died, (.*)")
+    log, deadline = LOG_FOLDER / f"{name}.log", time.monotonic() + LAST_WORDS_TIMEOUT_S
+    while time.monotonic() < deadline:
+        told = died.findall(log.read_text(errors="replace")) if log.exists() else []
+        if told:
+            return f"was {told[-1].removesuffix(', exiting')}"
+        time.sleep(POLL_S)
+    return f"(process {daemon.pid}) is gone; its log: {log}"
 
 
 def start(owner: str) -> None:
-    """Start Open vSwitch and note that this run started it."""
+    """Start Open vSwitch, or what is missing of ours, and note that this run started it.
+
+    Raise NetworkError where half of it runs that is not ours.
+    """
     if not Path(CONTROL).exists():
         raise NetworkError("Open vSwitch is not installed; run `make setup`")
+    first = starter()
+    if first and (first == owner or owners.gone(first)):
+        for daemon in daemons().values():
+            daemon.signal(signal.SIGCONT)
+    else:
+        _refuse_half(daemons())
     _run(CONTROL, "start", "--system-id=random", timeout_s=START_TIMEOUT_S)
     deadline = time.monotonic() + START_TIMEOUT_S
     while not running():
         if time.monotonic() > deadline:
             raise NetworkError(f"Open vSwitch did not start in {START_TIMEOUT_S:g} s")
         time.sleep(0.05)
-    vsctl("set", "Open_vSwitch", ".", f"{OWNER}={owner}")
+    _note_starter(owner)
+
+
+def _refuse_half(found: Mapping[str, Owner]) -> None:
+    silent = [name for name in DAEMONS if not _answers(found, name)]
+    if found and silent:
+        raise NetworkError(f"Open vSwitch runs in part: {silent[0]} {_silence(found, silent[0])}")
+
+
+def _note_starter(owner: str) -> None:
+    RUNTIME_ROOT.mkdir(mode=0o755, parents=True, exist_ok=True)
+    lines = [owner, *map(str, daemons().values())]
+    (RUNTIME_ROOT / STARTED).write_text("\n".join(lines))
 
 
 def adopt(owner: str) -> None:
     """Take over an Open vSwitch that a run of ours has started and could not stop."""
-    first = starter()
-    if first.isdigit() and not alive(first):
-        vsctl("set", "Open_vSwitch", ".", f"{OWNER}={owner}")
+    if owners.gone(starter()):
+        _note_starter(owner)
+
+
+def revive_if_ours(owner: str) -> None:
+    """Start again what has ended of an Open vSwitch that this run started.
+
+    A bridge whose daemon has ended leaves its interface behind, and only the daemon that comes
+    next can remove it in every kind of datapath.
+    """
+    if starter() != owner:
+        return
+    for daemon in daemons().values():
+        daemon.signal(signal.SIGCONT)  # it may have been stopped
+    if not running():
+        start(owner)
 
 
 def stop_if_ours(owner: str) -> None:
     """Stop Open vSwitch if this run started it and no bridge is left in it."""
-    if running() and starter() == owner and not bridges():
-        vsctl("remove", "Open_vSwitch", ".", "external_ids", "qmn")
+    if starter() == owner and running() and not bridges():
+        (RUNTIME_ROOT / STARTED).unlink()
         _run(CONTROL, "stop", timeout_s=START_TIMEOUT_S)
 
 
 def starter() -> str:
-    """Return which run has started Open vSwitch, "" if none of ours did."""
-    return vsctl("--if-exists", "get", "Open_vSwitch", ".", OWNER).strip('"\n ')
+    """Return which run has started the daemons that run now, "" if none of ours did."""
+    try:
+        owner, *started = (RUNTIME_ROOT / STARTED).read_text().splitlines()
+    except (OSError, ValueError):
+        return ""
+    running_now = {str(daemon) for daemon in daemons().values()}
+    return owner if running_now & set(started) else ""
 
 
 def bridges() -> list[str]:
@@ -85,15 +191,38 @@ def add(bridge: str, owner: str, controller: str) -> None:
     vsctl(*made, "--", "set-controller", bridge, controller)
 
 
-def delete(bridge: str) -> None:
-    """Delete a bridge of ours, if it is there."""
-    vsctl("--if-exists", "del-br", bridge)
+def delete(*names: str) -> None:
+    """Delete bridges of ours, those that are there.
+
+    Where the daemon has ended that would remove their interfaces, remove those that nobody holds.
+    """
+    words = [word for name in sorted(names) for word in ("--", "--if-exists", "del-br", name)][1:]
+    if not words:
+        return
+    if DATABASE not in daemons():
+        raise NetworkError(
+            f"bridges {', '.join(sorted(names))} stay, as {DATABASE} does not run: {RESTART}; the "
+            "next run removes them then, and so does `qmn clean`"
+        )
+    if _answers(daemons(), SWITCH_DAEMON):
+        vsctl(*words)
+        return
+    vsctl("--no-wait", *words)
+    for name in names:
+        delete_interface(name)
 
 
 def delete_interface(name: str) -> None:
     """Delete an interface of ours, if it is still there: its peer takes it along."""
-    if Path("/sys/class/net", name).exists():
-        _run("ip", "link", "delete", name)
+    delete_interfaces([name])
+
+
+def delete_interfaces(names: Iterable[str]) -> None:
+    """Delete interfaces of ours by one command; what is gone already is no fault."""
+    there = [name for name in names if Path("/sys/class/net", name).exists()]
+    if there:
+        lines = "".join(f"link delete {name}\n" for name in there)
+        _run("ip", "-force", "-batch", "-", given=lines, fails=True, timeout_s=START_TIMEOUT_S)
 
 
 def datapath() -> str:
@@ -107,20 +236,17 @@ def datapath() -> str:
     return "kernel" if loaded and not in_container else "user"
 
 
-def _switch_daemon_runs() -> bool:
-    pid_file = RUN_FOLDER / "ovs-vswitchd.pid"
-    try:
-        return Path(f"/proc/{int(pid_file.read_text())}").exists()
-    except (OSError, ValueError):
-        return False
+def _run(*command: str, timeout_s: float = 15.0, given: str = "", fails: bool = False) -> str:
+    """Run a command and return what it says; raise NetworkError unless it ends well, in time.
 
-
-def _run(*command: str, timeout_s: float = 15.0) -> str:
+    It reads what is given; if it `fails`, that is all the same.
+    """
     try:
         # In a session of its own: a Ctrl-C must not leave half of what it does undone.
         done = subprocess.run(
             command,
             capture_output=True,
+            input=given,
             text=True,
             check=False,
             timeout=timeout_s,
@@ -130,7 +256,7 @@ def _run(*command: str, timeout_s: float = 15.0) -> str:
         raise NetworkError(f"{command[0]} is not installed; run `make setup`") from error
     except subprocess.TimeoutExpired as error:
         raise NetworkError(f"{command[0]} did not end in {timeout_s:g} s") from error
-    if done.returncode:
+    if done.returncode and not fails:
         words = (done.stderr or done.stdout).strip()
         raise NetworkError(f"{' '.join(command[:3])} failed: {words}")
     return done.stdout

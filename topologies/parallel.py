@@ -1,14 +1,12 @@
 """Mininet that does beside each other what it would do one after the other."""
 
-import subprocess
-from typing import Any
+from contextlib import ExitStack
 
 from mininet.node import Switch
 
+from topologies import openvswitch
 from topologies.iperf import IperfMininet
-from topologies.nodes import OpticalSwitch, QuantumController
-
-REMOVAL_TIMEOUT_S = 30.0
+from topologies.nodes import ClassicalSwitch, OpticalSwitch, QuantumController
 
 
 class ParallelMininet(IperfMininet):
@@ -29,17 +27,19 @@ class ParallelMininet(IperfMininet):
         super().start()
 
     def stop(self) -> None:
-        """Stop everything."""
-        ends = [end for link in self.links for end in (link.intf1, link.intf2)]
-        names = {str(end) for end in ends if isinstance(end.node, Switch)}  # on this machine
-        subprocess.run(
-            ["ip", "-force", "-batch", "-"],  # what is gone already is no fault
-            input="".join(f"link delete {name}\n" for name in sorted(names)),
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=REMOVAL_TIMEOUT_S,
-            start_new_session=True,
-        )
-        self.links: list[Any] = []  # nothing is left for Mininet to remove
-        super().stop()
+        """Stop everything; go on where one thing fails, and raise that at the end."""
+        with ExitStack() as steps:
+            for node in (*self.hosts, *self.controllers, *self.switches):
+                steps.callback(node.terminate)
+            ours = [switch for switch in self.switches if isinstance(switch, ClassicalSwitch)]
+            for switch in self.switches:
+                if switch not in ours:
+                    steps.callback(switch.stop)
+            steps.callback(ClassicalSwitch.batchShutdown, ours)
+            ends = [end for link in self.links for end in (link.intf1, link.intf2)]
+            names = {str(end) for end in ends if isinstance(end.node, Switch)}  # on this machine
+            steps.callback(openvswitch.delete_interfaces, sorted(names))
+            for controller in self.controllers:
+                steps.callback(controller.stop)
+            if self.terms:
+                steps.callback(self.stopXterms)

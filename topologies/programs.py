@@ -9,6 +9,8 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
+from topologies.owners import VARIABLE, owner, this_process
+
 ROOT = Path(__file__).resolve().parent.parent
 STOP_TIMEOUT_S = 5.0
 POLL_S = 0.02
@@ -19,6 +21,10 @@ ENVIRONMENT = {
     "GRPC_EXPERIMENTS": "-event_engine_client,-event_engine_listener",
     "GRPC_VERBOSITY": "ERROR",  # the last line of a log is to say what ended the program
 }
+TRACEBACK = "Traceback (most recent call last)"
+FRAME = re.compile(r"^[ |]*[|+][-+ |]*(\d+ -+)?(?=\S|$)")  # around errors of a group
+ERROR = re.compile(r"[A-Za-z_][\w.]*(:|$)")
+WELL = ("ready", "listening")
 
 
 class NetworkError(Exception):
@@ -38,6 +44,7 @@ class Program:
         self.name = name
         self.log = log
         self._process: subprocess.Popen[bytes] | None = None
+        self._begins = 0  # where in the log this start of it does
 
     def start(
         self,
@@ -47,12 +54,15 @@ class Program:
     ) -> None:
         """Start the command, in the network namespace of a process if one is given.
 
+        Its environment is marked as that of this run, and so is that of all it starts.
+
         The child gets a session of its own, so that Ctrl-C reaches only the runner, and a
         signal when the runner dies, so that nothing is left behind. It keeps the open files
         with these descriptors.
         """
         inside = ["mnexec", "-a", str(namespace_pid)] if namespace_pid else []
-        environment = {**os.environ, **ENVIRONMENT}
+        environment = {**os.environ, **ENVIRONMENT, VARIABLE: str(this_process())}
+        self._begins = self.log.stat().st_size if self.log.exists() else 0
         with self.log.open("ab") as log:
             self._process = subprocess.Popen(
                 [*inside, "setpriv", "--pdeathsig", "TERM", *command],
@@ -78,7 +88,7 @@ class Program:
     def wait_for(self, text: str, timeout_s: float) -> None:
         """Wait until a line of the log contains text; raise NetworkError if it will not."""
         deadline, words = time.monotonic() + timeout_s, re.compile(rf"\b{re.escape(text)}\b")
-        while not words.search(self.log.read_text(errors="replace")):
+        while not words.search(self.said()):
             if not self.running:
                 raise NetworkError(f"{self.name} ended at its start: {self.end()}")
             if time.monotonic() > deadline:
@@ -87,9 +97,15 @@ class Program:
                 )
             time.sleep(POLL_S)
 
+    def said(self) -> str:
+        """Return what it has printed since it was started last."""
+        with self.log.open("rb") as log:
+            log.seek(self._begins)
+            return log.read().decode(errors="replace")
+
     def last_words(self) -> str:
-        """Return the last line of the log."""
-        lines = self.log.read_text(errors="replace").strip().splitlines()
+        """Return the last line that it has printed."""
+        lines = self.said().strip().splitlines()
         return lines[-1] if lines else ""
 
     def end(self) -> str:
@@ -97,18 +113,34 @@ class Program:
         status = self.status or 0
         if status < 0:
             return f"killed by {signal.Signals(-status).name}"
-        return self.last_words() or f"status {status}, it said nothing"
+        if status == 0:
+            return f"it ended by itself, or was told to (SIGTERM); its log: {self.log}"
+        return cause(self.said()) or f"status {status}; its log: {self.log}"
+
+    @property
+    def stopped(self) -> bool:
+        """Whether a signal has stopped it."""
+        process = None if self._process is None else owner(self._process.pid)
+        return process is not None and process.stopped
 
     def ask_to_stop(self) -> None:
-        """Send the signal that ends it politely."""
+        """Send the signal that ends it politely, and let it go on if it was stopped."""
         if self._process is not None and self._process.poll() is None:
             self._process.send_signal(signal.SIGTERM)
+            self._process.send_signal(signal.SIGCONT)
 
     def kill(self) -> None:
-        """End it at once, as a crash would."""
-        if self._process is not None:
-            self._process.kill()
+        """End it at once, as a crash would; raise NetworkError if it does not end."""
+        if self._process is None:
+            return
+        self._process.kill()
+        try:
             self._process.wait(STOP_TIMEOUT_S)
+        except subprocess.TimeoutExpired as error:
+            raise NetworkError(
+                f"{self.name} (process {self._process.pid}) did not end in {STOP_TIMEOUT_S:g} s "
+                "although it was killed"
+            ) from error
 
     def stop(self) -> None:
         """End it: politely, then by force after STOP_TIMEOUT_S."""
@@ -119,6 +151,21 @@ class Program:
             self._process.wait(STOP_TIMEOUT_S)
         except subprocess.TimeoutExpired:
             self.kill()
+
+
+def cause(said: str) -> str:
+    """Return why a program failed, from all it has said: its last words, "" if they tell nothing.
+
+    Of a Python traceback, also of one of many errors at once, these are the line of the error; a
+    frame around it, or what it said when all was well, is no cause.
+    """
+    lines = [FRAME.sub("", line) for line in said.splitlines()]
+    lines = [line for line in lines if line and line not in WELL]
+    tracebacks = [number for number, line in enumerate(lines) if line.startswith(TRACEBACK)]
+    if tracebacks:
+        errors = [line for line in lines[tracebacks[-1] :] if ERROR.match(line)]
+        return errors[-1] if errors else ""
+    return lines[-1] if lines else ""
 
 
 def stop_all(programs: Sequence[Program]) -> None:

@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
 
+from topologies.owners import from_words, gone, this_process
 from topologies.programs import NetworkError, Program
 from wire.config import Cable, Fiber, QuantumSwitch
 from wire.network_time import NetworkTime
@@ -71,12 +72,13 @@ class Runtime:
     device_keys: dict[str, str] = field(default_factory=dict)  # of the hosts' node agents
     pair_secrets: dict[frozenset[str], str] = field(default_factory=dict)  # of two hosts each
     keys: str = ""  # path of the folder for keys that are kept; empty: they go with the network
+    hurried: bool = False  # whether commands in nodes' shells have a deadline
     metrics: bool = False  # whether programs tell Prometheus their figures
     metrics_addresses: dict[str, str] = field(default_factory=dict)  # by program: where
 
     def __post_init__(self) -> None:
         self.time = NetworkTime(self.time_scale, time.time_ns())
-        self.name = str(os.getpid())
+        self.name = str(this_process())
         self.folder = RUNTIME_ROOT / self.name
         self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         self.logs = self.log_folder or self.folder
@@ -171,13 +173,16 @@ def only_run() -> IO[str]:
     return lock
 
 
-def alive(pid: str) -> bool:
-    """Return whether a process of this id runs; one that nobody has waited for does not."""
-    try:
-        state = Path("/proc", pid, "stat").read_text().rpartition(")")[2].split()[0]
-    except OSError:
-        return False
-    return state != "Z"
+def folders_of_running(root: Path | None = None) -> list[Path]:
+    """Return the private folders of runs that run now."""
+    found = (root or RUNTIME_ROOT).glob("*")
+    return sorted(path for path in found if (run := from_words(path.name)) and run.alive)
+
+
+def folders_of_gone(root: Path | None = None) -> list[Path]:
+    """Return the private folders of runs that are gone, and nothing else that is there."""
+    found = (root or RUNTIME_ROOT).glob("*")
+    return sorted(path for path in found if gone(path.name) and path.is_dir())
 
 
 _current: Runtime | None = None

@@ -75,6 +75,7 @@ class PortTuning(OpticalProperty):
     """ofp_port_mod_prop_optical: what a controller wants of a port."""
 
     FIELDS = struct.Struct("!IIiIi")
+    LENGTH: ClassVar[int] = PROPERTY.size + FIELDS.size
 
     configure: int  # OFPOPF_ bits: which of the fields count
     frequency: int  # MHz if USE_FREQ is set, else nm * 100

@@ -301,7 +301,7 @@ def _use(
                 progress(follow(network, asking, progress))
                 facts["asked"] = follow(network, asked, lambda _line: None)
             except (TransferError, NetworkError):
-                network.check()  # what died in the network is the cause
+                network.explain()
                 raise
         facts["delivered"] = True
 

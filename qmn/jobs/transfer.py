@@ -12,7 +12,6 @@ from topologies.programs import POLL_S, NetworkError, Program, python
 
 START_TIMEOUT_S = 15.0
 STALL_TIMEOUT_S = 60.0
-END_S = 1.0  # that a program takes to end once its sockets are closed
 APPLICATION_PORT = 7
 
 
@@ -49,7 +48,7 @@ def transfer(
         sent = follow(network, sender, progress)
         received = follow(network, receiver, lambda _line: None)
     except (TransferError, NetworkError):
-        network.check()  # what died in the network is the cause
+        network.explain()
         raise
     return sent, received
 
@@ -88,14 +87,15 @@ def follow(
     position, deadline = 0, time.monotonic() + limit_s
     while True:
         ended = not program.running  # asked first, so that no line after it is missed
-        text = program.log.read_bytes()[position:].decode(errors="replace")
+        with program.log.open("rb") as log:
+            log.seek(position)
+            text = log.read().decode(errors="replace")
         complete = text[: text.rfind("\n") + 1]
         position += len(complete.encode())
         for line in complete.splitlines():
             deadline = time.monotonic() + limit_s
             fields = _fields(line)
             if fields.get("event") == "failed":
-                check_cause(network)
                 raise TransferError(str(fields["text"]))
             if fields.get("event") == "done":
                 return fields
@@ -109,14 +109,6 @@ def follow(
                 f"{program.name} made no progress for {limit_s:g} s; "
                 "is the loss of the fibres too high?"
             )
-        time.sleep(POLL_S)
-
-
-def check_cause(network: Network) -> None:
-    """Raise if a program's end has made the transfer fail; it ends a moment after its sockets."""
-    deadline = time.monotonic() + END_S
-    while time.monotonic() < deadline:
-        network.check()
         time.sleep(POLL_S)
 
 

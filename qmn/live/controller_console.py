@@ -9,7 +9,7 @@ from typing import Any
 
 from rich.console import Console
 
-from topologies.runtime import CONSOLE, RUNTIME_ROOT, alive
+from topologies.runtime import CONSOLE, RUNTIME_ROOT, folders_of_running
 
 ANSWER_TIMEOUT_S = 10.0
 CHUNK = 1 << 16
@@ -40,8 +40,7 @@ def ask(command: str, **fields: Any) -> Any:
 
 def find_console() -> Path:
     """Return the socket of the controller of the network that runs."""
-    folders = RUNTIME_ROOT.iterdir() if RUNTIME_ROOT.exists() else iter(())
-    running = sorted(path for path in folders if path.is_dir() and alive(path.name))
+    running = folders_of_running(RUNTIME_ROOT)
     if not running:
         raise NoAnswer("no network runs on this machine; start one, for example `qmn run sdc`")
     return running[0] / f"{CONSOLE}.sock"

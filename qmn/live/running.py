@@ -4,13 +4,13 @@ import os
 from pathlib import Path
 
 from topologies.programs import NetworkError
-from topologies.runtime import DISPATCHER, RUNTIME_ROOT, alive
+from topologies.runtime import DISPATCHER, RUNTIME_ROOT, folders_of_running
 from wire.config import BadConfig, DispatcherConfig
 
 
 def dispatcher_of_running_network(root: Path = RUNTIME_ROOT) -> DispatcherConfig:
     """Return the dispatcher's configuration; raise NetworkError if no network runs."""
-    folders = [path for path in root.glob("*") if path.name.isdigit() and alive(path.name)]
+    folders = folders_of_running(root)
     for folder in folders:
         if not os.access(folder, os.R_OK | os.X_OK):
             raise NetworkError(f"the network in {folder} belongs to root: run it with sudo")

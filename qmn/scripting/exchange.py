@@ -9,7 +9,7 @@ from typing import Any
 
 from hosts.applications.send import CHUNK_BYTES
 from hosts.quantum_socket import QuantumSocket, QuantumSocketError
-from qmn.jobs.transfer import APPLICATION_PORT, STALL_TIMEOUT_S, TransferError, check_cause
+from qmn.jobs.transfer import APPLICATION_PORT, STALL_TIMEOUT_S, TransferError
 from topologies.network import Network
 
 READ_BYTES = 1 << 16
@@ -115,6 +115,6 @@ def connection(
             with receiving:  # what waits for it, waits no more
                 yield sending, receiving
     except (QuantumSocketError, TimeoutError) as error:
-        check_cause(network)
+        network.explain()
         text = f"{sender} to {receiver}: no progress for {limit_s:g} s"
         raise TransferError(text if isinstance(error, TimeoutError) else str(error)) from error

@@ -11,7 +11,7 @@ from os_ken.ofproto import ofproto_v1_4 as ofp
 
 from qswitch_agent.openflow import matches
 from qswitch_agent.openflow.flows import FlowMod
-from qswitch_agent.openflow.instructions import ACTION_LISTS, Instructions
+from qswitch_agent.openflow.instructions import ACTION_LISTS, KNOWN, Instructions
 from qswitch_agent.openflow.messages import Refusal
 
 MODIFYING = (ofp.OFPFC_MODIFY, ofp.OFPFC_MODIFY_STRICT)
@@ -83,9 +83,15 @@ def _require_action_lists(instructions: Instructions) -> None:
         if kind not in ACTION_LISTS:
             raise Refusal(
                 ofp.OFPET_BAD_INSTRUCTION,
-                ofp.OFPBIC_UNSUP_INST,
+                _unknown_instruction(kind),
                 f"instruction {kind}: light is sent out of a port, no more",
             )
+
+
+def _unknown_instruction(kind: int) -> int:
+    if kind == ofp.OFPIT_EXPERIMENTER:
+        return int(ofp.OFPBIC_BAD_EXPERIMENTER)
+    return int(ofp.OFPBIC_UNSUP_INST if kind in KNOWN else ofp.OFPBIC_UNKNOWN_INST)
 
 
 def _require_one_way(

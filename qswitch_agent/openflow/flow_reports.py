@@ -1,7 +1,7 @@
 """The bridge's reports of flow entries: monitor's updates, statistics, FLOW_REMOVED."""
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Self
 
@@ -82,27 +82,42 @@ def _flow_entry(update: bytes) -> FlowEntry:
     return entry(fixed[6], match, instructions.parse(data), fixed[7])
 
 
+Known = Callable[[int, bytes, int, bool], tuple[Mark, bool] | None]
+
+
 @strict
-def monitor_shown(message: bytes) -> bytes:
-    """Return a reply of a flow monitor as a controller sees it: without marks."""
+def monitor_shown(message: bytes, known: Known) -> bytes:
+    """Return a reply of a flow monitor as a controller sees it: without marks.
+
+    `known` tells of an entry, by priority, match, cookie and whether it was removed: its mark,
+    if it is a light entry, and whether it was removed because no light passed.
+    """
     body, data = b"", message[multipart.BODY :]
     while data:
         length, event = struct.unpack_from("!HH", data)
         if not 8 <= length <= len(data):
             raise MalformedPacket(f"flow update with length {length}")
-        body += _unmarked(data[:length]) if event <= ofp.OFPFME_MODIFIED else data[:length]
+        shown = (
+            _update_shown(data[:length], known) if event <= ofp.OFPFME_MODIFIED else data[:length]
+        )
+        body += shown
         data = data[length:]
     return with_body(message, message[HEADER.size : multipart.BODY] + body)
 
 
-def _unmarked(update: bytes) -> bytes:
+def _update_shown(update: bytes, known: Known) -> bytes:
     fixed = list(UPDATE.unpack_from(update))
     match, data = matches.split(update[UPDATE.size :])
     does = instructions.parse(data)
-    if does.mark is None:
+    removed = fixed[1] == REMOVED
+    light = known(fixed[6], match, fixed[7], removed)
+    if light is None:
         return update
+    mark, idle = light
     rest = matches.join(match) + does.without_mark()
-    fixed[0], fixed[4] = UPDATE.size + len(rest), does.mark.idle_timeout_s
+    fixed[0], fixed[4] = UPDATE.size + len(rest), mark.idle_timeout_s
+    if idle:
+        fixed[3] = ofp.OFPRR_IDLE_TIMEOUT
     return UPDATE.pack(*fixed) + rest
 
 
@@ -182,10 +197,14 @@ class FlowRemoved:
         """Priority, match and cookie."""
         return self.fixed[1], self.match, self.fixed[0]
 
-    def shown(self, message: bytes, mark: Mark, photons: int, idle: bool) -> bytes:
+    @property
+    def reason(self) -> int:
+        """Why it was removed (OFPRR_)."""
+        return self.fixed[2]
+
+    def shown(self, message: bytes, mark: Mark, photons: int, reason: int) -> bytes:
         """Return the message as a controller sees it, if a light entry was removed."""
         fixed = list(self.fixed)
-        if idle:
-            fixed[2] = ofp.OFPRR_IDLE_TIMEOUT
+        fixed[2] = reason
         fixed[6], fixed[8], fixed[9] = mark.idle_timeout_s, photons, NOT_AVAILABLE
         return with_body(message, GONE.pack(*fixed) + matches.join(self.match))

@@ -12,7 +12,6 @@ from qswitch_agent.openflow.instructions import (
     ACTION_LISTS,
     Instructions,
     Mark,
-    light_instructions,
 )
 from qswitch_agent.openflow.messages import HEADER, encode, strict
 
@@ -71,14 +70,12 @@ class FlowMod(NamedTuple):
 
         The match is written as the bridge reports it, so that both are one entry to the agent.
         """
-        outputs, in_port = self.instructions.outputs, matches.in_port(self.fields)
+        in_port = matches.in_port(self.fields)
         assert in_port is not None
         return self._replace(
             idle_timeout_s=0,
             match=matches.of_port(in_port),
-            instructions=instructions.parse(
-                light_instructions(mark, outputs[0] if outputs else None)
-            ),
+            instructions=instructions.parse(self.instructions.with_mark(mark)),
         )
 
 
@@ -114,7 +111,7 @@ def entry(priority: int, match: bytes, does: Instructions, cookie: int) -> FlowE
 def _entry(priority: int, match: bytes, data: bytes, cookie: int) -> FlowEntry:
     fields, does = matches.parse(match), instructions.parse(data)
     mark = does.mark
-    only = len(does.kinds) == 1 and does.kinds[0] in ACTION_LISTS
+    only = all(kind in ACTION_LISTS for kind in does.kinds)
     outputs = does.outputs
     one = only and len(does.actions) - (mark is not None) == 1 == len(outputs)
     return FlowEntry(

@@ -8,14 +8,13 @@ entry for idleness: no packets flow through it.
 
 import struct
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple, Self
 
 from os_ken.ofproto import ofproto_v1_4 as ofp
 
-from qswitch_agent.openflow.messages import each_part, strict
-from wire.metadata import MalformedPacket
+from qswitch_agent.openflow.messages import MalformedPart, each_part
 
 INSTRUCTION = struct.Struct("!HH4x")  # type, length
 OUTPUT = struct.Struct("!HHIH6x")  # type, length, port, bytes for a controller
@@ -25,7 +24,18 @@ NICIRA, NICIRA_NOTE = 0x00002320, 8
 NOTE_SIZE = NOTE.size + MARK.size
 NOTE_HEAD = NOTE.pack(ofp.OFPAT_EXPERIMENTER, NOTE_SIZE, NICIRA, NICIRA_NOTE)
 MAX_REMEMBERED = 256  # bytes of instructions; longer ones would fill the memory
-ACTION_LISTS = (ofp.OFPIT_APPLY_ACTIONS, ofp.OFPIT_WRITE_ACTIONS)
+APPLY = ofp.OFPIT_APPLY_ACTIONS
+ACTION_LISTS = (APPLY, ofp.OFPIT_WRITE_ACTIONS)
+
+
+LENGTHS = {
+    ofp.OFPIT_GOTO_TABLE: 8,
+    ofp.OFPIT_WRITE_METADATA: 24,
+    ofp.OFPIT_CLEAR_ACTIONS: 8,
+    ofp.OFPIT_METER: 8,
+}
+KNOWN = {*LENGTHS, *ACTION_LISTS}
+ADDED = 1 << 31  # of a circuit in a mark: the instruction around it is the agent's, too
 
 
 @dataclass(frozen=True)
@@ -34,17 +44,19 @@ class Mark:
 
     idle_timeout_s: int  # that the controller asked for; 0: none
     circuit: int  # photons are counted under this number; 0 is none
+    added: bool = False  # the controller gave no APPLY_ACTIONS that the mark could be in
 
     def encode(self) -> bytes:
         """Return the note action."""
-        return NOTE_HEAD + MARK.pack(self.idle_timeout_s, self.circuit)
+        return NOTE_HEAD + MARK.pack(self.idle_timeout_s, self.circuit | ADDED * self.added)
 
     @classmethod
     def decode(cls, action: bytes) -> Self | None:
         """Return the mark that an action is, None if it is another action."""
         if len(action) != NOTE_SIZE or not action.startswith(NOTE_HEAD):
             return None
-        return cls(*MARK.unpack_from(action, NOTE.size))
+        idle_timeout_s, circuit = MARK.unpack_from(action, NOTE.size)
+        return cls(idle_timeout_s, circuit & ~ADDED, bool(circuit & ADDED))
 
 
 class Instructions(NamedTuple):
@@ -56,24 +68,39 @@ class Instructions(NamedTuple):
     outputs: tuple[int, ...]  # ports that actions output to
     mark: Mark | None  # among the actions
 
+    def with_mark(self, mark: Mark) -> bytes:
+        """Return the instructions with a mark, first of what is done at once."""
+        parts = each_part(self.data, 4, "instruction")
+        applied = [body[INSTRUCTION.size :] for kind, body in parts if kind == APPLY]
+        mark = replace(mark, added=not applied)
+        others = b"".join(body for kind, body in parts if kind != APPLY)
+        return _instruction(APPLY, mark.encode() + b"".join(applied)) + others
+
     def without_mark(self) -> bytes:
         """Return the instructions as a controller gave them."""
         parts = each_part(self.data, 4, "instruction")
+        if self.mark is not None and self.mark.added:
+            return b"".join(body for kind, body in parts if kind != APPLY)
         return b"".join(_clean(kind, body) for kind, body in parts)
 
 
 def _parts(data: bytes) -> Instructions:
     parts = each_part(data, 4, "instruction")
     actions: list[tuple[int, bytes]] = []
+    kinds = [kind for kind, _body in parts]
     for kind, body in parts:
         if kind in ACTION_LISTS:
             if len(body) < INSTRUCTION.size:
-                raise MalformedPacket("instruction is cut short")
-            actions += each_part(body[INSTRUCTION.size :], 8, "action")
+                raise _bad(ofp.OFPBIC_BAD_LEN, "instruction is cut short")
+            actions += each_action(body[INSTRUCTION.size :])
+        elif len(body) != LENGTHS.get(kind, len(body)):
+            raise _bad(ofp.OFPBIC_BAD_LEN, f"instruction {kind} of {len(body)} bytes")
+        if kind != ofp.OFPIT_EXPERIMENTER and kinds.count(kind) > 1:
+            raise _bad(ofp.OFPBIC_DUP_INST, f"instruction {kind} is there twice")
     marks = [mark for _, one in actions if (mark := Mark.decode(one))]
     return Instructions(
         data,
-        tuple(kind for kind, _body in parts),
+        tuple(kinds),
         tuple(actions),
         tuple(output_ports(actions)),
         marks[0] if marks else None,
@@ -88,6 +115,17 @@ def parse(data: bytes) -> Instructions:
     return _remembered(data) if len(data) <= MAX_REMEMBERED else _parts(data)
 
 
+def each_action(data: bytes) -> list[tuple[int, bytes]]:
+    """Return type and bytes of each action of a list; lengths are multiples of 8."""
+    actions = each_part(data, 8, "action")
+    for kind, body in actions:
+        if len(body) % 8 or (kind == ofp.OFPAT_OUTPUT and len(body) != OUTPUT.size):
+            raise MalformedPart(
+                ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_LEN, f"action {kind} of {len(body)} bytes"
+            )
+    return actions
+
+
 def _clean(kind: int, body: bytes) -> bytes:
     if kind not in ACTION_LISTS:
         return body
@@ -95,7 +133,6 @@ def _clean(kind: int, body: bytes) -> bytes:
     return _instruction(kind, b"".join(one for one in actions if not Mark.decode(one)))
 
 
-@strict
 def output_ports(actions: Iterable[tuple[int, bytes]]) -> list[int]:
     """Return the ports that actions output to."""
     return [OUTPUT.unpack_from(body)[2] for kind, body in actions if kind == ofp.OFPAT_OUTPUT]
@@ -105,9 +142,5 @@ def _instruction(kind: int, actions: bytes) -> bytes:
     return INSTRUCTION.pack(kind, INSTRUCTION.size + len(actions)) + actions
 
 
-def light_instructions(mark: Mark, out_port: int | None) -> bytes:
-    """Return the instructions of a light entry: its mark, and where light goes (None: nowhere)."""
-    actions = mark.encode()
-    if out_port is not None:
-        actions += OUTPUT.pack(ofp.OFPAT_OUTPUT, OUTPUT.size, out_port, 0)
-    return _instruction(ofp.OFPIT_APPLY_ACTIONS, actions)
+def _bad(code: int, reason: str) -> MalformedPart:
+    return MalformedPart(ofp.OFPET_BAD_INSTRUCTION, code, reason)

@@ -6,8 +6,7 @@ from functools import lru_cache
 
 from os_ken.ofproto import ofproto_v1_4 as ofp
 
-from qswitch_agent.openflow.messages import strict
-from wire.metadata import MalformedPacket
+from qswitch_agent.openflow.messages import MalformedPart, strict
 
 OXM = struct.Struct("!HBB")  # class, field << 1 | has_mask, length of the value
 MATCH = struct.Struct("!HH")  # type, length without the padding
@@ -26,8 +25,10 @@ Fields = Mapping[Field, tuple[bytes, bytes]]  # value and mask
 def split(data: bytes) -> tuple[bytes, bytes]:
     """Return the OXM fields that data begins with, and what is behind the match's padding."""
     kind, length = MATCH.unpack_from(data)
-    if kind != ofp.OFPMT_OXM or not MATCH.size <= length <= len(data):
-        raise MalformedPacket(f"match of type {kind} with length {length}")
+    if kind != ofp.OFPMT_OXM:
+        raise _bad(ofp.OFPBMC_BAD_TYPE, f"match of type {kind}")
+    if not MATCH.size <= length <= len(data):
+        raise _bad(ofp.OFPBMC_BAD_LEN, f"match with length {length}")
     return data[MATCH.size : length], data[length + -length % 8 :]
 
 
@@ -45,18 +46,18 @@ def parse(data: bytes) -> Fields:
     return _remembered(data) if len(data) <= MAX_REMEMBERED else _fields(data)
 
 
-@strict
 def _fields(data: bytes) -> Fields:
     fields: dict[Field, tuple[bytes, bytes]] = {}
     offset = 0
     while offset < len(data):
-        oxm_class, number, length = OXM.unpack_from(data, offset)
+        oxm_class, number, length = OXM.unpack_from(data.ljust(offset + OXM.size, b"\0"), offset)
         body = data[offset + OXM.size : offset + OXM.size + length]
-        if len(body) < length:
-            raise MalformedPacket(f"match field {oxm_class:#x}/{number >> 1} is cut short")
+        if offset + OXM.size + length > len(data):
+            raise _bad(ofp.OFPBMC_BAD_LEN, f"match field {oxm_class:#x}/{number >> 1} is cut short")
         key, value, mask = _field(oxm_class, number >> 1, bool(number & 1), body)
         if key in fields:
-            raise MalformedPacket(f"match field {oxm_class:#x}/{number >> 1} is there twice")
+            reason = f"match field {oxm_class:#x}/{number >> 1} is there twice"
+            raise _bad(ofp.OFPBMC_DUP_FIELD, reason)
         if any(mask) or not mask:
             fields[key] = value, mask
         offset += OXM.size + length
@@ -69,16 +70,24 @@ _remembered = lru_cache(maxsize=4096)(_fields)
 def _field(oxm_class: int, number: int, masked: bool, body: bytes) -> tuple[Field, bytes, bytes]:
     """Return what a field is, its value and its mask."""
     if oxm_class == ofp.OFPXMC_EXPERIMENTER:
+        if len(body) < EXPERIMENTER.size:
+            raise _bad(ofp.OFPBMC_BAD_LEN, f"match field of no experimenter, {len(body)} bytes")
         oxm_class = oxm_class << 32 | EXPERIMENTER.unpack_from(body)[0]
         body = body[EXPERIMENTER.size :]
     if masked and len(body) % 2:
-        raise MalformedPacket(f"match field {oxm_class:#x}/{number} has half a mask")
+        raise _bad(ofp.OFPBMC_BAD_LEN, f"match field {oxm_class:#x}/{number} has half a mask")
     width = len(body) // 2 if masked else len(body)
     value, mask = body[:width], body[width:] if masked else b"\xff" * width
+    if (oxm_class, number) == IN_PORT[:2] and width != IN_PORT[2]:
+        raise _bad(ofp.OFPBMC_BAD_LEN, f"in_port of {width} bytes")
     key = oxm_class, number, width
     if key == NXM_IN_PORT:
         return IN_PORT, bytes(2) + value, mask[:1] * 2 + mask
     return key, value, mask
+
+
+def _bad(code: int, reason: str) -> MalformedPart:
+    return MalformedPart(ofp.OFPET_BAD_MATCH, code, reason)
 
 
 def of_port(number: int) -> bytes:

@@ -16,6 +16,11 @@ ERROR_DATA = 64  # bytes of the message that is answered, at least those it has
 MAX_LENGTH = 0xFFFF
 NOT_AVAILABLE = (1 << 64) - 1  # a counter that a switch does not have (OpenFlow 1.4, 5.8)
 ANY_VERSION = (ofp.OFPT_HELLO, ofp.OFPT_ERROR)  # of a message that may not be of version 1.4
+PART_LENGTHS = {  # the error for a part of a list whose length cannot be
+    "action": (ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_LEN),
+    "instruction": (ofp.OFPET_BAD_INSTRUCTION, ofp.OFPBIC_BAD_LEN),
+    "property": (ofp.OFPET_BAD_PROPERTY, ofp.OFPBPC_BAD_LEN),
+}
 ROLE = struct.Struct(ofp.OFP_ROLE_REQUEST_PACK_STR)
 
 P = ParamSpec("P")
@@ -29,6 +34,22 @@ class Refusal(Exception):
         super().__init__(reason)
         self.kind = kind
         self.code = code
+
+
+class MalformedPart(MalformedPacket):
+    """A part of a message that is malformed, for which OpenFlow has an error of its own."""
+
+    def __init__(self, kind: int, code: int, reason: str) -> None:
+        super().__init__(reason)
+        self.kind = kind
+        self.code = code
+
+
+def refusal(error: MalformedPacket) -> Refusal:
+    """Return the error that answers a malformed message."""
+    if isinstance(error, MalformedPart):
+        return Refusal(error.kind, error.code, str(error))
+    return Refusal(ofp.OFPET_BAD_REQUEST, ofp.OFPBRC_BAD_LEN, str(error))
 
 
 def strict(parse: Callable[P, T]) -> Callable[P, T]:
@@ -65,15 +86,22 @@ class Framer:
 
 
 def _checked_length(buffer: bytes, start: int) -> int:
-    version, kind, length, _xid = HEADER.unpack_from(buffer, start)
-    if version != ofp.OFP_VERSION and kind not in ANY_VERSION:
-        raise MalformedPacket(
-            f"OpenFlow version {version:#x}, not 1.4 ({ofp.OFP_VERSION:#x}), "
-            f"in a message of type {kind}"
-        )
+    _version, kind, length, _xid = HEADER.unpack_from(buffer, start)
     if length < HEADER.size:
         raise MalformedPacket(f"OpenFlow message of type {kind} with length {length}")
     return int(length)
+
+
+def require_version(message: bytes) -> bytes:
+    """Return a message that is of OpenFlow 1.4, as all but HELLO and ERROR must be."""
+    if message[0] != ofp.OFP_VERSION and message[1] not in ANY_VERSION:
+        raise MalformedPart(
+            ofp.OFPET_BAD_REQUEST,
+            ofp.OFPBRC_BAD_VERSION,
+            f"OpenFlow version {message[0]:#x}, not 1.4 ({ofp.OFP_VERSION:#x}), "
+            f"in a message of type {message[1]}",
+        )
+    return message
 
 
 def message_type(message: bytes) -> int:
@@ -96,17 +124,16 @@ def with_body(message: bytes, body: bytes) -> bytes:
     return encode(message_type(message), transaction_id(message), body)
 
 
-@strict
 def each_part(data: bytes, header: int, what: str) -> list[tuple[int, bytes]]:
     """Return type and bytes of each part of a list of (u16 type, u16 length, …).
 
-    A length covers its part; raise MalformedPacket where it does not, or is under `header`.
+    A length covers its part; raise MalformedPart where it does not, or is under `header`.
     """
     parts, offset = [], 0
     while offset < len(data):
-        kind, length = PART.unpack_from(data, offset)
+        kind, length = PART.unpack_from(data.ljust(offset + PART.size, b"\0"), offset)
         if not header <= length <= len(data) - offset:
-            raise MalformedPacket(f"{what} with length {length}")
+            raise MalformedPart(*PART_LENGTHS[what], f"{what} with length {length}")
         parts.append((kind, data[offset : offset + length]))
         offset += length
     return parts

@@ -7,8 +7,8 @@ from typing import Self
 from os_ken.ofproto import ofproto_v1_4 as ofp
 
 from qswitch_agent.openflow import matches
-from qswitch_agent.openflow.instructions import output_ports
-from qswitch_agent.openflow.messages import HEADER, each_part, strict, with_body
+from qswitch_agent.openflow.instructions import each_action, output_ports
+from qswitch_agent.openflow.messages import HEADER, MalformedPart, strict, with_body
 from wire.metadata import MalformedPacket
 
 PACKET_OUT = struct.Struct(ofp.OFP_PACKET_OUT_PACK_STR)  # buffer, in_port, length of actions
@@ -35,7 +35,7 @@ class PacketOut:
         rest = message[HEADER.size + PACKET_OUT.size :]
         if length > len(rest):
             raise MalformedPacket(f"PACKET_OUT with {length} bytes of actions in {len(rest)}")
-        return cls(in_port, each_part(rest[:length], 8, "action"), rest[length:])
+        return cls(in_port, each_action(rest[:length]), rest[length:])
 
     @property
     def outputs(self) -> list[int]:
@@ -63,7 +63,7 @@ def group_outputs(message: bytes) -> list[int]:
         length, _weight, _port, _group = BUCKET.unpack_from(data)
         if not BUCKET.size <= length <= len(data):
             raise MalformedPacket(f"bucket with length {length}")
-        ports += output_ports(each_part(data[BUCKET.size : length], 8, "action"))
+        ports += output_ports(each_action(data[BUCKET.size : length]))
         data = data[length:]
     return ports
 
@@ -81,8 +81,18 @@ def bundle_member(message: bytes) -> tuple[int, bytes]:
     bundle, _pad, _flags = BUNDLE.unpack_from(message, HEADER.size)
     data = message[HEADER.size + BUNDLE.size :]
     length = int(HEADER.unpack_from(data)[2])
-    if data[0] != ofp.OFP_VERSION or not HEADER.size <= length <= len(data):
-        raise MalformedPacket(f"bundle member of version {data[0]} with length {length}")
+    if data[0] != ofp.OFP_VERSION:
+        raise MalformedPart(
+            ofp.OFPET_BAD_REQUEST,
+            ofp.OFPBRC_BAD_VERSION,
+            f"bundle member of version {data[0]:#x}",
+        )
+    if not HEADER.size <= length <= len(data):
+        raise MalformedPart(
+            ofp.OFPET_BUNDLE_FAILED,
+            ofp.OFPBFC_MSG_BAD_LEN,
+            f"bundle member with length {length}",
+        )
     return bundle, data[:length]
 
 

@@ -8,7 +8,15 @@ from dataclasses import dataclass, replace
 from os_ken.ofproto import ofproto_v1_4 as ofp
 
 from qswitch_agent.openflow import multipart
-from qswitch_agent.openflow.messages import HEADER, NOT_AVAILABLE, encode, strict, with_body
+from qswitch_agent.openflow.messages import (
+    HEADER,
+    NOT_AVAILABLE,
+    PART,
+    MalformedPart,
+    encode,
+    strict,
+    with_body,
+)
 from wire.metadata import MalformedPacket
 from wire.optical import OPTICAL, PortTuning
 
@@ -30,11 +38,13 @@ class Port:
     config: int  # OFPPC_ bits
     state: int  # OFPPS_ bits
     properties: bytes
+    gone: bool = False  # it does not exist any more
 
     @property
     def up(self) -> bool:
         """Whether the port, and what is behind it, is up."""
-        return not (self.config & ofp.OFPPC_PORT_DOWN or self.state & ofp.OFPPS_LINK_DOWN)
+        down = self.config & ofp.OFPPC_PORT_DOWN or self.state & ofp.OFPPS_LINK_DOWN
+        return not (down or self.gone)
 
     def encode(self) -> bytes:
         """Return the description as it goes onto the wire."""
@@ -64,9 +74,9 @@ def described_ports(message: bytes) -> list[Port]:
 
 
 @strict
-def is_gone(message: bytes) -> bool:
-    """Tell whether a PORT_STATUS says that its port does not exist any more."""
-    return bool(message[HEADER.size] == ofp.OFPPR_DELETE)
+def status_reason(message: bytes) -> int:
+    """Return the reason of a PORT_STATUS (OFPPR_)."""
+    return message[HEADER.size]
 
 
 @strict
@@ -111,11 +121,12 @@ class PortMod:
         others, tunings = b"", []
         for kind, body in _properties(message[HEADER.size + MOD.size :]):
             if kind == OPTICAL:
-                tunings.append(PortTuning.decode(body))
+                tunings.append(_tuning(body))
             else:
                 others += body
         if len(tunings) > 1:
-            raise MalformedPacket(f"PORT_MOD with {len(tunings)} optical properties")
+            reason = f"PORT_MOD with {len(tunings)} optical properties"
+            raise MalformedPart(ofp.OFPET_BAD_PROPERTY, ofp.OFPBPC_DUP_TYPE, reason)
         tuning = tunings[0] if tunings else None
         return PortMod(number, address, config, mask, others, tuning)
 
@@ -125,14 +136,26 @@ class PortMod:
         return encode(ofp.OFPT_PORT_MOD, xid, fixed + self.properties)
 
 
+def _tuning(body: bytes) -> PortTuning:
+    length = int.from_bytes(body[2:4], "big")
+    if length != PortTuning.LENGTH:
+        raise _bad_length(length)
+    return PortTuning.decode(body)
+
+
+def _bad_length(length: int) -> MalformedPart:
+    reason = f"port property with length {length}"
+    return MalformedPart(ofp.OFPET_BAD_PROPERTY, ofp.OFPBPC_BAD_LEN, reason)
+
+
 def _properties(data: bytes) -> Iterator[tuple[int, bytes]]:
     """Yield type and bytes, padding included, of each property."""
     offset = 0
     while offset < len(data):
-        kind, length = struct.unpack_from("!HH", data, offset)
+        kind, length = PART.unpack_from(data.ljust(offset + PART.size, b"\0"), offset)
         padded = length + -length % 8
         if not PROPERTY_HEADER <= length <= padded <= len(data) - offset:
-            raise MalformedPacket(f"port property with length {length}")
+            raise _bad_length(length)
         yield kind, data[offset : offset + padded]
         offset += padded
 

@@ -29,7 +29,7 @@ class BundleRequests:
         self._refuse = refuse
 
     async def add(self, message: bytes) -> None:
-        """Take a message into a bundle; what it is refused for is told at COMMIT."""
+        """Take a message into a bundle; what is refused is not in it (OpenFlow 1.4, 7.3.9.7)."""
         require_not_slave(self._link, "BUNDLE_ADD_MESSAGE")
         bundle, inner = self._link.bundles.of(message)
         if transaction_id(inner) != transaction_id(message):  # the bridge would leave it out
@@ -41,13 +41,14 @@ class BundleRequests:
         member = Member(inner, message)
         try:
             told = self._judge_member(bundle, member)
-        except Refusal as refusal:  # told at COMMIT, as for members that the bridge refuses
-            member.refusal = refusal
+        except Refusal as refusal:
+            await self._refuse(inner, refusal)
+            return
         except MalformedPacket as error:
-            bad_length = Refusal(ofp.OFPET_BAD_REQUEST, ofp.OFPBRC_BAD_LEN, str(error))
-            member.refusal = bad_length
+            await self._refuse(inner, messages.refusal(error))
+            return
         self._link.bundles.add(bundle, member)
-        if member.refusal is None and member.sent and told:
+        if member.sent and told:
             self._link.to_bridge(packets.with_member(message, told))
 
     def _judge_member(self, bundle: Bundle, member: Member) -> bytes:
@@ -56,8 +57,9 @@ class BundleRequests:
         kind = require_supported(member.message)
         if kind == ofp.OFPT_PORT_MOD:
             port, tunings = checked_port_mod(member.message, self._switch)
+            told = self._without_tuning(port, transaction_id(member.message))
             bundle.tunings += tunings
-            return self._without_tuning(port, transaction_id(member.message))
+            return told
         if kind == ofp.OFPT_GROUP_MOD:
             require_no_fiber(packets.group_outputs(member.message), self._switch.fibers)
             return member.message
@@ -97,11 +99,6 @@ class BundleRequests:
 
     async def _commit(self, number: int, message: bytes) -> None:
         bundle = self._link.bundles.end(number)
-        refused = bundle.first_refused
-        if refused is not None:
-            assert refused.refusal is not None
-            await self._fail(number, message, refused, refused.refusal)
-            return
         if not bundle.concerns_light:
             self._link.bundles.committing[transaction_id(message)] = bundle.tunings
             self._link.change(message)

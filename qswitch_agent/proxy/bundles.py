@@ -27,7 +27,6 @@ class Member:
     envelope: bytes  # the BUNDLE_ADD_MESSAGE around it
     mod: FlowMod | None = None  # as the bridge is told
     light: bool = False  # it adds or modifies light entries
-    refusal: Refusal | None = None
     sent: bool = True  # to the bridge; False: it depends on what the table is at COMMIT
 
 
@@ -52,11 +51,6 @@ class Bundle:
     def last_light(self) -> Member | None:
         """The member to blame if the paths that the bundle makes do not go together."""
         return next((member for member in reversed(self.members) if member.light), None)
-
-    @property
-    def first_refused(self) -> Member | None:
-        """The first member that light cannot do, whatever the table is."""
-        return next((member for member in self.members if member.refusal), None)
 
 
 class Bundles:

@@ -12,6 +12,7 @@ from qswitch_agent.proxy.bundles import Tunings
 from qswitch_agent.proxy.link import Link
 from qswitch_agent.switch import Switch
 
+ALL_CONFIG = ofp.OFPPC_PORT_DOWN | ofp.OFPPC_NO_RECV | ofp.OFPPC_NO_FWD | ofp.OFPPC_NO_PACKET_IN
 CHANGEABLE = ofp.OFPPC_PORT_DOWN | ofp.OFPPC_NO_PACKET_IN
 
 
@@ -40,15 +41,22 @@ def marked(mod: FlowMod, switch: Switch, link: Link) -> FlowMod:
 def checked_port_mod(message: bytes, switch: Switch) -> tuple[PortMod, Tunings]:
     """Return a PORT_MOD and how ports are to be tuned by it."""
     mod = PortMod.decode(message)
+    if unknown := (mod.mask | mod.config) & ~ALL_CONFIG:
+        raise _bad_config(f"configuration bits {unknown:#x} mean nothing")
     if mod.number not in switch.fibers:
+        if mod.number not in switch.ports:
+            reason = f"there is no port {mod.number}"
+            raise Refusal(ofp.OFPET_PORT_MOD_FAILED, ofp.OFPPMFC_BAD_PORT, reason)
         if mod.tuning:
             reason = f"port {mod.number} has no optics"
             raise Refusal(ofp.OFPET_BAD_PROPERTY, ofp.OFPBPC_BAD_TYPE, reason)
         return mod, []
     if mod.mask & ~CHANGEABLE:
-        raise Refusal(
-            ofp.OFPET_PORT_MOD_FAILED,
-            ofp.OFPPMFC_BAD_CONFIG,
-            f"configuration bits {mod.mask:#x} of a fibre: it can be down or send no packet-in",
+        raise _bad_config(
+            f"configuration bits {mod.mask:#x} of a fibre: it can be down or send no packet-in"
         )
     return mod, [(mod.number, switch.tuning(mod.tuning))] if mod.tuning else []
+
+
+def _bad_config(reason: str) -> Refusal:
+    return Refusal(ofp.OFPET_PORT_MOD_FAILED, ofp.OFPPMFC_BAD_CONFIG, reason)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 from os_ken.ofproto import ofproto_v1_4 as ofp
 
 from qswitch_agent.bridge import BARRIER_DEADLINE_S, BridgeFault
-from qswitch_agent.openflow import messages, packets
+from qswitch_agent.openflow import async_config, messages, packets
 from qswitch_agent.openflow.flows import FlowMod
 from qswitch_agent.openflow.messages import message_type, transaction_id
 from qswitch_agent.proxy.bundles import Bundles
@@ -49,6 +49,7 @@ class Link:
         self._requests: list[bytes] = []  # for the bridge, in one write
         self._shown: list[bytes] = []  # for the controller, in one write
         self.is_slave = False
+        self.removals = dict(async_config.DEFAULT)  # that the controller wants to hear of
         self.bundles = Bundles()
         self.aggregates: dict[int, tuple[int, int, int]] = {}  # packets, bytes, flows by xid
         self._deletions: deque[tuple[int, FlowMod]] = deque()  # number, what: not reported yet
@@ -86,6 +87,11 @@ class Link:
     async def answer(self, message: bytes) -> None:
         """Send an answer of the agent's own to the controller, behind what the bridge has said."""
         await self.said.put(Said(message, time.monotonic_ns(), by_agent=True))
+
+    def wants_removal(self, reason: int) -> bool:
+        """Tell whether the controller wants to hear of entries removed for a reason."""
+        role = async_config.SLAVE if self.is_slave else async_config.MASTER
+        return bool(self.removals[role] >> reason & 1)
 
     def fail(self, request: bytes, reason: str) -> None:
         """Answer a request with an error after all, before what is shown next."""

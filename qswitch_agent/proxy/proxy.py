@@ -17,7 +17,7 @@ from typing import Any
 
 from qswitch_agent.bridge import BridgeFault
 from qswitch_agent.hardware.optics import HardwareFault
-from qswitch_agent.openflow.messages import Framer
+from qswitch_agent.openflow.messages import Framer, require_version
 from qswitch_agent.proxy.link import Link, Said
 from qswitch_agent.proxy.replies import HOLD_DEADLINE_S, Replies
 from qswitch_agent.proxy.requests import Requests
@@ -150,7 +150,7 @@ class Proxy:
             while data or (data := await reader.read(CHUNK)):
                 now_ns = time.monotonic_ns()
                 for message in framer.feed(data):
-                    if not link.is_ours(message):
+                    if not link.is_ours(require_version(message)):
                         await link.said.put(Said(message, now_ns))
                 data = b""
         except (MalformedPacket, OSError) as error:

@@ -6,9 +6,9 @@ import struct
 
 from os_ken.ofproto import ofproto_v1_4 as ofp
 
-from qswitch_agent.bridge import BridgeFault
+from qswitch_agent.bridge import NO_PACKETS, BridgeFault
 from qswitch_agent.hardware.optics import HardwareFault, HardwareRefusal, Readings
-from qswitch_agent.openflow import flow_reports, messages, multipart, packets, ports
+from qswitch_agent.openflow import async_config, flow_reports, messages, multipart, packets, ports
 from qswitch_agent.openflow.flow_reports import FlowRemoved
 from qswitch_agent.openflow.flows import FlowEntry
 from qswitch_agent.openflow.instructions import Mark
@@ -25,6 +25,7 @@ CHANGED = (
     ofp.OFPT_FLOW_REMOVED,
     ofp.OFPT_PACKET_IN,
     ofp.OFPT_BUNDLE_CONTROL,
+    ofp.OFPT_GET_ASYNC_REPLY,
 )
 WAITING = ofp.OFPT_BARRIER_REPLY, ofp.OFPT_MULTIPART_REPLY, ofp.OFPT_FLOW_REMOVED
 log = logging.getLogger(__name__)
@@ -56,9 +57,11 @@ class Replies:
         if kind == ofp.OFPT_BARRIER_REPLY:
             return await self._barrier(message)
         if kind == ofp.OFPT_MULTIPART_REPLY:
-            return await self._multipart(message)
+            return await self._multipart(message, since_ns)
         if kind == ofp.OFPT_PORT_STATUS:
-            return self._ports(message)
+            return b"" if self._is_announced(message) else self._ports(message)
+        if kind == ofp.OFPT_GET_ASYNC_REPLY:
+            return async_config.with_removal_masks(message, self._link.removals)
         if kind == ofp.OFPT_FLOW_REMOVED:
             return await self._flow_removed(message, since_ns)
         if kind == ofp.OFPT_PACKET_IN:
@@ -81,7 +84,27 @@ class Replies:
             self._switch.paths.promises.give_up(self._link, reason)
         return message
 
-    async def _multipart(self, message: bytes) -> bytes:
+    def _is_announced(self, message: bytes) -> bool:
+        """Tell whether this is the first of the two changes by which a port is announced."""
+        if ports.status_reason(message) != ofp.OFPPR_MODIFY:
+            return False
+        described = ports.described_ports(message)
+        fibers = self._switch.fibers
+        return any(port.number in fibers and not port.config & NO_PACKETS for port in described)
+
+    def _known(
+        self, priority: int, match: bytes, cookie: int, gone: bool
+    ) -> tuple[Mark, bool] | None:
+        """Return the mark of a light entry, and whether it was removed for idleness."""
+        paths = self._switch.paths
+        if gone:
+            removed = paths.removed(priority, match, cookie)
+            return (removed.mark, removed.idle) if removed else None
+        entry = paths.table.find(priority, match)
+        mark = entry and self._mark(entry)
+        return (mark, False) if mark else None
+
+    async def _multipart(self, message: bytes, since_ns: int) -> bytes:
         kind = multipart.multipart_type(message)
         if kind == ofp.OFPMP_PORT_DESC:
             return self._ports(message)
@@ -90,7 +113,8 @@ class Replies:
         if kind == ofp.OFPMP_FLOW:
             return await self._flow_statistics(message)
         if kind == ofp.OFPMP_FLOW_MONITOR:
-            return flow_reports.monitor_shown(message)
+            await self._switch.synchronise(since_ns)
+            return flow_reports.monitor_shown(message, self._known)
         return message
 
     def _ports(self, message: bytes) -> bytes:
@@ -148,14 +172,17 @@ class Replies:
 
     async def _flow_removed(self, message: bytes, since_ns: int) -> bytes:
         gone = FlowRemoved.decode(message)
-        if gone.table != 0:
-            return message
-        await self._switch.synchronise(since_ns)
-        removed = self._switch.paths.removed(*gone.key)
+        removed = None
+        if gone.table == 0:
+            await self._switch.synchronise(since_ns)
+            removed = self._switch.paths.removed(*gone.key)
+        reason = ofp.OFPRR_IDLE_TIMEOUT if removed and removed.idle else gone.reason
+        if not self._link.wants_removal(reason):
+            return b""
         if removed is None:
             return message
         photons = _photons(await self._switch.read(since_ns), removed.mark)
-        return gone.shown(message, removed.mark, photons, removed.idle)
+        return gone.shown(message, removed.mark, photons, reason)
 
     def _packet_in(self, message: bytes) -> bytes:
         """From a fibre comes LLDP and nothing else."""

@@ -11,7 +11,7 @@ from os_ken.ofproto import ofproto_v1_4 as ofp
 
 from qswitch_agent.hardware.optics import HardwareRefusal
 from qswitch_agent.middleware.light import is_light, require_no_fiber
-from qswitch_agent.openflow import messages, multipart, packets
+from qswitch_agent.openflow import async_config, messages, multipart, packets
 from qswitch_agent.openflow.flows import FlowMod
 from qswitch_agent.openflow.instructions import NICIRA
 from qswitch_agent.openflow.messages import HEADER, Refusal, transaction_id
@@ -46,22 +46,22 @@ class Requests:
             ofp.OFPT_MULTIPART_REQUEST: self._multipart,
             ofp.OFPT_BARRIER_REQUEST: self._barrier,
             ofp.OFPT_ROLE_REQUEST: self._role,
+            ofp.OFPT_SET_ASYNC: self._set_async,
             ofp.OFPT_EXPERIMENTER: self._experimenter,
         }
 
     async def take(self, message: bytes) -> None:
         """Handle one message of the controller."""
-        handler = self._handlers.get(messages.message_type(message))
-        if handler is None:
-            self._link.to_bridge(message)
-            return
+        handler = self._handlers.get(messages.message_type(message), self._pass)
         try:
-            await handler(message)
+            await handler(messages.require_version(message))
         except Refusal as refusal:
             await self._refuse(message, refusal)
         except MalformedPacket as error:
-            bad_length = Refusal(ofp.OFPET_BAD_REQUEST, ofp.OFPBRC_BAD_LEN, str(error))
-            await self._refuse(message, bad_length)
+            await self._refuse(message, messages.refusal(error))
+
+    async def _pass(self, message: bytes) -> None:
+        self._link.to_bridge(message)
 
     async def _refuse(self, message: bytes, refusal: Refusal) -> None:
         """Answer a request with an error; a slave's requests are refused as such."""
@@ -144,10 +144,14 @@ class Requests:
         self._link.barrier(message)
 
     async def _role(self, message: bytes) -> None:
-        # Until the bridge has answered, what comes behind is judged as if it were granted.
-        if messages.role(message) != ofp.OFPCR_ROLE_SLAVE:
-            self._link.is_slave = False
-        self._link.to_bridge(message)
+        # What comes behind is judged by the role that the bridge grants: it may be stale.
+        await self._link.accepted(message)
+
+    async def _set_async(self, message: bytes) -> None:
+        """A controller that wants idle removals gets those that the agent makes by DELETE."""
+        wanted = async_config.removal_masks(message)
+        if await self._link.accepted(async_config.with_deletions(message)):
+            self._link.removals.update(wanted)
 
     async def _experimenter(self, message: bytes) -> None:
         experimenter, kind = _experiment(message)

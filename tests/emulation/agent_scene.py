@@ -238,11 +238,15 @@ class Controller:
 
     def next(self) -> Any:
         """Return the next message but echo requests, decoded by os_ken."""
-        while not self.received:
-            self._receive()
-        message = self.received.pop(0)
+        message = self.next_bytes()
         version, kind, length, xid = HEADER.unpack_from(message)
         return parse(DATAPATH, version, kind, length, xid, message)
+
+    def next_bytes(self) -> bytes:
+        """Return the next message but echo requests."""
+        while not self.received:
+            self._receive()
+        return self.received.pop(0)
 
     def _receive(self) -> None:
         data = self.socket.recv(65536)
@@ -450,11 +454,11 @@ def bundle(controller: Controller, xid: int, *members: Any) -> None:
     """Send members in a bundle; the xid of the first is xid + 1. Commit it with xid."""
     control = parser.OFPBundleCtrlMsg
     controller.send(control(DATAPATH, xid, ofp.OFPBCT_OPEN_REQUEST, FLAGS, []), xid)
+    assert controller.answer(xid).type == ofp.OFPBCT_OPEN_REPLY
     for number, member in enumerate(members, xid + 1):
         member.set_xid(number)
         controller.send(parser.OFPBundleAddMsg(DATAPATH, xid, FLAGS, member, []), number)
     controller.send(control(DATAPATH, xid, ofp.OFPBCT_COMMIT_REQUEST, FLAGS, []), xid)
-    assert controller.answer(xid).type == ofp.OFPBCT_OPEN_REPLY
 
 
 def committed(controller: Controller, xid: int, *members: Any) -> None:

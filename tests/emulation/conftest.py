@@ -79,7 +79,8 @@ def our_processes() -> set[str]:
             command = (folder / "cmdline").read_bytes().replace(b"\0", b" ").decode()
         except OSError:
             continue
-        if "=".join(MARK).encode() in environment:
+        daemon = command.startswith(openvswitch.DAEMONS)  # whether it runs is seen in things()
+        if "=".join(MARK).encode() in environment and not daemon:
             found.add(f"{folder.name} {command}")
     return found
 
@@ -111,6 +112,7 @@ def things() -> dict[str, set[str]]:
     """Return the names of what a network makes on this machine."""
     return {
         "bridges": set(openvswitch.bridges()),
+        "daemons": set(openvswitch.daemons()),
         "interfaces": interfaces() - {"ovs-netdev"},
         "folders": {path.name for path in RUNTIME_ROOT.glob("*") if path.is_dir()},
     }

@@ -58,7 +58,7 @@ def test_what_a_killed_run_leaves_is_found_and_removed(tmp_path: Path) -> None:
 
     left = finding("leftovers of earlier runs")
     assert left["state"] == "limited"
-    for thing in ("bridge s1", "bridge q1", f"folder {RUNTIME_ROOT}/{run.pid}"):
+    for thing in ("bridge s1", "bridge q1", f"folder {RUNTIME_ROOT}/{run.pid}-"):
         assert thing in left["found"]
     assert FOREIGN not in left["found"]
 

@@ -114,7 +114,7 @@ def test_the_run_after_a_killed_one_works(tmp_path: Path) -> None:
 def test_links_whose_namespace_outlives_a_killed_run_are_removed(tmp_path: Path) -> None:
     with subprocess.Popen(["true"]) as gone:
         pass
-    folder = RUNTIME_ROOT / str(gone.pid)
+    folder = RUNTIME_ROOT / f"{gone.pid}-1-00000000"
     with subprocess.Popen(["unshare", "--net", "sleep", "60"]) as lingering:
         wait_until(lambda: own_namespace(lingering.pid), "the namespace is there")
         ip = "ip link add s1-eth1 type veth peer name eth0 netns"

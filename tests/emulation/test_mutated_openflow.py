@@ -146,5 +146,5 @@ def test_no_match_modifies_light_in_disguise(tmp_path: Path, nothing: str) -> No
         while switch.controller.next().xid not in (90, 91):
             pass
         assert flows("dump-flows", "--no-stats") == before
-        assert refused(switch.controller, light(3, 2))[0] == ofp.OFPET_FLOW_MOD_FAILED
+        assert refused(switch.controller, light(3, 2))[0] == ofp.OFPET_BAD_ACTION
         switch.connects((1, 2))

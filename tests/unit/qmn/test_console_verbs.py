@@ -1,7 +1,6 @@
 """What the verbs that ask the controller print."""
 
 import json
-import os
 import socket
 import threading
 from collections.abc import Callable, Iterator
@@ -14,6 +13,7 @@ from qmn.live import controller_console, light_paths
 from qmn.live.controller_console import NoAnswer, ask
 from qmn.verbs import devices
 from qmn.verbs.set import change
+from topologies.owners import this_process
 
 SWITCH = {
     "name": "q1",
@@ -98,7 +98,7 @@ def well(request: dict[str, Any]) -> bytes:
 def console(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Answer]]:
     """A controller's socket where the verbs look for it; the test may change the answer."""
     monkeypatch.setattr(controller_console, "RUNTIME_ROOT", tmp_path)
-    folder = tmp_path / str(os.getpid())
+    folder = tmp_path / str(this_process())
     folder.mkdir()
     answers: list[Answer] = [well]
     with socket.socket(socket.AF_UNIX) as listener:

@@ -11,6 +11,7 @@ import pytest
 
 from qmn.live import running
 from qmn.verbs import fault
+from topologies.owners import owner
 from topologies.programs import NetworkError
 from wire.config import DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
 from wire.service import RUNNER
@@ -34,7 +35,7 @@ def network(folder: Path) -> Iterator[tuple[subprocess.Popen[str], Path]]:
         try:
             assert process.stdout
             assert process.stdout.readline() == "ready\n"
-            private = folder / str(process.pid)
+            private = folder / str(owner(process.pid))
             private.mkdir()
             config.write(private / "dispatcher.json")
             yield process, folder / "quantum.log"
@@ -129,7 +130,7 @@ def test_a_dispatcher_that_was_killed_is_named(
 def test_where_no_network_runs_the_verb_says_so(tmp_path: Path) -> None:
     dead = subprocess.Popen(["true"])
     dead.wait()
-    (tmp_path / str(dead.pid)).mkdir()
+    (tmp_path / f"{dead.pid}-1-00000000").mkdir()
     (tmp_path / "lock").touch()
     for root in (tmp_path, tmp_path / "nowhere"):
         with pytest.raises(NetworkError, match="no network runs on this machine"):
@@ -137,13 +138,13 @@ def test_where_no_network_runs_the_verb_says_so(tmp_path: Path) -> None:
 
 
 def test_a_network_that_is_still_starting_is_said_to_be(tmp_path: Path) -> None:
-    (tmp_path / "1").mkdir()
+    (tmp_path / str(owner(1))).mkdir()
     with pytest.raises(NetworkError, match="still starting"):
         running.dispatcher_of_running_network(tmp_path)
 
 
 def test_a_configuration_of_another_version_is_named(tmp_path: Path) -> None:
-    (tmp_path / "1").mkdir()
-    (tmp_path / "1" / "dispatcher.json").write_text("{}")
+    (tmp_path / str(owner(1))).mkdir()
+    (tmp_path / str(owner(1)) / "dispatcher.json").write_text("{}")
     with pytest.raises(NetworkError, match="of another version"):
         running.dispatcher_of_running_network(tmp_path)

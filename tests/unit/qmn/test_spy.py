@@ -17,6 +17,7 @@ import pytest
 from hosts.quantum_socket import STACK_VARIABLE
 from qmn.live import running
 from qmn.verbs import spy
+from topologies.owners import owner
 from topologies.runtime import EVENT_CAPTURE
 from wire.config import DispatcherConfig, Fiber, FiberEnd
 from wire.dispatcher_pb2 import BlockId, CreateRequest, Launch, SendRequest
@@ -99,7 +100,7 @@ def dispatcher(folder: Path) -> Iterator[Scene]:
         try:
             assert process.stdout
             assert process.stdout.readline() == "ready\n"
-            private = folder / str(process.pid)
+            private = folder / str(owner(process.pid))
             private.mkdir()
             config.write(private / "dispatcher.json")
             yield Scene(folder, process)

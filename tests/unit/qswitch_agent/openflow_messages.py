@@ -1,5 +1,7 @@
 """OpenFlow messages for the tests: requests encoded by os_ken, replies packed as bridges do."""
 
+import struct
+from dataclasses import replace
 from typing import Any
 
 from os_ken.ofproto import ofproto_v1_4 as ofp
@@ -189,3 +191,19 @@ def packet_in(in_port: int, frame: bytes) -> bytes:
     fixed = packets.PACKET_IN.pack(ofp.OFP_NO_BUFFER, len(frame), 0, 0, 0)
     match = matches.join(matches.of_port(in_port))
     return encode(ofp.OFPT_PACKET_IN, 0, fixed + match + bytes(2) + frame)
+
+
+def light_instructions(mark: Mark, out_port: int | None) -> bytes:
+    """Return what the bridge is told of a light entry: APPLY_ACTIONS with a note and the output.
+
+    An entry without actions has an instruction of the agent's own, which the mark says.
+    """
+    actions = replace(mark, added=out_port is None).encode()
+    if out_port is not None:
+        actions += struct.pack("!HHIH6x", ofp.OFPAT_OUTPUT, 16, out_port, ofp.OFPCML_MAX)
+    head = struct.pack("!HH4x", ofp.OFPIT_APPLY_ACTIONS, 8 + len(actions))
+    return head + actions
+
+
+def unknown(*_entry: object) -> None:
+    """Know no entry of a flow monitor's report."""

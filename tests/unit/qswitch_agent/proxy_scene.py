@@ -200,11 +200,13 @@ async def running_switch() -> AsyncIterator[tuple[Switch, Optics, Reports, End]]
         stack.callback(commanded.writer.close)
         await commanded.next()
         channels = SupervisoryChannels(FIBERS, commands)
-        channels.update([port(number, config=NO_PACKETS) for number in sorted(FIBERS)])
+        fibers = [port(number, config=NO_PACKETS) for number in sorted(FIBERS)]
+        channels.update(fibers)
         stack.callback(channels.close)
         paths = LightPaths(FIBERS, hardware)
         reports = Reports(paths)
         switch = Switch(paths, channels, hardware, reports.synchronise, commands.delete)
+        switch.update_ports([*fibers, port(9)])
         running = [
             asyncio.create_task(layer)
             for layer in (paths.run(), hardware.watch(switch.condition_changed))

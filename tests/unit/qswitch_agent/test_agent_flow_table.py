@@ -10,7 +10,7 @@ from os_ken.ofproto import ofproto_v1_4 as ofp
 
 from qswitch_agent.hardware.optics import CrossConnect
 from qswitch_agent.middleware.flow_table import UNMARKED, FlowTable, circuit_of
-from qswitch_agent.openflow import instructions, matches
+from qswitch_agent.openflow import matches
 from qswitch_agent.openflow.flow_reports import ADDED, PAUSED, REMOVED, FlowUpdate
 from qswitch_agent.openflow.flows import FlowEntry, FlowMod
 from qswitch_agent.openflow.instructions import Mark
@@ -254,7 +254,7 @@ def test_modify_keeps_cookie_mark_and_time_outs_of_each_entry() -> None:
         (ofp.OFPFC_MODIFY_STRICT, 8, 6),
     ]
     assert [one.instructions.data for one in told] == [
-        instructions.light_instructions(mark, 4) for mark in marks
+        of.light_instructions(mark, 4) for mark in marks
     ]
     assert {one.idle_timeout_s for one in told} == {0}
     assert pairs(two) == {(1, 4), (2, 1)}
@@ -285,7 +285,7 @@ def test_strict_modify_changes_one_entry() -> None:
 def test_modify_to_nothing_makes_the_entry_dark() -> None:
     one = table(entry(1, 2, mark=Mark(0, 3)))
     (told,) = one.change(of.mod({"in_port": 1}, **MODIFY))
-    assert told.instructions.data == instructions.light_instructions(Mark(0, 3), None)
+    assert told.instructions.data == of.light_instructions(Mark(0, 3), None)
     assert pairs(one) == set()
 
 

@@ -187,12 +187,12 @@ def test_older_name_of_the_port_is_told_as_the_bridge_reports_it() -> None:
 def test_dark_entry_has_its_mark_alone() -> None:
     marked = of.mod({"in_port": 1}).marked(MARK)
     assert marked.instructions.outputs == ()
-    assert marked.instructions.data == instructions.light_instructions(MARK, None)
+    assert marked.instructions.data == of.light_instructions(MARK, None)
 
 
 def test_controllers_see_no_mark() -> None:
     plain = of.mod({"in_port": 1}, of.outputs(2)).instructions
-    marked = instructions.light_instructions(MARK, 2)
+    marked = of.light_instructions(MARK, 2)
     assert instructions.parse(marked).without_mark()[:8] == plain.data[:8]
     assert instructions.parse(instructions.parse(marked).without_mark()).outputs == (2,)
     assert instructions.parse(plain.data).without_mark() == plain.data
@@ -216,7 +216,11 @@ def test_monitors_of_controllers_see_no_mark() -> None:
     update = of.flow_update(flow_reports.ADDED, of.light(1, 2, hard_timeout=4), MARK)
     pause = bytes.fromhex("0008000500000000")
     plain = of.flow_update(flow_reports.ADDED, of.light(9, 10))
-    shown = flow_reports.monitor_shown(of.monitor_reply(update, pause, plain))
+
+    def known(_priority: int, match: bytes, _cookie: int, gone: bool) -> tuple[Mark, bool] | None:
+        return (MARK, gone) if match == matches.of_port(1) else None
+
+    shown = flow_reports.monitor_shown(of.monitor_reply(update, pause, plain), known)
     assert shown.endswith(pause + plain)
     added = flow_reports.flow_updates(shown)[0].entry
     assert added is not None
@@ -228,11 +232,11 @@ def test_removal_is_shown_as_light_knows_it() -> None:
     message = of.flow_removed(of.light(1, 2, priority=5, cookie=6))
     gone = FlowRemoved.decode(message)
     assert (gone.table, gone.key) == (0, (5, matches.of_port(1), 6))
-    read = of.decoded(gone.shown(message, MARK, 77, idle=True))
+    read = of.decoded(gone.shown(message, MARK, 77, ofp.OFPRR_IDLE_TIMEOUT))
     assert (read.reason, read.idle_timeout) == (ofp.OFPRR_IDLE_TIMEOUT, 30)
     assert (read.packet_count, read.byte_count) == (77, (1 << 64) - 1)
     assert read.match["in_port"] == 1
-    read = of.decoded(gone.shown(message, MARK, 77, idle=False))
+    read = of.decoded(gone.shown(message, MARK, 77, ofp.OFPRR_DELETE))
     assert (read.reason, read.priority, read.cookie) == (ofp.OFPRR_DELETE, 5, 6)
 
 

@@ -99,7 +99,9 @@ NO_LIGHT = {
     "LLDP of all ports": of.mod({"eth_type": 0x88CC}, of.outputs(CONTROLLER)),
     "LLDP dropped": of.mod(LLDP_1),
     "table-miss entry": of.mod({}, of.outputs(CONTROLLER), priority=0),
-    "classical entry": of.mod({"in_port": CLASSICAL}, of.actions(REWRITE), of.outputs(LOCAL)),
+    "classical entry": of.mod(
+        {"in_port": CLASSICAL}, of.actions(REWRITE, parser.OFPActionOutput(LOCAL))
+    ),
     "classical flood": of.mod({"in_port": CLASSICAL}, of.outputs(ofp.OFPP_FLOOD)),
     "classical entry of another table": of.mod({}, of.outputs(LOCAL), table_id=3),
     "deletion": of.mod(FROM_1, of.outputs(2, 3), command=ofp.OFPFC_DELETE),

@@ -5,10 +5,11 @@ from typing import Any
 import openflow_messages as of
 import pytest
 from openflow_messages import FIBERS
+from os_ken.ofproto import ofproto_v1_4 as ofp
 
 from qswitch_agent.openflow import matches
 from qswitch_agent.openflow.matches import IN_PORT, covers, parse
-from wire.metadata import MalformedPacket
+from qswitch_agent.openflow.messages import MalformedPart
 
 ANYTHING = parse(b"")
 
@@ -33,9 +34,11 @@ def test_match_and_what_is_behind_are_split_and_joined() -> None:
     whole = matches.join(oxm)
     assert whole == bytes.fromhex("0001000c 80000004 00000001 00000000")
     assert matches.split(whole + b"more") == (oxm, b"more")
-    for kind, length in ((0, 12), (1, 3), (1, 21)):
-        with pytest.raises(MalformedPacket, match=f"type {kind} with length {length}"):
+    bad_type, bad_length = ofp.OFPBMC_BAD_TYPE, ofp.OFPBMC_BAD_LEN
+    for kind, length, code in ((0, 12, bad_type), (1, 3, bad_length), (1, 21, bad_length)):
+        with pytest.raises(MalformedPart) as wrong:
             matches.split(bytes([0, kind, 0, length]) + whole[4:] + b"more")
+        assert (wrong.value.kind, wrong.value.code) == (ofp.OFPET_BAD_MATCH, code)
 
 
 def test_port_is_written_as_the_bridge_writes_it() -> None:
@@ -69,20 +72,22 @@ def test_port_with_a_part_of_a_mask_is_noticed() -> None:
 
 
 @pytest.mark.parametrize(
-    "data",
+    ("data", "code"),
     [
-        "80",
-        "800000",
-        "80000004 000000",
-        "80000109 00000003 ffffffffff",  # half a mask
-        "80000004 00000001 80000004 00000002",
-        "80000004 00000001 00000002 0001",
-        "ffff5603 4f4e46",  # an experimenter's name cut short
+        ("80", ofp.OFPBMC_BAD_LEN),
+        ("800000", ofp.OFPBMC_BAD_LEN),
+        ("80000004 000000", ofp.OFPBMC_BAD_LEN),
+        ("80000006 000000000001", ofp.OFPBMC_BAD_LEN),  # in_port of 6 bytes
+        ("80000109 00000003 ffffffffff", ofp.OFPBMC_BAD_LEN),  # half a mask
+        ("80000004 00000001 80000004 00000002", ofp.OFPBMC_DUP_FIELD),
+        ("80000004 00000001 00000002 0001", ofp.OFPBMC_DUP_FIELD),
+        ("ffff5603 4f4e46", ofp.OFPBMC_BAD_LEN),  # an experimenter's name cut short
     ],
 )
-def test_match_that_is_not_whole_is_malformed(data: str) -> None:
-    with pytest.raises(MalformedPacket):
+def test_match_that_is_not_whole_is_malformed(data: str, code: int) -> None:
+    with pytest.raises(MalformedPart) as wrong:
         parse(bytes.fromhex(data))
+    assert (wrong.value.kind, wrong.value.code) == (ofp.OFPET_BAD_MATCH, code)
 
 
 def test_fields_of_two_experimenters_are_two_fields() -> None:
@@ -116,5 +121,5 @@ def test_mask_decides_what_is_covered() -> None:
 def test_long_match_is_read_as_well_as_a_short_one() -> None:
     many = b"".join(bytes([0x80, 1, number << 1, 4, 0, 0, 0, number]) for number in range(100))
     assert len(parse(many)) == 100
-    with pytest.raises(MalformedPacket, match="twice"):
+    with pytest.raises(MalformedPart, match="twice"):
         parse(many + many[:8])

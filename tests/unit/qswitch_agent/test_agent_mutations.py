@@ -100,13 +100,13 @@ def updated(message: bytes) -> None:
 
 
 def shown_updates(message: bytes) -> list[FlowUpdate]:
-    shown = flow_reports.monitor_shown(message)
+    shown = flow_reports.monitor_shown(message, lambda *_entry: (instructions.Mark(3, 4), False))
     return flow_reports.flow_updates(shown)
 
 
 def removed(message: bytes) -> None:
     gone = FlowRemoved.decode(message)
-    assert FlowRemoved.decode(gone.shown(message, instructions.Mark(3, 4), 5, True)).key == gone.key
+    assert FlowRemoved.decode(gone.shown(message, instructions.Mark(3, 4), 5, 0)).key == gone.key
 
 
 def packet(message: bytes) -> None:
@@ -132,7 +132,7 @@ OF_CONTROLLER: dict[int, list[Reader]] = {
 }
 OF_BRIDGE: dict[int, list[Reader]] = {
     ofp.OFPT_MULTIPART_REPLY: [ports_shown, counted, flows_shown, updated, multipart_asked],
-    ofp.OFPT_PORT_STATUS: [ports_shown, ports.is_gone],
+    ofp.OFPT_PORT_STATUS: [ports_shown, ports.status_reason],
     ofp.OFPT_FLOW_REMOVED: [removed],
     ofp.OFPT_PACKET_IN: [packet],
     ofp.OFPT_BUNDLE_CONTROL: [packets.bundle_control],
@@ -322,7 +322,8 @@ def require_sound_entry(message: bytes) -> None:
         return
     table, command, idle_timeout_s = fixed[2:5]
     assert table == 0
-    assert len(instructions) == len(lists) <= 1
+    assert len(instructions) == len(lists) <= 2
+    assert len(ports) <= 1
     kinds = [kind for data in lists for kind, _body in parts(data)]
     if command == ofp.OFPFC_ADD or 0xFFFF in kinds:
         assert idle_timeout_s == 0

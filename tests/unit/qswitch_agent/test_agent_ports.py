@@ -32,8 +32,8 @@ def test_descriptions_and_states_are_decoded() -> None:
     assert ports.described_ports(of.port_status(both[1])) == both[1:]
     assert ports.with_ports(reply, both) == reply
     assert ports.with_ports(of.port_status(both[0]), both[:1]) == of.port_status(both[0])
-    assert ports.is_gone(of.port_status(both[0], ofp.OFPPR_DELETE))
-    assert not ports.is_gone(of.port_status(both[0]))
+    for reason in (ofp.OFPPR_ADD, ofp.OFPPR_DELETE, ofp.OFPPR_MODIFY):
+        assert ports.status_reason(of.port_status(both[0], reason)) == reason
 
 
 def test_port_is_up_unless_it_or_its_link_is_down() -> None:
@@ -69,7 +69,7 @@ def test_every_truncated_description_is_malformed() -> None:
         with pytest.raises(MalformedPacket):
             ports.described_ports(message[:size])
     with pytest.raises(MalformedPacket):
-        ports.is_gone(message[:8])
+        ports.status_reason(message[:8])
 
 
 def test_port_watch_is_what_os_ken_encodes() -> None:

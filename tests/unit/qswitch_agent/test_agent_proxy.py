@@ -9,6 +9,7 @@ import pytest
 from os_ken.ofproto import ofproto_v1_4 as ofp
 from proxy_scene import End, Listener, Stage, play, running_switch, stage
 
+from qswitch_agent.bridge import NO_PACKETS
 from qswitch_agent.hardware.optics import (
     CircuitReading,
     Condition,
@@ -23,7 +24,7 @@ from qswitch_agent.hardware.optics import (
 from qswitch_agent.openflow import flow_reports, matches, messages, multipart
 from qswitch_agent.openflow.flow_reports import ADDED, REMOVED, FlowUpdate
 from qswitch_agent.openflow.flows import FlowEntry, FlowMod
-from qswitch_agent.openflow.instructions import Mark, light_instructions
+from qswitch_agent.openflow.instructions import Mark
 from qswitch_agent.openflow.messages import encode, hello
 from qswitch_agent.proxy.link import PRIVATE_XID
 from qswitch_agent.proxy.proxy import Proxy
@@ -345,9 +346,24 @@ def test_slave_is_refused_as_such() -> None:
                 slave = error(ofp.OFPET_BAD_REQUEST, ofp.OFPBRC_IS_SLAVE, request)
                 await now.controller.hears(slave)
             master = encode(ofp.OFPT_ROLE_REQUEST, 1, messages.ROLE.pack(2, 2))
+            # A stale request does not lift the guard (OpenFlow 1.4, 6.3.4).
+            stale = error(ofp.OFPET_ROLE_REQUEST_FAILED, ofp.OFPRRFC_STALE, master)
+            now.controller.says(master, bad, lldp)
+            await now.bridge.hears(master, OWN_BARRIER)
+            now.bridge.says(stale, OWN_REPLY)
+            await now.controller.hears(stale)
+            for request in (bad, lldp):
+                await now.controller.hears(
+                    error(ofp.OFPET_BAD_REQUEST, ofp.OFPBRC_IS_SLAVE, request)
+                )
+            granted = encode(ofp.OFPT_ROLE_REPLY, 1, messages.ROLE.pack(2, 2))
             now.controller.says(master, bad, lldp, ECHO)
-            await now.bridge.hears(master, ECHO)
-            await now.controller.hears(error(ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_OUT_PORT, bad))
+            await now.bridge.hears(master, OWN_BARRIER)
+            now.bridge.says(granted, OWN_REPLY)
+            await now.bridge.hears(ECHO)
+            await now.controller.hears(
+                granted, error(ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_OUT_PORT, bad)
+            )
 
     play(scene())
 
@@ -426,13 +442,17 @@ def test_bridge_is_shown_as_an_optical_switch() -> None:
         async with stage() as now:
             parts = [of.port(1).encode(), of.port(9).encode()]
             now.bridge.says(
-                multipart.reply(ofp.OFPMP_PORT_DESC, 1, parts), of.port_status(of.port(2))
+                multipart.reply(ofp.OFPMP_PORT_DESC, 1, parts),
+                of.port_status(of.port(3)),  # the first half of an announcement
+                of.port_status(of.port(2, config=NO_PACKETS)),
             )
             fiber, other = of.decoded(await now.controller.next()).body
             (optics,) = fiber.properties
             assert (optics.tx_min_freq_lmda, optics.tx_grid_freq_lmda) == (191_350_000, 50_000)
             assert (fiber.state & ofp.OFPPS_LIVE, other.properties) == (ofp.OFPPS_LIVE, [])
-            (optics,) = of.decoded(await now.controller.next()).desc.properties
+            told = of.decoded(await now.controller.next()).desc
+            (optics,) = told.properties
+            assert (told.port_no, told.config) == (2, 0)
             assert optics.supported == optical.TUNABLE
 
     play(scene())
@@ -523,7 +543,7 @@ def test_photons_are_the_packets_of_light_alone() -> None:
             noted = of.flow_mod({"in_port": 9}, of.outputs(10))
             match, instructions = of.entry_bytes(noted)
             note = Mark(0, 7).encode()
-            instructions = light_instructions(Mark(0, 7), 10)
+            instructions = of.light_instructions(Mark(0, 7), 10)
             length = flow_reports.STATISTICS.size + len(match) + len(instructions)
             head = flow_reports.STATISTICS.pack(length, 0, 5, 0, 0, 0, 0, 0, 0, 0, 4, 240)
             parts = [of.flow_entry(of.light(1, 2), Mark(30, 7)), head + match + instructions]
@@ -617,8 +637,25 @@ def test_hardware_that_cannot_be_read_ends_the_connection(failure: Exception) ->
     play(scene())
 
 
-@pytest.mark.parametrize("rubbish", ["0115000800000001", "0515000000000001"])
-@pytest.mark.parametrize("talker", ["bridge", "controller"])
+def test_message_of_another_version_is_refused_after_the_hello() -> None:
+    async def scene() -> None:
+        async with stage() as now:
+            older = bytes.fromhex("0414000800000009")  # a BARRIER_REQUEST of OpenFlow 1.3
+            now.controller.says(hello(), older, ECHO)
+            await now.controller.hears(error(ofp.OFPET_BAD_REQUEST, ofp.OFPBRC_BAD_VERSION, older))
+            await now.bridge.hears(hello(), ECHO)
+
+    play(scene())
+
+
+@pytest.mark.parametrize(
+    ("rubbish", "talker"),
+    [
+        ("0115000800000001", "bridge"),
+        ("0515000000000001", "bridge"),
+        ("0515000000000001", "controller"),
+    ],
+)
 def test_rubbish_closes_its_connection_alone(rubbish: str, talker: str) -> None:
     async def scene() -> None:
         async with stage() as now:

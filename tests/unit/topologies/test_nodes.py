@@ -1,42 +1,15 @@
-"""Nodes whose shell has ended, where Mininet alone would wait for ever."""
+"""What nodes are made of, and what no node is made of."""
 
 from pathlib import Path
 from typing import Any
 
 import pytest
-from mininet.node import Node
 
 from topologies import runtime
-from topologies.nodes import OpticalSwitch, QuantumHost, ShellWatcher
+from topologies.nodes import OpticalSwitch, QuantumHost
 from topologies.runtime import Runtime
 from wire.config import BadConfig, PathOptics
 from wire.physics import BadParameter, BellAnalyser, Detectors, Device, Gates, Memory, PairSource
-
-
-class Watched(ShellWatcher, Node):
-    """A node of no special kind."""
-
-
-def test_a_command_in_whose_middle_the_shell_ends_returns() -> None:
-    node = Watched("watched", inNamespace=False)
-    assert node.cmd("echo here").strip() == "here"
-    assert not node.shell_ended
-    node.cmd("kill -KILL $$")
-    assert node.shell_ended
-    assert node.cmd("echo too late") == ""
-    node.terminate()
-
-
-@pytest.mark.parametrize("command", ["sleep 60", "trap '' HUP; sleep 60"])
-def test_a_busy_shell_is_ended_with_its_command(command: str) -> None:
-    node = Watched("watched", inNamespace=False)
-    node.end_if_busy()
-    assert node.cmd("echo idle").strip() == "idle"
-    node.sendCmd(command)
-    node.end_if_busy()
-    assert node.shell_ended
-    assert node.cmd("ip link del what-is-gone") == ""
-    node.terminate()
 
 
 @pytest.mark.parametrize(

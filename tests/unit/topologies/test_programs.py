@@ -1,11 +1,14 @@
 """Programs: started, watched and ended by their own handle."""
 
+import os
+import signal
 import socket
 import sys
 from pathlib import Path
 
 import pytest
 
+from topologies.owners import marked
 from topologies.programs import NetworkError, Program, stop_all
 
 
@@ -74,3 +77,68 @@ def test_it_keeps_the_descriptors_that_it_is_given(tmp_path: Path) -> None:
     with socket.create_connection(address, timeout=10) as connection:
         assert connection.recv(16) == b"here"
     keeper.stop()
+
+
+def fails(folder: Path, code: str) -> str:
+    """Return how a program is said to have ended that was well at first."""
+    failed = program(folder, f"print('ready', flush=True)\n{code}")
+    failed.wait_for("ready", 10)
+    while failed.running:
+        pass
+    return failed.end()
+
+
+@pytest.mark.parametrize(
+    ("code", "cause"),
+    [
+        ("raise ValueError('the cat is dead')", "ValueError: the cat is dead"),
+        ("raise RuntimeError", "RuntimeError"),
+        ("import sys; sys.exit('no light')", "no light"),
+        (
+            "raise ExceptionGroup('unhandled', [OSError('one'), ValueError('the last')])",
+            "ValueError: the last",
+        ),
+        (
+            "try:\n  1 / 0\nexcept ZeroDivisionError as error:\n"
+            "  raise KeyError('behind it') from error",
+            "KeyError: 'behind it'",
+        ),
+    ],
+)
+def test_the_cause_of_an_end_is_the_error_and_no_frame_around_it(
+    tmp_path: Path, code: str, cause: str
+) -> None:
+    assert fails(tmp_path, code) == cause
+
+
+def test_what_it_said_when_all_was_well_is_no_cause(tmp_path: Path) -> None:
+    log = tmp_path / "clock.log"
+    assert fails(tmp_path, "import sys; sys.exit(3)") == f"status 3; its log: {log}"
+    told = f"it ended by itself, or was told to (SIGTERM); its log: {log}"
+    assert fails(tmp_path, "") == told
+
+
+def test_a_program_that_is_started_again_is_ready_when_it_says_so_again(tmp_path: Path) -> None:
+    clock = program(tmp_path, "print('ready', flush=True)")
+    clock.wait_for("ready", 10)
+    clock.stop()
+    clock.start([sys.executable, "-c", "import sys; sys.exit('rusty')"])
+    with pytest.raises(NetworkError, match="clock ended at its start: rusty"):
+        clock.wait_for("ready", 10)
+
+
+def test_one_that_is_stopped_by_a_signal_is_noticed_and_ends_when_told(tmp_path: Path) -> None:
+    sleeper = program(tmp_path, "print('ready', flush=True); import time; time.sleep(60)")
+    sleeper.wait_for("ready", 10)
+    assert not sleeper.stopped
+    (pid,) = (process.pid for process, run in marked() if process.pid == pid_of(sleeper))
+    os.kill(pid, signal.SIGSTOP)
+    os.waitid(os.P_PID, pid, os.WSTOPPED | os.WNOWAIT)
+    assert sleeper.stopped
+    sleeper.stop()
+    assert sleeper.status == -signal.SIGTERM
+
+
+def pid_of(started: Program) -> int:
+    assert started._process is not None
+    return started._process.pid

@@ -4,11 +4,14 @@ import os
 import signal
 import socket
 import subprocess
+import sys
 import threading
+import time
+from contextlib import suppress
 
 import pytest
 
-from topologies.network import Interrupted, Signals
+from topologies.signals import Interrupted, Signals
 
 
 @pytest.mark.parametrize("number", Signals.NUMBERS)
@@ -43,12 +46,49 @@ def test_what_fails_without_a_signal_stays_what_it_is() -> None:
         raise OSError("the disk is full")
 
 
-def test_nothing_cuts_short_what_defers_signals_nor_its_commands() -> None:
+def test_a_signal_does_not_cut_short_what_defers_it() -> None:
     with Signals() as signals:
         with signals.deferred():
-            subprocess.run(["sh", "-c", "kill -INT $$"], check=True)
             os.kill(os.getpid(), signal.SIGTERM)
             signals.check()
+        with pytest.raises(Interrupted, match="SIGTERM"):
+            signals.check()
+
+
+HANGS = """
+import time
+from topologies.signals import Signals
+with Signals() as signals, signals.deferred():
+    print("cleaning up", flush=True)
+    time.sleep(60)
+"""
+
+
+def test_a_second_signal_forces_the_end_of_what_hangs() -> None:
+    with subprocess.Popen(
+        [sys.executable, "-c", HANGS], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        assert process.stdout.readline() == "cleaning up\n"
+        deadline = time.monotonic() + 10
+        while process.poll() is None and time.monotonic() < deadline:
+            process.send_signal(signal.SIGINT)
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(0.1)
+        process.kill()
+        words = process.stderr.read()
+    assert process.returncode == 128 + signal.SIGINT
+    assert "a second SIGINT has forced the end" in words
+    assert "`qmn clean`" in words
+
+
+def test_a_signal_that_is_sent_twice_at_once_counts_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As `timeout` does: to the process, and to its group."""
+    monkeypatch.setattr("topologies.signals.AGAIN_S", 3600.0)
+    with Signals() as signals:
+        for _ in range(2):
+            os.kill(os.getpid(), signal.SIGTERM)
         with pytest.raises(Interrupted, match="SIGTERM"):
             signals.check()
 

@@ -1,0 +1,126 @@
+"""Open vSwitch's daemons end or stop in the middle of a run: it is said, and nothing stays."""
+
+import os
+import signal
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from conftest import interfaces, our_processes, qmn_command, wait_until
+from test_faults import long_run, read_until
+
+from topologies import openvswitch
+from topologies.owners import from_words
+from topologies.runtime import RUNTIME_ROOT
+
+SAID_IN_S = 20  # with clean-up; the wait ends much sooner
+
+
+@pytest.fixture
+def no_open_vswitch(_open_vswitch: None) -> Iterator[None]:
+    """Let none run, so that the run starts its own; afterwards that of the tests runs again."""
+    openvswitch.stop_if_ours("tests")
+    assert openvswitch.daemons() == {}
+    yield
+    assert openvswitch.daemons() == {}, "the run has left its own running"
+    openvswitch.start("tests")
+
+
+def struck(tmp_path: Path, daemon: str, number: signal.Signals) -> str:
+    """Strike a daemon in mid-run; return what the run says."""
+    with long_run(tmp_path) as process:
+        read_until(process, "sending")
+        openvswitch.daemons()[daemon].signal(number)
+        output, _ = process.communicate(timeout=SAID_IN_S)
+    assert process.returncode == 1
+    return output
+
+
+@pytest.mark.usefixtures("no_open_vswitch")
+@pytest.mark.parametrize("daemon", openvswitch.DAEMONS)
+@pytest.mark.parametrize(
+    ("number", "words"),
+    [(signal.SIGTERM, "was killed (Terminated)"), (signal.SIGSEGV, "was killed (Segmentation")],
+)
+def test_a_daemon_that_ends_is_named_and_nothing_of_it_stays(
+    tmp_path: Path, daemon: str, number: signal.Signals, words: str
+) -> None:
+    output = struck(tmp_path, daemon, number)
+    assert f"qmn: {daemon} died in mid-run: Open vSwitch's daemon {words}" in output
+    assert not interfaces() & {"s1", "q1"}
+
+
+@pytest.mark.usefixtures("no_open_vswitch")
+@pytest.mark.parametrize("daemon", openvswitch.DAEMONS)
+def test_a_daemon_that_a_signal_has_stopped_is_named(tmp_path: Path, daemon: str) -> None:
+    with long_run(tmp_path) as process:
+        read_until(process, "sending")
+        openvswitch.daemons()[daemon].signal(signal.SIGSTOP)
+        output, _ = process.communicate(timeout=40)
+    assert process.returncode == 1
+    assert f"qmn: {daemon} does not answer: a signal has stopped it (SIGSTOP)" in output
+
+
+def test_a_daemon_of_somebody_else_is_not_started_again(tmp_path: Path) -> None:
+    """Where the switches' daemon is not ours to start, their interfaces go all the same."""
+    output = struck(tmp_path, openvswitch.SWITCH_DAEMON, signal.SIGTERM)
+    try:
+        assert openvswitch.SWITCH_DAEMON not in openvswitch.daemons()
+        assert "died in mid-run" in output
+        assert not interfaces() & {"s1", "q1"}
+        command = [*qmn_command(tmp_path), "--message", "x"]
+        again = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+        assert again.returncode == 1
+        assert "Open vSwitch runs in part: ovs-vswitchd does not run: restart" in again.stderr
+    finally:
+        openvswitch.start("tests")
+
+
+def test_bridges_that_cannot_be_removed_are_named_and_go_later(tmp_path: Path) -> None:
+    output = struck(tmp_path, openvswitch.DATABASE, signal.SIGTERM)
+    try:
+        assert "ovsdb-server died in mid-run" in output
+        assert "bridges q1, s1 stay, as ovsdb-server does not run" in output
+    finally:
+        openvswitch.start("tests")
+    owner = openvswitch.owner_of("q1")
+    assert (run := from_words(owner)) is not None
+    assert not run.alive
+    command = [*qmn_command(tmp_path), "--message", "x"]
+    assert subprocess.run(command, check=False, timeout=60, capture_output=True).returncode == 0
+    assert openvswitch.bridges() == []
+
+
+def test_a_killed_run_s_programs_that_are_stopped_are_ended_by_the_next(tmp_path: Path) -> None:
+    """Told to end with the runner, a stopped one does not."""
+    others = our_processes()
+    with long_run(tmp_path) as process:
+        read_until(process, "sending")
+        config = next(RUNTIME_ROOT.glob("*/alice.json"))
+        for found in our_processes() - others:
+            if str(config) in found:
+                os.kill(int(found.split()[0]), signal.SIGSTOP)
+        process.kill()
+    wait_until(lambda: len(our_processes() - others) == 1, "only the stopped one is left")
+    command = [*qmn_command(tmp_path), "--message", "x"]
+    assert subprocess.run(command, check=False, timeout=60, capture_output=True).returncode == 0
+    assert our_processes() == others
+
+
+def test_a_folder_that_is_not_of_a_run_is_left_alone(tmp_path: Path) -> None:
+    """Neither one with a bare number, nor that of a process that has the number of another."""
+    foreign = [RUNTIME_ROOT / name for name in ("4194000", "notes")]
+    for folder in foreign:
+        folder.mkdir(parents=True)
+    reused = RUNTIME_ROOT / f"{os.getpid()}-1-00000000"  # our id, another process
+    reused.mkdir()
+    (reused / "switches").write_text("s1")
+    try:
+        command = [*qmn_command(tmp_path), "--message", "x"]
+        assert subprocess.run(command, check=False, timeout=60, capture_output=True).returncode == 0
+        assert all(folder.exists() for folder in foreign)
+        assert not reused.exists()
+    finally:
+        for folder in foreign:
+            folder.rmdir()

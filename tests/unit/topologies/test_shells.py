@@ -1,0 +1,119 @@
+"""Shells of nodes that end, hang, or never come up, where Mininet alone would wait for ever."""
+
+import os
+import signal
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from mininet.node import Node
+
+from topologies import shells
+from topologies.owners import marked, this_process
+from topologies.programs import NetworkError
+from topologies.shells import ShellWatcher
+
+
+class Watched(ShellWatcher, Node):
+    """A node of no special kind."""
+
+
+MadeBy = Callable[[str], None]
+
+
+@pytest.fixture
+def mnexec(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> MadeBy:
+    """Return what puts another program in the place of mnexec."""
+
+    def make(script: str) -> None:
+        program = tmp_path / "mnexec"
+        program.write_text(f"#!/bin/sh\n{script}\n")
+        program.chmod(0o755)
+        monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+
+    return make
+
+
+def test_a_command_in_whose_middle_the_shell_ends_returns() -> None:
+    node = Watched("watched", inNamespace=False)
+    assert node.cmd("echo here").strip() == "here"
+    assert not node.shell_ended
+    node.cmd("kill -KILL $$")
+    assert node.shell_ended
+    assert node.cmd("echo too late") == ""
+    node.terminate()
+
+
+@pytest.mark.parametrize("command", ["sleep 60", "trap '' HUP; sleep 60", "kill -STOP $$"])
+def test_a_busy_shell_is_ended_with_its_command(command: str) -> None:
+    node = Watched("watched", inNamespace=False)
+    shell = node.shell
+    node.sendCmd(command)
+    node.terminate()
+    assert shell.poll() is not None
+
+
+@pytest.mark.parametrize(
+    ("script", "words"),
+    [
+        ("echo 'no mounts for you' >&2; exit 1", "ended at its start: no mounts for you"),
+        ("kill -INT $$", "ended at its start: it said nothing, status -2"),
+    ],
+)
+def test_an_mnexec_that_fails_is_said_at_once(mnexec: MadeBy, script: str, words: str) -> None:
+    mnexec(script)
+    with pytest.raises(NetworkError, match=f"the shell of watched {words}"):
+        Watched("watched", inNamespace=False)
+
+
+def test_an_mnexec_that_hangs_is_given_up_and_ended(
+    mnexec: MadeBy, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(shells, "START_TIMEOUT_S", 0.5)
+    mnexec(f"echo $$ > {tmp_path}/pid; exec sleep 60")
+    with pytest.raises(NetworkError, match=r"the shell of watched had no prompt in 0\.5 s"):
+        Watched("watched", inNamespace=False)
+    assert not Path("/proc", (tmp_path / "pid").read_text().strip()).exists()
+
+
+def test_a_terminals_ctrl_c_does_not_reach_a_shell(mnexec: MadeBy) -> None:
+    """It has left the runner's process group before it does anything of its own."""
+    mnexec('[ "$(ps -o pgid= -p $$ | tr -d " ")" = $$ ] || exit 1; shift; exec "$@"')
+    node = Watched("watched", inNamespace=False)
+    assert os.getpgid(node.shell.pid) != os.getpgid(0)
+    node.terminate()
+
+
+def test_a_program_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", "/nowhere")
+    with pytest.raises(NetworkError, match="mnexec is not installed; run `make setup`"):
+        Watched("watched", inNamespace=False)
+
+
+def test_a_hurried_node_waits_for_no_command_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shells, "COMMAND_TIMEOUT_S", 0.2)
+    node = Watched("watched", inNamespace=False)
+    node.hurried = True
+    with pytest.raises(NetworkError, match=r"watched did not end 'sleep 60' in 0\.2 s"):
+        node.cmd("sleep 60")
+    node.terminate()
+
+
+def test_a_shell_that_dies_while_the_network_starts_is_named() -> None:
+    node = Watched("watched", inNamespace=False)
+    node.hurried = True
+    with pytest.raises(NetworkError, match="watched died at its start: its shell was ended"):
+        node.cmd("kill -KILL $$")
+    with pytest.raises(NetworkError, match="watched died at its start: its shell was ended"):
+        node.cmd("ip link add what-cannot-be")
+    node.terminate()
+
+
+def test_what_a_shell_starts_carries_the_mark_of_its_run() -> None:
+    node = Watched("watched", inNamespace=False)
+    node.cmd("sleep 60 &")
+    mine = {process.pid for process, run in marked() if run == str(this_process())}
+    child = int(node.lastPid or node.cmd("echo $!"))
+    assert child in mine
+    os.kill(child, signal.SIGKILL)
+    node.terminate()

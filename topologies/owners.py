@@ -1,0 +1,123 @@
+"""Whose something is: a process, by its id, when it started, and since which boot of the machine.
+
+An id alone is given again to others. In words, as 4711-88321-1b4e28ba, an owner names the private
+folder of a run, and marks its bridges and, in their environment, all its processes.
+"""
+
+import os
+import re
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+PROC = Path("/proc")
+BOOT_ID = PROC / "sys" / "kernel" / "random" / "boot_id"
+WORDS = re.compile(r"(\d+)-(\d+)-([0-9a-f]{8})")
+VARIABLE = "QMN_RUN"  # in the environment of all that a run starts in its network
+ENDED = "ZX"  # states of a process that only waits to be asked how it ended
+STOPPED = "T"
+END_TIMEOUT_S = 1.0  # from one signal to the next
+POLL_S = 0.02
+
+
+class Owner(NamedTuple):
+    """One process, for ever."""
+
+    pid: int
+    start: int  # clock ticks since the boot
+    boot: str  # first 8 digits of its id
+
+    def __str__(self) -> str:
+        return f"{self.pid}-{self.start}-{self.boot}"
+
+    @property
+    def alive(self) -> bool:
+        """Whether it still runs; one that nobody has waited for does not."""
+        return self.state not in (None, *ENDED)
+
+    @property
+    def stopped(self) -> bool:
+        """Whether a signal has stopped it (SIGSTOP)."""
+        return self.state == STOPPED
+
+    @property
+    def state(self) -> str | None:
+        """The letter that the kernel gives, None for one that is gone."""
+        state, start = _state_and_start(self.pid)
+        return state if (start, _boot()) == (self.start, self.boot) else None
+
+    def signal(self, number: int) -> None:
+        """Send it a signal, if it is still there."""
+        if self.alive:
+            try:
+                os.kill(self.pid, number)
+            except ProcessLookupError:
+                return  # it has ended meanwhile
+
+
+def owner(pid: int) -> Owner | None:
+    """Return the process that has this id now, None if there is none."""
+    state, start = _state_and_start(pid)
+    return None if state is None else Owner(pid, start, _boot())
+
+
+def this_process() -> Owner:
+    """Return the process that asks."""
+    found = owner(os.getpid())
+    assert found is not None
+    return found
+
+
+def from_words(words: str) -> Owner | None:
+    """Return the owner that is written so, None if no owner is."""
+    matched = WORDS.fullmatch(words)
+    return Owner(int(matched[1]), int(matched[2]), matched[3]) if matched else None
+
+
+def gone(words: str) -> bool:
+    """Whether these words are those of a run that has ended; what is not ours is never gone."""
+    found = from_words(words)
+    return found is not None and not found.alive
+
+
+def marked() -> Iterator[tuple[Owner, str]]:
+    """Yield all processes that runs have started in their networks, with the words of the run."""
+    variable = f"{VARIABLE}=".encode()
+    for folder in PROC.iterdir():
+        if not folder.name.isdigit() or (process := owner(int(folder.name))) is None:
+            continue
+        try:
+            environment = (folder / "environ").read_bytes().split(b"\0")
+        except OSError:
+            continue  # it has ended, or is not ours to look into
+        for entry in environment:
+            words = entry.removeprefix(variable).decode(errors="replace")
+            if entry.startswith(variable) and from_words(words) and process.alive:
+                yield process, words
+
+
+def end(processes: list[Owner]) -> None:
+    """End processes: politely, then by force; return when they are gone."""
+    for number in (signal.SIGTERM, signal.SIGKILL):
+        for process in processes:
+            process.signal(number)
+            process.signal(signal.SIGCONT)  # a stopped one takes no other
+        deadline = time.monotonic() + END_TIMEOUT_S
+        while any(process.alive for process in processes):
+            if time.monotonic() > deadline:
+                break
+            time.sleep(POLL_S)
+
+
+def _state_and_start(pid: int) -> tuple[str | None, int]:
+    try:
+        fields = (PROC / str(pid) / "stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return None, 0
+    return fields[0], int(fields[19])
+
+
+def _boot() -> str:
+    return BOOT_ID.read_text()[:8]

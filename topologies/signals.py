@@ -1,0 +1,106 @@
+"""Signals that ask a run to end: noted, and raised where it can be ended in order."""
+
+import os
+import signal
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType, TracebackType
+from typing import Self
+
+AGAIN_S = 0.5  # `timeout` and others send a signal twice at once; a person does not
+
+
+class Interrupted(Exception):
+    """The user, or the system, has asked the run to end."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(f"interrupted by {signal.Signals(number).name}")
+        self.status = 128 + number
+
+
+class Signals:
+    """Turns signals into an exception at the next check, never in the middle of a step.
+
+    Who sends a second one will not wait: it ends the process at once. All that the run has started
+    ends with it or is removed by the next run.
+    """
+
+    NUMBERS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+    def __enter__(self) -> Self:
+        self._received: int | None = None
+        self._received_at = 0.0
+        self._deferring = False
+        self._previous = {number: signal.signal(number, self._note) for number in self.NUMBERS}
+        return self
+
+    def _note(self, number: int, _frame: FrameType | None) -> None:
+        if self._received is None:
+            self._received, self._received_at = number, time.monotonic()
+        elif time.monotonic() - self._received_at > AGAIN_S:
+            force_end(number)
+
+    def check(self) -> None:
+        """Raise Interrupted if a signal has come, unless signals are deferred."""
+        if self._received is not None and not self._deferring:
+            raise Interrupted(self._received)
+
+    @contextmanager
+    def deferred(self) -> Iterator[None]:
+        """Let one signal not cut a piece of work short.
+
+        It counts afterwards: another network may be about to start. Commands that shall not be
+        cut short either need a session of their own, which a terminal's Ctrl-C does not reach.
+        """
+        self._deferring = True
+        try:
+            yield
+        finally:
+            self._deferring = False
+
+    @contextmanager
+    def at_once(self) -> Iterator[None]:
+        """Let Ctrl-C interrupt what is being done (KeyboardInterrupt), and other signals end it.
+
+        For a person at the keyboard, or a script, who waits without checks.
+        """
+        for number in self.NUMBERS:
+            ctrl_c = number == signal.SIGINT
+            signal.signal(number, signal.default_int_handler if ctrl_c else self._raise)
+        try:
+            yield
+        finally:
+            for number in self.NUMBERS:
+                signal.signal(number, self._note)
+
+    def _raise(self, number: int, frame: FrameType | None) -> None:
+        self._note(number, frame)  # for the next check, if somebody swallows what is raised
+        self.check()
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        for number, handler in self._previous.items():
+            signal.signal(number, handler)
+        if isinstance(error, Exception) and not isinstance(error, Interrupted):
+            self._check_cause(error)
+
+    def _check_cause(self, error: Exception) -> None:
+        """A terminal's Ctrl-C also ends the commands that run just then: say so instead."""
+        if self._received is not None:
+            raise Interrupted(self._received) from error
+
+
+def force_end(number: int) -> None:
+    """End this process now; nothing that it is about to do is done."""
+    words = (
+        f"qmn: a second {signal.Signals(number).name} has forced the end; what is left is removed "
+        "by the next run, or by `qmn clean`\n"
+    )
+    os.write(sys.stderr.fileno(), words.encode())
+    os._exit(128 + number)
