@@ -6,6 +6,7 @@ once, by hand.
 """
 
 import asyncio
+import os
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AsyncExitStack, asynccontextmanager, suppress
@@ -63,8 +64,11 @@ PORTS = {
 }
 PATHS = [(4, 1), (1, 3), (5, 2)]
 REPEATERS = tuple(f"r{number}" for number in range(1, 17))
-OWN_ADDRESS = {name: f"127.0.0.{number}" for number, name in enumerate((*QNICS, *REPEATERS), 11)}
-RELAYED = {name: address.replace("127.0.0", "127.0.1") for name, address in OWN_ADDRESS.items()}
+# Every stack listens at the same port: each process of tests has addresses of its own.
+NUMBERS = dict(zip((*QNICS, *REPEATERS), range(11, 99), strict=False))
+WORKER = os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw")
+OWN_ADDRESS = {name: f"127.{WORKER}.0.{number}" for name, number in NUMBERS.items()}
+RELAYED = {name: f"127.{WORKER}.1.{number}" for name, number in NUMBERS.items()}
 DEADLINE_S = 30
 
 Judge = Callable[[Setup], Setup]
