@@ -11,7 +11,7 @@ from typing import Any
 from mininet.topo import Topo
 
 from topologies import presets
-from topologies.copper_lengths import lay_copper
+from topologies.copper_lengths import assign_copper_lengths
 from topologies.fiber import FiberLink, resolved
 from topologies.node_kinds import node_device
 from topologies.nodes import (
@@ -33,7 +33,7 @@ class FabricTopo(Topo):
 
     def __init__(self, *arguments: Any, **params: Any) -> None:
         super().__init__(*arguments, **params)
-        lay_copper(self)  # when all fibres are there
+        assign_copper_lengths(self)  # when all fibres are there
 
     def add_classical_network(
         self,

@@ -15,7 +15,6 @@ from topologies.addresses import broadcast, free_address
 from topologies.causality import news_s
 from topologies.fiber import qnics
 from topologies.programs import ROOT, Program, python
-from topologies.record import RECORD
 from topologies.runtime import CONSOLE, DISPATCHER, EVENT_CAPTURE, EVENT_LOG, Runtime
 from topologies.shells import ShellWatcher
 from wire import switch_check
@@ -31,7 +30,9 @@ from wire.config import (
     MeasuredConfig,
     PathOptics,
     QuantumSwitch,
+    Station,
 )
+from wire.controller_record import RECORD
 from wire.physics import BadParameter, BellAnalyser, Detectors, Device, Gates, Memory, PairSource
 
 READY_TIMEOUT_S = 20.0
@@ -96,6 +97,22 @@ class QuantumNode(ShellWatcher):
         self.cmd(f'export PYTHONPATH="{ROOT}" PATH="{folders}:$PATH"')
 
 
+def stations_of(host: Host) -> list[Station]:
+    """Return where a host is on copper at classical switches."""
+    address, mac = str(host.params["ip"]).partition("/")[0], host.params.get("mac")
+    ends = [
+        (interface, end)
+        for interface in host.intfList()
+        if interface.link is not None
+        for end in (interface.link.intf1, interface.link.intf2)
+        if isinstance(end.node, ClassicalSwitch) and not isinstance(end.node, OpticalSwitch)
+    ]
+    return [
+        Station(int(end.node.dpid, 16), end.node.ports[end], mac or interface.updateMAC(), address)
+        for interface, end in ends
+    ]
+
+
 class ClassicalHost(QuantumNode, Host):
     """A host whose interfaces suit a switch in user space: no IPv6, finished checksums."""
 
@@ -103,6 +120,7 @@ class ClassicalHost(QuantumNode, Host):
         self.network = runtime.current()
         self.program: Program | None = None
         super().__init__(name, **params)
+        self.network.hosts.append(self)
         self.network.addresses[name], _, bits = str(params["ip"]).partition("/")
         self.network.prefix_length = int(bits or DEFAULT_PREFIX_LENGTH)
 
@@ -440,6 +458,7 @@ class QuantumController(QuantumNode, Controller):
             address=free_address(network.addresses.values(), network.prefix_length),
             device_keys=network.device_keys,
             addresses={host: network.addresses[host] for host in network.device_keys},
+            stations=[station for host in network.hosts for station in stations_of(host)],
             console=network.socket(CONSOLE),
             rest=network.rest,
             apps=network.apps,

@@ -29,6 +29,7 @@ __all__ = [
     "MeasuredConfig",
     "PathOptics",
     "QuantumSwitch",
+    "Station",
 ]
 
 DISPATCHER_PORT = 50051
@@ -202,6 +203,16 @@ class AgentConfig(MeasuredConfig):
 
 
 @dataclass(frozen=True)
+class Station:
+    """Where a host is on copper, and what it may call itself there."""
+
+    dpid: int
+    port: int  # of that switch
+    mac: str
+    address: str  # IPv4
+
+
+@dataclass(frozen=True)
 class Cable:
     """Copper between two interfaces, each with the file of its TAP in the program `copper`."""
 
@@ -241,10 +252,17 @@ class ControllerConfig(MeasuredConfig):
     address: str = ""  # IPv4, in the hosts' network, that its datagrams to node agents come from
     device_keys: dict[str, str] = field(default_factory=dict)  # of each host
     addresses: dict[str, str] = field(default_factory=dict)  # of these hosts, IPv4
+    stations: list[Station] = field(default_factory=list)  # on classical switches
     console: str = ""  # path of the unix socket of the console; empty: none
     rest: str = ""  # "127.0.0.1:8080": serve the same there, on Ryu only; empty: not at all
     apps: list[str] = field(default_factory=list)  # modules of further apps to load
     state: str = ""  # path of a private folder for what a restarted one must know; empty: none
+
+    @classmethod
+    def from_dict(cls, fields: dict[str, Any]) -> "ControllerConfig":
+        """Build the configuration from decoded JSON."""
+        stations = [Station(**station) for station in fields.get("stations", [])]
+        return cls(**{**fields, "stations": stations})
 
     def __post_init__(self) -> None:
         if self.contention not in CONTENTION:

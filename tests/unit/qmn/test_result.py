@@ -1,18 +1,13 @@
 """The facts of a run."""
 
-import argparse
 import json
-from io import StringIO
 from pathlib import Path
 from typing import Any
 
 import pytest
-from rich.console import Console
 
-from qmn.jobs import superdense
-from qmn.results.result import coding, complete, percentiles, show
-from topologies.network import Signals
-from topologies.record import RECORD, read_record
+from qmn.results.result import coding, complete, emulation, percentiles
+from wire.controller_record import RECORD, read_record
 
 
 def test_percentiles_of_nothing_of_one_and_of_many() -> None:
@@ -88,70 +83,15 @@ def test_a_line_that_is_still_being_written_is_left_out(tmp_path: Path) -> None:
     assert read_record(tmp_path / "nowhere") == []
 
 
-def shown(folder: Path, **facts: Any) -> list[str]:
-    """Return the lines that a person reads of a run with these facts."""
-    known = begin(folder, facts.pop("received", b"two bits"))
-    known["sender"] = {
-        "bell_pairs": 12_345,
-        "lost_pairs": 6_789,
-        "received_symbols": 5_000,
-        "symbol_errors": 20,
-        "repeated_frames": 31,
-        "elapsed_s": 2.0,
-    }
-    complete(known, folder)
-    said: dict[str, Any] = {
-        "backend": "chp",
-        "exact": True,
-        "events": False,
-        "timeline": "t",
-        "report": "r",
-    }
-    said["time_scale"] = 1.0
-    text = StringIO()
-    show(Console(file=text, width=200), {**known, **said, "captures": True, **facts}, folder)
-    return [" ".join(line.split()) for line in text.getvalue().splitlines()]
+def test_rates_are_of_the_network_and_beside_them_of_the_emulation(tmp_path: Path) -> None:
+    """The application measures two seconds here, which are a fifth of one in the network."""
+    facts = {**begin(tmp_path, b"two bits"), "time_scale": 10.0}
+    facts["sender"] = {"bell_pairs": 40, "elapsed_s": 2.0}
+    complete(facts, tmp_path)
+    assert (facts["elapsed_s"], facts["pairs_per_s"]) == (0.2, 200.0)
+    assert facts["emulation"] == {"elapsed_s": 2.0, "pairs_per_s": 20.0}
 
 
-def test_a_person_is_told_what_was_lost_and_what_was_missed(tmp_path: Path) -> None:
-    lines = shown(tmp_path, packets_not_captured=4_321)
-    assert {
-        "message 8 bytes, delivered exactly",
-        "Bell pairs used 12,345",
-        "pairs lost 6,789",
-        "symbol error rate 0.004",
-        "repeated frames 31",
-        "pairs/s 6,172 (2.00 s)",
-        f"captures {tmp_path}/*.pcap, 4,321 packets missed",
-    } <= set(lines)
-
-
-@pytest.mark.parametrize("received", [None, b"two bit!", b"two bits "])
-def test_a_person_is_told_what_was_not_delivered(tmp_path: Path, received: bytes | None) -> None:
-    assert "message 8 bytes, NOT DELIVERED" in shown(tmp_path, received=received)
-
-
-@pytest.mark.parametrize(("received", "status"), [(b"two bits", 0), (b"two bit!", 1), (None, 1)])
-def test_the_status_is_that_of_the_bytes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, received: bytes | None, status: int
-) -> None:
-    """Whatever a network leaves behind: a real one does not leave wrong bytes."""
-
-    def leave(arguments: Any, folder: Path, facts: dict[str, Any], *_others: Any) -> None:
-        assert arguments.message == "two bits"
-        facts["time_scale"] = 1.0
-        if received is not None:
-            (folder / "received").write_bytes(received)
-
-    monkeypatch.setattr(superdense, "run_network", leave)
-    monkeypatch.setattr(superdense, "require_root", lambda: None)
-    parser = argparse.ArgumentParser()
-    superdense.add_parsers(parser.add_subparsers())
-    words = ["sdc", "--message", "two bits", "--runs", str(tmp_path / "runs")]
-    text = StringIO()
-    with Signals() as signals:
-        console = Console(file=text, width=200)
-        assert superdense.run(parser.parse_args(words), signals, console) == status
-    assert ("delivered exactly" in text.getvalue()) == (status == 0)
-    result = json.loads((tmp_path / "runs" / "latest" / "result.json").read_text())
-    assert result["delivered"] is (status == 0)
+def test_hosts_tell_the_time_of_the_network_which_took_longer_here() -> None:
+    told = {"elapsed_s": 0.5, "key_bits_per_s": 800.0, "keys": 3, "qber": 0.1}
+    assert emulation(told, {"time_scale": 4.0}) == {"elapsed_s": 2.0, "key_bits_per_s": 200.0}

@@ -16,8 +16,9 @@ from hosts.middleware.qkd.key_length import (
     sampling_deviation,
 )
 from hosts.middleware.qkd.public_randomness import permutation
-from hosts.middleware.qkd.sifting import NO_CLICK, Record, choose, sifted
+from hosts.middleware.qkd.sifting import Record, choose, sifted
 from hosts.middleware.qkd.verification import collision_probability, key_tag
+from wire.outcomes import NO_CLICK
 
 
 def test_bits_are_packed_first_bit_highest() -> None:
