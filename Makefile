@@ -16,6 +16,7 @@ PYTEST := env PYTHONPATH=tests $(PYTHON) -m pytest -p no:cacheprovider -p progre
 PROCESSES := $(shell echo $$(( $$(nproc) < 8 ? $$(nproc) : 8 )))
 IN_PARALLEL := --numprocesses=$(PROCESSES) --dist=worksteal
 APART := --dist=worksteal --tx='$(PROCESSES)*popen//python=tests/emulation/own_namespaces $(PYTHON)'
+TESTS := tests/emulation  # of test-docker
 PRODUCT := wire dispatcher hosts controller_apps qswitch_agent copper topologies qmn
 PROTOCOLS := $(patsubst %.proto,%,$(wildcard wire/*.proto))
 GENERATED := $(foreach end,_pb2.py _pb2.pyi _pb2_grpc.py,$(addsuffix $(end),$(PROTOCOLS)))
@@ -57,8 +58,8 @@ test: setup ## Run all checks and tests natively
 	@echo 'test: tests in emulated networks; about 6 minutes left'
 	@$(MAKE) --no-print-directory emulation
 
-test-docker: ## Run the emulation tests inside the image
-	@docker/run $(PYTEST) $(APART) tests/emulation
+test-docker: ## Run the emulation tests inside the image (DEBIAN=13: of Debian 13)
+	@docker/run $(PYTEST) $(APART) $(TESTS)
 
 lint: setup ## Check style and formatting
 	$(PYTHON) -m ruff check

@@ -1,7 +1,6 @@
 """How long the rest of the tests takes."""
 
 import pytest
-
 from progress import left
 
 
