@@ -7,11 +7,10 @@ from itertools import count
 import grpc
 
 from hosts.hardware.qnic import HardwareError, NoLight
-from wire.dispatcher_pb2 import Feedback, Order, Outcome, Step
+from hosts.timeouts import DISPATCHER_TIMEOUT_S
+from wire.dispatcher_pb2 import ChallengeRequest, Feedback, Order, Outcome, Step
 from wire.dispatcher_pb2_grpc import DispatcherStub
-from wire.service import metadata
-
-ANSWER_TIMEOUT_S = 20.0
+from wire.service import proving
 
 
 class NotHere(HardwareError):
@@ -23,7 +22,7 @@ class Orders:
 
     def __init__(self, stub: DispatcherStub, token: str) -> None:
         self._stub = stub
-        self._metadata = metadata(token)
+        self._token = token
         self._numbers = count(1)
         self._waiting: dict[int, asyncio.Future[Outcome]] = {}
         self._closed = False
@@ -36,12 +35,12 @@ class Orders:
         answer: asyncio.Future[Outcome] = asyncio.get_running_loop().create_future()
         self._waiting[number] = answer
         try:
-            async with asyncio.timeout(ANSWER_TIMEOUT_S):
+            async with asyncio.timeout(DISPATCHER_TIMEOUT_S):
                 self._write(Order(number=number, steps=steps))
                 outcome = await answer
         except TimeoutError as error:
             self._cancel(number)
-            raise HardwareError(f"dispatcher: no answer in {ANSWER_TIMEOUT_S:g} s") from error
+            raise HardwareError(f"dispatcher: no answer in {DISPATCHER_TIMEOUT_S:g} s") from error
         except asyncio.CancelledError:
             self._cancel(number)
             raise
@@ -77,9 +76,10 @@ class Orders:
 
     async def _run(self, outgoing: asyncio.Queue[Order]) -> None:
         """Hand out outcomes; when the stream ends, nobody may go on waiting."""
-        call = self._stub.Perform(_each(outgoing), metadata=self._metadata, wait_for_ready=True)
-        problem = "it has ended"
+        problem, call = "it has ended", None
         try:
+            proof = await proved(self._stub, self._token, "Perform")
+            call = self._stub.Perform(_each(outgoing), metadata=proof, wait_for_ready=True)
             async for outcome in call:
                 answer = self._waiting.get(outcome.number)
                 if answer is not None and not answer.done():
@@ -87,10 +87,19 @@ class Orders:
         except grpc.aio.AioRpcError as error:
             problem = f"{error.code().name}: {error.details()}"
         finally:
-            call.cancel()
+            if call is not None:
+                call.cancel()
             for answer in self._waiting.values():
                 if not answer.done():
                     answer.set_exception(HardwareError(f"dispatcher: {problem}"))
+
+
+async def proved(stub: DispatcherStub, token: str, method: str) -> tuple[tuple[str, str], ...]:
+    """Return the metadata of one call to the dispatcher; the token itself does not go out."""
+    reply = await stub.Challenge(
+        ChallengeRequest(), wait_for_ready=True, timeout=DISPATCHER_TIMEOUT_S
+    )
+    return proving(token, reply.nonce, method)
 
 
 async def _each(orders: asyncio.Queue[Order]) -> AsyncIterator[Order]:

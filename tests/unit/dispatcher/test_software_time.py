@@ -52,3 +52,15 @@ def test_a_long_run_forgets_its_oldest_light_but_not_its_share(
         activity.note(begin, begin + 4)
     assert activity.idle_share == pytest.approx(1 - 400 / 994)
     assert activity.within(900, 1000) == 40
+
+
+def test_a_wait_for_news_along_the_copper_is_no_software() -> None:
+    """Bob waits 300 ns; what alice measured at 50 is there at 150, what charlie did nowhere."""
+    software = SoftwareTime({"alice": {"bob": 100e-9}, "bob": {"alice": 100e-9}})
+    software.news("alice", 50)
+    software.news("bob", 200)  # alice may wait for that, bob does not
+    software.news("charlie", 200)
+    software.waited("bob", 0, 300, decays=True)
+    assert software.message().longest_ns == 200
+    software.waited("alice", 200, 300, decays=True)
+    assert software.message().longest_ns == 200

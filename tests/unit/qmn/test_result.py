@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from qmn.results.result import coding, complete, percentiles
-from topologies.record import RECORD, read_record
+from qmn.results.result import coding, complete, emulation, percentiles
+from wire.controller_record import RECORD, read_record
 
 
 def test_percentiles_of_nothing_of_one_and_of_many() -> None:
@@ -81,3 +81,17 @@ def test_a_line_that_is_still_being_written_is_left_out(tmp_path: Path) -> None:
     (tmp_path / RECORD).write_text('{"event": "switch"}\n{"event": "fib')
     assert read_record(tmp_path) == [{"event": "switch"}]
     assert read_record(tmp_path / "nowhere") == []
+
+
+def test_rates_are_of_the_network_and_beside_them_of_the_emulation(tmp_path: Path) -> None:
+    """The application measures two seconds here, which are a fifth of one in the network."""
+    facts = {**begin(tmp_path, b"two bits"), "time_scale": 10.0}
+    facts["sender"] = {"bell_pairs": 40, "elapsed_s": 2.0}
+    complete(facts, tmp_path)
+    assert (facts["elapsed_s"], facts["pairs_per_s"]) == (0.2, 200.0)
+    assert facts["emulation"] == {"elapsed_s": 2.0, "pairs_per_s": 20.0}
+
+
+def test_hosts_tell_the_time_of_the_network_which_took_longer_here() -> None:
+    told = {"elapsed_s": 0.5, "key_bits_per_s": 800.0, "keys": 3, "qber": 0.1}
+    assert emulation(told, {"time_scale": 4.0}) == {"elapsed_s": 2.0, "key_bits_per_s": 200.0}

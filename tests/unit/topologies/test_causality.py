@@ -1,0 +1,73 @@
+"""What could outrun light is found, with the worst case."""
+
+from collections.abc import Iterator
+
+import pytest
+
+from topologies.causality import news_s, worst
+from topologies.copper_link import delay_s
+from topologies.runtime import Runtime
+from wire.config import QuantumSwitch
+from wire.fiber import Fiber, FiberEnd
+
+LIGHT_KM_PER_S = 2.04e5
+
+
+@pytest.fixture
+def network() -> Iterator[Runtime]:
+    """alice -- 300 km -- q1 -- 100 km -- bob, and s1 with the copper of both."""
+    made = Runtime()
+    made.addresses |= {"alice": "10.0.0.1", "bob": "10.0.0.2"}
+    made.switches["q1"] = QuantumSwitch("q1")
+    made.fibers.append(Fiber(FiberEnd("alice", "a"), FiberEnd("q1", "1"), length_km=300.0))
+    made.fibers.append(Fiber(FiberEnd("q1", "2"), FiberEnd("bob", "b"), length_km=100.0))
+    yield made
+    made.remove()
+
+
+def lay(network: Runtime, **kilometres: float) -> None:
+    for host, length_km in kilometres.items():
+        network.copper[frozenset((host, "s1"))] = delay_s(length_km)
+
+
+def test_copper_beside_its_fibres_outruns_nothing(network: Runtime) -> None:
+    lay(network, alice=300.0, bob=100.0, q1=0.0)
+    assert worst(network) is None
+
+
+def test_the_worst_of_several_is_named(network: Runtime) -> None:
+    """100 km too short between the hosts, 290 to q1, which the controller tells at once."""
+    lay(network, alice=10.0, bob=290.0, q1=0.0)
+    found = worst(network)
+    assert found is not None
+    assert (found.origin, found.receiver) == ("alice", "q1")
+    assert found.early_s == pytest.approx(290.0 / LIGHT_KM_PER_S)
+
+
+def test_what_any_packet_takes_anyhow_is_not_early(network: Runtime) -> None:
+    """One km is 4.9 us, and a packet takes 10 us here; a hundred times as slow, it is early."""
+    lay(network, alice=299.0, bob=100.0, q1=0.0)
+    assert worst(network) is None
+    network.time_scale = 100.0
+    network.__post_init__()
+    found = worst(network)
+    assert found is not None
+    assert found.early_s == pytest.approx(1.0 / LIGHT_KM_PER_S)
+
+
+def test_two_classical_switches_share_what_the_controller_knows(network: Runtime) -> None:
+    """Copper from s1 to s2 is as long as light needs; OpenFlow between them takes no time."""
+    lay(network, alice=300.0)
+    network.copper[frozenset(("s1", "s2"))] = delay_s(200.0)
+    network.copper[frozenset(("bob", "s2"))] = delay_s(0.0)
+    found = worst(network)
+    assert found is not None
+    assert {found.origin, found.receiver} == {"alice", "bob"} or found.receiver == "q1"
+    assert found.early_s == pytest.approx(100.0 / LIGHT_KM_PER_S)
+
+
+def test_news_takes_the_fastest_way_there_is(network: Runtime) -> None:
+    lay(network, alice=300.0, bob=100.0)
+    told = news_s(network)
+    assert told["alice"]["bob"] == told["bob"]["alice"] == pytest.approx(400.0 / LIGHT_KM_PER_S)
+    assert "alice" not in told["alice"]
