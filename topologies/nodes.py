@@ -2,7 +2,7 @@
 
 import os
 import shlex
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -185,6 +185,25 @@ class DispatcherHost(ClassicalHost):
         super().terminate()
 
 
+PARTS = ("source", "memory", "detectors", "analyser", "gates")
+
+
+def device_of(name: str, params: Mapping[str, Any]) -> Device:
+    """Return the device that the parameters of a QuantumHost describe; raise BadParameter."""
+    device = params.get("device")
+    if not isinstance(device, Device | None):
+        raise BadParameter(f"{name}: device {device!r} is not a Device")
+    parts = {part: params.get(part) for part in PARTS}
+    given = {
+        part: value
+        for part, value in parts.items()
+        if value is not None and not isinstance(value, bool)
+    }
+    described = replace(device or Device(), **given)
+    described.check(name)
+    return described
+
+
 class QuantumHost(ClassicalHost):
     """A host with a QNIC: runs the three-layer stack.
 
@@ -209,15 +228,8 @@ class QuantumHost(ClassicalHost):
     ) -> None:
         if light not in LIGHT:
             raise BadParameter(f"{name}: light {light!r}: choose one of {', '.join(LIGHT)}")
-        parts: dict[str, Any] = {"memory": memory, "detectors": detectors}
-        parts |= {"analyser": analyser, "gates": gates}
-        if not isinstance(source, bool):
-            parts["source"] = source
-        given = {part: value for part, value in parts.items() if value is not None}
-        if not isinstance(device, Device | None):
-            raise BadParameter(f"{name}: device {device!r} is not a Device")
-        described = replace(device or Device(), **given)
-        described.check(name)
+        parts = {"memory": memory, "detectors": detectors, "analyser": analyser, "gates": gates}
+        described = device_of(name, {"source": source, "device": device, **parts})
         super().__init__(name, **params)
         self.network.devices[name] = described
         self.network.token(name)
@@ -310,6 +322,15 @@ class ClassicalSwitch(QuantumNode, OVSSwitch):
         connect_copper(self.network)
         super().start(controllers)
         self.find_our_programs()
+
+    def stop(self, deleteIntfs: bool = True) -> None:  # noqa: N803 (Mininet's name)
+        """Take the bridge away, as `switch s1 stop` does; `start` brings it back.
+
+        Mininet would end the node's shell, too, and could not start it again.
+        """
+        openvswitch.delete(self.name)
+        if deleteIntfs:
+            self.deleteIntfs()
 
     def dpctl(self, *arguments: str) -> str:
         """Run ovs-ofctl in the bridge's version of OpenFlow."""
@@ -428,12 +449,22 @@ class OpticalSwitch(ClassicalSwitch):
             return [f"127.0.0.1:{self.controller_port}"]
         return [f"{controller.IP()}:{controller.port}" for controller in given]
 
+    def stop(self, deleteIntfs: bool = True) -> None:  # noqa: N803 (Mininet's name)
+        """End the agent, then take the bridge away."""
+        self._end_agent()
+        super().stop(deleteIntfs)
+
     def terminate(self) -> None:
         """End the agent, then the switch."""
+        self._end_agent()
+        super().terminate()
+
+    def _end_agent(self) -> None:
+        """End the agent, whose end is no fault then."""
         if self.program:
+            self.network.programs.remove(self.program)
             self.program.stop()
             self.program = None
-        super().terminate()
 
 
 class QuantumController(QuantumNode, Controller):
