@@ -334,6 +334,15 @@ class ClassicalSwitch(QuantumNode, OVSSwitch):
         super().start(controllers)
         self.find_our_programs()
 
+    def stop(self, deleteIntfs: bool = True) -> None:  # noqa: N803 (Mininet's name)
+        """Take the bridge away, as `switch s1 stop` does; `start` brings it back.
+
+        Mininet would end the node's shell, too, and could not start it again.
+        """
+        openvswitch.delete(self.name)
+        if deleteIntfs:
+            self.deleteIntfs()
+
     def dpctl(self, *arguments: str) -> str:
         """Run ovs-ofctl in the bridge's version of OpenFlow."""
         command, *rest = arguments
@@ -435,12 +444,22 @@ class OpticalSwitch(ClassicalSwitch):
             return [f"127.0.0.1:{self.controller_port}"]
         return [f"{controller.IP()}:{controller.port}" for controller in given]
 
+    def stop(self, deleteIntfs: bool = True) -> None:  # noqa: N803 (Mininet's name)
+        """End the agent, then take the bridge away."""
+        self._end_agent()
+        super().stop(deleteIntfs)
+
     def terminate(self) -> None:
         """End the agent, then the switch."""
+        self._end_agent()
+        super().terminate()
+
+    def _end_agent(self) -> None:
+        """End the agent, whose end is no fault then."""
         if self.program:
+            self.network.programs.remove(self.program)
             self.program.stop()
             self.program = None
-        super().terminate()
 
 
 class QuantumController(QuantumNode, Controller):
