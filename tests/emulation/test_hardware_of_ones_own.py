@@ -38,7 +38,7 @@ class CountingQnic(SimulatedQnic):
 '''
 
 
-class OneSwitch(Topo):
+class OneSwitch(Topo):  # type: ignore[misc]  # Mininet has no types
     """alice with one fibre to q1, bob and charlie with two, whose hardware is of any kind."""
 
     def build(self, alice: dict[str, Any] | None = None, q1: dict[str, Any] | None = None) -> None:
