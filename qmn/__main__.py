@@ -28,6 +28,7 @@ VERBS = (  # each a module of qmn.verbs
     "classical",
     "sabot",
     "replay",
+    "share",
     "report",
     "doctor",
     "clean",
