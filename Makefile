@@ -4,7 +4,7 @@ SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help setup packages install uninstall run-sdc test test-docker lint types unit emulation \
+.PHONY: help setup packages install uninstall run-sdc test test-docker lint types unit emulation chaos \
     bench curves image clean lock browser
 
 PYTHON := .venv/bin/python
@@ -61,6 +61,9 @@ unit: setup browser ## Run the unit tests (no root)
 
 emulation: setup ## Run the emulation tests (root, Open vSwitch)
 	$(AS_ROOT) $(PYTEST) tests/emulation
+
+chaos: setup ## Strike runs at random for MINUTES (3), from SEED (1): nothing may hang or stay
+	$(AS_ROOT) $(PYTHON) tests/chaos --minutes $(or $(MINUTES),3) --seed $(or $(SEED),1)
 
 bench: setup ## Measure and print the speed of this machine
 	bin/qmn bench

@@ -15,6 +15,7 @@ signal.signal(signal.SIGINT, signal.SIG_DFL)
 VERBS = (  # each a module of qmn.verbs
     "run",
     "cli",
+    "script",
     "sweep",
     "curves",
     "devices",

@@ -13,6 +13,7 @@ from mininet.topo import Topo
 from topologies import presets
 from topologies.copper_lengths import assign_copper_lengths
 from topologies.fiber import FiberLink, resolved
+from topologies.iperf import IperfMininet
 from topologies.node_kinds import node_device
 from topologies.nodes import (
     ClassicalSwitch,
@@ -21,6 +22,7 @@ from topologies.nodes import (
     QuantumController,
     QuantumHost,
 )
+from wire.config import CONTROLLER
 from wire.fiber import KINDS, optics
 from wire.physics import Device
 
@@ -41,6 +43,7 @@ class FabricTopo(Topo):
         devices: Mapping[str, Device] | None = None,
         source: str = "charlie",
         node: str = "",
+        light: str = CONTROLLER,
         **fiber: Any,
     ) -> None:
         """Add s1 and the hosts, and note what every fibre will be like.
@@ -48,8 +51,10 @@ class FabricTopo(Topo):
         Fibres are as the preset says (topologies/presets.py), but for what is given by keyword
         (wire.fiber.FiberOptics); raise BadParameter for what cannot be. Hosts have the preset's
         device, that of a kind of `node` (topologies/node_kinds.py), or their own of `devices`. The
-        source is charlie, or alice where there is none.
+        source is charlie, or alice where there is none. `light` says who grants it to the hosts
+        (wire.config.LIGHT).
         """
+        self._light = light
         self._fiber = {"cls": FiberLink, **fiber_of(preset, fiber)}
         self._device = presets.preset(preset).device
         if node:
@@ -66,7 +71,9 @@ class FabricTopo(Topo):
     def add_host(self, name: str, address: str, **params: object) -> None:
         """Add a host with copper to s1."""
         device = self._devices.get(name, self._device)
-        self.addHost(name, cls=QuantumHost, ip=f"{address}/24", device=device, **params)
+        self.addHost(
+            name, cls=QuantumHost, ip=f"{address}/24", device=device, light=self._light, **params
+        )
         self.addLink(name, "s1")
 
     def add_quantum_switches(self, count: int, least: int = 1) -> list[str]:
@@ -111,3 +118,4 @@ def findController() -> type[QuantumController]:  # noqa: N802
 
 
 controllers = {"quantum": QuantumController}
+Mininet = IperfMininet  # so does `mn` with this: its own `iperf` would wait for ever

@@ -2,7 +2,7 @@
 
 import os
 import shlex
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +19,10 @@ from topologies.runtime import CONSOLE, DISPATCHER, EVENT_CAPTURE, EVENT_LOG, Ru
 from topologies.shells import ShellWatcher
 from wire import switch_check
 from wire.config import (
+    CONTROLLER,
     DISPATCHER_PORT,
+    LIGHT,
+    STANDING,
     AgentConfig,
     BadConfig,
     Config,
@@ -182,12 +185,32 @@ class DispatcherHost(ClassicalHost):
         super().terminate()
 
 
+PARTS = ("source", "memory", "detectors", "analyser", "gates")
+
+
+def device_of(name: str, params: Mapping[str, Any]) -> Device:
+    """Return the device that the parameters of a QuantumHost describe; raise BadParameter."""
+    device = params.get("device")
+    if not isinstance(device, Device | None):
+        raise BadParameter(f"{name}: device {device!r} is not a Device")
+    parts = {part: params.get(part) for part in PARTS}
+    given = {
+        part: value
+        for part, value in parts.items()
+        if value is not None and not isinstance(value, bool)
+    }
+    described = replace(device or Device(), **given)
+    described.check(name)
+    return described
+
+
 class QuantumHost(ClassicalHost):
     """A host with a QNIC: runs the three-layer stack.
 
     `source=True` makes pairs, for all hosts that do not name another by `pairs_from`. What its
     hardware is like goes by parts, as detectors=Detectors(efficiency=0.8), or as one `device`;
-    `source` may be a PairSource. Raise BadParameter for what no hardware is like.
+    `source` may be a PairSource. `light` says who grants it (wire.config.LIGHT). Raise
+    BadParameter for what no hardware is like.
     """
 
     def __init__(
@@ -200,21 +223,18 @@ class QuantumHost(ClassicalHost):
         detectors: Detectors | None = None,
         analyser: BellAnalyser | None = None,
         gates: Gates | None = None,
+        light: str = CONTROLLER,
         **params: object,
     ) -> None:
-        parts: dict[str, Any] = {"memory": memory, "detectors": detectors}
-        parts |= {"analyser": analyser, "gates": gates}
-        if not isinstance(source, bool):
-            parts["source"] = source
-        given = {part: value for part, value in parts.items() if value is not None}
-        if not isinstance(device, Device | None):
-            raise BadParameter(f"{name}: device {device!r} is not a Device")
-        described = replace(device or Device(), **given)
-        described.check(name)
+        if light not in LIGHT:
+            raise BadParameter(f"{name}: light {light!r}: choose one of {', '.join(LIGHT)}")
+        parts = {"memory": memory, "detectors": detectors, "analyser": analyser, "gates": gates}
+        described = device_of(name, {"source": source, "device": device, **parts})
         super().__init__(name, **params)
         self.network.devices[name] = described
         self.network.token(name)
         self.pairs_from = pairs_from
+        self.light = light
         self.network.device_key(name)
         if source:
             self.network.source = name
@@ -238,12 +258,26 @@ class QuantumHost(ClassicalHost):
             analyser=network.devices[self.name].analyser.kind,
             features=network.devices[self.name].features.value,
             memory_qubits=network.devices[self.name].memory.capacity,
+            multi_photon=network.devices[self.name].source.multi_photon,
             pair_secrets=network.secrets_of(self.name),
             keys=network.key_folder(self.name),
+            light=self.light,
         )
+        if self.light == STANDING:
+            require_unrotated(network.switches.values())
         self.program = launch(network, self.name, "hosts", config, self)
         self.cmd(f'export QMN_STACK="{config.socket}"')
         return result
+
+
+def require_unrotated(switches: Iterable[QuantumSwitch]) -> None:
+    """Raise BadConfig for a switch that rotates light: only our controller tells hosts of it."""
+    for switch in switches:
+        if switch.rotation or any(path.rotation for path in switch.paths):
+            raise BadConfig(
+                f"{switch.name} rotates light, and with light=standing nobody tells the hosts; "
+                "take rotation=0 or light=controller"
+            )
 
 
 class ClassicalSwitch(QuantumNode, OVSSwitch):
@@ -284,9 +318,19 @@ class ClassicalSwitch(QuantumNode, OVSSwitch):
         return f"{super().bridgeOpts()} {openvswitch.OWNER}={self.network.name}"
 
     def start(self, controllers: list[Controller]) -> None:
-        """Start the bridge."""
+        """Start the bridge; whichever the controller is, copper has its length by then."""
+        connect_copper(self.network)
         super().start(controllers)
         self.find_our_programs()
+
+    def stop(self, deleteIntfs: bool = True) -> None:  # noqa: N803 (Mininet's name)
+        """Take the bridge away, as `switch s1 stop` does; `start` brings it back.
+
+        Mininet would end the node's shell, too, and could not start it again.
+        """
+        openvswitch.delete(self.name)
+        if deleteIntfs:
+            self.deleteIntfs()
 
     def dpctl(self, *arguments: str) -> str:
         """Run ovs-ofctl in the bridge's version of OpenFlow."""
@@ -405,12 +449,22 @@ class OpticalSwitch(ClassicalSwitch):
             return [f"127.0.0.1:{self.controller_port}"]
         return [f"{controller.IP()}:{controller.port}" for controller in given]
 
+    def stop(self, deleteIntfs: bool = True) -> None:  # noqa: N803 (Mininet's name)
+        """End the agent, then take the bridge away."""
+        self._end_agent()
+        super().stop(deleteIntfs)
+
     def terminate(self) -> None:
         """End the agent, then the switch."""
+        self._end_agent()
+        super().terminate()
+
+    def _end_agent(self) -> None:
+        """End the agent, whose end is no fault then."""
         if self.program:
+            self.network.programs.remove(self.program)
             self.program.stop()
             self.program = None
-        super().terminate()
 
 
 class QuantumController(QuantumNode, Controller):

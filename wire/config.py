@@ -154,6 +154,11 @@ class DispatcherConfig(MeasuredConfig):
         return cls(**{**fields, "fibers": fibers, "switches": switches, "devices": devices})
 
 
+# Who grants light to hosts: our controller, session by session, by a verdict in the set-up
+# message; or whoever has programmed the switches, and the light stands.
+LIGHT = CONTROLLER, STANDING = "controller", "standing"
+
+
 @dataclass(frozen=True)
 class HostConfig(Config):
     """One host's stack: where it is, what it owns, how it reaches the dispatcher."""
@@ -174,8 +179,12 @@ class HostConfig(Config):
     analyser: str = "complete"  # its Bell analyser (wire.physics.BellAnalyser.kind)
     features: int = Device().features.value  # what its device can do (wire.features.Feature)
     memory_qubits: int = Device().memory.capacity
+    light: str = CONTROLLER  # who grants it
+    multi_photon: float = 0.0  # how likely a pulse of its source has several photons
 
     def __post_init__(self) -> None:
+        if self.light not in LIGHT:
+            raise ValueError(f"light {self.light!r}: choose one of {', '.join(LIGHT)}")
         if self.analyser not in ANALYSERS:
             raise ValueError(f"analyser {self.analyser!r}: choose one of {', '.join(ANALYSERS)}")
         _ = self.abilities

@@ -204,8 +204,8 @@ def test_a_service_that_nobody_knows_is_refused_by_its_number(tmp_path: Path, nu
 def _short_waits(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let nobody wait long for what does not come."""
     monkeypatch.setattr(service.ConnectionEnd.hear, "__defaults__", (0.3,))
-    monkeypatch.setattr(key_light, "GRACE_S", 0.1)
-    monkeypatch.setattr(key_messages, "SILENCE_S", 0.3)
+    monkeypatch.setattr(key_light, "KEY_GRACE_S", 0.1)
+    monkeypatch.setattr(key_messages, "KEYS_TIMEOUT_S", 0.3)
 
 
 @pytest.mark.usefixtures("_short_waits")
