@@ -423,7 +423,7 @@ def test_lists_in_lists_without_end_are_an_error_of_that_application_alone(tmp_p
         with socket.socket(socket.AF_UNIX) as application:
             application.settimeout(DEADLINE_S)
             application.connect(str(tmp_path / "bob.sock"))
-            application.sendall(encode(Call.CONNECT, b"[" * 100_000))
+            application.sendall(encode(Call.REQUEST, b"[" * 100_000))
             stream = application.makefile("rb")
             call, length = decode_header(stream.read(CALL_HEADER.size))
             assert call == Call.FAILED
