@@ -276,6 +276,7 @@ class ControllerConfig(MeasuredConfig):
     stations: list[Station] = field(default_factory=list)  # on classical switches
     console: str = ""  # path of the unix socket of the console; empty: none
     rest: str = ""  # "127.0.0.1:8080": serve the same there, on Ryu only; empty: not at all
+    rest_token: str = ""  # that the console's resources there want; empty: nobody has it
     apps: list[str] = field(default_factory=list)  # modules of further apps to load
     state: str = ""  # path of a private folder for what a restarted one must know; empty: none
 
