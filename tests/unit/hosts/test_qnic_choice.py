@@ -1,11 +1,12 @@
 """Which hardware a host's configuration names."""
 
+import asyncio
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from hosts.hardware.choice import chosen_qnic
+from hosts.hardware.choice import ClosableQnic, chosen_qnic
 from hosts.hardware.simulated import SimulatedQnic
 from wire.config import BadConfig, HostConfig
 
@@ -46,12 +47,23 @@ def own(folder: Path, name: str, text: str = OWN) -> HostConfig:
     return replace(CONFIG, qnic=f"{folder / 'own.py'}:{name}")
 
 
+def made(config: HostConfig) -> ClosableQnic:
+    """Return the hardware, closed again."""
+
+    async def make() -> ClosableQnic:
+        qnic = chosen_qnic(config)
+        await qnic.close()
+        return qnic
+
+    return asyncio.run(make())
+
+
 def test_hardware_is_simulated_if_nothing_is_said() -> None:
-    assert type(chosen_qnic(CONFIG)) is SimulatedQnic
+    assert type(made(CONFIG)) is SimulatedQnic
 
 
 def test_a_class_of_the_users_own_is_made_with_its_keywords(tmp_path: Path) -> None:
-    qnic = chosen_qnic(replace(own(tmp_path, "Dimmed"), qnic_parameters={"by_db": 3.0}))
+    qnic = made(replace(own(tmp_path, "Dimmed"), qnic_parameters={"by_db": 3.0}))
     assert (type(qnic).__name__, qnic.ports) == ("Dimmed", ["alice-q0"])
     assert vars(qnic)["by_db"] == 3.0
 
