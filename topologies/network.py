@@ -212,7 +212,7 @@ class Network:
         return self._capture("c0", "lo", "inbound", "and", "tcp", "port", port)
 
     def _capture(self, name: str, interface: str, *expression: str) -> Path:
-        file = self.runtime.logs / f"{name}.pcap"
+        file = self.runtime.private_file(f"{name}.pcap")
         program = Program(f"tcpdump-{name}", self.runtime.folder / f"tcpdump-{name}.log")
         self._cleanup.callback(self._end_capture, program, file)
         program.start([*capture_command(interface, file), *expression])

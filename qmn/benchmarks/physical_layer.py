@@ -44,7 +44,9 @@ NOISY_FIBER = FiberOptics(
     temperature_walk_k_per_sqrt_s=0.001,
     classical_mw=0.1,
 )
-TURNING_FIBER = FiberOptics(length_km=1.0, polarization_drift_rad_per_sqrt_km=0.5)
+TURNING_FIBER = FiberOptics(
+    length_km=1.0, loss_db_per_km=1.0, polarization_drift_rad_per_sqrt_km=0.5
+)
 TIME_BINS = Device(source=PairSource(encoding="time-bin"), detectors=Detectors(encoding="time-bin"))
 NOISY_DEVICE = Device(
     source=PairSource(
