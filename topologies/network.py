@@ -148,6 +148,7 @@ class Network:
         # Each of some messages may wait for the one before it, over the management network.
         way_s = max(self.runtime.copper.values(), default=0.0)
         limit_s = DISCOVERY_TIMEOUT_S + MESSAGES_OF_A_START * self.runtime.time.wall_s(way_s)
+        limit_s /= (1 - self.runtime.control_loss) ** 4  # TCP waits longer after each loss
         deadline = time.monotonic() + limit_s
         while unknown := self._expected() - self._discovered():
             self.check()
