@@ -1,9 +1,9 @@
-"""A JSON line for each fact, for measurements."""
+"""The file of the controller's record (wire/controller_record.py)."""
 
-import json
 import os
-import time
 from typing import Any
+
+from wire.controller_record import fact_line
 
 
 class Record:
@@ -15,7 +15,6 @@ class Record:
         self._file = os.open(path, flags, 0o644) if path else None
 
     def write(self, event: str, **fields: Any) -> None:
-        """Append one fact, stamped with the clock of the captures."""
+        """Append one fact."""
         if self._file is not None:
-            line = json.dumps({"time_ns": time.time_ns(), "event": event, **fields})
-            os.write(self._file, line.encode() + b"\n")
+            os.write(self._file, fact_line(event, **fields))

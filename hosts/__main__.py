@@ -26,7 +26,9 @@ async def run(config: HostConfig) -> None:
         asyncio.get_running_loop().add_signal_handler(number, stopped.set)
     metadata = await asyncio.start_server(stack.serve, config.address, METADATA_PORT)
     local = await asyncio.start_unix_server(stack.applications.serve, config.socket)
-    announcing = announce(config.name, config.address, config.qnics, config.abilities)
+    announcing = announce(
+        config.name, config.address, config.qnics, config.abilities, config.device_key
+    )
     speaking = [asyncio.create_task(announcing)]
     if config.device_key:
         agent = await start_node_agent(config, stack.device, stack.swaps)

@@ -31,7 +31,7 @@ from hosts.middleware.session.options import HANDSHAKES, SessionOptions
 from hosts.middleware.session.session import AcceptingSession, OpeningSession, require_source
 from hosts.middleware.session.swap_orders import Swaps
 from hosts.middleware.verdicts import Verdicts
-from wire.config import HostConfig
+from wire.config import STANDING, HostConfig
 from wire.metadata import FEC_NAMES, Handshake, Reason, Service, Setup, Verdict
 from wire.services import Role
 
@@ -46,7 +46,7 @@ class Stack:
         self._qnic = qnic
         self._sessions_made = 0
         self._receiving: dict[int, ReceivingSession] = {}
-        self._verdicts = Verdicts(config.device_key)
+        self._verdicts = Verdicts(config.device_key, config.light == STANDING)
         self._light = Light()
         self.swaps = Swaps(config.address)
         self._means = HostResources(
@@ -57,6 +57,7 @@ class Stack:
             Keyring(config.name, config.pair_secrets, config.keys),
             self.swaps,
             config.abilities,
+            config.multi_photon,
         )
         self.active_sessions = ActiveSessions(self.swaps.opens)
         self.device = Device(lambda: read_ports(config.qnics))
@@ -122,7 +123,7 @@ class Stack:
         try:
             setup = await channel.receive(Setup, ANSWER_TIMEOUT_S)
             session = setup.session
-            self._verdicts.check(setup, channel.connection)
+            setup = self._verdicts.checked(setup, channel.connection)
             await self._handler(setup)(channel, setup)
         except (SessionError, HardwareError) as error:
             log.warning("session %016x with %s: %s", session, channel.peer, error)

@@ -21,7 +21,7 @@ from wire.fiber import FiberOptics
 Ways = dict[str, dict[str, float]]  # from each node to its neighbours: lengths, or times
 
 
-def lay_copper(topo: Topo, copper_km: float | None = None) -> None:
+def assign_copper_lengths(topo: Topo, copper_km: float | None = None) -> None:
     """Give copper of no length one: this, or that of the fibres between its places.
 
     Links of other classes are left as they are, and without `copper_km` so are lengths that

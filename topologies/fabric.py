@@ -11,7 +11,7 @@ from typing import Any
 from mininet.topo import Topo
 
 from topologies import presets
-from topologies.copper_lengths import lay_copper
+from topologies.copper_lengths import assign_copper_lengths
 from topologies.fiber import FiberLink, resolved
 from topologies.node_kinds import node_device
 from topologies.nodes import (
@@ -21,6 +21,7 @@ from topologies.nodes import (
     QuantumController,
     QuantumHost,
 )
+from wire.config import CONTROLLER
 from wire.fiber import KINDS, optics
 from wire.physics import Device
 
@@ -33,7 +34,7 @@ class FabricTopo(Topo):
 
     def __init__(self, *arguments: Any, **params: Any) -> None:
         super().__init__(*arguments, **params)
-        lay_copper(self)  # when all fibres are there
+        assign_copper_lengths(self)  # when all fibres are there
 
     def add_classical_network(
         self,
@@ -41,6 +42,7 @@ class FabricTopo(Topo):
         devices: Mapping[str, Device] | None = None,
         source: str = "charlie",
         node: str = "",
+        light: str = CONTROLLER,
         **fiber: Any,
     ) -> None:
         """Add s1 and the hosts, and note what every fibre will be like.
@@ -48,8 +50,10 @@ class FabricTopo(Topo):
         Fibres are as the preset says (topologies/presets.py), but for what is given by keyword
         (wire.fiber.FiberOptics); raise BadParameter for what cannot be. Hosts have the preset's
         device, that of a kind of `node` (topologies/node_kinds.py), or their own of `devices`. The
-        source is charlie, or alice where there is none.
+        source is charlie, or alice where there is none. `light` says who grants it to the hosts
+        (wire.config.LIGHT).
         """
+        self._light = light
         self._fiber = {"cls": FiberLink, **fiber_of(preset, fiber)}
         self._device = presets.preset(preset).device
         if node:
@@ -66,7 +70,9 @@ class FabricTopo(Topo):
     def add_host(self, name: str, address: str, **params: object) -> None:
         """Add a host with copper to s1."""
         device = self._devices.get(name, self._device)
-        self.addHost(name, cls=QuantumHost, ip=f"{address}/24", device=device, **params)
+        self.addHost(
+            name, cls=QuantumHost, ip=f"{address}/24", device=device, light=self._light, **params
+        )
         self.addLink(name, "s1")
 
     def add_quantum_switches(self, count: int, least: int = 1) -> list[str]:

@@ -15,18 +15,18 @@ from mininet.node import Host
 from mininet.topo import Topo
 
 from topologies import openvswitch, owners, runtime
-from topologies.copper_lengths import lay_copper
+from topologies.copper_lengths import assign_copper_lengths
 from topologies.management import bridge_of
 from topologies.nodes import COPPER, READY_TIMEOUT_S, QuantumController
 from topologies.owners import Owner
 from topologies.parallel import ParallelMininet
 from topologies.programs import POLL_S, NetworkError, Program, stop_all
-from topologies.record import read_record
 from topologies.runtime import DISPATCHER, Runtime, folders_of_gone, only_run
 from topologies.shells import ShellWatcher
 from topologies.signals import Interrupted as Interrupted
 from topologies.signals import Signals as Signals
 from wire.config import Fiber
+from wire.controller_record import read_record
 
 DISCOVERY_TIMEOUT_S = 20.0
 MESSAGES_OF_A_START = 40
@@ -98,7 +98,7 @@ class Network:
         self._signals.check()
         runtime.begin(self.runtime)
         topo = self._topo()
-        lay_copper(topo, self.runtime.copper_km)
+        assign_copper_lengths(topo, self.runtime.copper_km)
         refuse_taken_names(topo)
         (self.runtime.folder / SWITCHES).write_text("\n".join(topo.switches()))
         # Mininet would raise kernel limits for the whole machine, which is not ours to change.

@@ -17,12 +17,14 @@ from topologies.causality import news_s
 from topologies.fiber import qnics
 from topologies.management import lay_management
 from topologies.programs import ROOT, NetworkError, Program, python
-from topologies.record import RECORD
 from topologies.runtime import CONSOLE, DISPATCHER, EVENT_CAPTURE, EVENT_LOG, Runtime
 from topologies.shells import ShellWatcher
 from wire import switch_check
 from wire.config import (
+    CONTROLLER,
     DISPATCHER_PORT,
+    LIGHT,
+    STANDING,
     AgentConfig,
     BadConfig,
     Config,
@@ -33,11 +35,12 @@ from wire.config import (
     MeasuredConfig,
     PathOptics,
     QuantumSwitch,
+    Station,
 )
+from wire.controller_record import RECORD
 from wire.physics import BadParameter, BellAnalyser, Detectors, Device, Gates, Memory, PairSource
 
 READY_TIMEOUT_S = 20.0
-CONTROLLER = "c0"
 COPPER = "copper"  # the program that holds packets back
 STATE = "state"  # folder in which the controller keeps what its successor must know
 DEFAULT_PREFIX_LENGTH = 8  # Mininet's
@@ -116,6 +119,22 @@ class QuantumNode(ShellWatcher):
         self.cmd(f'export PYTHONPATH="{ROOT}" PATH="{folders}:$PATH"')
 
 
+def stations_of(host: Host) -> list[Station]:
+    """Return where a host is on copper at classical switches."""
+    address, mac = str(host.params["ip"]).partition("/")[0], host.params.get("mac")
+    ends = [
+        (interface, end)
+        for interface in host.intfList()
+        if interface.link is not None
+        for end in (interface.link.intf1, interface.link.intf2)
+        if isinstance(end.node, ClassicalSwitch) and not isinstance(end.node, OpticalSwitch)
+    ]
+    return [
+        Station(int(end.node.dpid, 16), end.node.ports[end], mac or interface.updateMAC(), address)
+        for interface, end in ends
+    ]
+
+
 class ClassicalHost(QuantumNode, Host):
     """A host whose interfaces suit a switch in user space: no IPv6, finished checksums."""
 
@@ -123,6 +142,7 @@ class ClassicalHost(QuantumNode, Host):
         self.network = runtime.current()
         self.program: Program | None = None
         super().__init__(name, **params)
+        self.network.hosts.append(self)
         self.network.addresses[name], _, bits = str(params["ip"]).partition("/")
         self.network.prefix_length = int(bits or DEFAULT_PREFIX_LENGTH)
 
@@ -189,7 +209,8 @@ class QuantumHost(ClassicalHost):
 
     `source=True` makes pairs, for all hosts that do not name another by `pairs_from`. What its
     hardware is like goes by parts, as detectors=Detectors(efficiency=0.8), or as one `device`;
-    `source` may be a PairSource. Raise BadParameter for what no hardware is like.
+    `source` may be a PairSource. `light` says who grants it (wire.config.LIGHT). Raise
+    BadParameter for what no hardware is like.
     """
 
     def __init__(
@@ -202,8 +223,11 @@ class QuantumHost(ClassicalHost):
         detectors: Detectors | None = None,
         analyser: BellAnalyser | None = None,
         gates: Gates | None = None,
+        light: str = CONTROLLER,
         **params: object,
     ) -> None:
+        if light not in LIGHT:
+            raise BadParameter(f"{name}: light {light!r}: choose one of {', '.join(LIGHT)}")
         parts: dict[str, Any] = {"memory": memory, "detectors": detectors}
         parts |= {"analyser": analyser, "gates": gates}
         if not isinstance(source, bool):
@@ -217,6 +241,7 @@ class QuantumHost(ClassicalHost):
         self.network.devices[name] = described
         self.network.token(name)
         self.pairs_from = pairs_from
+        self.light = light
         self.network.device_key(name)
         if source:
             self.network.source = name
@@ -240,12 +265,26 @@ class QuantumHost(ClassicalHost):
             analyser=network.devices[self.name].analyser.kind,
             features=network.devices[self.name].features.value,
             memory_qubits=network.devices[self.name].memory.capacity,
+            multi_photon=network.devices[self.name].source.multi_photon,
             pair_secrets=network.secrets_of(self.name),
             keys=network.key_folder(self.name),
+            light=self.light,
         )
+        if self.light == STANDING:
+            require_unrotated(network.switches.values())
         self.program = launch(network, self.name, "hosts", config, self)
         self.cmd(f'export QMN_STACK="{config.socket}"')
         return result
+
+
+def require_unrotated(switches: Iterable[QuantumSwitch]) -> None:
+    """Raise BadConfig for a switch that rotates light: only our controller tells hosts of it."""
+    for switch in switches:
+        if switch.rotation or any(path.rotation for path in switch.paths):
+            raise BadConfig(
+                f"{switch.name} rotates light, and with light=standing nobody tells the hosts; "
+                "take rotation=0 or light=controller"
+            )
 
 
 class ClassicalSwitch(QuantumNode, OVSSwitch):
@@ -287,14 +326,19 @@ class ClassicalSwitch(QuantumNode, OVSSwitch):
         return f"{super().bridgeOpts()} {openvswitch.OWNER}={self.network.name}"
 
     def start(self, controllers: list[Controller]) -> None:
-        """Start the bridge; it looks for our controller on the management network."""
+        """Start the bridge; whichever the controller is, copper has its length by then.
+
+        It looks for our own controller on the management network.
+        """
+        connect_copper(self.network)
         super().start([_reached(controller, self.name) for controller in controllers])
-        self._be_patient()
+        for controller in controllers:
+            self._be_patient(controller.name)
         self.find_our_programs()
 
-    def _be_patient(self) -> None:
-        """Let Open vSwitch wait as long for its controller as the way there takes."""
-        way_s = self.network.copper.get(frozenset((CONTROLLER, self.name)), 0.0)
+    def _be_patient(self, controller: str) -> None:
+        """Let Open vSwitch wait as long for a controller as the way there takes."""
+        way_s = self.network.copper.get(frozenset((controller, self.name)), 0.0)
         wait_ms = round(1e3 * PATIENCE * self.network.time.wall_s(way_s))
         if wait_ms < RECONNECT_MS:
             return
@@ -500,6 +544,7 @@ class QuantumController(QuantumNode, Controller):
             address=free_address(network.addresses.values(), network.prefix_length),
             device_keys=network.device_keys,
             addresses={host: network.addresses[host] for host in network.device_keys},
+            stations=[station for host in network.hosts for station in stations_of(host)],
             console=network.socket(CONSOLE),
             rest=network.rest,
             apps=network.apps,

@@ -55,6 +55,7 @@ class Runtime:
     loss_budget_db: float = 30.0  # that one light path may lose
     contention: str = "refuse"  # or "queue": what becomes of a request for light that is taken
     log_folder: Path | None = None  # where logs and records go; default: the private folder
+    hosts: list[Any] = field(default_factory=list)  # their nodes
     addresses: dict[str, str] = field(default_factory=dict)  # of the hosts
     fibers: list[Fiber] = field(default_factory=list)
     copper: dict[frozenset[str], float] = field(default_factory=dict)  # delay (s) between two nodes

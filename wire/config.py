@@ -29,6 +29,7 @@ __all__ = [
     "MeasuredConfig",
     "PathOptics",
     "QuantumSwitch",
+    "Station",
 ]
 
 DISPATCHER_PORT = 50051
@@ -153,6 +154,11 @@ class DispatcherConfig(MeasuredConfig):
         return cls(**{**fields, "fibers": fibers, "switches": switches, "devices": devices})
 
 
+# Who grants light to hosts: our controller, session by session, by a verdict in the set-up
+# message; or whoever has programmed the switches, and the light stands.
+LIGHT = CONTROLLER, STANDING = "controller", "standing"
+
+
 @dataclass(frozen=True)
 class HostConfig(Config):
     """One host's stack: where it is, what it owns, how it reaches the dispatcher."""
@@ -173,8 +179,12 @@ class HostConfig(Config):
     analyser: str = "complete"  # its Bell analyser (wire.physics.BellAnalyser.kind)
     features: int = Device().features.value  # what its device can do (wire.features.Feature)
     memory_qubits: int = Device().memory.capacity
+    light: str = CONTROLLER  # who grants it
+    multi_photon: float = 0.0  # how likely a pulse of its source has several photons
 
     def __post_init__(self) -> None:
+        if self.light not in LIGHT:
+            raise ValueError(f"light {self.light!r}: choose one of {', '.join(LIGHT)}")
         if self.analyser not in ANALYSERS:
             raise ValueError(f"analyser {self.analyser!r}: choose one of {', '.join(ANALYSERS)}")
         _ = self.abilities
@@ -199,6 +209,16 @@ class AgentConfig(MeasuredConfig):
     hardware: str = ""  # empty: the simulated switch; or "scpi://192.0.2.7:5025"
     # scpi: OpenFlow port number to the numbers of its [ingress, egress] at the instrument
     hardware_ports: dict[str, list[int]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Station:
+    """Where a host is on copper, and what it may call itself there."""
+
+    dpid: int
+    port: int  # of that switch
+    mac: str
+    address: str  # IPv4
 
 
 @dataclass(frozen=True)
@@ -243,12 +263,19 @@ class ControllerConfig(MeasuredConfig):
     address: str = ""  # IPv4, in the hosts' network, that its datagrams to node agents come from
     device_keys: dict[str, str] = field(default_factory=dict)  # of each host
     addresses: dict[str, str] = field(default_factory=dict)  # of these hosts, IPv4
+    stations: list[Station] = field(default_factory=list)  # on classical switches
     console: str = ""  # path of the unix socket of the console; empty: none
     rest: str = ""  # "127.0.0.1:8080": serve the same there, on Ryu only; empty: not at all
     # The socket that listens there, from the runner: it may be of another network namespace.
     rest_fd: int | None = None
     apps: list[str] = field(default_factory=list)  # modules of further apps to load
     state: str = ""  # path of a private folder for what a restarted one must know; empty: none
+
+    @classmethod
+    def from_dict(cls, fields: dict[str, Any]) -> "ControllerConfig":
+        """Build the configuration from decoded JSON."""
+        stations = [Station(**station) for station in fields.get("stations", [])]
+        return cls(**{**fields, "stations": stations})
 
     def __post_init__(self) -> None:
         if self.contention not in CONTENTION:

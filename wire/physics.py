@@ -82,6 +82,15 @@ class PairSource:
                 "name one of them"
             )
 
+    @property
+    def multi_photon(self) -> float:
+        """How likely a pulse has more than one pair, or photon that the host prepares."""
+        if self.statistics == "poisson":
+            return -math.expm1(-self.mean_pairs) - self.mean_pairs * math.exp(-self.mean_pairs)
+        if self.statistics == "thermal":
+            return (self.mean_pairs / (1 + self.mean_pairs)) ** 2
+        return 0.0
+
     def bell_probabilities(self) -> tuple[float, ...]:
         """Return how likely Phi+, Psi+, Phi- and Psi- are."""
         return self.bell_diagonal or (self.fidelity, *[(1 - self.fidelity) / 3] * 3)

@@ -123,7 +123,7 @@ class Proposal(QkdMessage):
     """What alice has been told about the session; bob must have been told the same."""
 
     KIND = 1
-    FIELDS = struct.Struct("!ddddBB")
+    FIELDS = struct.Struct("!ddddBBd")
 
     test_fraction: float
     max_qber: float
@@ -131,9 +131,12 @@ class Proposal(QkdMessage):
     eps_cor: float
     bound: int
     reconciliation: int
+    multi_photon: float  # how likely a pulse of alice's source has several photons
 
     def check(self) -> None:
         """Raise MalformedPacket for fields that cannot be."""
+        if not 0 <= self.multi_photon < 1:
+            raise MalformedPacket(f"Proposal: multi_photon {self.multi_photon} is not 0 to 1")
         fractions = self.test_fraction, self.max_qber, self.eps_sec, self.eps_cor
         if not all(0 < fraction < 1 for fraction in fractions):
             raise MalformedPacket(f"Proposal: {fractions} are not all between 0 and 1")

@@ -1,6 +1,10 @@
 """The parts of the dispatcher's service beside its messages: limits, tokens, sockets."""
 
+import hmac
+
 TOKEN_KEY = "qmn-token"  # noqa: S105 - the name of the metadata entry
+NONCE_KEY, PROOF_KEY = "qmn-nonce", "qmn-proof"  # of a call over a network
+NONCE_BYTES = 16
 RUNNER = "runner"  # the node that the runner is
 MAX_MESSAGE_BYTES = 8 << 20  # of either side
 MESSAGE_LIMITS = [
@@ -12,8 +16,18 @@ CHANNEL_OPTIONS = [*MESSAGE_LIMITS, ("grpc.enable_http_proxy", 0)]
 
 
 def metadata(token: str) -> tuple[tuple[str, str]]:
-    """Return the metadata of a call by the node whose token this is."""
+    """Return the metadata of a call by the node whose token this is, on a private socket."""
     return ((TOKEN_KEY, token),)
+
+
+def proof(token: str, nonce: bytes, method: str) -> str:
+    """Return what shows that a caller of a method has a token: an HMAC-SHA256 over a challenge."""
+    return hmac.digest(token.encode(), b"call" + nonce + method.encode(), "sha256").hex()
+
+
+def proving(token: str, nonce: bytes, method: str) -> tuple[tuple[str, str], ...]:
+    """Return the metadata of one call of a method, such as "Perform", over a network."""
+    return (NONCE_KEY, nonce.hex()), (PROOF_KEY, proof(token, nonce, method))
 
 
 def cross_connects_socket(dispatcher: str) -> str:

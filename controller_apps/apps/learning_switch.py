@@ -1,6 +1,6 @@
 """MAC learning on every switch; at a quantum switch between its classical ports alone.
 
-Like the frameworks' simple_switch_14, in table 1, with entries that expire.
+Like the frameworks' simple_switch_14, in a table of its own, with entries that expire.
 """
 
 from typing import Any

@@ -33,7 +33,9 @@ from controller_apps.openflow.framework import (
     ofproto,
     on,
 )
+from controller_apps.openflow.identities import Identities
 from controller_apps.openflow.mac_table import MacTable
+from controller_apps.openflow.stations import filter_entries
 from controller_apps.packets.segments import FiveTuple, is_tcp
 from controller_apps.policy.policy import DEFAULT, BadPolicy, read_policy
 from controller_apps.record import Record
@@ -41,6 +43,7 @@ from controller_apps.sessions.actions import (
     Action,
     AddBypass,
     ClosePaths,
+    CountBypass,
     Drop,
     Forget,
     Forward,
@@ -96,20 +99,23 @@ class QuantumMetadata(App):
             config.contention == "queue",
             keys={at: config.device_keys[host] for host, at in config.addresses.items()},
         )
-        self.fibers = Fibers(self.network, record, self.logger)
+        identities = Identities(config.device_keys, config.addresses)
+        self.fibers = Fibers(self.network, record, self.logger, identities)
         self.policy_path = config.policy
         self.permission = Permission(
             read_policy(config.policy), self.network, self.arbiter.sessions
         )
         self.arbiter.forbid = self._forbid
-        self._follow_policy()
+        self.stations = config.stations
         self.datapaths: dict[int, Any] = {}
+        self._follow_policy()
         self.packet_in_count = 0
         self.dropped: Counter[str] = Counter()
         self._xids = count(1)
         # By switch and xid: entries of unfinished replies, transactions of the arbiter.
         self._listed: dict[tuple[int, int], list[Any]] = {}
         self._transactions: dict[tuple[int, int], int] = {}
+        self._counting: dict[tuple[int, int], FiveTuple] = {}
         self.state = state
         for number in take_over(state, self.arbiter, self.logger, self._now()):
             self._note(Note("resumed", number))
@@ -148,7 +154,7 @@ class QuantumMetadata(App):
             return  # its successor is here already, or it never said who it was
         if known is not None:
             del self.datapaths[datapath.id]
-            for table in (self._transactions, self._listed):
+            for table in (self._transactions, self._listed, self._counting):
                 for key in [key for key in table if key[0] == datapath.id]:
                     del table[key]
             self.fibers.switch_left(datapath.id)
@@ -160,19 +166,20 @@ class QuantumMetadata(App):
     def _take_in(self, datapath: Any) -> None:
         self.datapaths[datapath.id] = datapath
         if datapath.id not in self.quantum_switches:
+            self._filter(datapath)
             for message in flow_entries.metadata_entries(datapath):
                 datapath.send_msg(message)
-            self._ask_entries(datapath)
+            self._ask_entries(datapath, flow_entries.METADATA_TABLE)
             self._ready(datapath.id, "classical")
             return
         datapath.send_msg(flow_entries.discovery_entry(datapath))
         for message in flow_entries.classical_entries(datapath):
             datapath.send_msg(message)
-        self._ask_entries(datapath)
+        self._ask_entries(datapath, flow_entries.LIGHT_TABLE)
         self.fibers.switch_here(datapath, time.monotonic())  # of use when it has told its optics
 
-    def _ask_entries(self, datapath: Any) -> None:
-        question = flow_entries.ask_entries(datapath)
+    def _ask_entries(self, datapath: Any, table: int) -> None:
+        question = flow_entries.ask_entries(datapath, table)
         datapath.send_msg(question)
         self._listed[datapath.id, question.xid] = []
 
@@ -202,6 +209,10 @@ class QuantumMetadata(App):
     def flows_listed(self, event: Any) -> None:
         """Make what a switch has kept of its past what living sessions asked for."""
         dpid, xid = event.msg.datapath.id, event.msg.xid
+        if (dpid, xid) in self._counting:
+            count = sum(entry.byte_count for entry in event.msg.body)
+            five_tuple = self._counting.pop((dpid, xid))
+            self._do(self.arbiter.bypass_counted(five_tuple, count, self._now()))
         if (dpid, xid) not in self._listed:
             return  # somebody else has asked
         self._listed[dpid, xid] += event.msg.body
@@ -336,6 +347,14 @@ class QuantumMetadata(App):
     def _follow_policy(self) -> None:
         policy = self.permission.policy
         self.arbiter.taps, self.arbiter.schedule = policy.taps, policy.schedule
+        self.arbiter.needs_handshake = policy.filter.handshakes
+        for dpid, datapath in self.datapaths.items():
+            if dpid not in self.quantum_switches:
+                self._filter(datapath)
+
+    def _filter(self, datapath: Any) -> None:
+        stations = self.stations if self.permission.policy.filter.addresses else []
+        flow_entries.send(datapath, filter_entries(datapath, stations))
 
     def close(self) -> None:
         """Record the end."""
@@ -374,6 +393,11 @@ class QuantumMetadata(App):
                 return [flow_entries.bypass(datapath, five_tuple, session, self.bypass_timeout_s)]
             case RemoveBypass(_, five_tuple, session):
                 return [flow_entries.delete_bypass(datapath, five_tuple, session)]
+            case CountBypass(dpid, five_tuple, session):
+                question = flow_entries.count_bypass(datapath, five_tuple, session)
+                datapath.set_xid(question)
+                self._counting[dpid, question.xid] = five_tuple
+                return [question]
             case _:
                 raise TypeError(f"{action} is not for a switch")
 

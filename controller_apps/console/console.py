@@ -1,23 +1,16 @@
-"""The controller's console: a line of JSON on a unix socket, a line of JSON back.
+"""The controller's console, on a Unix socket for its owner alone (wire/console.py)."""
 
-    {"command": "devices"}                                  ->  {"result": [...]}
-    {"command": "set", "device": "alice", "settings": {"rate_hz": 1000000}}
-    {"command": "nonsense"}                                 ->  {"error": "no command ..."}
-
-One request a connection. The socket is for its owner alone.
-"""
-
-import json
 import logging
 import os
 import socket
 from contextlib import closing
 from pathlib import Path
-from typing import Any
 
-from controller_apps.console.facts import MAX_REQUEST, Facts, perform
+from controller_apps.console.facts import Facts, perform
 from controller_apps.console.questions import Refused
 from controller_apps.openflow.framework import EndOnFault, hub
+from wire.console import MAX_REQUEST, decode_request, encode_error, encode_result
+from wire.metadata import MalformedPacket
 
 REQUEST_TIMEOUT_S = 5.0
 BACKLOG = 16
@@ -54,17 +47,16 @@ class Console:
 def _serve(connection: socket.socket, facts: Facts) -> None:
     connection.settimeout(REQUEST_TIMEOUT_S)
     try:
-        answer = _answer(_read_line(connection), facts)
-        connection.sendall(json.dumps(answer).encode() + b"\n")
+        connection.sendall(_answer(_read_line(connection), facts))
     except OSError as error:  # TimeoutError is one
         log.info("a connection ended: %s", error)
 
 
-def _answer(line: bytes, facts: Facts) -> dict[str, Any]:
+def _answer(line: bytes, facts: Facts) -> bytes:
     try:
-        return {"result": perform(facts, _decode(line))}
-    except Refused as refused:
-        return {"error": str(refused)}
+        return encode_result(perform(facts, decode_request(line)))
+    except (MalformedPacket, Refused) as error:
+        return encode_error(str(error))
 
 
 def _read_line(connection: socket.socket) -> bytes:
@@ -76,12 +68,3 @@ def _read_line(connection: socket.socket) -> bytes:
             break
         line += data
     return line
-
-
-def _decode(line: bytes) -> object:
-    if len(line) > MAX_REQUEST or not line.endswith(b"\n"):
-        raise Refused(f"a request is one line of at most {MAX_REQUEST} bytes")
-    try:
-        return json.loads(line)
-    except (ValueError, RecursionError) as error:
-        raise Refused(f"the request is not JSON: {error}") from error

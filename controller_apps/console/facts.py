@@ -7,8 +7,6 @@ from typing import Any
 from controller_apps.console.questions import Refused, ask
 from wire.device import setting_number
 
-MAX_REQUEST = 4096  # bytes
-
 
 @dataclass(frozen=True)
 class Facts:

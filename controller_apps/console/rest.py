@@ -8,9 +8,10 @@ import json
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from controller_apps.console.facts import MAX_REQUEST, Facts, check_settings_request
+from controller_apps.console.facts import Facts, check_settings_request
 from controller_apps.console.questions import Refused
 from controller_apps.openflow.framework import App, app_manager, wsgi
+from wire.console import MAX_REQUEST
 
 Handler = TypeVar("Handler", bound=Callable[..., Any])
 route: Callable[..., Callable[[Handler], Handler]] = wsgi().route

@@ -1,15 +1,15 @@
 """LLDP (IEEE 802.1AB) on the fibres' supervisory channel: what hosts and switches say by it.
 
-Hosts name themselves and say what they can do (wire.features). Switches say what the controller
+Hosts name themselves and say what they can do (wire.features), under a seal that only they can make
+(wire.announcement). Switches say what the controller
 has them say: chassis and port as the frameworks' own topology app writes them, and a seal that
 only this controller can make. A host can therefore not invent a fibre between switches. What
 remains: a host with fibres to two switches that has not announced itself can carry sealed
-messages from one to the other, both ways, and so pose as the fibre that it could be; and a host
-may announce itself under another host's name.
+messages from one to the other, both ways, and so pose as the fibre that it could be.
 """
 
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from hashlib import blake2b
 from hmac import compare_digest
 from ipaddress import IPv4Address
@@ -18,6 +18,7 @@ from typing import Any
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import HostPort
 from controller_apps.openflow.framework import lldp
+from wire.announcement import SUBTYPE as HOST_SEAL
 from wire.features import OUI, SUBTYPE, Abilities
 from wire.metadata import MalformedPacket
 
@@ -36,6 +37,8 @@ class Announcement:
 
     host_port: HostPort
     leaving: bool
+    seal: bytes = b""  # of the host (wire.announcement); empty: it does not say that it is the host
+    sealed: bytes = b""  # what the seal covers
 
 
 @dataclass(frozen=True)
@@ -63,7 +66,8 @@ def parse(frame: bytes) -> Announcement | SwitchSaid:
         raise MalformedPacket("LLDP does not begin with chassis, port and time to live")
     if bytes(chassis.chassis_id).startswith(SWITCH_PREFIX):
         return _switch(chassis, port, message.tlvs)
-    return _host(chassis, port, ttl, message.tlvs)
+    seal, sealed = _sealed(frame[14:], message.tlvs)
+    return replace(_host(chassis, port, ttl, message.tlvs), seal=seal, sealed=sealed)
 
 
 def _host(chassis: Any, port: Any, ttl: Any, tlvs: list[Any]) -> Announcement:
@@ -82,6 +86,16 @@ def _host(chassis: Any, port: Any, ttl: Any, tlvs: list[Any]) -> Announcement:
     return Announcement(HostPort(host, address, name, _abilities(tlvs)), ttl.ttl == 0)
 
 
+def _sealed(data: bytes, tlvs: list[Any]) -> tuple[bytes, bytes]:
+    """Return the first seal of a host and the TLVs before it; nothing if there is none."""
+    length = 0
+    for tlv in tlvs:
+        if _is_ours(tlv, HOST_SEAL):
+            return bytes(tlv.info), data[:length]
+        length += 2 + tlv.len
+    return b"", b""
+
+
 def _abilities(tlvs: list[Any]) -> Abilities | None:
     """Return what a host says that it can do; None if it says nothing of it."""
     told = _ours(tlvs, SUBTYPE)
@@ -92,12 +106,12 @@ def _abilities(tlvs: list[Any]) -> Abilities | None:
 
 def _ours(tlvs: list[Any], subtype: int) -> list[bytes]:
     """Return what our own TLVs of a subtype hold."""
-    return [
-        bytes(tlv.info)
-        for tlv in tlvs
-        if isinstance(tlv, lldp.OrganizationallySpecific)
-        and (bytes(tlv.oui), tlv.subtype) == (OUI, subtype)
-    ]
+    return [bytes(tlv.info) for tlv in tlvs if _is_ours(tlv, subtype)]
+
+
+def _is_ours(tlv: Any, subtype: int) -> bool:
+    ours = isinstance(tlv, lldp.OrganizationallySpecific)
+    return ours and (bytes(tlv.oui), tlv.subtype) == (OUI, subtype)
 
 
 def _switch(chassis: Any, port: Any, tlvs: list[Any]) -> SwitchSaid:

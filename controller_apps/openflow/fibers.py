@@ -14,6 +14,7 @@ from controller_apps.light.optics import SwitchOptics, SwitchPort
 from controller_apps.light.paths import Network
 from controller_apps.openflow import discovery, flow_entries, optical_messages
 from controller_apps.openflow.framework import ofproto
+from controller_apps.openflow.identities import Identities
 from controller_apps.record import Record
 from wire.metadata import MalformedPacket
 from wire.optical import EXPERIMENTER, PATH_OPTICS, PathOptics, decode_path_optics
@@ -22,8 +23,11 @@ from wire.optical import EXPERIMENTER, PATH_OPTICS, PathOptics, decode_path_opti
 class Fibers:
     """Fibres and optics of the switches that are connected."""
 
-    def __init__(self, network: Network, record: Record, logger: Logger) -> None:
+    def __init__(
+        self, network: Network, record: Record, logger: Logger, identities: Identities
+    ) -> None:
         self.network = network
+        self._identities = identities
         self._links = Links(network)
         self._record, self._logger = record, logger
         self._key = secrets.token_bytes(32)  # of the seals on our LLDP
@@ -135,6 +139,7 @@ class Fibers:
         return news
 
     def _host_spoke(self, at: SwitchPort, said: discovery.Announcement) -> None:
+        self._identities.check(said)
         network, port = self.network, said.host_port
         news = network.detach(at) if said.leaving else network.attach(at, port)
         if news:

@@ -1,6 +1,7 @@
 """The OpenFlow messages of both apps: standing entries, paths, bypasses, packets out.
 
-Classical switches: table 0 picks quantum metadata out, table 1 learns and forwards.
+Classical switches: table 0 filters (openflow.stations), table 1 picks quantum metadata out, table 2
+learns and forwards.
 Quantum switches: table 0 holds light paths and nothing else, but for LLDP.
 """
 
@@ -15,7 +16,8 @@ from controller_apps.sessions.actions import OpenPaths
 from wire.device import DEVICE_PORT
 from wire.metadata import METADATA_PORT
 
-METADATA_TABLE, LEARNING_TABLE = 0, 1
+FILTER_TABLE, METADATA_TABLE, LEARNING_TABLE = 0, 1, 2
+LIGHT_TABLE = 0
 CLOSE_PRIORITY, BYPASS_PRIORITY, OPENING_PRIORITY, METADATA_PRIORITY = 400, 300, 250, 200
 PATH_PRIORITY = 100
 LLDP_PRIORITY = 65000
@@ -69,7 +71,7 @@ def delete(datapath: Any, table: int, strict: bool = False, **more: Any) -> Any:
 
 
 def metadata_entries(datapath: Any) -> list[Any]:
-    """Return what makes table 0 of a classical switch pick quantum metadata out.
+    """Return what makes a table of a classical switch pick quantum metadata out.
 
     Bypasses, which carry the cookie of their session, stay: see ask_entries.
     Whatever can carry a set-up message goes to the controller, whichever flags it has: a switch
@@ -78,12 +80,13 @@ def metadata_entries(datapath: Any) -> list[Any]:
     """
     to_port = {"eth_type": ETH_TYPE_IPV4, "ip_proto": IP_TCP, "tcp_dst": METADATA_PORT}
     from_port = {"eth_type": ETH_TYPE_IPV4, "ip_proto": IP_TCP, "tcp_src": METADATA_PORT}
-    closing = [(to_port, FIN), (to_port, RST), (from_port, RST)]
+    opened = SYN | ACK
+    told = [(to_port, FIN), (to_port, RST), (from_port, RST), (from_port, opened)]
     copies = [
-        # A copy: the close itself must not wait for the controller.
-        add(datapath, METADATA_TABLE, CLOSE_PRIORITY, {**ends, "tcp_flags": (flag, flag)},
+        # A copy: neither an answer nor a close must wait for the controller.
+        add(datapath, METADATA_TABLE, CLOSE_PRIORITY, {**ends, "tcp_flags": (flags, flags)},
             to_controller(), to_learning())
-        for ends, flag in closing
+        for ends, flags in told
     ]  # fmt: skip
     to_agents = {"eth_type": ETH_TYPE_IPV4, "ip_proto": IP_UDP, "udp_dst": DEVICE_PORT}
     opening = {**to_port, "tcp_flags": (SYN, SYN | ACK | FIN | RST)}
@@ -114,10 +117,10 @@ def classical_entries(datapath: Any) -> list[Any]:
     ]
 
 
-def ask_entries(datapath: Any) -> Any:
-    """Return the request for all entries of a switch, those of its past included."""
+def ask_entries(datapath: Any, table: int) -> Any:
+    """Return the request for all entries of a table, those of a switch's past included."""
     return parser.OFPFlowStatsRequest(
-        datapath, 0, 0, ofproto.OFPP_ANY, ofproto.OFPG_ANY, 0, 0, parser.OFPMatch()
+        datapath, 0, table, ofproto.OFPP_ANY, ofproto.OFPG_ANY, 0, 0, parser.OFPMatch()
     )
 
 
@@ -219,6 +222,15 @@ def delete_bypass(datapath: Any, five_tuple: FiveTuple, session: int) -> Any:
         match=parser.OFPMatch(**_connection(five_tuple)),
         cookie=session,
         cookie_mask=ALL_BITS,
+    )
+
+
+def count_bypass(datapath: Any, five_tuple: FiveTuple, session: int) -> Any:
+    """Return the request for how much has passed by what bypass added."""
+    match = parser.OFPMatch(**_connection(five_tuple))
+    anywhere = ofproto.OFPP_ANY, ofproto.OFPG_ANY
+    return parser.OFPFlowStatsRequest(
+        datapath, 0, METADATA_TABLE, *anywhere, session, ALL_BITS, match
     )
 
 

@@ -15,7 +15,7 @@ ETHERNET_LENGTH = 14
 FIN, SYN, RST, PSH, ACK = 1, 2, 4, 8, 16
 IP_TCP = 6
 _IP = struct.Struct("!BxHxxHxBxx4s4s")
-_TCP = struct.Struct("!HHIxxxxBB")
+_TCP = struct.Struct("!HHIIBB")
 
 
 class FiveTuple(NamedTuple):
@@ -38,6 +38,7 @@ class Segment:
     frame: bytes
     five_tuple: FiveTuple
     sequence: int
+    acknowledged: int  # the next byte that is wanted, if the flags have ACK
     flags: int
     tcp_offset: int
     payload_offset: int
@@ -52,6 +53,16 @@ class Segment:
     def closes(self) -> bool:
         """Whether it ends its connection."""
         return bool(self.flags & (FIN | RST))
+
+    @property
+    def accepts(self) -> bool:
+        """Whether it answers the first segment of a connection."""
+        return self.flags & (SYN | ACK | FIN | RST) == SYN | ACK
+
+    @property
+    def after(self) -> int:
+        """The sequence number of what follows its data."""
+        return (self.sequence + self.end - self.payload_offset) & 0xFFFFFFFF
 
     def with_payload(self, payload: bytes) -> bytes:
         """Return the frame with another payload, lengths and checksums made to fit."""
@@ -91,12 +102,15 @@ def _parse(frame: bytes) -> Segment:
         raise MalformedPacket(f"version byte {version:#x}, protocol {protocol}: not TCP over IPv4")
     if fragment & 0x3FFF:
         raise MalformedPacket("a fragment, not a whole packet")
-    source_port, destination_port, sequence, offset, flags = _TCP.unpack_from(frame, tcp_offset)
+    source_port, destination_port, sequence, acknowledged, offset, flags = _TCP.unpack_from(
+        frame, tcp_offset
+    )
     payload_offset = tcp_offset + 4 * (offset >> 4)
     if offset >> 4 < 5 or not payload_offset <= end <= len(frame):
         raise MalformedPacket(f"headers and lengths do not fit into {len(frame)} bytes")
     ends = str(IPv4Address(source)), source_port, str(IPv4Address(destination)), destination_port
-    return Segment(frame, FiveTuple(*ends), sequence, flags, tcp_offset, payload_offset, end)
+    offsets = tcp_offset, payload_offset, end
+    return Segment(frame, FiveTuple(*ends), sequence, acknowledged, flags, *offsets)
 
 
 def checksum(data: bytes | bytearray) -> int:

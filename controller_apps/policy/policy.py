@@ -21,6 +21,10 @@ by = "eve"
 [swap]
 schedule = "parallel"       # who swaps when, or "left-to-right", "nested": see sessions.schedules
 
+[filter]                    # against hosts that pose as others; for attack studies it can be off
+addresses = true            # switches drop what is not from the port's own MAC or IPv4 address
+handshakes = true           # a set-up needs a TCP connection that both ends have opened
+
 [device.alice]              # overrides what applications on alice ask for
 rate_hz = 1_000_000
 fec = "golay"               # or its number, as in wire.metadata.Fec
@@ -138,6 +142,14 @@ class Tap:
 
 
 @dataclass(frozen=True)
+class Filter:
+    """What is done against hosts that pose as others."""
+
+    addresses: bool = True  # switches drop what is not from the addresses of the host at the port
+    handshakes: bool = True  # a set-up needs a connection that both ends have opened
+
+
+@dataclass(frozen=True)
 class Reporting:
     """When devices tell their state."""
 
@@ -156,6 +168,7 @@ class Policy:
     reporting: Reporting = Reporting()
     taps: tuple[Tap, ...] = ()
     schedule: str = PARALLEL  # of chains of repeaters
+    filter: Filter = Filter()
 
     def objection(self, request: SessionRequest, open_wishes: Iterable[SessionRequest]) -> str:
         """Return why a request is not allowed beside those already granted, "" if it is."""
@@ -194,7 +207,7 @@ def read_policy(path: str | Path) -> Policy:
 def parse_policy(text: str) -> Policy:
     """Build the policy from its text; raise ValueError naming place, value and choices."""
     content = tomllib.loads(text)
-    _only(content, "the file", {"default", "rule", "tap", "swap", "device", "report"})
+    _only(content, "the file", {"default", "rule", "tap", "swap", "filter", "device", "report"})
     rules = _array(content, "rule", MAX_RULES)
     devices = _table(content.get("device", {}), "device")
     return Policy(
@@ -204,6 +217,7 @@ def parse_policy(text: str) -> Policy:
         _parse_reporting(_table(content.get("report", {}), "report")),
         _parse_taps(_array(content, "tap", MAX_TAPS)),
         _parse_schedule(_table(content.get("swap", {}), "swap")),
+        _parse_filter(_table(content.get("filter", {}), "filter")),
     )
 
 
@@ -257,6 +271,16 @@ def _parse_tap(given: object, place: str) -> Tap:
 def _parse_schedule(table: dict[str, Any]) -> str:
     _only(table, "swap", {"schedule"})
     return _one_of(table.get("schedule", PARALLEL), SCHEDULES, "swap: schedule")
+
+
+def _parse_filter(table: dict[str, Any]) -> Filter:
+    _only(table, "filter", {item.name for item in fields(Filter)})
+    return Filter(
+        **{
+            name: _typed(value, bool, f"filter: {name}", "true or false")
+            for name, value in table.items()
+        }
+    )
 
 
 def _parse_settings(given: object, place: str) -> DeviceSettings:

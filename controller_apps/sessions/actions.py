@@ -60,6 +60,15 @@ class RemoveBypass:
 
 
 @dataclass(frozen=True)
+class CountBypass:
+    """Ask how many bytes of a connection have passed a classical switch by its bypass."""
+
+    dpid: int
+    five_tuple: FiveTuple
+    session: int
+
+
+@dataclass(frozen=True)
 class Keep:
     """Keep a session for the controller that may come after this one."""
 
@@ -107,6 +116,7 @@ Action = (
     | ClosePaths
     | AddBypass
     | RemoveBypass
+    | CountBypass
     | Keep
     | Forget
     | SwapsOrdered

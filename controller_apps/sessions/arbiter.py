@@ -18,12 +18,15 @@ from controller_apps.policy.schedules import PARALLEL
 from controller_apps.sessions.actions import (
     Action,
     AddBypass,
+    CountBypass,
     Drop,
     Forward,
     Note,
 )
 from controller_apps.sessions.admission import Admission, admit, find_light
 from controller_apps.sessions.chains import links_of
+from controller_apps.sessions.closings import COUNTING_S, WINDOW, is_expected, position
+from controller_apps.sessions.handshakes import Handshakes
 from controller_apps.sessions.light_paths import Light
 from controller_apps.sessions.ordering import Ordering
 from controller_apps.sessions.recovery import Inheritance
@@ -49,6 +52,7 @@ from wire.metadata import (
 )
 
 SWITCH_GRACE_S = 10.0  # for a switch whose agent is started again
+UNOPENED = Drop("unopened", "a set-up message on a connection that its other end has not opened")
 
 
 @dataclass
@@ -65,6 +69,8 @@ class Arbiter:
     taps: Sequence[Tap] = ()  # for sessions that are still to come
     schedule: str = PARALLEL  # for chains that are still to come: one of SCHEDULES
     keys: Mapping[str, str] = field(default_factory=dict)  # device keys, by address of the host
+    needs_handshake: bool = False  # on the connection of a set-up; switches tell of them
+    handshakes: Handshakes = field(default_factory=Handshakes)
 
     def __post_init__(self) -> None:
         self.budget_mdb = round(self.loss_budget_db * 1000)
@@ -83,24 +89,37 @@ class Arbiter:
 
     def _segment(self, arrival: Arrival, now: float) -> list[Action]:
         segment = arrival.segment
+        if segment.accepts:
+            self.handshakes.heard(segment, (arrival.dpid, arrival.in_port))
+            return []
         if segment.closes:
             return self._closing(arrival, now)
         if not segment.payload:
             return [Forward(arrival.dpid, arrival.in_port, segment.frame)]
         request = self.sessions.requests.get(segment.five_tuple)
         if request is None:
+            if not self._has_begun(arrival, now):
+                return [UNOPENED]
             try:
                 return self._asked(read_setup(segment.payload), arrival, now)
             except UnknownService:
                 return self._unknown(arrival)
-        if request.offset(segment) == 0:
+        if request.offset(segment.sequence) == 0:
             return self._repeated(request, arrival)
         try:
             setup = read_setup(segment.payload)
         except MalformedPacket:
             return self._data(request, arrival, now)
         # Elsewhere in the sequence space: a new connection between the same ports.
+        if not self._has_begun(arrival, now):
+            return [UNOPENED]
         return [*self.verdicts.over(request, "port reused", now), *self._asked(setup, arrival, now)]
+
+    def _has_begun(self, arrival: Arrival, now: float) -> bool:
+        """Tell whether a set-up message is the first on a connection that both ends have opened."""
+        if not self.needs_handshake or self.inheritance.knows_no_handshakes(now):
+            return True
+        return self.handshakes.completed_by(arrival.segment, (arrival.dpid, arrival.in_port))
 
     def _unknown(self, arrival: Arrival) -> list[Action]:
         """Refuse a service of another version; the receiver tells the one who asked."""
@@ -115,7 +134,8 @@ class Arbiter:
     def _asked(self, setup: Setup, arrival: Arrival, now: float) -> list[Action]:
         if setup.verdict != Verdict.PENDING:
             return [Drop("forged", f"set-up of {setup.session:016x} comes with a verdict")]
-        request = new_request(setup, arrival, now)
+        opened = self.needs_handshake and not self.inheritance.knows_no_handshakes(now)
+        request = new_request(setup, arrival, now, arrival.segment.acknowledged if opened else None)
         if self.sessions.full:
             return self.verdicts.answer(request, Verdict.REFUSED, Reason.BUSY)
         admission = self.forbid(setup, request.five_tuple) or admit(
@@ -179,8 +199,11 @@ class Arbiter:
         return [released(request, arrival)]
 
     def _data(self, request: Request, arrival: Arrival, now: float) -> list[Action]:
-        if request.held is not None or request.offset(arrival.segment) < SETUP_LENGTH:
+        offset = request.offset(arrival.segment.sequence)
+        if request.held is not None or offset < SETUP_LENGTH:
             return [Drop("early", "data before the set-up message was answered")]
+        if offset <= request.progress + WINDOW:
+            request.heard(arrival.segment)
         forward = Forward(arrival.dpid, arrival.in_port, arrival.segment.frame)
         session = self.sessions.of(request)
         if session is None:
@@ -197,9 +220,31 @@ class Arbiter:
         from_opener = segment.five_tuple.destination_port == METADATA_PORT
         opener = segment.five_tuple if from_opener else segment.five_tuple.reverse()
         request = self.sessions.requests.get(opener)
-        if request is None or (from_opener and request.offset(segment) < 0):
-            return []  # never ours, or an earlier connection between the same ports
-        return self.verdicts.over(request, "RST" if segment.flags & RST else "FIN", now)
+        if request is None:
+            return []
+        if is_expected(request, segment, from_opener):
+            return self.verdicts.over(request, "RST" if segment.flags & RST else "FIN", now)
+        at = position(request, segment, from_opener)
+        if request.bypassed and request.doubted is None and at is not None and at >= 0:
+            request.doubted = at, now
+        return []  # an earlier connection between the same ports, or a guess of somebody else
+
+    def bypass_counted(self, five_tuple: FiveTuple, count: int, now: float) -> list[Action]:
+        """Believe a close after all if so many bytes, headers included, have gone that far."""
+        request = self.sessions.requests.get(five_tuple)
+        if request is None or request.doubted is None:
+            return []
+        (at, _since), request.doubted = request.doubted, None
+        far = at <= request.progress + count
+        return [*self.verdicts.over(request, "close", now), *self._serve_queue(now)] if far else []
+
+    def _count_doubted(self, now: float) -> list[Action]:
+        return [
+            CountBypass(dpid, request.five_tuple, request.setup.session)
+            for request in self.sessions.requests.values()
+            if request.doubted is not None and now - request.doubted[1] >= COUNTING_S
+            for dpid in sorted(request.bypassed)[:1]
+        ]
 
     def barrier_passed(self, dpid: int, transaction: int, now: float) -> list[Action]:
         """Note that a switch has set up its part; release the message after the last one."""
@@ -334,4 +379,5 @@ class Arbiter:
             if silent and session.open and not session.bypassed:
                 actions += self.verdicts.tear_down(session, "idle", now)
         self.sessions.forget_retired_before(now - self.idle_timeout_s)
-        return [*actions, *self.inheritance.restored(), *self._serve_queue(now)]
+        counting = self._count_doubted(now)
+        return [*actions, *counting, *self.inheritance.restored(), *self._serve_queue(now)]

@@ -18,6 +18,7 @@ from controller_apps.sessions.sessions import Session, Sessions
 from wire.metadata import MalformedPacket, Reason
 
 DISCOVERY_S = 5.0  # until switches, fibres and hosts are known again
+HELD_UP_S = 10.0  # hosts wait so long for the answer to a set-up message
 PREMATURE = (Reason.UNKNOWN_HOST, Reason.NO_PATH, Reason.LOSS_TOO_HIGH)
 
 
@@ -46,6 +47,10 @@ class Inheritance:
     def is_premature(self, reason: Reason, now: float) -> bool:
         """Tell whether a refusal may only come of what is still to be discovered again."""
         return self.begun is not None and now - self.begun < DISCOVERY_S and reason in PREMATURE
+
+    def knows_no_handshakes(self, now: float) -> bool:
+        """Tell whether connections may have begun before this controller, and be held up since."""
+        return self.begun is not None and now - self.begun < HELD_UP_S
 
     def bypasses_found(self, dpid: int, entries: Iterable[tuple[int, FiveTuple]]) -> list[Action]:
         """Take what a classical switch lets pass (session and connection of each entry).

@@ -65,16 +65,25 @@ class Request:
     unanswered: set[str] = field(default_factory=set)  # nodes that owe an answer to their order
     bypassed: set[int] = field(default_factory=set)  # switches that let the connection pass
     block_pairs: int = 0  # granted, if it is less than was asked for
+    progress: int = SETUP_LENGTH  # how many bytes of the opener have been seen, the message's too
+    acceptor_next: int | None = None  # sequence number of the acceptor's next byte, as last seen
+    doubted: tuple[int, float] | None = None  # where a close was that nobody expected, and when
 
     @property
     def lasts(self) -> bool:
         """Whether data will follow on the connection, so that a bypass is worth an entry."""
         return self.setup.service != Service.SDC or self.setup.handshake != Handshake.ONE_PAIR
 
-    def offset(self, segment: Segment) -> int:
-        """Return where a segment begins, in bytes from the beginning of the message."""
-        distance = (segment.sequence - self.sequence) & 0xFFFFFFFF
+    def offset(self, sequence: int) -> int:
+        """Return where a sequence number is, in bytes from the begin of the message."""
+        distance = (sequence - self.sequence) & 0xFFFFFFFF
         return distance - (1 << 32) if distance >> 31 else distance
+
+    def heard(self, segment: Segment) -> None:
+        """Note how far a segment of the opener shows both ends to be."""
+        self.progress = max(self.progress, self.offset(segment.after))
+        if self.acceptor_next is not None:
+            self.acceptor_next = segment.acknowledged
 
     @property
     def granted(self) -> Setup:
@@ -105,11 +114,15 @@ def read_setup(payload: bytes) -> Setup:
     return message
 
 
-def new_request(setup: Setup, arrival: Arrival, now: float) -> Request:
-    """Return a request that waits for its answer."""
+def new_request(
+    setup: Setup, arrival: Arrival, now: float, acceptor_next: int | None = None
+) -> Request:
+    """Return a request that waits for its answer; of the acceptor a handshake may be known."""
     segment = arrival.segment
     message = segment.payload[:SETUP_LENGTH]
-    return Request(setup, arrival, segment.five_tuple, segment.sequence, message, now)
+    request = Request(setup, arrival, segment.five_tuple, segment.sequence, message, now)
+    request.acceptor_next = acceptor_next
+    return request
 
 
 @dataclass

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from dispatcher.devices.detector import Train
 from dispatcher.devices.detectors import Detection, DetectorPair, Told, hide
 from dispatcher.photon_random import PhotonRandom
-from dispatcher.sabot.manager import NO_CLICK
 from dispatcher.sabot.registers import Mask
+from wire.outcomes import NO_CLICK
 from wire.physics import Device
 
 Bytes = NDArray[np.uint8]

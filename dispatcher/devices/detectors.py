@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from dispatcher.devices.detector import Detector, Train
 from dispatcher.photon_random import PhotonRandom
-from dispatcher.sabot.manager import NO_CLICK
 from dispatcher.sabot.registers import Mask
+from wire.outcomes import NO_CLICK
 from wire.physics import Detectors
 
 Bits = NDArray[np.uint8]

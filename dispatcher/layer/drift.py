@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from dispatcher.layer.ownership import Block, Pulses
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.draws import Draws
-from dispatcher.sabot.manager import NO_CLICK
 from dispatcher.sabot.simulation import Simulation
+from wire.outcomes import NO_CLICK
 
 Angles = NDArray[np.float64]
 Positions = NDArray[np.int64]

@@ -23,9 +23,9 @@ from dispatcher.layer.ownership import Block, Further
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.backend import Angle, Bytes, GateName
 from dispatcher.sabot.draws import Draws, PhotonDraws
-from dispatcher.sabot.manager import NO_CLICK
 from dispatcher.sabot.registers import Mask, Pick, Register
 from dispatcher.sabot.simulation import Simulation
+from wire.outcomes import NO_CLICK
 
 RANKS = 256  # a pulse has fewer photons
 NOBODY = -1

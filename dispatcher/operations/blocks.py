@@ -21,8 +21,8 @@ from dispatcher.sabot.limits import MAX_GATES, packed, require_count
 from dispatcher.sabot.registers import Register
 from wire.dispatcher_pb2 import CreateRequest, Feedback, Gate
 from wire.features import EMIT, GATE, STORE
+from wire.outcomes import PAULIS
 
-PAULIS = ("I", "X", "Z", "XZ")
 DIAGONAL = ("S", "S_DAG", "CZ", "T", "T_DAG", "RZ")
 GATES: dict[int, GateName] = {
     Gate.H: "H",

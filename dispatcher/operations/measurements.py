@@ -19,13 +19,11 @@ from dispatcher.sabot.backend import Bytes
 from dispatcher.sabot.capacity import GateStep
 from dispatcher.sabot.draws import PhotonDraws
 from dispatcher.sabot.limits import packed
-from dispatcher.sabot.manager import NO_CLICK
 from dispatcher.sabot.registers import Mask
 from wire.dispatcher_pb2 import Feedback, MeasureRequest
 from wire.features import MEASURE
+from wire.outcomes import BASES, NO_CLICK
 from wire.physics import BELL_STATES
-
-BASES = ("Z", "X", "Y")
 
 
 class Measurements:

@@ -17,15 +17,15 @@ from dispatcher.layer import drift, further, pulses
 from dispatcher.layer.layer import PhysicalLayer, tally
 from dispatcher.layer.ownership import Block, BlockName, Pulses
 from dispatcher.operations import preparation
-from dispatcher.operations.measurements import BASES, listed, outcome, train
+from dispatcher.operations.measurements import listed, outcome, train
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.refusal import exhausted, invalid
 from dispatcher.sabot.backend import Bytes
 from dispatcher.sabot.limits import packed
-from dispatcher.sabot.manager import NO_CLICK
 from dispatcher.sabot.registers import Mask, Register
 from wire.dispatcher_pb2 import Feedback
 from wire.features import MEASURE
+from wire.outcomes import BASES, NO_CLICK
 
 ALONE = 255
 

@@ -12,13 +12,13 @@ from dispatcher.sabot.backend import Angle, Bytes, GateName
 from dispatcher.sabot.capacity import GateStep
 from dispatcher.sabot.draws import PhotonDraws
 from dispatcher.sabot.gates import ROTATIONS
-from dispatcher.sabot.manager import NO_CLICK
 from dispatcher.sabot.registers import Mask, Pick, Register
 from dispatcher.sabot.simulation import Simulation
+from wire.outcomes import NO_CLICK
+from wire.outcomes import PAULIS as PAULI_NAMES
 
 # As the file writes Paulis, bases and gates. XZ is Z first; its phase cannot be seen.
 PAULIS = ("", "x {0};", "z {0};", "z {0}; x {0};")
-NAMES = ("I", "X", "Z", "XZ")
 BASES = ("", "h {0}; ", "sdg {0}; h {0}; ")
 GATES: dict[GateName, str] = {
     **{name: f"{name.lower()} {{0}};" for name in ("H", "S", "T")},
@@ -248,7 +248,7 @@ class TracedSabot:
         explained = places.get(position, [])
         if explained and pauli == reduce(xor, (value for _place, value in explained)):
             del places[position]
-            text = ", ".join(f"{NAMES[value]}: {place}" for place, value in explained)
+            text = ", ".join(f"{PAULI_NAMES[value]}: {place}" for place, value in explained)
             comment = f"photon {position}, {text}"
         else:
             comment = self._comment(position)

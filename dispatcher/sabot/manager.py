@@ -20,8 +20,7 @@ from dispatcher.sabot.registers import (
     Store,
     ordered,
 )
-
-NO_CLICK = 255
+from wire.outcomes import NO_CLICK
 
 
 class Sabot:

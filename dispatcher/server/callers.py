@@ -1,13 +1,17 @@
 """Callers: the token, and not the address, names the node, and the node says what it may do."""
 
-from collections.abc import Collection
+import hmac
+from collections.abc import Collection, Mapping
 from hashlib import sha256
 
 import grpc
 
 from dispatcher.refusal import Refusal, denied, not_found
+from dispatcher.server.challenges import Challenges
 from wire.config import BadConfig
-from wire.service import RUNNER, TOKEN_KEY
+from wire.service import NONCE_KEY, PROOF_KEY, RUNNER, TOKEN_KEY, proof
+
+PRIVATE = "unix:"  # how gRPC names the other end of the private socket
 
 
 class Callers:
@@ -20,7 +24,27 @@ class Callers:
             raise BadConfig(f"the token of {empty[0]} is empty; give each node a random one")
         # Looking up the digest takes a time that says nothing about the tokens.
         self._nodes = {_digest(token): node for node, token in tokens.items()}
+        self._tokens = tokens
         self._switches = switches
+        self.challenges = Challenges()
+
+    def of_call(self, metadata: Mapping[str, str | bytes], peer: str, method: str) -> str:
+        """Return the node that makes a call: by its token on the private socket, or by proof."""
+        if PROOF_KEY in metadata:
+            return self._proved(metadata, peer, method)
+        if TOKEN_KEY in metadata and not peer.startswith(PRIVATE):
+            raise _unknown("a token came over the network, where others may read it; prove it")
+        return self.identify(metadata.get(TOKEN_KEY))
+
+    def _proved(self, metadata: Mapping[str, str | bytes], peer: str, method: str) -> str:
+        nonce = self.challenges.take(metadata.get(NONCE_KEY), peer)
+        if nonce is None:
+            raise _unknown("the challenge is not of this connection, or was used before")
+        told = str(metadata[PROOF_KEY]).encode()
+        for node, token in self._tokens.items():
+            if hmac.compare_digest(told, proof(token, nonce, method).encode()):
+                return node
+        raise _unknown(f"no node's token proves {method} so")
 
     def identify(self, token: str | bytes | None) -> str:
         """Return the node that this is the token of."""
@@ -64,6 +88,12 @@ class Callers:
         if switch not in self._switches:
             known = ", ".join(sorted(self._switches)) or "none"
             raise not_found(f"no quantum switch {switch}; there is {known}")
+
+
+def _unknown(problem: str) -> Refusal:
+    return Refusal(
+        grpc.StatusCode.UNAUTHENTICATED, f"{problem} ({NONCE_KEY}, {PROOF_KEY}: wire.service)"
+    )
 
 
 def _digest(token: str) -> bytes:

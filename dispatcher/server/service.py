@@ -25,7 +25,6 @@ from dispatcher.server.orders import Orders
 from dispatcher.server.recorded_requests import changes
 from wire import dispatcher_pb2 as messages
 from wire.dispatcher_pb2_grpc import DispatcherServicer
-from wire.service import TOKEN_KEY
 
 Request = TypeVar("Request")
 Reply = TypeVar("Reply")
@@ -41,9 +40,8 @@ def call(
     @functools.wraps(method)
     async def answer(service: "Service", request: Request, context: Context) -> Reply:
         try:
-            node = service.callers.identify(
-                dict(context.invocation_metadata() or ()).get(TOKEN_KEY)
-            )
+            told = dict(context.invocation_metadata() or ())
+            node = service.callers.of_call(told, context.peer(), method.__name__)
             return await method(service, request, node, context)
         except Refusal as refusal:
             await context.abort(refusal.code, str(refusal))
@@ -67,6 +65,12 @@ class Service(DispatcherServicer):
         parts = self._operations, Measurements(layer), self.transport, Gathering(layer)
         self._acts = acts(*parts, Resending(layer))
         self._changes = changes(layer, self.switching)
+
+    async def Challenge(
+        self, _request: messages.ChallengeRequest, context: Context
+    ) -> messages.ChallengeReply:
+        """Give what the next call on this connection is proved with."""
+        return messages.ChallengeReply(nonce=self.callers.challenges.give(context.peer()))
 
     @call
     async def Create(

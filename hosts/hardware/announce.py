@@ -1,6 +1,7 @@
 """Announcements on the fibres' supervisory channel, by which a controller finds hosts."""
 
 import socket
+import time
 from contextlib import suppress
 
 from hosts.hardware.lldp import announcement
@@ -12,22 +13,23 @@ PERIOD_S = 5.0
 FAST_START = (0.2,) * 50  # pauses before the period begins, while the network starts
 
 
-async def announce(name: str, address: str, ports: list[str], abilities: Abilities) -> None:
+async def announce(
+    name: str, address: str, ports: list[str], abilities: Abilities, key: str
+) -> None:
     """Announce every fibre port for ever, quickly at first (802.1AB fast start)."""
-    channels = [_open(port) for port in ports]
-    frames = [
-        announcement(name, port, address, channel.getsockname()[4], TTL_S, abilities)
-        for port, channel in zip(ports, channels, strict=True)
-    ]
+    channels = {port: _open(port) for port in ports}
     try:
         pauses = iter(FAST_START)
         while True:
-            for channel, frame in zip(channels, frames, strict=True):
+            for port, channel in channels.items():
+                mac = channel.getsockname()[4]
+                told = name, port, address, mac, TTL_S, abilities, key, time.time_ns()
+                frame = announcement(*told)
                 with suppress(OSError):  # a fibre that is set down says nothing
                     channel.send(frame)
             await wall_sleep(next(pauses, PERIOD_S))
     finally:
-        for channel in channels:
+        for channel in channels.values():
             channel.close()
 
 

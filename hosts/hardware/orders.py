@@ -7,9 +7,9 @@ from itertools import count
 import grpc
 
 from hosts.hardware.qnic import HardwareError, NoLight
-from wire.dispatcher_pb2 import Feedback, Order, Outcome, Step
+from wire.dispatcher_pb2 import ChallengeRequest, Feedback, Order, Outcome, Step
 from wire.dispatcher_pb2_grpc import DispatcherStub
-from wire.service import metadata
+from wire.service import proving
 
 ANSWER_TIMEOUT_S = 20.0
 
@@ -23,7 +23,7 @@ class Orders:
 
     def __init__(self, stub: DispatcherStub, token: str) -> None:
         self._stub = stub
-        self._metadata = metadata(token)
+        self._token = token
         self._numbers = count(1)
         self._waiting: dict[int, asyncio.Future[Outcome]] = {}
         self._closed = False
@@ -77,9 +77,10 @@ class Orders:
 
     async def _run(self, outgoing: asyncio.Queue[Order]) -> None:
         """Hand out outcomes; when the stream ends, nobody may go on waiting."""
-        call = self._stub.Perform(_each(outgoing), metadata=self._metadata, wait_for_ready=True)
-        problem = "it has ended"
+        problem, call = "it has ended", None
         try:
+            proof = await proved(self._stub, self._token, "Perform")
+            call = self._stub.Perform(_each(outgoing), metadata=proof, wait_for_ready=True)
             async for outcome in call:
                 answer = self._waiting.get(outcome.number)
                 if answer is not None and not answer.done():
@@ -87,10 +88,17 @@ class Orders:
         except grpc.aio.AioRpcError as error:
             problem = f"{error.code().name}: {error.details()}"
         finally:
-            call.cancel()
+            if call is not None:
+                call.cancel()
             for answer in self._waiting.values():
                 if not answer.done():
                     answer.set_exception(HardwareError(f"dispatcher: {problem}"))
+
+
+async def proved(stub: DispatcherStub, token: str, method: str) -> tuple[tuple[str, str], ...]:
+    """Return the metadata of one call to the dispatcher; the token itself does not go out."""
+    reply = await stub.Challenge(ChallengeRequest(), wait_for_ready=True, timeout=ANSWER_TIMEOUT_S)
+    return proving(token, reply.nonce, method)
 
 
 async def _each(orders: asyncio.Queue[Order]) -> AsyncIterator[Order]:

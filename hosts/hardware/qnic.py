@@ -17,7 +17,6 @@ log = logging.getLogger("qnic")
 Symbols = NDArray[np.uint8]
 Positions = NDArray[np.integer]
 LocalGate = Literal["H", "S", "S_DAG"]
-NO_COINCIDENCE = 255
 LEFT_ALONE = 255  # instead of a basis
 
 

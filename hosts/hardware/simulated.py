@@ -7,7 +7,7 @@ from contextlib import suppress
 import grpc
 import numpy as np
 
-from hosts.hardware.orders import NotHere, Orders
+from hosts.hardware.orders import NotHere, Orders, proved
 from hosts.hardware.qnic import (
     BlockName,
     Coincidences,
@@ -42,7 +42,7 @@ from wire.dispatcher_pb2 import (
 from wire.dispatcher_pb2_grpc import DispatcherStub
 from wire.events import decode_record, encode_record
 from wire.optical import frequency_mhz
-from wire.service import CHANNEL_OPTIONS, metadata
+from wire.service import CHANNEL_OPTIONS
 
 
 class SimulatedQnic:
@@ -258,14 +258,17 @@ class SimulatedQnic:
     async def watch(self, session: int, history: bool) -> AsyncIterator[bytes]:
         """Yield what happens at this host; the dispatcher tells a host nothing else."""
         request = WatchRequest(session=session, history=history)
-        stream = self._stub.Watch(request, metadata=metadata(self._token))
+        stream = None
         try:
+            proof = await proved(self._stub, self._token, "Watch")
+            stream = self._stub.Watch(request, metadata=proof)
             async for event in stream:
                 yield encode_record(event)
         except grpc.aio.AioRpcError as error:
             raise HardwareError(f"dispatcher: {error.details()}") from error
         finally:
-            stream.cancel()
+            if stream is not None:
+                stream.cancel()
 
     async def discard(self, session: int) -> None:
         """Let go of all photons of a session."""

@@ -1,9 +1,13 @@
-"""Which set-up messages a host takes part in: those whose verdict the controller has sealed."""
+"""Which set-up messages a host takes part in: those whose verdict the controller has sealed.
 
-from dataclasses import dataclass, field
+A host with standing light also takes those that no controller has arbitrated: the paths are
+there already, and do not rotate. A verdict that there is must be sealed all the same.
+"""
+
+from dataclasses import dataclass, field, replace
 
 from hosts.middleware.session.channel import SessionError
-from wire.metadata import Reason, Setup, Verdict
+from wire.metadata import Pauli, Reason, Setup, Verdict
 from wire.verdict import Connection, is_sealed
 
 MAX_REMEMBERED = 4096
@@ -14,11 +18,17 @@ class Verdicts:
     """Checks verdicts of the controller, each of which counts once."""
 
     key: str  # the device key, hexadecimal; empty: no controller can grant this host anything
+    standing: bool = False  # light is there without a grant
     _taken: dict[bytes, None] = field(default_factory=dict)  # seals, the oldest first
 
-    def check(self, setup: Setup, connection: Connection) -> None:
-        """Raise SessionError unless the controller has written this verdict for the connection."""
+    def checked(self, setup: Setup, connection: Connection) -> Setup:
+        """Return the set-up as it was decided on.
+
+        Raise SessionError unless the controller has written this verdict for the connection.
+        """
         verdict = Verdict(setup.verdict)
+        if verdict == Verdict.PENDING and self.standing:
+            return replace(setup, verdict=Verdict.GRANTED, rotation=Pauli.I)
         if verdict == Verdict.PENDING:
             raise SessionError(Reason.NOT_ARBITRATED)
         if not self.key or not is_sealed(setup.encode(), self.key, connection):
@@ -33,3 +43,4 @@ class Verdicts:
         if len(self._taken) >= MAX_REMEMBERED:
             del self._taken[next(iter(self._taken))]
         self._taken[setup.seal] = None
+        return setup

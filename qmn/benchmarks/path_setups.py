@@ -9,8 +9,8 @@ from qmn.benchmarks.measurement import Times, finish, seconds_of
 from topologies import openvswitch
 from topologies.network import Network
 from topologies.programs import NetworkError, Program, python
-from topologies.record import read_record
 from topologies.runtime import free_port
+from wire.controller_record import read_record
 
 READY_TIMEOUT_S = 20.0
 BRIDGE = "qmn-baseline"

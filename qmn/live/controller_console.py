@@ -1,6 +1,5 @@
 """Asks the controller of the network that runs on this machine, over its console."""
 
-import json
 import socket
 import sys
 from collections.abc import Callable
@@ -10,6 +9,8 @@ from typing import Any
 from rich.console import Console
 
 from topologies.runtime import CONSOLE, RUNTIME_ROOT, folders_of_running
+from wire.console import ConsoleError, decode_answer, encode_request
+from wire.metadata import MalformedPacket
 
 ANSWER_TIMEOUT_S = 10.0
 CHUNK = 1 << 16
@@ -27,15 +28,14 @@ def ask(command: str, **fields: Any) -> Any:
         with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as console:
             console.settimeout(ANSWER_TIMEOUT_S)
             console.connect(str(path))
-            console.sendall(json.dumps({"command": command, **fields}).encode() + b"\n")
-            answer = json.loads(b"".join(iter(lambda: console.recv(CHUNK), b"")))
+            console.sendall(encode_request(command, **fields))
+            return decode_answer(b"".join(iter(lambda: console.recv(CHUNK), b"")))
     except PermissionError as error:
         raise NoAnswer("the network belongs to root: run it with sudo") from error
-    except (OSError, ValueError) as error:
+    except ConsoleError as error:
+        raise NoAnswer(str(error)) from error
+    except (OSError, MalformedPacket) as error:
         raise NoAnswer(f"the controller does not answer at {path} ({error})") from error
-    if "error" in answer:
-        raise NoAnswer(str(answer["error"]))
-    return answer["result"]
 
 
 def find_console() -> Path:

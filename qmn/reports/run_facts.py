@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from qmn.live.event_sources import RESULT, recorded
 from qmn.results.network_facts import NetworkFacts
-from topologies.record import read_record
 from topologies.runtime import EVENT_CAPTURE
+from wire.controller_record import read_record
 from wire.dispatcher_pb2 import Event
 
 SENDER_LOG = "sender.log"

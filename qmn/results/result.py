@@ -10,8 +10,8 @@ from rich.console import Console
 from rich.table import Table
 
 from qmn.results import software_share
-from topologies.record import read_record
 from topologies.runtime import EVENT_LOG
+from wire.controller_record import read_record
 from wire.device import RANGES, setting_name
 
 COUNTS = (

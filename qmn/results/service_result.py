@@ -7,7 +7,7 @@ from typing import Any
 from rich.console import Console
 
 from qmn.results.result import controller_facts, emulation, print_rows, rows_of_every_run
-from topologies.record import read_record
+from wire.controller_record import read_record
 
 NOT_FIGURES = ("event", "peer")
 

@@ -14,6 +14,7 @@ from qmn.sweeps.seeds import point_seed
 from qmn.sweeps.superdense import SUPERDENSE
 from qmn.sweeps.teleportation import SWAP, TELEPORT
 from qmn.sweeps.waiting import WAITING
+from qmn.sweeps.weak_pulses import WEAK_PULSES
 
 EXPERIMENTS: dict[str, Experiment] = {
     each.name: each
@@ -28,6 +29,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         WAITING,
         FRESH_OUTCOMES,
         MULTI_PAIR,
+        WEAK_PULSES,
     )
 }
 

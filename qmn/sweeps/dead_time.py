@@ -12,9 +12,9 @@ from qmn.sweeps.link import TESTED, configuration, fiber
 from qmn.sweeps.parameters import Parameter, Values
 from qmn.sweeps.superdense import blocks
 from wire.dispatcher_pb2 import CreateRequest
+from wire.outcomes import NO_CLICK
 from wire.physics import Detectors, Device
 
-NO_CLICK = 255
 EFFICIENCY = Parameter("efficiency", 1.0)
 DEAD_TIME = Parameter("dead_time_s", 0.0, 0.0, 1.0, "s")
 RATE = Parameter("rate_hz", 100_000_000, 1_000, 4_000_000_000, "Hz")

@@ -292,4 +292,23 @@ SHEETS = (
             )
         ],
     ),
+    Sheet(
+        "weak-pulses",
+        "weak-pulses",
+        {"loss_db": "0:20:6", "mean_photons": [0.01, 0.1, 0.5], "pairs": 1_000_000},
+        [
+            Curve(
+                f"weak-pulses-{measure}",
+                f"BB84 with a weak laser: {text}",
+                "loss_db",
+                "loss (dB)",
+                measure,
+                by=["mean_photons"],
+            )
+            for measure, text in (
+                ("gain", "pulses seen, 1 - exp(-mu t)"),
+                ("key", "key without decoys (GLLP)"),
+            )
+        ],
+    ),
 )

@@ -21,11 +21,11 @@ from qmn.sweeps.estimates import information, mean, proportion, ratio
 from qmn.sweeps.experiment import Experiment, Measure, Outcome, number, pairs_parameter
 from qmn.sweeps.link import LINK, PLAIN, TESTED, implied, is_plain, link
 from qmn.sweeps.parameters import Parameter, Values
+from wire.outcomes import NO_COINCIDENCE
 
 BLOCK_PAIRS = 65_536
 MIN_BLOCK_PAIRS = 1_024
 BATCHES = 64  # that the error of the residual bit error is estimated from, if there are so many
-NO_COINCIDENCE = 255
 LOSSES = ("length_km", "loss_db_per_km", "connectors_db")
 EFFICIENCY = "detectors_efficiency"
 PHASE_NOISE = ("dephasing", "analyser_visibility")

@@ -123,6 +123,20 @@ def several_pairs(statistics: str, mean_pairs: float, arrives: float) -> tuple[f
     return wrong / both, both
 
 
+def gain(mean: float) -> float:
+    """Return how often a detector sees a pulse of which so many photons come to it on average."""
+    return -math.expm1(-mean)
+
+
+def key_without_decoys(mean: float, mean_seen: float) -> float:
+    """Return secret bits per pulse of BB84 without errors: half the gain that is of single photons.
+
+    All pulses of several photons count as seen, and known to an eavesdropper (quant-ph/0212066).
+    """
+    several = 1 - math.exp(-mean) * (1 + mean)
+    return max(0.0, gain(mean_seen) - several) / 2
+
+
 def swapped_fidelity(first: float, second: float) -> float:
     """Return the fidelity of the pair that swapping makes of two Werner pairs."""
     return first * second + (1 - first) * (1 - second) / 3

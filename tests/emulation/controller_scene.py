@@ -193,6 +193,11 @@ def set_up(controller: Controller, wires: dict[str, Wire]) -> Setup:
     discover(controller, wires)
     wires["bob"].send(Ether(src=MACS["bob"], dst="ff:ff:ff:ff:ff:ff", type=0x9999) / b"here")
     wires["alice"].receive(lambda packet: packet.type == 0x9999)
+    # As if bob had answered her SYN: she begins at 100, he at 1.
+    accepting = between("bob", "alice", "SA", 0)
+    accepting[TCP].sport, accepting[TCP].dport, accepting[TCP].ack = METADATA_PORT, 40000, 100
+    wires["bob"].send(accepting)
+    wires["alice"].receive(lambda packet: TCP in packet)
     setup = Setup(SESSION, Service.SDC, Handshake.FRAMED, HOSTS["charlie"], 1000, 100, 1_000_000)
     wires["alice"].send(between("alice", "bob", "PA", 100, setup.encode()))
     arrived = wires["bob"].receive(lambda packet: TCP in packet and bool(packet[TCP].payload))

@@ -11,8 +11,8 @@ from mininet.topo import Topo
 
 from hosts.quantum_socket import QuantumSocket
 from topologies.network import Network, Signals
-from topologies.record import read_record
 from topologies.runtime import Runtime
+from wire.controller_record import read_record
 
 TIMEOUT_S = 40.0
 

@@ -6,12 +6,17 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
+from conftest import wait_until
+from fabric_scene import running
 from scapy.layers.inet import TCP
 from scapy.packet import Packet
 from scapy.utils import rdpcap
 from test_service_faults import BOB, CHARLIE, facts, listening, require_nothing_left
 
+from hosts.hardware.lldp import announcement
 from topologies.network import Network
+from topologies.sdc import SdcTopo
+from wire.features import EVERYTHING, Abilities
 from wire.metadata import (
     METADATA_PORT,
     Answer,
@@ -68,3 +73,68 @@ def test_a_segment_without_psh_is_arbitrated_like_any_other(network: Network) ->
         require_nothing_left(network)
         assert [fact["session"] for fact in facts(network, "granted")] == [f"{1:016x}"]
     assert first_with_payload(capture).flags == "A"
+
+
+SEND = """
+import sys
+from scapy.all import ARP, Ether, IP, Raw, UDP, sendp
+own, foreign = sys.argv[2:4]
+for source, layer in [
+    (foreign, IP(src="10.0.0.1", dst="10.0.0.2") / UDP(sport=1, dport=2) / b"foreign MAC"),
+    (own, IP(src="10.0.0.1", dst="10.0.0.2") / UDP(sport=1, dport=2) / b"foreign IP"),
+    (own, ARP(op=2, hwsrc=own, psrc="10.0.0.1", pdst="10.0.0.2") / b"foreign ARP"),
+    (own, ARP(op=2, hwsrc=foreign, psrc="10.0.0.3", pdst="10.0.0.2") / b"foreign ARP MAC"),
+    (foreign, Raw(b"foreign frame")),
+    (own, IP(src="10.0.0.3", dst="10.0.0.2") / UDP(sport=1, dport=2) / b"own"),
+]:
+    sendp(Ether(src=source, dst="ff:ff:ff:ff:ff:ff", type=0x9999) / layer
+          if isinstance(layer, Raw) else Ether(src=source, dst="ff:ff:ff:ff:ff:ff") / layer,
+          iface=sys.argv[1], verbose=False)
+"""
+FOREIGN = (b"foreign MAC", b"foreign IP", b"foreign ARP", b"foreign ARP MAC", b"foreign frame")
+
+
+def pose_as_alice(network: Network) -> bytes:
+    """Let charlie send frames as alice, then one of his own; return what bob's link has carried."""
+    capture = next(path for path in network.capture("s1") if path.name == "s1-eth2.pcap")
+    script = network.runtime.logs / "send.py"
+    script.write_text(SEND)
+    charlie, alice = network.host("charlie"), network.host("alice")
+    words = f"{charlie.defaultIntf()} {charlie.MAC()} {alice.MAC()}"
+    said = charlie.cmd(f"{sys.executable} {script} {words}")
+    assert "Traceback" not in said, said
+    wait_until(lambda: b"own" in capture.read_bytes(), "own")
+    return capture.read_bytes()
+
+
+def test_a_host_speaks_from_its_own_addresses_alone(network: Network) -> None:
+    carried = pose_as_alice(network)
+    assert not [words for words in FOREIGN if words in carried]
+
+
+def test_for_attack_studies_hosts_may_pose_as_others(tmp_path: Path) -> None:
+    policy = tmp_path / "open.toml"
+    policy.write_text("[filter]\naddresses = false\n")
+    with running(SdcTopo, tmp_path, policy=str(policy)) as network:
+        carried = pose_as_alice(network)
+        assert [words for words in FOREIGN if words in carried] == list(FOREIGN)
+
+
+ANNOUNCE = """
+import socket, sys
+channel = socket.socket(socket.AF_PACKET, socket.SOCK_RAW)
+channel.bind((sys.argv[1], 0))
+channel.send(bytes.fromhex(sys.argv[2]))
+"""
+
+
+def test_a_host_cannot_announce_the_fibre_of_another(network: Network) -> None:
+    log = network.runtime.logs / "c0.log"
+    frame = announcement("bob", "bob-q0", BOB, bytes(6), 30, Abilities(EVERYTHING, 8))
+    script = network.runtime.logs / "announce.py"
+    script.write_text(ANNOUNCE)
+    said = network.host("charlie").cmd(f"{sys.executable} {script} charlie-q0 {frame.hex()}")
+    assert said == ""
+    wait_until(lambda: "LLDP in the name of bob without its seal" in log.read_text(), "a complaint")
+    ports = {fact["at"] for fact in facts(network, "fiber") if fact["host"] == "bob"}
+    assert len(ports) == 2  # those of his own two fibres

@@ -48,7 +48,7 @@ def kill(network: Network) -> None:
 
 def bypasses(network: Network) -> list[str]:
     """Return the cookies of the entries that let connections pass s1."""
-    command = ["ovs-ofctl", "-O", "OpenFlow14", "dump-flows", "s1", "table=0"]
+    command = ["ovs-ofctl", "-O", "OpenFlow14", "dump-flows", "s1", "table=1"]
     done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=30)
     return re.findall(r"cookie=0x([0-9a-f]+).*priority=300,", done.stdout)
 

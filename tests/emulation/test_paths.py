@@ -72,6 +72,6 @@ def test_ordinary_traffic_is_forwarded_by_learned_entries(shared_network: Networ
     network = shared_network
     alice, bob = network.host("alice"), network.host("bob")
     assert network.net.ping([alice, bob], timeout="2") == 0
-    learned = [line for line in flows("s1") if "table=1" in line]
+    learned = [line for line in flows("s1") if "table=2" in line]
     for host in (alice, bob):
         assert any(f"dl_dst={host.MAC()}" in line for line in learned)

@@ -15,9 +15,9 @@ from conftest import ROOT, verb
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
 from topologies.network import Network, Signals
-from topologies.record import read_record
 from topologies.repeaters import RepeatersTopo
 from topologies.runtime import Runtime
+from wire.controller_record import read_record
 
 
 def run(runs: Path, *options: str) -> dict[str, Any]:

@@ -57,5 +57,5 @@ def test_quantum_switch_forwards_its_own_classical_traffic(tmp_path: Path) -> No
 
 def flows(switch: Node) -> list[str]:
     """Return the entries of a switch's learning table."""
-    listing: str = switch.cmd(f"ovs-ofctl -O OpenFlow14 dump-flows {switch} table=1")
+    listing: str = switch.cmd(f"ovs-ofctl -O OpenFlow14 dump-flows {switch} table=2")
     return listing.splitlines()

@@ -45,6 +45,9 @@ local function check_proposal(values)
     for _, name in ipairs({ "test_fraction", "max_qber", "eps_sec", "eps_cor" }) do
         if not (values[name] > 0 and values[name] < 1) then return name .. " is no fraction" end
     end
+    if not (values.multi_photon >= 0 and values.multi_photon < 1) then
+        return "multi_photon is no fraction"
+    end
     return nil
 end
 

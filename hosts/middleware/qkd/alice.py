@@ -112,7 +112,7 @@ class Alice(End):
         clicked = unpack(detections.clicked, record.photons).astype(bool)
         clicks = int(clicked.sum())
         kept = choose(record, clicked, unpack(detections.bases, clicks))
-        self._add_sifted(sifted(record, clicked, kept), clicks)
+        self._add_sifted(sifted(record, clicked, kept), clicks, record.photons)
         return Sifted(detections.block, clicks, pack(kept))
 
     def _disclose(self) -> Sample:

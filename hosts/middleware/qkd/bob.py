@@ -92,7 +92,7 @@ class Bob(End):
         if message.clicks != clicks:
             raise SessionFailed(AbortReason.PROTOCOL, f"{message.clicks} clicks, not {clicks}")
         kept = unpack(message.kept, clicks).astype(bool)
-        self._add_sifted(sifted(record, record.clicked, kept), clicks)
+        self._add_sifted(sifted(record, record.clicked, kept), clicks, record.photons)
         return []
 
     def _compare(self, message: Sample) -> list[QkdMessage]:

@@ -105,7 +105,7 @@ class End(ABC):
         self._signer, self._checker = (Authenticator(pool) for pool in self._pools)
         self._sent = self._received = 0
         self._random_bytes = terms.random_bytes
-        self._clicks = 0
+        self._clicks = self._pulses = 0
         self._parts: list[Bits] = []  # sifted, block by block
         self._raw: Bits = NO_BITS  # what is left of them to make a key of
         self._estimate: Estimate | None = None
@@ -123,6 +123,16 @@ class End(ABC):
     def blocks_sifted(self) -> int:
         """How many blocks have been sifted."""
         return len(self._parts)
+
+    @property
+    def multi_photon(self) -> float:
+        """How likely a pulse of alice's source has several photons."""
+        return self._parameters.multi_photon
+
+    @property
+    def single_share(self) -> float:
+        """The share of the sifted bits that single photons have brought at least."""
+        return self._parameters.single_share(self._pulses, self.sifted_bits)
 
     @property
     def estimate(self) -> Estimate | None:
@@ -185,9 +195,10 @@ class End(ABC):
             sealed += self._abort(AbortReason.PROTOCOL, str(error))
         return sealed
 
-    def _add_sifted(self, part: Bits, clicks: int) -> None:
+    def _add_sifted(self, part: Bits, clicks: int, pulses: int) -> None:
         self._parts.append(part)
         self._clicks += clicks
+        self._pulses += pulses
         if self.sifted_bits > MAX_KEY_BITS:
             raise SessionFailed(
                 AbortReason.PROTOCOL,
@@ -216,14 +227,19 @@ class End(ABC):
         assert self._estimate
         estimate = self._estimate
         return self._parameters.key_length(
-            self._raw.size, estimate.sample, estimate.qber, leaked_bits
+            self._raw.size, estimate.sample, estimate.qber, leaked_bits, self._pulses
         )
 
     def _too_short(self) -> str:
         assert self._estimate
+        text = f"no secret bit in {self._raw.size} bits at a QBER of {self._estimate.qber:.4f}"
+        if not self._parameters.multi_photon:
+            return f"{text}: sift more photons in one session"
+        tagged = round((1 - self.single_share) * self.sifted_bits)
         return (
-            f"no secret bit in {self._raw.size} bits at a QBER of {self._estimate.qber:.4f}: "
-            "sift more photons in one session"
+            f"{text}, of which {tagged} of {self.sifted_bits} sifted ones may be of pulses with "
+            "several photons, which an eavesdropper can divide: use weaker pulses or a source "
+            "of single photons, lose less of the light, or sift more in one session"
         )
 
     def _open(self, data: bytes) -> QkdMessage:

@@ -6,6 +6,11 @@ preparation (q = 1). The bound is for a sample drawn at random and bases drawn u
 independently for every photon (Tomamichel and Leverrier, Quantum 1, 14 (2017)); other
 distributions of bases are not covered. The observed error rate takes the place of the
 tolerated one (variable length: Tupkary, Tan, Luetkenhaus, Phys. Rev. Research 6, 023002, 2024).
+
+Pulses of several photons, whose number nobody knows: Gottesman, Lo, Luetkenhaus, Preskill,
+Quantum Information and Computation 4, 325 (2004). An eavesdropper may keep one photon of each, let
+all of them arrive, and suppress others in their place: as many bits count as known to her as there
+were such pulses in the right basis, and all errors as those of the other bits.
 """
 
 from math import floor, log, log2, sqrt
@@ -22,14 +27,33 @@ def binary_entropy(p: float) -> float:
     return -p * log2(p) - (1 - p) * log2(1 - p) if p else 0.0
 
 
-def asymptotic_fraction(qber: float) -> float:
-    """Return secret bits per sifted bit in the limit of long keys: 1 - 2 h(Q), at least 0."""
-    return max(0.0, 1 - 2 * binary_entropy(qber))
+def secret_share(qber: float, single: float = 1.0) -> float:
+    """Return W (1 - h(Q / W)), of which error correction is yet to be taken; W are single photons.
+
+    W is a share of the bits, 1 if the source emits no pulse of several photons.
+    """
+    return single * (1 - binary_entropy(min(1.0, qber / single))) if single > 0 else 0.0
 
 
-def asymptotic_key_length(key_bits: int, qber: float, leaked_bits: int) -> int:
-    """Return n (1 - h(Q)) - leak, at least 0: no security is claimed for a finite key."""
-    return max(0, floor(key_bits * (1 - binary_entropy(qber)) - leaked_bits))
+def asymptotic_fraction(qber: float, single: float = 1.0) -> float:
+    """Return secret bits per sifted bit of long keys: W (1 - h(Q / W)) - h(Q), at least 0."""
+    return max(0.0, secret_share(qber, single) - binary_entropy(qber))
+
+
+def asymptotic_key_length(key_bits: int, qber: float, leaked_bits: int, single: float = 1.0) -> int:
+    """Return n W (1 - h(Q / W)) - leak, at least 0: no security is claimed for a finite key."""
+    return max(0, floor(key_bits * secret_share(qber, single) - leaked_bits))
+
+
+def most_tagged(pulses: int, multi_photon: float, eps: float) -> float:
+    """Return how many pulses of several photons were in the right basis at most, but for eps.
+
+    Half of all were; the tail of the binomial distribution is bounded by Bernstein's inequality.
+    """
+    mean, spread = pulses * multi_photon / 2, log(1 / eps)
+    if mean == 0:
+        return 0.0
+    return mean + spread / 3 + sqrt(spread**2 / 9 + 2 * mean * spread)
 
 
 def sampling_deviation(key_bits: int, sample_bits: int, eps_sec: float) -> float:
@@ -39,15 +63,22 @@ def sampling_deviation(key_bits: int, sample_bits: int, eps_sec: float) -> float
 
 
 def finite_key_length(
-    key_bits: int, sample_bits: int, qber: float, leaked_bits: int, eps_sec: float, eps_cor: float
+    key_bits: int,
+    sample_bits: int,
+    qber: float,
+    leaked_bits: int,
+    eps_sec: float,
+    eps_cor: float,
+    tagged_bits: float = 0.0,
 ) -> int:
     """Return the length of a key that is eps_sec-secret and eps_cor-correct; 0 if there is none.
 
     key_bits are the raw bits that are left (n), sample_bits those disclosed (k), qber the error
-    rate of the sample, leaked_bits all that error correction has told.
+    rate of the sample, leaked_bits all that error correction has told; tagged_bits are of pulses
+    with several photons, at most, and are all taken to be in the key.
     """
     if key_bits < 1 or sample_bits < 1:
         return 0
-    phase_error = min(1.0, qber + sampling_deviation(key_bits, sample_bits, eps_sec))
-    secret = key_bits * (1 - binary_entropy(phase_error))
+    errors = min(1.0, qber + sampling_deviation(key_bits, sample_bits, eps_sec))
+    secret = key_bits * secret_share(errors, 1 - tagged_bits / key_bits)
     return max(0, floor(secret - leaked_bits - log2(2 / (eps_sec**2 * eps_cor))))

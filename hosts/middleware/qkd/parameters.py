@@ -6,6 +6,7 @@ from hosts.middleware.qkd.key_length import (
     ZERO_RATE_QBER,
     asymptotic_key_length,
     finite_key_length,
+    most_tagged,
 )
 from hosts.middleware.qkd.verification import TAG_BITS, collision_probability
 from wire.qkd import MAX_KEY_BITS, Bound, Proposal, Reconciliation
@@ -25,11 +26,14 @@ class Parameters:
     eps_cor: float = 1e-15
     bound: Bound = Bound.FINITE
     reconciliation: Reconciliation = Reconciliation.CASCADE
+    multi_photon: float = 0.0  # how likely a pulse of alice's source has several photons
 
     def __post_init__(self) -> None:
         for name in ("test_fraction", "max_qber", "eps_sec", "eps_cor"):
             if not 0 < getattr(self, name) < 1:
                 raise ValueError(f"{name} is {getattr(self, name)}, not between 0 and 1")
+        if not 0 <= self.multi_photon < 1:
+            raise ValueError(f"multi_photon is {self.multi_photon}, not 0 to less than 1")
         if self.max_qber >= ZERO_RATE_QBER:
             raise ValueError(
                 f"max_qber is {self.max_qber}: at {ZERO_RATE_QBER} no key is secret, stay below"
@@ -42,9 +46,21 @@ class Parameters:
         """Return the message that carries these parameters."""
         return Proposal(**vars(self))
 
-    def key_length(self, key_bits: int, sample_bits: int, qber: float, leaked_bits: int) -> int:
+    def key_length(
+        self, key_bits: int, sample_bits: int, qber: float, leaked_bits: int, pulses: int
+    ) -> int:
         """Return the length of the final key; leaked_bits are those of error correction."""
         leaked = leaked_bits + TAG_BITS
         if self.bound is Bound.ASYMPTOTIC:
-            return asymptotic_key_length(key_bits, qber, leaked)
-        return finite_key_length(key_bits, sample_bits, qber, leaked, self.eps_sec, self.eps_cor)
+            single = self.single_share(pulses, key_bits + sample_bits)
+            return asymptotic_key_length(key_bits, qber, leaked, single)
+        if not self.multi_photon:
+            eps, tagged = self.eps_sec, 0.0
+        else:  # half of it for the bound of the tags
+            eps = self.eps_sec / 2
+            tagged = most_tagged(pulses, self.multi_photon, eps)
+        return finite_key_length(key_bits, sample_bits, qber, leaked, eps, self.eps_cor, tagged)
+
+    def single_share(self, pulses: int, sifted: int) -> float:
+        """Return the share of sifted bits that is of single photons at least, of long keys."""
+        return 1 - min(1.0, pulses * self.multi_photon / 2 / sifted) if sifted else 0.0

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hosts.middleware.qkd.bits import Bits, Mask
-
-NO_CLICK = 255
+from wire.outcomes import NO_CLICK
 
 
 @dataclass(frozen=True)

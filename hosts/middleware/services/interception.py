@@ -12,19 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from hosts.hardware.qnic import (
-    LEFT_ALONE,
-    NO_COINCIDENCE,
-    BlockName,
-    NoLight,
-    Qnic,
-    Received,
-    Symbols,
-)
+from hosts.hardware.qnic import LEFT_ALONE, BlockName, NoLight, Qnic, Received, Symbols
 from hosts.middleware.session.channel import SessionError
 from hosts.middleware.session.options import Options, check_whole
 from wire.metadata import Reason, Setup
 from wire.optical import WAVELENGTHS_PM
+from wire.outcomes import NO_COINCIDENCE
 
 FIBERS = 2
 LIGHT_TIMEOUT_S = 1.0  # for light that has arrived; it may be gone with its session

@@ -9,8 +9,9 @@ operator too: number of the state that arrives = operator ^ rotation.
 import numpy as np
 from numpy.typing import NDArray
 
-from hosts.hardware.qnic import NO_COINCIDENCE, Symbols
+from hosts.hardware.qnic import Symbols
 from wire.metadata import Pauli
+from wire.outcomes import NO_COINCIDENCE
 
 DISTINGUISHABLE_STATES = {
     "complete": 4,

@@ -23,6 +23,7 @@ class HostResources:
     keyring: Keyring  # what this host shares with others
     swaps: Swaps  # the chains of repeaters that it is part of
     abilities: Abilities
+    multi_photon: float  # how likely a pulse of its source has several photons
 
     @property
     def distinguishable_states(self) -> frozenset[int]:

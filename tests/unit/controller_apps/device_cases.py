@@ -18,7 +18,7 @@ from controller_apps.apps.device_monitor import SET_TIMEOUT_S, DeviceMonitor
 from controller_apps.apps.swap_orders import EventSwapsOrdered
 from controller_apps.console import console
 from controller_apps.console.console import Console
-from controller_apps.console.facts import MAX_REQUEST, Facts, perform
+from controller_apps.console.facts import Facts, perform
 from controller_apps.console.questions import EventQuestion, Refused
 from controller_apps.openflow import framework
 from controller_apps.openflow.framework import ofp_event, ofproto, parser
@@ -28,6 +28,7 @@ from controller_apps.sessions.actions import SwapsOrdered
 from controller_apps.sessions.ordering import NODE_TIMEOUT_S
 from controller_apps.sessions.sessions import Stop
 from wire.config import ControllerConfig
+from wire.console import MAX_REQUEST
 from wire.device import (
     DEVICE_PORT,
     Datagram,
@@ -80,7 +81,7 @@ class Scene:
             / data
         )
         message = parser.OFPPacketIn(
-            self.s1, table_id=0, match=parser.OFPMatch(in_port=port), data=bytes(frame)
+            self.s1, table_id=1, match=parser.OFPMatch(in_port=port), data=bytes(frame)
         )
         self.monitor.packet_arrived(ofp_event.EventOFPPacketIn(message))
 

@@ -49,7 +49,8 @@ from controller_apps.openflow.mac_table import MacTable
 from controller_apps.packets.segments import FiveTuple
 from controller_apps.record import Record
 from controller_apps.sessions.state_folder import StateFolder
-from wire.config import ControllerConfig
+from hosts.hardware.lldp import announcement as host_announcement
+from wire.config import ControllerConfig, Station
 from wire.device import DEVICE_PORT
 from wire.features import EVERYTHING, OUI, SUBTYPE, Abilities
 from wire.metadata import (
@@ -124,7 +125,8 @@ class Datapath(ProtocolDesc):  # type: ignore[misc]
         if kind == ofproto.OFPT_PACKET_OUT:
             return packet_out(data, xid)
         if kind == ofproto.OFPT_MULTIPART_REQUEST:
-            return SimpleNamespace(kind=kind, xid=xid, multipart=int.from_bytes(data[8:10], "big"))
+            multipart = int.from_bytes(data[8:10], "big")
+            return SimpleNamespace(kind=kind, xid=xid, multipart=multipart, body=data[16:])
         if kind == ofproto.OFPT_PORT_MOD:
             return SimpleNamespace(kind=kind, xid=xid, data=data)
         if kind not in decoders:
@@ -153,13 +155,33 @@ def packet_out(data: bytes, xid: int) -> SimpleNamespace:
     )
 
 
+UNFILTERED = "[filter]\naddresses = false\nhandshakes = false\n"
+STATIONS = [Station(S1, 1, MACS[ALICE], ALICE), Station(77, 1, MACS[BOB], BOB)]
+
+
 class Scene:
     """Both apps, a classical and a quantum switch, all fibres announced."""
 
-    def __init__(self, folder: Path, state: str = "") -> None:
-        self.record_path = folder / "record.jsonl"
+    def __init__(
+        self,
+        folder: Path,
+        state: str = "",
+        policy: str = UNFILTERED,
+        keys: dict[str, str] | None = None,
+    ) -> None:
+        self.record_path, self.policy_path = folder / "record.jsonl", folder / "policy.toml"
+        self.policy_path.write_text(policy)
         config = ControllerConfig(
-            "127.0.0.1:6653", framework.NAME, [Q1], HOLD_S, 30, str(self.record_path)
+            "127.0.0.1:6653",
+            framework.NAME,
+            [Q1],
+            HOLD_S,
+            30,
+            str(self.record_path),
+            policy=str(self.policy_path),
+            stations=STATIONS,
+            device_keys=keys or {},
+            addresses={name: {"bob": BOB, "charlie": CHARLIE}[name] for name in keys or {}},
         )
         mac_table, record = MacTable(), Record(str(self.record_path))
         self.learning = LearningSwitch(mac_table, record=record)
@@ -195,7 +217,7 @@ class Scene:
         raw = struct.pack("!BBHIHH4x", *header, kind, more) + body
         return parser.OFPMultipartReply.parser(datapath, *header, bytearray(raw))
 
-    def packet_in(self, datapath: Datapath, port: int, data: bytes, table: int = 0) -> None:
+    def packet_in(self, datapath: Datapath, port: int, data: bytes, table: int = 1) -> None:
         message = parser.OFPPacketIn(
             datapath,
             buffer_id=ofproto.OFP_NO_BUFFER,
@@ -236,6 +258,40 @@ def asked_optics(datapath: Datapath) -> int:
     """Return the transaction id of the last question for optics."""
     kind = ofproto.OFPMP_EXPERIMENTER
     return int([m.xid for m in datapath.sent if getattr(m, "multipart", None) == kind][-1])
+
+
+KEY, OTHER_KEY = "0011", "2233"  # of bob and charlie
+FORGED = {
+    "in another's name, unsealed": ({"key": ""}, "without its seal"),
+    "under the key of the one who lies": ({"key": OTHER_KEY}, "seal of an announcement is wrong"),
+    "with the address of another": ({"address": CHARLIE}, "which is not its own"),
+    "in a name that nobody has": ({"name": "mallory", "key": ""}, "address 10.0.0.2 of another"),
+    "that was heard before": ({"number": 5}, "heard before"),
+}
+
+
+@pytest.mark.parametrize(("lie", "words"), FORGED.values(), ids=FORGED)
+def test_nobody_announces_the_fibre_of_another(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, lie: dict[str, Any], words: str
+) -> None:
+    scene = Scene(tmp_path, keys={"bob": KEY, "charlie": OTHER_KEY})
+    told: dict[str, Any] = {
+        "name": "bob",
+        "port": "bob-q0",
+        "address": BOB,
+        "mac": bytes(6),
+        "ttl_s": 30,
+    }
+    told |= {"abilities": Abilities(EVERYTHING, 8), "key": KEY, "number": 5}
+    scene.packet_in(scene.q1, 2, host_announcement(**told))
+    at = SwitchPort(Q1, 2)
+    assert set(scene.quantum.network.hosts) == {at}
+    with caplog.at_level("INFO"):
+        scene.packet_in(scene.q1, 4, host_announcement(**{**told, "number": 6, **lie}))
+    assert words in caplog.text
+    assert set(scene.quantum.network.hosts) == {at}
+    scene.packet_in(scene.q1, 4, host_announcement(**{**told, "number": 7}))
+    assert SwitchPort(Q1, 4) in scene.quantum.network.hosts
 
 
 def announcement(
@@ -280,20 +336,22 @@ def test_a_classical_switch_gets_its_two_tables(scene: Scene) -> None:
     entries = flow_mods(scene.s1.take())
     added = [entry for entry in entries if entry.command == ofproto.OFPFC_ADD]
     wiped = [entry.table_id for entry in entries if entry.command == ofproto.OFPFC_DELETE]
-    up, on = ("output", ofproto.OFPP_CONTROLLER), ("goto", 1)
+    up, on = ("output", ofproto.OFPP_CONTROLLER), ("goto", 2)
     ends = {"eth_type": 0x0800, "ip_proto": 6}
     to_port, from_port = {**ends, "tcp_dst": METADATA_PORT}, {**ends, "tcp_src": METADATA_PORT}
     expected = [
-        (1, 0, {}, [up]),
-        (0, 0, {}, [on]),
-        (0, 250, {**to_port, "tcp_flags": (2, 23)}, [on]),
-        (0, 200, to_port, [up]),
-        (0, 200, {"eth_type": 0x0800, "ip_proto": 17, "udp_dst": DEVICE_PORT}, [up]),
-        (0, 400, {**to_port, "tcp_flags": (1, 1)}, [up, on]),
-        (0, 400, {**to_port, "tcp_flags": (4, 4)}, [up, on]),
-        (0, 400, {**from_port, "tcp_flags": (4, 4)}, [up, on]),
+        (2, 0, {}, [up]),
+        (0, 0, {}, [("goto", 1)]),
+        (1, 0, {}, [on]),
+        (1, 250, {**to_port, "tcp_flags": (2, 23)}, [on]),
+        (1, 200, to_port, [up]),
+        (1, 200, {"eth_type": 0x0800, "ip_proto": 17, "udp_dst": DEVICE_PORT}, [up]),
+        (1, 400, {**to_port, "tcp_flags": (1, 1)}, [up, on]),
+        (1, 400, {**to_port, "tcp_flags": (4, 4)}, [up, on]),
+        (1, 400, {**from_port, "tcp_flags": (4, 4)}, [up, on]),
+        (1, 400, {**from_port, "tcp_flags": (18, 18)}, [up, on]),
     ]
-    assert wiped == [1, 0]
+    assert wiped == [2, 0, 1]
     assert [
         (entry.table_id, entry.priority, dict(entry.match.items()), instructions(entry))
         for entry in added
@@ -304,9 +362,47 @@ def test_a_classical_switch_gets_its_two_tables(scene: Scene) -> None:
                 assert instruction.actions[0].max_len == ofproto.OFPCML_NO_BUFFER
 
 
+def test_each_switch_is_asked_for_the_table_that_sessions_have_entries_in(scene: Scene) -> None:
+    for switch, table in ((scene.s1, 1), (scene.q1, 0)):
+        (asked,) = [m for m in switch.take() if getattr(m, "multipart", None) == ofproto.OFPMP_FLOW]
+        assert asked.body[0] == table
+
+
+def filtering(messages: list[Any]) -> list[tuple[int, dict[str, Any], list[tuple[str, int]]]]:
+    """Return priority, match and instructions of the entries of the first table."""
+    wiped, *added = [mod for mod in flow_mods(messages) if mod.table_id == 0]
+    assert (wiped.command, dict(wiped.match.items())) == (ofproto.OFPFC_DELETE, {})
+    return [(mod.priority, dict(mod.match.items()), instructions(mod)) for mod in added]
+
+
+def test_stations_speak_for_themselves_unless_the_policy_lets_them(tmp_path: Path) -> None:
+    on = [("goto", 1)]
+    port, own = {"in_port": 1}, {"in_port": 1, "eth_src": MACS[ALICE]}
+    arp = {"eth_type": 0x0806, "arp_sha": MACS[ALICE], "arp_spa": ALICE}
+    expected = [
+        (0, {}, on),
+        (40, {**own, "eth_type": 0x0800, "ipv4_src": ALICE}, on),
+        (40, {**own, **arp}, on),
+        (30, {**port, "eth_type": 0x0800}, []),
+        (30, {**port, "eth_type": 0x0806}, []),
+        (30, {**port, "eth_type": 0x86DD}, []),
+        (20, own, on),
+        (10, port, []),
+    ]
+    scene = Scene(tmp_path, policy="")
+    assert filtering(scene.s1.take()) == expected  # bob is at another switch
+    for policy, entries in ((UNFILTERED, expected[:1]), ("", expected)):
+        scene.policy_path.write_text(policy)
+        question = EventQuestion("reload", {})
+        scene.quantum.asked(question)
+        question.wait()
+        assert filtering(scene.s1.take()) == entries
+        assert scene.quantum.arbiter.needs_handshake == (policy == "")
+
+
 def test_fibres_of_a_quantum_switch_are_dark_but_for_lldp(scene: Scene) -> None:
     wiped, miss, entry, *questions = scene.q1.take()
-    assert (wiped.table_id, miss.table_id) == (1, 1)
+    assert (wiped.table_id, miss.table_id) == (2, 2)
     assert entry.table_id == 0
     assert dict(entry.match.items()) == {"eth_type": 0x88CC}
     assert instructions(entry) == [("output", ofproto.OFPP_CONTROLLER)]
@@ -319,9 +415,9 @@ def test_copper_of_a_quantum_switch_learns_like_any_other(scene: Scene) -> None:
     q1 = reconnect(scene, fiber_port(1), copper, fiber_port(2))
     entries = [m for m in q1.take() if m.kind == ofproto.OFPT_FLOW_MOD and m.priority == 1]
     assert [dict(entry.match.items()) for entry in entries] == [{"in_port": 7}]
-    assert [instructions(entry) for entry in entries] == [[("goto", 1)]]
+    assert [instructions(entry) for entry in entries] == [[("goto", 2)]]
     frame = bytes.fromhex("ffffffffffff0200000000aa0800") + bytes(46)
-    scene.packet_in(q1, 7, frame, table=1)
+    scene.packet_in(q1, 7, frame, table=2)
     (out,) = [m for m in q1.take() if m.kind == ofproto.OFPT_PACKET_OUT]
     assert (out.in_port, out.port, out.frame) == (7, ofproto.OFPP_FLOOD, frame)
 
@@ -599,7 +695,7 @@ def test_a_policy_that_is_read_again_puts_a_host_on_the_fibre(ready: Scene, tmp_
     for number, port in enumerate((6, 7)):
         ready.packet_in(ready.q1, port, announcement(HostPort("eve", "10.0.0.4", f"eve-q{number}")))
     file = tmp_path / "policy.toml"
-    file.write_text("[[tap]]\nbetween = ['bob', 'charlie']\nby = 'eve'")
+    file.write_text(UNFILTERED + "[[tap]]\nbetween = ['bob', 'charlie']\nby = 'eve'")
     ready.quantum.policy_path = str(file)
     question = EventQuestion("reload", {})
     ready.quantum.asked(question)
@@ -711,9 +807,9 @@ def test_later_data_installs_the_bypass_and_fin_removes_it(ready: Scene) -> None
         "tcp_dst": METADATA_PORT,
     }
     assert dict(bypass.match.items()) == connection
-    assert (bypass.table_id, bypass.priority, bypass.cookie) == (0, 300, FRAMED.session)
+    assert (bypass.table_id, bypass.priority, bypass.cookie) == (1, 300, FRAMED.session)
     assert (bypass.idle_timeout, bypass.flags) == (30, ofproto.OFPFF_SEND_FLOW_REM)
-    assert instructions(bypass) == [("goto", 1)]
+    assert instructions(bypass) == [("goto", 2)]
     assert sent.frame == frame(b"later", seq=100 + SETUP_LENGTH)
 
     ready.packet_in(ready.s1, 1, frame(flags="FA", seq=105 + SETUP_LENGTH))
@@ -723,6 +819,26 @@ def test_later_data_installs_the_bypass_and_fin_removes_it(ready: Scene) -> None
     (dark,) = ready.q1.take()
     assert (dark.command, dark.cookie) == (ofproto.OFPFC_DELETE, FRAMED.session)
     assert ready.recorded()[-1]["event"] == "torn_down"
+
+
+def test_a_close_far_on_is_held_against_the_count_of_its_bypass(
+    ready: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    grant(ready)
+    ready.packet_in(ready.s1, 1, frame(b"later", seq=100 + SETUP_LENGTH))
+    far = 100 + SETUP_LENGTH + (3 << 20)
+    ready.packet_in(ready.s1, 1, frame(flags="FA", seq=far))
+    ready.s1.take()
+    shift_clock(monkeypatch, 2)
+    ready.quantum.time_passed(None)
+    (question,) = ready.s1.take()
+    assert question.multipart == ofproto.OFPMP_FLOW
+    for xid, count in ((question.xid + 1, 4 << 20), (question.xid, 4 << 20)):
+        assert ready.quantum.arbiter.is_live(FRAMED.session)
+        counted = SimpleNamespace(byte_count=count)
+        reply = SimpleNamespace(datapath=ready.s1, xid=xid, body=[counted], flags=0)
+        ready.quantum.flows_listed(SimpleNamespace(msg=reply))
+    assert not ready.quantum.arbiter.is_live(FRAMED.session)
 
 
 def expire(scene: Scene, reason: int) -> None:
@@ -867,11 +983,11 @@ ONE, TWO = 0x020000000001, 0x020000000002
 
 
 def test_unknown_stations_are_flooded_and_known_ones_learned(ready: Scene) -> None:
-    ready.packet_in(ready.s1, 1, ethernet(ONE, BROADCAST), table=1)
+    ready.packet_in(ready.s1, 1, ethernet(ONE, BROADCAST), table=2)
     (flooded,) = ready.s1.take()
     assert (flooded.in_port, flooded.port) == (1, ofproto.OFPP_FLOOD)
     assert flooded.frame == ethernet(ONE, BROADCAST)
-    ready.packet_in(ready.s1, 2, ethernet(TWO, ONE), table=1)
+    ready.packet_in(ready.s1, 2, ethernet(TWO, ONE), table=2)
     entry, sent = ready.s1.take()
     assert (sent.in_port, sent.port) == (2, 1)
     assert dict(entry.match.items()) == {
@@ -879,36 +995,36 @@ def test_unknown_stations_are_flooded_and_known_ones_learned(ready: Scene) -> No
         "eth_src": "02:00:00:00:00:02",
         "eth_dst": "02:00:00:00:00:01",
     }
-    assert (entry.table_id, instructions(entry)) == (1, [("output", 1)])
+    assert (entry.table_id, instructions(entry)) == (2, [("output", 1)])
     assert entry.idle_timeout > 0
 
 
 def test_a_station_that_moves_is_found_again(ready: Scene) -> None:
-    ready.packet_in(ready.s1, 1, ethernet(ONE, BROADCAST), table=1)
-    ready.packet_in(ready.s1, 3, ethernet(ONE, BROADCAST), table=1)
+    ready.packet_in(ready.s1, 1, ethernet(ONE, BROADCAST), table=2)
+    ready.packet_in(ready.s1, 3, ethernet(ONE, BROADCAST), table=2)
     _, deleted, _ = ready.s1.take()
-    assert (deleted.command, deleted.table_id) == (ofproto.OFPFC_DELETE, 1)
+    assert (deleted.command, deleted.table_id) == (ofproto.OFPFC_DELETE, 2)
     assert dict(deleted.match.items()) == {"eth_dst": "02:00:00:00:00:01"}
     assert ready.learning.mac_table.port_of(S1, ONE.to_bytes(6, "big")) == 3
 
 
 def test_link_local_frames_and_stumps_are_not_forwarded(ready: Scene) -> None:
-    ready.packet_in(ready.s1, 1, ethernet(ONE, 0x0180C200000E), table=1)
-    ready.packet_in(ready.s1, 1, b"\0" * 11, table=1)
+    ready.packet_in(ready.s1, 1, ethernet(ONE, 0x0180C200000E), table=2)
+    ready.packet_in(ready.s1, 1, b"\0" * 11, table=2)
     assert ready.s1.take() == []
 
 
 def test_each_app_leaves_the_other_ones_packets_alone(ready: Scene) -> None:
-    ready.packet_in(ready.s1, 1, frame(b"no magic"), table=0)
+    ready.packet_in(ready.s1, 1, frame(b"no magic"), table=1)
     assert ready.s1.take() == []
     assert ready.quantum.dropped == {"malformed": 1}
-    ready.packet_in(ready.s1, 1, frame(FRAMED.encode()), table=1)
+    ready.packet_in(ready.s1, 1, frame(FRAMED.encode()), table=2)
     assert [sent.kind for sent in ready.s1.take()] == [ofproto.OFPT_PACKET_OUT]
     assert ready.q1.take() == []
 
 
 def test_the_end_is_recorded_with_all_packets_counted(ready: Scene) -> None:
-    ready.packet_in(ready.s1, 1, ethernet(ONE, BROADCAST), table=1)
+    ready.packet_in(ready.s1, 1, ethernet(ONE, BROADCAST), table=2)
     ready.quantum.close()
     last = ready.recorded()[-1]
     assert (last["event"], last["packet_in_count"]) == ("stopped", len(FIBERS) + 1)
@@ -962,7 +1078,7 @@ def test_of_a_classical_switch_bypasses_of_live_sessions_stay(ready: Scene) -> N
 
 def test_no_entry_of_a_session_is_wiped(scene: Scene) -> None:
     wiped = [m for m in flow_mods(scene.s1.take()) if m.command == ofproto.OFPFC_DELETE]
-    cookies = [(m.cookie, m.cookie_mask) for m in wiped if m.table_id == 0]
+    cookies = [(m.cookie, m.cookie_mask) for m in wiped if m.table_id == 1]
     assert cookies == [(0, (1 << 64) - 1)]
 
 

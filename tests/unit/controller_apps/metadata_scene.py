@@ -59,10 +59,11 @@ def frame(
     flags: str = "PA",
     source: str = ALICE,
     destination: str = BOB,
+    ack: int = 1,
     **tcp: Any,
 ) -> bytes:
     """Return a frame to the metadata port with correct lengths and checksums."""
-    segment = TCP(sport=sport, dport=METADATA_PORT, seq=seq, ack=1, flags=flags, **tcp)
+    segment = TCP(sport=sport, dport=METADATA_PORT, seq=seq, ack=ack, flags=flags, **tcp)
     ethernet = Ether(src=MACS[source], dst=MACS[destination])
     return bytes(ethernet / IP(src=source, dst=destination) / segment / payload)
 
@@ -74,3 +75,10 @@ def payload_of(data: bytes) -> bytes:
     del again[IP].len, again[IP].chksum, again[TCP].chksum
     assert bytes(again) == data
     return bytes(packet[TCP].payload)
+
+
+def from_bob(flags: str, seq: int, ack: int, dport: int = 40000) -> bytes:
+    """Return a frame without data from bob's metadata port to alice."""
+    segment = TCP(sport=METADATA_PORT, dport=dport, seq=seq, ack=ack, flags=flags)
+    ethernet = Ether(src=MACS[BOB], dst=MACS[ALICE])
+    return bytes(ethernet / IP(src=BOB, dst=ALICE) / segment)

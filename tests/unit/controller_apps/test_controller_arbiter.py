@@ -19,6 +19,7 @@ from metadata_scene import (
     S1,
     arbiter,
     frame,
+    from_bob,
     payload_of,
     rotating,
 )
@@ -357,9 +358,7 @@ def test_rst_of_either_end_tears_down() -> None:
     granted(state)
     assert "torn_down" in notes(arrive(state, frame(flags="R", seq=LATER)))
     granted(state, sport=40001)
-    from_bob = bytearray(frame(flags="RA", source=BOB, destination=ALICE))
-    from_bob[34:38] = METADATA_PORT.to_bytes(2, "big") + (40001).to_bytes(2, "big")
-    assert "torn_down" in notes(arrive(state, bytes(from_bob)))
+    assert "torn_down" in notes(arrive(state, from_bob("RA", 1, LATER, 40001)))
     assert not state.sessions.by_number
 
 

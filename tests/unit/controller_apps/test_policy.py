@@ -134,6 +134,8 @@ def test_overrides_and_reporting_are_read() -> None:
             "tap 2: there is a tap between a and b already; keep one of them",
         ),
         ("[swap]\nschedule = 'all'", "swap: schedule is 'all': choose one of parallel, left-to"),
+        ("[filter]\naddresses = 1", "filter: addresses is 1: true or false"),
+        ("[filter]\nnames = true", "filter: unknown 'names'"),
         ("[swap]\norder = 'all'", "swap: unknown 'order'; known are schedule"),
         ("[[rule]]\naction = 'deny'\nservice = 'link'", "service is 'link': choose one of *"),
         ("defualt = 'deny'", "the file: unknown 'defualt'"),

@@ -13,7 +13,7 @@ from dispatcher.devices.detector import Train
 from dispatcher.devices.detectors import DetectorPair
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.draws import Draws
-from dispatcher.sabot.manager import NO_CLICK
+from wire.outcomes import NO_CLICK
 from wire.physics import BellAnalyser, Detectors, Device
 
 STATES = np.random.default_rng(1).integers(0, 4, COUNT, dtype=np.uint8)

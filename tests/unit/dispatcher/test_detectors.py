@@ -11,7 +11,7 @@ from dispatcher.devices.detector import Detector, Train
 from dispatcher.devices.detectors import Detection, DetectorPair
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.draws import Draws
-from dispatcher.sabot.manager import NO_CLICK
+from wire.outcomes import NO_CLICK
 from wire.physics import Detectors
 
 COUNT = 200_000

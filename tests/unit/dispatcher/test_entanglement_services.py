@@ -16,9 +16,9 @@ from dispatcher.laboratory import BlockKey, Laboratory, LaboratoryHost, block_id
 from dispatcher.layer.ownership import BlockName
 from dispatcher.operations.preparation import STATES
 from dispatcher.sabot.backend import Bytes
-from dispatcher.sabot.manager import NO_CLICK
 from wire.config import DispatcherConfig, Fiber, FiberEnd
 from wire.dispatcher_pb2 import Gate
+from wire.outcomes import NO_CLICK
 from wire.physics import Device, PairSource
 
 COUNT = 100_000

@@ -10,9 +10,9 @@ from five_sigma import within
 
 from dispatcher.devices.source import pair_probabilities
 from dispatcher.laboratory import Laboratory
-from dispatcher.sabot.manager import NO_CLICK
 from wire.config import DispatcherConfig, Fiber, FiberEnd
 from wire.dispatcher_pb2 import Gate, MeasureRequest
+from wire.outcomes import NO_CLICK
 from wire.physics import Detectors, Device, Memory, PairSource
 
 COUNT = 200_000

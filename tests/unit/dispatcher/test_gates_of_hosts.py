@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from dispatcher.laboratory import Laboratory
 from dispatcher.refusal import Refusal
 from dispatcher.sabot.backend import Bytes
-from dispatcher.sabot.manager import NO_CLICK
 from wire.config import DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
 from wire.dispatcher_pb2 import CreateRequest, Gate, MeasureRequest
+from wire.outcomes import NO_CLICK
 from wire.physics import BellAnalyser, Detectors, Device, Gates, Memory
 
 COUNT = 100_000

@@ -11,8 +11,9 @@ from dispatcher.sabot.backend import CliffordName
 from dispatcher.sabot.backends import BACKENDS
 from dispatcher.sabot.dense import TooLarge
 from dispatcher.sabot.draws import PhotonDraws
-from dispatcher.sabot.manager import NO_CLICK, Sabot
+from dispatcher.sabot.manager import Sabot
 from dispatcher.sabot.registers import Pick, Register
+from wire.outcomes import NO_CLICK
 
 SIZE = 4  # of the blocks of an experiment
 STEPS = 40

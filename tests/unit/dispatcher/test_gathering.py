@@ -16,9 +16,9 @@ from dispatcher.laboratory import BlockKey, Laboratory, block_id
 from dispatcher.layer.ownership import Block, BlockName
 from dispatcher.refusal import Refusal
 from dispatcher.sabot.dense import TooLarge
-from dispatcher.sabot.manager import NO_CLICK
 from wire.config import DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
 from wire.dispatcher_pb2 import CreateRequest, Gate
+from wire.outcomes import NO_CLICK
 from wire.physics import Device, Memory, PairSource
 
 COUNT = 6_000

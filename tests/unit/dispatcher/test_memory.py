@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 
 from dispatcher.devices.decay import Decay, decay
 from dispatcher.layer.ownership import BlockName
-from dispatcher.sabot.manager import NO_CLICK
 from wire.dispatcher_pb2 import CreateRequest, DiscardRequest, Feedback, StoreRequest
+from wire.outcomes import NO_CLICK
 from wire.physics import Device, Memory, PairSource
 
 COUNT = 40_000

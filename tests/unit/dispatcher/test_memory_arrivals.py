@@ -9,9 +9,9 @@ from five_sigma import within
 from numpy.typing import NDArray
 
 from dispatcher.laboratory import Laboratory
-from dispatcher.sabot.manager import NO_CLICK
 from wire.config import DispatcherConfig, Fiber, FiberEnd
 from wire.dispatcher_pb2 import MeasureRequest
+from wire.outcomes import NO_CLICK
 from wire.physics import Device, Memory
 
 PAIRS, BLOCKS = 1_000, 60

@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 from dispatcher.sabot.backend import Begin, GateName
 from dispatcher.sabot.backends import BACKENDS
 from dispatcher.sabot.draws import Draws, PhotonDraws
-from dispatcher.sabot.manager import NO_CLICK, Sabot
+from dispatcher.sabot.manager import Sabot
 from wire.dispatcher_pb2 import ApplyRequest, Feedback, Gate, MeasureRequest
+from wire.outcomes import NO_CLICK
 
 PAIRS = 20_000
 SETTINGS = ((0.0, pi / 4), (0.0, -pi / 4), (pi / 2, pi / 4), (pi / 2, -pi / 4))

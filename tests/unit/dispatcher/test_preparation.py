@@ -15,9 +15,9 @@ from dispatcher.laboratory import JumpingClock, Laboratory, LaboratoryHost
 from dispatcher.operations.blocks import Operations
 from dispatcher.operations.preparation import STATES
 from dispatcher.sabot.backend import Bytes
-from dispatcher.sabot.manager import NO_CLICK
 from wire.config import DispatcherConfig, Fiber, FiberEnd
 from wire.dispatcher_pb2 import CreateRequest, Gate
+from wire.outcomes import NO_CLICK
 
 Backend = Literal["chp", "stim", "dense"]
 COUNT = 6_000

@@ -11,9 +11,10 @@ from dispatcher.sabot.backends import BACKENDS
 from dispatcher.sabot.dense import TooLarge
 from dispatcher.sabot.draws import PhotonDraws
 from dispatcher.sabot.gates import CLIFFORDS
-from dispatcher.sabot.manager import NO_CLICK, Sabot
+from dispatcher.sabot.manager import Sabot
 from dispatcher.sabot.registers import Pick, Register
 from dispatcher.sabot.tableau import Tableau
+from wire.outcomes import NO_CLICK
 
 Z, X, Y = range(3)
 

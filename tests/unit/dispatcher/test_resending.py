@@ -18,9 +18,9 @@ from dispatcher.operations.blocks import Operations
 from dispatcher.operations.resending import ALONE, Resending
 from dispatcher.refusal import Refusal
 from dispatcher.sabot.backend import Bytes
-from dispatcher.sabot.manager import NO_CLICK
 from wire.config import DispatcherConfig, Fiber, FiberEnd
 from wire.dispatcher_pb2 import CreateRequest, MeasureRequest
+from wire.outcomes import NO_CLICK
 from wire.physics import Detectors, Device, PairSource
 
 COUNT = 100_000

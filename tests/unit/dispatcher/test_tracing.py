@@ -16,7 +16,6 @@ from dispatcher.sabot.circuits.circuit import MAX_SOURCE_BYTES, Circuit
 from dispatcher.sabot.circuits.interpreter import run_circuit
 from dispatcher.sabot.circuits.qasm import read_qasm
 from dispatcher.sabot.circuits.source import Source
-from dispatcher.sabot.manager import NO_CLICK
 from wire.config import PathOptics, QuantumSwitch
 from wire.dispatcher_pb2 import (
     ApplyRequest,
@@ -27,6 +26,7 @@ from wire.dispatcher_pb2 import (
     MeasureRequest,
     Pick,
 )
+from wire.outcomes import NO_CLICK
 
 SHOTS = 32
 

@@ -10,9 +10,9 @@ from five_sigma import within
 from dispatcher.laboratory import Laboratory
 from dispatcher.layer import used_names
 from dispatcher.layer.used_names import UsedNames, UsedNumbers
-from dispatcher.sabot.manager import NO_CLICK
 from wire.config import DispatcherConfig
 from wire.dispatcher_pb2 import MeasureRequest
+from wire.outcomes import NO_CLICK
 from wire.physics import Detectors, Device, PairSource
 
 COUNT = 10_000

@@ -315,6 +315,7 @@ async def start_host(
         analyser=analyser,
         features=device.features.value,
         memory_qubits=device.memory.capacity,
+        multi_photon=device.source.multi_photon,
         pair_secrets={other: pair_secret(name, other) for other in QNICS if other != name},
         keys=str(folder / "keys" / name),
         device_key=device_key(name),

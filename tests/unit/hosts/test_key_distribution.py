@@ -3,7 +3,7 @@
 import asyncio
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from math import sqrt
+from math import exp, sqrt
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +30,7 @@ from hosts.stack_socket import QuantumSocketError
 from wire import qkd
 from wire.config import PathOptics
 from wire.metadata import Envelope, Message, Pauli, Setup, Topic, Values
+from wire.physics import Device, PairSource
 
 PATHS = {"bb84": [(1, 2)], "bbm92": [(4, 1), (5, 2)]}
 FIBERS = {"bb84": 2, "bbm92": 4}  # that two correlated outcomes have passed together
@@ -341,3 +342,33 @@ def test_no_photon_is_left_behind(tmp_path: Path, protocol: str) -> None:
         requested(tmp_path, protocol, count=COUNT)
 
     assert asyncio.run(run()) == 0
+
+
+def weak(mean: float) -> dict[str, Any]:
+    """Return the words for a network in which alice has a weak laser of so many photons a pulse."""
+    return {"devices": {"alice": Device(PairSource("poisson", mean))}}
+
+
+def test_weak_pulses_are_detected_as_often_as_they_have_photons(tmp_path: Path) -> None:
+    """A mean of m: seen with 1 - e^-m; several, all known to eve, with 1 - e^-m (1 + m)."""
+    mean = 0.1
+    options: dict[str, Any] = {"bound": "asymptotic", "count": 20_000}
+    alice, bob = distribute(tmp_path, "bb84", physics=weak(mean), **options)
+    seen, several = 1 - exp(-mean), 1 - exp(-mean) * (1 + mean)
+    pulses = alice["photons"]
+    assert abs(alice["raw_bits"] - pulses * seen) < 5 * sqrt(pulses * seen * (1 - seen))
+    assert alice["qber"] == 0
+    assert alice["multi_photon"] == bob["multi_photon"] == pytest.approx(several)
+    single = 1 - pulses * several / 2 / alice["sifted_bits"]
+    assert alice["single_photon_fraction"] == pytest.approx(single)
+    kept = alice["sifted_bits"] - alice["disclosed_bits"]
+    told = alice["leaked_bits"] + 128  # and the hash
+    assert alice["key_bits"] == int(kept * single - told)
+    assert "several photons" in alice["assumed"]
+
+
+def test_weak_pulses_behind_much_loss_bring_no_key(tmp_path: Path) -> None:
+    """Of a mean of .5 behind 10 dB each 20th is seen, and each 11th has several photons."""
+    physics = weak(0.5) | {"connectors_db": 5.0}  # two fibres
+    failed = failure(tmp_path, "bb84", physics=physics, bound="asymptotic", count=5_000)
+    assert "several photons, which an eavesdropper can divide" in failed.alice + failed.bob

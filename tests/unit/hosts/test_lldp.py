@@ -10,6 +10,7 @@ from hosts.hardware.lldp import announcement
 from wire.features import EMIT, EVERYTHING, STORE, Abilities
 
 MAC = bytes.fromhex("020000000100")
+KEY = "00112233445566778899aabbccddeeff"
 ABLE = Abilities(EMIT | STORE, 32)
 GOLDEN = (
     "0180c200000e 020000000100 88cc"
@@ -26,6 +27,13 @@ def test_a_frame_has_these_bytes_and_the_length_that_ethernet_wants() -> None:
     frame = announcement("alice", "alice-q0", "10.0.0.1", MAC, 30, ABLE)
     assert frame == bytes.fromhex(GOLDEN)
     assert len(announcement("a", "a", "10.0.0.1", MAC, 30, ABLE)) == 60
+
+
+def test_a_sealed_frame_has_these_bytes() -> None:
+    # The HMAC was computed by openssl over "fibre", the number and the TLVs before.
+    frame = announcement("alice", "alice-q0", "10.0.0.1", MAC, 30, ABLE, KEY, 0x0102030405060708)
+    sealed = "fe1c 02514d 03 0102030405060708 b5ef4ffafcf3aca9c4b6f81f0c6323e8 0000"
+    assert frame == bytes.fromhex(GOLDEN.removesuffix("0000") + sealed)
 
 
 def test_os_ken_reads_what_was_meant() -> None:

@@ -91,16 +91,27 @@ def test_a_verdict_counts_once(monkeypatch: pytest.MonkeyPatch) -> None:
     checks = Verdicts(key)
     granted = [_sealed(replace(grant(SETUP), session=number), key) for number in range(1, 4)]
     for setup in granted:
-        checks.check(setup, CONNECTION)
+        checks.checked(setup, CONNECTION)
     for setup in granted[1:]:
         with pytest.raises(SessionError, match="has come before"):
-            checks.check(setup, CONNECTION)
-    checks.check(granted[0], CONNECTION)  # long ago
+            checks.checked(setup, CONNECTION)
+    checks.checked(granted[0], CONNECTION)  # long ago
 
 
 def test_a_host_without_a_device_key_takes_nobodys_word() -> None:
     with pytest.raises(SessionError, match="seal") as caught:
-        Verdicts("").check(_sealed(grant(SETUP), ""), CONNECTION)
+        Verdicts("").checked(_sealed(grant(SETUP), ""), CONNECTION)
+    assert caught.value.reason == Reason.NOT_ARBITRATED
+
+
+def test_standing_light_needs_no_verdict_but_believes_no_other() -> None:
+    checks = Verdicts("00" * 16, standing=True)
+    taken = checks.checked(SETUP, CONNECTION)
+    assert taken == replace(SETUP, verdict=Verdict.GRANTED)
+    with pytest.raises(SessionError, match="seal"):
+        checks.checked(grant(SETUP), CONNECTION)
+    with pytest.raises(SessionError) as caught:
+        Verdicts("00" * 16).checked(SETUP, CONNECTION)
     assert caught.value.reason == Reason.NOT_ARBITRATED
 
 

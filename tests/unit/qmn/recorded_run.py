@@ -12,8 +12,8 @@ from scapy.utils import PcapWriter
 from dispatcher.layer.event_capture import EventCapture
 from qmn.results.network_facts import NetworkFacts
 from qmn.results.result import complete
-from topologies.record import RECORD
 from wire.config import PathOptics, QuantumSwitch
+from wire.controller_record import RECORD
 from wire.dispatcher_pb2 import BlockId, Event
 from wire.fiber import Fiber, FiberEnd
 from wire.metadata import Answer, Handshake, Reason, Service, Setup, Verdict

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from qmn.results.result import coding, complete, emulation, percentiles
-from topologies.record import RECORD, read_record
+from wire.controller_record import RECORD, read_record
 
 
 def test_percentiles_of_nothing_of_one_and_of_many() -> None:

@@ -7,7 +7,7 @@ import pytest
 from mininet.topo import Topo
 
 from topologies.chain import ChainTopo
-from topologies.copper_lengths import lay_copper, shortest
+from topologies.copper_lengths import assign_copper_lengths, shortest
 from topologies.copper_link import CopperLink
 from topologies.fiber import FiberLink
 from topologies.leaf_spine import LeafSpineTopo
@@ -71,19 +71,19 @@ def custom(**copper: Any) -> Topo:
 def test_fibres_of_different_lengths_and_several_beside_each_other() -> None:
     topo = custom()
     topo.addLink("bob", "q1", cls=FiberLink, length_km=3.0)
-    lay_copper(topo)
+    assign_copper_lengths(topo)
     assert lengths(topo) == {"alice s1": 5.0, "bob s1": 3.0}
 
 
 def test_a_length_that_somebody_names_stays() -> None:
     topo = custom(cls=CopperLink, length_km=400.0)
-    lay_copper(topo)
+    assign_copper_lengths(topo)
     assert lengths(topo) == {"alice s1": 400.0, "bob s1": 400.0}
 
 
 def test_one_length_can_be_said_of_all_copper() -> None:
     topo = SdcTopo(length_km=20.0)
-    lay_copper(topo, 1.5)
+    assign_copper_lengths(topo, 1.5)
     assert set(lengths(topo).values()) == {1.5}
 
 
@@ -92,5 +92,5 @@ def test_a_network_without_fibres_has_copper_of_no_length() -> None:
     topo.addSwitch("s1", cls=ClassicalSwitch)
     topo.addHost("a")
     topo.addLink("a", "s1")
-    lay_copper(topo)
+    assign_copper_lengths(topo)
     assert lengths(topo) == {"a s1": 0.0}

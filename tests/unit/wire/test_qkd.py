@@ -41,9 +41,10 @@ SEED = b"\x5a" * 32
 
 GOLDEN: list[tuple[QkdMessage, str]] = [
     (
-        Proposal(0.5, 0.25, 0.125, 0.0625, Bound.FINITE, Reconciliation.CASCADE),
-        "514b010100000046010203040506070800000009"
-        "3fe0000000000000 3fd0000000000000 3fc0000000000000 3fb0000000000000 01 01",
+        Proposal(0.5, 0.25, 0.125, 0.0625, Bound.FINITE, Reconciliation.CASCADE, 0.03125),
+        "514b01010000004e010203040506070800000009"
+        "3fe0000000000000 3fd0000000000000 3fc0000000000000 3fb0000000000000 01 01"
+        "3fa0000000000000",
     ),
     (
         Detections(1, 10, b"\xc0\x40", b"\xa0"),
@@ -152,12 +153,15 @@ def test_a_wrong_header_is_refused_at_once(
 
 
 WRONG: list[QkdMessage] = [
-    Proposal(0.0, 0.1, 0.1, 0.1, 1, 1),
-    Proposal(0.1, 1.0, 0.1, 0.1, 1, 1),
-    Proposal(0.1, 0.1, float("nan"), 0.1, 1, 1),
-    Proposal(0.1, 0.1, 0.1, float("inf"), 1, 1),
-    Proposal(0.1, 0.1, 0.1, 0.1, 3, 1),
-    Proposal(0.1, 0.1, 0.1, 0.1, 1, 0),
+    Proposal(0.0, 0.1, 0.1, 0.1, 1, 1, 0.0),
+    Proposal(0.1, 1.0, 0.1, 0.1, 1, 1, 0.0),
+    Proposal(0.1, 0.1, float("nan"), 0.1, 1, 1, 0.0),
+    Proposal(0.1, 0.1, 0.1, float("inf"), 1, 1, 0.0),
+    Proposal(0.1, 0.1, 0.1, 0.1, 3, 1, 0.0),
+    Proposal(0.1, 0.1, 0.1, 0.1, 1, 0, 0.0),
+    Proposal(0.1, 0.1, 0.1, 0.1, 1, 1, 1.0),
+    Proposal(0.1, 0.1, 0.1, 0.1, 1, 1, -0.1),
+    Proposal(0.1, 0.1, 0.1, 0.1, 1, 1, float("nan")),
     Detections(0, 0, b"", b""),
     Detections(0, MAX_PHOTONS + 1, b"", b""),
     Detections(0, 10, b"\xc0\x01", b"\xa0"),  # padding

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from hosts.hardware.qnic import Symbols
 
-BASES = ("Z", "X", "Y")  # numbered as in wire/dispatcher.proto
 DIFFER = 2  # the basis in which the halves of Phi+ give different outcomes
 NORMAL_95 = 1.959964  # 95 % of a normal distribution is within so many standard deviations
 

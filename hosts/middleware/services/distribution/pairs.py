@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hosts.hardware.qnic import BlockName, Positions, Symbols
-from hosts.middleware.services.distribution.fidelity import BASES, Estimate
+from hosts.middleware.services.distribution.fidelity import Estimate
 from hosts.middleware.services.distribution.purification import PHOTONS, Protocol, purify
 from hosts.middleware.session.blocks import (
     ASKED,
@@ -26,6 +26,7 @@ from hosts.middleware.session.channel import SessionError
 from hosts.middleware.session.service import End
 from hosts.network_loop import now_s
 from wire.metadata import Reason, Topic
+from wire.outcomes import BASES
 
 MAX_ASKED = 100_000  # pairs in one question
 MAX_BLOCKS = 4000  # that one gathering takes from

@@ -1,7 +1,8 @@
-"""BB84: keys by single photons that the opener prepares (Bennett and Brassard 1984).
+"""BB84: keys by photons that the opener prepares (Bennett and Brassard 1984).
 
-Each photon carries a random bit in Z (0, 1) or X (+, -); the acceptor measures it, as it
-arrives, in a basis of its own choice.
+Each pulse carries a random bit in Z (0, 1) or X (+, -); the acceptor measures it, as it arrives,
+in a basis of its own choice. How often its source emits several photons is told by the opener, and
+shortens the key (hosts.middleware.qkd.key_length).
 """
 
 from hosts.middleware.qkd.sifting import Record
@@ -24,7 +25,7 @@ async def prepare_and_send(end: OpenerEnd, number: int, photons: int) -> Record:
 
 async def open_bb84(end: OpenerEnd, options: KeyOptions) -> None:
     """Make a key with the acceptor."""
-    await OpenerOfKeys(end, options, prepare_and_send).run()
+    await OpenerOfKeys(end, options, prepare_and_send, end.means.multi_photon).run()
 
 
 async def accept_bb84(end: AcceptorEnd) -> None:

@@ -5,10 +5,11 @@ from math import ceil
 
 import numpy as np
 
-from hosts.hardware.qnic import NO_COINCIDENCE, BlockName, NoLight, Symbols
+from hosts.hardware.qnic import BlockName, NoLight, Symbols
 from hosts.middleware.session.channel import SessionError
 from hosts.middleware.session.service import LIGHT_TIMEOUT_S, End
 from wire.metadata import Reason
+from wire.outcomes import NO_COINCIDENCE
 from wire.qkd import MAX_KEY_BITS
 
 GRACE_S = 1.0  # light that is not measured so long after its last photon is due is lost

@@ -1,6 +1,7 @@
 """The end that asks for keys: sends light until enough is sifted, answers questions, stores."""
 
 from collections.abc import Awaitable, Callable
+from dataclasses import replace
 from uuid import UUID
 
 from hosts.middleware.qkd.alice import Alice
@@ -23,12 +24,16 @@ Light = Callable[[OpenerEnd, int, int], Awaitable[Record]]  # of a block: number
 class OpenerOfKeys:
     """The end that asked for keys; `light` makes a block and tells what this end knows of it."""
 
-    def __init__(self, end: OpenerEnd, options: KeyOptions, light: Light) -> None:
+    def __init__(
+        self, end: OpenerEnd, options: KeyOptions, light: Light, multi_photon: float = 0.0
+    ) -> None:
+        """Make keys of this light, whose pulses have several photons so likely."""
         self._end, self._options, self._light = end, options, light
         self._peer = end.arrangement.peer
         self._progress = Progress()
         outgoing, incoming = pools(end, end.means.keyring.host, self._peer)
-        terms = Terms(end.setup.session, options.parameters(), outgoing, incoming, end.draws.bytes)
+        parameters = replace(options.parameters(), multi_photon=multi_photon)
+        terms = Terms(end.setup.session, parameters, outgoing, incoming, end.draws.bytes)
         self._alice = Alice(terms)
         self._messages = KeyMessages(end, self._alice, self._store)
         self._sizes: list[int] = []  # of the blocks that were announced

@@ -10,6 +10,10 @@ from hosts.middleware.qkd.key_store import KEY_BITS
 from hosts.network_loop import now_s
 
 CONFIDENCE = 0.95
+SOURCES = {
+    False: "pulses of one photon or pair at most, or pairs of a source that nobody trusts",
+    True: "pulses without a fixed phase; those of several photons are known to an eavesdropper",
+}
 
 
 @dataclass
@@ -38,13 +42,14 @@ def summary(progress: Progress, keys: End, ids: list[UUID]) -> dict[str, Any]:
     """Return what is told at the end; None for what is not known.
 
     Photons, raw and sifted bits are per second of light and sifting, key bits per second of
-    the whole session. The limit of the key fraction is 1 - 2 h(QBER), of endless keys.
+    the whole session. The limit of the key fraction is that of endless keys.
     """
     report, estimate = keys.report, keys.estimate
     elapsed_s = now_s() - progress.started
     light_s = progress.light_s or elapsed_s  # nothing was sifted
     low, high = estimate.interval(CONFIDENCE) if estimate else (None, None)
     qber = estimate.qber if estimate else None
+    limit = None if qber is None else asymptotic_fraction(qber, keys.single_share)
     return {
         **so_far(progress, keys),
         "qber": qber,
@@ -54,7 +59,10 @@ def summary(progress: Progress, keys: End, ids: list[UUID]) -> dict[str, Any]:
         "leaked_bits": report.leaked,
         "key_bits": report.key,
         "key_fraction": report.key / report.sifted if report.sifted else None,
-        "key_fraction_limit": None if qber is None else asymptotic_fraction(qber),
+        "key_fraction_limit": limit,
+        "multi_photon": keys.multi_photon,
+        "single_photon_fraction": keys.single_share if report.sifted else None,
+        "assumed": SOURCES[keys.multi_photon > 0],
         "keys": len(ids),
         "bits_of_a_key": KEY_BITS,
         "first_key_id": str(ids[0]) if ids else None,

@@ -9,8 +9,9 @@ from typing import Protocol
 
 import numpy as np
 
-from hosts.hardware.qnic import NO_COINCIDENCE, Symbols
+from hosts.hardware.qnic import Symbols
 from hosts.middleware.services.superdense.coding import Bits, Mask
+from wire.outcomes import NO_COINCIDENCE
 
 GROUP_BITS, GROUP_PAIRS = 11, 7
 _BIT_WEIGHTS = 1 << np.arange(GROUP_BITS)[::-1]

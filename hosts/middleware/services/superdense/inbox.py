@@ -5,10 +5,11 @@ from zlib import crc32
 
 import numpy as np
 
-from hosts.hardware.qnic import NO_COINCIDENCE, Symbols
+from hosts.hardware.qnic import Symbols
 from hosts.middleware.services.superdense.frame_format import FrameFormat
 from hosts.middleware.services.superdense.framing import NO_SLOTS, FramingError, SlotMap, Slots
 from wire.metadata import Block, Frame, Report
+from wire.outcomes import NO_COINCIDENCE
 
 DIAGONAL = np.diag_indices(4)
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from hosts.hardware.qnic import NO_COINCIDENCE, NoLight, Qnic, Symbols, release
+from hosts.hardware.qnic import NoLight, Qnic, Symbols, release
 from hosts.middleware.services.superdense.frame_format import FrameFormat, agreed_format
 from hosts.middleware.services.superdense.framing import FramingError
 from hosts.middleware.services.superdense.inbox import Inbox
@@ -20,6 +20,7 @@ from hosts.middleware.session.encoding import (
 from hosts.middleware.session.offers import _offer_nothing_but_0, check_light
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS, MAX_FRAME_BYTES
 from wire.metadata import Answer, Block, Finish, Handshake, Reason, Report, Setup
+from wire.outcomes import NO_COINCIDENCE
 
 ARRIVAL_TIMEOUT_S = 0.1  # the sender speaks of a block only when its light has arrived
 SETTLE_TIMEOUT_S = 30.0

@@ -13,11 +13,12 @@ from typing import ClassVar, Protocol, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hosts.hardware.qnic import NO_COINCIDENCE, BlockName, Directions, Qnic, Symbols
+from hosts.hardware.qnic import BlockName, Directions, Qnic, Symbols
 from hosts.middleware.session.channel import ANSWER_TIMEOUT_S, SessionError
 from hosts.middleware.session.service import ConnectionEnd
 from hosts.middleware.session.values import Numbers, expect
 from wire.metadata import Reason, Topic, Values
+from wire.outcomes import NO_COINCIDENCE
 
 NAMES = ("0", "1", "+", "-", "+i", "-i")  # of the cardinal states, by their numbers
 RANDOM, HAAR = "random", "haar"

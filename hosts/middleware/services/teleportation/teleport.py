@@ -19,13 +19,13 @@ from typing import Any
 
 import numpy as np
 
-from hosts.hardware.qnic import NO_COINCIDENCE
 from hosts.middleware.services.teleportation import qubit_states
 from hosts.middleware.services.teleportation.qubit_states import RANDOM, States
 from hosts.middleware.session.service import AcceptorEnd, OpenerEnd, ServiceKind
 from hosts.middleware.session.service_options import ServiceOptions
 from hosts.network_loop import now_s
 from wire.metadata import Service, Topic
+from wire.outcomes import NO_COINCIDENCE
 
 STATE_BLOCKS = 1 << 31  # numbers of the blocks of states, beside those of pairs
 

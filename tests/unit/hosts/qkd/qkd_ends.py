@@ -13,7 +13,8 @@ from hosts.middleware.qkd.bits import Bits
 from hosts.middleware.qkd.bob import Bob
 from hosts.middleware.qkd.end import Terms
 from hosts.middleware.qkd.parameters import Parameters
-from hosts.middleware.qkd.sifting import NO_CLICK, Record
+from hosts.middleware.qkd.sifting import Record
+from wire.outcomes import NO_CLICK
 from wire.qkd import Bound
 
 SESSION = 0x0123456789ABCDEF

@@ -10,7 +10,8 @@ from qkd_ends import SESSION, SHORT, Ends, bb84, make_ends
 from hosts.middleware.qkd.end import End, State
 from hosts.middleware.qkd.key_length import finite_key_length
 from hosts.middleware.qkd.parameters import Parameters
-from hosts.middleware.qkd.sifting import NO_CLICK, Record
+from hosts.middleware.qkd.sifting import Record
+from wire.outcomes import NO_CLICK
 from wire.qkd import AbortReason, Confirm, Reconciliation, unframe
 
 PHOTONS = 2000

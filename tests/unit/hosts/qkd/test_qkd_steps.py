@@ -1,5 +1,7 @@
 """The steps of key distribution one by one, against formulas and slow ways to do the same."""
 
+from math import exp, lgamma, log, log1p
+
 import numpy as np
 import pytest
 from qkd_ends import bb84, random_bits
@@ -13,11 +15,13 @@ from hosts.middleware.qkd.key_length import (
     asymptotic_key_length,
     binary_entropy,
     finite_key_length,
+    most_tagged,
     sampling_deviation,
 )
 from hosts.middleware.qkd.public_randomness import permutation
-from hosts.middleware.qkd.sifting import NO_CLICK, Record, choose, sifted
+from hosts.middleware.qkd.sifting import Record, choose, sifted
 from hosts.middleware.qkd.verification import collision_probability, key_tag
+from wire.outcomes import NO_CLICK
 
 
 def test_bits_are_packed_first_bit_highest() -> None:
@@ -120,6 +124,46 @@ def test_the_finite_key_fraction_approaches_the_asymptotic_one() -> None:
         fractions.append(finite_key_length(bits, bits, 0.02, leaked, 1e-10, 1e-15) / bits)
     assert fractions == sorted(fractions)
     assert fractions[-1] == pytest.approx(asymptotic_fraction(0.02), abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("qber", "single", "fraction"),
+    [
+        # W (1 - h(Q / W)) - h(Q) of Gottesman and others, quant-ph/0212066: worked out by hand with
+        # h(.02) = .1414405, h(.03) = .1943919, h(.1) = .4689956.
+        (0.02, 1.0, 0.7171190),
+        (0.02, 2 / 3, 2 / 3 * (1 - 0.1943919) - 0.1414405),
+        (0.02, 0.2, 0.0),  # .2 (1 - .4689956) is less than what error correction tells
+        (0.0, 0.5, 0.5),
+        (0.0, 0.0, 0.0),
+    ],
+)
+def test_pulses_of_several_photons_cost_the_fraction_of_gllp(
+    qber: float, single: float, fraction: float
+) -> None:
+    assert asymptotic_fraction(qber, single) == pytest.approx(fraction, abs=1e-6)
+
+
+def test_tags_are_bounded_by_the_tail_of_the_binomial_distribution() -> None:
+    """Bernstein's bound is above the exact tail (summed here), and by less than a tenth."""
+    pulses, multi_photon, eps = 200_000, 0.01, 1e-10
+    tagged = most_tagged(pulses, multi_photon, eps)
+    p = multi_photon / 2
+    tail, count = 1.0, 0
+    while tail > eps:
+        logs = lgamma(pulses + 1) - lgamma(count + 1) - lgamma(pulses - count + 1)
+        tail -= exp(logs + count * log(p) + (pulses - count) * log1p(-p))
+        count += 1
+    assert count <= tagged < 1.1 * count
+    assert most_tagged(pulses, 0.0, eps) == 0
+
+
+def test_no_finite_key_is_made_of_bits_that_are_all_known() -> None:
+    assert finite_key_length(90_000, 10_000, 0.0, 0, 1e-10, 1e-15, tagged_bits=90_000) == 0
+    assert finite_key_length(90_000, 10_000, 0.0, 0, 1e-10, 1e-15, tagged_bits=1e6) == 0
+    some = finite_key_length(90_000, 10_000, 0.0, 0, 1e-10, 1e-15, tagged_bits=9_000)
+    # .9 (1 - h(.0520838923 / .9)) of 90,000, less log2(2 / 1e-35): h(.0578709914) = .3189349.
+    assert some == pytest.approx(81_000 * (1 - 0.3189349) - 117.27, abs=2)
 
 
 def naive_toeplitz(key: Bits, seed: Bits, length: int) -> Bits:

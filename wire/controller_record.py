@@ -1,10 +1,16 @@
-"""The controller's record: one line of JSON for each fact."""
+"""The controller's record: one line of JSON for each fact, stamped with the captures' clock."""
 
 import json
+import time
 from pathlib import Path
 from typing import Any
 
 RECORD = "controller.jsonl"
+
+
+def fact_line(event: str, **fields: Any) -> bytes:
+    """Return the line of a fact of this moment."""
+    return json.dumps({"time_ns": time.time_ns(), "event": event, **fields}).encode() + b"\n"
 
 
 def read_record(folder: Path) -> list[dict[str, Any]]:

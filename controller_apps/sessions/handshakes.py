@@ -1,0 +1,69 @@
+"""TCP connections to the metadata port that have begun, by what their acceptors said to it.
+
+    opener --SYN, seq a-->              <--SYN ACK, seq b, ack a+1-- acceptor
+           --set-up, seq a+1, ack b+1-->
+
+Switches send the middle one to the controller, too. A set-up message that does not fit it comes
+from somebody who has not heard the acceptor: nothing is asked for in the name of another.
+"""
+
+from collections import Counter
+from dataclasses import dataclass, field
+
+from controller_apps.packets.segments import FiveTuple, Segment
+
+MAX_HANDSHAKES = 8192
+MAX_OF_ONE = 512  # of an opener's address: nobody's place is taken by the connections of another
+
+
+@dataclass(frozen=True)
+class Handshake:
+    """What an acceptor has answered, where a switch has heard it (datapath id and port)."""
+
+    opener_next: int  # sequence number of the opener's first byte
+    acceptor_next: int
+    at: tuple[int, int]
+
+
+@dataclass
+class Handshakes:
+    """The last handshake of each connection, of so many connections."""
+
+    _by_connection: dict[FiveTuple, Handshake] = field(default_factory=dict)  # the oldest first
+    _of: Counter[str] = field(default_factory=Counter)
+
+    def heard(self, segment: Segment, at: tuple[int, int]) -> None:
+        """Note a segment with SYN and ACK from the metadata port."""
+        connection = segment.five_tuple.reverse()
+        self._forget(connection)
+        opener = connection.source
+        if self._of[opener] >= MAX_OF_ONE:
+            self._forget(next(known for known in self._by_connection if known.source == opener))
+        elif len(self._by_connection) >= MAX_HANDSHAKES:
+            self._forget(next(iter(self._by_connection)))
+        acceptor_next = (segment.sequence + 1) & 0xFFFFFFFF
+        self._by_connection[connection] = Handshake(segment.acknowledged, acceptor_next, at)
+        self._of[opener] += 1
+
+    def completed_by(self, segment: Segment, at: tuple[int, int]) -> bool:
+        """Tell whether a segment is the first with data of a connection that has begun.
+
+        Who speaks for both ends does so by way of one port.
+        """
+        known = self._by_connection.get(segment.five_tuple)
+        told = segment.sequence, segment.acknowledged
+        return (
+            known is not None
+            and at != known.at
+            and told
+            == (
+                known.opener_next,
+                known.acceptor_next,
+            )
+        )
+
+    def _forget(self, connection: FiveTuple) -> None:
+        if self._by_connection.pop(connection, None) is not None:
+            self._of[connection.source] -= 1
+            if not self._of[connection.source]:
+                del self._of[connection.source]

@@ -1,0 +1,97 @@
+"""Who calls the dispatcher over a network: proof for each call, and no token on the wire."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import grpc
+import pytest
+from dispatcher_network import JumpingClock, configuration, running
+
+from dispatcher.server import challenges
+from dispatcher.server.challenges import Challenges
+from topologies.runtime import free_port
+from wire.dispatcher_pb2 import ChallengeRequest, StatusRequest
+from wire.dispatcher_pb2_grpc import DispatcherStub
+from wire.service import NONCE_BYTES, metadata, proof, proving
+
+TIMEOUT_S = 5.0
+NONCE = bytes(range(NONCE_BYTES))
+GOLDEN = "bdb7662ff651382c595962ef5690065db154ad520ef8adc76938807f23a10ac1"
+Act = Callable[[Any, Any], Awaitable[None]]
+
+
+def on_two_connections(folder: Path, act: Act) -> None:
+    """Do something with two TCP connections to a dispatcher."""
+
+    async def run() -> None:
+        address = f"127.0.0.1:{free_port()}"
+        config = replace(configuration(folder), listen=address)
+        async with running(config, JumpingClock()):
+            options = [("grpc.use_local_subchannel_pool", 1)]
+            async with (
+                grpc.aio.insecure_channel(address, options) as one,
+                grpc.aio.insecure_channel(address, options) as other,
+            ):
+                stubs = [DispatcherStub(channel) for channel in (one, other)]  # type: ignore[no-untyped-call]
+                await act(*stubs)
+
+    asyncio.run(run())
+
+
+async def nonce_of(stub: Any) -> bytes:
+    return bytes((await stub.Challenge(ChallengeRequest(), timeout=TIMEOUT_S)).nonce)
+
+
+async def refused(stub: Any, told: Any, words: str) -> None:
+    with pytest.raises(grpc.aio.AioRpcError) as caught:
+        await stub.Status(StatusRequest(), metadata=told, timeout=TIMEOUT_S)
+    assert caught.value.code() == grpc.StatusCode.UNAUTHENTICATED
+    assert words in (caught.value.details() or "")
+
+
+def test_a_proof_counts_once_for_its_method_on_its_connection(tmp_path: Path) -> None:
+    async def act(one: Any, other: Any) -> None:
+        token = "token of runner"
+        told = proving(token, await nonce_of(one), "Status")
+        await refused(other, told, "not of this connection")
+        await one.Status(StatusRequest(), metadata=told, timeout=TIMEOUT_S)
+        await refused(one, told, "was used before")
+        await refused(one, proving(token, await nonce_of(one), "Watch"), "no node's token proves")
+        await refused(one, proving("wrong", await nonce_of(one), "Status"), "no node's token")
+        await refused(one, proving(token, NONCE, "Status"), "not of this connection")
+        await refused(one, (("qmn-nonce", "no hex"), ("qmn-proof", "ü".encode().hex())), "not of")
+        await refused(one, (("qmn-proof", "00"),), "not of this connection")
+
+    on_two_connections(tmp_path, act)
+
+
+def test_a_token_that_comes_over_a_network_is_not_taken(tmp_path: Path) -> None:
+    async def act(one: Any, _other: Any) -> None:
+        await refused(one, metadata("token of runner"), "a token came over the network")
+        await refused(one, (), "no token in the call's metadata")
+
+    on_two_connections(tmp_path, act)
+
+
+def test_the_proof_is_golden() -> None:
+    # Computed by openssl over "call", the challenge and the name of the method.
+    assert proof("0123456789abcdef", NONCE, "Perform") == GOLDEN
+
+
+def test_nobody_crowds_out_the_challenges_of_another(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(challenges, "MAX_OF_ONE", 3)
+    monkeypatch.setattr(challenges, "MAX_CHALLENGES", 5)
+    given = Challenges()
+    mine = given.give("ipv4:10.0.0.1:40000")
+    others = [given.give(f"ipv4:10.0.0.2:{port}") for port in range(10)]
+    assert [given.take(nonce.hex(), f"ipv4:10.0.0.2:{port}") for port, nonce in enumerate(others)][
+        :7
+    ] == [None] * 7
+    assert given.take(mine.hex(), "ipv4:10.0.0.1:40000") == mine
+    assert given.take(mine.hex(), "ipv4:10.0.0.1:40000") is None
+    for port in range(10):  # of as many addresses
+        given.give(f"ipv4:10.0.1.{port}:1")
+    assert len(given._peers) == 5

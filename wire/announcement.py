@@ -1,0 +1,41 @@
+"""The seal on a host's LLDP: proof of who announces a fibre.
+
+It is the last TLV of ours in a frame, behind the OUI of wire.features:
+
+    +---------+--------+----------------+
+    | subtype | number | HMAC, 16 bytes |   u8, u64; network byte order
+    +---------+--------+----------------+
+
+The HMAC (SHA-256, cut to 16 bytes) is under the host's device key and covers the TLVs before it and
+the number: the host's clock in nanoseconds, which rises. What was heard once is no use.
+"""
+
+import hmac
+import struct
+
+from wire.metadata import MalformedPacket
+
+SUBTYPE = 3
+SPEAKER = b"fibre"  # no datagram or verdict under the same key begins so
+TAG_BYTES = 16
+_SEAL = struct.Struct(f"!Q{TAG_BYTES}s")
+
+
+def seal(tlvs: bytes, key: str, number: int) -> bytes:
+    """Return what the TLV holds behind OUI and subtype; the key is hexadecimal."""
+    return _SEAL.pack(number, _tag(tlvs, key, number))
+
+
+def open_seal(data: bytes, tlvs: bytes, key: str) -> int:
+    """Return the number of an announcement; raise MalformedPacket unless the key's host made it."""
+    if len(data) != _SEAL.size:
+        raise MalformedPacket(f"the seal of an announcement has {len(data)} bytes")
+    number, tag = _SEAL.unpack(data)
+    if not hmac.compare_digest(tag, _tag(tlvs, key, number)):
+        raise MalformedPacket("the seal of an announcement is wrong")
+    return int(number)
+
+
+def _tag(tlvs: bytes, key: str, number: int) -> bytes:
+    covered = SPEAKER + struct.pack("!Q", number) + tlvs
+    return hmac.digest(bytes.fromhex(key), covered, "sha256")[:TAG_BYTES]

@@ -1,0 +1,8 @@
+"""Numbers of outcomes, bases and Pauli operators in messages that have one for each qubit."""
+
+from wire.metadata import Pauli
+
+NO_CLICK = 255  # in place of a measured bit
+NO_COINCIDENCE = NO_CLICK  # in place of a Bell state
+BASES = ("Z", "X", "Y")  # by number, as in MeasureRequest of wire/dispatcher.proto
+PAULIS = tuple(pauli.name for pauli in Pauli)  # names by number
