@@ -8,6 +8,7 @@ import signal
 import socket
 import sys
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -105,6 +106,7 @@ def start_apps(framework: Any, config: ControllerConfig) -> Any:
     """Start the apps, the OpenFlow server and the console; return the quantum-metadata app."""
     from controller_apps.console.console import Console
     from controller_apps.console.facts import Facts
+    from controller_apps.console.guard import Guard
     from controller_apps.openflow.mac_table import MacTable
     from controller_apps.record import Record
     from controller_apps.sessions.state_folder import StateFolder
@@ -124,9 +126,9 @@ def start_apps(framework: Any, config: ControllerConfig) -> Any:
         raise Fatal(f"cannot open the console {config.console!r}: {error.strerror}") from error
     modules = [f"controller_apps.apps.{name}" for name in APPS]
     modules += ["controller_apps.console.rest"] if config.rest else []
-    apps = framework.start(
-        modules + config.apps, config=config, mac_table=MacTable(), record=record, state=state
-    )
+    contexts = {"config": config, "mac_table": MacTable(), "record": record, "state": state}
+    guard = partial(Guard, address=config.rest, token=config.rest_token)
+    apps = framework.start(modules + config.apps, guard, **contexts)
     facts = Facts(apps["QuantumMetadata"], apps["DeviceMonitor"])
     for server in (console, metrics):
         if server is not None:

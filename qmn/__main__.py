@@ -15,6 +15,7 @@ signal.signal(signal.SIGINT, signal.SIG_DFL)
 VERBS = (  # each a module of qmn.verbs
     "run",
     "cli",
+    "script",
     "sweep",
     "curves",
     "devices",
@@ -28,6 +29,7 @@ VERBS = (  # each a module of qmn.verbs
     "classical",
     "sabot",
     "replay",
+    "share",
     "report",
     "doctor",
     "clean",

@@ -11,10 +11,11 @@ import struct
 import subprocess
 from typing import Any
 
-from mininet.link import Link
+from mininet.link import Intf, Link
 from mininet.node import Node, Switch
 
 from topologies import runtime
+from topologies.keywords import refuse_unknown
 from topologies.programs import NetworkError
 from wire.config import Cable
 from wire.fiber import SPEED_IN_FIBER_M_PER_S
@@ -56,6 +57,7 @@ class CopperLink(Link):
         **params: object,
     ) -> None:
         where = f"copper {node1.name} to {node2.name}"
+        refuse_unknown(where, params, type(self), Intf)
         if not isinstance(length_km, int | float) or not 0 <= length_km <= MOST_KM:
             raise BadParameter(f"{where}: length_km {length_km!r} is not 0 to {MOST_KM:g}")
         if not isinstance(loss, int | float) or not 0 <= loss < 1:

@@ -221,7 +221,7 @@ class Network:
     def _capture(
         self, name: str, interface: str, *expression: str, inside: int | None = None
     ) -> Path:
-        file = self.runtime.logs / f"{name}.pcap"
+        file = self.runtime.private_file(f"{name}.pcap")
         program = Program(f"tcpdump-{name}", self.runtime.folder / f"tcpdump-{name}.log")
         self._cleanup.callback(self._end_capture, program, file)
         program.start([*capture_command(interface, file), *expression], inside)

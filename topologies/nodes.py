@@ -3,9 +3,9 @@
 import os
 import shlex
 import socket
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,8 @@ from mininet.node import Controller, Host, Node, OVSSwitch
 from topologies import openvswitch, runtime
 from topologies.addresses import broadcast, free_address
 from topologies.causality import news_s
-from topologies.fiber import qnics
+from topologies.fiber import python_file, qnics
+from topologies.keywords import refuse_unknown
 from topologies.management import lay_management
 from topologies.programs import ROOT, NetworkError, Program, python
 from topologies.runtime import CONSOLE, DISPATCHER, EVENT_CAPTURE, EVENT_LOG, Runtime
@@ -33,7 +34,6 @@ from wire.config import (
     DispatcherConfig,
     HostConfig,
     MeasuredConfig,
-    PathOptics,
     QuantumSwitch,
     Station,
 )
@@ -41,6 +41,7 @@ from wire.controller_record import RECORD
 from wire.physics import BadParameter, BellAnalyser, Detectors, Device, Gates, Memory, PairSource
 
 READY_TIMEOUT_S = 20.0
+OPTICS = {each.name for each in fields(QuantumSwitch)} - {"name"}
 COPPER = "copper"  # the program that holds packets back
 STATE = "state"  # folder in which the controller keeps what its successor must know
 DEFAULT_PREFIX_LENGTH = 8  # Mininet's
@@ -139,6 +140,7 @@ class ClassicalHost(QuantumNode, Host):
     """A host whose interfaces suit a switch in user space: no IPv6, finished checksums."""
 
     def __init__(self, name: str, **params: object) -> None:
+        refuse_unknown(name, params, type(self))
         self.network = runtime.current()
         self.program: Program | None = None
         super().__init__(name, **params)
@@ -181,12 +183,12 @@ class DispatcherHost(ClassicalHost):
             tokens=network.tokens,
             fibers=network.fibers,
             switches=list(network.switches.values()),
-            event_log=str(network.logs / EVENT_LOG) if network.events else "",
+            event_log=str(network.private_file(EVENT_LOG)) if network.events else "",
             sabot=network.sabot,
             record=str(network.logs / "dispatcher.record") if network.record else "",
-            qasm=str(network.logs / "quantum.qasm") if network.qasm else "",
+            qasm=str(network.private_file("quantum.qasm")) if network.qasm else "",
             devices=network.devices,
-            event_capture=str(network.logs / EVENT_CAPTURE) if network.events else "",
+            event_capture=str(network.private_file(EVENT_CAPTURE)) if network.events else "",
             history_depth=network.history_depth,
             per_qubit=network.per_qubit,
             news_s=news_s(network),
@@ -204,6 +206,25 @@ class DispatcherHost(ClassicalHost):
         super().terminate()
 
 
+PARTS = ("source", "memory", "detectors", "analyser", "gates")
+
+
+def device_of(name: str, params: Mapping[str, Any]) -> Device:
+    """Return the device that the parameters of a QuantumHost describe; raise BadParameter."""
+    device = params.get("device")
+    if not isinstance(device, Device | None):
+        raise BadParameter(f"{name}: device {device!r} is not a Device")
+    parts = {part: params.get(part) for part in PARTS}
+    given = {
+        part: value
+        for part, value in parts.items()
+        if value is not None and not isinstance(value, bool)
+    }
+    described = replace(device or Device(), **given)
+    described.check(name)
+    return described
+
+
 class QuantumHost(ClassicalHost):
     """A host with a QNIC: runs the three-layer stack.
 
@@ -211,6 +232,8 @@ class QuantumHost(ClassicalHost):
     hardware is like goes by parts, as detectors=Detectors(efficiency=0.8), or as one `device`;
     `source` may be a PairSource. `light` says who grants it (wire.config.LIGHT). Raise
     BadParameter for what no hardware is like.
+    `qnic` is "" for simulated hardware, or "path/to/file.py:ClassName" of a class of one's own
+    (hosts/hardware/choice.py), which is made with `qnic_parameters`.
     """
 
     def __init__(
@@ -224,19 +247,16 @@ class QuantumHost(ClassicalHost):
         analyser: BellAnalyser | None = None,
         gates: Gates | None = None,
         light: str = CONTROLLER,
+        qnic: str = "",
+        qnic_parameters: Mapping[str, Any] | None = None,
         **params: object,
     ) -> None:
         if light not in LIGHT:
             raise BadParameter(f"{name}: light {light!r}: choose one of {', '.join(LIGHT)}")
-        parts: dict[str, Any] = {"memory": memory, "detectors": detectors}
-        parts |= {"analyser": analyser, "gates": gates}
-        if not isinstance(source, bool):
-            parts["source"] = source
-        given = {part: value for part, value in parts.items() if value is not None}
-        if not isinstance(device, Device | None):
-            raise BadParameter(f"{name}: device {device!r} is not a Device")
-        described = replace(device or Device(), **given)
-        described.check(name)
+        parts = {"memory": memory, "detectors": detectors, "analyser": analyser, "gates": gates}
+        described = device_of(name, {"source": source, "device": device, **parts})
+        self.qnic = python_file(f"{name}: qnic", qnic)
+        self.qnic_parameters = dict(qnic_parameters or {})
         super().__init__(name, **params)
         self.network.devices[name] = described
         self.network.token(name)
@@ -263,6 +283,8 @@ class QuantumHost(ClassicalHost):
             report_to=broadcast(network.addresses.values(), network.prefix_length),
             device_key=network.device_key(self.name),
             analyser=network.devices[self.name].analyser.kind,
+            qnic=self.qnic,
+            qnic_parameters=self.qnic_parameters,
             features=network.devices[self.name].features.value,
             memory_qubits=network.devices[self.name].memory.capacity,
             multi_photon=network.devices[self.name].source.multi_photon,
@@ -291,6 +313,7 @@ class ClassicalSwitch(QuantumNode, OVSSwitch):
     """An Open vSwitch bridge that speaks OpenFlow 1.4 and forwards only what it is told."""
 
     def __init__(self, name: str, **params: object) -> None:
+        refuse_unknown(name, params, type(self))
         self.network = runtime.current()
         settings = {
             "datapath": openvswitch.datapath(),
@@ -347,6 +370,15 @@ class ClassicalSwitch(QuantumNode, OVSSwitch):
             settings = f"inactivity_probe={wait_ms}", f"max_backoff={wait_ms}"
             openvswitch.vsctl("set", "controller", row, *settings)
 
+    def stop(self, deleteIntfs: bool = True) -> None:  # noqa: N803 (Mininet's name)
+        """Take the bridge away, as `switch s1 stop` does; `start` brings it back.
+
+        Mininet would end the node's shell, too, and could not start it again.
+        """
+        openvswitch.delete(self.name)
+        if deleteIntfs:
+            self.deleteIntfs()
+
     def dpctl(self, *arguments: str) -> str:
         """Run ovs-ofctl in the bridge's version of OpenFlow."""
         command, *rest = arguments
@@ -362,6 +394,8 @@ class OpticalSwitch(ClassicalSwitch):
 
     Optics go by keyword, as the fields of wire.config.QuantumSwitch; paths that differ from
     the others are wire.config.PathOptics. Raise BadConfig for what no switch can have.
+    `hardware` is "" for the simulated switch, or names an instrument, as scpi://192.0.2.7:5025;
+    `hardware_ports` are the instrument's [ingress, egress] of each port that is a fibre's.
     `controller_port` names another controller than c0, at this TCP port of 127.0.0.1, that
     programs the switch alone; c0 does not know of it then, nor of its fibres.
     """
@@ -369,36 +403,14 @@ class OpticalSwitch(ClassicalSwitch):
     def __init__(
         self,
         name: str,
-        switching_time_s: float = 100e-9,
-        insertion_loss_db: float = 0.0,
-        rotation: int = 0,
-        paths: Iterable[PathOptics] = (),
-        crosstalk_db: float | None = None,
-        temperature_c: float = 25.0,
-        max_temperature_c: float = 60.0,
-        hot_loss_db: float = 3.0,
-        min_frequency_mhz: int = 191_350_000,
-        max_frequency_mhz: int = 196_100_000,
-        grid_mhz: int = 50_000,
-        min_power_dbm: float = -20.0,
         controller_port: int | None = None,
-        **params: object,
+        hardware: str = "",
+        hardware_ports: Mapping[int, Sequence[int]] | None = None,
+        **params: Any,
     ) -> None:
-        optics = QuantumSwitch(
-            name=name,
-            switching_time_s=switching_time_s,
-            insertion_loss_db=insertion_loss_db,
-            rotation=rotation,
-            paths=list(paths),
-            crosstalk_db=crosstalk_db,
-            temperature_c=temperature_c,
-            max_temperature_c=max_temperature_c,
-            hot_loss_db=hot_loss_db,
-            min_frequency_mhz=min_frequency_mhz,
-            max_frequency_mhz=max_frequency_mhz,
-            grid_mhz=grid_mhz,
-            min_power_dbm=min_power_dbm,
-        )
+        given = {each: params.pop(each) for each in OPTICS & params.keys()}
+        refuse_unknown(name, params, type(self), also=sorted(OPTICS))
+        optics = QuantumSwitch(name, **{**given, "paths": list(given.get("paths", ()))})
         switch_check.check(optics)
         if controller_port is not None and not 0 < controller_port < 1 << 16:
             raise BadConfig(f"{name}: controller_port {controller_port} is not 1 to 65535")
@@ -407,6 +419,8 @@ class OpticalSwitch(ClassicalSwitch):
         self.network.datapath_ids[name] = int(self.dpid, 16)
         self.network.token(name)
         self.controller_port = controller_port
+        self.hardware = hardware
+        self.hardware_ports = {str(port): [*own] for port, own in (hardware_ports or {}).items()}
         if controller_port is not None:
             self.network.programmed_elsewhere.add(name)
             del self.network.bridges[name]
@@ -431,6 +445,8 @@ class OpticalSwitch(ClassicalSwitch):
                 for end in (fiber.a, fiber.b)
                 if end.node == self.name
             ),
+            hardware=self.hardware,
+            hardware_ports=self.hardware_ports,
         )
         super().start([])
         self.cmd(f"sysctl -qw net.ipv6.conf.{self.name}.disable_ipv6=1")
@@ -466,12 +482,22 @@ class OpticalSwitch(ClassicalSwitch):
         reached = [_reached(controller, self.name) for controller in given]
         return [f"{controller.IP()}:{controller.port}" for controller in reached]
 
+    def stop(self, deleteIntfs: bool = True) -> None:  # noqa: N803 (Mininet's name)
+        """End the agent, then take the bridge away."""
+        self._end_agent()
+        super().stop(deleteIntfs)
+
     def terminate(self) -> None:
         """End the agent, then the switch."""
+        self._end_agent()
+        super().terminate()
+
+    def _end_agent(self) -> None:
+        """End the agent, whose end is no fault then."""
         if self.program:
+            self.network.programs.remove(self.program)
             self.program.stop()
             self.program = None
-        super().terminate()
 
 
 @dataclass(frozen=True)
@@ -511,6 +537,7 @@ class QuantumController(QuantumNode, Controller):
         apps: str = "",
         **params: object,
     ) -> None:
+        refuse_unknown(name, params, type(self))
         network = runtime.current()
         network.framework = framework or network.framework
         network.policy = str(Path(policy).resolve()) if policy else network.policy
@@ -547,6 +574,7 @@ class QuantumController(QuantumNode, Controller):
             stations=[station for host in network.hosts for station in stations_of(host)],
             console=network.socket(CONSOLE),
             rest=network.rest,
+            rest_token=network.rest_token() if network.rest else "",
             apps=network.apps,
             state=str(network.folder / STATE),
         )

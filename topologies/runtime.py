@@ -30,6 +30,7 @@ FIRST_PORT = 10_000
 EPHEMERAL_PORTS = Path("/proc/sys/net/ipv4/ip_local_port_range")  # of connections
 ATTEMPTS = 100
 CONSOLE = "console"  # the controller's socket
+REST_TOKEN = "rest-token"  # noqa: S105 (the name of a file in the private folder)
 EVENT_LOG = "quantum.log"  # what happened to the qubits, a line an event
 EVENT_CAPTURE = "quantum.pcapng"  # the same for Wireshark and qmn spy
 
@@ -87,12 +88,20 @@ class Runtime:
         self.folder = RUNTIME_ROOT / self.name
         self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         self.logs = self.log_folder or self.folder
-        self.logs.mkdir(parents=True, exist_ok=True)
+        self.logs.mkdir(mode=0o700, parents=True, exist_ok=True)
         self.token(RUNNER)
 
     def token(self, node: str) -> str:
         """Return the secret that names a node to the dispatcher."""
         return self.tokens.setdefault(node, secrets.token_hex(16))
+
+    def rest_token(self) -> str:
+        """Return the secret that HTTP clients of the controller have read from its file."""
+        file = self.folder / REST_TOKEN
+        if not file.exists():
+            file.touch(mode=0o600)
+            file.write_text(secrets.token_hex(16))
+        return file.read_text()
 
     def device_key(self, host: str) -> str:
         """Return the secret that a host's node agent shares with the controller."""
@@ -111,6 +120,13 @@ class Runtime:
         folder = Path(self.keys) if self.keys else self.folder / "keys"
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         return str(folder / host)
+
+    def private_file(self, name: str) -> Path:
+        """Return the path of a file beside the logs that only its owner can read."""
+        file = self.logs / name
+        file.touch(mode=0o600)
+        file.chmod(0o600)
+        return file
 
     def socket(self, name: str) -> str:
         """Return the path of a Unix socket (they cross network namespaces)."""

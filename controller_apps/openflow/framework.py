@@ -161,12 +161,18 @@ def _adopt(address: tuple[str, int], descriptor: int) -> None:
     hub.eventlet.listen = adopted
 
 
-def start(modules: list[str], **contexts: Any) -> dict[str, Any]:
-    """Start the apps of the given modules and the OpenFlow server; return apps by name."""
+def start(
+    modules: list[str], guard: Callable[[Any], Any] = lambda served: served, **contexts: Any
+) -> dict[str, Any]:
+    """Start the apps of the given modules and the OpenFlow server; return apps by name.
+
+    What is served over HTTP, as a WSGI application, goes by way of the guard.
+    """
     manager = app_manager.AppManager.get_instance()
     manager.load_apps(modules)
     manager.instantiate_apps(**manager.create_contexts(), **contexts)
     server = wsgi().start_service(manager) if wsgi.cache_info().currsize else None
     if server is not None:
+        server.handle = guard(server.handle)
         hub.spawn(server)
     return dict(manager.applications)

@@ -13,8 +13,8 @@ from qmn.interactive import cli_tables
 from qmn.jobs.transfer import TransferError
 from qmn.live import light_paths
 from qmn.live.controller_console import NoAnswer, wide_console
+from qmn.network.custom_topology import BadTopology
 from qmn.network.options import BadInput
-from qmn.network.topologies import BadTopology
 from qmn.scripting.network import QuantumNetwork
 from topologies.programs import NetworkError
 

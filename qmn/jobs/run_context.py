@@ -5,7 +5,6 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,15 +14,15 @@ from rich.console import Console
 from qmn.jobs.transfer import TransferError
 from qmn.live.dispatcher_calls import status
 from qmn.live.metrics_targets import announce
+from qmn.network.custom_topology import BadTopology, short_name
 from qmn.network.device_options import differences
 from qmn.network.options import BadInput, check_range, settings
 from qmn.network.time_scale import scale_of
 from qmn.network.topologies import (
-    BadTopology,
     every_device,
-    every_fiber,
     other_device,
     quantum_hosts,
+    stated_optics,
     topology,
 )
 from qmn.reports.report_file import report_of_run
@@ -101,7 +100,7 @@ def tell(words: str, error: Exception) -> None:
 def begin_folder(runs: Path, name: str) -> Path:
     """Return the new folder of a run; raise BadInput if it cannot be made."""
     try:
-        folder = make_folder(runs, name)
+        folder = make_folder(runs, short_name(name))
     except OSError as error:
         raise BadInput(f"cannot write to --runs {runs}: {error.strerror}") from error
     point_latest(folder)
@@ -120,7 +119,7 @@ def known_facts(arguments: argparse.Namespace, own: Sequence[str]) -> dict[str, 
             for name in (*own, *NETWORK_PARAMETERS)
             if getattr(arguments, name) is not None
         },
-        "optics": asdict(every_fiber(arguments)),
+        "optics": stated_optics(arguments),
         "devices": {
             host: differences(device)
             for host, device in {

@@ -18,8 +18,8 @@ from hosts.middleware.services.distribution.distribute_options import PROTOCOLS
 from hosts.middleware.services.key_distribution.options import BOUNDS, CORRECTIONS, KeyOptions
 from hosts.middleware.services.teleportation import qubit_states
 from hosts.middleware.session.channel import SessionError
-from hosts.middleware.session.options import MAX_BLOCK_S
 from hosts.middleware.session.service_options import ServiceOptions
+from hosts.timeouts import MAX_BLOCK_S
 from qmn.jobs import eavesdropping, swap_schedule
 from qmn.jobs.run_context import (
     add_run_options,
@@ -38,7 +38,7 @@ from qmn.network.options import (
     check_network,
     check_two_hosts,
 )
-from qmn.network.topologies import TOPOLOGIES, devices_of, quantum_hosts, topology
+from qmn.network.topologies import TOPOLOGIES, devices_of, quantum_hosts, topology, topology_name
 from qmn.results import service_result
 from topologies.network import Network, Signals, require_root
 from topologies.programs import NetworkError, Program, python
@@ -184,8 +184,9 @@ def add_parsers(jobs: Any) -> None:
 def _add_options(parser: argparse.ArgumentParser, name: str, verb: Verb) -> None:
     add = partial(parser.add_argument)
     defaults = NAMES[name].options(host="", port=SERVICE_PORT)
-    text = f"over this network ({', '.join(TOPOLOGIES)}; default: {verb.topology})"
-    add("--topology", choices=sorted(TOPOLOGIES), default=verb.topology, help=text)
+    names = f"{', '.join(TOPOLOGIES)}, or FILE.py:CLASS"
+    text = f"over this network ({names}; default: {verb.topology})"
+    add("--topology", type=topology_name, default=verb.topology, metavar="NAME", help=text)
     add("--from", dest="sender", default="alice", metavar="HOST", help="that asks (alice)")
     add("--to", dest="receiver", default="bob", metavar="HOST", help="that is asked (bob)")
     text = f"{verb.unit.replace('_', ' ')} ({defaults.count})"

@@ -32,7 +32,7 @@ from qmn.network.options import (
     check_range,
     check_two_hosts,
 )
-from qmn.network.topologies import TOPOLOGIES, quantum_hosts, topology
+from qmn.network.topologies import TOPOLOGIES, quantum_hosts, topology, topology_name
 from qmn.results import result
 from topologies.network import Signals, require_root
 from wire.metadata import FEC_NAMES
@@ -64,6 +64,9 @@ def add_parsers(jobs: Any) -> None:
         job = jobs.add_parser(name, help=text, description=text)
         _add_options(job)
         job.set_defaults(topology=name, call=partial(guarded, run))
+        if name == "sdc":
+            text = "over a network of your own in place of this one"
+            job.add_argument("--topology", type=topology_name, metavar="FILE.py:CLASS", help=text)
 
 
 def _add_options(parser: argparse.ArgumentParser) -> None:

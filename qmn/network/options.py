@@ -4,8 +4,10 @@ The command line has them as options, Python as keywords: --length-km 2 and leng
 """
 
 import argparse
+import socket
 from collections.abc import Mapping
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NoReturn, TypedDict
 
@@ -156,6 +158,10 @@ def check_network(arguments: argparse.Namespace) -> None:
         )
     if arguments.rest and arguments.controller != "ryu":
         raise BadInput(f"--rest needs --controller ryu: {arguments.controller} has no HTTP server")
+    if arguments.rest:
+        check_address(arguments.rest)
+    for module in arguments.apps:
+        check_module(module)
     if arguments.keys is not None and arguments.keys.exists():
         raise BadInput(f"--keys {arguments.keys} exists: name a new folder for each network")
     check_range(arguments, "openflow_port", 1, 65_535)
@@ -167,6 +173,27 @@ def check_network(arguments: argparse.Namespace) -> None:
     if arguments.control_km is not None:
         check_range(arguments, "control_km", 0, MOST_KM)
     check_range(arguments, "control_loss", 0, 0.9)
+
+
+def check_address(text: str) -> None:
+    """Raise BadInput for an address of --rest at which nobody can listen."""
+    host, colon, port = text.rpartition(":")
+    if not (host and colon and port.isascii() and port.isdigit() and 0 < int(port) < 1 << 16):
+        raise BadInput(f"--rest {text}: write ADDRESS:PORT, as 127.0.0.1:8080")
+    try:
+        socket.create_server((host, int(port))).close()
+    except OSError as error:
+        raise BadInput(f"--rest {text}: cannot listen there: {error.strerror}") from error
+
+
+def check_module(name: str) -> None:
+    """Raise BadInput for a module of --app that is not there."""
+    try:
+        found = find_spec(name)
+    except (ImportError, ValueError):
+        found = None  # what it would be a part of is not there
+    if found is None:
+        raise BadInput(f"--app {name}: there is no such module; name one as Python imports it")
 
 
 def check_two_hosts(sender: str, receiver: str, hosts: list[str]) -> None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from mininet.topo import Topo
 
 from topologies.fiber import OPTICS, FiberLink
-from topologies.nodes import QuantumHost
+from topologies.nodes import QuantumHost, device_of
 from wire.fiber import optics
 from wire.network_time import NetworkTime
 
@@ -57,7 +57,8 @@ def times(topo: Topo) -> Iterator[tuple[str, float]]:
     """Yield T1 and T2 of the memories and the delays of the fibres, each with its name."""
     for host in topo.hosts():
         info = topo.nodeInfo(host)
-        if info.get("cls") is QuantumHost and (device := info.get("device")) is not None:
+        if issubclass(info.get("cls") or object, QuantumHost):
+            device = device_of(host, info)
             yield f"T1 of {host}", device.memory.t1_s
             yield f"T2 of {host}", device.memory.t2_s
     for one, other, info in topo.links(withInfo=True):

@@ -10,12 +10,14 @@ from typing import Any
 from mininet.topo import Topo
 
 from dispatcher.fiber import fiber_noise
+from qmn.network import custom_topology
+from qmn.network.custom_topology import BadTopology
 from qmn.network.device_options import base_device, devices, kind_of_all, nodes
 from topologies.chain import ChainTopo
 from topologies.fabric import fiber_of
 from topologies.fiber import resolved
 from topologies.leaf_spine import LeafSpineTopo
-from topologies.nodes import QuantumHost
+from topologies.nodes import QuantumHost, device_of
 from topologies.presets import preset
 from topologies.repeaters import RepeatersTopo
 from topologies.ring import RingTopo
@@ -44,26 +46,38 @@ FIBER = ("length_km", "loss_db_per_km", "depolarizing", "kind")
 PARAMETERS = asdict(FiberOptics())  # of a fibre, with their defaults
 
 
-class BadTopology(Exception):
-    """What the user asked of a topology cannot be had; the text names value and remedy."""
+def topology_name(text: str) -> str:
+    """Return the name of a topology that there may be; raise ArgumentTypeError for no such."""
+    if text not in TOPOLOGIES and not custom_topology.is_custom(text):
+        known = ", ".join(TOPOLOGIES)
+        raise argparse.ArgumentTypeError(f"{text!r}: choose {known}, or your own, FILE.py:CLASS")
+    return text
 
 
 def topology(arguments: argparse.Namespace) -> Callable[[], Topo]:
-    """Return what builds the topology; raise BadTopology for sizes that do not fit it."""
+    """Return what builds the topology; raise BadTopology for what does not fit it."""
     name = arguments.topology
     every = {size for sizes in SIZES.values() for size in sizes}
     sizes = {size: getattr(arguments, size) for size in every}
     given = {size: value for size, value in sizes.items() if value is not None}
-    for size in sorted(given.keys() - set(SIZES[name])):
+    own = custom_topology.is_custom(name)
+    for size in sorted(given.keys() - (given.keys() if own else set(SIZES[name]))):
         fitting = ", ".join(topo for topo, own in SIZES.items() if size in own)
         raise BadTopology(f"--{size} is of {fitting}, not of {name}: leave it out")
-    build = partial(
-        TOPOLOGIES[name][0], **given, preset=arguments.preset, **fiber_parameters(arguments)
-    )
     try:
-        build = partial(build, node=kind_of_all(arguments.node))
+        given |= fiber_parameters(arguments)
         described = every_device(arguments)
-        build = partial(build, devices=described)
+        more = {
+            "preset": arguments.preset,
+            "node": kind_of_all(arguments.node),
+            "devices": described,
+        }
+        if own:
+            ideal = {"preset": "ideal", "node": "", "devices": {}}
+            given |= {key: value for key, value in more.items() if value != ideal[key]}
+            build = custom_topology.load(name, given)
+        else:
+            build = partial(TOPOLOGIES[name][0], **given, **more)
         topo = build()
         hosts = quantum_hosts(topo)
         for host in described.keys() - set(hosts):
@@ -77,7 +91,8 @@ def topology(arguments: argparse.Namespace) -> Callable[[], Topo]:
 
 def quantum_hosts(topo: Topo) -> list[str]:
     """Return the hosts of a topology that have light."""
-    return [host for host in topo.hosts() if topo.nodeInfo(host)["cls"] is QuantumHost]
+    classes = {host: topo.nodeInfo(host).get("cls") for host in topo.hosts()}
+    return [host for host, each in classes.items() if each and issubclass(each, QuantumHost)]
 
 
 def every_device(arguments: argparse.Namespace) -> dict[str, Device]:
@@ -94,7 +109,13 @@ def other_device(arguments: argparse.Namespace) -> Device:
 
 def devices_of(topo: Topo) -> dict[str, Device]:
     """Return the devices of all hosts of a topology that have light."""
-    return {host: topo.nodeInfo(host)["device"] for host in quantum_hosts(topo)}
+    return {host: device_of(host, topo.nodeInfo(host)) for host in quantum_hosts(topo)}
+
+
+def stated_optics(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return the optics that every fibre has; none of a topology that says them itself."""
+    own = custom_topology.is_custom(arguments.topology)
+    return {} if own else asdict(every_fiber(arguments))
 
 
 def every_fiber(arguments: argparse.Namespace) -> FiberOptics:

@@ -14,8 +14,8 @@ from rich.console import Console
 
 from qmn.jobs import service
 from qmn.jobs.transfer import TransferError
+from qmn.network.custom_topology import BadTopology
 from qmn.network.options import BadInput
-from qmn.network.topologies import BadTopology
 from qmn.sweeps import theory
 from qmn.sweeps.estimates import NOTHING, Estimate, proportion
 from qmn.sweeps.experiment import Experiment, Measure, Outcome, SweepError, number

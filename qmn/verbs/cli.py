@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from qmn.live.metrics_targets import urls
+from qmn.network.custom_topology import BadTopology, short_name
 from qmn.network.options import BadInput, add_key_folder, add_network_options, check_network
-from qmn.network.topologies import TOPOLOGIES, BadTopology, topology
+from qmn.network.topologies import TOPOLOGIES, topology, topology_name
 from qmn.results.run_folder import give_to_invoker, make_folder, point_latest
 from qmn.scripting.network import QuantumNetwork, running
 from topologies.network import Interrupted, require_root
@@ -23,7 +24,8 @@ def add_parser(verbs: Any) -> None:
     """Describe the verb."""
     parser = verbs.add_parser("cli", help="a network with a command line", description=__doc__)
     names = "; ".join(f"{name}: {what}" for name, (_topo, what) in TOPOLOGIES.items())
-    parser.add_argument("topology", choices=sorted(TOPOLOGIES), help=names)
+    text = f"{names}; or your own, as FILE.py:CLASS"
+    parser.add_argument("topology", type=topology_name, metavar="TOPOLOGY", help=text)
     add_network_options(parser)
     add_key_folder(parser)  # a program on a host may distribute some
     add = parser.add_argument
@@ -53,7 +55,7 @@ def start_and_obey(arguments: argparse.Namespace) -> int:
     topo = topology(arguments)
     require_root()
     try:
-        folder = make_folder(arguments.runs, arguments.topology)
+        folder = make_folder(arguments.runs, short_name(arguments.topology))
     except OSError as error:
         raise BadInput(f"cannot write to --runs {arguments.runs}: {error.strerror}") from error
     point_latest(folder)

@@ -12,7 +12,6 @@ from scapy.utils import PcapReader
 
 from wire.metadata import METADATA_PORT, SETUP_LENGTH, MalformedPacket, Setup, Verdict, decode
 
-README = Path(ROOT) / "README.md"
 RESULT_KEYS = {
     "topology",
     "mode",
@@ -121,9 +120,7 @@ def test_detectors_lose_pairs_and_a_source_of_many_pairs_is_not_exact(tmp_path: 
 
 
 def test_a_noise_model_of_the_user_s_own_acts_on_every_fibre(tmp_path: Path) -> None:
-    (code,) = re.findall(r"```python\n(# my_noise\.py\n.*?)```", README.read_text(), re.DOTALL)
-    (tmp_path / "my_noise.py").write_text(code)
-    noise = f"noise={tmp_path / 'my_noise.py'}:Flicker"
+    noise = f"noise={ROOT / 'examples' / 'flicker.py'}:Flicker"
     parameters = 'noise_parameters={"flip": 0.005, "switched": 0}'
     arguments = ["--fiber", noise, "--fiber", parameters, "--frame-bytes", "8"]
     result = run(tmp_path, *arguments, "--message", "flicker " * 100)

@@ -1,7 +1,6 @@
-"""A noise model of the user's own: the README's example as it stands there, and bad ones."""
+"""A noise model of the user's own: the one of examples/, and bad ones."""
 
 import asyncio
-import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -15,23 +14,15 @@ from dispatcher.fiber import custom_noise
 from dispatcher.layer.network import Network
 from wire.config import BadConfig, QuantumSwitch
 
-README = Path(__file__).resolve().parents[3] / "README.md"
+EXAMPLE = f"{Path(__file__).resolve().parents[3]}/examples/flicker.py:Flicker"
 COUNT, BLOCKS = 10_000, 40
 
 
-def example(folder: Path) -> str:
-    """Write the example to its file; return how a topology names it."""
-    (code,) = re.findall(r"```python\n(# my_noise\.py\n.*?)```", README.read_text(), re.DOTALL)
-    (folder / "my_noise.py").write_text(code)
-    assert 'noise="my_noise.py:Flicker"' in README.read_text()
-    return f"{folder}/my_noise.py:Flicker"
-
-
-def test_the_example_of_the_readme_flickers(tmp_path: Path) -> None:
-    noise, flip = example(tmp_path), 0.3
+def test_the_example_flickers(tmp_path: Path) -> None:
+    flip = 0.3
     config = configuration(tmp_path)
     fibers = [
-        replace(fiber, noise=noise, noise_parameters={"flip": flip})
+        replace(fiber, noise=EXAMPLE, noise_parameters={"flip": flip})
         if fiber.a.port == "alice-q9"
         else fiber
         for fiber in config.fibers
@@ -61,13 +52,13 @@ def test_the_example_of_the_readme_flickers(tmp_path: Path) -> None:
 
 
 def test_a_model_of_the_user_s_own_is_named_when_it_cannot_be_made(tmp_path: Path) -> None:
-    noise = example(tmp_path)
+    noise = EXAMPLE
     for reference, parameters, text in (
         (noise, {}, "flip"),
         (noise, {"flop": 1}, "flop"),
         (noise + "s", {"flip": 0.1}, "no class Flickers with a method effect"),
         (f"{tmp_path}/nowhere.py:Flicker", {}, "not a Python file on this machine"),
-        (f"{tmp_path}/my_noise.py:np", {}, "no class np with a method effect"),
+        (EXAMPLE.replace("Flicker", "np"), {}, "no class np with a method effect"),
     ):
         with pytest.raises(BadConfig, match=text):
             custom_noise.load(reference, parameters)
@@ -110,9 +101,8 @@ def test_what_a_model_returns_is_checked(tmp_path: Path, answer: str) -> None:
 
 
 def test_models_of_the_same_file_are_loaded_each_for_itself(tmp_path: Path) -> None:
-    noise = example(tmp_path)
-    shutil.copy(tmp_path / "my_noise.py", tmp_path / "other.py")
-    for reference in (noise, f"{tmp_path}/other.py:Flicker"):
+    shutil.copy(EXAMPLE.partition(":")[0], tmp_path / "other.py")
+    for reference in (EXAMPLE, f"{tmp_path}/other.py:Flicker"):
         model = custom_noise.load(reference, {"flip": 1.0, "switched": 0.0})
         paulis = model.effect(passage(10)).paulis
         assert paulis is not None

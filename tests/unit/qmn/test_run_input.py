@@ -8,9 +8,10 @@ from pathlib import Path
 import pytest
 
 from qmn.jobs import superdense
+from qmn.network.custom_topology import BadTopology
 from qmn.network.device_options import differences
 from qmn.network.options import BadInput
-from qmn.network.topologies import TOPOLOGIES, BadTopology, every_device, every_fiber, topology
+from qmn.network.topologies import TOPOLOGIES, every_device, every_fiber, topology
 from qmn.results.run_folder import make_folder, point_latest
 from qmn.verbs import run
 from topologies.fiber import FiberLink

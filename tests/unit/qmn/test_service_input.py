@@ -7,8 +7,9 @@ import pytest
 from hosts.middleware.services.distribution.distribute import DistributeOptions
 from hosts.middleware.services.teleportation.teleport import TeleportOptions
 from qmn.jobs import service
+from qmn.network.custom_topology import BadTopology
 from qmn.network.options import BadInput
-from qmn.network.topologies import BadTopology, quantum_hosts, topology
+from qmn.network.topologies import quantum_hosts, topology
 from qmn.verbs import run
 
 

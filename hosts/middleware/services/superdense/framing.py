@@ -1,10 +1,12 @@
 """Frames, checks and repeats, at both ends: see outbox.py and inbox.py; here is what both share.
 
 The sender cuts bytes into frames and fills blocks of pairs: first the symbols that the
-receiver asked for again (refills), then new frames. The receiver tries a frame as soon as
-none of its symbols is on its way any more, with its losses as erasures. If the check fails,
-lost pairs are asked for again one by one: they are few, and each one filled leaves the code
-more room for errors. A frame that has nothing lost and still fails is repeated as a whole.
+receiver asked for again (refills), then new frames. Where most light is lost, a block has more
+refills than there are open symbols, and carries these in turn, again and again; the first copy that
+comes counts. The receiver tries a frame as soon as none of its symbols is on its way any more, with
+its losses as erasures. If the check fails, lost pairs are asked for again one by one: they are few,
+and each one filled leaves the code more room for errors. A frame that has nothing lost and still
+fails is repeated as a whole.
 Both ends keep the same ascending list of open slots, slot = frame number * pairs of a full
 frame + index, so the list itself never travels.
 """
@@ -43,9 +45,9 @@ class SlotMap:
         return np.arange(first, first + self.format.pairs(size), dtype=np.int64)
 
     def block(self, open_slots: Slots, refills: int, frames: tuple[Frame, ...]) -> Slots:
-        """Return the slot of each pair of a block: the first open ones, then new frames'."""
+        """Return the slot of each pair of a block: open ones in turn, then those of new frames."""
         new = [self.frame(frame.number, frame.size) for frame in frames]
-        return np.concatenate([open_slots[:refills], *new])
+        return np.concatenate([np.resize(open_slots, refills), *new])
 
     def numbers(self, slots: Slots) -> Slots:
         """Return the numbers of the frames that slots belong to, ascending."""
@@ -54,7 +56,8 @@ class SlotMap:
     def runs(self, slots: Slots) -> tuple[list[int], Slots, Slots]:
         """Return the frame numbers of slots, where each begins, and the indices inside frames.
 
-        Slots of a block are runs of one frame each: refills ascend, new frames follow.
+        Slots of a block are runs of one frame each: refills ascend, perhaps several times, new
+        frames follow.
         """
         frames, indices = np.divmod(slots, self.frame_pairs)
         starts = np.flatnonzero(np.diff(frames, prepend=-1))

@@ -11,6 +11,7 @@ from hosts.middleware.services.superdense.framing import NO_SLOTS, FramingError,
 from wire.metadata import Block, Frame, Report
 from wire.outcomes import NO_COINCIDENCE
 
+MAX_REMEMBERED = 16  # wrong versions of a frame, and blocks with symbols that came twice
 DIAGONAL = np.diag_indices(4)
 
 
@@ -21,16 +22,26 @@ class _Incoming:
     frame: Frame
     symbols: Symbols
     rejected: list[Symbols] = field(default_factory=list)  # earlier, wrong versions
+    spares: list[tuple[Slots, Symbols]] = field(default_factory=list)  # came more than once
 
     @property
     def complete(self) -> bool:
         return not (self.symbols == NO_COINCIDENCE).any()
 
+    def take_first(self, index: Slots, symbols: Symbols) -> None:
+        """Fill places by what comes first; the rest is kept to be counted when frames are right."""
+        arrived = symbols != NO_COINCIDENCE
+        index, symbols = index[arrived], symbols[arrived]
+        first = np.zeros(index.size, dtype=np.bool_)
+        first[np.unique(index, return_index=True)[1]] = True
+        first &= self.symbols[index] == NO_COINCIDENCE
+        self.symbols[index[first]] = symbols[first]
+        if not first.all() and len(self.spares) < MAX_REMEMBERED:
+            self.spares.append((index[~first], symbols[~first]))
+
 
 class Inbox:
     """Frames that are not whole yet, and bytes that are."""
-
-    MAX_REMEMBERED_VERSIONS = 16
 
     def __init__(self, frame_bytes: int, frame_format: FrameFormat) -> None:
         self._slots = SlotMap(frame_format, frame_bytes)
@@ -55,11 +66,12 @@ class Inbox:
         self._announce(block)
         slots = self._slots.block(self._open, block.refills, block.frames)
         rest = self._open[block.refills :]
-        touched = self._fill(slots, symbols)
+        touched = self._fill(slots, symbols, copies=block.refills > self._open.size)
         accepted, failed = self._judge(touched, on_their_way=self._slots.numbers(rest))
         self._tally_as_sent()
         lost = symbols == NO_COINCIDENCE
-        again = lost & ~np.isin(slots // self._slots.frame_pairs, accepted)
+        needed = ~np.isin(slots // self._slots.frame_pairs, accepted)
+        again = lost & needed & ~np.isin(slots, slots[~lost])
         self._open = np.unique(np.concatenate([rest, slots[again], *map(self._reset, failed)]))
         self.symbols_seen += int(symbols.size - lost.sum())
         self.symbols_lost += int(lost.sum())
@@ -87,9 +99,9 @@ class Inbox:
         numbers = [frame.number for frame in block.frames]
         if numbers != list(range(self._announced, self._announced + len(numbers))):
             raise FramingError(f"block {block.block} announces frames {numbers} out of order")
-        if block.refills > self._open.size:
+        if block.refills and not self._open.size:
             raise FramingError(f"block {block.block} refills more than is open")
-        if block.frames and block.refills != self._open.size:
+        if block.frames and block.refills < self._open.size:
             raise FramingError(f"block {block.block} begins new frames before the open ones")
         for frame in block.frames:
             if not 0 < frame.size <= self._frame_bytes:
@@ -105,16 +117,25 @@ class Inbox:
             self._frames[frame.number] = _Incoming(frame, empty)
         self._announced += len(numbers)
 
-    def _fill(self, slots: Slots, symbols: Symbols) -> list[int]:
-        """Put symbols where they belong; return the numbers of the frames they belong to."""
+    def _fill(self, slots: Slots, symbols: Symbols, copies: bool) -> list[int]:
+        """Put symbols where they belong; return the numbers of the frames they belong to.
+
+        Copies: a slot may be there several times.
+        """
         if not slots.size:
             return []
+        if copies:  # those of a frame beside each other
+            order = np.argsort(slots, kind="stable")
+            slots, symbols = slots[order], symbols[order]
         numbers, starts, indices = self._slots.runs(slots)
         parts = zip(
             numbers, np.split(indices, starts[1:]), np.split(symbols, starts[1:]), strict=True
         )
         for number, index, symbol in parts:
-            self._frames[number].symbols[index] = symbol
+            if copies:
+                self._frames[number].take_first(index, symbol)
+            else:
+                self._frames[number].symbols[index] = symbol
         return numbers
 
     def _judge(self, touched: list[int], on_their_way: Slots) -> tuple[list[int], list[int]]:
@@ -134,7 +155,7 @@ class Inbox:
         data = self._format.to_bytes(incoming.symbols, incoming.frame.size)
         if crc32(data) != incoming.frame.crc32:
             return False
-        if incoming.rejected or self._format.fills_losses:
+        if incoming.rejected or incoming.spares or self._format.fills_losses:
             self._count(incoming, self._format.to_symbols(data))
         else:  # nothing was put right: what came is what was sent
             self._as_sent.append(incoming.symbols)
@@ -148,9 +169,12 @@ class Inbox:
         self.corrected_symbols += corrected
         self.filled_symbols += int(lost.sum())
         rejected = sum(int((version != sent).sum()) for version in incoming.rejected)
-        self.symbol_errors += corrected + rejected
+        spare = sum(int((symbols != sent[index]).sum()) for index, symbols in incoming.spares)
+        self.symbol_errors += corrected + rejected + spare
         for version in (incoming.symbols, *incoming.rejected):
             self._tally(sent, version)
+        for index, symbols in incoming.spares:
+            self._tally(sent[index], symbols)
 
     def _tally_as_sent(self) -> None:
         """Count the symbols of right frames, those of a block at once: one by one takes longer."""
@@ -168,7 +192,7 @@ class Inbox:
     def _reset(self, number: int) -> Slots:
         incoming = self._frames[number]
         self.repeated_frames += 1
-        if len(incoming.rejected) < self.MAX_REMEMBERED_VERSIONS:
+        if len(incoming.rejected) < MAX_REMEMBERED:
             incoming.rejected.append(incoming.symbols)
         incoming.symbols = np.full(incoming.symbols.size, NO_COINCIDENCE, dtype=np.uint8)
         return self._slots.frame(number, incoming.frame.size)

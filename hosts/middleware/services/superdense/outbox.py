@@ -2,6 +2,7 @@
 
 from collections import deque
 from dataclasses import dataclass
+from math import ceil
 from zlib import crc32
 
 import numpy as np
@@ -11,6 +12,10 @@ from hosts.hardware.qnic import Symbols
 from hosts.middleware.services.superdense.frame_format import FrameFormat
 from hosts.middleware.services.superdense.framing import NO_SLOTS, FramingError, SlotMap, Slots
 from wire.metadata import MAX_FRAMES, Frame, Report
+
+LEAST_ARRIVALS = (
+    4  # of a block of refills alone, on average: few symbols shall not need many blocks
+)
 
 
 @dataclass(frozen=True)
@@ -37,6 +42,7 @@ class Outbox:
         self._frames_made = 0
         self._blocks_made = 0
         self._data_bits = self._code_bits = 0
+        self._sent = self._arrived = 0.0  # pairs, of late
         self.attempts: dict[int, int] = {}  # failed checks of frames under way
         self.repeated_frames = 0
 
@@ -60,11 +66,21 @@ class Outbox:
 
     def next_block(self) -> OutgoingBlock:
         """Fill the next block; only when not empty."""
-        refills = min(self._open.size, self._block_pairs)
+        refills = self._refills()
         frames = tuple(self._new_frames(self._block_pairs - refills))
         slots = self._slots.block(self._open, refills, frames)
         self._blocks_made += 1
         return OutgoingBlock(self._blocks_made, refills, frames, self._read(slots))
+
+    def _refills(self) -> int:
+        """Return how many pairs to give to open symbols: each one, or as many as take to arrive.
+
+        As long as most pairs arrive, each round asks for half as many as the one before anyway.
+        """
+        wanted = missing = int(self._open.size)
+        if missing and 2 * self._arrived < self._sent:
+            wanted = ceil(max(missing, LEAST_ARRIVALS) * self._sent / max(self._arrived, 1))
+        return min(wanted, self._block_pairs)
 
     def dark(self, block: OutgoingBlock) -> None:
         """No light reached this host: the frames of the block go into a later one."""
@@ -84,6 +100,8 @@ class Outbox:
         rest = self._open[block.refills :]
         self._open = np.unique(np.concatenate([rest, again, *failed]))
         self._drop_delivered(slots)
+        self._sent = self._sent / 2 + report.pairs
+        self._arrived = self._arrived / 2 + report.pairs - report.lost
 
     def _new_frames(self, room: int) -> list[Frame]:
         frames: list[Frame] = []

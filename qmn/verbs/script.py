@@ -1,0 +1,34 @@
+"""qmn script FILE: run a Python script of yours, as root, with our packages: docs/scripting.md."""
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NoReturn
+
+from topologies.programs import ENVIRONMENT
+
+
+def add_parser(verbs: Any) -> None:
+    """Describe the verb."""
+    text = "run a Python script, which may start networks"
+    parser = verbs.add_parser("script", help=text, description=__doc__)
+    parser.add_argument("file", type=Path, metavar="FILE", help="the script")
+    parser.add_argument("words", nargs=argparse.REMAINDER, metavar="…", help="its own arguments")
+    parser.set_defaults(call=call, needs_root=True)
+
+
+def call(arguments: argparse.Namespace) -> int:
+    """Become the script, or return the status of a file that is not there."""
+    if arguments.file.is_file():
+        become(arguments.file, arguments.words)
+    print(f"qmn: there is no script {arguments.file}", file=sys.stderr)
+    return 1
+
+
+def become(file: Path, words: Sequence[str]) -> NoReturn:
+    """Run the script in place of this program."""
+    environment = {**os.environ, "PYTHONPATH": ENVIRONMENT["PYTHONPATH"]}
+    command = [sys.executable, str(file), *words]
+    os.execve(sys.executable, command, environment)  # noqa: S606

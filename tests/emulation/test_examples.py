@@ -1,0 +1,109 @@
+"""Every file of examples/, run as its first lines say; flicker.py is in test_run_sdc.py."""
+
+import csv
+import json
+import re
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import ROOT
+
+EXAMPLES = ROOT / "examples"
+QMN = str(ROOT / "bin" / "qmn")
+TIMEOUT_S = 110
+
+
+def run(*words: str, cwd: Path = ROOT, commands: str = "") -> str:
+    """Run qmn to success; return what it printed."""
+    done = subprocess.run(
+        [QMN, *words],
+        cwd=cwd,
+        input=commands,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=TIMEOUT_S,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def said(commands: str, runs: Path, *options: str) -> str:
+    """Return what the command line of a network prints to these commands."""
+    return run("cli", "sdc", *options, "--runs", str(runs), commands=commands)
+
+
+def result_of(runs: Path) -> dict[str, object]:
+    result: dict[str, object] = json.loads((runs / "latest" / "result.json").read_text())
+    return result
+
+
+@pytest.mark.parametrize("job", ["sdc", "teleport"])
+def test_a_topology_of_one_s_own_needs_no_alice_and_no_bob(tmp_path: Path, job: str) -> None:
+    own = f"{EXAMPLES}/my_net.py:MyNet"
+    words = ("run", job, "--topology", own, "--from", "h1", "--to", "h2", "--runs", str(tmp_path))
+    printed = run(*words, *(["--frame-bytes", "16"] if job == "sdc" else ["--count", "500"]))
+    result = result_of(tmp_path)
+    assert result["topology"] == own
+    if job == "sdc":
+        assert "37 bytes, delivered exactly" in printed
+        assert (tmp_path / "latest").resolve().name.endswith("-MyNet")
+    else:
+        assert re.search(r"^fidelity +1 *$", printed, re.MULTILINE)
+
+
+def test_the_command_line_takes_a_topology_of_one_s_own(tmp_path: Path) -> None:
+    words = ("cli", f"{EXAMPLES}/my_net.py:MyNet", "--runs", str(tmp_path))
+    assert "h2: hello" in run(*words, commands="h1 qsend h2 hello\n")
+
+
+def listening(program: str, log: Path) -> str:
+    """Return commands that start a program on bob and wait until it listens."""
+    until = f"bob timeout 30 sh -c 'until grep -q listening {log}; do sleep 0.1; done'"
+    return f"bob python {EXAMPLES}/{program} > {log} &\n{until}\n"
+
+
+def test_a_socket_says_hello(tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    alice = f"alice python {EXAMPLES}/hello.py bob 'how are you?'\n"
+    printed = said(listening("hello.py", log) + alice + "bob wait\n", tmp_path)
+    # 12 bytes of four pairs each, by Hamming(7,4) seven fourths of that.
+    assert "sent, by 84 Bell pairs" in printed
+    assert log.read_text() == "listening\n10.0.0.1: how are you?\n"
+
+
+def test_where_nobody_listens_the_example_says_so_in_a_line(tmp_path: Path) -> None:
+    commands = f"alice python {EXAMPLES}/hello.py bob hello || echo status $?\n"
+    printed = said(commands, tmp_path)
+    assert re.search(r"^hello: .+\nstatus 1$", printed.replace("\r", ""), re.MULTILINE), printed
+    assert "Traceback" not in printed
+
+
+def test_coins_fall_alike_as_often_as_the_fidelity_says() -> None:
+    printed = run("script", str(EXAMPLES / "coins.py"))
+    (alike,) = re.findall(r"^alike: (\d+) of 1000$", printed, re.MULTILINE)
+    # A Werner pair of fidelity .9 is wrong along Z with 2 (1 - F) / 3.
+    expected = (2 * 0.9 + 1) / 3
+    assert abs(int(alike) - 1000 * expected) < 5 * (1000 * expected * (1 - expected)) ** 0.5
+    assert int(alike) < 1000
+
+
+def test_a_message_survives_the_cut_of_a_fibre() -> None:
+    printed = run("script", str(EXAMPLES / "fiber_cut.py"))
+    assert "1,000,000 bytes arrived, exactly: True" in printed
+    ways = re.findall(r"^now by (.*)$", printed, re.MULTILINE)
+    assert len(ways) == 3
+    assert not any({"q1 q2", "q2 q1"} & {way[i : i + 5] for i in range(len(way))} for way in ways)
+
+
+def test_the_sweep_measures_every_code(tmp_path: Path) -> None:
+    run("sweep", str(EXAMPLES / "codes.toml"), "--out", str(tmp_path))
+    with (tmp_path / "sdc.csv").open(newline="") as table:
+        rows = list(csv.DictReader(table))
+    assert len(rows) == 18
+    for row in rows:
+        p, error = float(row["depolarizing"]), float(row["dibit_error"])
+        deviation = np.sqrt(0.75 * p * (1 - 0.75 * p) / 60_000)
+        assert abs(error - 0.75 * p) < 5 * deviation, row
