@@ -242,6 +242,7 @@ class Cable:
     a_fd: int
     b_fd: int
     delay_s: float  # of the network
+    loss: float = 0.0  # share of the packets that do not arrive
 
 
 @dataclass(frozen=True)
@@ -250,6 +251,7 @@ class CopperConfig(Config):
 
     cables: list[Cable]
     simulation: str  # IPv4 address of the dispatcher, whose packets no cable holds back
+    seed: int = 1  # of which packets are lost
 
     @classmethod
     def from_dict(cls, fields: dict[str, Any]) -> "CopperConfig":
@@ -276,6 +278,8 @@ class ControllerConfig(MeasuredConfig):
     stations: list[Station] = field(default_factory=list)  # on classical switches
     console: str = ""  # path of the unix socket of the console; empty: none
     rest: str = ""  # "127.0.0.1:8080": serve the same there, on Ryu only; empty: not at all
+    # The socket that listens there, from the runner: it may be of another network namespace.
+    rest_fd: int | None = None
     rest_token: str = ""  # that the console's resources there want; empty: nobody has it
     apps: list[str] = field(default_factory=list)  # modules of further apps to load
     state: str = ""  # path of a private folder for what a restarted one must know; empty: none
