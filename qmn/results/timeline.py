@@ -61,6 +61,7 @@ def merge(run: Path, target: Path | None = None) -> Path:
         )
         beside = stack.enter_context(tempfile.TemporaryFile(dir=target.parent))
         ordered = in_time_order(places, beside)
+        unfinished.touch(mode=0o600)
         with unfinished.open("wb") as output:
             writer = Writer(output, interfaces)
             for time_ns, interface, number, offset, size, length in ordered:
