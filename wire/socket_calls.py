@@ -87,7 +87,7 @@ def decode_fields(payload: bytes) -> dict[str, Any]:
     """Return the named fields of a message; raise MalformedPacket if they are none."""
     try:
         fields = json.loads(payload or b"{}")
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:  # the latter for lists in lists in lists
         raise MalformedPacket(f"socket call is not JSON: {error}") from error
     if not isinstance(fields, dict):
         raise MalformedPacket("socket call is not a JSON object")
