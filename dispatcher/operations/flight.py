@@ -83,6 +83,11 @@ class Flight:
         self._number = count()
         self.lost = 0
 
+    @property
+    def start_ns(self) -> int:
+        """When its first photon left."""
+        return self._departure.start_ns
+
     def launch(self, end: FiberEnd) -> None:
         """Let the light into the fibre that begins at a port."""
         everything = np.ones(self._departure.pattern.photons, dtype=bool)

@@ -121,7 +121,9 @@ class Transport:
         left, landed = True, False
         while left and (arrival := await flight.next_arrival(layer.clock)):
             left = bool((further.lit(block) & ~arrival.members).any())
-            self._land(self._part(block, arrival) if left else block, arrival)
+            landed_block = self._part(block, arrival) if left else block
+            self._land(landed_block, arrival)
+            layer.software.light(end.node, flight.start_ns, arrival.end.node, landed_block.last_ns)
             landed = True
         layer.photons_lost += flight.lost
         if not landed:
