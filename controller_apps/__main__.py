@@ -69,12 +69,13 @@ def prepare(framework: Any, config: ControllerConfig, host: str, port: int) -> N
     """Load what is not ours and set where everything listens."""
     rest = read_address("rest", config.rest) if config.rest else None
     if rest is not None:
-        check_free("rest", *rest)
+        if config.rest_fd is None:
+            check_free("rest", *rest)
     elif WSGI_APPS.intersection(config.apps):
         raise Fatal(f"apps {', '.join(config.apps)} serve HTTP: say where, by `rest`")
     try:
         framework.load_stock_apps(config.apps)
-        framework.serve_on(host, port, rest)
+        framework.serve_on(host, port, rest, config.rest_fd)
     except ValueError as error:
         raise Fatal(str(error)) from error
 

@@ -2,9 +2,10 @@
 
 import os
 import shlex
+import socket
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,8 @@ from topologies.addresses import broadcast, free_address
 from topologies.causality import news_s
 from topologies.fiber import python_file, qnics
 from topologies.keywords import refuse_unknown
-from topologies.programs import ROOT, Program, python
+from topologies.management import lay_management
+from topologies.programs import ROOT, NetworkError, Program, python
 from topologies.runtime import CONSOLE, DISPATCHER, EVENT_CAPTURE, EVENT_LOG, Runtime
 from topologies.shells import ShellWatcher
 from wire import switch_check
@@ -43,6 +45,7 @@ OPTICS = {each.name for each in fields(QuantumSwitch)} - {"name"}
 COPPER = "copper"  # the program that holds packets back
 STATE = "state"  # folder in which the controller keeps what its successor must know
 DEFAULT_PREFIX_LENGTH = 8  # Mininet's
+PATIENCE = 8  # times the way to the controller
 RECONNECT_MS = 1000  # between a bridge's attempts to find its controller, at most
 
 
@@ -66,9 +69,25 @@ def launch(
             listener = stack.enter_context(runtime.metrics_listener(network, name))
             descriptors = [*descriptors, listener.fileno()]
             config = replace(config, metrics_fd=listener.fileno())
+        if isinstance(config, ControllerConfig) and config.rest:
+            rest = stack.enter_context(rest_listener(config.rest))
+            descriptors = [*descriptors, rest.fileno()]
+            config = replace(config, rest_fd=rest.fileno())
         config.write(path)
         program.start(command, host.pid if host else None, descriptors)
     return program
+
+
+def rest_listener(address: str) -> socket.socket:
+    """Return a socket of this machine's namespace on which the controller serves HTTP."""
+    host, _, port = address.rpartition(":")
+    try:
+        return socket.create_server((host, int(port)))
+    except (OSError, ValueError, OverflowError) as error:
+        raise NetworkError(
+            f"cannot serve HTTP on {address}: {error}; name another address for --rest, such as "
+            "127.0.0.1:8080"
+        ) from error
 
 
 def connect_copper(network: Runtime) -> None:
@@ -77,7 +96,7 @@ def connect_copper(network: Runtime) -> None:
         return
     files = [file for cable in network.cables for file in (cable.a_fd, cable.b_fd)]
     simulation = network.dispatcher.partition(":")[0]
-    config = CopperConfig(cables=list(network.cables), simulation=simulation)
+    config = CopperConfig(list(network.cables), simulation, network.seed)
     program = launch(network, COPPER, "copper", config, descriptors=files)
     for file in files:
         os.close(file)  # the program has them
@@ -303,6 +322,7 @@ class ClassicalSwitch(QuantumNode, OVSSwitch):
             "reconnectms": RECONNECT_MS,
         }
         super().__init__(name, **{**params, **settings})
+        self.network.bridges[name] = self
 
     @classmethod
     def isOldOVS(cls) -> bool:  # noqa: N802 (Mininet's name)
@@ -329,10 +349,26 @@ class ClassicalSwitch(QuantumNode, OVSSwitch):
         return f"{super().bridgeOpts()} {openvswitch.OWNER}={self.network.name}"
 
     def start(self, controllers: list[Controller]) -> None:
-        """Start the bridge; whichever the controller is, copper has its length by then."""
+        """Start the bridge; whichever the controller is, copper has its length by then.
+
+        It looks for our own controller on the management network.
+        """
         connect_copper(self.network)
-        super().start(controllers)
+        super().start([_reached(controller, self.name) for controller in controllers])
+        for controller in controllers:
+            self._be_patient(controller.name)
         self.find_our_programs()
+
+    def _be_patient(self, controller: str) -> None:
+        """Let Open vSwitch wait as long for a controller as the way there takes."""
+        way_s = self.network.copper.get(frozenset((controller, self.name)), 0.0)
+        wait_ms = round(1e3 * PATIENCE * self.network.time.wall_s(way_s))
+        if wait_ms < RECONNECT_MS:
+            return
+        rows = openvswitch.vsctl("get", "bridge", self.name, "controller").strip(" []\n")
+        for row in filter(None, rows.split(", ")):
+            settings = f"inactivity_probe={wait_ms}", f"max_backoff={wait_ms}"
+            openvswitch.vsctl("set", "controller", row, *settings)
 
     def stop(self, deleteIntfs: bool = True) -> None:  # noqa: N803 (Mininet's name)
         """Take the bridge away, as `switch s1 stop` does; `start` brings it back.
@@ -387,6 +423,7 @@ class OpticalSwitch(ClassicalSwitch):
         self.hardware_ports = {str(port): [*own] for port, own in (hardware_ports or {}).items()}
         if controller_port is not None:
             self.network.programmed_elsewhere.add(name)
+            del self.network.bridges[name]
         self.program: Program | None = None
 
     def launch(self, controllers: list[Controller]) -> None:
@@ -394,12 +431,13 @@ class OpticalSwitch(ClassicalSwitch):
         if self.program is not None:
             return
         network, commanding = self.network, self._controllers(controllers)
-        self._ports = range(port := runtime.free_port(len(commanding)), port + len(commanding))
         config = AgentConfig(
             switch=self.name,
-            listen=f"127.0.0.1:{port}",
+            # Open vSwitch connects to Unix sockets of its own folder alone.
+            listen=str(openvswitch.agent_socket(self.name)),
             controllers=commanding,
-            management=str(openvswitch.RUN_FOLDER / f"{self.name}.mgmt"),
+            management=network.socket(f"{self.name}-bridge"),
+            programs=str(openvswitch.RUN_FOLDER / f"{self.name}.mgmt"),
             dispatcher=network.socket(DISPATCHER),
             token=network.token(self.name),
             fiber_ports=sorted(
@@ -412,6 +450,9 @@ class OpticalSwitch(ClassicalSwitch):
             hardware_ports=self.hardware_ports,
         )
         super().start([])
+        # Who asks for the bridge by name, as ovs-ofctl does, comes to the agent.
+        Path(config.programs).replace(config.management)
+        self._targets = [f"unix:{config.listening(number)}" for number in range(len(commanding))]
         self.cmd(f"sysctl -qw net.ipv6.conf.{self.name}.disable_ipv6=1")
         for program in network.programs:
             if program.name == DISPATCHER:  # the agent asks it at once
@@ -429,20 +470,21 @@ class OpticalSwitch(ClassicalSwitch):
         self.program.wait_for("ready", READY_TIMEOUT_S)
         create = [
             word
-            for port in self._ports
+            for number, target in enumerate(self._targets)
             for word in (
-                *("--", f"--id=@c{port}", "create", "Controller"),
-                f'target="tcp:127.0.0.1:{port}"',
+                *("--", f"--id=@c{number}", "create", "Controller"),
+                f'target="{target}"',
                 f"max_backoff={RECONNECT_MS}",  # Open vSwitch's own is 8 s
             )
         ]
-        rows = ",".join(f"@c{port}" for port in self._ports)
+        rows = ",".join(f"@c{number}" for number in range(len(self._targets)))
         openvswitch.vsctl(*create[1:], "--", "set", "bridge", self.name, f"controller=[{rows}]")
 
     def _controllers(self, given: list[Controller]) -> list[str]:
         if self.controller_port is not None:
             return [f"127.0.0.1:{self.controller_port}"]
-        return [f"{controller.IP()}:{controller.port}" for controller in given]
+        reached = [_reached(controller, self.name) for controller in given]
+        return [f"{controller.IP()}:{controller.port}" for controller in reached]
 
     def stop(self, deleteIntfs: bool = True) -> None:  # noqa: N803 (Mininet's name)
         """End the agent, then take the bridge away."""
@@ -460,10 +502,32 @@ class OpticalSwitch(ClassicalSwitch):
             self.network.programs.remove(self.program)
             self.program.stop()
             self.program = None
+            openvswitch.remove_agent_sockets(self.name)
+
+
+@dataclass(frozen=True)
+class Reached:
+    """A controller as one switch reaches it: what Mininet asks of a controller."""
+
+    name: str
+    address: str
+    port: int
+    protocol: str = "tcp"
+
+    def IP(self) -> str:  # noqa: N802 (Mininet's name)
+        """Return the address."""
+        return self.address
+
+
+def _reached(controller: Controller, switch: str) -> Any:
+    """Return a controller as a switch reaches it: ours is on the management network."""
+    if not isinstance(controller, QuantumController):
+        return controller
+    return Reached(controller.name, controller.addresses[switch], controller.port)
 
 
 class QuantumController(QuantumNode, Controller):
-    """`c0`: our controller apps on Ryu or os-ken.
+    """`c0`: our controller apps on Ryu or os-ken, in a namespace of their own.
 
     Mininet's own command line sets it up so: --controller quantum,rest=127.0.0.1:8080,
     apps=ryu.app.ofctl_rest (further modules behind a +).
@@ -486,7 +550,9 @@ class QuantumController(QuantumNode, Controller):
         network.apps += [module for module in apps.split("+") if module]
         self.network = network
         self.program: Program | None = None
-        super().__init__(name, **{**params, "port": self.network.openflow_port})
+        self.addresses: dict[str, str] = {}  # on the management network, by switch
+        settings = {"port": self.network.openflow_port, "inNamespace": True}
+        super().__init__(name, **{**params, **settings})
 
     def checkListening(self) -> None:  # noqa: N802 (Mininet's name)
         """Let the controller itself find out whether its port is free."""
@@ -496,9 +562,11 @@ class QuantumController(QuantumNode, Controller):
         if self.program is not None:
             return
         network = self.network
-        connect_copper(network)
+        if not self.addresses:
+            self.addresses = lay_management(self, network.bridges, network)
+            connect_copper(network)
         config = ControllerConfig(
-            listen=f"127.0.0.1:{self.port}",
+            listen=f"0.0.0.0:{self.port}",
             framework=network.framework,
             quantum_switches=list(network.datapath_ids.values()),
             record=str(network.logs / RECORD),
@@ -515,7 +583,11 @@ class QuantumController(QuantumNode, Controller):
             apps=network.apps,
             state=str(network.folder / STATE),
         )
-        self.program = launch(network, self.name, "controller_apps", config)
+        self.program = launch(network, self.name, "controller_apps", config, self)
+
+    def IP(self, intf: object = None) -> str:  # noqa: N802 (Mininet's name)
+        """Return an address on the management network, if it has one."""
+        return next(iter(self.addresses.values()), str(self.ip))
 
     def start(self) -> None:
         """Start the controller and wait until switches can connect."""

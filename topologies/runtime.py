@@ -42,6 +42,8 @@ class Runtime:
     seed: int = 1
     time_scale: float = 1.0  # seconds here for one second of the network
     copper_km: float | None = None  # length of all copper; None: as the fibres beside it
+    control_km: float | None = None  # of that to the controller; None: the same
+    control_loss: float = 0.0  # share of the packets that get lost there
     sabot: str = ""  # path of a Sabot server's socket; empty: the dispatcher simulates by itself
     record: bool = False  # whether the dispatcher records what it is asked, for a replay
     events: bool = True  # whether the dispatcher writes what happens to qubits
@@ -58,6 +60,8 @@ class Runtime:
     addresses: dict[str, str] = field(default_factory=dict)  # of the hosts
     fibers: list[Fiber] = field(default_factory=list)
     copper: dict[frozenset[str], float] = field(default_factory=dict)  # delay (s) between two nodes
+    bridges: dict[str, Any] = field(default_factory=dict)  # that c0 programs, by name
+    management: set[str] = field(default_factory=set)  # interfaces that they have to c0
     cables: list[Cable] = field(default_factory=list)  # of it, those that packets are held back on
     switches: dict[str, QuantumSwitch] = field(default_factory=dict)
     datapath_ids: dict[str, int] = field(default_factory=dict)  # of the quantum switches

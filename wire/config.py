@@ -212,7 +212,7 @@ class AgentConfig(MeasuredConfig):
     """One quantum switch: its bridge on one side, controller and dispatcher on the other."""
 
     switch: str
-    listen: str  # where the bridge connects to: "127.0.0.1:16653"
+    listen: str  # where the bridge connects to: "127.0.0.1:16653", or a path for Unix sockets
     controllers: list[str]  # "127.0.0.1:6653"
     management: str  # path of the bridge's management socket (…/q1.mgmt)
     dispatcher: str  # path of the dispatcher's unix socket
@@ -221,6 +221,12 @@ class AgentConfig(MeasuredConfig):
     hardware: str = ""  # empty: the simulated switch; or "scpi://192.0.2.7:5025"
     # scpi: OpenFlow port number to the numbers of its [ingress, egress] at the instrument
     hardware_ports: dict[str, list[int]] = field(default_factory=dict)
+    programs: str = ""  # path of a Unix socket for ovs-ofctl and the like; empty: none
+
+    def listening(self, number: int) -> str:
+        """Return where the bridge connects to for a controller, by its number."""
+        host, colon, port = self.listen.rpartition(":")
+        return f"{host}:{int(port) + number}" if colon else f"{self.listen}{number}"
 
 
 @dataclass(frozen=True)
@@ -242,6 +248,7 @@ class Cable:
     a_fd: int
     b_fd: int
     delay_s: float  # of the network
+    loss: float = 0.0  # share of the packets that do not arrive
 
 
 @dataclass(frozen=True)
@@ -250,6 +257,7 @@ class CopperConfig(Config):
 
     cables: list[Cable]
     simulation: str  # IPv4 address of the dispatcher, whose packets no cable holds back
+    seed: int = 1  # of which packets are lost
 
     @classmethod
     def from_dict(cls, fields: dict[str, Any]) -> "CopperConfig":
@@ -276,6 +284,8 @@ class ControllerConfig(MeasuredConfig):
     stations: list[Station] = field(default_factory=list)  # on classical switches
     console: str = ""  # path of the unix socket of the console; empty: none
     rest: str = ""  # "127.0.0.1:8080": serve the same there, on Ryu only; empty: not at all
+    # The socket that listens there, from the runner: it may be of another network namespace.
+    rest_fd: int | None = None
     rest_token: str = ""  # that the console's resources there want; empty: nobody has it
     apps: list[str] = field(default_factory=list)  # modules of further apps to load
     state: str = ""  # path of a private folder for what a restarted one must know; empty: none

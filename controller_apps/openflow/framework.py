@@ -6,6 +6,7 @@ Both have the same interface under different package names; neither has types.
 
 import logging
 import os
+import socket
 import sys
 import warnings
 from collections.abc import Callable, Iterable
@@ -13,6 +14,8 @@ from functools import cache, wraps
 from importlib import import_module
 from types import ModuleType
 from typing import Any, TypeVar, cast
+
+from controller_apps.openflow.speakers import Speakers, owner
 
 VARIABLE = "QMN_CONTROLLER_FRAMEWORK"
 PACKAGES = {"ryu": "ryu", "os-ken": "os_ken"}
@@ -72,9 +75,21 @@ class App(_App):
         @wraps(handler)
         def guarded(event: Any) -> None:
             with EndOnFault(self.name):
-                handler(event)
+                if speaks_for_its_switch(event):
+                    handler(event)
 
         super().register_handler(event_class, guarded)
+
+
+SPEAKERS = Speakers(DEAD, owner)
+
+
+def speaks_for_its_switch(event: Any) -> bool:
+    """Tell whether an event may be heeded: all may but those of who poses as a switch."""
+    message = getattr(event, "msg", None)
+    datapath = getattr(message or event, "datapath", None)
+    dpid = getattr(message, "datapath_id", None) or getattr(datapath, "id", None)
+    return dpid is None or SPEAKERS.admits(datapath, dpid)
 
 
 class EndOnFault:
@@ -120,14 +135,19 @@ def load_stock_apps(modules: Iterable[str]) -> None:
             raise ValueError(f"apps: cannot load {module!r} on {NAME}: {error}") from error
 
 
-def serve_on(host: str, port: int, rest: tuple[str, int] | None = None) -> None:
+def serve_on(
+    host: str, port: int, rest: tuple[str, int] | None = None, rest_fd: int | None = None
+) -> None:
     """Set where switches connect, and how soon a silent one counts as gone.
 
     On native threads only the unanswered echo ends a connection that its switch closed.
-    What is loaded of Ryu's WSGI serves on `rest`, which the stock apps may share.
+    What is loaded of Ryu's WSGI serves on `rest`, which the stock apps may share; on that socket,
+    if one is given that listens already.
     """
     if rest is not None:
         wsgi()
+        if rest_fd is not None:
+            _adopt(rest, rest_fd)
     cfg.CONF(args=[], project="qmn", default_config_files=[])
     options = {
         "ofp_listen_host": host,
@@ -141,6 +161,18 @@ def serve_on(host: str, port: int, rest: tuple[str, int] | None = None) -> None:
         options["observe_links"] = True
     for option, value in options.items():
         cfg.CONF.set_override(option, value)
+
+
+def _adopt(address: tuple[str, int], descriptor: int) -> None:
+    """Let eventlet, which Ryu's WSGI listens by, take this socket for the address."""
+    listen, green_socket = hub.eventlet.listen, hub.eventlet.greenio.GreenSocket
+
+    def adopted(wanted: tuple[str, int], *arguments: Any, **options: Any) -> Any:
+        if tuple(wanted) != address:
+            return listen(wanted, *arguments, **options)
+        return green_socket(socket.socket(fileno=descriptor))
+
+    hub.eventlet.listen = adopted
 
 
 def start(

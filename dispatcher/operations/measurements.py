@@ -8,7 +8,7 @@ from dispatcher.devices import abilities
 from dispatcher.devices.analyser import Analyser, Half
 from dispatcher.devices.detector import Train
 from dispatcher.devices.detectors import Told
-from dispatcher.layer import drift, further
+from dispatcher.layer import drift, further, pulses
 from dispatcher.layer.layer import PhysicalLayer, tally
 from dispatcher.layer.ownership import Block, BlockName
 from dispatcher.operations import gate_noise
@@ -38,6 +38,7 @@ class Measurements:
         layer = self._layer
         block = layer.ownership.require(name, node)
         abilities.require(layer.devices, node, MEASURE)
+        abilities.require_encoding(layer.devices, node, block.pulses.encoding)
         size = block.register.size
         if basis not in MeasureRequest.Basis.values():
             raise invalid(f"basis {basis} is unknown; use Z, X or Y")
@@ -45,6 +46,7 @@ class Measurements:
         if bases:
             values = packed("bases", bases, size, 2)
         layer.take_up(block)
+        drift.twirl_turn(block, layer.sabot, layer.draws)
         if values.any():  # a measurement of Z does not see the angles
             drift.twirl(block, layer.sabot, layer.draws)
         feedback = layer.feedback(block)
@@ -54,7 +56,15 @@ class Measurements:
         place = block.draws_for(f"detectors of {node}")
         random = PhotonRandom(layer.draws, block.name, place, size)
         detectors = layer.devices.detectors(node, "measure")
-        found = detectors.detect(bits, block.pulses.extras, train(block), random, more)
+        found = detectors.detect(
+            bits,
+            block.pulses.extras,
+            train(block),
+            random,
+            more,
+            late_ps=pulses.late_ps(block.pulses, size, random),
+            timed=True,
+        )
         told = f"{tally(values, BASES)}: {tally(found.bits, ('0', '1'))}"
         each = partial(outcome, found.bits, ("0", "1"))
         layer.record(node, "measure", block, detail=told + listed(found.incidents()), each=each)
@@ -67,6 +77,8 @@ class Measurements:
         first, second = (layer.ownership.require(name, node) for name in names)
         require_pairs(first, second)
         abilities.require(layer.devices, node, MEASURE)
+        for block in (first, second):
+            abilities.require_encoding(layer.devices, node, block.pulses.encoding)
         layer.sabot.require_capacity(first.register, [GateStep("CX", second.register)])
         layer.take_up_pair(first, second)
         feedback = layer.feedback(first, second)

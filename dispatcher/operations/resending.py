@@ -42,6 +42,7 @@ class Resending:
         layer = self._layer
         block = layer.ownership.require(name, node)
         abilities.require(layer.devices, node, MEASURE)
+        abilities.require_encoding(layer.devices, node, block.pulses.encoding)
         size = block.register.size
         values = _bases(bases, size)
         fresh = self._fresh(size)
@@ -56,7 +57,15 @@ class Resending:
         more = further.measure(layer.sabot, taken, values * chosen, layer.draws, place)
         random = PhotonRandom(layer.draws, name, f"{place}, detectors of {node}", size)
         detectors = layer.devices.detectors(node, "measure")
-        found = detectors.detect(bits, taken.pulses.extras, train(block), random, more)
+        found = detectors.detect(
+            bits,
+            taken.pulses.extras,
+            train(block),
+            random,
+            more,
+            late_ps=pulses.late_ps(taken.pulses, size, random),
+            timed=True,
+        )
         outcomes = found.bits | (~chosen * np.uint8(NO_CLICK))
         again = (outcomes != NO_CLICK) & free
         self._replace(block, fresh, again, values << np.uint8(1) | outcomes & np.uint8(1))
@@ -86,6 +95,7 @@ class Resending:
     def _take(self, block: Block, chosen: Mask) -> Block:
         """Take photons out of a block, and what is known of their light."""
         layer = self._layer
+        drift.twirl_turn(block, layer.sabot, layer.draws)
         own = pulses.part(block.pulses, chosen)
         part = Block(
             block.name,

@@ -8,7 +8,7 @@ import numpy as np
 
 from dispatcher.devices import abilities
 from dispatcher.fiber.noise import Pattern
-from dispatcher.layer import further, pulses
+from dispatcher.layer import drift, further, pulses
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.ownership import Block, BlockName
 from dispatcher.operations import limits
@@ -121,7 +121,9 @@ class Transport:
         left, landed = True, False
         while left and (arrival := await flight.next_arrival(layer.clock)):
             left = bool((further.lit(block) & ~arrival.members).any())
-            self._land(self._part(block, arrival) if left else block, arrival)
+            landed_block = self._part(block, arrival) if left else block
+            self._land(landed_block, arrival)
+            layer.software.light(end.node, flight.start_ns, arrival.end.node, landed_block.last_ns)
             landed = True
         layer.photons_lost += flight.lost
         if not landed:
@@ -144,6 +146,10 @@ class Transport:
         """Put what has arrived at the port, and tell those who wait for it."""
         layer = self._layer
         block.fibers_passed = arrival.fibers_passed
+        if block.pulses.turn is not None:
+            block.pulses.turn = block.pulses.turn.behind(arrival.rotation)
+        drift.turn(block, arrival.turn)
+        block.pulses.dispersion_ps_per_nm += arrival.dispersion_ps_per_nm
         block.start_ns = arrival.schedule.first_ns
         first, last = np.flatnonzero(further.lit(block))[[0, -1]].tolist()
         block.first_ns = arrival.schedule.time_ns(first)
@@ -169,6 +175,8 @@ class Transport:
             layer.ownership.move(block, node, port)
             return
         layer.take_up(there)
+        for part in (there, block):
+            drift.twirl_turn(part, layer.sabot, layer.draws)
         pulses.unite(there.pulses, block.pulses, further.lit(block))
         layer.sabot.unite(there.register, block.register)
         further.unite(layer.sabot, there, block)

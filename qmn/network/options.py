@@ -39,7 +39,7 @@ class NetworkOptions(TypedDict, total=False):
     loss_db_per_km: float
     depolarizing: float
     kind: str
-    fiber: list[str]  # as drift_time_s=10
+    fiber: list[str]  # as burst_end_hz=10
     node: list[str]  # as ion-trap, or bob=ion-trap
     device: list[str]  # as bob.detectors.efficiency=0.8
     switches: int
@@ -47,6 +47,8 @@ class NetworkOptions(TypedDict, total=False):
     repeaters: int
     spines: int
     copper_km: float
+    control_km: float
+    control_loss: float
     loss_budget_db: float
     contention: str
     policy: str | Path
@@ -76,7 +78,7 @@ def add_network_options(parser: argparse.ArgumentParser) -> None:
     add("--depolarizing", type=float, metavar="P", help=text)
     text = f"{what_of}: standard or polarisation-maintaining"
     add("--kind", choices=list(KINDS), help=text)
-    text = f"a parameter {what_of}, as drift_time_s=10 (repeatable; docs/physical-layer.md)"
+    text = f"a parameter {what_of}, as burst_end_hz=10 (repeatable; docs/physical-layer.md)"
     add("--fiber", action="append", default=[], metavar="NAME=VALUE", help=text)
     kinds = " or ".join(NODE_KINDS)
     text = f"what all hosts are, or one: {kinds} (repeatable; docs/nodes.md)"
@@ -89,6 +91,10 @@ def add_network_options(parser: argparse.ArgumentParser) -> None:
     add("--spines", type=int, metavar="N", help="switches of leaf-spine between leaves (2)")
     text = "length of every copper cable (that of the fibres between the same places)"
     add("--copper-km", type=float, metavar="KM", help=text)
+    text = "length of the copper between c0 and every switch (as other copper)"
+    add("--control-km", type=float, metavar="KM", help=text)
+    text = "share of the packets between c0 and every switch that are lost (0)"
+    add("--control-loss", type=float, default=0.0, metavar="P", help=text)
     add("--loss-budget-db", type=float, default=30.0, metavar="DB", help="of a light path (30)")
     add("--contention", choices=CONTENTION, default="refuse", help="if light is taken")
     add("--policy", type=Path, metavar="FILE", help="who may do what, in TOML (allow everything)")
@@ -164,6 +170,9 @@ def check_network(arguments: argparse.Namespace) -> None:
     check_range(arguments, "loss_budget_db", 0, 1_000)
     if arguments.copper_km is not None:
         check_range(arguments, "copper_km", 0, MOST_KM)
+    if arguments.control_km is not None:
+        check_range(arguments, "control_km", 0, MOST_KM)
+    check_range(arguments, "control_loss", 0, 0.9)
 
 
 def check_address(text: str) -> None:
@@ -217,6 +226,8 @@ def settings(
         framework=arguments.controller,
         openflow_port=arguments.openflow_port,
         copper_km=arguments.copper_km,
+        control_km=arguments.control_km,
+        control_loss=arguments.control_loss,
         history_depth=arguments.history_depth,
         loss_budget_db=arguments.loss_budget_db,
         contention=arguments.contention,

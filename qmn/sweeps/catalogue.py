@@ -10,9 +10,11 @@ from qmn.sweeps.gated_bell import GATED_BELL
 from qmn.sweeps.interference import HOM
 from qmn.sweeps.multi_pair import MULTI_PAIR
 from qmn.sweeps.parameters import Values
+from qmn.sweeps.polarization import POLARIZATION
 from qmn.sweeps.seeds import point_seed
 from qmn.sweeps.superdense import SUPERDENSE
 from qmn.sweeps.teleportation import SWAP, TELEPORT
+from qmn.sweeps.timing import TIMING
 from qmn.sweeps.waiting import WAITING
 from qmn.sweeps.weak_pulses import WEAK_PULSES
 
@@ -30,6 +32,8 @@ EXPERIMENTS: dict[str, Experiment] = {
         FRESH_OUTCOMES,
         MULTI_PAIR,
         WEAK_PULSES,
+        POLARIZATION,
+        TIMING,
     )
 }
 

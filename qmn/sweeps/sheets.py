@@ -311,4 +311,44 @@ SHEETS = (
             )
         ],
     ),
+    Sheet(
+        "polarization",
+        "polarization",
+        {
+            "length_km": [0.1, 1.0, 2.0, 5.0, 10.0],
+            "polarization_drift_rad_per_sqrt_km": [0.05, 0.3, 1.0],
+            "pairs": 60_000,
+        },
+        [
+            Curve(
+                f"polarization-{basis}",
+                f"Polarisation behind a fibre, error in {basis.upper()}",
+                "length_km",
+                "length of the fibre (km)",
+                basis,
+                by=["polarization_drift_rad_per_sqrt_km"],
+            )
+            for basis in ("z", "x")
+        ],
+    ),
+    Sheet(
+        "timing",
+        "timing",
+        {
+            "length_km": "0:50:6",
+            "bandwidth_nm": [0.0, 0.1, 1.0],
+            "jitter_ps": [0.0, 300.0],
+            "pairs": 50_000,
+        },
+        [
+            Curve(
+                "timing",
+                "Photons in gates of 1 ns behind standard fibre (17 ps/(nm km))",
+                "length_km",
+                "length of the fibre (km)",
+                "counted",
+                by=["bandwidth_nm", "jitter_ps"],
+            )
+        ],
+    ),
 )
