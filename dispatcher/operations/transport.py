@@ -149,6 +149,7 @@ class Transport:
         if block.pulses.turn is not None:
             block.pulses.turn = block.pulses.turn.behind(arrival.rotation)
         drift.turn(block, arrival.turn)
+        block.pulses.dispersion_ps_per_nm += arrival.dispersion_ps_per_nm
         block.start_ns = arrival.schedule.first_ns
         first, last = np.flatnonzero(further.lit(block))[[0, -1]].tolist()
         block.first_ns = arrival.schedule.time_ns(first)
