@@ -50,8 +50,9 @@ def test_links_are_asked_for_as_their_chain_was(tmp_path: Path) -> None:
     chain = next(setup for setup in asked if setup.service == Service.SWAP)
     links = [setup for setup in asked if setup.service == Service.LINK]
     assert [link.session - chain.session for link in links] == [1, 2, 3]
-    alike = {"session": chain.session, "service": chain.service, "source": chain.source}
-    assert all(replace(link, **alike) == chain for link in links)
+    for link in links:
+        alike = replace(link, session=chain.session, service=chain.service, source=chain.source)
+        assert alike == chain
 
 
 @pytest.mark.parametrize("repeaters", [1, 2, 3])
