@@ -19,7 +19,7 @@ from topologies.runtime import RUNTIME_ROOT
 from topologies.sdc import SdcTopo
 
 ROOT = Path(__file__).resolve().parents[2]
-# From its version 4.4 on Wireshark runs no script for root: another user, who may read root's files.
+# From 4.4 on Wireshark runs no script for root: this is another user, who may read root's files.
 TSHARK = [
     *("setpriv", "--reuid=65534", "--regid=65534", "--clear-groups"),
     *("--inh-caps=+dac_override", "--ambient-caps=+dac_override"),
