@@ -5,6 +5,7 @@ Prints one line of JSON when it listens and one when all bytes are there.
 
 import argparse
 import json
+import os
 import sys
 from hashlib import sha256
 from pathlib import Path
@@ -20,6 +21,8 @@ def receive(arguments: argparse.Namespace) -> None:
     with QuantumSocket(arguments.stack) as listener:
         listener.listen(arguments.port)
         print(json.dumps({"event": "listening", "port": arguments.port}), flush=True)
+        if arguments.background:
+            go_to_background()
         connection, peer = listener.accept()
     try:
         with connection, partial.open("wb") as output:
@@ -33,6 +36,16 @@ def receive(arguments: argparse.Namespace) -> None:
     print(json.dumps({**line, **connection.statistics}), flush=True)
 
 
+def go_to_background() -> None:
+    """Let whoever has started this program go on; what it says from now on goes nowhere."""
+    if os.fork():
+        os._exit(0)
+    os.setsid()
+    for stream in (sys.stdin, sys.stdout, sys.stderr):
+        with open(os.devnull, "r+b") as nothing:
+            os.dup2(nothing.fileno(), stream.fileno())
+
+
 def main() -> int:
     """Read the arguments, receive, and turn faults into one line and an exit status."""
     parser = argparse.ArgumentParser(
@@ -40,6 +53,8 @@ def main() -> int:
     )
     parser.add_argument("--stack", help="socket of this host's stack (QMN_STACK)")
     parser.add_argument("--output", type=Path, required=True)
+    text = "let the shell go on as soon as this listens"
+    parser.add_argument("--background", action="store_true", help=text)
     parser.add_argument("port", type=int)
     arguments = parser.parse_args()
     try:
