@@ -4,13 +4,19 @@ SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help setup packages install uninstall run-sdc test test-docker lint types unit emulation \
+.PHONY: help setup packages install uninstall run-sdc test test-docker lint types unit emulation chaos \
     bench curves picture image clean lock browser
 
 PYTHON := .venv/bin/python
 # The caches and byte code of root would be in the user's way.
 AS_ROOT = $(if $(filter-out 0,$(shell id -u)),sudo env PYTHONDONTWRITEBYTECODE=1)
-PYTEST := $(PYTHON) -m pytest -p no:cacheprovider
+PYTEST := env PYTHONPATH=tests $(PYTHON) -m pytest -p no:cacheprovider -p progress
+# A process for each processor, as long as all has room. Those that emulate networks have
+# namespaces of their own, because a network has fixed names and addresses.
+PROCESSES := $(shell echo $$(( $$(nproc) < 8 ? $$(nproc) : 8 )))
+IN_PARALLEL := --numprocesses=$(PROCESSES) --dist=worksteal
+APART := --dist=worksteal --tx='$(PROCESSES)*popen//python=tests/emulation/own_namespaces $(PYTHON)'
+TESTS := tests/emulation  # of test-docker
 PRODUCT := wire dispatcher hosts controller_apps qswitch_agent copper topologies qmn
 PROTOCOLS := $(patsubst %.proto,%,$(wildcard wire/*.proto))
 GENERATED := $(foreach end,_pb2.py _pb2.pyi _pb2_grpc.py,$(addsuffix $(end),$(PROTOCOLS)))
@@ -44,10 +50,16 @@ uninstall: ## Take that away again
 run-sdc: ## Send a message from alice to bob by superdense coding
 	@setup/run-sdc $(value ARGS)
 
-test: setup lint types unit emulation ## Run all checks and tests natively
+test: setup ## Run all checks and tests natively
+	@echo 'test: style and types, then tests: about 10 minutes on two processors'
+	@$(MAKE) --no-print-directory lint types
+	@echo 'test: unit tests; about 9 minutes left'
+	@$(MAKE) --no-print-directory unit
+	@echo 'test: tests in emulated networks; about 6 minutes left'
+	@$(MAKE) --no-print-directory emulation
 
-test-docker: ## Run the emulation tests inside the image
-	@docker/run $(PYTEST) tests/emulation
+test-docker: ## Run the emulation tests inside the image (DEBIAN=13: of Debian 13)
+	@docker/run $(PYTEST) $(APART) $(TESTS)
 
 lint: setup ## Check style and formatting
 	$(PYTHON) -m ruff check
@@ -57,10 +69,13 @@ types: setup ## Check types
 	$(PYTHON) -m mypy
 
 unit: setup browser ## Run the unit tests (no root)
-	$(PYTEST) tests/unit
+	$(PYTEST) $(IN_PARALLEL) tests/unit
 
 emulation: setup ## Run the emulation tests (root, Open vSwitch)
-	$(AS_ROOT) $(PYTEST) tests/emulation
+	$(AS_ROOT) $(PYTEST) $(APART) tests/emulation
+
+chaos: setup ## Strike runs at random for MINUTES (3), from SEED (1): nothing may hang or stay
+	$(AS_ROOT) $(PYTHON) tests/chaos --minutes $(or $(MINUTES),3) --seed $(or $(SEED),1)
 
 bench: setup ## Measure and print the speed of this machine
 	bin/qmn bench

@@ -8,6 +8,7 @@ import signal
 import socket
 import sys
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -68,12 +69,13 @@ def prepare(framework: Any, config: ControllerConfig, host: str, port: int) -> N
     """Load what is not ours and set where everything listens."""
     rest = read_address("rest", config.rest) if config.rest else None
     if rest is not None:
-        check_free("rest", *rest)
+        if config.rest_fd is None:
+            check_free("rest", *rest)
     elif WSGI_APPS.intersection(config.apps):
         raise Fatal(f"apps {', '.join(config.apps)} serve HTTP: say where, by `rest`")
     try:
         framework.load_stock_apps(config.apps)
-        framework.serve_on(host, port, rest)
+        framework.serve_on(host, port, rest, config.rest_fd)
     except ValueError as error:
         raise Fatal(str(error)) from error
 
@@ -104,6 +106,7 @@ def start_apps(framework: Any, config: ControllerConfig) -> Any:
     """Start the apps, the OpenFlow server and the console; return the quantum-metadata app."""
     from controller_apps.console.console import Console
     from controller_apps.console.facts import Facts
+    from controller_apps.console.guard import Guard
     from controller_apps.openflow.mac_table import MacTable
     from controller_apps.record import Record
     from controller_apps.sessions.state_folder import StateFolder
@@ -123,9 +126,9 @@ def start_apps(framework: Any, config: ControllerConfig) -> Any:
         raise Fatal(f"cannot open the console {config.console!r}: {error.strerror}") from error
     modules = [f"controller_apps.apps.{name}" for name in APPS]
     modules += ["controller_apps.console.rest"] if config.rest else []
-    apps = framework.start(
-        modules + config.apps, config=config, mac_table=MacTable(), record=record, state=state
-    )
+    contexts = {"config": config, "mac_table": MacTable(), "record": record, "state": state}
+    guard = partial(Guard, address=config.rest, token=config.rest_token)
+    apps = framework.start(modules + config.apps, guard, **contexts)
     facts = Facts(apps["QuantumMetadata"], apps["DeviceMonitor"])
     for server in (console, metrics):
         if server is not None:

@@ -22,7 +22,7 @@ def main() -> int:
         signal.signal(number, lambda *_: forwarder.stop())
     print("ready", flush=True)
     forwarder.run()
-    print(f"stopped: {forwarder.held:,} packets held, {forwarder.lost:,} met an end that was down")
+    print(f"stopped: {forwarder.held:,} packets held, {forwarder.lost:,} lost")
     return 0
 
 

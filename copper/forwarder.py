@@ -8,6 +8,7 @@ itself says, to and from the dispatcher's address, is held back by no cable.
 """
 
 import os
+import random
 import select
 import time
 from collections import deque
@@ -30,6 +31,7 @@ class Direction:
     into: int  # files of both ends
     out_of: int
     delay_ns: int
+    loss: float
     under_way: deque[tuple[int, bytes]] = field(default_factory=deque)  # when due, what
 
 
@@ -44,8 +46,9 @@ class Forwarder:
             delay_ns = round(config.time.wall_s(cable.delay_s) * 1e9)
             for into, out_of in ((cable.a_fd, cable.b_fd), (cable.b_fd, cable.a_fd)):
                 os.set_blocking(into, False)
-                self._directions[into] = Direction(into, out_of, delay_ns)
+                self._directions[into] = Direction(into, out_of, delay_ns, cable.loss)
         self._open = list(self._directions)  # where more may come in
+        self._draws = random.Random(config.seed)  # noqa: S311
         self._wake_reader, self._wake_writer = os.pipe()
         self.held = self.lost = 0
 
@@ -83,6 +86,8 @@ class Forwarder:
                 return False
             if self._is_simulation(frame):
                 self._write(direction.out_of, frame)
+            elif direction.loss and self._draws.random() < direction.loss:
+                self.lost += 1
             else:
                 self.held += 1
                 direction.under_way.append((time.monotonic_ns() + direction.delay_ns, frame))

@@ -80,13 +80,27 @@ class Turns(Journal):
         raise BadRecord(f"task {place[1]} of request {place[0]} does not wait where it did then")
 
 
-def replay(file: BinaryIO, event_log: TextIO) -> int:
+# A replay reaches nothing but the log that it is given, whatever the record says.
+NOWHERE: dict[str, Any] = dict.fromkeys(
+    ("listen", "socket", "event_log", "event_capture", "record", "qasm", "sabot"), ""
+)
+
+
+class NamesCode(BadRecord):
+    """A record names files of code, which a replay would run."""
+
+
+def replay(file: BinaryIO, event_log: TextIO, allow_code: bool = False) -> int:
     """Play a record again; write its events to a log and return how many requests there were.
 
-    Raise BadRecord if the file is not a record of this version of the dispatcher.
+    Raise BadRecord if the file is not a record of this version of the dispatcher, NamesCode if it
+    names code that is not allowed.
     """
     entries = record.read(file)
     config = _config(next(entries, None))
+    code = sorted({fiber.noise for fiber in config.fibers if fiber.noise})
+    if code and not allow_code:
+        raise NamesCode(f"it names code, which would be run: {', '.join(code)}")
     return asyncio.run(_play(entries, config, event_log))
 
 
@@ -96,8 +110,8 @@ def _config(header: Entry | None) -> DispatcherConfig:
     try:
         config = DispatcherConfig.from_dict(json.loads(header.header.config))
         tokens = {node: node for node in config.tokens}  # nobody calls
-        return replace(config, tokens=tokens, metrics_fd=None)
-    except (ValueError, TypeError, KeyError, AttributeError) as error:
+        return replace(config, tokens=tokens, metrics_fd=None, **NOWHERE)
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
         raise BadRecord(f"its configuration is not of this version: {error}") from error
 
 

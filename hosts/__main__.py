@@ -10,7 +10,7 @@ from pathlib import Path
 
 from hosts import network_loop
 from hosts.hardware.announce import announce
-from hosts.hardware.simulated import SimulatedQnic
+from hosts.hardware.choice import chosen_qnic
 from hosts.node_agent import start_node_agent
 from hosts.stack import Stack
 from wire.config import BadConfig, HostConfig
@@ -19,7 +19,7 @@ from wire.metadata import METADATA_PORT
 
 async def run(config: HostConfig) -> None:
     """Serve until told to stop; if one part fails, all end."""
-    qnic = SimulatedQnic(config.dispatcher, config.token, config.qnics)
+    qnic = chosen_qnic(config)
     stack = Stack(config, qnic)
     stopped = asyncio.Event()
     for number in (signal.SIGTERM, signal.SIGINT):

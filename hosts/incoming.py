@@ -5,11 +5,9 @@ from typing import Any
 
 from hosts.middleware.session.channel import SessionError
 from hosts.middleware.session.service import Answerer
+from hosts.timeouts import ACCEPT_TIMEOUT_S, READ_TIMEOUT_S
 from wire.metadata import Reason
 from wire.socket_calls import MAX_PAYLOAD, Call, encode, encode_fields
-
-ACCEPT_TIMEOUT_S = 5.0
-READ_TIMEOUT_S = 25.0  # the sender waits 30 s for its report
 
 
 class Incoming:
@@ -53,7 +51,7 @@ class Incoming:
         await self._drain(writer)
 
     async def finish(self, statistics: dict[str, Any]) -> None:
-        """Tell the application that all bytes came and were right, or that the service is over."""
+        """Tell the application that the service is over, and all bytes that came were right."""
         writer = await self._writer()
         if not self.left:
             writer.write(encode_fields(Call.CLOSE, **statistics))

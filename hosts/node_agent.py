@@ -13,6 +13,7 @@ from hosts.middleware.device import Device, changed
 from hosts.middleware.session.channel import SessionError
 from hosts.middleware.session.swap_orders import Swaps
 from hosts.network_loop import wall_sleep
+from hosts.timeouts import CHECK_PERIOD_S, UNSUBSCRIBED_PERIOD_S
 from wire.config import HostConfig
 from wire.device import (
     DEVICE_PORT,
@@ -28,8 +29,6 @@ from wire.metadata import Answer, MalformedPacket, Message, Reason
 
 log = logging.getLogger("node-agent")
 
-CHECK_S = 0.2  # how soon a change is reported
-UNSUBSCRIBED_PERIOD_S = 1.0
 UNASKED_AFTER = 3  # periods without a request: report, so that a new controller finds the host
 
 
@@ -97,7 +96,7 @@ class NodeAgent(asyncio.DatagramProtocol):
     async def run(self) -> None:
         """Report what changes or alarms, for ever; and now and then if nobody asks."""
         while True:
-            await wall_sleep(CHECK_S)
+            await wall_sleep(CHECK_PERIOD_S)
             now = time.monotonic()
             period_s = self._device.subscription.period_ms / 1e3 or UNSUBSCRIBED_PERIOD_S
             report = self._device.report()

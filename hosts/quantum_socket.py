@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from hosts.stack_socket import (
+    BYTES,
     STACK_VARIABLE,
     QuantumSocketError,
     StackEnded,
@@ -37,6 +38,11 @@ class QuantumSocket(StackSocket):
         self._buffer = b""
         self._ended = False
 
+    @property
+    def statistics(self) -> dict[str, Any]:
+        """What the session has used so far."""
+        return self.summary
+
     def connect(self, address: tuple[str, int], **options: Any) -> None:
         """Connect to a listening application on a host.
 
@@ -45,21 +51,22 @@ class QuantumSocket(StackSocket):
         Raise QuantumSocketError with the reason if light cannot be had.
         """
         host, port = address
-        self._socket.sendall(encode_fields(Call.CONNECT, host=host, port=port, **options))
-        self.statistics = self._done()
+        words = {"service": BYTES, "host": host, "port": port}
+        self._socket.sendall(encode_fields(Call.REQUEST, **words, **options))
+        self.summary = self._done()
 
     def sendall(self, data: bytes) -> None:
         """Send all of data; return when the other end's stack holds every byte of it."""
         for start in range(0, len(data), MAX_PAYLOAD):
             self._socket.sendall(encode(Call.DATA, data[start : start + MAX_PAYLOAD]))
-            self.statistics = self._done()
+            self.summary = self._done()
 
     def recv(self, size: int) -> bytes:
         """Return up to size bytes; b"" when the sender has closed and all bytes were right."""
         while not self._buffer and not self._ended:
             call, payload = self._read()
             if call == Call.CLOSE:
-                self._ended, self.statistics = True, decode_fields(payload)
+                self._ended, self.summary = True, decode_fields(payload)
             elif call == Call.DATA:
                 self._buffer = payload
             else:
@@ -70,7 +77,10 @@ class QuantumSocket(StackSocket):
     def shutdown(self) -> None:
         """Tell the other end that all was sent, and wait until it has verified every byte."""
         self._socket.sendall(encode(Call.CLOSE))
-        self.statistics = self._done()
+        call, payload = self._read()
+        if call != Call.CLOSE:
+            raise QuantumSocketError(f"the stack answered {call.name} to shutdown")
+        self.summary = decode_fields(payload)
 
     def watch(self, session: int = 0, history: bool = False) -> Iterator[Event]:
         """Yield what happens to qubits at this host; of one session unless it is 0.

@@ -29,7 +29,6 @@ class ServiceSocket(StackSocket):
 
     def __init__(self, stack: Path | str | None = None) -> None:
         super().__init__(stack)
-        self.summary: dict[str, Any] = {}
         self.over = False
 
     def request(

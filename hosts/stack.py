@@ -6,7 +6,8 @@ applications -- Unix socket --> stack -- TCP, quantum metadata --> other stacks
 
 import asyncio
 import logging
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import contextmanager
 from hashlib import blake2b
 from typing import Any
 
@@ -20,19 +21,17 @@ from hosts.middleware.qkd.keyring import Keyring
 from hosts.middleware.services import KINDS, NAMES
 from hosts.middleware.services.interception import Interception, InterceptionOptions
 from hosts.middleware.services.source import serve_pairs
-from hosts.middleware.services.superdense.receiver import ReceivingSession
-from hosts.middleware.services.superdense.sender import SendingSession
 from hosts.middleware.services.swapping.serving import serve_link
 from hosts.middleware.session.abilities import refusal
 from hosts.middleware.session.arrangement import Arrangement, Light
-from hosts.middleware.session.channel import ANSWER_TIMEOUT_S, MetadataChannel, SessionError
+from hosts.middleware.session.channel import MetadataChannel, SessionError
 from hosts.middleware.session.host_resources import HostResources
-from hosts.middleware.session.options import HANDSHAKES, SessionOptions
 from hosts.middleware.session.session import AcceptingSession, OpeningSession, require_source
 from hosts.middleware.session.swap_orders import Swaps
 from hosts.middleware.verdicts import Verdicts
+from hosts.timeouts import ANSWER_TIMEOUT_S
 from wire.config import STANDING, HostConfig
-from wire.metadata import FEC_NAMES, Handshake, Reason, Service, Setup, Verdict
+from wire.metadata import Handshake, Reason, Service, Setup, Verdict
 from wire.services import Role
 
 log = logging.getLogger("stack")
@@ -45,7 +44,7 @@ class Stack:
         self._config = config
         self._qnic = qnic
         self._sessions_made = 0
-        self._receiving: dict[int, ReceivingSession] = {}
+        self._accepting: dict[int, AcceptingSession] = {}
         self._verdicts = Verdicts(config.device_key, config.light == STANDING)
         self._light = Light()
         self.swaps = Swaps(config.address)
@@ -62,27 +61,8 @@ class Stack:
         self.active_sessions = ActiveSessions(self.swaps.opens)
         self.device = Device(lambda: read_ports(config.qnics))
         self.applications = ApplicationsPort(
-            self.connect, self.request, qnic.watch, self.intercept, self.active_sessions
+            self.request, qnic.watch, self.intercept, self._opening
         )
-
-    def connect(self, options: SessionOptions) -> SendingSession:
-        """Prepare a session to a host; raise SessionError if the names are not known."""
-        peer = self._peer(options.host)
-        setup = Setup(
-            session=self._new_session(),
-            service=Service.SDC,
-            handshake=HANDSHAKES[options.handshake],
-            source=self._peer(self._config.source)[1],
-            pairs=options.block_pairs,
-            frame_bytes=options.frame_bytes,
-            rate_hz=options.rate_hz,
-            port=options.port,
-            fec=FEC_NAMES[options.fec],
-            interleave=int(options.interleave),
-        )
-        setup = self.device.override(setup)
-        source = self._config.source
-        return self.device.sends(SendingSession(self._qnic, setup, peer, source, self._light))
 
     def request(self, fields: dict[str, Any]) -> OpeningSession:
         """Prepare a session of a service; raise SessionError for what cannot be asked."""
@@ -99,13 +79,8 @@ class Stack:
         setup = Setup(
             session=self._new_session(),
             service=kind.service,
-            handshake=Handshake.FRAMED,
             source=address,
-            pairs=options.block_pairs,
-            frame_bytes=1,
-            rate_hz=options.rate_hz,
-            port=options.port,
-            fidelity_ppm=options.fidelity_ppm,
+            **options.asked(),
         )
         setup = self.device.override(setup)
         arrangement = Arrangement(setup, peer, source, self._light)
@@ -138,15 +113,12 @@ class Stack:
             return self._emit_pairs
         if setup.service == Service.LINK:
             return self._link
-        if setup.service in KINDS:
-            return self._accept
-        if setup.service != Service.SDC:
-            raise SessionError(
-                Reason.UNSUPPORTED, f"this host does not offer {Service(setup.service).name}"
-            )
-        if setup.handshake == Handshake.ONE_PAIR:
-            return self._receive_pair
-        return self._receive
+        kind = KINDS.get(Service(setup.service))
+        if kind is None:
+            text = f"this host does not offer {Service(setup.service).name}"
+            raise SessionError(Reason.UNSUPPORTED, text)
+        joins = setup.handshake == Handshake.ONE_PAIR and Handshake.ONE_PAIR in kind.handshakes
+        return self._join if joins else self._accept
 
     def _refusal(self, setup: Setup) -> SessionError:
         """Return what the controller has said."""
@@ -160,57 +132,47 @@ class Stack:
         with self.active_sessions.engage(setup.session, Role.SOURCE), self.device.serves(setup):
             await serve_pairs(self._qnic, channel, setup, self.device.made)
 
-    async def _receive_pair(self, channel: MetadataChannel, setup: Setup) -> None:
-        session = self._receiving.get(setup.session)
-        if session is None:
-            raise SessionError(Reason.UNKNOWN_SESSION)
-        await session.one_pair(channel, setup)
-
-    async def _receive(self, channel: MetadataChannel, setup: Setup) -> None:
-        session = ReceivingSession(self._qnic, channel, setup, self._config.analyser)
-        with self.active_sessions.engage(setup.session, Role.ACCEPTOR):
-            incoming = self.applications.incoming(setup.port, channel.peer)
-            self._receiving[setup.session] = session
-            self.device.receives(session)
-            try:
-                await self._deliver(session, incoming)
-            finally:
-                del self._receiving[setup.session]
-                await session.close()
+    @contextmanager
+    def _opening(self, session: OpeningSession) -> Iterator[None]:
+        number = session.setup.session
+        with self.active_sessions.engage(number, Role.OPENER), self.device.opens(session):
+            yield
 
     async def _accept(self, channel: MetadataChannel, setup: Setup) -> None:
         service = Service(setup.service)
         session = AcceptingSession(KINDS[service], self._means, channel, setup)
         with self.active_sessions.engage(setup.session, Role.ACCEPTOR):
             incoming = self.applications.incoming(setup.port, channel.peer, service.name.lower())
-            await self._take_part(session, incoming, setup)
+            with self.device.accepts(session):
+                self._accepting[setup.session] = session
+                try:
+                    await self._take_part(session, incoming)
+                finally:
+                    del self._accepting[setup.session]
+                    await session.close()
 
-    async def _take_part(self, session: AcceptingSession, incoming: Incoming, setup: Setup) -> None:
+    async def _take_part(self, session: AcceptingSession, incoming: Incoming) -> None:
         try:
-            with self.device.serves(setup):
-                await session.run(incoming.tell)
-                if session.answer is not None:
-                    await incoming.ready(session.summary, session.answer)
-                await session.finish()
+            await session.run(incoming)
+            if session.answer is not None:
+                await incoming.ready(session.summary, session.answer)
+            await session.ended()
             await incoming.finish(session.summary)
         except BaseException as error:  # whatever it is, the application must hear of it
             await incoming.fail(error)
             raise
-        finally:
-            await session.close()
+        session.confirm()
+
+    async def _join(self, channel: MetadataChannel, setup: Setup) -> None:
+        """Serve a connection for a session that this host accepts already."""
+        session = self._accepting.get(setup.session)
+        if session is None:
+            raise SessionError(Reason.UNKNOWN_SESSION)
+        await session.join(channel, setup)
 
     async def _link(self, channel: MetadataChannel, setup: Setup) -> None:
         with self.active_sessions.engage(setup.session, Role.ACCEPTOR), self.device.serves(setup):
             await serve_link(self._means, channel, setup)
-
-    async def _deliver(self, session: ReceivingSession, incoming: Incoming) -> None:
-        try:
-            await session.run(incoming.deliver)
-        except BaseException as error:  # whatever it is, the application must hear of it
-            await incoming.fail(error)
-            raise
-        await incoming.finish(session.statistics)
-        session.confirm()
 
     def _peer(self, host: str) -> tuple[str, str]:
         """Return name and address of a host that is given by either."""

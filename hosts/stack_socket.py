@@ -12,6 +12,7 @@ from wire.metadata import Reason
 from wire.socket_calls import HEADER, Call, decode_fields, decode_header, encode_fields
 
 STACK_VARIABLE = "QMN_STACK"
+BYTES = "sdc"  # the service that carries bytes
 
 
 class QuantumSocketError(ConnectionError):
@@ -39,7 +40,7 @@ class StackSocket:
         self._receiving = threading.RLock()
         self._broken = False
         self._listening_port = 0
-        self.statistics: dict[str, Any] = {}
+        self.summary: dict[str, Any] = {}  # of the session, as far as this end has heard
 
     def _open(self) -> socket.socket:
         if not self._stack:
@@ -58,7 +59,7 @@ class StackSocket:
         """Let every later call raise TimeoutError after this time; None waits for ever."""
         self._socket.settimeout(seconds)
 
-    def listen(self, port: int, service: str = "sdc") -> None:
+    def listen(self, port: int, service: str = BYTES) -> None:
         """Let other hosts connect to this port for a service, until close."""
         self._socket.sendall(encode_fields(Call.LISTEN, port=port, service=service))
         self._done()
@@ -70,11 +71,11 @@ class StackSocket:
         try:
             accepted.settimeout(self._socket.gettimeout())
             accepted._socket.sendall(encode_fields(Call.ACCEPT, port=self._listening_port))
-            accepted.statistics = accepted._done()
+            accepted.summary = accepted._done()
         except BaseException:
             accepted._socket.close()
             raise
-        return accepted, accepted.statistics["peer"]
+        return accepted, accepted.summary["peer"]
 
     def close(self) -> None:
         """Close; without shutdown before it the other end learns that bytes may be missing.
@@ -107,7 +108,7 @@ class StackSocket:
         if call == Call.FAILED:
             fields = decode_fields(payload)
             text, reason = fields.pop("text"), Reason(fields.pop("reason"))
-            self.statistics = fields or self.statistics
+            self.summary = fields or self.summary
             raise QuantumSocketError(text, reason)
         return call, payload
 

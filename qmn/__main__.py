@@ -29,6 +29,7 @@ VERBS = (  # each a module of qmn.verbs
     "classical",
     "sabot",
     "replay",
+    "share",
     "report",
     "doctor",
     "clean",

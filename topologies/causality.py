@@ -22,9 +22,8 @@ class Early(NamedTuple):
 def worst(network: Runtime) -> Early | None:
     """Return what outruns light most, in a network that has been built; None if nothing can.
 
-    News goes along the copper, and from a classical switch by way of the controller to every
-    switch without delay: OpenFlow goes over this machine's loopback. What light leads by less than
-    any packet takes here is not news that is early.
+    News goes along the copper, also to the controller and from there to the switches. What light
+    leads by less than any packet takes here is not news that is early.
     """
     light, news = ways_of_light(network), ways_of_news(network)
     least_s = network.time.network_s(LEAST_DELAY_S)
@@ -54,17 +53,11 @@ def ways_of_light(network: Runtime) -> Ways:
 
 
 def ways_of_news(network: Runtime) -> Ways:
-    """Return the copper between neighbours, and what the controller joins."""
+    """Return the copper between neighbours, also that to the controller."""
     found: Ways = {}
-    ends = {node for link in network.copper for node in link}
     for link, delay_s in network.copper.items():
         one, other = sorted(link)
-        if not link & network.switches.keys():  # there OpenFlow is faster
-            _join(found, one, other, delay_s)
-    classical = ends - network.addresses.keys() - network.switches.keys()
-    for switch in classical:
-        for other in (classical | network.switches.keys()) - {switch}:
-            _join(found, switch, other, 0.0)
+        _join(found, one, other, delay_s)
     return found
 
 

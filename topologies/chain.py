@@ -10,9 +10,9 @@ alice --- q1 === q2 === q3 === bob, two fibres
 from itertools import pairwise
 from typing import Any
 
-from topologies.fabric import FabricTopo, controllers, findController
+from topologies.fabric import FabricTopo, Mininet, controllers, findController
 
-__all__ = ["ChainTopo", "controllers", "findController", "topos"]
+__all__ = ["ChainTopo", "Mininet", "controllers", "findController", "topos"]
 
 
 class ChainTopo(FabricTopo):

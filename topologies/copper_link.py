@@ -11,10 +11,11 @@ import struct
 import subprocess
 from typing import Any
 
-from mininet.link import Link
+from mininet.link import Intf, Link
 from mininet.node import Node, Switch
 
 from topologies import runtime
+from topologies.keywords import refuse_unknown
 from topologies.programs import NetworkError
 from wire.config import Cable
 from wire.fiber import SPEED_IN_FIBER_M_PER_S
@@ -36,14 +37,32 @@ def delay_s(length_km: float) -> float:
     return length_km * 1e3 / SPEED_IN_FIBER_M_PER_S
 
 
-class CopperLink(Link):
-    """A cable of some length; raise BadParameter for a length that none has."""
+def length_km(delay: float) -> float:
+    """Return how long copper is on which a packet takes so many seconds."""
+    return delay * SPEED_IN_FIBER_M_PER_S / 1e3
 
-    def __init__(self, node1: Node, node2: Node, length_km: float = 0.0, **params: object) -> None:
+
+class CopperLink(Link):
+    """A cable of some length, which loses a share of the packets.
+
+    Raise BadParameter for a length or a loss that no cable has.
+    """
+
+    def __init__(
+        self,
+        node1: Node,
+        node2: Node,
+        length_km: float = 0.0,
+        loss: float = 0.0,
+        **params: object,
+    ) -> None:
+        where = f"copper {node1.name} to {node2.name}"
+        refuse_unknown(where, params, type(self), Intf)
         if not isinstance(length_km, int | float) or not 0 <= length_km <= MOST_KM:
-            where = f"copper {node1.name} to {node2.name}"
             raise BadParameter(f"{where}: length_km {length_km!r} is not 0 to {MOST_KM:g}")
-        self.length_km = float(length_km)
+        if not isinstance(loss, int | float) or not 0 <= loss < 1:
+            raise BadParameter(f"{where}: loss {loss!r} is not 0 to below 1")
+        self.length_km, self.loss = float(length_km), float(loss)
         super().__init__(node1, node2, **params)
         network = runtime.current()
         network.copper[frozenset((node1.name, node2.name))] = delay_s(self.length_km)
@@ -54,6 +73,8 @@ class CopperLink(Link):
 
     @property
     def _is_held(self) -> bool:
+        if self.loss:
+            return True
         return runtime.current().time.wall_s(delay_s(self.length_km)) >= LEAST_DELAY_S
 
     def makeIntfPair(  # noqa: N802 (Mininet's name)
@@ -72,7 +93,7 @@ class CopperLink(Link):
             return
         ends = (intfname1, node1), (intfname2, node2)
         one, other = (tap(name, node) for name, node in ends)
-        cable = Cable(intfname1, intfname2, one, other, delay_s(self.length_km))
+        cable = Cable(intfname1, intfname2, one, other, delay_s(self.length_km), self.loss)
         runtime.current().cables.append(cable)
 
 

@@ -13,6 +13,7 @@ from mininet.topo import Topo
 from topologies import presets
 from topologies.copper_lengths import assign_copper_lengths
 from topologies.fiber import FiberLink, resolved
+from topologies.iperf import IperfMininet
 from topologies.node_kinds import node_device
 from topologies.nodes import (
     ClassicalSwitch,
@@ -117,3 +118,4 @@ def findController() -> type[QuantumController]:  # noqa: N802
 
 
 controllers = {"quantum": QuantumController}
+Mininet = IperfMininet  # so does `mn` with this: its own `iperf` would wait for ever

@@ -3,10 +3,11 @@
 from dataclasses import fields, replace
 from pathlib import Path
 
-from mininet.link import Link
+from mininet.link import Intf, Link
 from mininet.node import Node, Switch
 
 from topologies import runtime
+from topologies.keywords import refuse_unknown
 from wire.fiber import Fiber, FiberEnd, FiberOptics, optics
 from wire.physics import BadParameter
 
@@ -24,8 +25,10 @@ class FiberLink(Link):
     """
 
     def __init__(self, node1: Node, node2: Node, **params: object) -> None:
+        where = f"fibre {node1.name} to {node2.name}"
         given = {name: params.pop(name) for name in OPTICS & params.keys()}
-        described = resolved(optics(f"fibre {node1.name} to {node2.name}", **given))
+        refuse_unknown(where, params, type(self), Intf, also=sorted(OPTICS))
+        described = resolved(optics(where, **given))
         network = runtime.current()
         for key, node in (("intfName1", node1), ("intfName2", node2)):
             if not isinstance(node, Switch):
@@ -78,10 +81,15 @@ def _silence(interface: object) -> None:
 
 def resolved(described: FiberOptics) -> FiberOptics:
     """Return the same with the whole path of the noise model's file, which must be there."""
-    if not described.noise:
-        return described
-    file, _, name = described.noise.rpartition(":")
+    return replace(described, noise=python_file("noise", described.noise))
+
+
+def python_file(what: str, reference: str) -> str:
+    """Return "file.py:ClassName" with the whole path of the file, which must be there; "" is ""."""
+    if not reference:
+        return ""
+    file, _, name = reference.rpartition(":")
     path = Path(file).resolve()
     if not path.is_file():
-        raise BadParameter(f"noise {described.noise!r}: there is no file {path}")
-    return replace(described, noise=f"{path}:{name}")
+        raise BadParameter(f"{what} {reference!r}: there is no file {path}")
+    return f"{path}:{name}"

@@ -11,9 +11,9 @@
 
 from typing import Any
 
-from topologies.fabric import FabricTopo, controllers, findController
+from topologies.fabric import FabricTopo, Mininet, controllers, findController
 
-__all__ = ["LeafSpineTopo", "controllers", "findController", "topos"]
+__all__ = ["LeafSpineTopo", "Mininet", "controllers", "findController", "topos"]
 
 
 class LeafSpineTopo(FabricTopo):

@@ -16,6 +16,7 @@ from mininet.topo import Topo
 
 from topologies import openvswitch, owners, runtime
 from topologies.copper_lengths import assign_copper_lengths
+from topologies.management import bridge_of
 from topologies.nodes import COPPER, READY_TIMEOUT_S, QuantumController
 from topologies.owners import Owner
 from topologies.parallel import ParallelMininet
@@ -28,6 +29,7 @@ from wire.config import Fiber
 from wire.controller_record import read_record
 
 DISCOVERY_TIMEOUT_S = 20.0
+MESSAGES_OF_A_START = 40
 CAPTURE_SETTLE_S = 1.0
 END_S = 1.0  # that a program takes to end once its sockets are closed
 LOOK_S = 0.5  # between looks for what is stopped
@@ -143,13 +145,17 @@ class Network:
         for program in list(self.runtime.programs):
             program.wait_for("ready", READY_TIMEOUT_S)
             self._signals.check()
-        deadline = time.monotonic() + DISCOVERY_TIMEOUT_S
+        # Each of some messages may wait for the one before it, over the management network.
+        way_s = max(self.runtime.copper.values(), default=0.0)
+        limit_s = DISCOVERY_TIMEOUT_S + MESSAGES_OF_A_START * self.runtime.time.wall_s(way_s)
+        limit_s /= (1 - self.runtime.control_loss) ** 4  # TCP waits longer after each loss
+        deadline = time.monotonic() + limit_s
         while unknown := self._expected() - self._discovered():
             self.check()
             if time.monotonic() > deadline:
                 raise NetworkError(
                     f"the controller did not find {', '.join(sorted(unknown))} in "
-                    f"{DISCOVERY_TIMEOUT_S:g} s; its log: {self.runtime.logs}/c0.log"
+                    f"{limit_s:g} s; its log: {self.runtime.logs}/c0.log"
                 )
             time.sleep(POLL_S)
 
@@ -202,20 +208,23 @@ class Network:
 
     def capture(self, switch: str) -> list[Path]:
         """Capture every link of a switch from now on; return the files."""
-        interfaces = [name for name in self.net.get(switch).intfNames() if name != "lo"]
+        hidden = {"lo", *self.runtime.management}
+        interfaces = [name for name in self.net.get(switch).intfNames() if name not in hidden]
         return [self._capture(name, interface=name) for name in interfaces]
 
     def capture_openflow(self) -> Path:
         """Capture from now on what the controller and the switches say; return the file."""
         port = str(self.runtime.openflow_port)
-        # The loopback shows each packet twice, on its way out and in.
-        return self._capture("c0", "lo", "inbound", "and", "tcp", "port", port)
+        (c0,) = (each for each in self.net.controllers if isinstance(each, QuantumController))
+        return self._capture(c0.name, bridge_of(c0.name), "tcp", "port", port, inside=c0.pid)
 
-    def _capture(self, name: str, interface: str, *expression: str) -> Path:
-        file = self.runtime.logs / f"{name}.pcap"
+    def _capture(
+        self, name: str, interface: str, *expression: str, inside: int | None = None
+    ) -> Path:
+        file = self.runtime.private_file(f"{name}.pcap")
         program = Program(f"tcpdump-{name}", self.runtime.folder / f"tcpdump-{name}.log")
         self._cleanup.callback(self._end_capture, program, file)
-        program.start([*capture_command(interface, file), *expression])
+        program.start([*capture_command(interface, file), *expression], inside)
         program.wait_for("listening on", READY_TIMEOUT_S)
         self._captures.append(program)
         return file

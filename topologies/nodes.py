@@ -2,9 +2,10 @@
 
 import os
 import shlex
+import socket
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,10 @@ from mininet.node import Controller, Host, Node, OVSSwitch
 from topologies import openvswitch, runtime
 from topologies.addresses import broadcast, free_address
 from topologies.causality import news_s
-from topologies.fiber import qnics
-from topologies.programs import ROOT, Program, python
+from topologies.fiber import python_file, qnics
+from topologies.keywords import refuse_unknown
+from topologies.management import lay_management
+from topologies.programs import ROOT, NetworkError, Program, python
 from topologies.runtime import CONSOLE, DISPATCHER, EVENT_CAPTURE, EVENT_LOG, Runtime
 from topologies.shells import ShellWatcher
 from wire import switch_check
@@ -31,7 +34,6 @@ from wire.config import (
     DispatcherConfig,
     HostConfig,
     MeasuredConfig,
-    PathOptics,
     QuantumSwitch,
     Station,
 )
@@ -39,9 +41,11 @@ from wire.controller_record import RECORD
 from wire.physics import BadParameter, BellAnalyser, Detectors, Device, Gates, Memory, PairSource
 
 READY_TIMEOUT_S = 20.0
+OPTICS = {each.name for each in fields(QuantumSwitch)} - {"name"}
 COPPER = "copper"  # the program that holds packets back
 STATE = "state"  # folder in which the controller keeps what its successor must know
 DEFAULT_PREFIX_LENGTH = 8  # Mininet's
+PATIENCE = 8  # times the way to the controller
 RECONNECT_MS = 1000  # between a bridge's attempts to find its controller, at most
 
 
@@ -65,9 +69,25 @@ def launch(
             listener = stack.enter_context(runtime.metrics_listener(network, name))
             descriptors = [*descriptors, listener.fileno()]
             config = replace(config, metrics_fd=listener.fileno())
+        if isinstance(config, ControllerConfig) and config.rest:
+            rest = stack.enter_context(rest_listener(config.rest))
+            descriptors = [*descriptors, rest.fileno()]
+            config = replace(config, rest_fd=rest.fileno())
         config.write(path)
         program.start(command, host.pid if host else None, descriptors)
     return program
+
+
+def rest_listener(address: str) -> socket.socket:
+    """Return a socket of this machine's namespace on which the controller serves HTTP."""
+    host, _, port = address.rpartition(":")
+    try:
+        return socket.create_server((host, int(port)))
+    except (OSError, ValueError, OverflowError) as error:
+        raise NetworkError(
+            f"cannot serve HTTP on {address}: {error}; name another address for --rest, such as "
+            "127.0.0.1:8080"
+        ) from error
 
 
 def connect_copper(network: Runtime) -> None:
@@ -76,7 +96,7 @@ def connect_copper(network: Runtime) -> None:
         return
     files = [file for cable in network.cables for file in (cable.a_fd, cable.b_fd)]
     simulation = network.dispatcher.partition(":")[0]
-    config = CopperConfig(cables=list(network.cables), simulation=simulation)
+    config = CopperConfig(list(network.cables), simulation, network.seed)
     program = launch(network, COPPER, "copper", config, descriptors=files)
     for file in files:
         os.close(file)  # the program has them
@@ -120,6 +140,7 @@ class ClassicalHost(QuantumNode, Host):
     """A host whose interfaces suit a switch in user space: no IPv6, finished checksums."""
 
     def __init__(self, name: str, **params: object) -> None:
+        refuse_unknown(name, params, type(self))
         self.network = runtime.current()
         self.program: Program | None = None
         super().__init__(name, **params)
@@ -162,12 +183,12 @@ class DispatcherHost(ClassicalHost):
             tokens=network.tokens,
             fibers=network.fibers,
             switches=list(network.switches.values()),
-            event_log=str(network.logs / EVENT_LOG) if network.events else "",
+            event_log=str(network.private_file(EVENT_LOG)) if network.events else "",
             sabot=network.sabot,
             record=str(network.logs / "dispatcher.record") if network.record else "",
-            qasm=str(network.logs / "quantum.qasm") if network.qasm else "",
+            qasm=str(network.private_file("quantum.qasm")) if network.qasm else "",
             devices=network.devices,
-            event_capture=str(network.logs / EVENT_CAPTURE) if network.events else "",
+            event_capture=str(network.private_file(EVENT_CAPTURE)) if network.events else "",
             history_depth=network.history_depth,
             per_qubit=network.per_qubit,
             news_s=news_s(network),
@@ -211,6 +232,8 @@ class QuantumHost(ClassicalHost):
     hardware is like goes by parts, as detectors=Detectors(efficiency=0.8), or as one `device`;
     `source` may be a PairSource. `light` says who grants it (wire.config.LIGHT). Raise
     BadParameter for what no hardware is like.
+    `qnic` is "" for simulated hardware, or "path/to/file.py:ClassName" of a class of one's own
+    (hosts/hardware/choice.py), which is made with `qnic_parameters`.
     """
 
     def __init__(
@@ -224,12 +247,16 @@ class QuantumHost(ClassicalHost):
         analyser: BellAnalyser | None = None,
         gates: Gates | None = None,
         light: str = CONTROLLER,
+        qnic: str = "",
+        qnic_parameters: Mapping[str, Any] | None = None,
         **params: object,
     ) -> None:
         if light not in LIGHT:
             raise BadParameter(f"{name}: light {light!r}: choose one of {', '.join(LIGHT)}")
         parts = {"memory": memory, "detectors": detectors, "analyser": analyser, "gates": gates}
         described = device_of(name, {"source": source, "device": device, **parts})
+        self.qnic = python_file(f"{name}: qnic", qnic)
+        self.qnic_parameters = dict(qnic_parameters or {})
         super().__init__(name, **params)
         self.network.devices[name] = described
         self.network.token(name)
@@ -256,6 +283,8 @@ class QuantumHost(ClassicalHost):
             report_to=broadcast(network.addresses.values(), network.prefix_length),
             device_key=network.device_key(self.name),
             analyser=network.devices[self.name].analyser.kind,
+            qnic=self.qnic,
+            qnic_parameters=self.qnic_parameters,
             features=network.devices[self.name].features.value,
             memory_qubits=network.devices[self.name].memory.capacity,
             multi_photon=network.devices[self.name].source.multi_photon,
@@ -284,6 +313,7 @@ class ClassicalSwitch(QuantumNode, OVSSwitch):
     """An Open vSwitch bridge that speaks OpenFlow 1.4 and forwards only what it is told."""
 
     def __init__(self, name: str, **params: object) -> None:
+        refuse_unknown(name, params, type(self))
         self.network = runtime.current()
         settings = {
             "datapath": openvswitch.datapath(),
@@ -292,6 +322,7 @@ class ClassicalSwitch(QuantumNode, OVSSwitch):
             "reconnectms": RECONNECT_MS,
         }
         super().__init__(name, **{**params, **settings})
+        self.network.bridges[name] = self
 
     @classmethod
     def isOldOVS(cls) -> bool:  # noqa: N802 (Mininet's name)
@@ -318,10 +349,35 @@ class ClassicalSwitch(QuantumNode, OVSSwitch):
         return f"{super().bridgeOpts()} {openvswitch.OWNER}={self.network.name}"
 
     def start(self, controllers: list[Controller]) -> None:
-        """Start the bridge; whichever the controller is, copper has its length by then."""
+        """Start the bridge; whichever the controller is, copper has its length by then.
+
+        It looks for our own controller on the management network.
+        """
         connect_copper(self.network)
-        super().start(controllers)
+        super().start([_reached(controller, self.name) for controller in controllers])
+        for controller in controllers:
+            self._be_patient(controller.name)
         self.find_our_programs()
+
+    def _be_patient(self, controller: str) -> None:
+        """Let Open vSwitch wait as long for a controller as the way there takes."""
+        way_s = self.network.copper.get(frozenset((controller, self.name)), 0.0)
+        wait_ms = round(1e3 * PATIENCE * self.network.time.wall_s(way_s))
+        if wait_ms < RECONNECT_MS:
+            return
+        rows = openvswitch.vsctl("get", "bridge", self.name, "controller").strip(" []\n")
+        for row in filter(None, rows.split(", ")):
+            settings = f"inactivity_probe={wait_ms}", f"max_backoff={wait_ms}"
+            openvswitch.vsctl("set", "controller", row, *settings)
+
+    def stop(self, deleteIntfs: bool = True) -> None:  # noqa: N803 (Mininet's name)
+        """Take the bridge away, as `switch s1 stop` does; `start` brings it back.
+
+        Mininet would end the node's shell, too, and could not start it again.
+        """
+        openvswitch.delete(self.name)
+        if deleteIntfs:
+            self.deleteIntfs()
 
     def dpctl(self, *arguments: str) -> str:
         """Run ovs-ofctl in the bridge's version of OpenFlow."""
@@ -338,6 +394,8 @@ class OpticalSwitch(ClassicalSwitch):
 
     Optics go by keyword, as the fields of wire.config.QuantumSwitch; paths that differ from
     the others are wire.config.PathOptics. Raise BadConfig for what no switch can have.
+    `hardware` is "" for the simulated switch, or names an instrument, as scpi://192.0.2.7:5025;
+    `hardware_ports` are the instrument's [ingress, egress] of each port that is a fibre's.
     `controller_port` names another controller than c0, at this TCP port of 127.0.0.1, that
     programs the switch alone; c0 does not know of it then, nor of its fibres.
     """
@@ -345,36 +403,14 @@ class OpticalSwitch(ClassicalSwitch):
     def __init__(
         self,
         name: str,
-        switching_time_s: float = 100e-9,
-        insertion_loss_db: float = 0.0,
-        rotation: int = 0,
-        paths: Iterable[PathOptics] = (),
-        crosstalk_db: float | None = None,
-        temperature_c: float = 25.0,
-        max_temperature_c: float = 60.0,
-        hot_loss_db: float = 3.0,
-        min_frequency_mhz: int = 191_350_000,
-        max_frequency_mhz: int = 196_100_000,
-        grid_mhz: int = 50_000,
-        min_power_dbm: float = -20.0,
         controller_port: int | None = None,
-        **params: object,
+        hardware: str = "",
+        hardware_ports: Mapping[int, Sequence[int]] | None = None,
+        **params: Any,
     ) -> None:
-        optics = QuantumSwitch(
-            name=name,
-            switching_time_s=switching_time_s,
-            insertion_loss_db=insertion_loss_db,
-            rotation=rotation,
-            paths=list(paths),
-            crosstalk_db=crosstalk_db,
-            temperature_c=temperature_c,
-            max_temperature_c=max_temperature_c,
-            hot_loss_db=hot_loss_db,
-            min_frequency_mhz=min_frequency_mhz,
-            max_frequency_mhz=max_frequency_mhz,
-            grid_mhz=grid_mhz,
-            min_power_dbm=min_power_dbm,
-        )
+        given = {each: params.pop(each) for each in OPTICS & params.keys()}
+        refuse_unknown(name, params, type(self), also=sorted(OPTICS))
+        optics = QuantumSwitch(name, **{**given, "paths": list(given.get("paths", ()))})
         switch_check.check(optics)
         if controller_port is not None and not 0 < controller_port < 1 << 16:
             raise BadConfig(f"{name}: controller_port {controller_port} is not 1 to 65535")
@@ -383,8 +419,11 @@ class OpticalSwitch(ClassicalSwitch):
         self.network.datapath_ids[name] = int(self.dpid, 16)
         self.network.token(name)
         self.controller_port = controller_port
+        self.hardware = hardware
+        self.hardware_ports = {str(port): [*own] for port, own in (hardware_ports or {}).items()}
         if controller_port is not None:
             self.network.programmed_elsewhere.add(name)
+            del self.network.bridges[name]
         self.program: Program | None = None
 
     def launch(self, controllers: list[Controller]) -> None:
@@ -406,6 +445,8 @@ class OpticalSwitch(ClassicalSwitch):
                 for end in (fiber.a, fiber.b)
                 if end.node == self.name
             ),
+            hardware=self.hardware,
+            hardware_ports=self.hardware_ports,
         )
         super().start([])
         self.cmd(f"sysctl -qw net.ipv6.conf.{self.name}.disable_ipv6=1")
@@ -438,18 +479,50 @@ class OpticalSwitch(ClassicalSwitch):
     def _controllers(self, given: list[Controller]) -> list[str]:
         if self.controller_port is not None:
             return [f"127.0.0.1:{self.controller_port}"]
-        return [f"{controller.IP()}:{controller.port}" for controller in given]
+        reached = [_reached(controller, self.name) for controller in given]
+        return [f"{controller.IP()}:{controller.port}" for controller in reached]
+
+    def stop(self, deleteIntfs: bool = True) -> None:  # noqa: N803 (Mininet's name)
+        """End the agent, then take the bridge away."""
+        self._end_agent()
+        super().stop(deleteIntfs)
 
     def terminate(self) -> None:
         """End the agent, then the switch."""
+        self._end_agent()
+        super().terminate()
+
+    def _end_agent(self) -> None:
+        """End the agent, whose end is no fault then."""
         if self.program:
+            self.network.programs.remove(self.program)
             self.program.stop()
             self.program = None
-        super().terminate()
+
+
+@dataclass(frozen=True)
+class Reached:
+    """A controller as one switch reaches it: what Mininet asks of a controller."""
+
+    name: str
+    address: str
+    port: int
+    protocol: str = "tcp"
+
+    def IP(self) -> str:  # noqa: N802 (Mininet's name)
+        """Return the address."""
+        return self.address
+
+
+def _reached(controller: Controller, switch: str) -> Any:
+    """Return a controller as a switch reaches it: ours is on the management network."""
+    if not isinstance(controller, QuantumController):
+        return controller
+    return Reached(controller.name, controller.addresses[switch], controller.port)
 
 
 class QuantumController(QuantumNode, Controller):
-    """`c0`: our controller apps on Ryu or os-ken.
+    """`c0`: our controller apps on Ryu or os-ken, in a namespace of their own.
 
     Mininet's own command line sets it up so: --controller quantum,rest=127.0.0.1:8080,
     apps=ryu.app.ofctl_rest (further modules behind a +).
@@ -464,6 +537,7 @@ class QuantumController(QuantumNode, Controller):
         apps: str = "",
         **params: object,
     ) -> None:
+        refuse_unknown(name, params, type(self))
         network = runtime.current()
         network.framework = framework or network.framework
         network.policy = str(Path(policy).resolve()) if policy else network.policy
@@ -471,7 +545,9 @@ class QuantumController(QuantumNode, Controller):
         network.apps += [module for module in apps.split("+") if module]
         self.network = network
         self.program: Program | None = None
-        super().__init__(name, **{**params, "port": self.network.openflow_port})
+        self.addresses: dict[str, str] = {}  # on the management network, by switch
+        settings = {"port": self.network.openflow_port, "inNamespace": True}
+        super().__init__(name, **{**params, **settings})
 
     def checkListening(self) -> None:  # noqa: N802 (Mininet's name)
         """Let the controller itself find out whether its port is free."""
@@ -481,9 +557,11 @@ class QuantumController(QuantumNode, Controller):
         if self.program is not None:
             return
         network = self.network
-        connect_copper(network)
+        if not self.addresses:
+            self.addresses = lay_management(self, network.bridges, network)
+            connect_copper(network)
         config = ControllerConfig(
-            listen=f"127.0.0.1:{self.port}",
+            listen=f"0.0.0.0:{self.port}",
             framework=network.framework,
             quantum_switches=list(network.datapath_ids.values()),
             record=str(network.logs / RECORD),
@@ -496,10 +574,15 @@ class QuantumController(QuantumNode, Controller):
             stations=[station for host in network.hosts for station in stations_of(host)],
             console=network.socket(CONSOLE),
             rest=network.rest,
+            rest_token=network.rest_token() if network.rest else "",
             apps=network.apps,
             state=str(network.folder / STATE),
         )
-        self.program = launch(network, self.name, "controller_apps", config)
+        self.program = launch(network, self.name, "controller_apps", config, self)
+
+    def IP(self, intf: object = None) -> str:  # noqa: N802 (Mininet's name)
+        """Return an address on the management network, if it has one."""
+        return next(iter(self.addresses.values()), str(self.ip))
 
     def start(self) -> None:
         """Start the controller and wait until switches can connect."""

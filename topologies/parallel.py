@@ -4,7 +4,7 @@ from contextlib import ExitStack
 
 from mininet.node import Switch
 
-from topologies import openvswitch
+from topologies import openvswitch, runtime
 from topologies.iperf import IperfMininet
 from topologies.nodes import ClassicalSwitch, OpticalSwitch, QuantumController
 
@@ -38,6 +38,7 @@ class ParallelMininet(IperfMininet):
             steps.callback(ClassicalSwitch.batchShutdown, ours)
             ends = [end for link in self.links for end in (link.intf1, link.intf2)]
             names = {str(end) for end in ends if isinstance(end.node, Switch)}  # on this machine
+            names |= runtime.current().management
             steps.callback(openvswitch.delete_interfaces, sorted(names))
             for controller in self.controllers:
                 steps.callback(controller.stop)

@@ -8,10 +8,10 @@ alice --- q1 --- r1 --- q2 --- r2 --- q3 --- bob
 from itertools import pairwise
 from typing import Any
 
-from topologies.fabric import FabricTopo, controllers, findController
+from topologies.fabric import FabricTopo, Mininet, controllers, findController
 from wire.device import MAX_REPEATERS
 
-__all__ = ["RepeatersTopo", "controllers", "findController", "topos"]
+__all__ = ["Mininet", "RepeatersTopo", "controllers", "findController", "topos"]
 
 
 class RepeatersTopo(FabricTopo):

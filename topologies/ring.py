@@ -9,9 +9,9 @@ alice --- q1 === q2 === charlie, two fibres
 
 from typing import Any
 
-from topologies.fabric import FabricTopo, controllers, findController
+from topologies.fabric import FabricTopo, Mininet, controllers, findController
 
-__all__ = ["RingTopo", "controllers", "findController", "topos"]
+__all__ = ["Mininet", "RingTopo", "controllers", "findController", "topos"]
 
 
 class RingTopo(FabricTopo):

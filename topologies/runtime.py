@@ -30,6 +30,7 @@ FIRST_PORT = 10_000
 EPHEMERAL_PORTS = Path("/proc/sys/net/ipv4/ip_local_port_range")  # of connections
 ATTEMPTS = 100
 CONSOLE = "console"  # the controller's socket
+REST_TOKEN = "rest-token"  # noqa: S105 (the name of a file in the private folder)
 EVENT_LOG = "quantum.log"  # what happened to the qubits, a line an event
 EVENT_CAPTURE = "quantum.pcapng"  # the same for Wireshark and qmn spy
 
@@ -41,6 +42,8 @@ class Runtime:
     seed: int = 1
     time_scale: float = 1.0  # seconds here for one second of the network
     copper_km: float | None = None  # length of all copper; None: as the fibres beside it
+    control_km: float | None = None  # of that to the controller; None: the same
+    control_loss: float = 0.0  # share of the packets that get lost there
     sabot: str = ""  # path of a Sabot server's socket; empty: the dispatcher simulates by itself
     record: bool = False  # whether the dispatcher records what it is asked, for a replay
     events: bool = True  # whether the dispatcher writes what happens to qubits
@@ -57,6 +60,8 @@ class Runtime:
     addresses: dict[str, str] = field(default_factory=dict)  # of the hosts
     fibers: list[Fiber] = field(default_factory=list)
     copper: dict[frozenset[str], float] = field(default_factory=dict)  # delay (s) between two nodes
+    bridges: dict[str, Any] = field(default_factory=dict)  # that c0 programs, by name
+    management: set[str] = field(default_factory=set)  # interfaces that they have to c0
     cables: list[Cable] = field(default_factory=list)  # of it, those that packets are held back on
     switches: dict[str, QuantumSwitch] = field(default_factory=dict)
     datapath_ids: dict[str, int] = field(default_factory=dict)  # of the quantum switches
@@ -83,12 +88,20 @@ class Runtime:
         self.folder = RUNTIME_ROOT / self.name
         self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         self.logs = self.log_folder or self.folder
-        self.logs.mkdir(parents=True, exist_ok=True)
+        self.logs.mkdir(mode=0o700, parents=True, exist_ok=True)
         self.token(RUNNER)
 
     def token(self, node: str) -> str:
         """Return the secret that names a node to the dispatcher."""
         return self.tokens.setdefault(node, secrets.token_hex(16))
+
+    def rest_token(self) -> str:
+        """Return the secret that HTTP clients of the controller have read from its file."""
+        file = self.folder / REST_TOKEN
+        if not file.exists():
+            file.touch(mode=0o600)
+            file.write_text(secrets.token_hex(16))
+        return file.read_text()
 
     def device_key(self, host: str) -> str:
         """Return the secret that a host's node agent shares with the controller."""
@@ -107,6 +120,13 @@ class Runtime:
         folder = Path(self.keys) if self.keys else self.folder / "keys"
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         return str(folder / host)
+
+    def private_file(self, name: str) -> Path:
+        """Return the path of a file beside the logs that only its owner can read."""
+        file = self.logs / name
+        file.touch(mode=0o600)
+        file.chmod(0o600)
+        return file
 
     def socket(self, name: str) -> str:
         """Return the path of a Unix socket (they cross network namespaces)."""

@@ -14,9 +14,9 @@
 
 from typing import Any
 
-from topologies.fabric import FabricTopo, controllers, findController
+from topologies.fabric import FabricTopo, Mininet, controllers, findController
 
-__all__ = ["SdcTopo", "controllers", "findController", "topos"]
+__all__ = ["Mininet", "SdcTopo", "controllers", "findController", "topos"]
 
 
 class SdcTopo(FabricTopo):

@@ -17,10 +17,10 @@ A policy with [[tap]] (controller_apps/policy/policy.py) says whose light goes b
 
 from typing import Any
 
-from topologies.fabric import controllers, findController
+from topologies.fabric import Mininet, controllers, findController
 from topologies.sdc import SdcTopo
 
-__all__ = ["TappedTopo", "controllers", "findController", "topos"]
+__all__ = ["Mininet", "TappedTopo", "controllers", "findController", "topos"]
 
 
 class TappedTopo(SdcTopo):

@@ -11,7 +11,7 @@ from typing import Any, Self
 from wire.features import Abilities
 from wire.fiber import Fiber, FiberEnd
 from wire.network_time import NetworkTime
-from wire.physics import ANALYSERS, Device
+from wire.physics import ANALYSERS, Device, parameter
 
 __all__ = [
     "CONTENTION",
@@ -35,6 +35,12 @@ __all__ = [
 DISPATCHER_PORT = 50051
 CONTENTION = ("refuse", "queue")
 BACKENDS = ("chp", "stim", "dense")
+
+
+# Ranges of the optics of quantum switches
+TEMPERATURE_C = (-100.0, 300.0)
+LOSS_DB = (0.0, 100.0)
+FREQUENCY_MHZ = (1, 2**32 - 1)
 
 
 class BadConfig(ValueError):
@@ -88,27 +94,31 @@ class PathOptics:
 
     in_port: int
     out_port: int
-    insertion_loss_db: float = 0.0
-    rotation: int = 0  # wire.metadata.Pauli
+    insertion_loss_db: float = parameter(0.0, *LOSS_DB)
+    rotation: int = parameter(0, 0, 3)  # wire.metadata.Pauli
 
 
 @dataclass(frozen=True)
 class QuantumSwitch:
-    """The optics of a quantum switch, as the dispatcher models them."""
+    """The optics of a quantum switch: every parameter, its range and default, declared here alone.
+
+    The dispatcher models them; a topology gives them as keywords of OpticalSwitch.
+    """
 
     name: str
-    switching_time_s: float = 100e-9
-    insertion_loss_db: float = 0.0
-    rotation: int = 0  # wire.metadata.Pauli that every path applies
+    switching_time_s: float = parameter(100e-9, 0.0, 60.0)
+    insertion_loss_db: float = parameter(0.0, *LOSS_DB)
+    rotation: int = parameter(0, 0, 3)  # wire.metadata.Pauli that every path applies
     paths: list[PathOptics] = field(default_factory=list)  # that differ from the rest
-    crosstalk_db: float | None = None  # None: none; else a photon strays with 10^(-dB/10)
-    temperature_c: float = 25.0
-    max_temperature_c: float = 60.0
-    hot_loss_db: float = 3.0  # more on every path while it is hotter than that
-    min_frequency_mhz: int = 191_350_000  # C band
-    max_frequency_mhz: int = 196_100_000
-    grid_mhz: int = 50_000
-    min_power_dbm: float = -20.0
+    # None: none; else a photon strays with 10^(-dB/10).
+    crosstalk_db: float | None = parameter(None, *LOSS_DB)
+    temperature_c: float = parameter(25.0, *TEMPERATURE_C)
+    max_temperature_c: float = parameter(60.0, *TEMPERATURE_C)
+    hot_loss_db: float = parameter(3.0, *LOSS_DB)  # more on every path while it is hotter than that
+    min_frequency_mhz: int = parameter(191_350_000, *FREQUENCY_MHZ)  # C band
+    max_frequency_mhz: int = parameter(196_100_000, *FREQUENCY_MHZ)
+    grid_mhz: int = parameter(50_000, *FREQUENCY_MHZ)
+    min_power_dbm: float = parameter(-20.0, -100.0, 0.0)
 
     @classmethod
     def from_dict(cls, fields: dict[str, Any]) -> "QuantumSwitch":
@@ -177,6 +187,8 @@ class HostConfig(Config):
     pair_secrets: dict[str, str] = field(default_factory=dict)  # shared with each other host, hex
     keys: str = ""  # path of the folder for keys that it distributes; empty: it keeps none
     analyser: str = "complete"  # its Bell analyser (wire.physics.BellAnalyser.kind)
+    qnic: str = ""  # "path/to/file.py:ClassName" of its hardware; empty: it is simulated
+    qnic_parameters: dict[str, Any] = field(default_factory=dict)  # keywords of that class
     features: int = Device().features.value  # what its device can do (wire.features.Feature)
     memory_qubits: int = Device().memory.capacity
     light: str = CONTROLLER  # who grants it
@@ -230,6 +242,7 @@ class Cable:
     a_fd: int
     b_fd: int
     delay_s: float  # of the network
+    loss: float = 0.0  # share of the packets that do not arrive
 
 
 @dataclass(frozen=True)
@@ -238,6 +251,7 @@ class CopperConfig(Config):
 
     cables: list[Cable]
     simulation: str  # IPv4 address of the dispatcher, whose packets no cable holds back
+    seed: int = 1  # of which packets are lost
 
     @classmethod
     def from_dict(cls, fields: dict[str, Any]) -> "CopperConfig":
@@ -264,6 +278,9 @@ class ControllerConfig(MeasuredConfig):
     stations: list[Station] = field(default_factory=list)  # on classical switches
     console: str = ""  # path of the unix socket of the console; empty: none
     rest: str = ""  # "127.0.0.1:8080": serve the same there, on Ryu only; empty: not at all
+    # The socket that listens there, from the runner: it may be of another network namespace.
+    rest_fd: int | None = None
+    rest_token: str = ""  # that the console's resources there want; empty: nobody has it
     apps: list[str] = field(default_factory=list)  # modules of further apps to load
     state: str = ""  # path of a private folder for what a restarted one must know; empty: none
 

@@ -1,27 +1,23 @@
 """Messages between an application and its host's stack, on a Unix stream socket.
 
-application                 stack (the end that connects)
-CONNECT {host, port, …} ->
-                        <-  DONE {statistics} or FAILED {reason, text}
-DATA bytes              ->
-                        <-  DONE {statistics}: delivered, the peer holds every byte,
-                            or FAILED {reason, text, statistics}
-CLOSE                   ->
-                        <-  DONE {statistics}
-
-application                 stack (the end that accepts)
-LISTEN {port}           ->  listening lasts as long as this socket
-                        <-  DONE
-ACCEPT {port}           ->  on a socket of its own
-                        <-  DONE {peer}, then DATA …, then CLOSE {statistics}
-
 application                 stack (the end that asks for a service)
 REQUEST {service, host, port, …} ->
-                        <-  RESULT {…} …, then CLOSE {summary} or FAILED {reason, text}
+                        <-  RESULT {…} …, then CLOSE {summary} or FAILED {reason, text, summary}
 
 application                 stack (the end that is asked)
-LISTEN {port, service}  ->  and ACCEPT {port} as above
+LISTEN {port, service}  ->  listening lasts as long as this socket
+                        <-  DONE
+ACCEPT {port}           ->  on a socket of its own
                         <-  DONE {peer}, then RESULT {…} …, then CLOSE {summary} or FAILED
+
+Where a service carries bytes (sdc), at the end that asks:
+                        <-  DONE {summary}: there is a way for them
+DATA bytes              ->  as often as wanted
+                        <-  DONE {summary}: the other end holds every byte
+CLOSE                   ->
+                        <-  CLOSE {summary}: the other end has verified all of them
+and at the end that is asked, in the place of results:
+                        <-  DATA bytes …
 
 Where a service leaves something to be used, as pairs in memory, at either end:
                         <-  RESULT {…} …, then DONE {summary}: it is there
@@ -55,7 +51,6 @@ MAX_PAYLOAD = 1 << 20
 class Call(IntEnum):
     """What a message asks for or reports."""
 
-    CONNECT = 1
     LISTEN = 2
     ACCEPT = 3
     DATA = 4
@@ -92,7 +87,7 @@ def decode_fields(payload: bytes) -> dict[str, Any]:
     """Return the named fields of a message; raise MalformedPacket if they are none."""
     try:
         fields = json.loads(payload or b"{}")
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:  # the latter for lists in lists in lists
         raise MalformedPacket(f"socket call is not JSON: {error}") from error
     if not isinstance(fields, dict):
         raise MalformedPacket("socket call is not a JSON object")

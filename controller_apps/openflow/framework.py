@@ -6,6 +6,7 @@ Both have the same interface under different package names; neither has types.
 
 import logging
 import os
+import socket
 import sys
 import warnings
 from collections.abc import Callable, Iterable
@@ -120,14 +121,19 @@ def load_stock_apps(modules: Iterable[str]) -> None:
             raise ValueError(f"apps: cannot load {module!r} on {NAME}: {error}") from error
 
 
-def serve_on(host: str, port: int, rest: tuple[str, int] | None = None) -> None:
+def serve_on(
+    host: str, port: int, rest: tuple[str, int] | None = None, rest_fd: int | None = None
+) -> None:
     """Set where switches connect, and how soon a silent one counts as gone.
 
     On native threads only the unanswered echo ends a connection that its switch closed.
-    What is loaded of Ryu's WSGI serves on `rest`, which the stock apps may share.
+    What is loaded of Ryu's WSGI serves on `rest`, which the stock apps may share; on that socket,
+    if one is given that listens already.
     """
     if rest is not None:
         wsgi()
+        if rest_fd is not None:
+            _adopt(rest, rest_fd)
     cfg.CONF(args=[], project="qmn", default_config_files=[])
     options = {
         "ofp_listen_host": host,
@@ -143,12 +149,30 @@ def serve_on(host: str, port: int, rest: tuple[str, int] | None = None) -> None:
         cfg.CONF.set_override(option, value)
 
 
-def start(modules: list[str], **contexts: Any) -> dict[str, Any]:
-    """Start the apps of the given modules and the OpenFlow server; return apps by name."""
+def _adopt(address: tuple[str, int], descriptor: int) -> None:
+    """Let eventlet, which Ryu's WSGI listens by, take this socket for the address."""
+    listen, green_socket = hub.eventlet.listen, hub.eventlet.greenio.GreenSocket
+
+    def adopted(wanted: tuple[str, int], *arguments: Any, **options: Any) -> Any:
+        if tuple(wanted) != address:
+            return listen(wanted, *arguments, **options)
+        return green_socket(socket.socket(fileno=descriptor))
+
+    hub.eventlet.listen = adopted
+
+
+def start(
+    modules: list[str], guard: Callable[[Any], Any] = lambda served: served, **contexts: Any
+) -> dict[str, Any]:
+    """Start the apps of the given modules and the OpenFlow server; return apps by name.
+
+    What is served over HTTP, as a WSGI application, goes by way of the guard.
+    """
     manager = app_manager.AppManager.get_instance()
     manager.load_apps(modules)
     manager.instantiate_apps(**manager.create_contexts(), **contexts)
     server = wsgi().start_service(manager) if wsgi.cache_info().currsize else None
     if server is not None:
+        server.handle = guard(server.handle)
         hub.spawn(server)
     return dict(manager.applications)

@@ -72,4 +72,5 @@ class Frame:
 
 def is_udp(frame: bytes) -> bool:
     """Tell whether a frame says that it carries UDP over IPv4."""
-    return frame[12:14] == b"\x08\x00" and frame[14:15] >= b"\x45" and frame[23:24] == b"\x11"
+    version_4 = b"\x45" <= frame[14:15] <= b"\x4f"  # with a header of 20 to 60 bytes
+    return frame[12:14] == b"\x08\x00" and version_4 and frame[23:24] == b"\x11"

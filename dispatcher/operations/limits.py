@@ -12,9 +12,8 @@ from dispatcher.sabot.dense import Dense
 from dispatcher.sabot.gates import ROTATIONS
 from dispatcher.sabot.limits import packed
 from dispatcher.switch.optical_switch import MAX_POWER_DBM
-from wire.config import QuantumSwitch
+from wire.config import TEMPERATURE_C, QuantumSwitch
 from wire.dispatcher_pb2 import Connection, CreateRequest, Gate, TunePortRequest
-from wire.switch_check import TEMPERATURE_C
 
 MAX_BLOCKS = 100_000
 MAX_ANGLE_RAD = 1e6

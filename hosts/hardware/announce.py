@@ -6,10 +6,9 @@ from contextlib import suppress
 
 from hosts.hardware.lldp import announcement
 from hosts.network_loop import wall_sleep
+from hosts.timeouts import ANNOUNCEMENT_PERIOD_S, ANNOUNCEMENT_TTL_S
 from wire.features import Abilities
 
-TTL_S = 30
-PERIOD_S = 5.0
 FAST_START = (0.2,) * 50  # pauses before the period begins, while the network starts
 
 
@@ -23,11 +22,11 @@ async def announce(
         while True:
             for port, channel in channels.items():
                 mac = channel.getsockname()[4]
-                told = name, port, address, mac, TTL_S, abilities, key, time.time_ns()
+                told = name, port, address, mac, ANNOUNCEMENT_TTL_S, abilities, key, time.time_ns()
                 frame = announcement(*told)
                 with suppress(OSError):  # a fibre that is set down says nothing
                     channel.send(frame)
-            await wall_sleep(next(pauses, PERIOD_S))
+            await wall_sleep(next(pauses, ANNOUNCEMENT_PERIOD_S))
     finally:
         for channel in channels.values():
             channel.close()

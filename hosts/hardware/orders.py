@@ -7,11 +7,10 @@ from itertools import count
 import grpc
 
 from hosts.hardware.qnic import HardwareError, NoLight
+from hosts.timeouts import DISPATCHER_TIMEOUT_S
 from wire.dispatcher_pb2 import ChallengeRequest, Feedback, Order, Outcome, Step
 from wire.dispatcher_pb2_grpc import DispatcherStub
 from wire.service import proving
-
-ANSWER_TIMEOUT_S = 20.0
 
 
 class NotHere(HardwareError):
@@ -36,12 +35,12 @@ class Orders:
         answer: asyncio.Future[Outcome] = asyncio.get_running_loop().create_future()
         self._waiting[number] = answer
         try:
-            async with asyncio.timeout(ANSWER_TIMEOUT_S):
+            async with asyncio.timeout(DISPATCHER_TIMEOUT_S):
                 self._write(Order(number=number, steps=steps))
                 outcome = await answer
         except TimeoutError as error:
             self._cancel(number)
-            raise HardwareError(f"dispatcher: no answer in {ANSWER_TIMEOUT_S:g} s") from error
+            raise HardwareError(f"dispatcher: no answer in {DISPATCHER_TIMEOUT_S:g} s") from error
         except asyncio.CancelledError:
             self._cancel(number)
             raise
@@ -97,7 +96,9 @@ class Orders:
 
 async def proved(stub: DispatcherStub, token: str, method: str) -> tuple[tuple[str, str], ...]:
     """Return the metadata of one call to the dispatcher; the token itself does not go out."""
-    reply = await stub.Challenge(ChallengeRequest(), wait_for_ready=True, timeout=ANSWER_TIMEOUT_S)
+    reply = await stub.Challenge(
+        ChallengeRequest(), wait_for_ready=True, timeout=DISPATCHER_TIMEOUT_S
+    )
     return proving(token, reply.nonce, method)
 
 

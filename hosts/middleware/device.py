@@ -5,13 +5,12 @@ No socket and no clock. Sessions that have ended are added up and forgotten.
 
 import logging
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from typing import Protocol
 
 from hosts.middleware.services.superdense.coding import CODES, NAMES
-from hosts.middleware.services.superdense.receiver import ReceivingSession
-from hosts.middleware.services.superdense.sender import SendingSession
 from hosts.middleware.session.channel import SessionError
 from hosts.middleware.session.options import overridden
 from wire.device import DevicePort, DeviceReport, DeviceSettings, Subscribe
@@ -22,6 +21,18 @@ log = logging.getLogger("device")
 PARTS_PER_MILLION = 1_000_000
 
 
+class Counted(Protocol):
+    """A session as the device sees it."""
+
+    @property
+    def setup(self) -> Setup:
+        """What was agreed on."""
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """What it has used so far, as DeviceReport names it."""
+
+
 @dataclass
 class Device:
     """The device of one host."""
@@ -29,8 +40,8 @@ class Device:
     read_ports: Callable[[], tuple[DevicePort, ...]]
     settings: DeviceSettings = field(default_factory=DeviceSettings)
     subscription: Subscribe = field(default_factory=lambda: Subscribe(0, 0, 0, 0))
-    _sending: list[SendingSession] = field(default_factory=list)
-    _receiving: list[ReceivingSession] = field(default_factory=list)
+    _opened: list[Counted] = field(default_factory=list)
+    _accepted: list[Counted] = field(default_factory=list)
     _serving: int = 0
     _ended: Counter[str] = field(default_factory=Counter)
     _in_use: dict[str, int] = field(default_factory=dict)
@@ -55,17 +66,27 @@ class Device:
         self._note(used)
         return used
 
-    def sends(self, session: SendingSession) -> SendingSession:
-        """Count a session from this host until it is closed."""
-        self._fold()
-        self._sending.append(session)
-        return session
+    @contextmanager
+    def opens(self, session: Counted) -> Iterator[None]:
+        """Count a session that this host asks for."""
+        with self._counting(session, self._opened):
+            yield
 
-    def receives(self, session: ReceivingSession) -> None:
-        """Count a session to this host until it is closed."""
-        self._fold()
+    @contextmanager
+    def accepts(self, session: Counted) -> Iterator[None]:
+        """Count a session that another host asks for."""
         self._note(session.setup)
-        self._receiving.append(session)
+        with self._counting(session, self._accepted):
+            yield
+
+    @contextmanager
+    def _counting(self, session: Counted, among: list[Counted]) -> Iterator[None]:
+        among.append(session)
+        try:
+            yield
+        finally:
+            among.remove(session)
+            self._ended.update(session.counts)
 
     @contextmanager
     def serves(self, setup: Setup) -> Iterator[None]:
@@ -83,16 +104,13 @@ class Device:
 
     def report(self, session: int = 0) -> DeviceReport:
         """Return the state now, as the answer to a request or, with 0, unasked."""
-        self._fold()
         counts = self._ended.copy()
-        for sending in self._sending:
-            counts.update(_sent(sending))
-        for receiving in self._receiving:
-            counts.update(_received(receiving))
+        for under_way in (*self._opened, *self._accepted):
+            counts.update(under_way.counts)
         return DeviceReport(
             session,
-            sending=len(self._sending),
-            receiving=len(self._receiving),
+            sending=len(self._opened),
+            receiving=len(self._accepted),
             serving=self._serving,
             period_ms=self.subscription.period_ms,
             lost_ppm=self.subscription.lost_ppm,
@@ -116,14 +134,6 @@ class Device:
         names = "rate_hz", "frame_bytes", "fec", "interleave", "wavelength_pm"
         self._in_use = {name: getattr(setup, name) for name in names}
 
-    def _fold(self) -> None:
-        for sending in [session for session in self._sending if session.closed]:
-            self._sending.remove(sending)
-            self._ended.update(_sent(sending))
-        for receiving in [session for session in self._receiving if session.closed]:
-            self._receiving.remove(receiving)
-            self._ended.update(_received(receiving))
-
 
 def changed(before: DeviceReport, now: DeviceReport) -> bool:
     """Whether two reports differ in more than counts."""
@@ -138,23 +148,3 @@ def _facts(report: DeviceReport) -> tuple[object, ...]:
 
 def _exceeds(part: int, whole: int, ppm: int) -> bool:
     return part > 0 and part * PARTS_PER_MILLION > whole * ppm
-
-
-def _sent(session: SendingSession) -> dict[str, int]:
-    statistics = session.statistics
-    return {
-        "pairs_sent": statistics.bell_pairs,
-        "pairs_lost": statistics.lost_pairs,
-        "symbol_errors": statistics.symbol_errors,
-        "repeated_frames": statistics.repeated_frames,
-    }
-
-
-def _received(session: ReceivingSession) -> dict[str, int]:
-    statistics = session.statistics
-    return {
-        "pairs_received": statistics["symbols"],
-        "pairs_lost": statistics["lost_pairs"],
-        "symbol_errors": statistics["symbol_errors"],
-        "repeated_frames": statistics["repeated_frames"],
-    }

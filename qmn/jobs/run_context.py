@@ -49,6 +49,8 @@ NETWORK_PARAMETERS = (
     "repeaters",
     "spines",
     "copper_km",
+    "control_km",
+    "control_loss",
     "loss_budget_db",
     "contention",
     "openflow_port",

@@ -18,8 +18,8 @@ from hosts.middleware.services.distribution.distribute_options import PROTOCOLS
 from hosts.middleware.services.key_distribution.options import BOUNDS, CORRECTIONS, KeyOptions
 from hosts.middleware.services.teleportation import qubit_states
 from hosts.middleware.session.channel import SessionError
-from hosts.middleware.session.options import MAX_BLOCK_S
 from hosts.middleware.session.service_options import ServiceOptions
+from hosts.timeouts import MAX_BLOCK_S
 from qmn.jobs import eavesdropping, swap_schedule
 from qmn.jobs.run_context import (
     add_run_options,

@@ -4,8 +4,10 @@ The command line has them as options, Python as keywords: --length-km 2 and leng
 """
 
 import argparse
+import socket
 from collections.abc import Mapping
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NoReturn, TypedDict
 
@@ -45,6 +47,8 @@ class NetworkOptions(TypedDict, total=False):
     repeaters: int
     spines: int
     copper_km: float
+    control_km: float
+    control_loss: float
     loss_budget_db: float
     contention: str
     policy: str | Path
@@ -87,6 +91,10 @@ def add_network_options(parser: argparse.ArgumentParser) -> None:
     add("--spines", type=int, metavar="N", help="switches of leaf-spine between leaves (2)")
     text = "length of every copper cable (that of the fibres between the same places)"
     add("--copper-km", type=float, metavar="KM", help=text)
+    text = "length of the copper between c0 and every switch (as other copper)"
+    add("--control-km", type=float, metavar="KM", help=text)
+    text = "share of the packets between c0 and every switch that are lost (0)"
+    add("--control-loss", type=float, default=0.0, metavar="P", help=text)
     add("--loss-budget-db", type=float, default=30.0, metavar="DB", help="of a light path (30)")
     add("--contention", choices=CONTENTION, default="refuse", help="if light is taken")
     add("--policy", type=Path, metavar="FILE", help="who may do what, in TOML (allow everything)")
@@ -150,6 +158,10 @@ def check_network(arguments: argparse.Namespace) -> None:
         )
     if arguments.rest and arguments.controller != "ryu":
         raise BadInput(f"--rest needs --controller ryu: {arguments.controller} has no HTTP server")
+    if arguments.rest:
+        check_address(arguments.rest)
+    for module in arguments.apps:
+        check_module(module)
     if arguments.keys is not None and arguments.keys.exists():
         raise BadInput(f"--keys {arguments.keys} exists: name a new folder for each network")
     check_range(arguments, "openflow_port", 1, 65_535)
@@ -158,6 +170,30 @@ def check_network(arguments: argparse.Namespace) -> None:
     check_range(arguments, "loss_budget_db", 0, 1_000)
     if arguments.copper_km is not None:
         check_range(arguments, "copper_km", 0, MOST_KM)
+    if arguments.control_km is not None:
+        check_range(arguments, "control_km", 0, MOST_KM)
+    check_range(arguments, "control_loss", 0, 0.9)
+
+
+def check_address(text: str) -> None:
+    """Raise BadInput for an address of --rest at which nobody can listen."""
+    host, colon, port = text.rpartition(":")
+    if not (host and colon and port.isascii() and port.isdigit() and 0 < int(port) < 1 << 16):
+        raise BadInput(f"--rest {text}: write ADDRESS:PORT, as 127.0.0.1:8080")
+    try:
+        socket.create_server((host, int(port))).close()
+    except OSError as error:
+        raise BadInput(f"--rest {text}: cannot listen there: {error.strerror}") from error
+
+
+def check_module(name: str) -> None:
+    """Raise BadInput for a module of --app that is not there."""
+    try:
+        found = find_spec(name)
+    except (ImportError, ValueError):
+        found = None  # what it would be a part of is not there
+    if found is None:
+        raise BadInput(f"--app {name}: there is no such module; name one as Python imports it")
 
 
 def check_two_hosts(sender: str, receiver: str, hosts: list[str]) -> None:
@@ -190,6 +226,8 @@ def settings(
         framework=arguments.controller,
         openflow_port=arguments.openflow_port,
         copper_km=arguments.copper_km,
+        control_km=arguments.control_km,
+        control_loss=arguments.control_loss,
         history_depth=arguments.history_depth,
         loss_budget_db=arguments.loss_budget_db,
         contention=arguments.contention,

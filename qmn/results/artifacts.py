@@ -13,6 +13,7 @@ from typing import Any
 
 from qmn.live.event_sources import RESULT
 from qmn.network.options import NetworkOptions
+from qmn.results.run_folder import PRIVATE
 from qmn.results.timeline import timeline_of_run
 from topologies.network import Interrupted
 from topologies.programs import NetworkError
@@ -28,7 +29,7 @@ def left_behind(arguments: argparse.Namespace, folder: Path | None) -> Iterator[
     if folder is None:
         yield facts
         return
-    folder.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(mode=PRIVATE, parents=True, exist_ok=True)
     result = folder / RESULT
     result.unlink(missing_ok=True)  # of an earlier network: it would say that this one has ended
     try:

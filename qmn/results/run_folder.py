@@ -6,9 +6,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+PRIVATE = 0o700  # mode
+
 
 def make_folder(runs: Path, topology: str) -> Path:
-    """Make the folder of a new run."""
+    """Make the folder of a new run, which nobody else can read: captures show what qubits were."""
     if not runs.exists():
         runs.mkdir(parents=True)
         give(runs)
@@ -17,7 +19,7 @@ def make_folder(runs: Path, topology: str) -> Path:
         suffix = f"-{attempt}" if attempt else ""
         folder = runs.resolve() / f"{stamp}-{topology}{suffix}"
         try:
-            folder.mkdir(parents=True)
+            folder.mkdir(mode=PRIVATE, parents=True)
         except FileExistsError:
             continue
         return folder

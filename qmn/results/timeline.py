@@ -70,6 +70,7 @@ def merge(run: Path, target: Path | None = None) -> Path:
             content = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
             contents.append(stack.enter_context(content))
         places.sort()
+        unfinished.touch(mode=0o600)
         with unfinished.open("wb") as output:
             writer = Writer(output, interfaces)
             for time_ns, interface, file_number, offset, size, length in places:

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from tempfile import NamedTemporaryFile
 from types import MappingProxyType
+from typing import Any
 
 from rich.console import Console
 
@@ -18,13 +19,14 @@ from qmn.jobs.transfer import TransferError
 from qmn.network.options import BadInput
 from qmn.sweeps import emulated_teleportation, theory
 from qmn.sweeps.emulated_teleportation import TIME_SCALE
-from qmn.sweeps.estimates import proportion
+from qmn.sweeps.estimates import Estimate, proportion
 from qmn.sweeps.experiment import Experiment, Measure, Outcome, SweepError, number
 from qmn.sweeps.grid import Grid, Measurer, Row
 from qmn.sweeps.link import FIBER, PRESET, implied
 from qmn.sweeps.parameters import Parameter, Values
 from qmn.sweeps.seeds import point_seed
 from qmn.sweeps.superdense import FEC, INTERLEAVE, LOSSES, RATE, loss_db
+from topologies.copper_link import MOST_KM
 from topologies.network import Signals
 from topologies.programs import NetworkError
 
@@ -37,6 +39,8 @@ OPTIONS = (
     Parameter("frame_bytes", 32, 1, 65_536),
     FEC,
     TIME_SCALE,
+    Parameter("control_km", 0.0, 0.0, MOST_KM, "km"),
+    Parameter("control_loss", 0.0, 0.0, 0.9),
 )  # of `qmn run`, by these names
 
 
@@ -78,13 +82,14 @@ def arguments(values: Values, seed: int, message: Path, runs: Path) -> argparse.
     return parser.parse_args(["sdc", "--no-capture", *words])
 
 
-def outcome(result: dict[str, float]) -> Outcome:
+def outcome(result: dict[str, Any]) -> Outcome:
     """Return what the result of a run says."""
     pairs, lost, errors = (result[n] for n in ("bell_pairs", "lost_pairs", "symbol_errors"))
     came = int(pairs - lost)
     return {
         "dibit_error": proportion(int(errors), came),
         "arrived": proportion(came, int(pairs)),
+        "path_setup_s": Estimate(result["path_setup_ms"]["p50"] / 1e3, 0.0),
     }
 
 
@@ -121,6 +126,7 @@ EMULATED = {
         (
             Measure("dibit_error", "dibit error", dibit_error),
             Measure("arrived", "part of the pairs that arrives", arrived),
+            Measure("path_setup_s", "from metadata at the controller to the light path (s)"),
         ),
         implied=fiber_implied,
     ),

@@ -2,6 +2,9 @@
 
 The record in the run's folder says what the dispatcher was asked, in which order, and what its
 clock said. The same seed must then give the same events, byte for byte.
+
+A record can name the file of a noise model of somebody's own, which a replay loads and runs: that
+takes --allow-code.
 """
 
 import argparse
@@ -9,7 +12,7 @@ import sys
 from pathlib import Path
 from typing import Any, TextIO, cast
 
-from dispatcher.replay import replay
+from dispatcher.replay import NamesCode, replay
 from wire.record import BadRecord
 
 RECORD = "dispatcher.record"
@@ -55,13 +58,15 @@ def add_parser(verbs: Any) -> None:
     text = "do again what a run's dispatcher did, and compare"
     parser = verbs.add_parser("replay", help=text, description=__doc__)
     parser.add_argument("run", type=Path, metavar="RUN", help="its folder, as runs/latest")
+    text = "run the noise models of one's own that the record names, from their files"
+    parser.add_argument("--allow-code", action="store_true", help=text)
     parser.set_defaults(call=call)
 
 
 def call(arguments: argparse.Namespace) -> int:
     """Replay and compare; turn what is wrong into one line and an exit status."""
     try:
-        comparison, requests = compare(arguments.run)
+        comparison, requests = compare(arguments.run, arguments.allow_code)
     except BadRun as error:
         print(f"qmn: {error}", file=sys.stderr)
         return 2
@@ -72,17 +77,22 @@ def call(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def compare(run: Path) -> tuple[Comparison, int]:
+def compare(run: Path, allow_code: bool = False) -> tuple[Comparison, int]:
     """Replay a run; return the comparison of its events and how many requests there were."""
     try:
         with (run / RECORD).open("rb") as record, (run / EVENTS).open(newline="") as events:
             comparison = Comparison(events)
-            requests = replay(record, cast(TextIO, comparison))
+            requests = replay(record, cast(TextIO, comparison), allow_code)
             comparison.end()
     except OSError as error:
         raise BadRun(
             f"cannot read {error.filename}: {error.strerror}; name the folder of a run that was "
             "made without --no-record"
+        ) from error
+    except NamesCode as error:
+        raise BadRun(
+            f"{run / RECORD} is not replayed: {error}; read it, and if you would run it, replay "
+            "with --allow-code"
         ) from error
     except (BadRecord, UnicodeDecodeError) as error:
         raise BadRun(f"{run / RECORD} cannot be replayed: {error}") from error

@@ -31,7 +31,7 @@ def start_again(network: Network) -> None:
     (c0,) = network.net.controllers
     before = len(facts(network, "switch"))
     config = network.runtime.folder / "c0.json"
-    c0.program.start([python(), "-m", "controller_apps", "--config", str(config)])
+    c0.program.start([python(), "-m", "controller_apps", "--config", str(config)], c0.pid)
     switches = len(network.net.switches)
     wait_until(
         lambda: len(facts(network, "switch")) == before + switches,

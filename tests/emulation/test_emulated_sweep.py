@@ -59,3 +59,16 @@ def test_fidelity_falls_with_the_measured_latency_of_the_two_bits_as_theory_says
     assert float(slow["measured_wait_s"]) > float(fast["measured_wait_s"])
     assert float(slow["teleported"]) < float(fast["teleported"])
     assert (tmp_path / "teleport-emulated-teleported.png").stat().st_size > 10_000
+
+
+def test_a_long_way_to_the_controller_takes_set_up_time(tmp_path: Path) -> None:
+    """The controller asks the quantum switch for paths, and waits for its answer."""
+    words = ("--control-km", "0,1000", "--time-scale", "20")
+    done = sweep(tmp_path, *words)
+    assert done.returncode == 0, done.stderr
+    with (tmp_path / "sdc-emulated.csv").open() as file:
+        near, far = csv.DictReader(file)
+    round_trip_s = 2 * 1000e3 / 2.04e8
+    assert float(far["path_setup_s"]) >= round_trip_s
+    assert float(near["path_setup_s"]) < round_trip_s  # software of 200 ms here would be as long
+    assert (tmp_path / "sdc-emulated-path_setup_s.png").stat().st_size > 10_000

@@ -26,17 +26,19 @@ TIMEOUT_S = 15.0
 class Http:
     """The controller's HTTP server."""
 
-    def __init__(self, address: str) -> None:
+    def __init__(self, address: str, token: str) -> None:
         self.address = address
+        self.headers = {"Authorization": f"Bearer {token}", "Content-Type": "application/json"}
 
     def get(self, path: str) -> Any:
-        with urllib.request.urlopen(f"http://{self.address}{path}", timeout=TIMEOUT_S) as answer:
+        request = urllib.request.Request(f"http://{self.address}{path}", headers=self.headers)
+        with urllib.request.urlopen(request, timeout=TIMEOUT_S) as answer:  # noqa: S310
             return json.load(answer)
 
     def post(self, path: str, content: Any) -> tuple[int, bytes]:
         """Return status and body."""
         data = content if isinstance(content, bytes) else json.dumps(content).encode()
-        request = urllib.request.Request(f"http://{self.address}{path}", data)
+        request = urllib.request.Request(f"http://{self.address}{path}", data, self.headers)
         try:
             with urllib.request.urlopen(request, timeout=TIMEOUT_S) as answer:  # noqa: S310
                 return answer.status, answer.read()
@@ -56,7 +58,7 @@ def network(tmp_path_factory: pytest.TempPathFactory, _open_vswitch: None) -> It
 @pytest.fixture
 def http(network: Network) -> Http:
     """The HTTP server of its controller."""
-    return Http(network.runtime.rest)
+    return Http(network.runtime.rest, network.runtime.rest_token())
 
 
 def test_stock_apps_read_and_program_the_switch(http: Http, network: Network) -> None:

@@ -13,7 +13,10 @@ from topologies.runtime import free_port
 def test_the_topology_app_finds_fibers_between_switches(tmp_path: Path) -> None:
     address = f"127.0.0.1:{free_port()}"
     with running(RingTopo, tmp_path, rest=address, apps=APPS) as network:
-        http, quantum = Http(address), set(network.runtime.datapath_ids.values())
+        http, quantum = (
+            Http(address, network.runtime.rest_token()),
+            set(network.runtime.datapath_ids.values()),
+        )
         ring = {
             tuple(int(network.net.get(end.node).dpid, 16) for end in (fiber.a, fiber.b))
             for fiber in network.runtime.fibers

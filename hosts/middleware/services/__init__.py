@@ -5,6 +5,7 @@ from types import MappingProxyType
 
 from hosts.middleware.services.distribution import distribute
 from hosts.middleware.services.key_distribution import bb84, bbm92
+from hosts.middleware.services.superdense import superdense
 from hosts.middleware.services.swapping import swap
 from hosts.middleware.services.teleportation import teleport
 from hosts.middleware.session.service import ServiceKind
@@ -13,7 +14,14 @@ from wire.metadata import Service
 KINDS: Mapping[Service, ServiceKind] = MappingProxyType(
     {
         kind.service: kind
-        for kind in (bb84.KIND, bbm92.KIND, distribute.KIND, swap.KIND, teleport.KIND)
+        for kind in (
+            superdense.KIND,
+            bb84.KIND,
+            bbm92.KIND,
+            distribute.KIND,
+            swap.KIND,
+            teleport.KIND,
+        )
     }
 )
 NAMES = {service.name.lower(): kind for service, kind in KINDS.items()}  # what users call them

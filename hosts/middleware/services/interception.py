@@ -15,12 +15,12 @@ import numpy as np
 from hosts.hardware.qnic import LEFT_ALONE, BlockName, NoLight, Qnic, Received, Symbols
 from hosts.middleware.session.channel import SessionError
 from hosts.middleware.session.options import Options, check_whole
+from hosts.timeouts import RESENT_TIMEOUT_S
 from wire.metadata import Reason, Setup
 from wire.optical import WAVELENGTHS_PM
 from wire.outcomes import NO_COINCIDENCE
 
 FIBERS = 2
-LIGHT_TIMEOUT_S = 1.0  # for light that has arrived; it may be gone with its session
 MAX_RATE_HZ = 4_000_000_000
 BASES = ("Z", "X")
 
@@ -89,7 +89,7 @@ class Interception:
     async def _pass_on(self, block: BlockName) -> Symbols:
         """Return what was found of each photon."""
         inward, outward = self._qnic.ports[:FIBERS]
-        received = await self._qnic.receive(block, inward, LIGHT_TIMEOUT_S)
+        received = await self._qnic.receive(block, inward, RESENT_TIMEOUT_S)
         bases = self._choose(block, received.photons)
         outcomes = np.full(bases.size, NO_COINCIDENCE, dtype=np.uint8)
         if (bases != LEFT_ALONE).any():

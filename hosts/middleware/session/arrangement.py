@@ -5,13 +5,10 @@ import math
 from dataclasses import dataclass, replace
 
 from hosts.hardware.qnic import HardwareError
-from hosts.middleware.session.channel import ANSWER_TIMEOUT_S, MetadataChannel, SessionError
+from hosts.middleware.session.channel import MetadataChannel, SessionError
 from hosts.network_loop import now_s, wall_sleep
+from hosts.timeouts import ANSWER_TIMEOUT_S, DISCOVERY_TIMEOUT_S, FREEING_TIMEOUT_S, RETRY_PAUSE_S
 from wire.metadata import Answer, Emit, Reason, Service, Setup
-
-DISCOVERY_TIMEOUT_S = 3.0
-FREEING_TIMEOUT_S = 1.0  # in which a controller hears that a session has ended
-PAUSE_S = 0.1
 
 
 @dataclass
@@ -37,6 +34,15 @@ class Arrangement:
         """Name of the other end."""
         return self._peer[0]
 
+    @property
+    def source(self) -> str:
+        """Name of the host that makes the pairs."""
+        return self._source
+
+    async def another_channel(self) -> MetadataChannel:
+        """Open a further connection to the other end, without light paths of its own."""
+        return await MetadataChannel.connect(*self._peer)
+
     async def open(self) -> Answer:
         """Arrange light paths; return what the peer accepts, or raise SessionError.
 
@@ -57,7 +63,7 @@ class Arrangement:
                     raise
                 if now_s() > deadlines_s.get(error.reason, -math.inf):
                     raise
-                await wall_sleep(PAUSE_S)
+                await wall_sleep(RETRY_PAUSE_S)
             else:
                 self.channel = channel
                 return answer

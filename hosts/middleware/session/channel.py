@@ -5,6 +5,7 @@ import socket
 from contextlib import suppress
 from typing import TypeVar
 
+from hosts.timeouts import ANSWER_TIMEOUT_S, CONNECT_TIMEOUT_S, IDLE_TIMEOUT_S, LINGER_S
 from wire.metadata import (
     HEADER,
     METADATA_PORT,
@@ -20,12 +21,6 @@ from wire.metadata import (
 from wire.verdict import Connection
 
 M = TypeVar("M", bound=Message)
-
-CONNECT_TIMEOUT_S = 5.0
-ANSWER_TIMEOUT_S = 10.0
-IDLE_TIMEOUT_S = 600.0  # between two messages of a session that nobody ends
-LINGER_S = 1.0  # for the other end to hear why, and to close
-REPORT_TIMEOUT_S = 30.0  # a receiver whose application does not read holds its report back
 
 REMEDIES = {
     Reason.NOT_ARBITRATED: "no controller has granted the light path; is c0 running and does "

@@ -5,19 +5,13 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
 from hosts.middleware.session.channel import SessionError
+from hosts.timeouts import MAX_BLOCK_S
 from wire.device import DeviceSettings
-from wire.metadata import FEC_NAMES, Handshake, Reason, Setup
+from wire.metadata import Reason, Setup
 
 MAX_FRAME_BYTES = 1 << 16
-
-
 MAX_BLOCK_PAIRS = 1 << 18
-
-
-HANDSHAKES = {"framed": Handshake.FRAMED, "per-pair": Handshake.PER_PAIR}
-
 MIN_BLOCK_PAIRS = 4
-MAX_BLOCK_S = 5.0  # deadlines of both ends allow for it
 
 
 @dataclass(frozen=True)
@@ -40,32 +34,6 @@ class Options:
 
     def check(self) -> None:
         """Raise SessionError for a value out of range."""
-
-
-@dataclass(frozen=True)
-class SessionOptions(Options):
-    """Address and packetisation of a session that carries bytes."""
-
-    host: str
-    port: int
-    handshake: str = "framed"
-    frame_bytes: int = 256
-    block_pairs: int = 65_536
-    rate_hz: int = 50_000_000  # pairs a second of the source
-    fec: str = "none"  # error-correction code, one of FEC_NAMES
-    interleave: bool = False  # let the bits of its codewords travel far from each other
-
-    def check(self) -> None:
-        """Raise SessionError for a value out of range."""
-        check_choice("handshake", self.handshake, HANDSHAKES)
-        check_choice("fec", self.fec, FEC_NAMES)
-        if not isinstance(self.interleave, bool):
-            text = f"interleave is {self.interleave!r}: choose True or False"
-            raise SessionError(Reason.UNSUPPORTED, text)
-        check_whole("frame_bytes", self.frame_bytes, 1, MAX_FRAME_BYTES)
-        check_whole("block_pairs", self.block_pairs, MIN_BLOCK_PAIRS, MAX_BLOCK_PAIRS)
-        check_where_and_how_fast(self.host, self.port, self.rate_hz)
-        check_block_time(self.block_pairs, self.block_pairs, self.rate_hz)
 
 
 def check_where_and_how_fast(host: Any, port: Any, rate_hz: Any) -> None:

@@ -8,11 +8,13 @@
       | Finish ----------------------------------------------------> |
       | <------------------------------------------------ Answer(OK) |
 
-A service is one file beside this one that ends in a ServiceKind, and an entry in wire.services.
+A service is a file of hosts/middleware/services that ends in a ServiceKind, and an entry in
+wire.services. Superdense coding is one of them: what it leaves for the application that opened it
+is a way for bytes.
 """
 
 import asyncio
-from collections.abc import Awaitable, Callable, Coroutine
+from collections.abc import Awaitable, Callable, Coroutine, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -21,22 +23,25 @@ from numpy.typing import ArrayLike
 
 from hosts.hardware.qnic import BlockName, NoLight, Qnic, Stored
 from hosts.middleware.session.arrangement import Arrangement
-from hosts.middleware.session.channel import (
-    ANSWER_TIMEOUT_S,
-    MetadataChannel,
-    SessionError,
-    unexpected,
-)
+from hosts.middleware.session.channel import MetadataChannel, SessionError, unexpected
 from hosts.middleware.session.host_resources import HostResources
 from hosts.middleware.session.values import Numbers, expect, values
+from hosts.timeouts import ANSWER_TIMEOUT_S, GRACE_S, LIGHT_TIMEOUT_S
 from wire.features import Abilities
-from wire.metadata import Answer, Finish, Reason, Service, Setup, Topic, Values
-
-GRACE_S = 0.3  # light that has not come this long after the source's answer is lost
-LIGHT_TIMEOUT_S = 15.0
+from wire.metadata import Answer, Finish, Handshake, Reason, Service, Setup, Topic, Values
 
 Tell = Callable[..., Coroutine[Any, Any, None]]
 Answerer = Callable[[dict[str, Any]], Awaitable[dict[str, Any]]]
+Join = Callable[[MetadataChannel, Setup], Awaitable[None]]
+NO_BYTES = 0, bytes(32)
+
+
+@dataclass(frozen=True)
+class Carrier:
+    """A way for bytes that a service leaves for the application that opened it."""
+
+    # Returns when the other end holds every byte.
+    send: Callable[[bytes], Coroutine[Any, Any, None]]
 
 
 @dataclass
@@ -118,6 +123,8 @@ class End(ConnectionEnd):
     tell: Tell  # called with fields for the application
     draws: np.random.Generator  # of this host's own choices; they follow from the seed
     summary: dict[str, Any] = field(default_factory=dict)  # for the application, at the end
+    # Of wire.device.DeviceReport: what the session has used of this host's device so far.
+    counts: Callable[[], Mapping[str, int]] = dict
 
 
 @dataclass
@@ -125,8 +132,10 @@ class OpenerEnd(End):
     """The end that asked for the session."""
 
     arrangement: Arrangement = field(kw_only=True)
+    answer: Answer = field(kw_only=True)  # of the other end, to the set-up
     theirs: Abilities = field(kw_only=True)  # of the other end; nothing where it does not tell
     is_source: bool = field(kw_only=True)  # this host makes the pairs, and keeps half of each
+    sent: tuple[int, bytes] = NO_BYTES  # how many bytes, and their SHA-256: what Finish says
 
     async def pairs(self, number: int, count: int) -> Stored:
         """Have a block of pairs made for both ends; return what has come of half 0.
@@ -153,6 +162,9 @@ class OpenerEnd(End):
 class AcceptorEnd(End):
     """The end that was asked."""
 
+    deliver: Callable[[bytes], Awaitable[None]] = field(kw_only=True)  # bytes to the application
+    join: Join | None = None  # serves a further connection of the session
+
     async def announced(self, most: int) -> tuple[int, int] | None:
         """Return number and size of the block that comes next; None at the end of the session."""
         message = await self.next_values()
@@ -169,5 +181,15 @@ class ServiceKind:
     options: type[Any]  # a dataclass; its constructor raises SessionError for what cannot be
     # A service that leaves something to be used returns what answers the application of an end
     # until the opener's application ends the session; its accept returns before Finish, then.
-    open: Callable[[OpenerEnd, Any], Awaitable[Answerer | None]]
+    open: Callable[[OpenerEnd, Any], Awaitable[Answerer | Carrier | None]]
     accept: Callable[[AcceptorEnd], Awaitable[Answerer | None]]
+    # What the acceptor says to a set-up; raises SessionError for one that cannot be served.
+    accepts: Callable[[HostResources, Setup], Answer] = lambda _means, setup: plain_answer(setup)
+    # What the opener refuses before anything is sent, by SessionError.
+    check: Callable[[Setup], None] = lambda _setup: None
+    handshakes: tuple[Handshake, ...] = (Handshake.FRAMED,)  # ONE_PAIR: those join a session
+
+
+def plain_answer(setup: Setup) -> Answer:
+    """Return that a set-up is accepted, with nothing more to say."""
+    return Answer(setup.session, Reason.OK)

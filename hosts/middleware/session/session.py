@@ -1,13 +1,13 @@
 """A session of a service at either end: arranged, run, and ended, whatever happens."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Protocol
 
 from hosts.hardware.qnic import HardwareError, Qnic, release
 from hosts.middleware.session import abilities
 from hosts.middleware.session.arrangement import Arrangement
 from hosts.middleware.session.channel import (
-    IDLE_TIMEOUT_S,
     MetadataChannel,
     SessionError,
     SilentPeer,
@@ -19,18 +19,29 @@ from hosts.middleware.session.options import MAX_BLOCK_PAIRS
 from hosts.middleware.session.service import (
     AcceptorEnd,
     Answerer,
+    Carrier,
     ConnectionEnd,
     OpenerEnd,
     ServiceKind,
     Tell,
 )
-from hosts.middleware.session.service_options import ServiceOptions
+from hosts.middleware.session.service_options import SessionOptions
+from hosts.timeouts import IDLE_TIMEOUT_S, REPORT_TIMEOUT_S
 from wire.features import NOTHING, Abilities
-from wire.metadata import Finish, Handshake, Reason, Service, Setup
+from wire.metadata import Answer, Finish, Handshake, Reason, Service, Setup
 from wire.services import Role, beams, fibers_needed
 
-NO_DIGEST = bytes(32)
 CERTAIN_PPM = 1_000_000
+
+
+class Application(Protocol):
+    """What an accepting session needs of the application at this end."""
+
+    async def tell(self, **fields: Any) -> None:
+        """Pass it a result."""
+
+    async def deliver(self, data: bytes) -> None:
+        """Pass it bytes; waits while it does not read."""
 
 
 class OpeningSession:
@@ -39,36 +50,50 @@ class OpeningSession:
     def __init__(
         self,
         kind: ServiceKind,
-        options: ServiceOptions,
+        options: SessionOptions,
         means: HostResources,
         arrangement: Arrangement,
         setup: Setup,
         is_source: bool,
     ) -> None:
+        kind.check(setup)
         require_fibers(setup, Role.OPENER, means.qnic, is_source)
         self._kind, self._options, self._means = kind, options, means
         self._arrangement, self._setup, self._is_source = arrangement, setup, is_source
-        self.summary: dict[str, Any] = {}
+        self._end: OpenerEnd | None = None
         self.answer: Answerer | None = None  # to the application's questions, if it may ask
+        self.carrier: Carrier | None = None  # of the application's bytes, if it may send some
 
     @property
     def setup(self) -> Setup:
         """What is asked for."""
         return self._setup
 
+    @property
+    def summary(self) -> dict[str, Any]:
+        """What the application is told at the end, as far as that is known."""
+        return self._end.summary if self._end else {}
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """What the session has used of this host's device (wire.device.DeviceReport)."""
+        return self._end.counts() if self._end else {}
+
     async def run(self, tell: Tell) -> None:
         """Arrange light, do what the service does; raise SessionError if it cannot be."""
-        await self._arrangement.open()
-        channel = self._arrangement.channel
-        try:
-            end = await self._arranged(channel, tell)
-            self.answer = await self._kind.open(end, self._options)
-        except (SessionError, HardwareError) as error:
-            await channel.give_up(error)
-            raise
-        self.summary = end.summary
+        answer = await self._arrangement.open()
+        self._end = end = await self._arranged(answer, self._arrangement.channel, tell)
+        left = await self._kind.open(end, self._options)
+        if isinstance(left, Carrier):
+            self.carrier = left
+        else:
+            self.answer = left
 
-    async def _arranged(self, channel: MetadataChannel, tell: Tell) -> OpenerEnd:
+    async def give_up(self, error: SessionError | HardwareError) -> None:
+        """Tell the other end, if there is one yet, why the session ends."""
+        await self._arrangement.give_up(error)
+
+    async def _arranged(self, answer: Answer, channel: MetadataChannel, tell: Tell) -> OpenerEnd:
         """Return this end, once it is known what the other can, and the source is there."""
         theirs = Abilities(NOTHING, 0)
         if abilities.are_told(self._kind.service):
@@ -86,6 +111,7 @@ class OpeningSession:
             tell,
             self._means.draws(self._setup.session),
             arrangement=self._arrangement,
+            answer=answer,
             theirs=theirs,
             is_source=self._is_source,
         )
@@ -101,9 +127,10 @@ class OpeningSession:
         raise unexpected(message, channel.peer)
 
     async def finish(self) -> None:
-        """End the session at both ends."""
-        finish = Finish(self._setup.session, 0, NO_DIGEST)
-        await self._arrangement.channel.request(finish)
+        """End the session; return when the other end has told its application that all is well."""
+        assert self._end is not None
+        finish = Finish(self._setup.session, *self._end.sent)
+        await self._arrangement.channel.request(finish, REPORT_TIMEOUT_S)
 
     async def close(self) -> None:
         """Let go of connections, orders and photons."""
@@ -122,30 +149,55 @@ class AcceptingSession:
         channel: MetadataChannel,
         setup: Setup,
     ) -> None:
-        check_asked(setup)
+        check_asked(setup, kind.handshakes)
+        self._accepted = kind.accepts(means, setup)
         require_fibers(setup, Role.ACCEPTOR, means.qnic)
         self._kind, self._means, self._channel, self._setup = kind, means, channel, setup
         self._end: AcceptorEnd | None = None
-        self.summary: dict[str, Any] = {}
         self.answer: Answerer | None = None  # to the application's questions, if it may ask
 
-    async def run(self, tell: Tell) -> None:
+    @property
+    def setup(self) -> Setup:
+        """What was agreed on."""
+        return self._setup
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """What the application is told at the end, as far as that is known."""
+        return self._end.summary if self._end else {}
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """What the session has used of this host's device (wire.device.DeviceReport)."""
+        return self._end.counts() if self._end else {}
+
+    async def run(self, application: Application) -> None:
         """Do what the service does; raise SessionError if it fails."""
         means, setup = self._means, self._setup
-        draws = means.draws(setup.session)
-        end = AcceptorEnd(means.qnic, setup, self._channel, means, tell, draws)
-        end.agree()
+        draws, deliver = means.draws(setup.session), application.deliver
+        self._end = end = AcceptorEnd(
+            means.qnic, setup, self._channel, means, application.tell, draws, deliver=deliver
+        )
+        self._channel.send(self._accepted)
         if abilities.are_told(self._kind.service):
             abilities.say(end, means.abilities)
-        self._end = end
         self.answer = await self._kind.accept(end)
-        self.summary = end.summary
 
-    async def finish(self) -> None:
-        """Wait until the opener ends the session, if it has not yet, and agree."""
+    async def join(self, channel: MetadataChannel, setup: Setup) -> None:
+        """Serve a further connection of the session, as the handshake of a single pair."""
+        if self._end is None or self._end.join is None:
+            raise SessionError(Reason.UNKNOWN_SESSION)
+        await self._end.join(channel, setup)
+
+    async def ended(self) -> None:
+        """Wait until the opener ends the session, if it has not yet."""
         assert self._end is not None
         if self.answer is not None and await self._end.next_values() is not None:
             raise SessionError(Reason.PROTOCOL, "values after all was done")
+
+    def confirm(self) -> None:
+        """Tell the opener that all is well at this end."""
+        assert self._end is not None
         self._end.agree()
 
     async def close(self) -> None:
@@ -162,12 +214,13 @@ def require_source(service: Service, source: str, is_source: bool, peer: str) ->
         raise SessionError(Reason.UNSUPPORTED, text)
 
 
-def check_asked(setup: Setup) -> None:
-    """Raise SessionError for a set-up that no service can serve."""
+def check_asked(setup: Setup, handshakes: Sequence[Handshake]) -> None:
+    """Raise SessionError for a set-up that no service with these handshakes can serve."""
     check_light(setup)
-    if setup.handshake != Handshake.FRAMED:
+    if setup.handshake not in handshakes:
         text = f"{Service(setup.service).name.lower()} with the handshake "
-        text += f"{Handshake(setup.handshake).name}: choose FRAMED"
+        text += f"{Handshake(setup.handshake).name}: choose "
+        text += " or ".join(handshake.name for handshake in handshakes)
         raise SessionError(Reason.UNSUPPORTED, text)
     if setup.pairs > MAX_BLOCK_PAIRS:
         text = f"blocks of {setup.pairs} pairs: choose 1 to {MAX_BLOCK_PAIRS} (block_pairs)"

@@ -8,12 +8,10 @@ from typing import NamedTuple
 
 from hosts.hardware.qnic import HardwareError
 from hosts.middleware.session.channel import MetadataChannel, SessionError
+from hosts.timeouts import ORDER_TIMEOUT_S, UNUSED_S
 from wire.device import SwapOrder
 from wire.metadata import Reason, Setup
 
-ORDER_TIMEOUT_S = 5.0
-LINK_TIMEOUT_S = 10.0
-UNUSED_S = 30.0  # an order that nobody has asked for so long is of a session that broke before
 MAX_ORDERS = 256
 
 

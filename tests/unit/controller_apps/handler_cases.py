@@ -554,7 +554,10 @@ def test_a_host_cannot_claim_a_fibre_between_switches(scene: Scene) -> None:
         data[draw.randrange(14, len(data))] ^= 1 << draw.randrange(8)
         forged.append(bytes(data[: draw.randrange(14, len(data) + 1)]))
     heard = scene.quantum.fibers._links._heard
-    for attempt in forged:
+    for attempt in forged[:4]:  # made up, or of another port than its seal
+        scene.packet_in(q2, 7, attempt)
+        assert heard == {}
+    for attempt in forged[4:]:
         scene.packet_in(q2, 7, attempt)
         # What a changed bit leaves whole is still no more than what (Q1, 6) has said.
         assert {speaker for speaker, _ in heard.values()} <= {SwitchPort(Q1, 6)}
@@ -748,6 +751,21 @@ def test_a_policy_that_is_read_again_has_its_schedule(ready: Scene, tmp_path: Pa
     ready.quantum.policy_path = str(file)
     ready.quantum.asked(EventQuestion("reload", {}))
     assert ready.quantum.arbiter.schedule == "nested"
+
+
+def test_what_the_policy_denies_is_refused_and_opens_nothing(ready: Scene, tmp_path: Path) -> None:
+    file = tmp_path / "policy.toml"
+    file.write_text("default = 'deny'\n" + UNFILTERED)
+    ready.quantum.policy_path = str(file)
+    ready.quantum.asked(EventQuestion("reload", {}))
+    ready.q1.take()
+    ready.packet_in(ready.s1, 1, frame(FRAMED.encode()))
+    assert ready.q1.take() == []
+    (sent,) = [message for message in ready.s1.take() if message.kind == ofproto.OFPT_PACKET_OUT]
+    answer = decode(payload_of(sent.frame))
+    assert isinstance(answer, Setup)
+    assert (answer.verdict, answer.reason) == (Verdict.REFUSED, Reason.NOT_ALLOWED)
+    assert "forbidden" in [fact["event"] for fact in ready.recorded()]
 
 
 def test_an_unknown_receiver_is_flooded(ready: Scene) -> None:

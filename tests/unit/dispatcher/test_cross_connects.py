@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager, closing
+from dataclasses import replace
 from pathlib import Path
 
 import grpc
@@ -10,6 +11,7 @@ import pytest
 from dispatcher_network import DEADLINE_S, Bench, JumpingClock, configuration, running
 
 from wire import frames
+from wire.config import QuantumSwitch
 from wire.dispatcher_pb2 import Connection, CrossConnectOutcome, CrossConnectRequest
 
 Code = grpc.StatusCode
@@ -76,6 +78,32 @@ def test_refused_cross_connects_say_why_and_change_nothing(
         assert bench.layer.history.count == events
 
     play(tmp_path, scene)
+
+
+def test_the_agent_of_one_switch_cannot_act_on_another(tmp_path: Path) -> None:
+    before = configuration(tmp_path)
+    tokens = {**before.tokens, "q2": "token of q2"}
+    config = replace(before, tokens=tokens, switches=[QuantumSwitch("q1"), QuantumSwitch("q2")])
+
+    async def run() -> None:
+        async with running(config, JumpingClock()) as bench:
+            await bench.switch.connect((2, 4))
+            other = bench._clients["q2"]
+            outcome = await other.cross_connect(cross_connect((1, 3)))
+            assert outcome.code == Code.PERMISSION_DENIED.value[0]
+            assert "q2 may not cross-connect q1" in outcome.text
+            for attempt in (other.tune(1, power_dbm=-3), other.statistics()):
+                with pytest.raises(grpc.aio.AioRpcError) as refused:
+                    await attempt
+                assert refused.value.code() is Code.PERMISSION_DENIED
+            with pytest.raises(grpc.aio.AioRpcError, match="q2 may not read q1"):
+                await other.watch_switch().read()
+            assert paths(bench) == {2: 4}
+            assert (await bench.switch.statistics()).ports[0].power_dbm == 0
+            own = await other.cross_connect(cross_connect(switch="q2"))
+            assert own.code == 0
+
+    asyncio.run(run())
 
 
 @pytest.mark.parametrize(

@@ -104,6 +104,22 @@ def test_the_dead_time_goes_on_into_the_next_block() -> None:
     assert seen(5_000) == [0, NO_CLICK, NO_CLICK]
 
 
+@pytest.mark.parametrize(("slots", "every"), [(1.5, 2), (2.0, 2), (2.5, 3), (2.999, 3), (3.0, 3)])
+def test_a_detector_is_dead_for_no_less_than_its_time(slots: float, every: int) -> None:
+    """A pulse that comes before the dead time is over is not seen, by however little."""
+    found = look(np.zeros(COUNT, dtype=np.uint8), dead_time_s=slots * 20e-9)
+    assert np.array_equal(np.flatnonzero(found.bits == 0), np.arange(0, COUNT, every))
+
+
+def test_a_dead_time_from_the_block_before_ends_within_a_slot() -> None:
+    """A click at 0 and 50 ns of dead time: of pulses at 20, 40 and 60 ns the last is seen."""
+    pair = DetectorPair(Detectors(dead_time_s=50e-9))
+    pair.detect(np.zeros(1, np.uint8), None, Train(START_NS, 20.0, 1), random(count=1))
+    train = Train(START_NS + 20, 20.0, 3)
+    found = pair.detect(np.zeros(3, np.uint8), None, train, random(count=3))
+    assert list(found.bits) == [NO_CLICK, NO_CLICK, 0]
+
+
 def test_light_that_was_in_no_fibre_is_measured_at_leisure() -> None:
     train = replace(TRAIN, interval_ns=0.0)
     found = look(train=train, dead_time_s=1e-3, afterpulse_probability=0.5)

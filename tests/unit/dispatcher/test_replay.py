@@ -4,8 +4,9 @@ import asyncio
 import io
 import random
 import stat
+from collections import Counter
 from collections.abc import Awaitable, Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -413,17 +414,54 @@ def test_every_cut_of_a_record_is_refused_or_shorter(tmp_path: Path) -> None:
     assert whole < len(content) / 7 / 5
 
 
-def test_spoiled_bytes_are_refused_or_give_other_events(tmp_path: Path) -> None:
-    content, _log = recorded(tmp_path, JumpingClock(), superdense)
-    draws = random.Random(1)
-    for _ in range(200):
+def places(content: bytes) -> list[int]:
+    """Return where the entries of a record begin; the first is the header."""
+    found = [len(record.MAGIC)]
+    while found[-1] < len(content):
+        (length,) = record.LENGTH.unpack_from(content, found[-1])
+        found.append(found[-1] + record.LENGTH.size + length)
+    return found[:-1]
+
+
+def told_before(content: bytes) -> dict[int, str]:
+    """Return the events that the entries before a place tell, where a record can end there."""
+    events = {}
+    for place in places(content)[1:]:
+        with suppress(BadRecord):
+            events[place] = replayed(content[:place])
+    return events
+
+
+def test_spoiled_bytes_are_refused_or_change_nothing_that_was_before(tmp_path: Path) -> None:
+    content, log = recorded(tmp_path, JumpingClock(), superdense)
+    before = told_before(content)
+    assert len(set(before.values())) > 5
+    draws, outcomes = random.Random(1), Counter[str]()
+    for _ in range(300):
+        place = draws.randrange(min(before), len(content))
         spoiled = bytearray(content)
-        for _ in range(draws.randint(1, 5)):
-            spoiled[draws.randrange(len(spoiled))] = draws.randrange(256)
+        spoiled[place] ^= 1 << draws.randrange(8)
         try:
-            replayed(bytes(spoiled))
+            events = replayed(bytes(spoiled))
         except BadRecord:
+            outcomes["refused"] += 1
             continue
+        untouched = before[max(each for each in before if each <= place)]
+        assert events.startswith(untouched)
+        assert events == replayed(bytes(spoiled))
+        outcomes["other" if events != log else "alike"] += 1  # as of a longer time-out
+    assert outcomes["refused"] > outcomes["other"] > outcomes["alike"] > 0
+
+
+def test_another_operator_that_was_asked_for_gives_other_events(tmp_path: Path) -> None:
+    """Each of the 200 photons has one of four operators; a fifth is refused to all."""
+    content, log = recorded(tmp_path, JumpingClock(), superdense)
+    asked = bytes(n % 4 for n in range(200))
+    first = content.index(asked)
+    for place in range(first, first + len(asked), 7):
+        for operator in range(5):
+            changed = content[:place] + bytes([operator]) + content[place + 1 :]
+            assert (replayed(changed) == log) == (changed == content)
 
 
 def test_what_is_no_record_is_refused_with_the_reason(tmp_path: Path) -> None:

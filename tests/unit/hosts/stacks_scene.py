@@ -6,6 +6,7 @@ once, by hand.
 """
 
 import asyncio
+import os
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AsyncExitStack, asynccontextmanager, suppress
@@ -63,8 +64,11 @@ PORTS = {
 }
 PATHS = [(4, 1), (1, 3), (5, 2)]
 REPEATERS = tuple(f"r{number}" for number in range(1, 17))
-OWN_ADDRESS = {name: f"127.0.0.{number}" for number, name in enumerate((*QNICS, *REPEATERS), 11)}
-RELAYED = {name: address.replace("127.0.0", "127.0.1") for name, address in OWN_ADDRESS.items()}
+# Every stack listens at the same port: each process of tests has addresses of its own.
+NUMBERS = dict(zip((*QNICS, *REPEATERS), range(11, 99), strict=False))
+WORKER = os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw")
+OWN_ADDRESS = {name: f"127.{WORKER}.0.{number}" for name, number in NUMBERS.items()}
+RELAYED = {name: f"127.{WORKER}.1.{number}" for name, number in NUMBERS.items()}
 DEADLINE_S = 30
 
 Judge = Callable[[Setup], Setup]
@@ -379,20 +383,32 @@ def accepted(folder: Path, service: str, listening: "Future[None]") -> dict[str,
         listener.settimeout(DEADLINE_S)
         listener.listen(9, service)
         listening.set_result(None)
-        connection, _peer = listener.accept()
-        with connection:
-            while not connection.over:
-                list(connection.results())
-            return connection.summary
+        return taken_part(listener)
+
+
+def taken_part(listener: ServiceSocket) -> dict[str, Any]:
+    """Take part in the next session; return the summary."""
+    connection, _peer = listener.accept()
+    with connection:
+        while not connection.over:
+            list(connection.results())
+        return connection.summary
 
 
 def requested(folder: Path, service: str, **options: Any) -> list[dict[str, Any]]:
-    """Ask for a service at alice; return the summaries of alice and bob."""
-    with ThreadPoolExecutor(1) as pool, ServiceSocket(folder / "alice.sock") as asking:
-        listening: Future[None] = Future()
-        bob = pool.submit(accepted, folder, service, listening)
-        listening.result(DEADLINE_S)
-        asking.settimeout(DEADLINE_S)
+    """Ask for a service at alice; return the summaries of alice and bob.
+
+    Where alice is refused, bob waits no longer.
+    """
+    with (
+        ThreadPoolExecutor(1) as pool,
+        ServiceSocket(folder / "alice.sock") as asking,
+        ServiceSocket(folder / "bob.sock") as listener,
+    ):
+        for either in (asking, listener):
+            either.settimeout(DEADLINE_S)
+        listener.listen(9, service)
+        bob = pool.submit(taken_part, listener)
         list(asking.request(service, ("bob", 9), **options))
         asking.shutdown()
         return [asking.summary, bob.result(DEADLINE_S)]

@@ -1,11 +1,14 @@
 """The service that docs/adding-a-service.md adds, in a copy of the tree."""
 
 import json
+import os
 import re
 import shutil
 import subprocess
 import sys
 from pathlib import Path
+
+import pytest
 
 ROOT = Path(__file__).resolve().parents[3]
 FOLDERS = ("wire", "hosts", "dispatcher", "qswitch_agent", "tests/unit/hosts")
@@ -32,7 +35,9 @@ def insert(file: Path, anchor: str, text: str) -> None:
     file.write_text("".join([*lines[: place + 1], text, *lines[place + 1 :]]))
 
 
-def test_the_page_on_adding_a_service_adds_one(tmp_path: Path) -> None:
+def test_the_page_on_adding_a_service_adds_one(
+    tmp_path: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
     for folder in FOLDERS:
         shutil.copytree(ROOT / folder, tmp_path / folder)
     name, light, needs, code, entry = snippets()
@@ -47,14 +52,13 @@ def test_the_page_on_adding_a_service_adds_one(tmp_path: Path) -> None:
     registry = registry.replace("from hosts", f"{entry}from hosts", 1)
     (services / "__init__.py").write_text(registry)
 
-    sockets = tmp_path / "sockets"
-    sockets.mkdir()
+    sockets = tmp_path_factory.mktemp("coin")  # a short path, as sockets need
     scene = tmp_path / "tests" / "unit" / "hosts"
     (scene / "try_it.py").write_text(TRY)
     done = subprocess.run(
         [sys.executable, str(scene / "try_it.py"), str(sockets)],
         cwd=tmp_path,
-        env={"PYTHONPATH": f"{tmp_path}:{scene}", "PATH": "/usr/bin:/bin"},
+        env={**os.environ, "PYTHONPATH": f"{tmp_path}:{scene}"},
         capture_output=True,
         text=True,
         check=False,

@@ -43,26 +43,45 @@ def two_sessions(folder: Path, judge: Judge) -> None:
     asyncio.run(run())
 
 
-def test_light_that_this_host_has_just_let_go_is_waited_for(tmp_path: Path) -> None:
+@pytest.fixture
+def pauses(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """Return the pauses before asking again; only in them does the clock go on."""
+    made: list[float] = []
+
+    async def pause(seconds: float) -> None:
+        made.append(seconds)
+
+    monkeypatch.setattr(arrangement, "wall_sleep", pause)
+    monkeypatch.setattr(arrangement, "now_s", lambda: sum(made))
+    return made
+
+
+def test_light_that_this_host_has_just_let_go_is_waited_for(
+    tmp_path: Path, pauses: list[float]
+) -> None:
     controller = Slow(late=3)
     two_sessions(tmp_path, controller)
     assert controller.asked == 5
+    assert len(pauses) == 3
 
 
 def test_light_that_is_not_freed_in_time_is_busy(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, pauses: list[float], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(arrangement, "FREEING_TIMEOUT_S", 0.3)
+    """Refused at 0, 0.1, 0.2, 0.3 and, as it is too late then, for good at 0.4 s."""
+    monkeypatch.setattr(arrangement, "FREEING_TIMEOUT_S", 0.35)
     controller = Slow(late=1000)
     with pytest.raises(QuantumSocketError, match="another session uses these fibres") as caught:
         two_sessions(tmp_path, controller)
     assert caught.value.reason == Reason.BUSY
-    assert 2 < controller.asked < 10
+    assert pauses == [0.1] * 4
+    assert controller.asked == 1 + 5
 
 
-def test_light_that_others_have_is_busy_at_once(tmp_path: Path) -> None:
+def test_light_that_others_have_is_busy_at_once(tmp_path: Path, pauses: list[float]) -> None:
     controller = Slow(late=1000)
     controller.asked = 1
     with pytest.raises(QuantumSocketError, match="another session uses these fibres"):
         two_sessions(tmp_path, controller)
     assert controller.asked == 2
+    assert pauses == []

@@ -5,7 +5,7 @@ import asyncio
 import pytest
 
 from hosts.middleware.session.channel import MetadataChannel, SessionError
-from wire.metadata import Answer, Finish, Reason
+from wire.metadata import Answer, Emit, Finish, Message, Reason
 
 
 async def heard_after(loss: bool) -> str:
@@ -30,3 +30,37 @@ async def heard_after(loss: bool) -> str:
 @pytest.mark.parametrize("loss", [False, True])
 def test_what_the_peer_said_before_the_connection_was_lost_is_heard(loss: bool) -> None:
     assert asyncio.run(heard_after(loss)) == "a fibre is cut"
+
+
+async def heard_byte_by_byte(sent: list[Message]) -> list[Message | None]:
+    """Return what a channel makes of messages whose every byte comes alone, up to their end."""
+    server = await asyncio.start_server(lambda _reader, writer: writer.close(), "127.0.0.1", 0)
+    async with server:
+        _, writer = await asyncio.open_connection(*server.sockets[0].getsockname())
+        coming = asyncio.StreamReader()
+        channel = MetadataChannel(coming, writer)
+        reading = asyncio.create_task(_all_of(channel))
+        for byte in b"".join(message.encode() for message in sent):
+            for _turn in range(10):  # of the loop: the channel takes what there is
+                await asyncio.sleep(0)
+            coming.feed_data(bytes([byte]))
+        coming.feed_eof()
+        heard = await asyncio.wait_for(reading, 5)
+        channel.close()
+        return heard
+
+
+async def _all_of(channel: MetadataChannel) -> list[Message | None]:
+    heard = [await channel.next(5)]
+    while heard[-1] is not None:
+        heard.append(await channel.next(5))
+    return heard
+
+
+def test_messages_may_come_in_pieces_of_one_byte() -> None:
+    sent: list[Message] = [
+        Answer(1, Reason.OK, "all is well"),
+        Emit(1, 2, 30, 4000),
+        Finish(1, 5, bytes(range(32))),
+    ]
+    assert asyncio.run(heard_byte_by_byte(sent)) == [*sent, None]

@@ -4,8 +4,7 @@ import asyncio
 import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from dataclasses import replace
-from types import SimpleNamespace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import pytest
@@ -14,7 +13,8 @@ from hosts.middleware.device import Device, changed
 from hosts.middleware.session.channel import SessionError
 from hosts.middleware.session.options import overridden
 from hosts.middleware.session.swap_orders import Swaps
-from hosts.node_agent import CHECK_S, start_node_agent
+from hosts.node_agent import start_node_agent
+from hosts.timeouts import CHECK_PERIOD_S
 from wire.config import HostConfig
 from wire.device import (
     DEVICE_PORT,
@@ -36,21 +36,22 @@ CONTROLLER, HOST = "127.0.2.1", "127.0.2.2"
 DEADLINE_S = 5.0
 
 
-def sending(pairs: int, lost: int = 0, errors: int = 0, repeated: int = 0) -> Any:
-    statistics = SimpleNamespace(
-        bell_pairs=pairs, lost_pairs=lost, symbol_errors=errors, repeated_frames=repeated
-    )
-    return SimpleNamespace(statistics=statistics, closed=False)
+@dataclass
+class Session:
+    """A session that has used something."""
+
+    counts: dict[str, int]
+    setup: Setup = SETUP
 
 
-def receiving(symbols: int, lost: int) -> Any:
-    statistics = {
-        "symbols": symbols,
-        "lost_pairs": lost,
-        "symbol_errors": 1,
-        "repeated_frames": 2,
-    }
-    return SimpleNamespace(statistics=statistics, closed=False, setup=SETUP)
+def sending(pairs: int, lost: int = 0, errors: int = 0, repeated: int = 0) -> Session:
+    counts = {"pairs_lost": lost, "symbol_errors": errors, "repeated_frames": repeated}
+    return Session({"pairs_sent": pairs, **counts})
+
+
+def receiving(symbols: int, lost: int) -> Session:
+    counts = {"pairs_lost": lost, "symbol_errors": 1, "repeated_frames": 2}
+    return Session({"pairs_received": symbols, **counts})
 
 
 class Fibers:
@@ -90,13 +91,16 @@ def test_sessions_are_counted_while_they_run_and_after() -> None:
     device = Device(Fibers())
     one, two = sending(100, lost=3, errors=5, repeated=1), sending(10)
     device.override(SETUP)
-    device.sends(one)
-    device.sends(two)
-    incoming = receiving(40, lost=4)
-    device.receives(incoming)
-    with device.serves(SETUP):
-        device.made(70)
-        report = device.report(9)
+    with device.opens(two):
+        with (
+            device.opens(one),
+            device.accepts(receiving(40, lost=4)),
+            device.serves(SETUP),
+        ):
+            device.made(70)
+            report = device.report(9)
+        two.counts["pairs_sent"] = 11
+        left = device.report(9)
     assert report == DeviceReport(
         9,
         sending=2,
@@ -113,9 +117,7 @@ def test_sessions_are_counted_while_they_run_and_after() -> None:
         wavelength_pm=1_550_120,
         ports=(DevicePort("bob-q0", True),),
     )
-    one.closed = incoming.closed = True
-    two.statistics.bell_pairs = 11
-    assert device.report(9) == replace(report, sending=1, receiving=0, serving=0, pairs_sent=111)
+    assert left == replace(report, sending=1, receiving=0, serving=0, pairs_sent=111)
 
 
 def test_counts_alone_are_no_change_but_ports_and_settings_are() -> None:
@@ -160,7 +162,7 @@ class Peer(asyncio.DatagramProtocol):
             return (await self.heard.get()).message
 
     async def silent(self) -> bool:
-        await asyncio.sleep(2 * CHECK_S)
+        await asyncio.sleep(2 * CHECK_PERIOD_S)
         return self.heard.empty()
 
 
@@ -240,22 +242,23 @@ def test_the_agent_takes_orders_for_chains_of_repeaters() -> None:
 
 
 def test_the_agent_reports_losses_above_the_threshold_by_itself() -> None:
+    device, session = Device(Fibers()), sending(1000)
+
     async def scene() -> None:
-        device = Device(Fibers())
-        session = device.sends(sending(1000))
         async with agent(device) as peer:
             await peer.next()
             peer.send(Subscribe(1, 1000, 10_000, 1_000_000), time.time_ns())
             await peer.next()
-            session.statistics.bell_pairs, session.statistics.lost_pairs = 2000, 10
+            session.counts["pairs_sent"], session.counts["pairs_lost"] = 2000, 10
             assert await peer.silent()
-            session.statistics.lost_pairs = 11
+            session.counts["pairs_lost"] = 11
             async with asyncio.timeout(2.0):  # long before it would report unasked
                 alarm = await peer.next()
             assert isinstance(alarm, DeviceReport)
             assert (alarm.session, alarm.pairs_lost) == (0, 11)
 
-    asyncio.run(scene())
+    with device.opens(session):
+        asyncio.run(scene())
 
 
 def test_what_is_old_foreign_or_for_another_host_changes_nothing() -> None:

@@ -11,10 +11,14 @@ from math import sqrt
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from stacks_scene import DEADLINE_S, accepted, live_qubits, network, requested
 
 from hosts.hardware.qnic import Received
+from hosts.middleware.qkd.alice import Alice
+from hosts.middleware.qkd.bob import Bob
+from hosts.middleware.qkd.sifting import Record
 from hosts.middleware.services.interception import MAX_RATE_HZ, rate_of
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
@@ -66,6 +70,37 @@ def test_the_error_rate_is_a_quarter_of_the_fraction(
     assert abs(eve["measured"] - fraction * eve["photons"]) <= spread
     assert eve["zeros"] + eve["ones"] == eve["measured"]
     assert keys(tmp_path)
+
+
+@protocols
+def test_either_basis_has_a_quarter_of_the_fraction_in_errors(
+    tmp_path: Path, protocol: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An eve who measured in Z alone would leave as many errors, all of them in X."""
+    hers, his = blocks_of(Alice, monkeypatch), blocks_of(Bob, monkeypatch)
+    intercepted(tmp_path, protocol, 0.2, count=20_000, test_fraction=0.5)
+    assert len(hers) == len(his) > 0
+    for basis in (0, 1):  # Z, X
+        wrong = told = 0
+        for mine, yours in zip(hers, his, strict=True):
+            same = (mine.bases == basis) & (yours.bases == basis) & mine.clicked & yours.clicked
+            told += int(np.count_nonzero(same))
+            wrong += int(np.count_nonzero(mine.outcomes[same] != yours.outcomes[same]))
+        assert told > 5_000
+        assert abs(wrong - told * 0.2 / 4) <= 5 * sqrt(told * 0.05 * 0.95), basis
+
+
+def blocks_of(end: type[Alice] | type[Bob], monkeypatch: pytest.MonkeyPatch) -> list[Record]:
+    """Return the list of what an end will know of its blocks of light."""
+    known: list[Record] = []
+    add_block = end.add_block
+
+    def noted(self: Any, record: Record) -> list[bytes]:
+        known.append(record)
+        return add_block(self, record)
+
+    monkeypatch.setattr(end, "add_block", noted)
+    return known
 
 
 @protocols

@@ -297,7 +297,7 @@ def test_when_the_other_end_is_gone_each_end_says_so_and_lets_go(
 
 
 def test_light_that_does_not_come_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(key_light, "GRACE_S", 0.1)
+    monkeypatch.setattr(key_light, "KEY_GRACE_S", 0.1)
     failed = failure(tmp_path, "bb84", physics={"paths": []})
     for text in (failed.alice, failed.bob):
         assert "no photon was measured by both ends: is a fibre cut" in text

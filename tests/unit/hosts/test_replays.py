@@ -21,6 +21,7 @@ from wire.metadata import (
     METADATA_PORT,
     SETUP_LENGTH,
     Answer,
+    Block,
     Emit,
     Finish,
     Message,
@@ -52,9 +53,10 @@ def host_of(setup: Setup, acceptor: str = "bob") -> str:
     return "r1" if setup.service == Service.LINK else acceptor
 
 
-async def sent(setup: Setup, host: str) -> SessionError | None:
+async def sent(setup: Setup, host: str, sender: str = "127.0.0.1") -> SessionError | None:
     """Send a set-up that the controller grants; return how it is refused, None if it is not."""
-    channel = await MetadataChannel.connect(host, OWN_ADDRESS[host])
+    place = OWN_ADDRESS[host], METADATA_PORT
+    channel = MetadataChannel(*await asyncio.open_connection(*place, local_addr=(sender, 0)))
     try:
         await channel.request(arbitrated(setup, host, channel))
     except SessionError as error:
@@ -204,8 +206,8 @@ def test_a_service_that_nobody_knows_is_refused_by_its_number(tmp_path: Path, nu
 def _short_waits(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let nobody wait long for what does not come."""
     monkeypatch.setattr(service.ConnectionEnd.hear, "__defaults__", (0.3,))
-    monkeypatch.setattr(key_light, "GRACE_S", 0.1)
-    monkeypatch.setattr(key_messages, "SILENCE_S", 0.3)
+    monkeypatch.setattr(key_light, "KEY_GRACE_S", 0.1)
+    monkeypatch.setattr(key_messages, "KEYS_TIMEOUT_S", 0.3)
 
 
 @pytest.mark.usefixtures("_short_waits")
@@ -293,3 +295,29 @@ def test_a_pair_of_a_session_is_taken_once(tmp_path: Path) -> None:
 
     asyncio.run(run())
     require_refused(errors, Reason.PROTOCOL, "is not expected (any more): is its set-up a replay?")
+
+
+def test_a_pair_of_a_session_is_taken_from_its_own_sender_alone(tmp_path: Path) -> None:
+    """Another host asks first for a pair that the sender has yet to ask for."""
+    recorder, errors = Recorder(), list[SessionError | None]()
+
+    async def intrude(message: Message) -> Message:
+        setup = next(setup for setup in recorder.granted if setup.block)
+        errors.append(await sent(replace(setup, block=500), "bob", OWN_ADDRESS["eve"]))
+        return message
+
+    async def run() -> None:
+        change = Once(lambda way, message: way == "forth" and isinstance(message, Block), intrude)
+        async with running(tmp_path, "sdc", recorder, change=change):
+            options: dict[str, Any] = {
+                "handshake": "per-pair",
+                "frame_bytes": 16,
+                "block_pairs": 256,
+            }
+            told = await asyncio.to_thread(session, tmp_path, "sdc", **options)
+            assert [each.text for each in told] == ["", ""]
+
+    asyncio.run(run())
+    assert max(setup.block for setup in recorder.granted) >= 500
+    words = f"pair 500 of a session of 127.0.0.1 from {OWN_ADDRESS['eve']}"
+    require_refused(errors, Reason.UNKNOWN_SESSION, words)

@@ -1,6 +1,7 @@
 """Sessions between whole stacks over loopback, with a real dispatcher."""
 
 import asyncio
+import socket
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -33,6 +34,8 @@ from wire.metadata import (
     Verdict,
     decode,
 )
+from wire.socket_calls import HEADER as CALL_HEADER
+from wire.socket_calls import Call, decode_fields, decode_header, encode
 
 
 def exchange(
@@ -413,6 +416,26 @@ def test_who_waits_at_a_port_that_is_closed_is_told(tmp_path: Path) -> None:
 def test_a_missing_stack_is_named(tmp_path: Path) -> None:
     with pytest.raises(QuantumSocketError, match="no host stack answers"):
         QuantumSocket(tmp_path / "nowhere.sock")
+
+
+def test_lists_in_lists_without_end_are_an_error_of_that_application_alone(tmp_path: Path) -> None:
+    def ask(_folder: Path) -> str:
+        with socket.socket(socket.AF_UNIX) as application:
+            application.settimeout(DEADLINE_S)
+            application.connect(str(tmp_path / "bob.sock"))
+            application.sendall(encode(Call.REQUEST, b"[" * 100_000))
+            stream = application.makefile("rb")
+            call, length = decode_header(stream.read(CALL_HEADER.size))
+            assert call == Call.FAILED
+            return str(decode_fields(stream.read(length))["text"])
+
+    async def run() -> None:
+        async with network(tmp_path):
+            assert "socket call is not JSON" in await asyncio.to_thread(ask, tmp_path)
+            got, _ = await asyncio.to_thread(transfer, tmp_path, b"still here")
+            assert got == b"still here"
+
+    asyncio.run(run())
 
 
 def test_rubbish_on_the_metadata_port_ends_that_connection_alone(tmp_path: Path) -> None:

@@ -14,8 +14,10 @@ from qmn.__main__ import described
 
 QMN = ROOT / "bin" / "qmn"
 MAKEFILE = (ROOT / "Makefile").read_text()
-FOLDERS = ("wire", "hosts", "controller_apps", "qswitch_agent", "dispatcher", "topologies", "qmn")
-FOLDERS += ("docs", "examples", "tests")
+FOLDERS = (
+    *("wire", "hosts", "controller_apps", "qswitch_agent", "dispatcher", "topologies", "qmn"),
+    *("docs", "examples", "tests"),
+)
 ADDED_BY_READERS = ("hosts/middleware/services/coin.py", "tests/unit/a/")
 CALLS = [(name, " ".join(words)) for name in NAMES for words in commands(name, "qmn")]
 

@@ -20,7 +20,12 @@ DEADLINE_S = 30
 @pytest.fixture
 def run_folder(tmp_path: Path) -> Path:
     """Return the folder of a run of a small network."""
-    fiber = Fiber(FiberEnd("alice", "a0"), FiberEnd("bob", "b0"), depolarizing=0.2)
+    return recorded_run(tmp_path)
+
+
+def recorded_run(tmp_path: Path, **optics: str) -> Path:
+    """Have a small network do something; return the folder of the run."""
+    fiber = Fiber(FiberEnd("alice", "a0"), FiberEnd("bob", "b0"), depolarizing=0.2, **optics)  # type: ignore[arg-type]
     config = DispatcherConfig(
         listen="",
         socket="",
@@ -49,9 +54,9 @@ def run_folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def replay(folder: Path) -> subprocess.CompletedProcess[str]:
+def replay(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
     """Run the command."""
-    command = [sys.executable, "-m", "qmn", "replay", str(folder)]
+    command = [sys.executable, "-m", "qmn", "replay", str(folder), *options]
     return subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE_S, check=False)
 
 
@@ -79,6 +84,32 @@ def test_a_log_of_another_length_differs(run_folder: Path, change: object) -> No
     log = run_folder / "quantum.log"
     log.write_text(change(log.read_text()))
     assert replay(run_folder).returncode == 1
+
+
+OWN_MODEL = """
+from pathlib import Path
+from dispatcher.fiber.noise import Effect
+
+Path("PROOF").touch()
+
+class Mine:
+    def effect(self, passage):
+        return Effect()
+"""
+
+
+def test_code_that_a_record_names_is_run_only_if_that_is_allowed(tmp_path: Path) -> None:
+    model, proof = tmp_path / "model.py", tmp_path / "proof"
+    model.write_text(OWN_MODEL.replace("PROOF", str(proof)))
+    run = recorded_run(tmp_path, noise=f"{model}:Mine")
+    proof.unlink()
+    done = replay(run)
+    assert done.returncode == 2
+    assert f"names code, which would be run: {model}:Mine" in done.stderr
+    assert "--allow-code" in done.stderr
+    assert not proof.exists()
+    assert replay(run, "--allow-code").stdout == "identical: 4 events of 3 requests\n"
+    assert proof.exists()
 
 
 def test_a_folder_without_a_record_is_named(tmp_path: Path) -> None:

@@ -45,10 +45,17 @@ document.body.dataset.seen = JSON.stringify({
 </script>"""
 
 
+# A window of full Chromium is never narrower than 500 pixels: the page is in a frame.
+FRAME = """<!doctype html><meta name="color-scheme" content="light dark">
+<body style="margin: 0"><iframe style="border: 0; width: {width}px; height: 900px" srcdoc="{page}"
+  onload="document.body.dataset.seen = this.contentDocument.body.dataset.seen"></iframe></body>"""
+
+
 def browse(folder: Path, width: int, scheme: int, script: str = "") -> tuple[dict[str, Any], str]:
     """Return what the page says of itself, and what the browser's console said."""
+    report = (folder / "report.html").read_text() + script + ASK
     page = folder / "asked.html"
-    page.write_text((folder / "report.html").read_text() + script + ASK)
+    page.write_text(FRAME.format(width=width, page=html.escape(report)))
     browsers = [name for name in BROWSERS if shutil.which(name)]
     assert browsers, f"none of {', '.join(BROWSERS)} is there: setup/browser installs one"
     command = [
@@ -58,7 +65,10 @@ def browse(folder: Path, width: int, scheme: int, script: str = "") -> tuple[dic
         "--disable-gpu",
         "--enable-logging=stderr",
     ]
-    command += [f"--window-size={width},900", f"--blink-settings=preferredColorScheme={scheme}"]
+    command += [
+        f"--window-size={max(width, 500)},900",
+        f"--blink-settings=preferredColorScheme={scheme}",
+    ]
     command += [f"--user-data-dir={folder / 'browser'}", "--dump-dom", page.as_uri()]
     done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=DEADLINE_S)
     (seen,) = re.findall(r'data-seen="([^"]*)"', done.stdout)

@@ -231,6 +231,26 @@ def test_bundle_tunes_ports_when_it_is_committed() -> None:
     play(scene())
 
 
+@pytest.mark.parametrize("kind", [ofp.OFPBCT_OPEN_REPLY, ofp.OFPBCT_CLOSE_REPLY])
+def test_port_is_not_tuned_by_a_reply_that_is_no_commit(kind: int) -> None:
+    async def scene() -> None:
+        async with stage() as now:
+            scene = of.bundle(5, of.port_mod(2, of.tuning(193_400_000, -50), xid=51))
+            now.controller.says(*scene)
+            await now.bridge.hears(scene[0], scene[-1])
+            # Of the same xid, which a controller may use for the whole bundle.
+            early = of.bundle_control(5, kind, 50)
+            now.bridge.says(early)
+            await now.controller.hears(early)
+            assert now.optics.tuned == []
+            reply = of.bundle_control(5, ofp.OFPBCT_COMMIT_REPLY, 50)
+            now.bridge.says(reply)
+            await now.controller.hears(reply)
+            assert now.optics.tuned == [(2, 193_400_000, -5.0, Direction.BOTH)]
+
+    play(scene())
+
+
 def test_tuning_with_a_wrong_address_is_not_in_the_bundle() -> None:
     async def scene() -> None:
         async with stage() as now:

@@ -1,6 +1,7 @@
 """Quantum metadata: golden bytes both ways, every truncation, an independent decoder."""
 
 import random
+from collections import Counter
 from dataclasses import replace
 from typing import Any
 
@@ -250,13 +251,18 @@ def test_an_answer_names_three_or_four_symbols_and_their_operators(
         decode(Answer(1, Reason.OK, symbols=symbols, encoding=encoding).encode())
 
 
-def test_random_bytes_are_malformed_or_a_message() -> None:
-    generator = random.Random(7)
+def test_random_bytes_are_malformed_or_a_message_that_is_written_alike() -> None:
+    generator, outcomes = random.Random(7), Counter[str]()
     for message, _ in GOLDEN:
         for _ in range(300):
             data = bytearray(message.encode())
             data[generator.randrange(len(data))] = generator.randrange(256)
             try:
-                decode(bytes(data))
+                read = decode(bytes(data))
             except MalformedPacket:
-                continue
+                outcomes["malformed"] += 1
+            else:
+                assert read.encode() == data
+                assert (read == message) == (data == message.encode())
+                outcomes["read"] += 1
+    assert min(outcomes["malformed"], outcomes["read"]) > 500, outcomes

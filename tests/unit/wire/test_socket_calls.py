@@ -30,7 +30,7 @@ def test_an_unknown_call_or_an_absurd_length_is_malformed(header: bytes) -> None
         decode_header(header)
 
 
-@pytest.mark.parametrize("payload", [b"[1]", b"{", b"\xff", b"3"])
+@pytest.mark.parametrize("payload", [b"[1]", b"{", b"\xff", b"3", b"[" * 100_000])
 def test_fields_that_are_no_object_are_malformed(payload: bytes) -> None:
     with pytest.raises(MalformedPacket):
         decode_fields(payload)

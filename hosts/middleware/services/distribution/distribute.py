@@ -26,9 +26,9 @@ from hosts.middleware.services.distribution.purification import PHOTONS, Protoco
 from hosts.middleware.session import abilities
 from hosts.middleware.session.blocks import store
 from hosts.middleware.session.channel import SessionError
-from hosts.middleware.session.options import MAX_BLOCK_S
 from hosts.middleware.session.service import AcceptorEnd, Answerer, OpenerEnd, ServiceKind
 from hosts.middleware.session.values import expect, values
+from hosts.timeouts import MAX_BLOCK_S
 from wire.features import GATE, MEASURE
 from wire.metadata import Reason, Service, Topic, Values
 

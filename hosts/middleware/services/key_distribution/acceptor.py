@@ -15,12 +15,13 @@ from hosts.middleware.services.key_distribution.light import (
     random_bases,
     turned_back,
 )
-from hosts.middleware.services.key_distribution.messages import SILENCE_S, Cutter, KeyMessages
+from hosts.middleware.services.key_distribution.messages import Cutter, KeyMessages
 from hosts.middleware.services.key_distribution.session import pools, stored, tell_of_failure
 from hosts.middleware.services.key_distribution.summary import Progress, so_far, summary
-from hosts.middleware.session.channel import ANSWER_TIMEOUT_S, SessionError
+from hosts.middleware.session.channel import SessionError
 from hosts.middleware.session.service import AcceptorEnd
 from hosts.middleware.session.values import expect
+from hosts.timeouts import ANSWER_TIMEOUT_S, KEYS_TIMEOUT_S
 from wire.metadata import Envelope, Finish, Message, Reason, Topic, Values
 from wire.qkd import MAX_PHOTONS, Bound, Proposal, QkdMessage, Reconciliation, unframe
 
@@ -80,7 +81,7 @@ class AcceptorOfKeys:
 
     async def _serve(self, bob: Bob, messages: KeyMessages) -> None:
         channel = self._end.channel
-        while not isinstance(message := await channel.receive(Message, SILENCE_S), Finish):
+        while not isinstance(message := await channel.receive(Message, KEYS_TIMEOUT_S), Finish):
             if isinstance(message, Envelope):
                 await messages.hear(message)
             elif not isinstance(message, Values) or bob.state is not State.SIFTING:

@@ -7,12 +7,12 @@ import numpy as np
 
 from hosts.hardware.qnic import BlockName, NoLight, Symbols
 from hosts.middleware.session.channel import SessionError
-from hosts.middleware.session.service import LIGHT_TIMEOUT_S, End
+from hosts.middleware.session.service import End
+from hosts.timeouts import KEY_GRACE_S, LIGHT_TIMEOUT_S
 from wire.metadata import Reason
 from wire.outcomes import NO_COINCIDENCE
 from wire.qkd import MAX_KEY_BITS
 
-GRACE_S = 1.0  # light that is not measured so long after its last photon is due is lost
 EVEN_CHANCE = 0.5  # that two random bases agree
 MARGIN, MARGIN_PHOTONS = 1.05, 64
 
@@ -33,7 +33,7 @@ def measuring(end: End, name: BlockName, bases: Symbols) -> asyncio.Task[Symbols
 async def measured(end: End, light: asyncio.Task[Symbols], photons: int) -> Symbols:
     """Return the outcomes of light that is over; no click for any photon if none has come."""
     try:
-        async with asyncio.timeout(GRACE_S + photons / end.setup.rate_hz):
+        async with asyncio.timeout(KEY_GRACE_S + photons / end.setup.rate_hz):
             outcomes = await light
     except (NoLight, TimeoutError):
         return np.full(photons, NO_COINCIDENCE, dtype=np.uint8)

@@ -12,11 +12,11 @@ from hosts.middleware.qkd.bob import Bob
 from hosts.middleware.qkd.end import State
 from hosts.middleware.session.channel import SessionError, unexpected
 from hosts.middleware.session.service import End
+from hosts.timeouts import KEYS_TIMEOUT_S
 from wire.metadata import Answer, Envelope, MalformedPacket, Message, Reason, Topic
 from wire.qkd import AbortReason, message_length
 
 PIECE_BYTES = 60_000  # of an envelope
-SILENCE_S = 45.0  # an end that corrects a million errors is busy for so long at most
 
 REASONS = {
     AbortReason.PARAMETERS: Reason.UNSUPPORTED,
@@ -97,7 +97,7 @@ class KeyMessages:
             await self._when_done()
         self.say(answers)
 
-    async def until(self, done: Callable[[], bool], timeout_s: float = SILENCE_S) -> None:
+    async def until(self, done: Callable[[], bool], timeout_s: float = KEYS_TIMEOUT_S) -> None:
         """Take messages until something is so; no message may be so late."""
         while not done():
             await self._take(await self._end.channel.receive(Message, timeout_s))

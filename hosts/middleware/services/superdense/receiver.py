@@ -1,13 +1,13 @@
-"""The receiving end of a superdense-coding session: the mirror of sender.py."""
+"""The acceptor of superdense coding: it receives bytes; the mirror of sender.py."""
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections.abc import Mapping
 from hashlib import sha256
 from typing import Any
 
 import numpy as np
 
-from hosts.hardware.qnic import NoLight, Qnic, Symbols, release
+from hosts.hardware.qnic import NoLight, Symbols
 from hosts.middleware.services.superdense.frame_format import FrameFormat, agreed_format
 from hosts.middleware.services.superdense.framing import FramingError
 from hosts.middleware.services.superdense.inbox import Inbox
@@ -17,15 +17,13 @@ from hosts.middleware.session.encoding import (
     agreed_encoding,
     from_bell_states,
 )
+from hosts.middleware.session.host_resources import HostResources
 from hosts.middleware.session.offers import _offer_nothing_but_0, check_light
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS, MAX_FRAME_BYTES
+from hosts.middleware.session.service import AcceptorEnd
+from hosts.timeouts import ARRIVED_TIMEOUT_S, PAIR_TIMEOUT_S
 from wire.metadata import Answer, Block, Finish, Handshake, Reason, Report, Setup
 from wire.outcomes import NO_COINCIDENCE
-
-ARRIVAL_TIMEOUT_S = 0.1  # the sender speaks of a block only when its light has arrived
-SETTLE_TIMEOUT_S = 30.0
-
-Deliver = Callable[[bytes], Awaitable[None]]
 
 
 def check_offer(setup: Setup, symbols: int) -> FrameFormat:
@@ -41,28 +39,42 @@ def check_offer(setup: Setup, symbols: int) -> FrameFormat:
     return agreed_format(setup, symbols)
 
 
-class ReceivingSession:
-    """A session from another host to this one, whose Bell analyser is of a kind."""
+def accepted(means: HostResources, setup: Setup) -> Answer:
+    """Return what is said to a set-up, by what this host's analyser can do; or SessionError."""
+    symbols = DISTINGUISHABLE_STATES[means.analyser]
+    check_offer(setup, symbols)
+    return _answer(setup, symbols, setup.rotation)
 
-    def __init__(self, qnic: Qnic, channel: MetadataChannel, setup: Setup, analyser: str) -> None:
-        self._symbols = DISTINGUISHABLE_STATES[analyser]
-        self._format = check_offer(setup, self._symbols)
-        if len(qnic.ports) < 2:
-            raise SessionError(Reason.UNSUPPORTED, "a receiver needs two fibres")
-        self._qnic = qnic
-        self._channel = channel
-        self._setup = setup
-        self.closed = False
-        self._inbox = Inbox(setup.frame_bytes, self._format)
+
+def _answer(setup: Setup, symbols: int, rotation: int) -> Answer:
+    encoding = agreed_encoding(setup.encoding, symbols, rotation)
+    return Answer(setup.session, Reason.OK, symbols=symbols, encoding=encoding)
+
+
+async def accept_bytes(end: AcceptorEnd) -> None:
+    """Receive bytes until the sender has finished; raise SessionError if it does not."""
+    receiver = Receiver(end)
+    try:
+        await receiver.run()
+    finally:
+        end.summary = receiver.statistics
+        receiver.close()
+
+
+class Receiver:
+    """Receives bytes from another host by a Bell analyser."""
+
+    def __init__(self, end: AcceptorEnd) -> None:
+        self._end, self._qnic = end, end.qnic
+        self._channel, self._setup = end.channel, end.setup
+        self._symbols = DISTINGUISHABLE_STATES[end.means.analyser]
+        self._format = agreed_format(end.setup, self._symbols)
+        self._inbox = Inbox(end.setup.frame_bytes, self._format)
         self._singles: dict[int, asyncio.Task[Symbols]] = {}
         self._singles_used = 0
         self._digest = sha256()
         self.size = 0
-
-    @property
-    def setup(self) -> Setup:
-        """What was agreed on in the handshake."""
-        return self._setup
+        end.counts, end.join = self._counts, self.one_pair
 
     @property
     def statistics(self) -> dict[str, Any]:
@@ -82,31 +94,33 @@ class ReceivingSession:
             "confusion": self._inbox.confusion.tolist(),
         }
 
-    async def run(self, deliver: Deliver) -> None:
+    def _counts(self) -> Mapping[str, int]:
+        """Return what was used so far, as the device reports it."""
+        return {
+            "pairs_received": self._inbox.symbols_seen,
+            "pairs_lost": self._inbox.symbols_lost,
+            "symbol_errors": self._inbox.symbol_errors,
+            "repeated_frames": self._inbox.repeated_frames,
+        }
+
+    async def run(self) -> None:
         """Receive until the sender has finished; raise SessionError if it does not."""
-        self._channel.send(self._acceptance(self._setup))
         while True:
             message = await self._channel.next()
             if isinstance(message, Block):
-                await self._receive_block(message, deliver)
+                await self._receive_block(message)
             elif isinstance(message, Finish):
                 self._verify(message)
                 return
             else:
                 raise unexpected(message, self._channel.peer)
 
-    def confirm(self) -> None:
-        """Tell the sender that all bytes were right and are delivered."""
-        self._channel.send(Answer(self._setup.session, Reason.OK))
-
-    async def close(self) -> None:
-        """Let go of photons and of handshakes under way."""
-        self.closed = True
+    def close(self) -> None:
+        """Let go of handshakes under way."""
         for task in self._singles.values():
             task.cancel()
-        await release(self._qnic, self._setup.session)
 
-    async def _receive_block(self, block: Block, deliver: Deliver) -> None:
+    async def _receive_block(self, block: Block) -> None:
         longest_frame = self._format.pairs(self._setup.frame_bytes)
         if block.pairs > max(self._setup.pairs, longest_frame):
             raise SessionError(Reason.PROTOCOL, f"block {block.block} has {block.pairs} pairs")
@@ -121,14 +135,14 @@ class ReceivingSession:
             report = self._inbox.block(block, symbols)
         except FramingError as error:
             raise SessionError(Reason.PROTOCOL, str(error)) from error
-        await self._pass_on(report, deliver)
+        await self._pass_on(report)
 
-    async def _pass_on(self, report: Report, deliver: Deliver) -> None:
+    async def _pass_on(self, report: Report) -> None:
         data = self._inbox.take()
         if data:
             self._digest.update(data)
             self.size += len(data)
-            await deliver(data)
+            await self._end.deliver(data)
         self._channel.send(report)
 
     async def _measure(self, number: int, pairs: int) -> Symbols:
@@ -138,7 +152,7 @@ class ReceivingSession:
                 self._setup.session,
                 number,
                 (self._qnic.ports[1], self._qnic.ports[0]),
-                ARRIVAL_TIMEOUT_S,
+                ARRIVED_TIMEOUT_S,
             )
         except NoLight:
             return np.full(pairs, NO_COINCIDENCE, dtype=np.uint8)
@@ -163,8 +177,8 @@ class ReceivingSession:
         await asyncio.wait([self._singles[setup.block]])
 
     async def _single(self, channel: MetadataChannel, setup: Setup) -> Symbols:
-        channel.send(self._acceptance(setup))
-        await channel.next(SETTLE_TIMEOUT_S)  # the sender closes when the light has arrived
+        channel.send(_answer(self._setup, self._symbols, setup.rotation))
+        await channel.next(PAIR_TIMEOUT_S)  # the sender closes when the light has arrived
         return self._decode(await self._measure(setup.block, 1), setup)
 
     async def _collect_singles(self, pairs: int) -> Symbols:
@@ -175,21 +189,13 @@ class ReceivingSession:
             raise SessionError(Reason.PROTOCOL, f"pair {unknown[0]} had no handshake")
         tasks = [self._singles.pop(number) for number in numbers]
         try:
-            async with asyncio.timeout(SETTLE_TIMEOUT_S):
+            async with asyncio.timeout(PAIR_TIMEOUT_S):
                 return np.concatenate(await asyncio.gather(*tasks))
         except TimeoutError as error:
             raise SessionError(
                 Reason.PROTOCOL,
-                f"pairs up to {numbers[-1]} were not over in {SETTLE_TIMEOUT_S:g} s",
+                f"pairs up to {numbers[-1]} were not over in {PAIR_TIMEOUT_S:g} s",
             ) from error
-
-    def _acceptance(self, granted: Setup) -> Answer:
-        return Answer(
-            granted.session,
-            Reason.OK,
-            symbols=self._symbols,
-            encoding=self._encoding(granted),
-        )
 
     def _encoding(self, granted: Setup) -> int:
         return agreed_encoding(self._setup.encoding, self._symbols, granted.rotation)

@@ -1,4 +1,4 @@
-"""The sending end of a superdense-coding session.
+"""The opener of superdense coding: it sends bytes.
 
     alice                      charlie (source)             bob
       | Setup(SDC) -- held by the controller until the paths are up --> |
@@ -15,32 +15,23 @@ paths stay up only as long as that connection (paper, figure "handshaking").
 """
 
 import asyncio
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
 from hashlib import sha256
 
-from hosts.hardware.qnic import BlockName, HardwareError, NoLight, Qnic, Symbols, release
+from hosts.hardware.qnic import BlockName, NoLight, Symbols
 from hosts.middleware.services.superdense.frame_format import agreed_format
 from hosts.middleware.services.superdense.framing import FramingError
+from hosts.middleware.services.superdense.options import SuperdenseOptions
 from hosts.middleware.services.superdense.outbox import Outbox, OutgoingBlock
 from hosts.middleware.services.superdense.per_pair import Agreed, OneByOne
-from hosts.middleware.session.arrangement import Arrangement, Light
-from hosts.middleware.session.channel import REPORT_TIMEOUT_S, MetadataChannel, SessionError
+from hosts.middleware.session.channel import SessionError
 from hosts.middleware.session.encoding import to_paulis
+from hosts.middleware.session.service import Carrier, OpenerEnd
 from hosts.network_loop import now_s
-from wire.metadata import (
-    SYMBOLS,
-    Answer,
-    Block,
-    Finish,
-    Handshake,
-    Reason,
-    Report,
-    Setup,
-)
+from hosts.timeouts import DARK_LIMIT_S, GRACE_S, LIGHT_TIMEOUT_S, REPORT_TIMEOUT_S
+from wire.metadata import SYMBOLS, Answer, Block, Handshake, Reason, Report, Setup
 
-LIGHT_TIMEOUT_S = 30.0  # until the source answers
-GRACE_S = 0.3  # light that has not come this long after the source's answer is lost
-DARK_LIMIT_S = 10.0  # without a single pair; the last few symbols are small blocks
 ATTEMPTS_LIMIT = 64
 
 
@@ -65,77 +56,62 @@ class Statistics:
     symbols: int = 0  # Bell states that the receiver's analyser tells apart; 0: not known yet
 
 
-class SendingSession:
-    """A session from this host to another, with the pairs of a source."""
+async def open_bytes(end: OpenerEnd, _options: SuperdenseOptions) -> Carrier:
+    """Prepare the sending of bytes; return the way for them."""
+    return Carrier(Sender(end).send)
 
-    def __init__(
-        self, qnic: Qnic, setup: Setup, peer: tuple[str, str], source: str, light: Light
-    ) -> None:
-        agreed_format(setup, max(SYMBOLS))  # refused here, before anything is sent
-        self._qnic = qnic
-        self._setup = setup
-        self._peer = peer  # name and address
-        self._source = source  # name
+
+def check_frames(setup: Setup) -> None:
+    """Raise SessionError for frames that no receiver takes."""
+    agreed_format(setup, max(SYMBOLS))
+
+
+class Sender:
+    """Sends bytes with the pairs of a source, in the ways that the receiver's analyser allows."""
+
+    def __init__(self, end: OpenerEnd) -> None:
+        """Raise SessionError if the receiver does not say what its analyser can do."""
+        self._end, self._qnic, self._setup, self._channel = end, end.qnic, end.setup, end.channel
+        used = agreed_format(end.setup, _distinguishable_states(end.answer))
+        self._outbox = Outbox(end.setup.frame_bytes, end.setup.pairs, used)
+        self._encoding = end.answer.encoding
         self._digest = sha256()
-        self._lit_at_s = 0.0  # when a pair last arrived
-        self._one_by_one = OneByOne(self._shake_hands, self._light)
-        self._arrangement = Arrangement(setup, peer, source, light)
         self._size = 0
-        self.closed = False
+        self._lit_at_s = now_s()  # when a pair last arrived
+        self._one_by_one = OneByOne(self._shake_hands, self._light)
+        used_of = "rate_hz", "frame_bytes", "fec", "interleave", "wavelength_pm"
         self.statistics = Statistics(
-            rate_hz=setup.rate_hz,
-            frame_bytes=setup.frame_bytes,
-            fec=setup.fec,
-            interleave=setup.interleave,
-            wavelength_pm=setup.wavelength_pm,
+            symbols=end.answer.symbols, **{name: getattr(end.setup, name) for name in used_of}
         )
-
-    @property
-    def setup(self) -> Setup:
-        """What is asked for."""
-        return self._setup
-
-    async def open(self) -> None:
-        """Arrange light paths and pair source; raise SessionError if they cannot be had."""
-        answer = await self._arrangement.open()
-        self._lit_at_s = now_s()
-        await self._arrangement.engage_source()
-        self._agree(answer)
-
-    async def give_up(self, error: SessionError | HardwareError) -> None:
-        """Tell the other end, if there is one yet, why it ends."""
-        await self._arrangement.give_up(error)
-
-    @property
-    def _channel(self) -> MetadataChannel:
-        return self._arrangement.channel
-
-    def _agree(self, answer: Answer) -> None:
-        """Take over what the receiver's analyser allows."""
-        used = agreed_format(self._setup, _distinguishable_states(answer))
-        self._outbox = Outbox(self._setup.frame_bytes, self._setup.pairs, used)
-        self._encoding = answer.encoding
-        self.statistics.symbols = answer.symbols
+        end.counts, end.summary = self._counts, asdict(self.statistics)
+        end.sent = 0, self._digest.digest()
 
     async def send(self, data: bytes) -> None:
         """Send bytes; return when the other end holds every one of them."""
         self._outbox.add(data)
         self.statistics.code_rate = self._outbox.code_rate
-        while not self._outbox.empty:
-            await self._send_block(self._outbox.next_block())
-        self._digest.update(data)
-        self._size += len(data)
-        self.statistics.delivered_bytes = self._size
+        try:
+            while not self._outbox.empty:
+                await self._send_block(self._outbox.next_block())
+            self._digest.update(data)
+            self._size += len(data)
+            self.statistics.delivered_bytes = self._size
+        finally:
+            self._end.summary = asdict(self.statistics)
+        self._end.sent = self._size, self._digest.digest()
 
-    async def finish(self) -> None:
-        """End the session; return when the other end has verified all bytes."""
-        await self._channel.request(Finish(self._setup.session, self._size, self._digest.digest()))
+    @property
+    def _peer(self) -> str:
+        return self._end.arrangement.peer
 
-    async def close(self) -> None:
-        """Let go of connections and photons."""
-        self.closed = True
-        self._arrangement.close()
-        await release(self._qnic, self._setup.session)
+    def _counts(self) -> Mapping[str, int]:
+        """Return what was used so far, as the device reports it."""
+        return {
+            "pairs_sent": self.statistics.bell_pairs,
+            "pairs_lost": self.statistics.lost_pairs,
+            "symbol_errors": self.statistics.symbol_errors,
+            "repeated_frames": self.statistics.repeated_frames,
+        }
 
     async def _send_block(self, block: OutgoingBlock) -> None:
         self.statistics.bell_pairs += block.symbols.size
@@ -169,23 +145,23 @@ class SendingSession:
             self._qnic.modulate(half, paulis, port, rate_hz, wavelength_pm, LIGHT_TIMEOUT_S)
         )
         try:
-            await self._arrangement.emit(number, paulis.size)
+            await self._end.arrangement.emit(number, paulis.size)
             # The source has answered: its light has arrived, or never will.
             async with asyncio.timeout(GRACE_S + paulis.size / rate_hz):
                 return await light
         except TimeoutError as error:
-            raise NoLight(f"no light from {self._source} at {port}") from error
+            raise NoLight(f"no light from {self._end.arrangement.source} at {port}") from error
         finally:
             light.cancel()
 
     async def _shake_hands(self, number: int) -> Agreed:
         """Make the handshake of one pair; the path stays up until its connection is closed."""
         setup = replace(self._setup, handshake=Handshake.ONE_PAIR, block=number, pairs=1)
-        channel = await MetadataChannel.connect(*self._peer)
+        channel = await self._end.arrangement.another_channel()
         try:
             answer = await channel.request(setup)
             if _distinguishable_states(answer) != self.statistics.symbols:
-                text = f"{self._peer[0]} tells {answer.symbols} Bell states apart, and did not"
+                text = f"{self._peer} tells {answer.symbols} Bell states apart, and did not"
                 raise SessionError(Reason.PROTOCOL, text)
         except BaseException:
             channel.close()
@@ -221,7 +197,7 @@ class SendingSession:
         statistics.repeated_frames = self._outbox.repeated_frames
         if report.lost < report.pairs:
             self._lit_at_s = now_s()
-        self._give_up_if_dark(f"no pair reached {self._peer[0]}")
+        self._give_up_if_dark(f"no pair reached {self._peer}")
         self._give_up_if_too_noisy()
 
     def _give_up_if_too_noisy(self) -> None:

@@ -21,11 +21,11 @@ from hosts.middleware.session.blocks import keep_of_all, store
 from hosts.middleware.session.channel import SessionError
 from hosts.middleware.session.service import ConnectionEnd
 from hosts.middleware.session.values import values
+from hosts.timeouts import BITS_TIMEOUT_S
 from wire.device import MAX_REPEATERS, SwapOrder
 from wire.metadata import Finish, Pauli, Reason, Service, Setup, Topic, Verdict
 
 NO_DIGEST = bytes(32)
-BITS_TIMEOUT_S = 30.0  # they may pass many nodes over a slow network
 MAX_WAITED_US = (1 << 32) - 1
 
 

@@ -20,7 +20,7 @@ from hosts.hardware.qnic import BlockName, HardwareError
 from hosts.middleware.services.distribution.distribute import DistributeOptions, Opening, follow
 from hosts.middleware.services.distribution.pairs import Mask, Pairs
 from hosts.middleware.services.swapping.bits import Bits
-from hosts.middleware.services.swapping.link import BITS_TIMEOUT_S, IncomingLink, OutgoingLink
+from hosts.middleware.services.swapping.link import IncomingLink, OutgoingLink
 from hosts.middleware.session.blocks import keep_of_all, store, take
 from hosts.middleware.session.channel import SessionError
 from hosts.middleware.session.service import (
@@ -30,8 +30,9 @@ from hosts.middleware.session.service import (
     OpenerEnd,
     ServiceKind,
 )
-from hosts.middleware.session.swap_orders import LINK_TIMEOUT_S, Arrived
+from hosts.middleware.session.swap_orders import Arrived
 from hosts.middleware.session.values import values
+from hosts.timeouts import BITS_TIMEOUT_S, LINK_TIMEOUT_S
 from wire.metadata import Reason, Service, Topic, Values
 
 

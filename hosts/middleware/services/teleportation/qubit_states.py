@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hosts.hardware.qnic import BlockName, Directions, Qnic, Symbols
-from hosts.middleware.session.channel import ANSWER_TIMEOUT_S, SessionError
+from hosts.middleware.session.channel import SessionError
 from hosts.middleware.session.service import ConnectionEnd
 from hosts.middleware.session.values import Numbers, expect
+from hosts.timeouts import ANSWER_TIMEOUT_S
 from wire.metadata import Reason, Topic, Values
 from wire.outcomes import NO_COINCIDENCE
 

@@ -1,0 +1,49 @@
+"""What an application may choose for superdense coding."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.options import (
+    MAX_BLOCK_PAIRS,
+    MAX_FRAME_BYTES,
+    MIN_BLOCK_PAIRS,
+    check_choice,
+    check_whole,
+)
+from hosts.middleware.session.service_options import SessionOptions
+from wire.metadata import FEC_NAMES, Handshake, Reason
+
+HANDSHAKES = {"framed": Handshake.FRAMED, "per-pair": Handshake.PER_PAIR}
+
+
+@dataclass(frozen=True)
+class SuperdenseOptions(SessionOptions):
+    """Packetisation of a session that carries bytes."""
+
+    block_pairs: int = 65_536
+    handshake: str = "framed"
+    frame_bytes: int = 256
+    fec: str = "none"  # error-correction code, one of FEC_NAMES
+    interleave: bool = False  # let the bits of its codewords travel far from each other
+
+    def asked(self) -> dict[str, Any]:
+        """Return the fields of the set-up message that say this."""
+        return {
+            **super().asked(),
+            "handshake": HANDSHAKES[self.handshake],
+            "frame_bytes": self.frame_bytes,
+            "fec": FEC_NAMES[self.fec],
+            "interleave": int(self.interleave),
+        }
+
+    def check(self) -> None:
+        """Raise SessionError for a value out of range."""
+        check_choice("handshake", self.handshake, HANDSHAKES)
+        check_choice("fec", self.fec, FEC_NAMES)
+        if not isinstance(self.interleave, bool):
+            text = f"interleave is {self.interleave!r}: choose True or False"
+            raise SessionError(Reason.UNSUPPORTED, text)
+        check_whole("frame_bytes", self.frame_bytes, 1, MAX_FRAME_BYTES)
+        check_whole("block_pairs", self.block_pairs, MIN_BLOCK_PAIRS, MAX_BLOCK_PAIRS)
+        super().check()

@@ -1,0 +1,17 @@
+"""Superdense coding as a service: bytes from the host that opens to the one that accepts."""
+
+from hosts.middleware.services.superdense.options import SuperdenseOptions
+from hosts.middleware.services.superdense.receiver import accept_bytes, accepted
+from hosts.middleware.services.superdense.sender import check_frames, open_bytes
+from hosts.middleware.session.service import ServiceKind
+from wire.metadata import Handshake, Service
+
+KIND = ServiceKind(
+    Service.SDC,
+    SuperdenseOptions,
+    open_bytes,
+    accept_bytes,
+    accepts=accepted,
+    check=check_frames,
+    handshakes=(Handshake.FRAMED, Handshake.PER_PAIR, Handshake.ONE_PAIR),
+)

@@ -1,0 +1,124 @@
+"""A session as the application that asks for it sees it: from its request until it is over."""
+
+import asyncio
+import logging
+from collections.abc import Coroutine
+from typing import Any
+
+from hosts.answering import reply
+from hosts.hardware.qnic import HardwareError
+from hosts.incoming import failed
+from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.service import Carrier
+from hosts.middleware.session.session import OpeningSession
+from wire.metadata import Reason
+from wire.socket_calls import HEADER, Call, decode_header, encode_fields
+
+log = logging.getLogger("applications")
+Coming = asyncio.Task[tuple[Call, bytes]]  # the application's next call
+
+
+async def serve_session(
+    session: OpeningSession, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
+) -> None:
+    """Do what a service does, and let the application use what it leaves."""
+
+    async def tell(**result: Any) -> None:
+        writer.write(encode_fields(Call.RESULT, **result))
+        await writer.drain()
+
+    coming = asyncio.create_task(read_call(reader))
+    try:
+        await unless_gone(session.run(tell), coming)
+        if session.carrier is not None:
+            coming = await _carry(session, session.carrier, coming, reader, writer)
+            await unless_gone(session.finish(), coming)
+        else:
+            if session.answer is not None:
+                await _answer_until_closed(session, coming, reader, writer)
+            await session.finish()
+        writer.write(encode_fields(Call.CLOSE, **session.summary))
+    except (SessionError, HardwareError) as error:
+        log.warning("%s", error)
+        await session.give_up(error)
+        writer.write(failed(error, **session.summary))
+    finally:
+        await stopped(coming)
+        await session.close()
+
+
+async def _carry(
+    session: OpeningSession,
+    carrier: Carrier,
+    coming: Coming,
+    reader: asyncio.StreamReader,
+    writer: asyncio.StreamWriter,
+) -> Coming:
+    """Send what the application gives until it closes; return its next call."""
+    while True:
+        writer.write(encode_fields(Call.DONE, **session.summary))
+        await writer.drain()
+        call, payload = await coming
+        coming = asyncio.create_task(read_call(reader))
+        if call == Call.CLOSE:
+            return coming
+        try:
+            if call != Call.DATA:
+                raise SessionError(Reason.PROTOCOL, f"{call.name} while sending")
+            await unless_gone(carrier.send(payload), coming)
+        except BaseException:
+            await stopped(coming)
+            raise
+
+
+async def _answer_until_closed(
+    session: OpeningSession,
+    coming: Coming,
+    reader: asyncio.StreamReader,
+    writer: asyncio.StreamWriter,
+) -> None:
+    """Answer the application until it closes; raise SessionError if the other end is lost."""
+    lost = asyncio.create_task(session.lost())
+    try:
+        writer.write(encode_fields(Call.DONE, **session.summary))
+        while True:
+            await asyncio.wait([lost, coming], return_when=asyncio.FIRST_COMPLETED)
+            if lost.done():
+                return lost.result()
+            call, question = await coming
+            if call == Call.CLOSE:
+                return None
+            if call != Call.ASK:
+                raise SessionError(Reason.PROTOCOL, f"{call.name} while pairs are held")
+            writer.write(await reply(session.answer, question))
+            await writer.drain()
+            coming = asyncio.create_task(read_call(reader))
+    except (asyncio.IncompleteReadError, ConnectionError):
+        return None
+    finally:
+        await stopped(lost)
+        await stopped(coming)
+
+
+async def read_call(reader: asyncio.StreamReader) -> tuple[Call, bytes]:
+    """Return an application's next call; raise IncompleteReadError when it has gone."""
+    call, length = decode_header(await reader.readexactly(HEADER.size))
+    return call, await reader.readexactly(length)
+
+
+async def unless_gone(work: Coroutine[Any, Any, None], coming: asyncio.Task[Any]) -> None:
+    """Do the work; give it up if the application ends before, which its next call tells."""
+    doing = asyncio.create_task(work)
+    try:
+        await asyncio.wait([doing, coming], return_when=asyncio.FIRST_COMPLETED)
+        if not doing.done() and coming.exception() is not None:
+            await coming
+        await doing
+    finally:
+        await stopped(doing)
+
+
+async def stopped(task: asyncio.Task[Any]) -> None:
+    """Cancel a task unless it is done; what becomes of it matters no more."""
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)

@@ -1,0 +1,40 @@
+"""What waits in a host's stack, and for how long: seconds of the network, if nothing else is said.
+
+The same wait has the same time-out in every service. Those that build on others say so.
+"""
+
+# Between hosts
+CONNECT_TIMEOUT_S = 5.0  # until another host's stack takes a connection
+ANSWER_TIMEOUT_S = 10.0  # until the other end answers what needs no light and no application
+REPORT_TIMEOUT_S = 30.0  # until it answers what its application must have read
+READ_TIMEOUT_S = REPORT_TIMEOUT_S - 5.0  # until an application reads: the other end hears of it
+ACCEPT_TIMEOUT_S = 5.0  # until an application accepts the connection that it listens for
+IDLE_TIMEOUT_S = 600.0  # between two messages of a session that nobody ends
+LINGER_S = 1.0  # for the other end to hear why a session cannot go on, and to close
+KEYS_TIMEOUT_S = 45.0  # an end that corrects a million errors is busy for so long at most
+
+# Light
+MAX_BLOCK_S = 5.0  # that a block may last, from its first photon to its last
+LIGHT_TIMEOUT_S = 2 * (ANSWER_TIMEOUT_S + MAX_BLOCK_S)  # of two blocks that take turns at a source
+GRACE_S = 0.3  # light that has not come this long after the source's answer is lost
+KEY_GRACE_S = 1.0  # light that is not measured so long after its last photon is due is lost
+ARRIVED_TIMEOUT_S = 0.1  # for light of which the other end has said that it is there
+RESENT_TIMEOUT_S = 1.0  # for light that has come to an interceptor; its session may be over
+DARK_LIMIT_S = 10.0  # without a single pair; the last few symbols of a message are small blocks
+PAIR_TIMEOUT_S = 30.0  # until a pair with a handshake of its own is over
+
+# Light paths and chains of repeaters
+DISCOVERY_TIMEOUT_S = 3.0  # until the controller has seen all fibres
+FREEING_TIMEOUT_S = 1.0  # until the controller has heard that a session is over
+RETRY_PAUSE_S = 0.1  # by the wall: between two requests for a light path
+ORDER_TIMEOUT_S = 5.0  # until the controller's order for a chain is here
+LINK_TIMEOUT_S = 10.0  # until the last repeater of a chain has opened its link
+BITS_TIMEOUT_S = 30.0  # until swaps are told: they may pass many nodes over a slow network
+UNUSED_S = 30.0  # an order that nobody has asked for so long is of a session that broke before
+
+# Beside the sessions, by the wall
+DISPATCHER_TIMEOUT_S = 20.0  # until the dispatcher answers an order
+ANNOUNCEMENT_PERIOD_S = 5.0  # between two announcements on a fibre
+ANNOUNCEMENT_TTL_S = 30  # until who hears one may forget it
+CHECK_PERIOD_S = 0.2  # between two looks at the device, whose changes are reported then
+UNSUBSCRIBED_PERIOD_S = 1.0  # between two reports to a controller that has not said how often

@@ -1,0 +1,230 @@
+"""Strikes runs at random, and holds them to account.
+
+python tests/chaos --minutes 10 --seed 1      (root; `make chaos MINUTES=10 SEED=1`)
+
+Each strike has a run of its own: a job at random, a moment at random, and something of it at random
+is killed, told to end, stopped or cut, beside bridges, namespaces and processes that are not ours.
+No run may hang, deliver wrong bytes, leave anything behind or touch what is not its own; and the
+cause is to be named, soon. It looks at a run from outside, with none of its code.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from random import Random
+
+import machine
+from jobs import JOBS, command
+from strikes import Strike, strike
+
+ROOT = Path(__file__).resolve().parents[2]
+LONGEST_WAIT_S = 9.0  # from the start to the strike
+AFTER_START = 2.5  # before which there is little to strike
+HANG_S = 90.0  # from the strike to the end
+NAMED_S, STALLED_NAMED_S = 5.0, 30.0
+
+
+@dataclass
+class Outcome:
+    """What one strike has led to."""
+
+    number: int
+    job: str
+    strike: Strike | None
+    status: int | None  # of the run; None: it hung
+    cause: str = ""
+    named_after_s: float | None = None
+    ended_after_s: float | None = None
+    faults: list[str] = field(default_factory=list)
+    leftovers: list[str] = field(default_factory=list)
+
+    @property
+    def named(self) -> bool:
+        """Whether the cause is what was struck."""
+        names = self.strike.names if self.strike else ()
+        return any(name in self.cause for name in names)
+
+    @property
+    def blames_another(self) -> bool:
+        """Whether something else is named than what was struck and must have been the cause."""
+        return bool(self.cause and self.strike and self.strike.names) and not self.named
+
+    @property
+    def late(self) -> bool:
+        """Whether the cause was named too late."""
+        limit = STALLED_NAMED_S if self.strike and self.strike.stalls else NAMED_S
+        return self.named_after_s is not None and self.named_after_s > limit
+
+
+class Struck:
+    """A run, from its start to its end; notes when it names a cause."""
+
+    def __init__(self, words: tuple[str, ...], runs: Path) -> None:
+        self._process = subprocess.Popen(
+            command(words, runs),
+            cwd=ROOT,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        self.pid = self._process.pid
+        self.said: list[tuple[float, str]] = []
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        assert self._process.stderr is not None
+        for line in self._process.stderr:
+            self.said.append((time.monotonic(), line.strip()))
+
+    @property
+    def running(self) -> bool:
+        """Whether it has not ended."""
+        return self._process.poll() is None
+
+    def end(self, timeout_s: float) -> int | None:
+        """Wait for its end; return the status, None for one that hangs, which is killed."""
+        try:
+            status = self._process.wait(timeout_s)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+            status = None
+        self._reader.join(5)
+        return status
+
+
+def main() -> int:
+    """Strike for so long, print each strike, and return 0 if all went well."""
+    parser = argparse.ArgumentParser(prog="tests/chaos", description=__doc__)
+    parser.add_argument("--minutes", type=float, default=3.0, help="for so long (3)")
+    parser.add_argument("--strikes", type=int, default=1_000_000, help="at most so many")
+    parser.add_argument("--first", type=int, default=0, help="number of the first, to repeat one")
+    parser.add_argument("--seed", type=int, default=1, help="repeats jobs, moments and choices (1)")
+    parser.add_argument("--log", type=Path, help="a line of JSON for each strike")
+    arguments = parser.parse_args()
+    deadline = time.monotonic() + 60 * arguments.minutes
+    outcomes: list[Outcome] = []
+    while time.monotonic() < deadline and len(outcomes) < arguments.strikes:
+        outcome = one(arguments.first + len(outcomes), arguments.seed)
+        outcomes.append(outcome)
+        print(told(outcome), flush=True)
+        if arguments.log:
+            with arguments.log.open("a") as log:
+                log.write(json.dumps(asdict(outcome)) + "\n")
+    print(summary(outcomes))
+    return 1 if any(bad(outcome) for outcome in outcomes) else 0
+
+
+def one(number: int, seed: int) -> Outcome:
+    """Make one strike on a run of its own."""
+    random = Random(f"{seed}/{number}")
+    mark = str(100_000 + number)
+    with tempfile.TemporaryDirectory(prefix="chaos") as folder, machine.foreign_things(mark):
+        place = Path(folder)
+        theirs = random.random() < 0.5  # whether Open vSwitch runs already, with a bridge
+        if theirs:
+            machine.start_open_vswitch()
+            bridge = ("add-br", machine.FOREIGN_BRIDGE, "--", "set", "bridge")
+            kind = (machine.FOREIGN_BRIDGE, "datapath_type=netdev")
+            machine.run("ovs-vsctl", "--timeout=60", "--may-exist", *bridge, *kind)
+        before = machine.things()
+        try:
+            return _struck(number, random, place, before, mark)
+        finally:
+            if theirs:
+                machine.start_open_vswitch()
+                bridges = ("--if-exists", "del-br", machine.FOREIGN_BRIDGE)
+                machine.run("ovs-vsctl", "--timeout=60", *bridges)
+                machine.stop_open_vswitch()
+
+
+def _struck(
+    number: int, random: Random, place: Path, before: dict[str, set[str]], mark: str
+) -> Outcome:
+    job = random.choice(JOBS)(random, place)
+    moment = random.uniform(AFTER_START, LONGEST_WAIT_S)
+    run = Struck(job.words, place / "runs")
+    started, made = time.monotonic(), None
+    while run.running and made is None:
+        time.sleep(max(0.0, started + moment - time.monotonic()))
+        if run.running:
+            made = strike(run.pid, random)
+        moment += 0.5  # there was nothing to strike yet
+    struck = time.monotonic()
+    status = run.end(HANG_S)
+    outcome = Outcome(number, " ".join(job.words[:1]), made, status)
+    causes = [(at, line) for at, line in run.said if line.startswith("qmn: ")]
+    if causes and made is not None:
+        outcome.cause = causes[0][1]
+        outcome.named_after_s = round(causes[0][0] - struck, 2)
+    outcome.ended_after_s = round(time.monotonic() - struck, 2)
+    if any("Traceback" in line for _at, line in run.said):
+        outcome.faults.append("a traceback")
+    folders = sorted((place / "runs").glob("2*"))
+    outcome.faults += job.faults(folders[0], 1 if status is None else status) if folders else []
+    outcome.leftovers = _left_after(place, before, made, status) + machine.harm(mark)
+    return outcome
+
+
+def _left_after(
+    place: Path, before: dict[str, set[str]], made: Strike | None, status: int | None
+) -> list[str]:
+    """Return what is left: at once, or where the next run is to remove it, after that."""
+    if made is not None and made.target in machine.DAEMONS and before["daemons"]:
+        machine.start_open_vswitch()  # theirs, which is not a run's to start
+        by_next = True
+    else:
+        by_next = status is None or (made is not None and made.ends)
+    if by_next:
+        after = Struck(("sdc", "--message", "after", "--no-capture"), place / "after")
+        if after.end(HANG_S) != 0:
+            return [f"the next run failed: {after.said[:3]}"]
+    return machine.left(before)
+
+
+def bad(outcome: Outcome) -> bool:
+    """Whether something went wrong that must not, whatever was struck."""
+    return outcome.status is None or bool(outcome.faults or outcome.leftovers) or outcome.late
+
+
+def told(outcome: Outcome) -> str:
+    """Return one strike in one line."""
+    made = outcome.strike
+    what = f"{made.how} to {made.target}" if made else "nothing (it had ended)"
+    end = "HANGS" if outcome.status is None else f"status {outcome.status}"
+    cause = f"; {outcome.named_after_s} s: {outcome.cause[:110]}" if outcome.cause else ""
+    wrong = "".join(f"; WRONG: {fault}" for fault in (*outcome.faults, *outcome.leftovers))
+    late = "; LATE" if outcome.late else ""
+    return f"{outcome.number:4} {outcome.job:10} {what:28} {end}{cause}{late}{wrong}"
+
+
+def summary(outcomes: list[Outcome]) -> str:
+    """Return the counts."""
+    made = [outcome for outcome in outcomes if outcome.strike]
+    failed = [outcome for outcome in made if outcome.cause]
+    timed = sorted(outcome.named_after_s or 0.0 for outcome in failed)
+    other = [outcome for outcome in failed if outcome.blames_another]
+    lines = [
+        f"strikes          {len(made)} in {len(outcomes)} runs",
+        f"hangs            {sum(outcome.status is None for outcome in outcomes)}",
+        f"wrong bytes      {sum(bool(outcome.faults) for outcome in outcomes)}",
+        f"leftovers, harm  {sum(bool(outcome.leftovers) for outcome in outcomes)}",
+        f"cause named      in {len(failed)} runs; late in {sum(o.late for o in failed)}",
+        f"another named    {len(other)}",
+        *(f"                 {told(outcome)}" for outcome in other),
+    ]
+    if timed:
+        middle, last = timed[len(timed) // 2], timed[-1]
+        lines.append(f"time to cause    p50 {middle:.2f} s, longest {last:.2f} s")
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

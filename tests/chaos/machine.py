@@ -1,0 +1,154 @@
+"""What is on this machine beside a run: seen with the machine's own tools, none of ours."""
+
+import os
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+COMMAND_TIMEOUT_S = 70.0
+SETTLE_S = 6.0  # that processes may take to go once their run has ended
+CONTROL = "/usr/share/openvswitch/scripts/ovs-ctl"
+PID_FILES = Path("/var/run/openvswitch")
+DAEMONS = ("ovsdb-server", "ovs-vswitchd")
+FOREIGN_BRIDGE = "chaosbr"
+FOREIGN_LINK = ("s9-eth1", "s9-eth2")  # names as a switch's of ours would be
+FOREIGN_NAMESPACE = "chaosns"
+FOREIGN_FOLDER = Path("/run/qmn/4194000")  # as a run's of old; not ours
+
+
+@dataclass(frozen=True)
+class Process:
+    """A process as it is now."""
+
+    pid: int
+    parent: int
+    command: tuple[str, ...]
+
+
+def run(*command: str) -> str:
+    """Run a command; return what it prints."""
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=True, timeout=COMMAND_TIMEOUT_S
+    )
+    return done.stdout
+
+
+def processes() -> Iterator[Process]:
+    """Yield all processes that run; those that only wait to be asked how they ended do not."""
+    for folder in Path("/proc").iterdir():
+        if not folder.name.isdigit():
+            continue
+        try:
+            fields = (folder / "stat").read_text().rpartition(")")[2].split()
+            words = (folder / "cmdline").read_bytes().decode(errors="replace").split("\0")
+        except OSError:
+            continue
+        if fields[0] not in "ZX":
+            yield Process(int(folder.name), int(fields[1]), tuple(words[:-1]))
+
+
+def descendants(pid: int) -> list[Process]:
+    """Return what a process has started, and what that has."""
+    everybody = list(processes())
+    found, wanted = [], {pid}
+    while wanted:
+        children = [process for process in everybody if process.parent in wanted]
+        found += children
+        wanted = {process.pid for process in children}
+    return found
+
+
+def daemons() -> dict[str, int]:
+    """Return the process ids of Open vSwitch's daemons that run."""
+    found = {}
+    for name in DAEMONS:
+        with suppress(OSError, ValueError):
+            pid = int((PID_FILES / f"{name}.pid").read_text())
+            if Path(f"/proc/{pid}/comm").read_text().strip() == name:
+                found[name] = pid
+    return found
+
+
+def monitors() -> dict[str, int]:
+    """Return the processes that start a crashed daemon again."""
+    return {
+        f"{name} monitor": process.pid
+        for process in processes()
+        for name in DAEMONS
+        if process.command[:1] and process.command[0].startswith(f"{name}: monitoring")
+    }
+
+
+def start_open_vswitch() -> None:
+    """Start both daemons, or the one that is missing."""
+    run(CONTROL, "start", "--system-id=random")
+
+
+def stop_open_vswitch() -> None:
+    """Stop both daemons."""
+    run(CONTROL, "stop")
+
+
+@contextmanager
+def foreign_things(mark: str) -> Iterator[None]:
+    """Make what is not ours, some of it with names such as ours; check that it is still there."""
+    run("ip", "link", "add", FOREIGN_LINK[0], "type", "veth", "peer", "name", FOREIGN_LINK[1])
+    run("ip", "netns", "add", FOREIGN_NAMESPACE)
+    FOREIGN_FOLDER.mkdir(parents=True)
+    bystander = ["ip", "netns", "exec", FOREIGN_NAMESPACE, "sleep", mark]
+    with subprocess.Popen(bystander) as process:
+        try:
+            yield
+        finally:
+            process.kill()
+            run("ip", "netns", "del", FOREIGN_NAMESPACE)
+            run("ip", "link", "del", FOREIGN_LINK[0])
+            FOREIGN_FOLDER.rmdir()
+
+
+def harm(mark: str) -> list[str]:
+    """Return what has become of foreign things, but for bridges."""
+    there = {
+        f"interface {FOREIGN_LINK[0]}": Path("/sys/class/net", FOREIGN_LINK[0]).exists(),
+        f"namespace {FOREIGN_NAMESPACE}": Path("/run/netns", FOREIGN_NAMESPACE).exists(),
+        f"folder {FOREIGN_FOLDER}": FOREIGN_FOLDER.exists(),
+        "process sleep": any(process.command == ("sleep", mark) for process in processes()),
+    }
+    return [name for name, still in there.items() if not still]
+
+
+def things() -> dict[str, set[str]]:
+    """Return the names of what a network makes on a machine, and is to take away again."""
+    bridges = set()
+    if len(daemons()) == len(DAEMONS):
+        bridges = set(run("ovs-vsctl", "--timeout=60", "list-br").split())
+    return {
+        "bridges": bridges,
+        "daemons": set(daemons()),
+        "interfaces": set(os.listdir("/sys/class/net")) - {"ovs-netdev"},
+        "folders": {path.name for path in Path("/run/qmn").glob("*") if path.is_dir()},
+        "programs": {
+            f"{process.pid} {' '.join(process.command)[:100]}"
+            for process in processes()
+            if any(word in " ".join(process.command) for word in ("mininet:", "/run/qmn/"))
+            or process.command[:1] == ("tcpdump",)
+        },
+        "namespaces": {
+            line.split()[0] for line in run("lsns", "-t", "net", "-n", "-o", "NS").splitlines()
+        },
+    }
+
+
+def left(before: dict[str, set[str]]) -> list[str]:
+    """Return what is there that was not before, or is no longer, when all has settled."""
+    deadline = time.monotonic() + SETTLE_S
+    while (now := things()) != before and time.monotonic() < deadline:
+        time.sleep(0.1)
+    return [
+        f"{kind}: {', '.join(sorted(now[kind] ^ before[kind]))}"
+        for kind in now
+        if now[kind] != before[kind]
+    ]

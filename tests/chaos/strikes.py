@@ -1,0 +1,121 @@
+"""What is struck, and how: any process of a run, a daemon of Open vSwitch, a fibre, the runner."""
+
+import os
+import re
+import signal
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from random import Random
+
+import machine
+
+SIGNALS = (
+    signal.SIGKILL,
+    signal.SIGKILL,
+    signal.SIGTERM,
+    signal.SIGTERM,
+    signal.SIGSTOP,
+    signal.SIGSEGV,
+)
+TO_RUNNER = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL)
+ROLES = (  # a pattern of the command line, and the name that a run gives to what matches
+    (r"-m dispatcher ", "dispatcher"),
+    (r"-m controller_apps ", "c0"),
+    (r"-m qswitch_agent .*/(\S+-agent)\.json", r"\1"),
+    (r"-m hosts --config \S*/(\w+)\.json", r"\1"),
+    (r"-m copper ", "copper"),
+    (r"-m hosts\.applications\.(receive)", "receiver"),
+    (r"-m hosts\.applications\.(send)", "sender"),
+    (r"-m hosts\.applications\.service .*--options", "asking"),
+    (r"-m hosts\.applications\.service ", "asked"),
+    (r"^tcpdump .*-i (\S+)", "tcpdump"),
+    (r"mininet:(\S+)", r"\1"),
+)
+
+
+@dataclass(frozen=True)
+class Strike:
+    """One strike that was made."""
+
+    target: str  # kind and name
+    how: str
+    names: tuple[str, ...]  # one of which the cause is to have; none: nothing need fail
+    ends: bool = False  # whether the run ends by it without clean-up, as a killed runner
+    stalls: bool = False  # whether it leaves a peer that does not answer
+
+
+def strike(runner: int, random: Random) -> Strike | None:
+    """Strike something of a run that is there now; None if there is nothing yet."""
+    kinds: list[tuple[int, Callable[[int, Random], Strike | None]]] = [
+        (12, process),
+        (3, daemon),
+        (3, the_runner),
+        (3, fiber),
+    ]
+    weights = [weight for weight, _kind in kinds]
+    (kind,) = random.choices([kind for _weight, kind in kinds], weights)
+    return kind(runner, random) or process(runner, random)
+
+
+def process(runner: int, random: Random) -> Strike | None:
+    """Strike one of the programs and shells of the run."""
+    found = sorted(
+        (name, each.pid)
+        for each in machine.descendants(runner)
+        if (name := _role(" ".join(each.command)))
+    )
+    if not found:
+        return None
+    name, pid = random.choice(found)
+    return _sent(name, pid, random.choice(SIGNALS))
+
+
+def _role(command: str) -> str:
+    for pattern, name in ROLES:
+        if matched := re.search(pattern, command):
+            return matched.expand(name)
+    return ""
+
+
+def _sent(name: str, pid: int, number: signal.Signals) -> Strike | None:
+    try:
+        os.kill(pid, number)
+    except ProcessLookupError:
+        return None
+    return Strike(name, number.name, (name,), stalls=number == signal.SIGSTOP)
+
+
+def daemon(_runner: int, random: Random) -> Strike | None:
+    """Strike a daemon of Open vSwitch, or what watches over it, whose end changes nothing."""
+    found = sorted(machine.daemons().items())
+    watching = sorted(machine.monitors().items())
+    if watching and random.random() < 0.2:
+        name, pid = random.choice(watching)
+        os.kill(pid, signal.SIGKILL)
+        return Strike(name, "SIGKILL", ())
+    if not found:
+        return None
+    name, pid = random.choice(found)
+    return _sent(name, pid, random.choice(SIGNALS))
+
+
+def the_runner(runner: int, random: Random) -> Strike | None:
+    """Ask the runner to end, or kill it."""
+    number = random.choice(TO_RUNNER)
+    try:
+        os.kill(runner, number)
+    except ProcessLookupError:
+        return None
+    return Strike("runner", number.name, ("interrupted",), ends=number == signal.SIGKILL)
+
+
+def fiber(_runner: int, random: Random) -> Strike | None:
+    """Cut a fibre, at a quantum switch; a run may find another way, or say why it does not."""
+    names = sorted(path.name for path in Path("/sys/class/net").iterdir())
+    fibers = [name for name in names if re.fullmatch(r"q\d+-eth([2-9]|\d\d)", name)]
+    if not fibers:
+        return None
+    name = random.choice(fibers)
+    machine.run("ip", "link", "set", name, "down")
+    return Strike(f"fibre {name}", "down", (), stalls=True)

@@ -1,0 +1,34 @@
+"""A switch that is stopped and started again, as by `switch q1 stop` in the command line."""
+
+from pathlib import Path
+
+import pytest
+from conftest import wait_until
+
+from qmn.jobs.transfer import TransferError
+from qmn.scripting.network import QuantumNetwork, start
+from topologies import openvswitch
+
+
+def sends(network: QuantumNetwork) -> bool:
+    """Whether bytes get through now."""
+    try:
+        return network.send("alice", "bob", b"light").data == b"light"
+    except TransferError:
+        return False
+
+
+@pytest.mark.parametrize("name", ["q1", "s1"])
+def test_a_switch_that_was_stopped_can_be_started_again(tmp_path: Path, name: str) -> None:
+    with start("sdc", tmp_path) as network:
+        switch = network.net.get(name)
+        switch.stop(deleteIntfs=False)
+        assert name not in openvswitch.bridges()
+        network.check()  # its agent's end is no fault
+        if name == "q1":
+            with pytest.raises(TransferError, match="no light path"):
+                network.send("alice", "bob", b"dark")
+        switch.start(network.net.controllers)
+        assert name in openvswitch.bridges()
+        wait_until(lambda: sends(network), "light again", 30)
+        network.check()

@@ -1,0 +1,54 @@
+"""Says, now and then, how far the tests are and how long the rest takes: a plug-in of pytest."""
+
+import time
+from collections.abc import Sequence
+
+import pytest
+
+EVERY_S = 15.0
+
+
+def left(done: int, total: int, elapsed_s: float) -> str:
+    """Return in words how long the rest takes, if it goes on as it did until now."""
+    rest_s = elapsed_s / done * (total - done)
+    return f"{rest_s / 60:.0f} min" if rest_s > 90 else f"{rest_s:.0f} s"
+
+
+class Progress:
+    """Counts tests that are done, wherever they run."""
+
+    def __init__(self, config: pytest.Config) -> None:
+        self._config = config
+        self._total = self._done = 0
+        self._began_s = self._told_s = time.monotonic()
+
+    def pytest_collection_finish(self, session: pytest.Session) -> None:
+        """Take the number of tests that this process runs."""
+        self._begin(len(session.items))
+
+    @pytest.hookimpl(optionalhook=True)
+    def pytest_xdist_node_collection_finished(self, ids: Sequence[str]) -> None:
+        """Take the number of tests that the workers share."""
+        self._begin(len(ids))
+
+    def _begin(self, total: int) -> None:
+        self._total = max(self._total, total)
+        self._began_s = self._told_s = time.monotonic()
+
+    def pytest_runtest_logfinish(self) -> None:
+        """Count one, and tell if it is time."""
+        self._done += 1
+        now_s = time.monotonic()
+        if now_s - self._told_s < EVERY_S:
+            return
+        self._told_s = now_s
+        reporter = self._config.pluginmanager.get_plugin("terminalreporter")
+        if reporter is not None and self._done < self._total:
+            rest = left(self._done, self._total, now_s - self._began_s)
+            reporter.write_line(f" {self._done:,} of {self._total:,} tests, about {rest} left")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Watch the run; a worker of pytest-xdist leaves that to who started it."""
+    if not hasattr(config, "workerinput"):
+        config.pluginmanager.register(Progress(config))

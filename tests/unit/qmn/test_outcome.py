@@ -1,0 +1,90 @@
+"""What a person, and a program that asks for the status, are told of a run."""
+
+import argparse
+import json
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from qmn.jobs import superdense
+from qmn.results.result import complete, show
+from topologies.network import Signals
+
+
+def begin(folder: Path, received: bytes | None) -> dict[str, Any]:
+    (folder / "message").write_bytes(b"two bits")
+    if received is not None:
+        (folder / "received").write_bytes(received)
+    return {"file": str(folder / "message")}
+
+
+def shown(folder: Path, **facts: Any) -> list[str]:
+    """Return the lines that a person reads of a run with these facts."""
+    known = begin(folder, facts.pop("received", b"two bits"))
+    known["sender"] = {
+        "bell_pairs": 12_345,
+        "lost_pairs": 6_789,
+        "received_symbols": 5_000,
+        "symbol_errors": 20,
+        "repeated_frames": 31,
+        "elapsed_s": 2.0,
+    }
+    complete(known, folder)
+    said: dict[str, Any] = {
+        "backend": "chp",
+        "exact": True,
+        "events": False,
+        "timeline": "t",
+        "report": "r",
+    }
+    said["time_scale"] = 1.0
+    text = StringIO()
+    show(Console(file=text, width=200), {**known, **said, "captures": True, **facts}, folder)
+    return [" ".join(line.split()) for line in text.getvalue().splitlines()]
+
+
+def test_a_person_is_told_what_was_lost_and_what_was_missed(tmp_path: Path) -> None:
+    lines = shown(tmp_path, packets_not_captured=4_321)
+    assert {
+        "message 8 bytes, delivered exactly",
+        "Bell pairs used 12,345",
+        "pairs lost 6,789",
+        "symbol error rate 0.004",
+        "repeated frames 31",
+        "pairs/s 6,172 (2.00 s)",
+        f"captures {tmp_path}/*.pcap, 4,321 packets missed",
+    } <= set(lines)
+
+
+@pytest.mark.parametrize("received", [None, b"two bit!", b"two bits "])
+def test_a_person_is_told_what_was_not_delivered(tmp_path: Path, received: bytes | None) -> None:
+    assert "message 8 bytes, NOT DELIVERED" in shown(tmp_path, received=received)
+
+
+@pytest.mark.parametrize(("received", "status"), [(b"two bits", 0), (b"two bit!", 1), (None, 1)])
+def test_the_status_is_that_of_the_bytes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, received: bytes | None, status: int
+) -> None:
+    """Whatever a network leaves behind: a real one does not leave wrong bytes."""
+
+    def leave(arguments: Any, folder: Path, facts: dict[str, Any], *_others: Any) -> None:
+        assert arguments.message == "two bits"
+        facts["time_scale"] = 1.0
+        if received is not None:
+            (folder / "received").write_bytes(received)
+
+    monkeypatch.setattr(superdense, "run_network", leave)
+    monkeypatch.setattr(superdense, "require_root", lambda: None)
+    parser = argparse.ArgumentParser()
+    superdense.add_parsers(parser.add_subparsers())
+    words = ["sdc", "--message", "two bits", "--runs", str(tmp_path / "runs")]
+    text = StringIO()
+    with Signals() as signals:
+        console = Console(file=text, width=200)
+        assert superdense.run(parser.parse_args(words), signals, console) == status
+    assert ("delivered exactly" in text.getvalue()) == (status == 0)
+    result = json.loads((tmp_path / "runs" / "latest" / "result.json").read_text())
+    assert result["delivered"] is (status == 0)

@@ -1,0 +1,81 @@
+"""Curves of `make curves` in small, against closed forms that are written out here.
+
+CHSH of Werner pairs is 2 sqrt 2 (4F - 1)/3 (Horodecki et al. 1995), Hong-Ou-Mandel coincidences of
+Gaussian spectra are 1/2 (1 - V exp(-(sigma tau)^2)). Bounds are five standard errors of these.
+"""
+
+from math import sqrt
+
+import pytest
+
+from qmn.sweeps import theory
+from qmn.sweeps.catalogue import EXPERIMENTS, measure
+from qmn.sweeps.estimates import Estimate
+from qmn.sweeps.parameters import Value, Values
+from qmn.sweeps.running import disagreements
+
+SEED = 5
+PAIRS = 20_000
+
+
+def measured(experiment: str, name: str, **given: Value) -> float:
+    """Return a measure of an experiment at a point."""
+    return measure(experiment, complete(experiment, given), SEED)[name][0]
+
+
+def complete(experiment: str, given: Values) -> Values:
+    return EXPERIMENTS[experiment].complete({"pairs": PAIRS, **given})
+
+
+@pytest.mark.parametrize(
+    ("fidelity", "s"),
+    [(1.0, 2.828427), (0.9, 2.451304), (0.78, 1.998755), (0.5, 0.942809), (0.25, 0.0)],
+)
+def test_s_of_werner_pairs(fidelity: float, s: float) -> None:
+    """Each of four correlations is +-S/4, of a quarter of the pairs; S has a sign."""
+    sigma = sqrt(4 * (1 - (s / 4) ** 2) / (PAIRS / 4))
+    assert abs(measured("chsh", "chsh", fidelity=fidelity) - s) < 5 * sigma
+    assert theory.chsh(fidelity) == pytest.approx(s, abs=1e-6)
+
+
+@pytest.mark.parametrize("s", [2.0, 2.3, -2.828427, 3.5])
+def test_an_s_that_breaks_the_inequality_is_not_enough(s: float) -> None:
+    """Perfect pairs must give 2.828, not just anything above 2."""
+    values = complete("chsh", {"fidelity": 1.0})
+    (text,) = disagreements(EXPERIMENTS["chsh"], [(values, {"chsh": Estimate(s, 0.01)})])
+    assert text.startswith("chsh at ")
+    assert text.endswith("theory 2.82843")
+    near = {"chsh": Estimate(2.79, 0.01)}
+    assert disagreements(EXPERIMENTS["chsh"], [(values, near)]) == []
+
+
+@pytest.mark.parametrize(
+    ("delay_ps", "visibility", "coincidences"),
+    [
+        (0.0, 1.0, 0.0),
+        (0.5, 1.0, 0.110600),
+        (-0.5, 1.0, 0.110600),
+        (1.0, 1.0, 0.316060),
+        (2.0, 1.0, 0.490842),
+        (1.0, 0.7, 0.371242),
+        (0.0, 0.7, 0.15),
+    ],
+)
+def test_photons_that_come_apart_coincide(
+    delay_ps: float, visibility: float, coincidences: float
+) -> None:
+    """At a bandwidth of 1e12 rad/s; without the square it would be 0.1967 at half a picosecond."""
+    found = measured("hom", "coincidences", delay_ps=delay_ps, visibility=visibility)
+    assert abs(found - coincidences) <= 5 * sqrt(coincidences * (1 - coincidences) / PAIRS)
+    assert theory.coincidences(delay_ps * 1e-12, visibility, 1e12) == pytest.approx(
+        coincidences, abs=1e-6
+    )
+
+
+@pytest.mark.parametrize(
+    ("slots", "every"), [(0.0, 1), (0.5, 1), (1.0, 1), (1.5, 2), (2.0, 2), (2.5, 3), (3.0, 3)]
+)
+def test_a_dead_time_ends_within_a_slot_and_its_pulse_is_not_seen(slots: float, every: int) -> None:
+    """One pulse in 10 ns, in a train that begins with one that is seen."""
+    seen = measured("dead-time", "clicks", dead_time_s=slots * 1e-8, pairs=1_002)
+    assert seen == pytest.approx(1 / every, abs=1e-12)

@@ -1,0 +1,32 @@
+"""What a network keeps on the machine."""
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from topologies import runtime
+from topologies.owners import this_process
+from topologies.runtime import Runtime
+
+
+@pytest.fixture
+def _no_umask() -> Iterator[None]:
+    """Let files have the modes that they are made with."""
+    before = os.umask(0)
+    yield
+    os.umask(before)
+
+
+@pytest.mark.usefixtures("_no_umask")
+def test_nobody_else_reads_the_folder_of_tokens_and_keys(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(runtime, "RUNTIME_ROOT", tmp_path / "qmn")
+    network = Runtime()
+    folder = Path(network.socket("dispatcher")).parent
+    assert folder == tmp_path / "qmn" / str(this_process())
+    assert folder.stat().st_mode & 0o777 == 0o700
+    keys = Path(network.key_folder("alice")).parent
+    assert keys.stat().st_mode & 0o777 == 0o700

@@ -1,0 +1,46 @@
+"""Keywords of nodes and links: one that nobody takes is refused by name, and not swallowed.
+
+Mininet hands every keyword on and drops those that nobody knows, so that a slip of the pen would
+start another network than the one that was described.
+"""
+
+import inspect
+from collections.abc import Iterable, Iterator
+from difflib import get_close_matches
+
+from wire.physics import BadParameter
+
+# What Mininet passes or looks up without naming it in a signature.
+FROM_MININET = {"name", "cls", "isSwitch", "privateDirs", "waitExited", "cores", "intfName"}
+NAMED = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
+
+
+def refuse_unknown(
+    where: str, given: Iterable[str], *kinds: type, also: Iterable[str] = ()
+) -> None:
+    """Raise BadParameter for keywords that none of these classes takes to be made or configured.
+
+    `also` are others that are known. The error names those that are not Mininet's, if any are.
+    """
+    own = [each for kind in kinds for each in kind.__mro__ if not _is_mininets(each)]
+    ours = {*also, *_taken(own)}
+    known = {*ours, *FROM_MININET, *_taken(each for kind in kinds for each in kind.__mro__)}
+    for name in sorted(set(given) - known):
+        nearest = get_close_matches(name, known, 1)
+        remedy = f"did you mean {nearest[0]}? " if nearest else ""
+        choices = sorted((ours or known) - {"name", "node1", "node2"})
+        raise BadParameter(f"{where} has no {name}: {remedy}choose of {', '.join(choices)}")
+
+
+def _is_mininets(kind: type) -> bool:
+    return kind.__module__.split(".")[0] == "mininet"
+
+
+def _taken(kinds: Iterable[type]) -> Iterator[str]:
+    """Yield the keywords that classes name in their own signatures."""
+    for each in kinds:
+        for function in ("__init__", "config"):
+            method = vars(each).get(function)
+            if inspect.isfunction(method):
+                parameters = [*inspect.signature(method).parameters.values()][1:]
+                yield from (one.name for one in parameters if one.kind in NAMED)
