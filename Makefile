@@ -70,6 +70,8 @@ types: setup ## Check types
 
 unit: setup browser ## Run the unit tests (no root)
 	$(PYTEST) $(IN_PARALLEL) tests/unit
+	@echo 'unit: handlers of the controller on os-ken, too: a process loads one framework'
+	QMN_CONTROLLER_FRAMEWORK=os-ken $(PYTEST) tests/unit/controller_apps/handlers
 
 emulation: setup ## Run the emulation tests (root, Open vSwitch)
 	$(AS_ROOT) $(PYTEST) $(APART) tests/emulation

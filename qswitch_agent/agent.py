@@ -6,7 +6,7 @@ from qswitch_agent.bridge import Commands, Monitor
 from qswitch_agent.hardware.optics import OpticalHardware
 from qswitch_agent.light_paths import LightPaths
 from qswitch_agent.openflow.ports import Port
-from qswitch_agent.proxy.proxy import Address, Proxy
+from qswitch_agent.proxy.proxy import Address, Programs, Proxy, Server
 from qswitch_agent.proxy.replies import HOLD_DEADLINE_S
 from qswitch_agent.supervision import SupervisoryChannels
 from qswitch_agent.switch import Switch
@@ -29,17 +29,19 @@ class Agent:
             self._monitor.synchronise,
             self._commands.delete,
         )
-        host, port = address(config.listen)
         hold_s = config.time.wall_s(HOLD_DEADLINE_S)
-        self._proxies = [
-            (Proxy(address(controller), self._switch, hold_s), (host, port + number))
+        self._servers: list[tuple[Server, str]] = [
+            (Proxy(address(controller), self._switch, hold_s), config.listening(number))
             for number, controller in enumerate(config.controllers)
         ]
+        if config.programs:
+            programs = Programs(config.management, self._switch, hold_s)
+            self._servers.append((programs, config.programs))
 
     async def run(self, stop: asyncio.Event) -> None:
         """Serve until stop is set, and say `ready` on stdout when the light paths stand.
 
-        Controller i of the configuration is served on the listening port + i. Raise an
+        Controller i of the configuration is served where AgentConfig.listening says. Raise an
         exception group with a BridgeFault, HardwareFault or BadConfig if the agent cannot
         go on; held replies are answered before.
         """
@@ -60,8 +62,8 @@ class Agent:
                 for task in tasks:
                     task.cancel()
         finally:
-            for proxy, _listen in self._proxies:
-                await proxy.close()
+            for server, _listen in self._servers:
+                await server.close()
             self._monitor.close()
             self._commands.close()
             self._channels.close()
@@ -72,12 +74,12 @@ class Agent:
         await self._monitor.synchronise()
         await self._commands.barrier()  # no packet goes into a fibre from here on
         await self._paths.ready()
-        for proxy, listen in self._proxies:
+        for server, listen in self._servers:
             try:
-                await proxy.serve(listen)
+                await server.serve(listen if listen.startswith("/") else address(listen))
             except OSError as error:
                 raise BadConfig(
-                    f"cannot listen on {listen[0]}:{listen[1]}: {error.strerror}; "
+                    f"cannot listen on {listen}: {error.strerror}; "
                     "end the program that has this port, or name another one"
                 ) from error
         print("ready", flush=True)

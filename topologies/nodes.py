@@ -431,12 +431,13 @@ class OpticalSwitch(ClassicalSwitch):
         if self.program is not None:
             return
         network, commanding = self.network, self._controllers(controllers)
-        self._ports = range(port := runtime.free_port(len(commanding)), port + len(commanding))
         config = AgentConfig(
             switch=self.name,
-            listen=f"127.0.0.1:{port}",
+            # Open vSwitch connects to Unix sockets of its own folder alone.
+            listen=str(openvswitch.agent_socket(self.name)),
             controllers=commanding,
-            management=str(openvswitch.RUN_FOLDER / f"{self.name}.mgmt"),
+            management=network.socket(f"{self.name}-bridge"),
+            programs=str(openvswitch.RUN_FOLDER / f"{self.name}.mgmt"),
             dispatcher=network.socket(DISPATCHER),
             token=network.token(self.name),
             fiber_ports=sorted(
@@ -449,6 +450,9 @@ class OpticalSwitch(ClassicalSwitch):
             hardware_ports=self.hardware_ports,
         )
         super().start([])
+        # Who asks for the bridge by name, as ovs-ofctl does, comes to the agent.
+        Path(config.programs).replace(config.management)
+        self._targets = [f"unix:{config.listening(number)}" for number in range(len(commanding))]
         self.cmd(f"sysctl -qw net.ipv6.conf.{self.name}.disable_ipv6=1")
         for program in network.programs:
             if program.name == DISPATCHER:  # the agent asks it at once
@@ -466,14 +470,14 @@ class OpticalSwitch(ClassicalSwitch):
         self.program.wait_for("ready", READY_TIMEOUT_S)
         create = [
             word
-            for port in self._ports
+            for number, target in enumerate(self._targets)
             for word in (
-                *("--", f"--id=@c{port}", "create", "Controller"),
-                f'target="tcp:127.0.0.1:{port}"',
+                *("--", f"--id=@c{number}", "create", "Controller"),
+                f'target="{target}"',
                 f"max_backoff={RECONNECT_MS}",  # Open vSwitch's own is 8 s
             )
         ]
-        rows = ",".join(f"@c{port}" for port in self._ports)
+        rows = ",".join(f"@c{number}" for number in range(len(self._targets)))
         openvswitch.vsctl(*create[1:], "--", "set", "bridge", self.name, f"controller=[{rows}]")
 
     def _controllers(self, given: list[Controller]) -> list[str]:
@@ -498,6 +502,7 @@ class OpticalSwitch(ClassicalSwitch):
             self.network.programs.remove(self.program)
             self.program.stop()
             self.program = None
+            openvswitch.remove_agent_sockets(self.name)
 
 
 @dataclass(frozen=True)

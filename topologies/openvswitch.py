@@ -204,12 +204,25 @@ def delete(*names: str) -> None:
             f"bridges {', '.join(sorted(names))} stay, as {DATABASE} does not run: {RESTART}; the "
             "next run removes them then, and so does `qmn clean`"
         )
+    for name in names:
+        remove_agent_sockets(name)
     if _answers(daemons(), SWITCH_DAEMON):
         vsctl(*words)
         return
     vsctl("--no-wait", *words)
     for name in names:
         delete_interface(name)
+
+
+def agent_socket(bridge: str) -> Path:
+    """Return where the agent of a quantum switch listens: one socket a controller, numbered."""
+    return RUN_FOLDER / f"{bridge}.agent"
+
+
+def remove_agent_sockets(bridge: str) -> None:
+    """Remove what an agent that has ended has left."""
+    for left in RUN_FOLDER.glob(f"{bridge}.agent[0-9]*"):
+        left.unlink(missing_ok=True)
 
 
 def delete_interface(name: str) -> None:

@@ -43,7 +43,7 @@ PRESETS = {
             "kind": "smf",
             "length_km": 5.0,
             "connectors_db": 0.5,
-            "drift_rad_per_sqrt_km": 0.05,
+            "polarization_drift_rad_per_sqrt_km": 0.05,
             "temperature_walk_k_per_sqrt_s": 0.001,
         },
         device=Device(source=PairSource(fidelity=0.95), detectors=NANOWIRES),

@@ -212,7 +212,7 @@ class AgentConfig(MeasuredConfig):
     """One quantum switch: its bridge on one side, controller and dispatcher on the other."""
 
     switch: str
-    listen: str  # where the bridge connects to: "127.0.0.1:16653"
+    listen: str  # where the bridge connects to: "127.0.0.1:16653", or a path for Unix sockets
     controllers: list[str]  # "127.0.0.1:6653"
     management: str  # path of the bridge's management socket (…/q1.mgmt)
     dispatcher: str  # path of the dispatcher's unix socket
@@ -221,6 +221,12 @@ class AgentConfig(MeasuredConfig):
     hardware: str = ""  # empty: the simulated switch; or "scpi://192.0.2.7:5025"
     # scpi: OpenFlow port number to the numbers of its [ingress, egress] at the instrument
     hardware_ports: dict[str, list[int]] = field(default_factory=dict)
+    programs: str = ""  # path of a Unix socket for ovs-ofctl and the like; empty: none
+
+    def listening(self, number: int) -> str:
+        """Return where the bridge connects to for a controller, by its number."""
+        host, colon, port = self.listen.rpartition(":")
+        return f"{host}:{int(port) + number}" if colon else f"{self.listen}{number}"
 
 
 @dataclass(frozen=True)

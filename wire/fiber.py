@@ -18,8 +18,8 @@ SPEED_IN_FIBER_M_PER_S = 2.04e8  # group index 1.468
 #   .0316 = sin^2(angle / 2) after 1 km.
 KINDS: dict[str, dict[str, float]] = {
     "ideal": {},
-    "smf": {"loss_db_per_km": 0.2, "drift_rad_per_sqrt_km": 3.14, "drift_time_s": 100.0},
-    "pm": {"loss_db_per_km": 0.5, "drift_rad_per_sqrt_km": 0.36, "drift_time_s": 100.0},
+    "smf": {"loss_db_per_km": 0.2, "polarization_drift_rad_per_sqrt_km": 3.14},
+    "pm": {"loss_db_per_km": 0.5, "polarization_drift_rad_per_sqrt_km": 0.36},
     "custom": {},
 }
 
@@ -42,9 +42,13 @@ class FiberOptics:
     connectors_db: float = parameter(0.0, 0.0, 100.0)  # of all connectors and splices together
     depolarizing: float = parameter(0.0, 0.0, 1.0)  # probability p: X, Y and Z each with p/4
     dephasing: float = parameter(0.0, 0.0, 1.0)  # probability of Z
-    # Polarisation drift: rms angle, growing as the root of the length, and how long it lasts.
-    drift_rad_per_sqrt_km: float = parameter(0.0, 0.0, 100.0)
-    drift_time_s: float = parameter(100.0, 1e-9, 1e9)
+    # Birefringence turns the polarisation about any axis: rms angle, growing as the root of the
+    # length, and how long it lasts. Qubits of other encodings do not see it.
+    polarization_drift_rad_per_sqrt_km: float = parameter(0.0, 0.0, 100.0)
+    polarization_drift_time_s: float = parameter(100.0, 1e-9, 1e9)
+    # The same of the phase between time bins, a turn about Z.
+    phase_drift_rad_per_sqrt_km: float = parameter(0.0, 0.0, 100.0)
+    phase_drift_time_s: float = parameter(100.0, 1e-9, 1e9)
     # Bursts: depolarising while the fibre is in its bad state, and how often it changes.
     burst_depolarizing: float = parameter(0.0, 0.0, 1.0)
     burst_start_hz: float = parameter(1.0, 0.0, 1e12)  # from good to bad

@@ -13,6 +13,7 @@ from typing import Any, Self
 from wire.features import EMIT, GATE, MEASURE, NOTHING, STORE, Abilities, Feature
 
 BELL_STATES = ("Phi+", "Psi+", "Phi-", "Psi-")  # as Bell measurements number them
+ENCODINGS = ("polarization", "time-bin")
 ANALYSERS = ("complete", "linear", "gates")  # kinds of Bell analysers
 SUM_TOLERANCE = 1e-9  # by which probabilities may miss 1
 
@@ -64,6 +65,7 @@ class PairSource:
     bell_diagonal: tuple[float, ...] | None = None
     jitter_ps: float = parameter(0.0, 0.0, 1e9)  # rms, of the moment of emission
     max_rate_hz: float = parameter(4e9, 1.0, 1e12)  # pulses; more are refused
+    encoding: str = choice(*ENCODINGS)  # of its qubits in light
 
     def check(self, where: str) -> None:
         """Raise BadParameter for what no source is like."""
@@ -150,6 +152,7 @@ class Detectors:
     afterpulse_probability: float = parameter(0.0, 0.0, 1.0)  # of a click, once
     afterpulse_s: float = parameter(1e-7, 1e-12, 1.0)  # mean delay, exponential
     jitter_ps: float = parameter(0.0, 0.0, 1e9)  # rms
+    encoding: str = choice(*ENCODINGS)  # of the qubits that they tell, also for a Bell analyser
 
     def check(self, where: str) -> None:
         """Raise BadParameter for what no detector is like."""

@@ -145,6 +145,10 @@ class QuantumMetadata(App):
         """Return the time of the network, by which sessions go; discovery goes by the wall."""
         return self.time.network_s(time.monotonic())
 
+    @on(ofp_event.EventOFPSwitchFeatures, CONFIG)
+    def switch_named(self, event: Any) -> None:
+        """Be there: whoever poses as a switch is sent away before a handler is called."""
+
     @on(ofp_event.EventOFPStateChange, MAIN, DEAD)
     def switch_changed(self, event: Any) -> None:
         """Take in a switch that has connected, end what used one that is gone."""

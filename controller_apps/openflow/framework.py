@@ -15,6 +15,8 @@ from importlib import import_module
 from types import ModuleType
 from typing import Any, TypeVar, cast
 
+from controller_apps.openflow.speakers import Speakers, owner
+
 VARIABLE = "QMN_CONTROLLER_FRAMEWORK"
 PACKAGES = {"ryu": "ryu", "os-ken": "os_ken"}
 NAME = os.environ.get(VARIABLE, "ryu")
@@ -73,9 +75,21 @@ class App(_App):
         @wraps(handler)
         def guarded(event: Any) -> None:
             with EndOnFault(self.name):
-                handler(event)
+                if speaks_for_its_switch(event):
+                    handler(event)
 
         super().register_handler(event_class, guarded)
+
+
+SPEAKERS = Speakers(DEAD, owner)
+
+
+def speaks_for_its_switch(event: Any) -> bool:
+    """Tell whether an event may be heeded: all may but those of who poses as a switch."""
+    message = getattr(event, "msg", None)
+    datapath = getattr(message or event, "datapath", None)
+    dpid = getattr(message, "datapath_id", None) or getattr(datapath, "id", None)
+    return dpid is None or SPEAKERS.admits(datapath, dpid)
 
 
 class EndOnFault:

@@ -18,3 +18,13 @@ def require(devices: Devices, node: str, *any_of: Feature) -> None:
     if not any(each in features for each in any_of):
         wanted = " or ".join(str(each.name) for each in any_of)
         raise precondition(f"feature {wanted} is needed: {node} {WANTING[any_of[0]]}")
+
+
+def require_encoding(devices: Devices, node: str, encoding: str) -> None:
+    """Refuse unless the detectors of a node tell qubits of this encoding."""
+    own = devices.of(node).detectors.encoding
+    if own != encoding:
+        raise precondition(
+            f"{node} measures {own} qubits, and these are {encoding} qubits: let its "
+            "detectors.encoding be that of the source.encoding"
+        )

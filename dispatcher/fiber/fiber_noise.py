@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 from dispatcher.fiber import custom_noise
 from dispatcher.fiber.classical_light import ClassicalLight
-from dispatcher.fiber.fluctuations import Bursts, PolarizationDrift, ThermalDrift
+from dispatcher.fiber.fluctuations import Bursts, PhaseDrift, PolarizationDrift, ThermalDrift
 from dispatcher.fiber.noise import Dephasing, Depolarizing, Loss, NoiseModel
 from wire.fiber import FiberOptics
 
@@ -28,9 +28,12 @@ def _models(optics: FiberOptics) -> Iterator[NoiseModel]:
         yield Dephasing(optics.dephasing)
     if optics.burst_depolarizing > 0 and optics.burst_start_hz > 0:
         yield Bursts(optics.burst_depolarizing, optics.burst_start_hz, optics.burst_end_hz)
-    drift_rad = optics.drift_rad_per_sqrt_km * math.sqrt(optics.length_km)
+    drift_rad = optics.phase_drift_rad_per_sqrt_km * math.sqrt(optics.length_km)
     if drift_rad > 0:
-        yield PolarizationDrift(drift_rad, optics.drift_time_s)
+        yield PhaseDrift(drift_rad, optics.phase_drift_time_s)
+    turn_rad = optics.polarization_drift_rad_per_sqrt_km * math.sqrt(optics.length_km)
+    if turn_rad > 0:
+        yield PolarizationDrift(turn_rad, optics.polarization_drift_time_s)
     ps_per_k = optics.delay_s * optics.thermal_ppm_per_k * PS_PER_S_AND_PPM
     if ps_per_k * (abs(optics.temperature_slope_k_per_s) + optics.temperature_walk_k_per_sqrt_s):
         yield ThermalDrift(

@@ -12,19 +12,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dispatcher.fiber.noise import Effect, Passage, depolarized
+from dispatcher.fiber.turn import Turn, of_vectors, product
 
 Values = NDArray[np.float64]
 # Continues a process: seconds since the latest value (None: there is none), that value, seconds
 # between new values, and for each of these a normal draw.
 Continue = Callable[[float | None, float, float, Values], Values]
 
+MOST_OF_A_PIECE = 1.0  # rms turn in rad
 STEPS_A_TIME = 64  # how often a process is evaluated in its correlation time
 STEPS_A_BLOCK = 64  # the same for one without
 
 
 @dataclass(frozen=True)
-class PolarizationDrift:
-    """Birefringence turns the polarisation by an angle that wanders: an Ornstein-Uhlenbeck process.
+class PhaseDrift:
+    """The phase between time bins wanders: an Ornstein-Uhlenbeck process.
 
     d(angle) = -angle dt / T + rms sqrt(2 / T) dW: mean 0, the given rms, autocorrelation
     rms^2 exp(-t / T) (Uhlenbeck and Ornstein, Physical Review 36, 823 (1930)). It is evaluated
@@ -48,6 +50,63 @@ class PolarizationDrift:
             values[0] *= np.sqrt(-np.expm1(-2 * gap_s / self.time_s))
             values[0] += latest * np.exp(-gap_s / self.time_s)
         return _accumulate(values, keep)
+
+
+@dataclass(frozen=True)
+class PolarizationDrift:
+    """Birefringence turns the polarisation about any axis: a random walk along the fibre.
+
+    The fibre is cut into n pieces, each of which turns by a vector of three independent normal
+    components that wander as in PhaseDrift; the rms of its length is rms_rad / sqrt(n), at most
+    MOST_OF_A_PIECE. In any basis the polarisation is wrong with (1 - c^n) / 2 on average, with
+    c = (1 + 2 (1 - v) e^(-v / 2)) / 3 and v = rms_rad^2 / 3n: about (1 - e^(-rms_rad^2 / 3)) / 2,
+    half where nothing is left of it. (Foschini and Poole, J. Lightwave Technol. 9, 1439 (1991),
+    have such a walk on the Poincare sphere.) Turns of fibres are composed and become Paulis at
+    the measurement, which is an approximation.
+    """
+
+    rms_rad: float
+    time_s: float
+
+    @property
+    def pieces(self) -> int:
+        """Return n."""
+        return max(int(np.ceil((self.rms_rad / MOST_OF_A_PIECE) ** 2)), 1)
+
+    def effect(self, passage: Passage) -> Effect:
+        """Follow the turn."""
+        schedule, history = passage.schedule, passage.history
+        stride = int(self.time_s / STEPS_A_TIME * 1e9 / schedule.interval_ns)
+        starts = np.arange(0, schedule.photons, min(max(stride, 1), schedule.photons))
+        times_ns = schedule.of(starts)
+        latest_ns = history.latest_ns
+        known = 0 if latest_ns is None else int(times_ns.searchsorted(latest_ns, side="right"))
+        vectors = self._go_on(passage, times_ns[known:])
+        if known:
+            vectors = np.concatenate([history.at(times_ns[:known]), vectors])
+        history.remember(times_ns[known:], vectors[known:])
+        turns = of_vectors(vectors.reshape(starts.size, self.pieces, 3))
+        whole = turns[:, 0]
+        for piece in range(1, self.pieces):
+            whole = product(turns[:, piece], whole)
+        return Effect(turn=Turn(starts, whole), exact=False)
+
+    def _go_on(self, passage: Passage, times_ns: NDArray[np.int64]) -> Values:
+        """Return the components at new times, shape (s, 3n)."""
+        shape = times_ns.size, 3 * self.pieces
+        drawn = passage.generator("step").standard_normal(shape)
+        values: Values = drawn * (self.rms_rad / np.sqrt(3 * self.pieces))
+        if not times_ns.size:
+            return values
+        step_s = float(times_ns[1] - times_ns[0]) / 1e9 if times_ns.size > 1 else 0.0
+        values[1:] *= np.sqrt(-np.expm1(-2 * step_s / self.time_s))
+        latest = passage.history.latest_values
+        if latest is not None:
+            since_ns, held = latest
+            gap_s = (int(times_ns[0]) - since_ns) / 1e9
+            values[0] *= np.sqrt(-np.expm1(-2 * gap_s / self.time_s))
+            values[0] += held * np.exp(-gap_s / self.time_s)
+        return _accumulate(values, float(np.exp(-step_s / self.time_s)))
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dispatcher.fiber.noise_history import NoiseHistory
+from dispatcher.fiber.turn import Turn
 from dispatcher.photon_random import PhotonRandom, Source
 
 Z = 2
@@ -109,6 +110,7 @@ class Effect(NamedTuple):
     paulis: NDArray[np.uint8] | None = None  # 0 I, 1 X, 2 Z, 3 XZ
     # Coherent rotation about the Z axis. Angles add up and become a Pauli at the measurement.
     angles_rad: NDArray[np.float64] | None = None
+    turn: Turn | None = None  # about any axis; turns are composed, and become Paulis too
     delays_ps: NDArray[np.float64] | None = None
     transmission: float = 1.0  # how likely light that is in the same pulse comes through
     exact: bool = True  # whether this is what the physics does, or an approximation of it

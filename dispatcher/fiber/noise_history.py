@@ -30,8 +30,18 @@ class NoiseHistory:
         times_ns, values = self._chunks[-1]
         return int(times_ns[-1]), float(values[-1])
 
+    @property
+    def latest_ns(self) -> int | None:
+        """The time from which the last value holds, None if nothing is remembered."""
+        return int(self._chunks[-1][0][-1]) if self._chunks else None
+
+    @property
+    def latest_values(self) -> tuple[int, Values] | None:
+        """The same as `latest` where a value is an array, shape (c,)."""
+        return (int(self._chunks[-1][0][-1]), self._chunks[-1][1][-1]) if self._chunks else None
+
     def remember(self, times_ns: Times, values: Values) -> None:
-        """Add values at ascending times; one from before the latest holds from there on.
+        """Add values at ascending times, shape (k,) or (k, c); early ones hold from the latest on.
 
         Blocks that pass at the same time may be resolved in any order.
         """
@@ -53,4 +63,4 @@ class NoiseHistory:
         met = slice(max(first - 1, 0), max(last, 1))
         begins = times_ns.searchsorted(since_ns[met])
         begins[0] = 0
-        return np.repeat(values[met], np.diff(begins, append=len(times_ns)))
+        return np.repeat(values[met], np.diff(begins, append=len(times_ns)), axis=0)

@@ -5,14 +5,20 @@ sin^2(.4 / 2) = .0395, where two flips drawn apart would do so with .0197. So th
 until something does not commute with them: a measurement, or a gate other than Z, S, T, RZ, CZ and
 the control of a CX. Then the twirl turns them into Z with probability sin^2(angle / 2), which is
 what a measurement along X or Y sees of them on average over the Pauli frame; not exact.
+
+Rotations about any axis, of polarisation, are composed in the same way, and commute with Paulis
+alone that all photons of a block meet; of Paulis that only some meet between two rotations, errors
+of fibres, memories and gates are taken to come behind both.
 """
 
 from collections.abc import Callable
 from math import pi, sin
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dispatcher.fiber.turn import SIGNS, TRANSPOSED, Turn, product
 from dispatcher.layer.ownership import Block, Pulses
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.draws import Draws
@@ -28,14 +34,13 @@ FLIPS_PHASE = np.uint8(2)
 
 def reflect(pulses: Pulses, paulis: NDArray[np.uint8]) -> None:
     """Bring Paulis, shape (k,), in before the angles: X R(angle) = R(-angle) X."""
-    if pulses.angles_rad is None:
-        return
-    if (paulis & FLIPS_BIT).any():
+    if pulses.angles_rad is not None and (paulis & FLIPS_BIT).any():
         pulses.angles_rad = _turned(pulses.angles_rad, paulis)
 
 
 def twirl(block: Block, sabot: Simulation, draws: Draws) -> None:
     """Turn a block's angles into Paulis, before what does not commute with them."""
+    twirl_turn(block, sabot, draws)
     angles_rad = block.pulses.angles_rad
     if angles_rad is None:
         return
@@ -55,6 +60,7 @@ def twirl_pairs(first: Block, second: Block, outcomes: NDArray[np.uint8], draws:
 
     The angles of a pair add up too: in Phi by their sum, in Psi by their difference.
     """
+    _turn_pairs(first, second, outcomes, draws)
     one, other = first.pulses.angles_rad, second.pulses.angles_rad
     if one is None and other is None:
         return
@@ -70,10 +76,90 @@ def twirl_pairs(first: Block, second: Block, outcomes: NDArray[np.uint8], draws:
     _forget(second)
 
 
+def turn(block: Block, more: Turn | None) -> None:
+    """Let light be turned by a fibre, in addition to what has turned it so far."""
+    if more is not None:
+        block.pulses.turn = more.after(block.pulses.turn)
+
+
+def twirl_turn(block: Block, sabot: Simulation, draws: Draws) -> None:
+    """Turn a block's rotations about any axis into Paulis: X, Y and Z with x^2, y^2 and z^2.
+
+    For a state of one basis that is measured in it, that is exactly what the rotation does.
+    """
+    whole = block.pulses.turn
+    if whole is None:
+        return
+    chances = whole.quaternions[:, 1:] ** 2
+    photons = [(block.register, np.arange(block.register.size), "own")]
+    if block.further is not None:
+        photons.append((block.further.register, block.further.pulses, "further"))
+    for register, pulses, which in photons:
+        place = block.draws_for(f"turn {block.fibers_passed} {which}")
+        random = PhotonRandom(draws, block.name, place, pulses.size)
+        met = random.events("most", float(chances.sum(axis=1).max()))
+        drawn = random.generator("own").random(met.size) * chances.sum(axis=1).max()
+        paulis = np.zeros(pulses.size, dtype=np.uint8)
+        paulis[met] = _chosen(chances[whole.stretch(pulses[met])], drawn)
+        sabot.explain(register, "rotation of the polarisation on the way", paulis)
+        sabot.pauli(register, paulis)
+    block.pulses.turn, block.pulses.exact = None, False
+
+
+class _PairTurns(NamedTuple):
+    """What turns of both halves do to pairs of each Bell state."""
+
+    turn: Turn  # tells the stretches
+    chances: NDArray[np.float64]  # of X, Y and Z; shape (s, 4, 3)
+
+
+def _of_pairs(first: Block, second: Block) -> _PairTurns | None:
+    """Compose the turns of both halves: on Phi+, A and B are A B^T on the first half."""
+    one, other = first.pulses.turn, second.pulses.turn
+    if one is None and other is None:
+        return None
+    none = Turn(np.zeros(1, np.int64), np.array([[1.0, 0.0, 0.0, 0.0]]))
+    mine, theirs = one or none, other or none
+    starts = np.union1d(mine.starts, theirs.starts)
+    left = mine.quaternions[mine.stretch(starts)]
+    right = theirs.quaternions[theirs.stretch(starts)] * TRANSPOSED
+    whole = np.stack([product(left, right * signs) for signs in SIGNS], axis=1)
+    return _PairTurns(Turn(starts, left), whole[..., 1:] ** 2)
+
+
+def _turn_pairs(first: Block, second: Block, outcomes: NDArray[np.uint8], draws: Draws) -> None:
+    """Let turns of both halves of pairs change Bell outcomes, shape (k,), in place."""
+    found = _of_pairs(first, second)
+    if found is None:
+        return
+    most = float(found.chances.sum(axis=-1).max())
+    place = first.draws_for(f"turn {first.fibers_passed} pairs")
+    random = PhotonRandom(draws, first.name, place, first.register.size)
+    met = random.events("most", most)
+    met = met[outcomes[met] != NO_CLICK]
+    chances = found.chances[found.turn.stretch(met), outcomes[met]]
+    outcomes[met] ^= _chosen(chances, random.generator("own").random(met.size) * most)
+    for block in (first, second):
+        block.pulses.turn, block.pulses.exact = None, False
+
+
+def _chosen(chances: NDArray[np.float64], drawn: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """Choose X, XZ, Z or I by chances of the first three, shape (n, 3), and draws from [0, 1)."""
+    which = (drawn[:, None] >= chances.cumsum(axis=1)).sum(axis=1)
+    chosen: NDArray[np.uint8] = np.array([1, 3, 2, 0], np.uint8)[which]
+    return chosen
+
+
 def twirl_further(
     first: Block, second: Block, pulses: Positions, outcomes: NDArray[np.uint8], draws: Draws
 ) -> None:
     """The same for pairs of further photons of these pulses, before the own ones."""
+    if (found := _of_pairs(first, second)) is not None:
+        place = first.draws_for(f"turn {first.fibers_passed} further")
+        random = PhotonRandom(draws, first.name, place, pulses.size)
+        met = np.flatnonzero(outcomes != NO_CLICK)
+        chances = found.chances[found.turn.stretch(pulses[met]), outcomes[met]]
+        outcomes[met] ^= _chosen(chances, random.uniform("own")[met])
     one, other = first.pulses.angles_rad, second.pulses.angles_rad
     if one is None and other is None:
         return

@@ -100,6 +100,7 @@ class Memories:
         waits = _waits(block, start_ns, interval_ns)
         memory = self._devices.of(block.node).memory
         self._software.waited(block.node, block.start_ns, start_ns, memory.decays)
+        drift.twirl_turn(block, self._sabot, self._draws)
         self._damp(block, memory, waits)
         block.start_ns, block.interval_ns = start_ns, interval_ns
         block.first_ns, block.last_ns = start_ns, _time_ns(block, block.register.size - 1)

@@ -7,9 +7,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dispatcher.fiber.turn import Turn
 from dispatcher.layer.used_names import UsedNames
 from dispatcher.refusal import denied, not_found
 from dispatcher.sabot.registers import Register
+from wire.physics import ENCODINGS
 
 CLOSED_SESSIONS = 256  # remembered, for the light that is on its way when they end
 
@@ -36,6 +38,8 @@ class Pulses:
     extras: NDArray[np.uint8] | None = None  # photons in a pulse that are noise, without a state
     delays_ps: NDArray[np.float64] | None = None  # later than the block's rate says
     angles_rad: NDArray[np.float64] | None = None  # coherent rotation about Z so far
+    turn: Turn | None = None  # coherent rotation about any axis so far
+    encoding: str = ENCODINGS[0]
     exact: bool = True  # no approximation so far
 
 

@@ -101,6 +101,7 @@ def gather(picks: Sequence[tuple[Pulses, NDArray[np.uint32]]]) -> Pulses:
         extras=joined([pulses.extras for pulses in every], np.uint8),
         delays_ps=joined([pulses.delays_ps for pulses in every], np.float64),
         angles_rad=joined([pulses.angles_rad for pulses in every], np.float64),
+        encoding=every[0].encoding,
         exact=all(pulses.exact for pulses in every),
     )
 

@@ -109,7 +109,7 @@ class Operations:
             for name, register in zip(names, registers, strict=True)
         ]
         for block in blocks:
-            block.lineage = lineage
+            block.lineage, block.pulses.encoding = lineage, source.encoding
             layer.ownership.add(block)
         if halves == PAIR:
             pairs, told = emit_into(blocks[0], blocks[1], layer)
@@ -146,11 +146,15 @@ class Operations:
         done_ns = layer.clock.now_ns()  # however long it takes to simulate
         layer.take_up(block, *(gate.target for gate in planned if gate.target is not None))
         if values is not None:
+            _let_by(layer, block, values)
             further.pauli(layer.sabot, block, values)
             drift.reflect(block.pulses, values)
             details.insert(0, tally(values, PAULIS))
             errors = gate_noise.after_gate(layer, block, values != gate_noise.IDENTITY)
         for gate in planned:
+            for met in (block, gate.target):
+                if met is not None:
+                    drift.twirl_turn(met, layer.sabot, layer.draws)
             for turned in gate.turned(block):
                 drift.twirl(turned, layer.sabot, layer.draws)
             step = gate.step
@@ -234,6 +238,15 @@ class Operations:
         target = self._layer.ownership.require(block_name(gate.target), node)
         require_pairs(block, target)
         return PlannedGate(name, target)
+
+
+def _let_by(layer: PhysicalLayer, block: Block, paulis: Bytes) -> None:
+    """Bring Paulis in before the turns of a block: these follow one that is the same for all."""
+    turn = block.pulses.turn
+    if turn is not None and (paulis == paulis[0]).all():
+        block.pulses.turn = turn.behind(int(paulis[0]))
+    else:
+        drift.twirl_turn(block, layer.sabot, layer.draws)
 
 
 def require_pairs(first: Block, second: Block) -> None:

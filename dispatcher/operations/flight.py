@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dispatcher.clock import Clock
+from dispatcher.fiber.fluctuations import PhaseDrift, PolarizationDrift
 from dispatcher.fiber.noise import MEMORYLESS, Effect, NoiseModel, Passage, Pattern, Schedule
+from dispatcher.fiber.turn import Turn
 from dispatcher.layer import drift, further, pulses
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.network import Line
@@ -53,6 +55,7 @@ class Beam:
     delay_ns: int = 0  # from its departure to the far end of the fibre that it is in
     noise: NDArray[np.uint8] | None = None  # Paulis that fibres have added up to, shape (k,)
     rotation: int = 0  # Pauli that switches have added up to
+    turn: Turn | None = None  # rotations of polarisation by fibres, behind that Pauli
 
 
 @dataclass(frozen=True)
@@ -64,6 +67,8 @@ class Arrival:
     schedule: Schedule
     fibers_passed: int
     errors: list[int]  # to how many photons X, Z and XZ happened on the way
+    rotation: int = 0
+    turn: Turn | None = None
 
 
 class Flight:
@@ -108,7 +113,8 @@ class Flight:
         turn = Effect(paulis=beam.members * np.uint8(beam.rotation))
         further.meet(self._layer.sabot, block, beam.members, turn, alone=False)
         schedule = self._departure.after(beam.delay_ns)
-        return Arrival(end, beam.members, schedule, beam.fibers_passed, errors)
+        way = end, beam.members, schedule, beam.fibers_passed
+        return Arrival(*way, errors, beam.rotation, beam.turn)
 
     def _cross(self, beam: Beam, switch: OpticalSwitch, in_port: int) -> None:
         """Send a beam on through the switch that it has come to."""
@@ -135,7 +141,10 @@ class Flight:
                 self._layer.sabot.explain(block.register, told, paulis)
                 drift.reflect(block.pulses, paulis)
             end = FiberEnd(switch.name, str(out_port))
-            onward = replace(beam, members=passed.pulses, rotation=beam.rotation ^ rotation)
+            turn = beam.turn.behind(rotation) if beam.turn else None
+            onward = replace(
+                beam, members=passed.pulses, rotation=beam.rotation ^ rotation, turn=turn
+            )
             self._enter(end, onward)
         self._lose(lost, f"in {switch.name}")
         further.darken(self._layer.sabot, block, dark)
@@ -157,6 +166,8 @@ class Flight:
         block = self._block
         schedule = self._departure.after(beam.delay_ns)
         for name, model in line.noise.items():
+            if not _meets(block.pulses.encoding, model):
+                continue
             history = self._layer.history.of_model(line.near.node, line.near.port, name)
             place = block.draws_for(f"fiber {beam.fibers_passed} {name}")
             passage = Passage(self._layer.draws, block.name, place, schedule, history)
@@ -172,6 +183,8 @@ class Flight:
                 drift.reflect(block.pulses, paulis)
                 beam.noise = paulis if beam.noise is None else beam.noise ^ paulis
             pulses.pass_on(block.pulses, beam.members, effect)
+            if effect.turn is not None:
+                beam.turn = effect.turn.after(beam.turn)
             self._pass_further(beam, model, passage, effect)
 
     def _pass_further(
@@ -202,3 +215,10 @@ class Flight:
         if photons.any():
             self._layer.sabot.explain(self._block.register, told, photons)
             self.lost += self._layer.sabot.lose(self._block.register, photons)
+
+
+def _meets(encoding: str, model: NoiseModel) -> bool:
+    """Return whether a noise model changes qubits of an encoding."""
+    if isinstance(model, PolarizationDrift):
+        return encoding == "polarization"
+    return encoding == "time-bin" or not isinstance(model, PhaseDrift)

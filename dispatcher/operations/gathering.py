@@ -16,7 +16,7 @@ import grpc
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.layer import further, pulses
+from dispatcher.layer import drift, further, pulses
 from dispatcher.layer.layer import PhysicalLayer, block_name
 from dispatcher.layer.ownership import Block, BlockName
 from dispatcher.operations import limits
@@ -120,6 +120,8 @@ class Gathering:
 
     def _block(self, node: str, into: BlockName, picked: Sequence[Picked]) -> Block:
         blocks = [block for block, _positions in picked]
+        for block in blocks:
+            drift.twirl_turn(block, self._layer.sabot, self._layer.draws)
         light = pulses.gather([(block.pulses, positions) for block, positions in picked])
         more = further.gather(self._layer.sabot, picked)
         picks = [RegisterPick(block.register, positions) for block, positions in picked]

@@ -38,6 +38,7 @@ class Measurements:
         layer = self._layer
         block = layer.ownership.require(name, node)
         abilities.require(layer.devices, node, MEASURE)
+        abilities.require_encoding(layer.devices, node, block.pulses.encoding)
         size = block.register.size
         if basis not in MeasureRequest.Basis.values():
             raise invalid(f"basis {basis} is unknown; use Z, X or Y")
@@ -45,6 +46,7 @@ class Measurements:
         if bases:
             values = packed("bases", bases, size, 2)
         layer.take_up(block)
+        drift.twirl_turn(block, layer.sabot, layer.draws)
         if values.any():  # a measurement of Z does not see the angles
             drift.twirl(block, layer.sabot, layer.draws)
         feedback = layer.feedback(block)
@@ -67,6 +69,8 @@ class Measurements:
         first, second = (layer.ownership.require(name, node) for name in names)
         require_pairs(first, second)
         abilities.require(layer.devices, node, MEASURE)
+        for block in (first, second):
+            abilities.require_encoding(layer.devices, node, block.pulses.encoding)
         layer.sabot.require_capacity(first.register, [GateStep("CX", second.register)])
         layer.take_up_pair(first, second)
         feedback = layer.feedback(first, second)

@@ -42,6 +42,7 @@ class Resending:
         layer = self._layer
         block = layer.ownership.require(name, node)
         abilities.require(layer.devices, node, MEASURE)
+        abilities.require_encoding(layer.devices, node, block.pulses.encoding)
         size = block.register.size
         values = _bases(bases, size)
         fresh = self._fresh(size)
@@ -86,6 +87,7 @@ class Resending:
     def _take(self, block: Block, chosen: Mask) -> Block:
         """Take photons out of a block, and what is known of their light."""
         layer = self._layer
+        drift.twirl_turn(block, layer.sabot, layer.draws)
         own = pulses.part(block.pulses, chosen)
         part = Block(
             block.name,

@@ -8,7 +8,7 @@ import numpy as np
 
 from dispatcher.devices import abilities
 from dispatcher.fiber.noise import Pattern
-from dispatcher.layer import further, pulses
+from dispatcher.layer import drift, further, pulses
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.ownership import Block, BlockName
 from dispatcher.operations import limits
@@ -144,6 +144,9 @@ class Transport:
         """Put what has arrived at the port, and tell those who wait for it."""
         layer = self._layer
         block.fibers_passed = arrival.fibers_passed
+        if block.pulses.turn is not None:
+            block.pulses.turn = block.pulses.turn.behind(arrival.rotation)
+        drift.turn(block, arrival.turn)
         block.start_ns = arrival.schedule.first_ns
         first, last = np.flatnonzero(further.lit(block))[[0, -1]].tolist()
         block.first_ns = arrival.schedule.time_ns(first)
@@ -169,6 +172,8 @@ class Transport:
             layer.ownership.move(block, node, port)
             return
         layer.take_up(there)
+        for part in (there, block):
+            drift.twirl_turn(part, layer.sabot, layer.draws)
         pulses.unite(there.pulses, block.pulses, further.lit(block))
         layer.sabot.unite(there.register, block.register)
         further.unite(layer.sabot, there, block)

@@ -36,7 +36,7 @@ NOISY_FIBER = FiberOptics(
     connectors_db=0.1,
     depolarizing=0.005,
     dephasing=0.005,
-    drift_rad_per_sqrt_km=0.1,
+    phase_drift_rad_per_sqrt_km=0.1,
     burst_depolarizing=0.2,
     burst_start_hz=100.0,
     burst_end_hz=10_000.0,
@@ -44,14 +44,21 @@ NOISY_FIBER = FiberOptics(
     temperature_walk_k_per_sqrt_s=0.001,
     classical_mw=0.1,
 )
+TURNING_FIBER = FiberOptics(
+    length_km=1.0, loss_db_per_km=1.0, polarization_drift_rad_per_sqrt_km=0.5
+)
+TIME_BINS = Device(source=PairSource(encoding="time-bin"), detectors=Detectors(encoding="time-bin"))
 NOISY_DEVICE = Device(
-    source=PairSource(statistics="poisson", mean_pairs=0.5, fidelity=0.98, jitter_ps=20.0),
+    source=PairSource(
+        statistics="poisson", mean_pairs=0.5, fidelity=0.98, jitter_ps=20.0, encoding="time-bin"
+    ),
     detectors=Detectors(
         efficiency=0.9,
         dark_count_hz=100.0,
         dead_time_s=50e-9,
         afterpulse_probability=0.01,
         jitter_ps=20.0,
+        encoding="time-bin",
     ),
     analyser=BellAnalyser(visibility=0.98, bandwidth_rad_per_s=1e10),
 )
@@ -83,7 +90,8 @@ class Case:
 CASES = (
     Case("physical layer, ideal"),
     Case("  loss and depolarising", FiberOptics(loss_db_per_km=20.0, depolarizing=0.01)),
-    Case("  every noise of fibres", NOISY_FIBER),
+    Case("  polarisation turned", TURNING_FIBER),
+    Case("  every noise of fibres", NOISY_FIBER, TIME_BINS),
     Case("  every noise on", NOISY_FIBER, NOISY_DEVICE, NOISY_SWITCH),
     Case(
         "  the same and crosstalk",

@@ -39,7 +39,7 @@ class NetworkOptions(TypedDict, total=False):
     loss_db_per_km: float
     depolarizing: float
     kind: str
-    fiber: list[str]  # as drift_time_s=10
+    fiber: list[str]  # as burst_end_hz=10
     node: list[str]  # as ion-trap, or bob=ion-trap
     device: list[str]  # as bob.detectors.efficiency=0.8
     switches: int
@@ -78,7 +78,7 @@ def add_network_options(parser: argparse.ArgumentParser) -> None:
     add("--depolarizing", type=float, metavar="P", help=text)
     text = f"{what_of}: standard or polarisation-maintaining"
     add("--kind", choices=list(KINDS), help=text)
-    text = f"a parameter {what_of}, as drift_time_s=10 (repeatable; docs/physical-layer.md)"
+    text = f"a parameter {what_of}, as burst_end_hz=10 (repeatable; docs/physical-layer.md)"
     add("--fiber", action="append", default=[], metavar="NAME=VALUE", help=text)
     kinds = " or ".join(NODE_KINDS)
     text = f"what all hosts are, or one: {kinds} (repeatable; docs/nodes.md)"

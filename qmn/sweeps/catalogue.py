@@ -10,6 +10,7 @@ from qmn.sweeps.gated_bell import GATED_BELL
 from qmn.sweeps.interference import HOM
 from qmn.sweeps.multi_pair import MULTI_PAIR
 from qmn.sweeps.parameters import Values
+from qmn.sweeps.polarization import POLARIZATION
 from qmn.sweeps.seeds import point_seed
 from qmn.sweeps.superdense import SUPERDENSE
 from qmn.sweeps.teleportation import SWAP, TELEPORT
@@ -30,6 +31,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         FRESH_OUTCOMES,
         MULTI_PAIR,
         WEAK_PULSES,
+        POLARIZATION,
     )
 }
 

@@ -311,4 +311,24 @@ SHEETS = (
             )
         ],
     ),
+    Sheet(
+        "polarization",
+        "polarization",
+        {
+            "length_km": [0.1, 1.0, 2.0, 5.0, 10.0],
+            "polarization_drift_rad_per_sqrt_km": [0.05, 0.3, 1.0],
+            "pairs": 60_000,
+        },
+        [
+            Curve(
+                f"polarization-{basis}",
+                f"Polarisation behind a fibre, error in {basis.upper()}",
+                "length_km",
+                "length of the fibre (km)",
+                basis,
+                by=["polarization_drift_rad_per_sqrt_km"],
+            )
+            for basis in ("z", "x")
+        ],
+    ),
 )

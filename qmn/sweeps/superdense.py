@@ -31,7 +31,7 @@ EFFICIENCY = "detectors_efficiency"
 PHASE_NOISE = ("dephasing", "analyser_visibility")
 PAULI_NOISE = (
     *("depolarizing", *PHASE_NOISE, "source_fidelity"),
-    *("drift_rad_per_sqrt_km", "drift_time_s"),
+    *("polarization_drift_rad_per_sqrt_km", "polarization_drift_time_s"),
     *("burst_depolarizing", "burst_start_hz", "burst_end_hz"),
 )
 FEC = Parameter("fec", "none", choices=tuple(NAMES))

@@ -137,6 +137,19 @@ def key_without_decoys(mean: float, mean_seen: float) -> float:
     return max(0.0, gain(mean_seen) - several) / 2
 
 
+def birefringence_error(rms_rad: float) -> float:
+    """Return how often a basis is told wrongly behind n random turns, of this rms altogether.
+
+    Each is by a normal vector with variance v for every component, and leaves
+    (1 + 2 (1 - v) e^(-v / 2)) / 3 of a direction on the Bloch sphere. In the limit of many small
+    ones the error is (1 - e^(-rms^2 / 3)) / 2.
+    """
+    turns = max(math.ceil(rms_rad**2), 1)
+    v = rms_rad**2 / (3 * turns)
+    left = (1 + 2 * (1 - v) * math.exp(-v / 2)) / 3
+    return (1 - left**turns) / 2
+
+
 def swapped_fidelity(first: float, second: float) -> float:
     """Return the fidelity of the pair that swapping makes of two Werner pairs."""
     return first * second + (1 - first) * (1 - second) / 3

@@ -1,4 +1,4 @@
-"""Serves the bridge's connections to one controller, message by message.
+"""Serves the connections between the bridge and controllers, message by message.
 
     bridge --- agent --- controller
 
@@ -13,6 +13,7 @@ import logging
 import time
 from asyncio import StreamReader, StreamWriter
 from collections.abc import Coroutine
+from pathlib import Path
 from typing import Any
 
 from qswitch_agent.bridge import BridgeFault
@@ -30,25 +31,30 @@ CLOSE_DEADLINE_S = 0.5
 log = logging.getLogger(__name__)
 
 Address = tuple[str, int]
+Ends = tuple[StreamReader, StreamWriter]
 
 
-class Proxy:
-    """Serves the bridge's connections for one controller."""
+class Server:
+    """Serves connections: each is passed on between the bridge and a controller."""
 
-    def __init__(
-        self, controller: Address, switch: Switch, hold_deadline_s: float = HOLD_DEADLINE_S
-    ) -> None:
+    def __init__(self, switch: Switch, hold_deadline_s: float = HOLD_DEADLINE_S) -> None:
         """Hold each barrier's reply until the switch is ready, or the deadline has passed."""
-        self._controller = controller
         self._switch = switch
         self._hold_deadline_s = hold_deadline_s
         self._server: asyncio.Server | None = None
         self._connections: set[asyncio.Task[None]] = set()
         self._links: set[Link] = set()
 
-    async def serve(self, listen: Address) -> None:
-        """Accept the bridge's connections from now on; raise OSError if the port is taken."""
-        self._server = await asyncio.start_server(self._accept, *listen)
+    async def serve(self, listen: Address | str) -> None:
+        """Accept connections from now on, at an address or at the path of a Unix socket.
+
+        The socket is for this user alone. Raise OSError if the port is taken.
+        """
+        if isinstance(listen, str):
+            self._server = await asyncio.start_unix_server(self._accept, listen)
+            Path(listen).chmod(0o600)
+        else:
+            self._server = await asyncio.start_server(self._accept, *listen)
 
     async def close(self) -> None:
         """Stop, after the replies that wait have had a moment to be decided."""
@@ -68,65 +74,25 @@ class Proxy:
         connection.add_done_callback(self._connections.discard)
 
     async def _connect(self, reader: StreamReader, writer: StreamWriter) -> None:
-        """Connect the bridge to the controller until either of them ends it."""
-        with contextlib.closing(writer):
-            reached = await self._reach_controller(reader)
-            if reached is None:
-                return
-            greeting, controller_reader, controller_writer = reached
-            with contextlib.closing(controller_writer):
-                log.info("bridge and controller %s:%d are connected", *self._controller)
-                link = Link(writer, controller_writer)
-                self._switch.connections.add(link)
-                self._links.add(link)
-                try:
-                    await _first_end(
-                        self._hear(link, greeting, reader),
-                        self._show(link),
-                        self._ask(link, controller_reader),
-                    )
-                finally:
-                    self._links.discard(link)
-                    self._switch.connections.discard(link)
-                    link.close()
+        """Connect whoever has come to the other side, until either of them ends it."""
+        raise NotImplementedError
 
-    async def _reach_controller(
-        self, bridge: StreamReader
-    ) -> tuple[bytes, StreamReader, StreamWriter] | None:
-        """Return what the bridge has said meanwhile, and the connection; None if it left."""
-        said = b""
-        dial = asyncio.create_task(self._dial())
+    async def _pass_on(self, bridge: Ends, controller: Ends, greeting: bytes = b"") -> None:
+        """Pass messages on until one side ends; the bridge has begun with a greeting."""
+        (reader, writer), (controller_reader, controller_writer) = bridge, controller
+        link = Link(writer, controller_writer)
+        self._switch.connections.add(link)
+        self._links.add(link)
         try:
-            while not dial.done():
-                reading = asyncio.create_task(bridge.read(CHUNK))
-                try:
-                    await asyncio.wait({dial, reading}, return_when=asyncio.FIRST_COMPLETED)
-                finally:
-                    reading.cancel()
-                    await asyncio.wait({reading})
-                if not reading.cancelled() and reading.exception() is None:
-                    said += reading.result()
-                if not dial.done() and (bridge.at_eof() or bridge.exception()):
-                    return None
-            return said, *dial.result()
-        except asyncio.CancelledError:
-            if dial.done():
-                dial.result()[1].close()
-            raise
+            await _first_end(
+                self._hear(link, greeting, reader),
+                self._show(link),
+                self._ask(link, controller_reader),
+            )
         finally:
-            dial.cancel()
-
-    async def _dial(self) -> tuple[StreamReader, StreamWriter]:
-        """Connect to the controller, however long it takes to come up."""
-        pause_s = FIRST_RETRY_S
-        while True:
-            try:
-                return await asyncio.open_connection(*self._controller)
-            except OSError as error:
-                if pause_s == FIRST_RETRY_S:
-                    log.warning("waiting for controller %s:%d: %s", *self._controller, error)
-            await asyncio.sleep(pause_s)
-            pause_s = min(2 * pause_s, LAST_RETRY_S)
+            self._links.discard(link)
+            self._switch.connections.discard(link)
+            link.close()
 
     async def _ask(self, link: Link, reader: StreamReader) -> str:
         """Handle what the controller asks for, one message after the other."""
@@ -179,6 +145,88 @@ class Proxy:
             return f"messages to the controller: {error}"
         except (BridgeFault, HardwareFault) as fault:
             return f"what the bridge says: {fault}"
+
+
+class Proxy(Server):
+    """Serves the bridge's connections for one controller."""
+
+    def __init__(
+        self, controller: Address, switch: Switch, hold_deadline_s: float = HOLD_DEADLINE_S
+    ) -> None:
+        """Hold each barrier's reply until the switch is ready, or the deadline has passed."""
+        super().__init__(switch, hold_deadline_s)
+        self._controller = controller
+
+    async def _connect(self, reader: StreamReader, writer: StreamWriter) -> None:
+        """Connect the bridge to the controller until either of them ends it."""
+        with contextlib.closing(writer):
+            reached = await self._reach_controller(reader)
+            if reached is None:
+                return
+            greeting, controller = reached[0], reached[1:]
+            with contextlib.closing(controller[1]):
+                log.info("bridge and controller %s:%d are connected", *self._controller)
+                await self._pass_on((reader, writer), controller, greeting)
+
+    async def _reach_controller(
+        self, bridge: StreamReader
+    ) -> tuple[bytes, StreamReader, StreamWriter] | None:
+        """Return what the bridge has said meanwhile, and the connection; None if it left."""
+        said = b""
+        dial = asyncio.create_task(self._dial())
+        try:
+            while not dial.done():
+                reading = asyncio.create_task(bridge.read(CHUNK))
+                try:
+                    await asyncio.wait({dial, reading}, return_when=asyncio.FIRST_COMPLETED)
+                finally:
+                    reading.cancel()
+                    await asyncio.wait({reading})
+                if not reading.cancelled() and reading.exception() is None:
+                    said += reading.result()
+                if not dial.done() and (bridge.at_eof() or bridge.exception()):
+                    return None
+            return said, *dial.result()
+        except asyncio.CancelledError:
+            if dial.done():
+                dial.result()[1].close()
+            raise
+        finally:
+            dial.cancel()
+
+    async def _dial(self) -> tuple[StreamReader, StreamWriter]:
+        """Connect to the controller, however long it takes to come up."""
+        pause_s = FIRST_RETRY_S
+        while True:
+            try:
+                return await asyncio.open_connection(*self._controller)
+            except OSError as error:
+                if pause_s == FIRST_RETRY_S:
+                    log.warning("waiting for controller %s:%d: %s", *self._controller, error)
+            await asyncio.sleep(pause_s)
+            pause_s = min(2 * pause_s, LAST_RETRY_S)
+
+
+class Programs(Server):
+    """Serves programs such as ovs-ofctl: to them, too, the bridge is an optical switch."""
+
+    def __init__(
+        self, management: str, switch: Switch, hold_deadline_s: float = HOLD_DEADLINE_S
+    ) -> None:
+        """Name the bridge's management socket, to which each program gets a connection."""
+        super().__init__(switch, hold_deadline_s)
+        self._management = management
+
+    async def _connect(self, reader: StreamReader, writer: StreamWriter) -> None:
+        """Connect a program to the bridge until either of them ends it."""
+        with contextlib.closing(writer):
+            try:
+                bridge = await asyncio.open_unix_connection(self._management)
+            except OSError as error:
+                log.warning("no bridge for a program at %s: %s", self._management, error)
+                return
+            with contextlib.closing(bridge[1]):
+                await self._pass_on(bridge, (reader, writer))
 
 
 async def _first_end(*directions: Coroutine[Any, Any, str]) -> None:

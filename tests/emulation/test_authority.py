@@ -1,13 +1,15 @@
 """Hosts that act beyond their rights in a whole network, and what comes of it."""
 
 import re
+import secrets
+import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 from conftest import wait_until
-from fabric_scene import running
+from fabric_scene import running, session
 from scapy.layers.inet import TCP
 from scapy.packet import Packet
 from scapy.utils import rdpcap
@@ -138,3 +140,46 @@ def test_a_host_cannot_announce_the_fibre_of_another(network: Network) -> None:
     wait_until(lambda: "LLDP in the name of bob without its seal" in log.read_text(), "a complaint")
     ports = {fact["at"] for fact in facts(network, "fiber") if fact["host"] == "bob"}
     assert len(ports) == 2  # those of his own two fibres
+
+
+IMPOSTOR = """
+import socket, struct, sys
+with socket.create_connection(("127.0.0.1", int(sys.argv[1])), 5) as connection:
+    connection.settimeout(10)
+    stream = connection.makefile("rb")
+    connection.sendall(struct.pack("!BBHI", 5, 0, 8, 1))
+    while header := stream.read(8):
+        _version, kind, length, xid = struct.unpack("!BBHI", header)
+        stream.read(length - 8)
+        if kind == 5:  # FEATURES_REQUEST
+            features = struct.pack("!QIBB2xII", int(sys.argv[2], 16), 0, 254, 0, 0x4F, 0)
+            connection.sendall(struct.pack("!BBHI", 5, 6, 8 + len(features), xid) + features)
+        elif kind == 18:  # MULTIPART_REQUEST for ports
+            connection.sendall(struct.pack("!BBHIHH4x", 5, 19, 16, xid, 13, 0))
+print("sent away")
+"""
+
+
+def pose(network: Network, dpid: int, user: int) -> str:
+    """Connect to c0 as a switch, as a process of a user; return what becomes of it."""
+    script = Path("/tmp") / f"impostor-{secrets.token_hex(8)}.py"
+    try:
+        script.write_text(IMPOSTOR)
+        command = ["/usr/bin/python3", str(script), str(network.runtime.openflow_port), f"{dpid:x}"]
+        done = subprocess.run(
+            command, capture_output=True, text=True, check=False, timeout=30, user=user
+        )
+    finally:
+        script.unlink()
+    return done.stdout + done.stderr
+
+
+def test_nobody_poses_as_a_switch(network: Network) -> None:
+    q1, log = network.runtime.datapath_ids["q1"], network.runtime.logs / "c0.log"
+    for dpid, user, cause in ((q1, 0, "connected already"), (0x77, 65534, "of user 65534")):
+        assert pose(network, dpid, user) == "sent away\n"
+        assert f"poses as switch {dpid:#x}" in log.read_text()
+        assert cause in log.read_text()
+    assert "is gone" not in log.read_text()
+    with session(network, "alice", "bob") as opened:  # q1 was not displaced
+        assert opened.carry(b"through q1") == b"through q1"

@@ -1,8 +1,11 @@
 """Light paths in the bridges: opened for a session, closed with it."""
 
 import re
+import stat
 import subprocess
+from pathlib import Path
 
+import pytest
 from conftest import wait_until
 
 from hosts.quantum_socket import QuantumSocket
@@ -60,12 +63,43 @@ def test_three_paths_stand_while_the_session_lasts(shared_network: Network) -> N
 
 def test_metadata_is_punted_and_every_bridge_is_secure(shared_network: Network) -> None:
     assert any("tp_dst=9010" in line and "CONTROLLER" in line for line in flows("s1"))
-    for bridge in ("s1", "q1"):
+    for bridge, kind in (("s1", "tcp:127.0.0.1:"), ("q1", "unix:")):
         command = ["ovs-vsctl", "get", "Bridge", bridge, "fail_mode"]
         assert subprocess.check_output(command, text=True).strip() == "secure"
         target = subprocess.check_output(["ovs-vsctl", "get-controller", bridge], text=True)
-        assert target.startswith("tcp:127.0.0.1:")
+        assert target.startswith(kind)
     assert shared_network.net.pingAll(timeout="2") == 0
+
+
+def ofctl(*words: str) -> "subprocess.CompletedProcess[str]":
+    """Run ovs-ofctl as a user of the network does."""
+    command = ["ovs-ofctl", "-O", "OpenFlow14", *words]
+    return subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
+
+
+@pytest.mark.usefixtures("shared_network")
+def test_ovs_ofctl_speaks_to_the_agent() -> None:
+    refused = ofctl("add-flow", "q1", "priority=9,in_port=3,actions=output:4,output:5")
+    assert "OFPBAC_TOO_MANY" in refused.stderr
+    ports = ofctl("dump-ports", "q1", "2").stdout
+    assert "bytes=?" in ports  # a counter that light does not have
+    added = ofctl("add-flow", "q1", "priority=9,in_port=3,idle_timeout=50,actions=output:4")
+    assert added.returncode == 0, added.stderr
+    (entry,) = [line for line in flows("q1") if "priority=9" in line]
+    assert "idle_timeout=50" in entry
+    assert "note" not in entry
+    assert ofctl("--strict", "del-flows", "q1", "priority=9,in_port=3").returncode == 0
+    assert not [line for line in flows("q1") if "priority=9" in line]
+
+
+def test_nobody_but_the_bridge_reaches_the_agents_port(shared_network: Network) -> None:
+    network = shared_network.runtime
+    target = subprocess.check_output(["ovs-vsctl", "get-controller", "q1"], text=True).strip()
+    for path in (target.removeprefix("unix:"), "/var/run/openvswitch/q1.mgmt"):
+        found = Path(path).stat()
+        assert (found.st_uid, stat.S_IMODE(found.st_mode)) == (0, 0o600)
+    assert Path(network.socket("q1-bridge")).is_socket()
+    assert stat.S_IMODE(network.folder.stat().st_mode) == 0o700
 
 
 def test_ordinary_traffic_is_forwarded_by_learned_entries(shared_network: Network) -> None:

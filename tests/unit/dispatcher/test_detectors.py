@@ -1,6 +1,7 @@
 """Detectors against closed forms, within 5 standard errors; the seed is 1."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -34,7 +35,7 @@ def random(number: int = 0, count: int = COUNT) -> PhotonRandom:
     return PhotonRandom(Draws(1), (7, number, 0), "detectors", count)
 
 
-def look(bits: NDArray[np.uint8] = BITS, train: Train = TRAIN, **like: float) -> Detection:
+def look(bits: NDArray[np.uint8] = BITS, train: Train = TRAIN, **like: Any) -> Detection:
     """Look at light with detectors like this."""
     return DetectorPair(Detectors(**like)).detect(bits, None, train, random(count=train.count))
 

@@ -6,7 +6,7 @@ from noise_cases import COUNT, START_NS, passage, within
 from numpy.typing import NDArray
 
 from dispatcher.fiber import fiber_noise
-from dispatcher.fiber.fluctuations import Bursts, PolarizationDrift, ThermalDrift
+from dispatcher.fiber.fluctuations import Bursts, PhaseDrift, ThermalDrift
 from dispatcher.fiber.noise_history import NoiseHistory
 from wire.fiber import optics
 
@@ -15,7 +15,7 @@ SECOND_NS = 1_000_000_000
 
 
 def angles(
-    model: PolarizationDrift, history: NoiseHistory, number: int, first_ns: int, k: int
+    model: PhaseDrift, history: NoiseHistory, number: int, first_ns: int, k: int
 ) -> NDArray[np.float64]:
     """Return the angles of a block of k photons at 50 MHz."""
     block = passage(photons=k, first_ns=first_ns, history=history, number=number)
@@ -29,7 +29,7 @@ def test_polarisation_drift_has_the_rms_and_the_correlation_of_ornstein_uhlenbec
     lag: float,
 ) -> None:
     rms, time_s = 0.3, 0.01
-    model, pairs = PolarizationDrift(rms, time_s), []
+    model, pairs = PhaseDrift(rms, time_s), []
     for run in range(RUNS):
         history = NoiseHistory(100)
         one = angles(model, history, 2 * run, START_NS, 1)[0]
@@ -47,7 +47,7 @@ def test_polarisation_drift_has_the_rms_and_the_correlation_of_ornstein_uhlenbec
 @pytest.mark.parametrize("time_s", [1e-9, 1e-7, 1e-4])
 def test_within_a_long_block_the_angle_wanders_as_in_many_short_ones(time_s: float) -> None:
     rms, interval_s = 0.2, 20e-9
-    found = angles(PolarizationDrift(rms, time_s), NoiseHistory(100), 0, START_NS, 5_000_000)
+    found = angles(PhaseDrift(rms, time_s), NoiseHistory(100), 0, START_NS, 5_000_000)
     independent = len(found) * min(interval_s / time_s, 1.0)
     assert abs(found.mean()) < 5 * rms * (2 / independent) ** 0.5
     assert abs((found**2).mean() - rms**2) < 5 * rms**2 * (2 / independent) ** 0.5
@@ -58,7 +58,7 @@ def test_within_a_long_block_the_angle_wanders_as_in_many_short_ones(time_s: flo
 
 
 def test_blocks_close_in_time_meet_nearly_the_same_angle() -> None:
-    model, history = PolarizationDrift(1.0, 100.0), NoiseHistory(100)
+    model, history = PhaseDrift(1.0, 100.0), NoiseHistory(100)
     one = angles(model, history, 0, START_NS, COUNT)
     other = angles(model, history, 1, START_NS + SECOND_NS // 100, COUNT)
     assert np.ptp(np.concatenate([one, other])) < 5 * (2 * 0.014 / 100) ** 0.5
@@ -66,7 +66,7 @@ def test_blocks_close_in_time_meet_nearly_the_same_angle() -> None:
 
 
 def test_the_same_light_again_meets_what_was_there() -> None:
-    model, history = PolarizationDrift(1.0, 1e-9), NoiseHistory(COUNT)
+    model, history = PhaseDrift(1.0, 1e-9), NoiseHistory(COUNT)
     one = angles(model, history, 0, START_NS, 1000)
     assert (angles(model, history, 1, START_NS, 1000) == one).all()
     half = angles(model, history, 2, START_NS + 500 * 20, 1000)
@@ -75,7 +75,7 @@ def test_the_same_light_again_meets_what_was_there() -> None:
 
 
 def test_without_history_a_channel_has_no_memory() -> None:
-    model, history = PolarizationDrift(1.0, 100.0), NoiseHistory(0)
+    model, history = PhaseDrift(1.0, 100.0), NoiseHistory(0)
     one, other = (angles(model, history, number, START_NS, 1)[0] for number in range(2))
     assert abs(one - other) > 0.01
     assert history.latest is None

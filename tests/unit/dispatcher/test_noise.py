@@ -67,7 +67,8 @@ def test_a_fibre_has_the_models_that_its_parameters_ask_for() -> None:
         depolarizing=0.1,
         dephasing=0.1,
         burst_depolarizing=0.1,
-        drift_rad_per_sqrt_km=0.1,
+        phase_drift_rad_per_sqrt_km=0.1,
+        polarization_drift_rad_per_sqrt_km=0.1,
         temperature_slope_k_per_s=-0.1,
     )
     assert [name.split()[1] for name in fiber_noise.models(every)] == [
@@ -75,6 +76,7 @@ def test_a_fibre_has_the_models_that_its_parameters_ask_for() -> None:
         "Depolarizing",
         "Dephasing",
         "Bursts",
+        "PhaseDrift",
         "PolarizationDrift",
         "ThermalDrift",
         "ClassicalLight",
@@ -154,6 +156,6 @@ def test_blinding_light_fills_every_pulse() -> None:
 def test_polarisation_maintaining_fibre_loses_more_and_turns_less() -> None:
     smf, pm = (optics("it", kind=kind, length_km=5) for kind in ("smf", "pm"))
     assert (smf.loss_db, pm.loss_db) == (1.0, 2.5)
-    assert smf.drift_rad_per_sqrt_km > 8 * pm.drift_rad_per_sqrt_km
-    kept = optics("it", kind="smf", length_km=5, drift_rad_per_sqrt_km=0)
-    assert (kept.loss_db, kept.drift_rad_per_sqrt_km) == (1.0, 0)
+    assert smf.polarization_drift_rad_per_sqrt_km > 8 * pm.polarization_drift_rad_per_sqrt_km
+    kept = optics("it", kind="smf", length_km=5, polarization_drift_rad_per_sqrt_km=0)
+    assert (kept.loss_db, kept.polarization_drift_rad_per_sqrt_km) == (1.0, 0)

@@ -31,6 +31,7 @@ from dispatcher.switch.timeline import REMEMBERED_NS
 from wire.config import DispatcherConfig, PathOptics, QuantumSwitch
 from wire.dispatcher_pb2 import AdjustFiberRequest
 from wire.fiber import FiberOptics
+from wire.physics import Device, PairSource
 
 COUNT = 20_000
 SECOND_NS = 1_000_000_000
@@ -169,18 +170,19 @@ def test_angles_of_fibres_add_up_and_a_flip_turns_them_around(tmp_path: Path) ->
         assert not arrived.exact
         assert arrived.angles_rad is not None
         ways = [("charlie", "charlie-q0"), ("q1", "3")]
-        met = [bench.layer.history.of_model(*way, "0 PolarizationDrift").latest for way in ways]
+        met = [bench.layer.history.of_model(*way, "0 PhaseDrift").latest for way in ways]
         assert met[0] is not None
         assert met[1] is not None
         return np.array([arrived.angles_rad[0], met[0][1], met[1][1]])
 
-    config = with_fibers(configuration(tmp_path), drift_rad_per_sqrt_km=5.0)
+    bins = {"charlie": Device(PairSource(encoding="time-bin"))}
+    config = with_fibers(configuration(tmp_path, devices=bins), phase_drift_rad_per_sqrt_km=5.0)
     total, first, second = play(config, scene)
     assert first != second
     assert total == pytest.approx(first + second)
     flipping = QuantumSwitch("q1", paths=[PathOptics(1, 3, rotation=1)])
     total, first, second = play(
-        configuration(tmp_path, switches=[flipping], fibers=config.fibers), scene
+        configuration(tmp_path, switches=[flipping], fibers=config.fibers, devices=bins), scene
     )
     assert total == pytest.approx(second - first)
 
@@ -190,7 +192,7 @@ def test_a_flip_in_a_fibre_turns_the_angle_of_before_around(tmp_path: Path) -> N
         await bench.switch.connect((1, 3))
         angles = (await send(bench)).pulses.angles_rad
         assert angles is not None
-        first = bench.layer.history.of_model("charlie", "charlie-q0", "0 PolarizationDrift").latest
+        first = bench.layer.history.of_model("charlie", "charlie-q0", "0 PhaseDrift").latest
         assert first is not None
         assert abs(first[1]) > 0.1
         assert np.abs(angles) == pytest.approx(abs(first[1]))
@@ -198,9 +200,10 @@ def test_a_flip_in_a_fibre_turns_the_angle_of_before_around(tmp_path: Path) -> N
         assert within(turned, 0.4, COUNT)  # X or XZ, each with a quarter of .8
 
     fibers = configuration(tmp_path).fibers
-    drifting = [replace(fibers[0], drift_rad_per_sqrt_km=10.0)]
+    drifting = [replace(fibers[0], phase_drift_rad_per_sqrt_km=10.0)]
     noisy = [replace(fiber, depolarizing=0.8) for fiber in fibers[1:]]
-    play(configuration(tmp_path, fibers=drifting + noisy), scene)
+    bins = {"charlie": Device(PairSource(encoding="time-bin"))}
+    play(configuration(tmp_path, fibers=drifting + noisy, devices=bins), scene)
 
 
 def test_a_fibre_adds_to_those_pulses_alone_that_pass_it() -> None:

@@ -270,8 +270,8 @@ def test_what_happens_at_the_same_time_is_replayed_in_its_order(tmp_path: Path, 
 
 EVERYTHING = {
     "dephasing": 0.1,
-    "drift_rad_per_sqrt_km": 1.0,
-    "drift_time_s": 1e-3,
+    "phase_drift_rad_per_sqrt_km": 1.0,
+    "phase_drift_time_s": 1e-3,
     "burst_depolarizing": 0.9,
     "burst_start_hz": 1e4,
     "burst_end_hz": 1e4,

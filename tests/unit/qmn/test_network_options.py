@@ -18,13 +18,18 @@ def test_the_keywords_are_those_that_the_command_line_has() -> None:
 def test_a_keyword_means_the_same_as_its_option() -> None:
     parser = argparse.ArgumentParser()
     add_network_options(parser)
-    words = ["--seed=7", "--length-km=2.5", "--fiber=drift_time_s=1", "--fiber=filter_nm=2"]
+    words = [
+        "--seed=7",
+        "--length-km=2.5",
+        "--fiber=phase_drift_time_s=1",
+        "--fiber=filter_nm=2",
+    ]
     words += ["--controller=os-ken", "--app=one", "--app=two", "--metrics"]
     assert from_keywords(
         {
             "seed": 7,
             "length_km": 2.5,
-            "fiber": ["drift_time_s=1", "filter_nm=2"],
+            "fiber": ["phase_drift_time_s=1", "filter_nm=2"],
             "controller": "os-ken",
             "apps": ["one", "two"],
             "metrics": True,

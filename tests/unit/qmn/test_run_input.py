@@ -36,8 +36,14 @@ def parse(*words: str) -> argparse.Namespace:
         (["--depolarizing", "1.5"], "depolarizing 1.5 is not 0 to 1"),
         (["--length-km", "2001"], "every fibre: length_km 2001.0 is not 0 to 2000"),
         (["--fiber", "drift=1"], "--fiber drift=1: write NAME=VALUE, where NAME is of kind, len"),
-        (["--fiber", "drift_time_s"], "--fiber drift_time_s: write NAME=VALUE"),
-        (["--fiber", "drift_time_s=long"], "--fiber drift_time_s=long: could not convert"),
+        (
+            ["--fiber", "filter_nm"],
+            "--fiber filter_nm: write NAME=VALUE",
+        ),
+        (
+            ["--fiber", "filter_nm=long"],
+            "--fiber filter_nm=long: could not convert",
+        ),
         (["--fiber", "noise_parameters={"], "--fiber noise_parameters={: Expecting"),
         (["--fiber", "noise=no.py:Noise"], "there is no file /"),
         (["--fiber", f"noise={__file__}:run"], "has no class run with a method effect"),

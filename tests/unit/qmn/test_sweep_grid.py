@@ -90,9 +90,9 @@ def test_a_preset_and_a_kind_of_fibre_bring_values_along_and_what_is_given_stays
         assert values["connectors_db"] == 0.5
         assert values["loss_db_per_km"] == 0.2
         assert values["source_fidelity"] == 0.95
-    (values,) = build(SDC, {"kind": "pm", "drift_rad_per_sqrt_km": 0.0}).points()
+    (values,) = build(SDC, {"kind": "pm", "polarization_drift_rad_per_sqrt_km": 0.0}).points()
     assert values["loss_db_per_km"] == 0.5
-    assert values["drift_rad_per_sqrt_km"] == 0.0
+    assert values["polarization_drift_rad_per_sqrt_km"] == 0.0
 
 
 def test_a_file_says_what_to_sweep(tmp_path: Path) -> None:

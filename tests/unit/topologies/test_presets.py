@@ -40,7 +40,11 @@ def test_what_is_given_goes_before_the_kind_and_the_kind_before_the_preset() -> 
     assert fiber(preset="metro")["length_km"] == metro["length_km"] == 5
     assert optics("it", **_optics(fiber(preset="metro"))).loss_db == 1.5
     pm = optics("it", **_optics(fiber(preset="metro", kind="pm")))
-    assert (pm.loss_db_per_km, pm.drift_rad_per_sqrt_km, pm.connectors_db) == (0.5, 0.36, 0.5)
+    assert (pm.loss_db_per_km, pm.polarization_drift_rad_per_sqrt_km, pm.connectors_db) == (
+        0.5,
+        0.36,
+        0.5,
+    )
     given = fiber(preset="metro", kind="pm", loss_db_per_km=0.3)
     assert (given["loss_db_per_km"], given["connectors_db"]) == (0.3, 0.5)
     assert fiber(length_km=2)["length_km"] == 2

@@ -22,7 +22,7 @@ PAGE = Path(__file__).resolve().parents[3] / "docs" / "physical-layer.md"
         ({"length_km": "far"}, "length_km 'far' is not 0 to 2000"),
         ({"loss_db_per_km": -0.2}, "loss_db_per_km -0.2 is not 0 to 1000"),
         ({"depolarizing": True}, "depolarizing True is not 0 to 1"),
-        ({"drift_time_s": 0}, "drift_time_s 0 is not 1e-09 to 1e"),
+        ({"polarization_drift_time_s": 0}, "polarization_drift_time_s 0 is not 1e-09 to 1e"),
         ({"kind": "glass"}, "kind 'glass' is unknown; choose ideal, smf, pm, custom"),
         ({"lenght_km": 1, "loss": 2}, "it has no lenght_km, loss; choose of kind, length_km"),
         ({"noise": "a.py:B", "noise_parameters": [1]}, "dictionary of noise_parameters"),

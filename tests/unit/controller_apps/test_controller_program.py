@@ -1,6 +1,5 @@
-"""The handlers on each framework, in a process of its own: see CASES."""
+"""The controller as a program: what it refuses at its start, and a fault that ends it."""
 
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -11,25 +10,7 @@ import pytest
 from topologies.runtime import free_port
 from wire.config import ControllerConfig
 
-CASES = ("handler_cases.py", "device_cases.py")
 ROOT = Path(__file__).parents[3]
-
-
-@pytest.mark.parametrize("cases", CASES)
-@pytest.mark.parametrize("framework", ["ryu", "os-ken"])
-def test_handlers(framework: str, cases: str) -> None:
-    file = str(Path(__file__).with_name(cases))
-    done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", file],
-        env={**os.environ, "QMN_CONTROLLER_FRAMEWORK": framework},
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        timeout=100,
-        check=False,
-    )
-    assert done.returncode == 0, done.stdout
-    assert " passed" in done.stdout
 
 
 def test_an_unknown_framework_is_named_with_its_remedy(tmp_path: Path) -> None:

@@ -1,0 +1,155 @@
+"""Classical switches and copper: their tables, who may speak, what is learned and forwarded."""
+
+from pathlib import Path
+from typing import Any
+
+import handlers_scene
+from handlers_scene import (
+    BROADCAST,
+    ONE,
+    TWO,
+    UNFILTERED,
+    Scene,
+    ethernet,
+    fiber_port,
+    flow_mods,
+    instructions,
+    reconnect,
+)
+from metadata_scene import (
+    ALICE,
+    FRAMED,
+    MACS,
+    S1,
+    frame,
+)
+
+from controller_apps.console.questions import EventQuestion
+from controller_apps.openflow.framework import ofproto
+from wire.device import DEVICE_PORT
+from wire.metadata import (
+    METADATA_PORT,
+)
+
+scene, ready = handlers_scene.scene, handlers_scene.ready  # fixtures
+
+
+def test_a_classical_switch_gets_its_two_tables(scene: Scene) -> None:
+    entries = flow_mods(scene.s1.take())
+    added = [entry for entry in entries if entry.command == ofproto.OFPFC_ADD]
+    wiped = [entry.table_id for entry in entries if entry.command == ofproto.OFPFC_DELETE]
+    up, on = ("output", ofproto.OFPP_CONTROLLER), ("goto", 2)
+    ends = {"eth_type": 0x0800, "ip_proto": 6}
+    to_port, from_port = {**ends, "tcp_dst": METADATA_PORT}, {**ends, "tcp_src": METADATA_PORT}
+    expected = [
+        (2, 0, {}, [up]),
+        (0, 0, {}, [("goto", 1)]),
+        (1, 0, {}, [on]),
+        (1, 250, {**to_port, "tcp_flags": (2, 23)}, [on]),
+        (1, 200, to_port, [up]),
+        (1, 200, {"eth_type": 0x0800, "ip_proto": 17, "udp_dst": DEVICE_PORT}, [up]),
+        (1, 400, {**to_port, "tcp_flags": (1, 1)}, [up, on]),
+        (1, 400, {**to_port, "tcp_flags": (4, 4)}, [up, on]),
+        (1, 400, {**from_port, "tcp_flags": (4, 4)}, [up, on]),
+        (1, 400, {**from_port, "tcp_flags": (18, 18)}, [up, on]),
+    ]
+    assert wiped == [2, 0, 1]
+    assert [
+        (entry.table_id, entry.priority, dict(entry.match.items()), instructions(entry))
+        for entry in added
+    ] == expected
+    for entry in added:
+        for instruction in entry.instructions:
+            if instruction.type == ofproto.OFPIT_APPLY_ACTIONS:
+                assert instruction.actions[0].max_len == ofproto.OFPCML_NO_BUFFER
+
+
+def test_each_switch_is_asked_for_the_table_that_sessions_have_entries_in(scene: Scene) -> None:
+    for switch, table in ((scene.s1, 1), (scene.q1, 0)):
+        (asked,) = [m for m in switch.take() if getattr(m, "multipart", None) == ofproto.OFPMP_FLOW]
+        assert asked.body[0] == table
+
+
+def filtering(messages: list[Any]) -> list[tuple[int, dict[str, Any], list[tuple[str, int]]]]:
+    """Return priority, match and instructions of the entries of the first table."""
+    wiped, *added = [mod for mod in flow_mods(messages) if mod.table_id == 0]
+    assert (wiped.command, dict(wiped.match.items())) == (ofproto.OFPFC_DELETE, {})
+    return [(mod.priority, dict(mod.match.items()), instructions(mod)) for mod in added]
+
+
+def test_stations_speak_for_themselves_unless_the_policy_lets_them(tmp_path: Path) -> None:
+    on = [("goto", 1)]
+    port, own = {"in_port": 1}, {"in_port": 1, "eth_src": MACS[ALICE]}
+    arp = {"eth_type": 0x0806, "arp_sha": MACS[ALICE], "arp_spa": ALICE}
+    expected = [
+        (0, {}, on),
+        (40, {**own, "eth_type": 0x0800, "ipv4_src": ALICE}, on),
+        (40, {**own, **arp}, on),
+        (30, {**port, "eth_type": 0x0800}, []),
+        (30, {**port, "eth_type": 0x0806}, []),
+        (30, {**port, "eth_type": 0x86DD}, []),
+        (20, own, on),
+        (10, port, []),
+    ]
+    scene = Scene(tmp_path, policy="")
+    assert filtering(scene.s1.take()) == expected  # bob is at another switch
+    for policy, entries in ((UNFILTERED, expected[:1]), ("", expected)):
+        scene.policy_path.write_text(policy)
+        question = EventQuestion("reload", {})
+        scene.quantum.asked(question)
+        question.wait()
+        assert filtering(scene.s1.take()) == entries
+        assert scene.quantum.arbiter.needs_handshake == (policy == "")
+
+
+def test_copper_of_a_quantum_switch_learns_like_any_other(scene: Scene) -> None:
+    copper = fiber_port(7, optics=None)
+    q1 = reconnect(scene, fiber_port(1), copper, fiber_port(2))
+    entries = [m for m in q1.take() if m.kind == ofproto.OFPT_FLOW_MOD and m.priority == 1]
+    assert [dict(entry.match.items()) for entry in entries] == [{"in_port": 7}]
+    assert [instructions(entry) for entry in entries] == [[("goto", 2)]]
+    frame = bytes.fromhex("ffffffffffff0200000000aa0800") + bytes(46)
+    scene.packet_in(q1, 7, frame, table=2)
+    (out,) = [m for m in q1.take() if m.kind == ofproto.OFPT_PACKET_OUT]
+    assert (out.in_port, out.port, out.frame) == (7, ofproto.OFPP_FLOOD, frame)
+
+
+def test_unknown_stations_are_flooded_and_known_ones_learned(ready: Scene) -> None:
+    ready.packet_in(ready.s1, 1, ethernet(ONE, BROADCAST), table=2)
+    (flooded,) = ready.s1.take()
+    assert (flooded.in_port, flooded.port) == (1, ofproto.OFPP_FLOOD)
+    assert flooded.frame == ethernet(ONE, BROADCAST)
+    ready.packet_in(ready.s1, 2, ethernet(TWO, ONE), table=2)
+    entry, sent = ready.s1.take()
+    assert (sent.in_port, sent.port) == (2, 1)
+    assert dict(entry.match.items()) == {
+        "in_port": 2,
+        "eth_src": "02:00:00:00:00:02",
+        "eth_dst": "02:00:00:00:00:01",
+    }
+    assert (entry.table_id, instructions(entry)) == (2, [("output", 1)])
+    assert entry.idle_timeout > 0
+
+
+def test_a_station_that_moves_is_found_again(ready: Scene) -> None:
+    ready.packet_in(ready.s1, 1, ethernet(ONE, BROADCAST), table=2)
+    ready.packet_in(ready.s1, 3, ethernet(ONE, BROADCAST), table=2)
+    _, deleted, _ = ready.s1.take()
+    assert (deleted.command, deleted.table_id) == (ofproto.OFPFC_DELETE, 2)
+    assert dict(deleted.match.items()) == {"eth_dst": "02:00:00:00:00:01"}
+    assert ready.learning.mac_table.port_of(S1, ONE.to_bytes(6, "big")) == 3
+
+
+def test_link_local_frames_and_stumps_are_not_forwarded(ready: Scene) -> None:
+    ready.packet_in(ready.s1, 1, ethernet(ONE, 0x0180C200000E), table=2)
+    ready.packet_in(ready.s1, 1, b"\0" * 11, table=2)
+    assert ready.s1.take() == []
+
+
+def test_each_app_leaves_the_other_ones_packets_alone(ready: Scene) -> None:
+    ready.packet_in(ready.s1, 1, frame(b"no magic"), table=1)
+    assert ready.s1.take() == []
+    assert ready.quantum.dropped == {"malformed": 1}
+    ready.packet_in(ready.s1, 1, frame(FRAMED.encode()), table=2)
+    assert [sent.kind for sent in ready.s1.take()] == [ofproto.OFPT_PACKET_OUT]
+    assert ready.q1.take() == []
