@@ -16,6 +16,7 @@ from mininet.topo import Topo
 
 from topologies import openvswitch, owners, runtime
 from topologies.copper_lengths import assign_copper_lengths
+from topologies.disk import DiskKeeper
 from topologies.management import bridge_of
 from topologies.nodes import COPPER, READY_TIMEOUT_S, QuantumController
 from topologies.owners import Owner
@@ -93,6 +94,9 @@ class Network:
             openvswitch.adopt(self.runtime.name)
         else:
             openvswitch.start(self.runtime.name)
+        self._disk = self._cleanup.enter_context(
+            DiskKeeper(self.runtime.logs, lambda: self.runtime.programs)
+        )
         self._daemons = openvswitch.daemons()
         sweep()
         self._signals.check()
@@ -237,6 +241,7 @@ class Network:
         """Raise if a signal has come or a program of the network has ended."""
         self._signals.check()
         openvswitch.require_alive(self._daemons)
+        self._disk.check()
         for program in (*self.runtime.programs, *self._captures):
             if not program.running:
                 raise NetworkError(f"{program.name} died in mid-run: {program.end()}")

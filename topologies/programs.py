@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -96,6 +97,17 @@ class Program:
                     f"{self.name} was not ready in {timeout_s:g} s; its log: {self.log}"
                 )
             time.sleep(POLL_S)
+
+    def cut_log(self, most_bytes: int) -> None:
+        """Begin the log anew if it is longer; what was in it is beside it, in <log>.1.
+
+        A program that writes just then may lose a line.
+        """
+        if not self.log.exists() or self.log.stat().st_size <= most_bytes:
+            return
+        shutil.copyfile(self.log, self.log.with_name(f"{self.log.name}.1"))
+        os.truncate(self.log, 0)  # the program goes on at its end, wherever that is
+        self._begins = 0
 
     def said(self) -> str:
         """Return what it has printed since it was started last."""

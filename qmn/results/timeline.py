@@ -1,11 +1,13 @@
 """One timeline of a run: all packets and all quantum events in one file, in time order."""
 
-import mmap
+import os
+import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
-from typing import IO, NamedTuple
+from typing import IO
 
+from qmn.results.time_order import Place, in_time_order
 from topologies.runtime import EVENT_CAPTURE
 from wire.dissectors import SCRIPT, script
 from wire.metadata import MalformedPacket
@@ -18,17 +20,6 @@ LEAST_PCAP_BYTES = 24  # its header; a capture that was killed at its start has 
 
 class NoCaptures(Exception):
     """A folder in which nothing was captured; the text names value and remedy."""
-
-
-class _Place(NamedTuple):
-    """Where a packet's bytes are; places sort by time, then by order of interfaces."""
-
-    time_ns: int
-    interface: int
-    file: int
-    offset: int
-    size: int
-    length: int
 
 
 def timeline_of_run(run: Path) -> str:
@@ -61,20 +52,20 @@ def merge(run: Path, target: Path | None = None) -> Path:
     target = target or run / TIMELINE
     unfinished = target.with_name(f".{target.name}")
     interfaces: list[Interface] = []
-    places: list[_Place] = []
     with ExitStack() as stack:
-        contents = []
-        for number, capture in enumerate(captures):
-            file = stack.enter_context(capture.open("rb"))
-            places += _places(file, number, capture, interfaces)
-            content = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
-            contents.append(stack.enter_context(content))
-        places.sort()
+        files = [stack.enter_context(capture.open("rb")) for capture in captures]
+        places = (
+            place
+            for number, (file, capture) in enumerate(zip(files, captures, strict=True))
+            for place in _places(file, number, capture, interfaces)
+        )
+        beside = stack.enter_context(tempfile.TemporaryFile(dir=target.parent))
+        ordered = in_time_order(places, beside)
         unfinished.touch(mode=0o600)
         with unfinished.open("wb") as output:
             writer = Writer(output, interfaces)
-            for time_ns, interface, file_number, offset, size, length in places:
-                data = contents[file_number][offset : offset + size]
+            for time_ns, interface, number, offset, size, length in ordered:
+                data = os.pread(files[number].fileno(), size, offset)
                 writer.write(Packet(time_ns, data, length, interface))
     unfinished.replace(target)
     return target
@@ -82,7 +73,7 @@ def merge(run: Path, target: Path | None = None) -> Path:
 
 def _places(
     file: IO[bytes], number: int, capture: Path, interfaces: list[Interface]
-) -> Iterator[_Place]:
+) -> Iterator[Place]:
     """Yield where the packets of a file are; add its interfaces to the list."""
     first = len(interfaces)
     if capture.suffix == ".pcap":
@@ -90,12 +81,12 @@ def _places(
         interfaces.append(Interface(capture.stem, pcap.link_type))
         for time_ns, data, length, _interface in pcap.packets():
             size = len(data)
-            yield _Place(time_ns, first, number, file.tell() - size, size, length)
+            yield Place(time_ns, first, number, file.tell() - size, size, length)
         return
     events = Reader(file)
     for time_ns, data, length, interface in events.packets():
         end = file.tell() - TRAILER_BYTES - (-len(data) % 4)
-        yield _Place(time_ns, first + interface, number, end - len(data), len(data), length)
+        yield Place(time_ns, first + interface, number, end - len(data), len(data), length)
     interfaces += events.interfaces
 
 

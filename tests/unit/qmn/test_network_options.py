@@ -4,7 +4,14 @@ import argparse
 
 import pytest
 
-from qmn.network.options import BadInput, NetworkOptions, add_network_options, from_keywords
+from qmn.network.options import (
+    BadInput,
+    NetworkOptions,
+    add_network_options,
+    check_address,
+    check_module,
+    from_keywords,
+)
 from qmn.scripting.network import start
 from topologies.sdc import SdcTopo
 
@@ -57,3 +64,28 @@ def test_a_network_that_cannot_be_is_refused_before_it_starts() -> None:
         start(SdcTopo, length_km=2).__enter__()
     with pytest.raises(BadInput, match="--history-depth -1: choose 0"):
         start("sdc", history_depth=-1).__enter__()
+
+
+@pytest.mark.parametrize("module", ["no.such.module", "ryu.app.no_such_app", ".relative", ""])
+def test_an_app_that_is_not_there_is_refused_before_the_network_starts(module: str) -> None:
+    with pytest.raises(BadInput, match="there is no such module"):
+        check_module(module)
+
+
+def test_an_app_that_is_there_is_not_refused() -> None:
+    check_module("ryu.app.ofctl_rest")
+
+
+@pytest.mark.parametrize(
+    ("address", "words"),
+    [
+        ("8080", "write ADDRESS:PORT"),
+        ("127.0.0.1:", "write ADDRESS:PORT"),
+        ("127.0.0.1:70000", "write ADDRESS:PORT"),
+        ("192.0.2.1:8080", "cannot listen there"),  # an address of documentation: nobody's
+    ],
+)
+def test_an_address_that_nobody_can_listen_at_is_refused_too(address: str, words: str) -> None:
+    with pytest.raises(BadInput, match=words):
+        check_address(address)
+    check_address("127.0.0.1:18123")

@@ -1,0 +1,48 @@
+"""What a run writes is bounded: logs that somebody floods, and the disk that it must not fill."""
+
+import shutil
+import sys
+from pathlib import Path
+
+import pytest
+
+from topologies import disk
+from topologies.disk import DiskKeeper, nearly_full
+from topologies.programs import NetworkError, Program
+
+FLOOD = """
+for number in range(20_000):
+    print("a bad message", number, flush=True)
+print("the end", flush=True)
+"""
+
+
+def test_a_log_that_is_flooded_keeps_its_newest_lines(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(disk, "LOG_BYTES", 50_000)
+    flooded = Program("alice", tmp_path / "alice.log")
+    keeper = DiskKeeper(tmp_path, lambda: [flooded])
+    flooded.start([sys.executable, "-c", FLOOD])
+    while flooded.running:
+        keeper.look()
+    assert flooded.said().rstrip().endswith("the end")
+    keeper.look()
+    sizes = {path.name: path.stat().st_size for path in tmp_path.iterdir()}
+    assert sizes.keys() == {"alice.log", "alice.log.1"}
+    assert sizes["alice.log"] <= 50_000
+    assert sum(sizes.values()) < 20_000 * len("a bad message 10000")
+
+
+def test_a_disk_that_is_nearly_full_ends_the_run_by_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert nearly_full(tmp_path) == ""
+    keeper = DiskKeeper(tmp_path, list)
+    keeper.look()
+    keeper.check()
+    full = type(shutil.disk_usage(tmp_path))(total=200 << 30, used=199 << 30, free=900_000_000)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _folder: full)
+    keeper.look()
+    with pytest.raises(NetworkError, match=r"is nearly full: 900 MB are free; .*--no-capture"):
+        keeper.check()
