@@ -66,6 +66,7 @@ class PairSource:
     jitter_ps: float = parameter(0.0, 0.0, 1e9)  # rms, of the moment of emission
     max_rate_hz: float = parameter(4e9, 1.0, 1e12)  # pulses; more are refused
     encoding: str = choice(*ENCODINGS)  # of its qubits in light
+    bandwidth_nm: float = parameter(0.0, 0.0, 100.0)  # rms of its spectrum, which fibres disperse
 
     def check(self, where: str) -> None:
         """Raise BadParameter for what no source is like."""

@@ -7,7 +7,7 @@ Phys. Rev. Lett. 101, 093601). Light that was never in a fibre has no pulses: it
 measured one after the other, with all the time that detectors need.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -41,10 +41,11 @@ class Detection:
     afterpulses: int = 0
     dead: int = 0  # clicks that a dead time has prevented
     double: int = 0
+    outside: int = 0  # clicks of light that come outside all gates, or on another one
 
     def incidents(self) -> dict[str, int]:
         """Return what was out of the ordinary, and how often."""
-        names = ("dark", "afterpulses", "dead", "double")
+        names = ("dark", "afterpulses", "dead", "double", "outside")
         return {name: count for name in names if (count := getattr(self, name))}
 
 
@@ -70,13 +71,18 @@ class DetectorPair:
         train: Train,
         random: PhotonRandom,
         further: Told | None = None,
+        late_ps: NDArray[np.float64] | None = None,
+        timed: bool = False,
     ) -> Detection:
         """Look at photons with these bits (NO_CLICK: not there), further ones, and noise.
 
-        `bits` and the counts of photons that are noise, `extras`, have shape (k,).
+        `bits` and the counts of photons that are noise, `extras`, have shape (k,). If it is timed,
+        a click counts in the slot of the train in whose gate it comes: so late as the light, shape
+        (k,), and by the jitter of the detector.
         """
         own = bits != NO_CLICK
-        if self.ideal and extras is None and further is None:
+        moved = timed and (late_ps is not None or self._like.jitter_ps > 0)
+        if self.ideal and extras is None and further is None and not moved:
             return Detection(bits, own, int(np.count_nonzero(own)))
         if self._like.efficiency < 1:
             own &= random.happens("efficiency", self._like.efficiency)
@@ -85,7 +91,38 @@ class DetectorPair:
             self._add_further(light, further, random)
         if extras is not None:
             self._add(light, extras, random)
-        return self._watch(light, own, train, random)
+        outside = 0
+        if moved:
+            found = [
+                self._in_gates(mask, late_ps, train, random.at(f"timing {which}"))
+                for which, mask in enumerate(light)
+            ]
+            before, after = (
+                sum(int(np.count_nonzero(mask)) for mask in masks) for masks in (light, found)
+            )
+            light, outside = found, before - after
+        return replace(self._watch(light, own, train, random), outside=outside)
+
+    def _in_gates(
+        self,
+        clicks: Mask,
+        late_ps: NDArray[np.float64] | None,
+        train: Train,
+        random: PhotonRandom,
+    ) -> Mask:
+        """Return in which slots clicks of light are counted; those between two gates are not."""
+        slots = np.flatnonzero(clicks)
+        moved_ps = random.generator("jitter").standard_normal(slots.size) * self._like.jitter_ps
+        if late_ps is not None:
+            moved_ps += late_ps[slots]
+        interval_ps = train.interval_ns * 1e3
+        steps = np.rint(moved_ps / interval_ps) if interval_ps else np.zeros(slots.size)
+        off_ps = np.abs(moved_ps - steps * interval_ps)
+        places = slots + steps.astype(np.int64)
+        kept = (off_ps <= self._like.gate_s * 5e11) & (places >= 0) & (places < clicks.size)
+        found = np.zeros(clicks.size, dtype=bool)
+        found[places[kept]] = True
+        return found
 
     def _add_further(self, light: list[Mask], further: Told, random: PhotonRandom) -> None:
         """Draw the clicks of further photons, each in the detector of its bit."""

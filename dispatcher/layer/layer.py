@@ -19,7 +19,7 @@ from dispatcher.sabot.simulation import Simulation
 from wire.dispatcher_pb2 import BlockId, Event, Feedback, HeldBlock
 from wire.network_time import REAL_TIME, NetworkTime
 
-NEWS = ("arrive", "measure", "bell-measure")  # of which a host may have to hear before it goes on
+NEWS = ("measure", "bell-measure")  # of which a host may have to hear before it goes on
 
 
 @dataclass

@@ -40,6 +40,8 @@ class Pulses:
     angles_rad: NDArray[np.float64] | None = None  # coherent rotation about Z so far
     turn: Turn | None = None  # coherent rotation about any axis so far
     encoding: str = ENCODINGS[0]
+    bandwidth_nm: float = 0.0  # rms of the source's spectrum
+    dispersion_ps_per_nm: float = 0.0  # of all fibres so far
     exact: bool = True  # no approximation so far
 
 

@@ -102,6 +102,8 @@ def gather(picks: Sequence[tuple[Pulses, NDArray[np.uint32]]]) -> Pulses:
         delays_ps=joined([pulses.delays_ps for pulses in every], np.float64),
         angles_rad=joined([pulses.angles_rad for pulses in every], np.float64),
         encoding=every[0].encoding,
+        bandwidth_nm=max(pulses.bandwidth_nm for pulses in every),
+        dispersion_ps_per_nm=max((pulses.dispersion_ps_per_nm for pulses in every), key=abs),
         exact=all(pulses.exact for pulses in every),
     )
 
@@ -124,3 +126,15 @@ def _merged(
         return None
     own, taken = (0.0 if array is None else array for array in (values, other))
     return taken * members + own * ~members
+
+
+def late_ps(pulses: Pulses, photons: int, random: PhotonRandom) -> NDArray[np.float64] | None:
+    """Return how late each pulse comes to a detector, shape (k,); None: none does.
+
+    What fibres have dispersed is late by the offset of its wavelength, which stays the same in all.
+    """
+    spread_ps = pulses.bandwidth_nm * pulses.dispersion_ps_per_nm
+    if not spread_ps:
+        return pulses.delays_ps
+    offsets = random.generator("wavelength").standard_normal(photons) * spread_ps
+    return offsets if pulses.delays_ps is None else pulses.delays_ps + offsets

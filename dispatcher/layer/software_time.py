@@ -1,20 +1,38 @@
-"""How much of the time was software: moments in which the physics stood still, and waited for it.
+"""How much of the time was software: what is left of a wait without all that physics took.
 
-    light under way             |=====|        |==|
-    a qubit waits in a memory         |-------------------|
-    software                          ^^^^^^^^^    ^^^^^^^
+    charlie  sends light
+                \\ arrives, which takes                     arrives at bob, too, and waits there
+    alice         *--- software ---measures                  |
+                                      \\ news, which takes    |
+    bob                                  *--- software ---used: the wait is over
 
-Light on its way, with its pulses one after the other, a switch that switches, and news of what was
-done to a qubit elsewhere take the time that they take. All else is the time that programs need.
+The way back from the end of a wait goes from each deed to what its host heard of last: light that
+arrived there, or what was done elsewhere and could be known there by then. Between the two were
+programs. What went along the copper without a measurement before it counts as theirs, too.
 """
 
-from bisect import bisect_left, bisect_right
-from collections.abc import Mapping
+from bisect import bisect_left, bisect_right, insort
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
 from types import MappingProxyType
+from typing import NamedTuple, TypeVar
 
 from wire import dispatcher_pb2 as messages
 
 MOST_INTERVALS = 100_000  # that are remembered; of waits that began before, less is known
+MOST_DEEDS = 100_000  # of a node, likewise
+MOST_STEPS = 1_000  # back from the end of a wait; what is before them counts as software
+
+
+T = TypeVar("T")
+
+
+class Cause(NamedTuple):
+    """What came to a node then: from another, where it had begun before."""
+
+    came_ns: int
+    origin: str
+    began_ns: int
 
 
 class Activity:
@@ -66,12 +84,13 @@ class SoftwareTime:
 
     def __init__(self, news_s: Mapping[str, Mapping[str, float]] = MappingProxyType({})) -> None:
         """Begin with no waits; news takes so long from one node to another."""
-        self._activity = Activity()  # anywhere
-        self._at = {node: Activity() for node in news_s}  # that a node may wait for
+        self._activity = Activity()
         self._news_ns = {
-            node: {other: round(each * 1e9) for other, each in others.items() if each > 0}
+            node: {other: round(each * 1e9) for other, each in others.items()}
             for node, others in news_s.items()
         }
+        self._deeds_ns: defaultdict[str, list[int]] = defaultdict(list)  # that others hear of
+        self._light: defaultdict[str, list[Cause]] = defaultdict(list)  # by where it came to
         self.longest_ns = 0  # software in one wait
         self.largest_share = 0.0  # of one wait
         self.largest_decaying_share = 0.0  # of one wait that changes qubits
@@ -86,24 +105,58 @@ class SoftwareTime:
         )
 
     def goes_on(self, begin_ns: int, end_ns: int) -> None:
-        """Note that something physical goes on from then to then, for which any node may wait."""
-        for activity in (self._activity, *self._at.values()):
-            activity.note(begin_ns, end_ns)
+        """Note that something physical goes on from then to then."""
+        self._activity.note(begin_ns, end_ns)
 
     def news(self, node: str, happened_ns: int) -> None:
-        """Note that news of what happened at a node then is on its way to all others."""
-        for other, delay_ns in self._news_ns.get(node, {}).items():
-            self._at[other].note(happened_ns, happened_ns + delay_ns)
-            self._activity.note(happened_ns, happened_ns + delay_ns)
+        """Note that something happened at a node, of which others may have to hear."""
+        insort(_forgetting(self._deeds_ns[node]), happened_ns)
+
+    def light(self, sender: str, sent_ns: int, receiver: str, came_ns: int) -> None:
+        """Note light on its way from the first photon sent to the last one's arrival."""
+        insort(_forgetting(self._light[receiver]), Cause(came_ns, sender, sent_ns))
+        self.news(sender, came_ns)  # who sends light knows when it arrives
 
     def waited(self, node: str, begin_ns: int, end_ns: int, decays: bool) -> None:
         """Take in that qubits waited at a node, in a memory that decays or does not."""
         if end_ns <= begin_ns:
             return
-        activity = self._at.get(node, self._activity)
-        software_ns = end_ns - begin_ns - activity.within(begin_ns, end_ns)
+        software_ns = self._software(node, begin_ns, end_ns)
         share = software_ns / (end_ns - begin_ns)
         self.longest_ns = max(self.longest_ns, software_ns)
         self.largest_share = max(self.largest_share, share)
         if decays:
             self.largest_decaying_share = max(self.largest_decaying_share, share)
+
+    def _software(self, node: str, begin_ns: int, end_ns: int) -> int:
+        """Go back from the end of a wait to its begin, and add up what was between deeds."""
+        software_ns, at_ns = 0, end_ns
+        for _ in range(MOST_STEPS):
+            # Of what came at one moment, that which took longest: light, and not word of it.
+            causes = self._causes(node, at_ns)
+            cause = max(causes, key=lambda each: (each.came_ns, -each.began_ns), default=None)
+            if cause is None or cause.came_ns <= begin_ns:
+                break
+            software_ns += at_ns - cause.came_ns
+            node, at_ns = cause.origin, cause.began_ns
+            if at_ns <= begin_ns:
+                return software_ns
+        return software_ns + at_ns - begin_ns
+
+    def _causes(self, node: str, before_ns: int) -> Iterator[Cause]:
+        """Yield the last that came to a node before then: light, and news from each other node."""
+        light = self._light[node]
+        if place := bisect_left(light, (before_ns,)):
+            yield light[place - 1]
+        delays_ns = self._news_ns.get(node, {})
+        for other, deeds_ns in self._deeds_ns.items():
+            delay_ns = delays_ns.get(other, 0)
+            if other != node and (place := bisect_left(deeds_ns, before_ns - delay_ns)):
+                yield Cause(deeds_ns[place - 1] + delay_ns, other, deeds_ns[place - 1])
+
+
+def _forgetting(remembered: list[T]) -> list[T]:
+    """Return the list, without its older half if it has become too long."""
+    if len(remembered) >= MOST_DEEDS:
+        del remembered[: MOST_DEEDS // 2]
+    return remembered

@@ -109,7 +109,8 @@ class Operations:
             for name, register in zip(names, registers, strict=True)
         ]
         for block in blocks:
-            block.lineage, block.pulses.encoding = lineage, source.encoding
+            block.lineage = lineage
+            block.pulses.encoding, block.pulses.bandwidth_nm = source.encoding, source.bandwidth_nm
             layer.ownership.add(block)
         if halves == PAIR:
             pairs, told = emit_into(blocks[0], blocks[1], layer)

@@ -43,18 +43,19 @@ def emit_prepared(block: Block, states: Bytes | None, layer: PhysicalLayer) -> s
     All photons of a pulse are in the same state. A host without a source keeps what it prepares.
     """
     source = layer.devices.of(block.node).source
-    if source.statistics in ("single", "none"):
+    if source.statistics == "none":
         return ""
     random = PhotonRandom(layer.draws, block.name, block.draws_for("source"), block.register.size)
     emission = emit(source, random)
-    assert emission.pairs is not None
+    block.pulses.delays_ps = emission.delays_ps
+    if emission.pairs is None:
+        return ""
     layer.sabot.lose(block.register, emission.pairs == 0)
     at = owners(emission.pairs)
     if at.size:
         own = np.zeros(at.size, np.uint8) if states is None else states[at]
         block.further = Further(prepare(layer.sabot, own), at)
     block.source_rate_hz = source.max_rate_hz
-    block.pulses.delays_ps = emission.delays_ps
     return f", photons in pulses: {_told(emission.pairs)}"
 
 

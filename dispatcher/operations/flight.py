@@ -56,6 +56,7 @@ class Beam:
     noise: NDArray[np.uint8] | None = None  # Paulis that fibres have added up to, shape (k,)
     rotation: int = 0  # Pauli that switches have added up to
     turn: Turn | None = None  # rotations of polarisation by fibres, behind that Pauli
+    dispersion_ps_per_nm: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -69,6 +70,7 @@ class Arrival:
     errors: list[int]  # to how many photons X, Z and XZ happened on the way
     rotation: int = 0
     turn: Turn | None = None
+    dispersion_ps_per_nm: float = 0.0
 
 
 class Flight:
@@ -80,6 +82,11 @@ class Flight:
         self._queue: list[tuple[int, int, Line, Beam]] = []
         self._number = count()
         self.lost = 0
+
+    @property
+    def start_ns(self) -> int:
+        """When its first photon left."""
+        return self._departure.start_ns
 
     def launch(self, end: FiberEnd) -> None:
         """Let the light into the fibre that begins at a port."""
@@ -114,7 +121,7 @@ class Flight:
         further.meet(self._layer.sabot, block, beam.members, turn, alone=False)
         schedule = self._departure.after(beam.delay_ns)
         way = end, beam.members, schedule, beam.fibers_passed
-        return Arrival(*way, errors, beam.rotation, beam.turn)
+        return Arrival(*way, errors, beam.rotation, beam.turn, beam.dispersion_ps_per_nm)
 
     def _cross(self, beam: Beam, switch: OpticalSwitch, in_port: int) -> None:
         """Send a beam on through the switch that it has come to."""
@@ -165,6 +172,7 @@ class Flight:
         """Let a fibre do to the light of a beam what its noise models say."""
         block = self._block
         schedule = self._departure.after(beam.delay_ns)
+        beam.dispersion_ps_per_nm += line.fiber.dispersion_ps_per_nm
         for name, model in line.noise.items():
             if not _meets(block.pulses.encoding, model):
                 continue

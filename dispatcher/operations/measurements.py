@@ -8,7 +8,7 @@ from dispatcher.devices import abilities
 from dispatcher.devices.analyser import Analyser, Half
 from dispatcher.devices.detector import Train
 from dispatcher.devices.detectors import Told
-from dispatcher.layer import drift, further
+from dispatcher.layer import drift, further, pulses
 from dispatcher.layer.layer import PhysicalLayer, tally
 from dispatcher.layer.ownership import Block, BlockName
 from dispatcher.operations import gate_noise
@@ -56,7 +56,15 @@ class Measurements:
         place = block.draws_for(f"detectors of {node}")
         random = PhotonRandom(layer.draws, block.name, place, size)
         detectors = layer.devices.detectors(node, "measure")
-        found = detectors.detect(bits, block.pulses.extras, train(block), random, more)
+        found = detectors.detect(
+            bits,
+            block.pulses.extras,
+            train(block),
+            random,
+            more,
+            late_ps=pulses.late_ps(block.pulses, size, random),
+            timed=True,
+        )
         told = f"{tally(values, BASES)}: {tally(found.bits, ('0', '1'))}"
         each = partial(outcome, found.bits, ("0", "1"))
         layer.record(node, "measure", block, detail=told + listed(found.incidents()), each=each)

@@ -57,7 +57,15 @@ class Resending:
         more = further.measure(layer.sabot, taken, values * chosen, layer.draws, place)
         random = PhotonRandom(layer.draws, name, f"{place}, detectors of {node}", size)
         detectors = layer.devices.detectors(node, "measure")
-        found = detectors.detect(bits, taken.pulses.extras, train(block), random, more)
+        found = detectors.detect(
+            bits,
+            taken.pulses.extras,
+            train(block),
+            random,
+            more,
+            late_ps=pulses.late_ps(taken.pulses, size, random),
+            timed=True,
+        )
         outcomes = found.bits | (~chosen * np.uint8(NO_CLICK))
         again = (outcomes != NO_CLICK) & free
         self._replace(block, fresh, again, values << np.uint8(1) | outcomes & np.uint8(1))

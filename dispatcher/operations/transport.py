@@ -121,7 +121,9 @@ class Transport:
         left, landed = True, False
         while left and (arrival := await flight.next_arrival(layer.clock)):
             left = bool((further.lit(block) & ~arrival.members).any())
-            self._land(self._part(block, arrival) if left else block, arrival)
+            landed_block = self._part(block, arrival) if left else block
+            self._land(landed_block, arrival)
+            layer.software.light(end.node, flight.start_ns, arrival.end.node, landed_block.last_ns)
             landed = True
         layer.photons_lost += flight.lost
         if not landed:
@@ -147,6 +149,7 @@ class Transport:
         if block.pulses.turn is not None:
             block.pulses.turn = block.pulses.turn.behind(arrival.rotation)
         drift.turn(block, arrival.turn)
+        block.pulses.dispersion_ps_per_nm += arrival.dispersion_ps_per_nm
         block.start_ns = arrival.schedule.first_ns
         first, last = np.flatnonzero(further.lit(block))[[0, -1]].tolist()
         block.first_ns = arrival.schedule.time_ns(first)

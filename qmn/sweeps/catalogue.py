@@ -14,6 +14,7 @@ from qmn.sweeps.polarization import POLARIZATION
 from qmn.sweeps.seeds import point_seed
 from qmn.sweeps.superdense import SUPERDENSE
 from qmn.sweeps.teleportation import SWAP, TELEPORT
+from qmn.sweeps.timing import TIMING
 from qmn.sweeps.waiting import WAITING
 from qmn.sweeps.weak_pulses import WEAK_PULSES
 
@@ -32,6 +33,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         MULTI_PAIR,
         WEAK_PULSES,
         POLARIZATION,
+        TIMING,
     )
 }
 

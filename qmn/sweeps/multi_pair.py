@@ -12,9 +12,9 @@ from qmn.sweeps.experiment import Experiment, Measure, Outcome, number, pairs_pa
 from qmn.sweeps.link import configuration, fiber
 from qmn.sweeps.parameters import Parameter, Values
 from qmn.sweeps.superdense import blocks
+from wire.outcomes import NO_CLICK
 from wire.physics import Device, PairSource
 
-NO_CLICK = 255
 STATISTICS = Parameter("statistics", "poisson", choices=("poisson", "thermal"))
 MEAN = Parameter("mean_pairs", 0.1, 0.0, 10.0)
 LOSS = Parameter("loss_db", 0.0, 0.0, 100.0, "dB")

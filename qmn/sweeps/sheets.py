@@ -331,4 +331,24 @@ SHEETS = (
             for basis in ("z", "x")
         ],
     ),
+    Sheet(
+        "timing",
+        "timing",
+        {
+            "length_km": "0:50:6",
+            "bandwidth_nm": [0.0, 0.1, 1.0],
+            "jitter_ps": [0.0, 300.0],
+            "pairs": 50_000,
+        },
+        [
+            Curve(
+                "timing",
+                "Photons in gates of 1 ns behind standard fibre (17 ps/(nm km))",
+                "length_km",
+                "length of the fibre (km)",
+                "counted",
+                by=["bandwidth_nm", "jitter_ps"],
+            )
+        ],
+    ),
 )

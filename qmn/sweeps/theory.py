@@ -150,6 +150,11 @@ def birefringence_error(rms_rad: float) -> float:
     return (1 - left**turns) / 2
 
 
+def within_gate(rms_s: float, gate_s: float) -> float:
+    """Return how likely a normal error of this rms is no more than half a gate either way."""
+    return math.erf(gate_s / (2 * math.sqrt(2) * rms_s)) if rms_s else 1.0
+
+
 def swapped_fidelity(first: float, second: float) -> float:
     """Return the fidelity of the pair that swapping makes of two Werner pairs."""
     return first * second + (1 - first) * (1 - second) / 3

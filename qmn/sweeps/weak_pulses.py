@@ -8,9 +8,10 @@ from qmn.sweeps import theory
 from qmn.sweeps.estimates import Estimate, proportion
 from qmn.sweeps.experiment import Experiment, Measure, Outcome, number, pairs_parameter
 from qmn.sweeps.link import TESTED, configuration, fiber
-from qmn.sweeps.multi_pair import LOSS, NO_CLICK
+from qmn.sweeps.multi_pair import LOSS
 from qmn.sweeps.parameters import Parameter, Values
 from qmn.sweeps.superdense import blocks
+from wire.outcomes import NO_CLICK
 from wire.physics import Device, PairSource
 
 MEAN = Parameter("mean_photons", 0.1, 0.0, 10.0)

@@ -186,10 +186,10 @@ class Dispatcher:
         self.condition = condition
         self.conditions.put(condition)
 
-    def passed(self, photons: int, *path: int) -> None:
-        """Let this many photons have passed a path by now."""
+    def passed(self, photons: int, *path: int, ahead_s: float = 0.0) -> None:
+        """Let this many photons have passed a path by now, or by a moment that is to come."""
         circuit = self.circuits[path[0], path[1]]
-        now_ns = time.time_ns()
+        now_ns = time.time_ns() + round(ahead_s * 1e9)
         reading = pb.SwitchStatisticsReply.Circuit(
             circuit=circuit, photons=photons, since_ns=now_ns, last_ns=now_ns
         )

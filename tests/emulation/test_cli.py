@@ -9,11 +9,12 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import pytest
 from conftest import ROOT, verb, wait_until
-from test_metrics_of_a_run import figures
+from test_metrics_of_a_run import counted, figures
 from test_timeline_of_a_run import fields
 
 from qmn.jobs.transfer import TransferError
@@ -107,7 +108,8 @@ def test_ctrl_c_ends_the_verb_and_ctrl_d_the_network(tmp_path: Path) -> None:
         assert addresses.keys() == {"dispatcher", "q1-agent", "c0"}
         keyboard.type("qiperf alice bob 60\n")
         keyboard.read_until("qiperf alice bob 60")
-        time.sleep(1)  # into the transfer
+        begun = partial(counted, addresses["dispatcher"], "qmn_pairs_created_total")
+        wait_until(begun, "the transfer is under way")
         keyboard.type("\x03")
         keyboard.read_until("Interrupt")
         keyboard.read_until("qmn> ")

@@ -1,10 +1,10 @@
 """The hardware follows the flow table: with an optical switch that the tests hold in hand."""
 
 import asyncio
-import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 from openflow_messages import port
@@ -234,6 +234,7 @@ class Expiry:
     def __init__(self, paths: LightPaths, optics: Optics) -> None:
         self.paths, self.optics = paths, optics
         self.deleted: list[FlowEntry] = []
+        self.now_s = 1_700_000_000.0  # goes on only when a test says so
 
     def add(self, circuit: int, idle_timeout_s: int = 1, event: int = INITIAL) -> FlowEntry:
         """Add an entry, unless told otherwise one that was there before the agent."""
@@ -243,12 +244,18 @@ class Expiry:
 
     def read(self, **last_s_ago: float) -> None:
         """Say how long ago the last photon of circuits passed."""
-        now_ns = time.time_ns()
         readings = {
-            int(name.strip("c")): CircuitReading(1, 0, now_ns - int(ago * SECOND_NS))
+            int(name.strip("c")): CircuitReading(1, 0, round((self.now_s - ago) * SECOND_NS))
             for name, ago in last_s_ago.items()
         }
         self.optics.readings = Readings(circuits=readings)
+
+    async def has_deleted(self, one: FlowEntry) -> None:
+        """Wait until an entry is deleted, which must be the only one."""
+        async with asyncio.timeout(10):
+            while not self.deleted:
+                await asyncio.sleep(0.001)
+        assert self.deleted == [one]
 
     def delete(self, one: FlowEntry) -> None:
         self.deleted.append(one)
@@ -261,6 +268,8 @@ async def expiring(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Expiry]:
     optics = Optics()
     paths = LightPaths([1, 2], optics)
     expiry = Expiry(paths, optics)
+    clock = SimpleNamespace(time_ns=lambda: round(expiry.now_s * SECOND_NS))
+    monkeypatch.setattr(light_paths, "time", clock)
     task = asyncio.create_task(paths.expire(expiry.delete))
     yield expiry
     task.cancel()
@@ -268,6 +277,7 @@ async def expiring(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Expiry]:
 
 
 async def several_polls() -> None:
+    """Let what must not happen have its chance; nothing else waits so."""
     await asyncio.sleep(0.03)
 
 
@@ -281,8 +291,7 @@ def test_entry_without_photons_expires_and_is_known_as_idle(
             await several_polls()
             assert expiry.deleted == []
             expiry.read(c5=1.1)
-            await several_polls()
-            assert expiry.deleted == [one]
+            await expiry.has_deleted(one)
             assert expiry.paths.removed(*one.key, one.cookie) == Removed(Mark(1, 5), idle=True)
 
     play(scene())
@@ -311,8 +320,7 @@ def test_refused_reading_expires_nothing_and_is_asked_for_again(
             await several_polls()
             assert expiry.deleted == []
             expiry.optics.failure = None
-            await several_polls()
-            assert expiry.deleted == [one]
+            await expiry.has_deleted(one)
 
     play(scene())
 
@@ -376,10 +384,12 @@ def test_entry_that_no_light_meets_expires_after_its_time(monkeypatch: pytest.Mo
     async def scene() -> None:
         async with expiring(monkeypatch) as expiry:
             one = expiry.add(5)
-            await asyncio.sleep(0.5)
-            assert expiry.deleted == []
-            await asyncio.sleep(0.7)
-            assert expiry.deleted == [one]
+            for passed_s in (0, 0.5, 0.499):
+                expiry.now_s += passed_s
+                await several_polls()
+                assert expiry.deleted == []
+            expiry.now_s += 0.002
+            await expiry.has_deleted(one)
 
     play(scene())
 
@@ -390,11 +400,13 @@ def test_time_counts_from_the_last_photon_though_the_hardware_has_forgotten_it(
     async def scene() -> None:
         async with expiring(monkeypatch) as expiry:
             expiry.add(5)
-            await asyncio.sleep(0.8)
+            await several_polls()
+            expiry.now_s += 0.8
             expiry.read(c5=0.0)
             await several_polls()
             expiry.read()
-            await asyncio.sleep(0.4)
+            expiry.now_s += 0.9
+            await several_polls()
             assert expiry.deleted == []
 
     play(scene())
