@@ -16,6 +16,9 @@ PYTEST := env PYTHONPATH=tests $(PYTHON) -m pytest -p no:cacheprovider -p progre
 PROCESSES := $(shell echo $$(( $$(nproc) < 8 ? $$(nproc) : 8 )))
 IN_PARALLEL := --numprocesses=$(PROCESSES) --dist=worksteal
 APART := --dist=worksteal --tx='$(PROCESSES)*popen//python=tests/emulation/own_namespaces $(PYTHON)'
+# Their files are in a folder with a short path, as sockets need; it stays if a test fails.
+in_folder = folder=$$(mktemp -d /tmp/qmn.XXXX) && \
+    $1 $(PYTEST) --basetemp="$$folder" $2 && $1 rm -r "$$folder"
 TESTS := tests/emulation  # of test-docker
 PRODUCT := wire dispatcher hosts controller_apps qswitch_agent copper topologies qmn
 PROTOCOLS := $(patsubst %.proto,%,$(wildcard wire/*.proto))
@@ -69,12 +72,12 @@ types: setup ## Check types
 	$(PYTHON) -m mypy
 
 unit: setup browser ## Run the unit tests (no root)
-	$(PYTEST) $(IN_PARALLEL) tests/unit
+	@$(call in_folder,,$(IN_PARALLEL) tests/unit)
 	@echo 'unit: handlers of the controller on os-ken, too: a process loads one framework'
 	QMN_CONTROLLER_FRAMEWORK=os-ken $(PYTEST) tests/unit/controller_apps/handlers
 
 emulation: setup ## Run the emulation tests (root, Open vSwitch)
-	$(AS_ROOT) $(PYTEST) $(APART) tests/emulation
+	@$(call in_folder,$(AS_ROOT),$(APART) tests/emulation)
 
 chaos: setup ## Strike runs at random for MINUTES (3), from SEED (1): nothing may hang or stay
 	$(AS_ROOT) $(PYTHON) tests/chaos --minutes $(or $(MINUTES),3) --seed $(or $(SEED),1)

@@ -25,6 +25,9 @@ from dispatcher.sabot.manager import Sabot
 from dispatcher.sabot.remote.client import RemoteSabot
 from dispatcher.sabot.simulation import Simulation
 from wire.config import BadConfig, DispatcherConfig
+from wire.service import RUNNER
+
+LEAST_SHARE = 1 << 20  # qubits
 
 
 def build_layer(
@@ -56,10 +59,21 @@ def build_layer(
         devices=devices,
         memories=Memories(devices, clock, sabot, draws, software),
         max_live_qubits=config.max_live_qubits,
+        share=share_of(config),
         journal=journal or Journal(config.time),
         time=config.time,
         software=software,
     )
+
+
+def share_of(config: DispatcherConfig) -> int:
+    """Return how many qubits that one node has made may be live: no node starves the others.
+
+    Each host has an equal part, but in large networks as much as two of the largest blocks take.
+    """
+    hosts = config.tokens.keys() - {RUNNER, *(switch.name for switch in config.switches)}
+    equal = config.max_live_qubits // max(1, len(hosts))
+    return min(config.max_live_qubits, max(equal, LEAST_SHARE))
 
 
 def open_layer(

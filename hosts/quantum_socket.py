@@ -12,13 +12,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from hosts.stack_socket import (
-    BYTES,
-    STACK_VARIABLE,
-    QuantumSocketError,
-    StackEnded,
-    StackSocket,
-)
+from hosts.service_socket import ServiceSocket
+from hosts.stack_socket import BYTES, STACK_VARIABLE, QuantumSocketError, StackEnded
 from wire.dispatcher_pb2 import Event
 from wire.events import decode_record
 from wire.socket_calls import MAX_PAYLOAD, Call, decode_fields, encode, encode_fields
@@ -26,8 +21,10 @@ from wire.socket_calls import MAX_PAYLOAD, Call, decode_fields, encode, encode_f
 __all__ = ["STACK_VARIABLE", "QuantumSocket", "QuantumSocketError", "StackEnded"]
 
 
-class QuantumSocket(StackSocket):
+class QuantumSocket(ServiceSocket):
     """One end of a connection over light; the end that connects sends, the other receives.
+
+    `shutdown` tells the other end that all was sent, and waits until it has verified every byte.
 
     It belongs to the host whose stack listens at the given path; on a host of an emulated
     network the environment variable QMN_STACK names that path.
@@ -36,7 +33,6 @@ class QuantumSocket(StackSocket):
     def __init__(self, stack: Path | str | None = None) -> None:
         super().__init__(stack)
         self._buffer = b""
-        self._ended = False
 
     @property
     def statistics(self) -> dict[str, Any]:
@@ -50,10 +46,7 @@ class QuantumSocket(StackSocket):
         ("none", "repetition", "hamming", "golay" or "reed-solomon"), interleave (bool).
         Raise QuantumSocketError with the reason if light cannot be had.
         """
-        host, port = address
-        words = {"service": BYTES, "host": host, "port": port}
-        self._socket.sendall(encode_fields(Call.REQUEST, **words, **options))
-        self.summary = self._done()
+        list(self.request(BYTES, address, **options))
 
     def sendall(self, data: bytes) -> None:
         """Send all of data; return when the other end's stack holds every byte of it."""
@@ -63,24 +56,16 @@ class QuantumSocket(StackSocket):
 
     def recv(self, size: int) -> bytes:
         """Return up to size bytes; b"" when the sender has closed and all bytes were right."""
-        while not self._buffer and not self._ended:
+        while not self._buffer and not self.over:
             call, payload = self._read()
             if call == Call.CLOSE:
-                self._ended, self.summary = True, decode_fields(payload)
+                self.over, self.summary = True, decode_fields(payload)
             elif call == Call.DATA:
                 self._buffer = payload
             else:
                 raise QuantumSocketError(f"the stack answered {call.name} to recv")
         data, self._buffer = self._buffer[:size], self._buffer[size:]
         return data
-
-    def shutdown(self) -> None:
-        """Tell the other end that all was sent, and wait until it has verified every byte."""
-        self._socket.sendall(encode(Call.CLOSE))
-        call, payload = self._read()
-        if call != Call.CLOSE:
-            raise QuantumSocketError(f"the stack answered {call.name} to shutdown")
-        self.summary = decode_fields(payload)
 
     def watch(self, session: int = 0, history: bool = False) -> Iterator[Event]:
         """Yield what happens to qubits at this host; of one session unless it is 0.

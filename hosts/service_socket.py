@@ -1,4 +1,4 @@
-"""A socket for the services other than bytes: teleportation, key distribution and the like.
+"""A socket for any service: teleportation, key distribution and the like; for bytes, its subclass.
 
     with ServiceSocket() as asking:
         for result in asking.request("teleport", ("bob", 9), count=1000):
@@ -87,7 +87,7 @@ class ServiceSocket(StackSocket):
         raise QuantumSocketError("the session is over, and nothing is left of it")
 
     def shutdown(self) -> None:
-        """End the session of a service that this end has asked for; return when it is over."""
+        """End the session that this end has asked for; return when it is over at both ends."""
         if not self.over:
             self._socket.sendall(encode(Call.CLOSE))
             list(self.results())

@@ -136,7 +136,7 @@ class Arbiter:
             return [Drop("forged", f"set-up of {setup.session:016x} comes with a verdict")]
         opened = self.needs_handshake and not self.inheritance.knows_no_handshakes(now)
         request = new_request(setup, arrival, now, arrival.segment.acknowledged if opened else None)
-        if self.sessions.full:
+        if self.sessions.full(request.five_tuple.source):
             return self.verdicts.answer(request, Verdict.REFUSED, Reason.BUSY)
         admission = self.forbid(setup, request.five_tuple) or admit(
             setup, request.five_tuple, self.sessions, self.network, self.budget_mdb, self.taps

@@ -26,6 +26,7 @@ from wire.optical import frequency_mhz
 MAX_SESSIONS = 4096
 MAX_REQUESTS = 4 * MAX_SESSIONS
 MAX_RETIRED = 1024
+MAX_OF_ONE = MAX_REQUESTS // 8  # requests of one opener: nobody keeps all others out
 
 
 class Stop(NamedTuple):
@@ -182,11 +183,15 @@ class Sessions:
     max_sessions: int = MAX_SESSIONS
     max_requests: int = MAX_REQUESTS
     max_retired: int = MAX_RETIRED
+    max_of_one: int = MAX_OF_ONE
 
-    @property
-    def full(self) -> bool:
-        """Whether another request has no place."""
-        return len(self.requests) >= self.max_requests
+    def full(self, opener: str) -> bool:
+        """Whether another request of an opener, by its address, has no place."""
+        if len(self.requests) >= self.max_requests:
+            return True
+        if len(self.requests) < self.max_of_one:
+            return False
+        return sum(known.source == opener for known in self.requests) >= self.max_of_one
 
     def of(self, request: Request) -> Session | None:
         """Return the session that a request belongs to, None if it has none (any more)."""

@@ -35,6 +35,7 @@ class PhysicalLayer:
     devices: Devices
     memories: Memories
     max_live_qubits: int
+    share: int  # of these, for what one node has made
     photons_lost: int = 0
     journal: Journal = field(default_factory=Journal)
     time: NetworkTime = REAL_TIME

@@ -1,6 +1,6 @@
 """The place of every block: at a node, waiting at one of its ports, or on its way."""
 
-from collections import deque
+from collections import Counter, deque
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -13,6 +13,7 @@ from dispatcher.refusal import denied, not_found
 from dispatcher.sabot.registers import Register
 from wire.physics import ENCODINGS
 
+HALVES = (0, 1)
 CLOSED_SESSIONS = 256  # remembered, for the light that is on its way when they end
 
 
@@ -92,6 +93,8 @@ class Ownership:
         self.used_names = UsedNames()
         self.count = 0
         self.places = 0  # for photons in all blocks, those that are lost included
+        self._makers: dict[tuple[int, int], str] = {}  # by session and number: who has made it
+        self._made: Counter[str] = Counter()  # places, by maker
 
     def close(self, node: str, session: int) -> None:
         """Note that a node wants no more light of a session."""
@@ -108,16 +111,30 @@ class Ownership:
         self._by_session.setdefault((block.node, block.name.session), {})[block] = None
         self.count += 1
         self.places += block.register.size
+        maker = self._makers.setdefault(block.name[:2], block.node)
+        self._made[maker] += block.register.size
 
     def remove(self, block: Block) -> None:
         """Forget a block."""
+        self._made[self._makers[block.name[:2]]] -= block.register.size
         parts = self._by_name[block.name]
         parts.remove(block)
         if not parts:
             del self._by_name[block.name]
+            self._forget_maker(block.name)
         self._leave(block)
         self.count -= 1
         self.places -= block.register.size
+
+    def _forget_maker(self, name: BlockName) -> None:
+        if not any(name._replace(half=half) in self._by_name for half in HALVES):
+            maker = self._makers.pop(name[:2])
+            if not self._made[maker]:
+                del self._made[maker]
+
+    def made_by(self, node: str) -> int:
+        """Return how many places for photons there are in the blocks that a node has made."""
+        return self._made[node]
 
     def move(self, block: Block, node: str, port: str = "") -> None:
         """Bring a block to a port of a node, or to the node itself."""

@@ -99,7 +99,7 @@ class Operations:
         abilities.require(layer.devices, node, *makers)
         names = [BlockName(request.session, request.number, half) for half in range(halves)]
         source = layer.devices.of(node).source
-        self._require_room(names, request.count, most_further(source, request.count))
+        self._require_room(node, names, request.count, most_further(source, request.count))
         states = limits.states(request)
         registers = self._make(request, states)
         lineage = layer.ownership.used_names.use(request.session, request.number)
@@ -204,7 +204,7 @@ class Operations:
             self._layer.record(block.node, "discard", block, port=block.port)
         return feedback
 
-    def _require_room(self, names: list[BlockName], count: int, further: int) -> None:
+    def _require_room(self, node: str, names: list[BlockName], count: int, further: int) -> None:
         """Refuse a block that may be too large, with its further pairs, or whose name is taken."""
         layer = self._layer
         require_count(count)
@@ -217,6 +217,12 @@ class Operations:
             raise exhausted(
                 f"{more} more qubits with {live} live exceed the limit of "
                 f"{layer.max_live_qubits}; measure or discard some first"
+            )
+        made = layer.ownership.made_by(node)
+        if made + more > layer.share:
+            raise exhausted(
+                f"{more} more qubits with {made} that {node} has made and that are live exceed its "
+                f"share of {layer.share}; measure or discard some first"
             )
         if layer.ownership.count + len(names) > limits.MAX_BLOCKS:
             raise exhausted(

@@ -10,7 +10,7 @@ import signal
 import sys
 from types import FrameType
 
-from hosts.applications.service import report
+from hosts.applications.carrying import say
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
 
@@ -29,10 +29,10 @@ def intercept(arguments: argparse.Namespace) -> None:
 
         for number in SIGNALS:
             signal.signal(number, end)
-        report("intercepting", {"fraction": arguments.fraction})
+        say("intercepting", {"fraction": arguments.fraction})
         for block in blocks:
-            report("result", block)
-        report("done", intercepting.summary)
+            say("result", block)
+        say("done", intercepting.summary)
 
 
 def main() -> int:

@@ -4,36 +4,12 @@ Prints one line of JSON when it listens and one when all bytes are there.
 """
 
 import argparse
-import json
 import os
 import sys
-from hashlib import sha256
 from pathlib import Path
 
-from hosts.quantum_socket import QuantumSocket, QuantumSocketError
-
-CHUNK_BYTES = 1 << 16
-
-
-def receive(arguments: argparse.Namespace) -> None:
-    """Accept one connection and write what it brings; a broken transfer leaves no file."""
-    digest, partial = sha256(), arguments.output.with_name(arguments.output.name + ".part")
-    with QuantumSocket(arguments.stack) as listener:
-        listener.listen(arguments.port)
-        print(json.dumps({"event": "listening", "port": arguments.port}), flush=True)
-        if arguments.background:
-            go_to_background()
-        connection, peer = listener.accept()
-    try:
-        with connection, partial.open("wb") as output:
-            while chunk := connection.recv(CHUNK_BYTES):
-                output.write(chunk)
-                digest.update(chunk)
-        partial.replace(arguments.output)
-    finally:
-        partial.unlink(missing_ok=True)
-    line = {"event": "done", "peer": peer, "sha256": digest.hexdigest()}
-    print(json.dumps({**line, **connection.statistics}), flush=True)
+from hosts.applications.service import ended_well, wait
+from wire.metadata import Service
 
 
 def go_to_background() -> None:
@@ -56,14 +32,10 @@ def main() -> int:
     text = "let the shell go on as soon as this listens"
     parser.add_argument("--background", action="store_true", help=text)
     parser.add_argument("port", type=int)
+    parser.set_defaults(service=Service.SDC.name.lower())
     arguments = parser.parse_args()
-    try:
-        receive(arguments)
-    except QuantumSocketError as error:
-        print(json.dumps({"event": "failed", "reason": error.reason.name, "text": str(error)}))
-        print(f"receive: {error}", file=sys.stderr)
-        return 1
-    return 0
+    listening = go_to_background if arguments.background else None
+    return ended_well("receive", lambda: wait(arguments, listening))
 
 
 if __name__ == "__main__":

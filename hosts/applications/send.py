@@ -4,49 +4,13 @@ Prints one line of JSON after every chunk: what the session has used so far.
 """
 
 import argparse
-import json
 import sys
-import time
-from hashlib import sha256
-from typing import BinaryIO
 
-from hosts.quantum_socket import QuantumSocket, QuantumSocketError
-from wire.metadata import FEC_NAMES
+from hosts.applications.carrying import CHUNK_BYTES
+from hosts.applications.service import ask, ended_well
+from wire.metadata import FEC_NAMES, Service
 
-CHUNK_BYTES = {"framed": 1 << 16, "per-pair": 16}
-
-
-def send(arguments: argparse.Namespace, source: BinaryIO) -> None:
-    """Send everything that source holds and report on it."""
-    digest = sha256()
-    with QuantumSocket(arguments.stack) as quantum_socket:
-        quantum_socket.connect(
-            (arguments.host, arguments.port),
-            handshake=arguments.handshake,
-            frame_bytes=arguments.frame_bytes,
-            block_pairs=arguments.block_pairs,
-            rate_hz=arguments.rate_hz,
-            fec=arguments.fec,
-            interleave=arguments.interleave,
-        )
-        started = time.monotonic()
-        try:
-            while chunk := source.read(CHUNK_BYTES[arguments.handshake]):
-                quantum_socket.sendall(chunk)
-                digest.update(chunk)
-                report("sending", quantum_socket, started)
-            quantum_socket.shutdown()
-        except QuantumSocketError:
-            report("sending", quantum_socket, started)  # how far it came
-            raise
-        report("done", quantum_socket, started, sha256=digest.hexdigest())
-
-
-def report(event: str, quantum_socket: QuantumSocket, started: float, **fields: str) -> None:
-    """Print one line of JSON."""
-    elapsed_s = time.monotonic() - started
-    line = {"event": event, "elapsed_s": elapsed_s, **quantum_socket.statistics, **fields}
-    print(json.dumps(line), flush=True)
+OPTIONS = ("handshake", "frame_bytes", "block_pairs", "rate_hz", "fec", "interleave")
 
 
 def main() -> int:
@@ -62,14 +26,10 @@ def main() -> int:
     parser.add_argument("--interleave", action="store_true", help="spread its codewords")
     parser.add_argument("host")
     parser.add_argument("port", type=int)
+    parser.set_defaults(service=Service.SDC.name.lower())
     arguments = parser.parse_args()
-    try:
-        send(arguments, arguments.file)
-    except QuantumSocketError as error:
-        print(json.dumps({"event": "failed", "reason": error.reason.name, "text": str(error)}))
-        print(f"send: {error}", file=sys.stderr)
-        return 1
-    return 0
+    arguments.options = {name: getattr(arguments, name) for name in OPTIONS}
+    return ended_well("send", lambda: ask(arguments))
 
 
 if __name__ == "__main__":

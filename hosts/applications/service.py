@@ -6,38 +6,59 @@ Prints a line of JSON for each result, and one with the summary at the end.
 import argparse
 import json
 import sys
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
-from hosts.service_socket import ServiceSocket
+from hosts.applications.carrying import CHUNK_BYTES, receive, say, send
+from hosts.quantum_socket import QuantumSocket
 from hosts.stack_socket import QuantumSocketError
 
 
 def ask(arguments: argparse.Namespace) -> None:
-    """Ask the host for the service."""
-    with ServiceSocket(arguments.stack) as asking:
+    """Ask the host for the service; send the file, if there is one."""
+    with QuantumSocket(arguments.stack) as asking:
         address = arguments.host, arguments.port
         for result in asking.request(arguments.service, address, **arguments.options):
-            report("result", result)
-        asking.shutdown()
-        report("done", asking.summary)
+            say("result", result)
+        if arguments.file is not None:
+            handshake = arguments.options.get("handshake", "framed")
+            send(asking, arguments.file, CHUNK_BYTES[handshake])
+        else:
+            asking.shutdown()
+            say("done", asking.summary)
 
 
-def wait(arguments: argparse.Namespace) -> None:
-    """Wait for one host that asks."""
-    with ServiceSocket(arguments.stack) as listener:
+def wait(arguments: argparse.Namespace, listening: Callable[[], None] | None = None) -> None:
+    """Wait for one host that asks; receive into the output file, if there is one.
+
+    `listening` is called as soon as hosts can ask.
+    """
+    with QuantumSocket(arguments.stack) as listener:
         listener.listen(arguments.port, arguments.service)
-        report("listening", {"port": arguments.port})
+        say("listening", {"port": arguments.port})
+        if listening is not None:
+            listening()
         connection, peer = listener.accept()
     with connection:
+        if arguments.output is not None:
+            receive(connection, peer, arguments.output)
+            return
         while not connection.over:
             for result in connection.results():
-                report("result", result)
-        report("done", {"peer": peer, **connection.summary})
+                say("result", result)
+        say("done", {"peer": peer, **connection.summary})
 
 
-def report(event: str, fields: dict[str, Any]) -> None:
-    """Print one line of JSON."""
-    print(json.dumps({"event": event, **fields}), flush=True)
+def ended_well(name: str, work: Callable[[], None]) -> int:
+    """Do the work of a program; turn a fault into one line and an exit status."""
+    try:
+        work()
+    except QuantumSocketError as error:
+        say("failed", {"reason": error.reason.name, "text": str(error)})
+        print(f"{name}: {error}", file=sys.stderr)
+        return 1
+    return 0
 
 
 def options_of(text: str) -> dict[str, Any]:
@@ -58,17 +79,13 @@ def main() -> int:
     parser.add_argument("port", type=int)
     parser.add_argument("host", nargs="?", help="to ask; without it: wait to be asked")
     parser.add_argument("--options", type=options_of, default={}, help="of the service, as JSON")
+    text = "of bytes to send, for a service that carries some"
+    parser.add_argument("--file", type=argparse.FileType("rb"), default=None, help=text)
+    text = "for the bytes that come, of a service that carries some"
+    parser.add_argument("--output", type=Path, default=None, help=text)
     arguments = parser.parse_args()
-    try:
-        if arguments.host is None:
-            wait(arguments)
-        else:
-            ask(arguments)
-    except QuantumSocketError as error:
-        print(json.dumps({"event": "failed", "reason": error.reason.name, "text": str(error)}))
-        print(f"service: {error}", file=sys.stderr)
-        return 1
-    return 0
+    work = wait if arguments.host is None else ask
+    return ended_well("service", lambda: work(arguments))
 
 
 if __name__ == "__main__":

@@ -1,9 +1,7 @@
-"""qmn run SERVICE: start a network, have two hosts use a service over it, report, clean up."""
+"""The jobs of services that are about a number of things, as states or pairs: qmn run SERVICE."""
 
 import argparse
-import json
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -11,7 +9,6 @@ from types import MappingProxyType
 from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from hosts.middleware.services import NAMES
 from hosts.middleware.services.distribution.distribute_options import PROTOCOLS
@@ -20,17 +17,8 @@ from hosts.middleware.services.teleportation import qubit_states
 from hosts.middleware.session.channel import SessionError
 from hosts.middleware.session.service_options import ServiceOptions
 from hosts.timeouts import MAX_BLOCK_S
-from qmn.jobs import eavesdropping, swap_schedule
-from qmn.jobs.run_context import (
-    add_run_options,
-    begin_folder,
-    check_run,
-    ending,
-    guarded,
-    known_facts,
-    running_network,
-)
-from qmn.jobs.transfer import START_TIMEOUT_S, TransferError, follow
+from qmn.jobs import eavesdropping, runner, swap_schedule
+from qmn.jobs.run_context import add_run_options, check_run, guarded
 from qmn.network.options import (
     BadInput,
     add_key_folder,
@@ -39,9 +27,7 @@ from qmn.network.options import (
     check_two_hosts,
 )
 from qmn.network.topologies import TOPOLOGIES, devices_of, quantum_hosts, topology, topology_name
-from qmn.results import service_result
-from topologies.network import Network, Signals, require_root
-from topologies.programs import NetworkError, Program, python
+from topologies.network import Signals, require_root
 from wire.features import EMIT
 from wire.physics import Device
 
@@ -170,7 +156,7 @@ def verb_of(service: str) -> Verb:
 def add_parsers(jobs: Any) -> None:
     """Describe the services among what `qmn run` can do."""
     for name, verb in VERBS.items():
-        parser = jobs.add_parser(name, help=verb.help, description=__doc__)
+        parser = jobs.add_parser(name, help=verb.help, description=verb.help)
         parser.set_defaults(call=partial(guarded, run), service=name)
         if verb.protocols:
             name, *_ = verb.protocols
@@ -216,15 +202,31 @@ def run(arguments: argparse.Namespace, signals: Signals, console: Console) -> in
     """Do the whole run and return its exit status."""
     options = check_input(arguments)
     require_root()
-    folder = begin_folder(arguments.runs, arguments.service)
-    eavesdropping.make_policy(arguments, topology(arguments)(), folder)
-    swap_schedule.make_policy(arguments, folder)
-    own = ("sender", "receiver", "eve", "schedule", *own_options(arguments.service))
-    facts = {"service": arguments.service, **known_facts(arguments, own), "delivered": False}
-    with ending(folder, facts, service_result.complete):
-        _use(arguments, options, folder, facts, signals, console)
-    service_result.show(console, facts, folder)
-    return 0
+
+    def describe(folder: Path) -> runner.Job:
+        eavesdropping.make_policy(arguments, topology(arguments)(), folder)
+        swap_schedule.make_policy(arguments, folder)
+        return job(arguments, options)
+
+    return runner.run(arguments.service, describe, arguments, signals, console)
+
+
+def job(arguments: argparse.Namespace, options: ServiceOptions) -> runner.Job:
+    """Return the use of a service."""
+    service, sender, receiver = arguments.service, arguments.sender, arguments.receiver
+    unit = verb_of(service).unit
+    named = unit.replace("_", " ")
+    return runner.Job(
+        service=service,
+        options=options,
+        opener=sender,
+        acceptor=receiver,
+        parameters=("sender", "receiver", "eve", "schedule", *own_options(service)),
+        said=f"{service} from {sender} to {receiver}: {options.count:,} {named}",
+        unit=named,
+        total=options.count,
+        done=lambda line: line.get(unit, 0),
+    )
 
 
 def own_options(service: str) -> tuple[str, ...]:
@@ -274,62 +276,3 @@ def fit_light(arguments: argparse.Namespace, devices: Iterable[Device]) -> None:
     if arguments.block_pairs is None:
         longest = max(1, int(arguments.rate_hz * MAX_BLOCK_S))
         arguments.block_pairs = min(defaults.block_pairs, longest)
-
-
-def _use(
-    arguments: argparse.Namespace,
-    options: ServiceOptions,
-    folder: Path,
-    facts: dict[str, Any],
-    signals: Signals,
-    console: Console,
-) -> None:
-    with running_network(arguments, folder, facts, signals, console) as network:
-        sender, receiver = arguments.sender, arguments.receiver
-        unit = verb_of(arguments.service).unit
-        what = f"{options.count:,} {unit.replace('_', ' ')}"
-        console.print(f"{arguments.service} from {sender} to {receiver}: {what}")
-        with (
-            eavesdropping.eavesdropping(network, arguments.eve, facts),
-            _progress_bar(console, unit, options.count, facts) as progress,
-        ):
-            try:
-                asked = _start(network, arguments, receiver, "asked", [])
-                asked.wait_for("listening", START_TIMEOUT_S)
-                fields = {name: getattr(options, name) for name in own_options(arguments.service)}
-                words = [receiver, "--options", json.dumps(fields)]
-                asking = _start(network, arguments, sender, "asking", words)
-                progress(follow(network, asking, progress))
-                facts["asked"] = follow(network, asked, lambda _line: None)
-            except (TransferError, NetworkError):
-                network.explain()
-                raise
-        facts["delivered"] = True
-
-
-def _start(
-    network: Network, arguments: argparse.Namespace, host: str, role: str, words: list[str]
-) -> Program:
-    command = [python(), "-m", "hosts.applications.service", "--stack"]
-    command += [network.runtime.socket(host), arguments.service, str(SERVICE_PORT), *words]
-    return network.run_on(host, role, command)
-
-
-@contextmanager
-def _progress_bar(
-    console: Console, unit: str, total: int, facts: dict[str, Any]
-) -> Iterator[Callable[[dict[str, Any]], None]]:
-    columns = (
-        TextColumn(unit.replace("_", " ")),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=console) as bar:
-        task = bar.add_task(unit, total=total)
-
-        def note(line: dict[str, Any]) -> None:
-            facts["asking"] = line
-            bar.update(task, completed=min(line.get(unit, 0), total))
-
-        yield note

@@ -2,29 +2,20 @@
 
 import argparse
 import os
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from hosts.applications.send import CHUNK_BYTES
+from hosts.applications.carrying import CHUNK_BYTES
 from hosts.middleware.services.superdense.coding import CODES
 from hosts.middleware.services.superdense.frame_format import FrameFormat
-from hosts.middleware.session.options import MAX_BLOCK_PAIRS
-from qmn.jobs.run_context import (
-    add_run_options,
-    begin_folder,
-    check_run,
-    ending,
-    guarded,
-    known_facts,
-    running_network,
-)
-from qmn.jobs.transfer import Transfer, transfer
+from hosts.middleware.services.superdense.options import SuperdenseOptions
+from hosts.middleware.session.options import MAX_BLOCK_PAIRS, MIN_BLOCK_PAIRS
+from qmn.jobs import runner
+from qmn.jobs.run_context import add_run_options, check_run, guarded
+from qmn.jobs.transfer import APPLICATION_PORT
 from qmn.network.options import (
     BadInput,
     add_network_options,
@@ -33,13 +24,11 @@ from qmn.network.options import (
     check_two_hosts,
 )
 from qmn.network.topologies import TOPOLOGIES, quantum_hosts, topology, topology_name
-from qmn.results import result
 from qmn.results.timeline import MERGE_AT_MOST_BYTES
 from topologies.network import Signals, require_root
-from wire.metadata import FEC_NAMES
+from wire.metadata import FEC_NAMES, Service
 
 MESSAGE = Path(__file__).with_name("message.txt")
-MIN_BLOCK_PAIRS = 4
 # Bell pairs a second to expect on two cores, for the estimate before the start.
 EXPECTED_RATE = {"framed": 2_000_000, "per-pair": 200}
 RECORDED_BYTES_PER_PAIR = {"framed": 1.02, "per-pair": 900}
@@ -49,15 +38,10 @@ CAPTURED_BYTES_PER_PAIR = {"framed": 4.4, "per-pair": 4_900}
 MERGED = {"framed": 1.02, "per-pair": 1.11}
 SIZE_LIMIT = {"framed": 1 << 30, "per-pair": 1 << 16}
 TELL_ESTIMATE_ABOVE_S = 10
-PARAMETERS = (
-    "sender",
-    "receiver",
-    "frame_bytes",
-    "block_pairs",
-    "rate_hz",
-    "fec",
-    "interleave",
-)
+PACKETISATION = ("frame_bytes", "block_pairs", "rate_hz", "fec", "interleave")
+ASKED = ("handshake", *PACKETISATION)  # of the service
+PARAMETERS = ("sender", "receiver", *PACKETISATION)  # that the result keeps as such
+SERVICE = Service.SDC.name.lower()
 
 
 def add_parsers(jobs: Any) -> None:
@@ -94,12 +78,43 @@ def run(arguments: argparse.Namespace, signals: Signals, console: Console) -> in
     size = check_input(arguments)
     require_root()
     tell_estimate(arguments, size, console)
-    folder = begin_folder(arguments.runs, arguments.topology)
-    facts = beginning(arguments, folder)
-    with ending(folder, facts, result.complete):
-        run_network(arguments, folder, facts, signals, console)
-    result.show(console, facts, folder)
-    return 0 if facts["delivered"] else 1
+
+    def describe(folder: Path) -> runner.Job:
+        return job(arguments, message_file(arguments, folder))
+
+    return runner.run(arguments.topology, describe, arguments, signals, console)
+
+
+def message_file(arguments: argparse.Namespace, folder: Path) -> Path:
+    """Return the file to send; a message becomes one in the folder of the run."""
+    if arguments.message is None:
+        return Path(arguments.file or MESSAGE).resolve()
+    file = folder / "message"
+    file.write_bytes(arguments.message.encode())
+    return file
+
+
+def job(arguments: argparse.Namespace, file: Path) -> runner.Job:
+    """Return the sending of a file."""
+    size = file.stat().st_size
+    pairs = pairs_of(arguments, size)
+    sender, receiver = arguments.sender, arguments.receiver
+    asked = {name: getattr(arguments, name) for name in ASKED}
+    return runner.Job(
+        service=SERVICE,
+        options=SuperdenseOptions(receiver, APPLICATION_PORT, **asked),
+        opener=sender,
+        acceptor=receiver,
+        parameters=PARAMETERS,
+        said=f"sending {file.name} from {sender} to {receiver} "
+        f"by superdense coding ({arguments.handshake})",
+        unit="pairs",
+        total=pairs,
+        done=lambda line: pairs * int(line["delivered_bytes"]) // max(size, 1),
+        rate=lambda line: line["bell_pairs"] / max(line["elapsed_s"], 1e-9),
+        file=file,
+        facts={"handshake": arguments.handshake, "file": str(file)},
+    )
 
 
 def check_input(arguments: argparse.Namespace) -> int:
@@ -184,71 +199,3 @@ def captured_mb(handshake: str, pairs: int) -> float:
     captured = pairs * CAPTURED_BYTES_PER_PAIR[handshake]
     merged = captured * (1 + MERGED[handshake]) if captured <= MERGE_AT_MOST_BYTES else captured
     return merged / 1e6
-
-
-def beginning(arguments: argparse.Namespace, folder: Path) -> dict[str, Any]:
-    """Return the facts that are known before the start, and keep the message in the folder."""
-    if arguments.message is not None:
-        (folder / "message").write_bytes(arguments.message.encode())
-    file = folder / "message" if arguments.message is not None else arguments.file or MESSAGE
-    return {
-        **known_facts(arguments, PARAMETERS),
-        "handshake": arguments.handshake,
-        "file": str(file.resolve()),
-    }
-
-
-def run_network(
-    arguments: argparse.Namespace,
-    folder: Path,
-    facts: dict[str, Any],
-    signals: Signals,
-    console: Console,
-) -> None:
-    """Start the network, send, and add to the facts."""
-    order = Transfer(
-        Path(facts["file"]),
-        folder / "received",
-        arguments.sender,
-        arguments.receiver,
-        arguments.handshake,
-        arguments.frame_bytes,
-        arguments.block_pairs,
-        arguments.rate_hz,
-        arguments.fec,
-        arguments.interleave,
-    )
-    with running_network(arguments, folder, facts, signals, console) as network:
-        console.print(
-            f"sending {order.file.name} from {order.sender} to {order.receiver} "
-            f"by superdense coding ({order.handshake})"
-        )
-        size = order.file.stat().st_size
-        with progress_bar(console, facts, size, pairs_of(arguments, size)) as progress:
-            sent, received = transfer(network, order, progress)
-            progress(sent)
-        facts["confusion"] = received.get("confusion")
-
-
-@contextmanager
-def progress_bar(
-    console: Console, facts: dict[str, Any], size: int, pairs: int
-) -> Iterator[Callable[[dict[str, Any]], None]]:
-    """Show pairs sent and pairs/s; every line also goes into the facts."""
-    columns = (
-        TextColumn("pairs"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[rate]:,.0f} pairs/s"),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=console) as bar:
-        task = bar.add_task("pairs", total=pairs, rate=0.0)
-
-        def note(line: dict[str, Any]) -> None:
-            facts["sender"] = line
-            delivered = pairs * line["delivered_bytes"] // max(size, 1)
-            rate = line["bell_pairs"] / max(line["elapsed_s"], 1e-9)
-            bar.update(task, completed=delivered, rate=rate)
-
-        yield note

@@ -70,7 +70,7 @@ def handshake_figure(run: RunFacts) -> str:
 
 def chart_figures(run: RunFacts, paths: Sequence[LightPath]) -> Iterator[str]:
     """Yield the charts; those of symbols for superdense coding alone."""
-    if run.service == "sdc":
+    if run.carries_bytes:
         yield _rate(run)
         yield _errors(run)
         yield _confusion(run)

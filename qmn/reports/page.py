@@ -47,10 +47,10 @@ def page(run: RunFacts) -> str:
 def _outcome(run: RunFacts) -> str:
     result, done = run.result, run.result["delivered"]
     words = {True: "delivered exactly", False: "NOT DELIVERED"}
-    if run.service != "sdc":
+    if not run.carries_bytes:
         words = {True: f"{run.service}: done", False: f"{run.service}: NOT DONE"}
     kind = "good" if done else "failed"
-    numbers = _figures(result) if run.service != "sdc" else _transfer_figures(result)
+    numbers = _transfer_figures(result) if run.carries_bytes else _figures(result)
     numbers["seed"] = f"{result['seed']}"
     tiles = "".join(
         f"<div><b>{value}</b><span>{name}</span></div>" for name, value in numbers.items()

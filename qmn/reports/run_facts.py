@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from qmn.live.event_sources import RESULT, recorded
 from qmn.results.network_facts import NetworkFacts
+from qmn.results.result import carries_bytes
 from topologies.runtime import EVENT_CAPTURE
 from wire.controller_record import read_record
 from wire.dispatcher_pb2 import Event
 
-SENDER_LOG = "sender.log"
+SENDER_LOG = "asking.log"
 
 
 class BadRun(Exception):
@@ -36,6 +37,11 @@ class RunFacts:
     def service(self) -> str:
         """The service that was used."""
         return str(self.result.get("service", "sdc"))
+
+    @property
+    def carries_bytes(self) -> bool:
+        """Whether the run was to bring bytes from one host to the other."""
+        return carries_bytes(self.result)
 
     @property
     def has_events(self) -> bool:

@@ -1,32 +1,23 @@
-"""The facts of a run of a service: result.json for programs, a short table for people."""
+"""What a run of a service adds to its result: what both ends have said at the end."""
 
-import json
 from pathlib import Path
 from typing import Any
-
-from rich.console import Console
-
-from qmn.results.result import controller_facts, emulation, print_rows, rows_of_every_run
-from wire.controller_record import read_record
 
 NOT_FIGURES = ("event", "peer")
 
 
-def complete(facts: dict[str, Any], folder: Path) -> None:
-    """Add what the run has left in its folder, and write result.json."""
+def complete(facts: dict[str, Any], _folder: Path) -> None:
+    """Keep what both ends have said."""
     for end in ("asking", "asked"):
         told = facts.get(end, {})
         facts[end] = {name: value for name, value in told.items() if name not in NOT_FIGURES}
-    facts["emulation"] = emulation(facts["asking"], facts)
-    facts.update(controller_facts(read_record(folder)))
-    (folder / "result.json").write_text(json.dumps(facts, indent=2) + "\n")
 
 
-def show(console: Console, facts: dict[str, Any], folder: Path) -> None:
-    """Print the table."""
+def rows(facts: dict[str, Any]) -> dict[str, str]:
+    """Return what a person is told of the service, and of who listened in."""
     told = {name.replace("_", " "): figure(value) for name, value in facts["asking"].items()}
     eve = {f"eve: {name.replace('_', ' ')}": figure(v) for name, v in facts.get("eve", {}).items()}
-    print_rows(console, {**told, **eve, **rows_of_every_run(facts, folder)})
+    return {**told, **eve}
 
 
 def figure(value: Any) -> str:

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from hosts.applications.send import CHUNK_BYTES
+from hosts.applications.carrying import CHUNK_BYTES
 from hosts.quantum_socket import QuantumSocket, QuantumSocketError
 from qmn.jobs.transfer import APPLICATION_PORT, STALL_TIMEOUT_S, TransferError
 from topologies.network import Network

@@ -25,8 +25,6 @@ ROLES = (  # a pattern of the command line, and the name that a run gives to wha
     (r"-m qswitch_agent .*/(\S+-agent)\.json", r"\1"),
     (r"-m hosts --config \S*/(\w+)\.json", r"\1"),
     (r"-m copper ", "copper"),
-    (r"-m hosts\.applications\.(receive)", "receiver"),
-    (r"-m hosts\.applications\.(send)", "sender"),
     (r"-m hosts\.applications\.service .*--options", "asking"),
     (r"-m hosts\.applications\.service ", "asked"),
     (r"^tcpdump .*-i (\S+)", "tcpdump"),

@@ -313,6 +313,16 @@ def test_a_full_table_refuses_with_busy() -> None:
     assert len(state.sessions.requests) == 2
 
 
+def test_one_host_does_not_take_the_places_of_all_others() -> None:
+    state = arbiter()
+    state.sessions.max_of_one = 2
+    for number in (1, 2):
+        assert answer(ask(state, replace(PER_PAIR, session=number), sport=number)).reason == 0
+    assert answer(ask(state, replace(PER_PAIR, session=3), sport=3)).reason == Reason.BUSY
+    other = ask(state, replace(PER_PAIR, session=4), sport=4, source=BOB, destination=ALICE)
+    assert answer(other).reason != Reason.BUSY
+
+
 def test_the_hold_has_a_deadline() -> None:
     state = arbiter()
     transaction = opened(ask(state, FRAMED, 1.0)).transaction

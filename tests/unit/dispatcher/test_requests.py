@@ -451,7 +451,8 @@ def test_a_block_as_large_as_allowed_passes(tmp_path: Path) -> None:
         measured = await bench.alice.bell_measure(block(0, 0), block(0, 1))
         assert measured.outcomes == bytes([2]) * 4_000_000
 
-    attempt(tmp_path, action)
+    # A share of one in three for alice.
+    attempt(tmp_path, action, max_live_qubits=3 * 8_000_000)
 
 
 def test_a_caller_that_goes_away_leaves_nothing_behind(tmp_path: Path) -> None:

@@ -106,6 +106,9 @@ def events() -> list[Event]:
     ]
 
 
+CONFUSION = [[20, 1, 0, 0], [0, 15, 0, 0], [0, 0, 12, 0], [2, 0, 0, 10]]
+
+
 def record_run(folder: Path, captured: bool = True, delivered: bool = True) -> Path:
     """Write a run into a folder and return that."""
     if captured:
@@ -116,7 +119,7 @@ def record_run(folder: Path, captured: bool = True, delivered: bool = True) -> P
     (folder / RECORD).write_text("".join(json.dumps(line) + "\n" for line in times))
     done = {"event": "done", "elapsed_s": 0.01, "bell_pairs": 100, "lost_pairs": 40}
     done |= {"symbol_errors": 3, "received_symbols": 60, "repeated_frames": 1, "symbols": 4}
-    (folder / "sender.log").write_text(f"{json.dumps({'event': 'said'})}\n{json.dumps(done)}\n")
+    (folder / "asking.log").write_text(f"{json.dumps({'event': 'said'})}\n{json.dumps(done)}\n")
     (folder / "message").write_bytes(b"two bits")
     (folder / "received").write_bytes(b"two bits" if delivered else b"")
     facts = {
@@ -138,8 +141,8 @@ def record_run(folder: Path, captured: bool = True, delivered: bool = True) -> P
         "backend": "chp",
         "exact": True,
         "network": NETWORK.to_dict(),
-        "sender": done,
-        "confusion": [[20, 1, 0, 0], [0, 15, 0, 0], [0, 0, 12, 0], [2, 0, 0, 10]],
+        "asking": done,
+        "asked": {"confusion": CONFUSION},
     }
     complete(facts, folder)
     return folder

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from qmn.jobs import superdense
+from qmn.jobs import runner, superdense
 from qmn.results.result import complete, show
 from topologies.network import Signals
 
@@ -24,7 +24,7 @@ def begin(folder: Path, received: bytes | None) -> dict[str, Any]:
 def shown(folder: Path, **facts: Any) -> list[str]:
     """Return the lines that a person reads of a run with these facts."""
     known = begin(folder, facts.pop("received", b"two bits"))
-    known["sender"] = {
+    known["asking"] = {
         "bell_pairs": 12_345,
         "lost_pairs": 6_789,
         "received_symbols": 5_000,
@@ -70,13 +70,16 @@ def test_the_status_is_that_of_the_bytes(
 ) -> None:
     """Whatever a network leaves behind: a real one does not leave wrong bytes."""
 
-    def leave(arguments: Any, folder: Path, facts: dict[str, Any], *_others: Any) -> None:
-        assert arguments.message == "two bits"
+    def leave(
+        job: runner.Job, _arguments: Any, folder: Path, facts: dict[str, Any], *_others: Any
+    ) -> None:
+        assert job.file
+        assert job.file.read_bytes() == b"two bits"
         facts["time_scale"] = 1.0
         if received is not None:
             (folder / "received").write_bytes(received)
 
-    monkeypatch.setattr(superdense, "run_network", leave)
+    monkeypatch.setattr(runner, "use_network", leave)
     monkeypatch.setattr(superdense, "require_root", lambda: None)
     parser = argparse.ArgumentParser()
     superdense.add_parsers(parser.add_subparsers())

@@ -91,7 +91,7 @@ def test_a_run_says_whether_it_delivered_and_with_which_seed(tmp_path: Path) -> 
 
 def test_what_was_not_recorded_is_said_and_not_drawn(tmp_path: Path) -> None:
     record_run(tmp_path, captured=False)
-    for name in ("quantum.pcapng", "sender.log", "controller.jsonl"):
+    for name in ("quantum.pcapng", "asking.log", "controller.jsonl"):
         (tmp_path / name).unlink()
     result = json.loads((tmp_path / "result.json").read_text())
     (tmp_path / "result.json").write_text(json.dumps({**result, "confusion": None}))
@@ -190,6 +190,6 @@ def test_the_verb_says_where_the_report_is(
 
 def test_lines_that_are_no_json_do_not_matter(tmp_path: Path) -> None:
     record_run(tmp_path)
-    with (tmp_path / "sender.log").open("a") as log:
+    with (tmp_path / "asking.log").open("a") as log:
         log.write("a warning\n[1]\n")
     assert len(read_run(tmp_path).sender) == 1

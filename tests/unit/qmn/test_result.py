@@ -6,7 +6,8 @@ from typing import Any
 
 import pytest
 
-from qmn.results.result import coding, complete, emulation, percentiles
+from qmn.results.message_result import coding
+from qmn.results.result import complete, emulation, percentiles
 from wire.controller_record import RECORD, read_record
 
 
@@ -38,7 +39,7 @@ def test_delivered_means_that_the_bytes_are_the_same(
 
 def test_rates_and_counts_come_from_sender_and_controller(tmp_path: Path) -> None:
     facts = begin(tmp_path, b"two bits")
-    facts["sender"] = {
+    facts["asking"] = {
         "bell_pairs": 40,
         "received_symbols": 32,
         "symbol_errors": 8,
@@ -72,7 +73,7 @@ def test_rates_and_counts_come_from_sender_and_controller(tmp_path: Path) -> Non
 
 def test_a_run_without_a_code_says_nothing_of_codes(tmp_path: Path) -> None:
     facts = begin(tmp_path, b"two bits")
-    facts["sender"] = {"elapsed_s": 1.0, "fec": 0, "interleave": 0, "code_rate": 1.0}
+    facts["asking"] = {"elapsed_s": 1.0, "fec": 0, "interleave": 0, "code_rate": 1.0}
     complete(facts, tmp_path)
     assert coding(facts) == {}
 
@@ -86,7 +87,7 @@ def test_a_line_that_is_still_being_written_is_left_out(tmp_path: Path) -> None:
 def test_rates_are_of_the_network_and_beside_them_of_the_emulation(tmp_path: Path) -> None:
     """The application measures two seconds here, which are a fifth of one in the network."""
     facts = {**begin(tmp_path, b"two bits"), "time_scale": 10.0}
-    facts["sender"] = {"bell_pairs": 40, "elapsed_s": 2.0}
+    facts["asking"] = {"bell_pairs": 40, "elapsed_s": 2.0}
     complete(facts, tmp_path)
     assert (facts["elapsed_s"], facts["pairs_per_s"]) == (0.2, 200.0)
     assert facts["emulation"] == {"elapsed_s": 2.0, "pairs_per_s": 20.0}

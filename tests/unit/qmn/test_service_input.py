@@ -38,14 +38,14 @@ def test_the_words_of_the_command_line_reach_the_service() -> None:
     words = ("--count", "7", "--fidelity", "0.9", "--sample", "0.5", "--rounds", "2")
     options = service.check_input(parse("distribute", *words, "--purification", "bbpssw"))
     assert options == DistributeOptions(
-        "bob", 9, 7, fidelity=0.9, sample=0.5, purification="bbpssw", rounds=2
+        "bob", 9, count=7, fidelity=0.9, sample=0.5, purification="bbpssw", rounds=2
     )
     assert options.fidelity_ppm == 900_000
 
 
 def test_a_swap_goes_over_as_many_repeaters_as_are_wanted() -> None:
     arguments = parse("swap", "--repeaters", "3", "--count", "7")
-    assert service.check_input(arguments) == DistributeOptions("bob", 9, 7)
+    assert service.check_input(arguments) == DistributeOptions("bob", 9, count=7)
     assert quantum_hosts(topology(arguments)()) == ["alice", "bob", "r1", "r2", "r3"]
 
 

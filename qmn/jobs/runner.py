@@ -1,0 +1,133 @@
+"""The runner of every job: starts a network, has two hosts use a service, reports, cleans up."""
+
+import argparse
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from hosts.middleware.session.service_options import SessionOptions
+from qmn.jobs import eavesdropping
+from qmn.jobs.run_context import begin_folder, ending, known_facts, running_network
+from qmn.jobs.transfer import START_TIMEOUT_S, TransferError, follow
+from qmn.results import result
+from topologies.network import Network, Signals
+from topologies.programs import NetworkError, Program, python
+
+Line = dict[str, Any]  # that an application has said
+
+
+@dataclass(frozen=True)
+class Job:
+    """What two hosts do over a network."""
+
+    service: str
+    options: SessionOptions  # what the opener asks for, checked
+    opener: str
+    acceptor: str
+    parameters: tuple[str, ...]  # of the command line that the result keeps
+    said: str  # when it begins
+    unit: str  # what it is about, as people call it
+    total: int  # of these
+    done: Callable[[Line], int]  # how many of them the opener's line says are done
+    rate: Callable[[Line], float] | None = None  # of them in a second, if that is shown
+    file: Path | None = None  # of bytes to send, for a service that carries some
+    facts: dict[str, Any] = field(default_factory=dict)  # more that the result keeps
+
+
+def run(
+    named: str,
+    describe: Callable[[Path], Job],
+    arguments: argparse.Namespace,
+    signals: Signals,
+    console: Console,
+) -> int:
+    """Do the whole run and return its exit status.
+
+    `named` is in the name of its folder, where `describe` puts what the job needs.
+    """
+    folder = begin_folder(arguments.runs, named)
+    job = describe(folder)
+    facts = {
+        "service": job.service,
+        **known_facts(arguments, job.parameters),
+        "delivered": False,
+        **job.facts,
+    }
+    with ending(folder, facts, result.complete):
+        use_network(job, arguments, folder, facts, signals, console)
+    result.show(console, facts, folder)
+    return 0 if facts["delivered"] else 1
+
+
+def use_network(
+    job: Job,
+    arguments: argparse.Namespace,
+    folder: Path,
+    facts: dict[str, Any],
+    signals: Signals,
+    console: Console,
+) -> None:
+    """Start the network, do the job, and add to the facts."""
+    with running_network(arguments, folder, facts, signals, console) as network:
+        console.print(job.said)
+        with (
+            eavesdropping.eavesdropping(network, getattr(arguments, "eve", None), facts),
+            _progress_bar(console, job, facts) as progress,
+        ):
+            _use(network, job, folder, facts, progress)
+        facts["delivered"] = True
+
+
+def _use(
+    network: Network,
+    job: Job,
+    folder: Path,
+    facts: dict[str, Any],
+    progress: Callable[[Line], None],
+) -> None:
+    """Start both ends' applications, and follow them to their last words."""
+    options = asdict(job.options)
+    host = options.pop("host")
+    del options["port"]
+    address = [host, "--options", json.dumps(options)]
+    output = ["--output", str(folder / result.RECEIVED)] if job.file else []
+    source = ["--file", str(job.file)] if job.file else []
+    try:
+        asked = _start(network, job, job.acceptor, "asked", output)
+        asked.wait_for("listening", START_TIMEOUT_S)
+        asking = _start(network, job, job.opener, "asking", [*address, *source])
+        progress(follow(network, asking, progress))
+        facts["asked"] = follow(network, asked, lambda _line: None)
+    except (TransferError, NetworkError):
+        network.explain()
+        raise
+
+
+def _start(network: Network, job: Job, host: str, role: str, words: list[str]) -> Program:
+    command = [python(), "-m", "hosts.applications.service", "--stack"]
+    command += [network.runtime.socket(host), job.service, str(job.options.port), *words]
+    return network.run_on(host, role, command)
+
+
+@contextmanager
+def _progress_bar(
+    console: Console, job: Job, facts: dict[str, Any]
+) -> Iterator[Callable[[Line], None]]:
+    """Show how far the opener is; every line also goes into the facts."""
+    rates = [TextColumn("{task.fields[rate]:,.0f} " + f"{job.unit}/s")] if job.rate else []
+    columns = TextColumn(job.unit), BarColumn(), MofNCompleteColumn(), *rates, TimeRemainingColumn()
+    with Progress(*columns, console=console) as bar:
+        task = bar.add_task(job.unit, total=job.total, rate=0.0)
+
+        def note(line: Line) -> None:
+            facts["asking"] = line
+            rate = job.rate(line) if job.rate else 0.0
+            bar.update(task, completed=min(job.done(line), job.total), rate=rate)
+
+        yield note

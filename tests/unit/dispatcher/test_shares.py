@@ -1,0 +1,65 @@
+"""What one node has made leaves room for what others make."""
+
+import asyncio
+from dataclasses import replace
+from pathlib import Path
+
+import grpc
+import pytest
+from dispatcher_network import Bench, JumpingClock, block, configuration, running
+
+from dispatcher.build import LEAST_SHARE, share_of
+from wire.config import QuantumSwitch
+from wire.dispatcher_pb2 import DiscardRequest
+
+
+@pytest.mark.parametrize(
+    ("limit", "hosts", "share"),
+    [
+        (9_000_000, 3, 3_000_000),
+        (8_000_000, 20, LEAST_SHARE),  # twice the largest block of pairs: 2 * 2 * 262,144 qubits
+        (1_000, 1, 1_000),
+        (1_000, 4, 1_000),
+    ],
+)
+def test_each_host_has_a_share(tmp_path: Path, limit: int, hosts: int, share: int) -> None:
+    tokens = {**{f"h{number}": "x" for number in range(hosts)}, "q1": "y", "runner": "z"}
+    config = replace(
+        configuration(tmp_path),
+        tokens=tokens,
+        max_live_qubits=limit,
+        devices={},
+        switches=[QuantumSwitch("q1")],
+    )
+    assert share_of(config) == share
+    assert LEAST_SHARE == 2 * 2 * 262_144
+
+
+def test_who_makes_too_much_is_refused_and_others_are_not(tmp_path: Path) -> None:
+    async def act(bench: Bench) -> None:
+        share = bench.service.layer.share
+        pairs = share // 2
+        assert 2 * share <= bench.service.layer.max_live_qubits
+        await bench.alice.create(pairs)
+        with pytest.raises(grpc.aio.AioRpcError) as caught:
+            await bench.alice.create(1, number=1)
+        assert caught.value.code() == grpc.StatusCode.RESOURCE_EXHAUSTED
+        words = (
+            f"2 more qubits with {2 * pairs} that alice has made and that are live exceed its sh"
+        )
+        assert words in (caught.value.details() or "")
+        await bench.bob.create(1, number=1)
+        await bench.alice.feedback("Discard", DiscardRequest(block=block(0, 0)))
+        await bench.alice.create(1, number=2)
+        await bench.alice.feedback("Discard", DiscardRequest(session=7))
+        await bench.bob.feedback("Discard", DiscardRequest(session=7))
+        assert bench.service.layer.ownership.made_by("alice") == 0
+        assert not bench.service.layer.ownership._makers
+        await bench.alice.create(pairs, number=3)
+
+    async def run() -> None:
+        config = replace(configuration(tmp_path), max_live_qubits=2 * LEAST_SHARE)
+        async with running(config, JumpingClock()) as bench:
+            await act(bench)
+
+    asyncio.run(run())
