@@ -28,6 +28,7 @@ class Agent:
             hardware,
             self._monitor.synchronise,
             self._commands.delete,
+            config.switch,
         )
         hold_s = config.time.wall_s(HOLD_DEADLINE_S)
         self._servers: list[tuple[Server, str]] = [

@@ -24,6 +24,7 @@ from qswitch_agent.middleware import optical_ports
 from qswitch_agent.middleware.flow_table import FlowTable
 from qswitch_agent.middleware.optical_ports import Tuned
 from qswitch_agent.openflow.flows import FlowEntry, FlowMod
+from qswitch_agent.openflow.identity import Identity, on_fiber
 from qswitch_agent.openflow.messages import Refusal
 from qswitch_agent.openflow.ports import Port
 from qswitch_agent.promises import Asker
@@ -64,6 +65,7 @@ class Switch:
         hardware: OpticalHardware,
         synchronise: Callable[[], Awaitable[None]],
         delete: Callable[[FlowEntry], None],
+        name: str = "",
     ) -> None:
         """`synchronise` returns when the table is what the bridge has reported up to now.
 
@@ -74,6 +76,7 @@ class Switch:
         self.connections: set[Unconfirmed] = set()
         self._synchronise = synchronise
         self._delete = delete
+        self.identity = Identity(name, len(self.fibers))
         paths.promises.break_one = self._take_back
         self._synchronised_ns = 0  # when that was begun last, of those that are done
         self.hardware = hardware
@@ -217,6 +220,11 @@ class Switch:
         for port in ports:
             (self.ports.discard if port.gone else self.ports.add)(port.number)
 
+    @property
+    def optical_alone(self) -> bool:
+        """Whether there is no copper, so that the bridge forwards no packets."""
+        return not self.ports - self.fibers - {ofp.OFPP_LOCAL}
+
     def shown(self, port: Port) -> Port:
         """Return a fibre port's description as a controller sees it.
 
@@ -230,7 +238,8 @@ class Switch:
         state = state | ofp.OFPPS_LIVE if healthy else state & ~ofp.OFPPS_LIVE
         config = port.config & ~ofp.OFPPC_NO_FWD  # our own, not the controllers'
         optics = optical_ports.description(self._condition).encode()
-        return Port(port.number, port.address, port.name, config, state, port.properties + optics)
+        properties = on_fiber(port.properties) + optics
+        return Port(port.number, port.address, port.name, config, state, properties)
 
     def path_optics(self) -> list[PathOptics]:
         """Return what paths do to light: first all that are not named, then the others."""

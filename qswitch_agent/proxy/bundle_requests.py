@@ -5,13 +5,19 @@ from collections.abc import Awaitable, Callable
 from os_ken.ofproto import ofproto_v1_4 as ofp
 
 from qswitch_agent.middleware.flow_table import FlowTable
-from qswitch_agent.middleware.light import is_light, require_no_fiber
+from qswitch_agent.middleware.light import is_light
 from qswitch_agent.openflow import messages, packets
 from qswitch_agent.openflow.flows import FlowMod
 from qswitch_agent.openflow.messages import HEADER, Refusal, transaction_id
 from qswitch_agent.openflow.ports import PortMod
 from qswitch_agent.proxy.bundles import Bundle, Member, require_supported
-from qswitch_agent.proxy.checks import checked_port_mod, marked, may_modify_light, require_not_slave
+from qswitch_agent.proxy.checks import (
+    checked_port_mod,
+    marked,
+    may_modify_light,
+    require_no_light,
+    require_not_slave,
+)
 from qswitch_agent.proxy.link import Link
 from qswitch_agent.switch import Switch, circuits, impossible_path
 from wire.metadata import MalformedPacket
@@ -61,7 +67,7 @@ class BundleRequests:
             bundle.tunings += tunings
             return told
         if kind == ofp.OFPT_GROUP_MOD:
-            require_no_fiber(packets.group_outputs(member.message), self._switch.fibers)
+            require_no_light(member.message, self._switch)
             return member.message
         mod = FlowMod.decode(member.message)
         member.mod, member.light = mod, is_light(mod, self._switch.fibers)

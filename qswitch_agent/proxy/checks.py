@@ -3,7 +3,8 @@
 from os_ken.ofproto import ofproto_v1_4 as ofp
 
 from qswitch_agent.middleware.flow_table import concerns
-from qswitch_agent.middleware.light import MODIFYING
+from qswitch_agent.middleware.light import MODIFYING, require_no_fiber
+from qswitch_agent.openflow import packets
 from qswitch_agent.openflow.flows import FlowMod
 from qswitch_agent.openflow.instructions import Mark
 from qswitch_agent.openflow.messages import Refusal
@@ -60,3 +61,11 @@ def checked_port_mod(message: bytes, switch: Switch) -> tuple[PortMod, Tunings]:
 
 def _bad_config(reason: str) -> Refusal:
     return Refusal(ofp.OFPET_PORT_MOD_FAILED, ofp.OFPPMFC_BAD_CONFIG, reason)
+
+
+def require_no_light(group_mod: bytes, switch: Switch) -> None:
+    """Raise Refusal for a group if the switch has none, or if it would lead into a fibre."""
+    if switch.optical_alone:
+        reason = "light has no groups"
+        raise Refusal(ofp.OFPET_GROUP_MOD_FAILED, ofp.OFPGMFC_OUT_OF_GROUPS, reason)
+    require_no_fiber(packets.group_outputs(group_mod), switch.fibers)

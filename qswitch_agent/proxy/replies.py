@@ -8,7 +8,15 @@ from os_ken.ofproto import ofproto_v1_4 as ofp
 
 from qswitch_agent.bridge import NO_PACKETS, BridgeFault
 from qswitch_agent.hardware.optics import HardwareFault, HardwareRefusal, Readings
-from qswitch_agent.openflow import async_config, flow_reports, messages, multipart, packets, ports
+from qswitch_agent.openflow import (
+    async_config,
+    flow_reports,
+    identity,
+    messages,
+    multipart,
+    packets,
+    ports,
+)
 from qswitch_agent.openflow.flow_reports import FlowRemoved
 from qswitch_agent.openflow.flows import FlowEntry
 from qswitch_agent.openflow.instructions import Mark
@@ -26,7 +34,9 @@ CHANGED = (
     ofp.OFPT_PACKET_IN,
     ofp.OFPT_BUNDLE_CONTROL,
     ofp.OFPT_GET_ASYNC_REPLY,
+    ofp.OFPT_FEATURES_REPLY,
 )
+NOT_OF_LIGHT = ofp.OFPMP_GROUP_FEATURES, ofp.OFPMP_METER_FEATURES
 WAITING = ofp.OFPT_BARRIER_REPLY, ofp.OFPT_MULTIPART_REPLY, ofp.OFPT_FLOW_REMOVED
 log = logging.getLogger(__name__)
 
@@ -60,6 +70,8 @@ class Replies:
             return await self._multipart(message, since_ns)
         if kind == ofp.OFPT_PORT_STATUS:
             return b"" if self._is_announced(message) else self._ports(message)
+        if kind == ofp.OFPT_FEATURES_REPLY:
+            return identity.features(message, self._switch.optical_alone)
         if kind == ofp.OFPT_GET_ASYNC_REPLY:
             return async_config.with_removal_masks(message, self._link.removals)
         if kind == ofp.OFPT_FLOW_REMOVED:
@@ -108,6 +120,10 @@ class Replies:
         kind = multipart.multipart_type(message)
         if kind == ofp.OFPMP_PORT_DESC:
             return self._ports(message)
+        if kind == ofp.OFPMP_DESC:
+            return identity.described(message, self._switch.identity)
+        if kind in NOT_OF_LIGHT and self._switch.optical_alone:
+            return identity.nothing_of(message)
         if kind == ofp.OFPMP_PORT_STATS:
             return await self._port_statistics(message)
         if kind == ofp.OFPMP_FLOW:

@@ -10,15 +10,21 @@ from collections.abc import Awaitable, Callable
 from os_ken.ofproto import ofproto_v1_4 as ofp
 
 from qswitch_agent.hardware.optics import HardwareRefusal
-from qswitch_agent.middleware.light import is_light, require_no_fiber
-from qswitch_agent.openflow import async_config, messages, multipart, packets
+from qswitch_agent.middleware.light import is_light
+from qswitch_agent.openflow import async_config, identity, messages, multipart, packets
 from qswitch_agent.openflow.flows import FlowMod
 from qswitch_agent.openflow.instructions import NICIRA
 from qswitch_agent.openflow.messages import HEADER, Refusal, transaction_id
 from qswitch_agent.openflow.packets import PacketOut
 from qswitch_agent.proxy.bundle_requests import BundleRequests
 from qswitch_agent.proxy.bundles import Tunings
-from qswitch_agent.proxy.checks import checked_port_mod, marked, may_modify_light, require_not_slave
+from qswitch_agent.proxy.checks import (
+    checked_port_mod,
+    marked,
+    may_modify_light,
+    require_no_light,
+    require_not_slave,
+)
 from qswitch_agent.proxy.link import Link
 from qswitch_agent.switch import Switch
 from wire.metadata import MalformedPacket
@@ -40,6 +46,7 @@ class Requests:
             ofp.OFPT_FLOW_MOD: self._flow_mod,
             ofp.OFPT_PORT_MOD: self._port_mod,
             ofp.OFPT_GROUP_MOD: self._group_mod,
+            ofp.OFPT_METER_MOD: self._meter_mod,
             ofp.OFPT_PACKET_OUT: self._packet_out,
             ofp.OFPT_BUNDLE_CONTROL: self._bundles.control,
             ofp.OFPT_BUNDLE_ADD_MESSAGE: self._bundles.add,
@@ -106,8 +113,14 @@ class Requests:
                     ofp.OFPET_PORT_MOD_FAILED, ofp.OFPPMFC_BAD_CONFIG, str(refusal)
                 ) from refusal
 
+    async def _meter_mod(self, message: bytes) -> None:
+        if self._switch.optical_alone:
+            reason = "light has no meters"
+            raise Refusal(ofp.OFPET_METER_MOD_FAILED, ofp.OFPMMFC_OUT_OF_METERS, reason)
+        self._link.to_bridge(message)
+
     async def _group_mod(self, message: bytes) -> None:
-        require_no_fiber(packets.group_outputs(message), self._switch.fibers)
+        require_no_light(message, self._switch)
         self._link.to_bridge(message)
 
     async def _packet_out(self, message: bytes) -> None:
@@ -130,6 +143,8 @@ class Requests:
         if multipart.asks_for_path_optics(message):
             body = encode_path_optics(self._switch.path_optics())
             await self._link.answer(multipart.path_optics_reply(xid, body))
+        elif kind == ofp.OFPMP_TABLE_FEATURES and len(message) == multipart.BODY:
+            await self._link.answer(identity.table_features(xid))
         elif kind == ofp.OFPMP_AGGREGATE:
             # The bodies are alike; the sum over entries is made of what light has counted.
             self._link.aggregates[xid] = (0, 0, 0)

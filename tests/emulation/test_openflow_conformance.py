@@ -369,3 +369,52 @@ def test_stale_role_request_leaves_a_slave_a_slave(tmp_path: Path) -> None:
         assert granted.role == ofp.OFPCR_ROLE_MASTER
         accepted(slave, light(1, 2), 40)
         assert "in_port=1" in flows("dump-flows")
+
+
+def test_switch_tells_what_it_is(switch: Switch) -> None:
+    # 7.3.5.1, 7.3.1, 7.3.5.8 and 7.3.5.12: a switch of light alone has no groups and no meters.
+    switch.controller.send(parser.OFPDescStatsRequest(DATAPATH, 0), 5)
+    told = switch.controller.answer(5).body
+    assert told.mfr_desc == b"qmn"
+    assert told.hw_desc == b"optical cross-connect, 4 fibre ports"
+    assert told.dp_desc == b"q1"
+    switch.controller.send(parser.OFPFeaturesRequest(DATAPATH), 6)
+    features = switch.controller.answer(6)
+    assert features.n_tables == 1
+    assert not features.capabilities & ofp.OFPC_GROUP_STATS
+    switch.controller.send(parser.OFPGroupFeaturesStatsRequest(DATAPATH, 0), 7)
+    groups = switch.controller.answer(7).body
+    assert (groups.types, groups.max_groups) == (0, [0, 0, 0, 0])
+    switch.controller.send(parser.OFPMeterFeaturesStatsRequest(DATAPATH, 0), 8)
+    (meters,) = switch.controller.answer(8).body
+    assert (meters.max_meter, meters.max_bands) == (0, 0)
+    bands = [parser.OFPMeterBandDrop(rate=9, burst_size=9)]
+    meter = parser.OFPMeterMod(DATAPATH, ofp.OFPMC_ADD, ofp.OFPMF_KBPS, 1, bands)
+    none = ofp.OFPET_METER_MOD_FAILED, ofp.OFPMMFC_OUT_OF_METERS
+    assert refused(switch.controller, meter) == none
+
+
+def test_its_table_has_what_light_can_do(switch: Switch) -> None:
+    # 7.3.5.5: what a table does not tell of, it cannot do.
+    switch.controller.send(parser.OFPTableFeaturesStatsRequest(DATAPATH, 0, []), 5)
+    (table,) = switch.controller.answer(5).body
+    assert (table.table_id, table.name) == (0, b"light")
+    told = {one.type: one for one in table.properties}
+    inst, match = told[ofp.OFPTFPT_INSTRUCTIONS], told[ofp.OFPTFPT_MATCH]
+    assert [one.type for one in inst.instruction_ids] == [WRITE, ofp.OFPIT_APPLY_ACTIONS]
+    assert told[ofp.OFPTFPT_NEXT_TABLES].table_ids == []
+    for kind in (ofp.OFPTFPT_WRITE_ACTIONS, ofp.OFPTFPT_APPLY_ACTIONS):
+        assert [one.type for one in told[kind].action_ids] == [ofp.OFPAT_OUTPUT]
+    assert [one.type for one in match.oxm_ids] == ["in_port", "eth_type"]
+    for kind in (ofp.OFPTFPT_WRITE_SETFIELD, ofp.OFPTFPT_APPLY_SETFIELD):
+        assert told[kind].oxm_ids == []
+
+
+def test_fibre_ports_are_of_fibre(switch: Switch) -> None:
+    # 7.2.1.1: OFPPF_FIBER is the medium; light has no bit rate.
+    switch.controller.send(parser.OFPPortDescStatsRequest(DATAPATH, 0), 5)
+    ports = {port.port_no: port for port in switch.controller.answer(5).body}
+    for number in (1, 2, 3, 4):
+        (link,) = [one for one in ports[number].properties if one.type == ofp.OFPPDPT_ETHERNET]
+        assert (link.curr, link.supported) == (ofp.OFPPF_FIBER, ofp.OFPPF_FIBER)
+        assert (link.curr_speed, link.max_speed) == (0, 0)

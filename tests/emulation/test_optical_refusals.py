@@ -55,11 +55,11 @@ WHAT_LIGHT_CANNOT_DO = {
         ),
         (ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_TYPE),
     ),
-    "a group": (
+    "to a group": (
         flow_mod(1, actions(parser.OFPActionGroup(1))),
         (ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_OUT_GROUP),
     ),
-    "a group that goes into a fibre": (group(ofp.OFPP_LOCAL, 2), BAD_PORT),
+    "a group": (group(ofp.OFPP_LOCAL), (ofp.OFPET_GROUP_MOD_FAILED, ofp.OFPGMFC_OUT_OF_GROUPS)),
     "a meter": (
         flow_mod(1, parser.OFPInstructionMeter(1), outputs(2)),
         (ofp.OFPET_BAD_INSTRUCTION, ofp.OFPBIC_UNSUP_INST),

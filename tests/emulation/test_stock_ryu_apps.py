@@ -95,6 +95,12 @@ def test_stock_apps_read_and_program_the_switch(http: Http, network: Network) ->
     assert not [flow for flow in http.get(f"/stats/flow/{Q1}")[str(Q1)] if flow["priority"] == 500]
 
 
+def test_stock_apps_read_what_the_switch_is(http: Http) -> None:
+    assert http.get(f"/stats/desc/{Q1}")[str(Q1)]["mfr_desc"] == "qmn"
+    (table,) = http.get(f"/stats/tablefeatures/{Q1}")[str(Q1)]
+    assert (table["table_id"], table["name"]) == (0, "light")
+
+
 def optical(port: dict[str, Any]) -> dict[str, Any] | None:
     """Return the optical property of a port, None if it has none."""
     found = [one for one in port["properties"] if one["type"] == "OPTICAL"]

@@ -168,6 +168,20 @@ def test_pairs_are_kept_only_as_many_as_the_smaller_memory_takes(tmp_path: Path,
     assert 30 <= alice["sampled"] <= alice["shared"] - 20 < 100
 
 
+@pytest.mark.parametrize("capacity", [32, 4000])
+def test_few_pairs_cost_few_more_than_their_sample(tmp_path: Path, capacity: int) -> None:
+    """Nothing is lost: 12 pairs and the 30 of the least sample, 5 % more, and one a block."""
+    ions = replace(IONS, memory=replace(IONS.memory, capacity=capacity))
+    physics = scene(OWN, **everyone(ions))
+    options: dict[str, Any] = {"count": 12, "source": "alice"}
+    alice, bob = ask(tmp_path, "distribute", physics=physics, **options)
+    assert alice["pairs"] == 12
+    assert alice["sampled"] >= 30
+    assert 42 <= alice["emitted"] <= 42 * 1.05 + 4
+    for end in (alice, bob):
+        assert 0 <= end["fidelity_age_s"] <= end["elapsed_s"]
+
+
 def test_the_last_places_of_a_memory_are_enough_to_purify_and_to_estimate(tmp_path: Path) -> None:
     small = replace(IONS, memory=replace(IONS.memory, capacity=16), gates=Gates())
     physics = scene(OWN, **everyone(small))

@@ -58,7 +58,6 @@ class Opening:
         judged = LEAST_JUDGED if options.fidelity else LEAST_SAMPLE
         self._least_sample = judged if options.sample else 0
         self._room = abilities.room(end)
-        self._short = False  # of memory: pairs that are not needed are sacrificed
 
     async def run(self) -> Answerer:
         """Make pairs until there are as many, and as good ones, as are wanted; deliver them."""
@@ -129,15 +128,16 @@ class Opening:
         most = min(self._end.setup.pairs, int(self._end.setup.rate_hz * MAX_BLOCK_S), room)
         missing = max(self._options.count - pairs.available, 0)
         unsampled = max(self._least_sample - pairs.estimate.total, 0)
+        good = pairs.available + pairs.estimate.total
         if not pairs.emitted:
-            kept = (1 - share) * float(PHOTONS) ** -pairs.rounds
-        elif pairs.available:
-            kept = pairs.available / pairs.emitted
+            kept = float(PHOTONS) ** -pairs.rounds
+        elif good:
+            kept = good / pairs.emitted
         else:
             return max(1, min(most, 4 * self._size))
-        wanted = max(missing, unsampled * (1 - share) / share if share else 0)
-        self._short = ceil(wanted / kept) > room
-        return max(1, min(most, ceil(MARGIN * wanted / kept) + 10))
+        # What is beyond the pairs that are wanted is sacrificed, and of each block its share.
+        wanted = max(missing + unsampled, missing / (1 - share))
+        return max(1, min(most, ceil(MARGIN * wanted / kept) + 1))
 
     async def _bring_up(self, number: int) -> None:
         """Purify a block as often as the others, and sacrifice a share of what is left."""
@@ -153,9 +153,8 @@ class Opening:
         """Choose pairs and bases, each basis as often as the others, and measure."""
         end, measured = self._end, self._pairs.estimate.total
         count = int(self._options.sample * size + end.draws.random())
-        if self._short:
-            needless = self._pairs.available - self._options.count
-            count = max(count, min(size, needless, self._least_sample - measured))
+        needless = self._pairs.available - self._options.count
+        count = max(count, min(size, needless, self._least_sample - measured))
         if not count:
             return
         chosen = np.zeros(size, dtype=bool)

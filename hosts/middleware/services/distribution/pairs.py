@@ -42,6 +42,19 @@ class Portion:
     rounds: int = 0  # of purification so far
 
 
+@dataclass
+class Moments:
+    """When pairs were measured."""
+
+    pairs: int = 0
+    mean_s: float = 0.0
+
+    def add(self, pairs: int, time_s: float) -> None:
+        """Count more pairs."""
+        self.pairs += pairs
+        self.mean_s += (time_s - self.mean_s) * pairs / self.pairs
+
+
 class Pairs:
     """Keeps, purifies, samples and delivers them; both ends take each step together."""
 
@@ -53,6 +66,7 @@ class Pairs:
         self.blocks: dict[int, Portion] = {}
         self.facts: dict[str, Any] = {}  # beside those that there are of all pairs
         self.estimates: dict[int, Estimate] = {}  # by rounds of purification
+        self._sampled: dict[int, Moments] = {}  # by rounds of purification
         self.rounds = self.emitted = self.shared = self.compared = self.survived = 0
 
     @property
@@ -114,6 +128,8 @@ class Pairs:
         theirs = await self._exchange(number, ours)
         estimate = self.estimates.setdefault(portion.rounds, Estimate())
         estimate.add(bases, ours, theirs)
+        sampled = self._sampled.setdefault(portion.rounds, Moments())
+        sampled.add(positions.size, now_s())
         portion.size = await keep(self._end.qnic, name, ~chosen)
         self._forget_empty(number)
 
@@ -128,6 +144,7 @@ class Pairs:
             left -= min(left, portion.size)
         await take(self._end.qnic, self._name(PAIRS), picks)
         self.blocks = {PAIRS: Portion(count, self.rounds)}
+        self.facts["fidelity_age_s"] = self._age_s()
         self._used = np.zeros(count, dtype=bool)
 
     async def answer(self, question: dict[str, Any]) -> dict[str, Any]:
@@ -167,6 +184,11 @@ class Pairs:
             "elapsed_s": elapsed_s,
             **self.facts,
         }
+
+    def _age_s(self) -> float | None:
+        """Return how long ago the sample was measured on average; the pairs have waited since."""
+        sampled = self._sampled.get(self.rounds)
+        return now_s() - sampled.mean_s if sampled else None
 
     def _unused(self, numbers: Any) -> NDArray[np.int64]:
         if not isinstance(numbers, list) or not 0 < len(numbers) <= MAX_ASKED:
