@@ -5,7 +5,7 @@ SHELL := /bin/bash
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
 .PHONY: help setup packages install uninstall run-sdc test test-docker lint types unit emulation chaos \
-    bench curves image clean lock browser
+    bench curves picture image clean lock browser
 
 PYTHON := .venv/bin/python
 # The caches and byte code of root would be in the user's way.
@@ -87,6 +87,9 @@ bench: setup ## Measure and print the speed of this machine
 
 curves: setup ## Check the physics against theory and draw it (curves/)
 	bin/qmn curves
+
+picture: setup ## Make the README's picture of a report anew
+	@setup/picture
 
 image: ## Build the Docker image
 	@docker/build

@@ -47,8 +47,16 @@ class Network:
     Raise NetworkError if it cannot start, Interrupted if a signal came meanwhile.
     """
 
-    def __init__(self, topo: Callable[[], Topo], settings: Runtime, signals: Signals) -> None:
+    def __init__(
+        self,
+        topo: Callable[[], Topo],
+        settings: Runtime,
+        signals: Signals,
+        tell: Callable[[str], None] | None = None,
+    ) -> None:
+        """Set it up; `tell` is told what ends it, before clean-up, which takes a while."""
         self._topo = topo
+        self._tell = tell
         self.runtime = settings
         self._signals = signals
         self._captures: list[Program] = []
@@ -77,6 +85,8 @@ class Network:
 
     def _clean_up(self, cause: BaseException | None) -> None:
         """Remove everything; what then goes wrong does not hide what has ended the network."""
+        if self._tell is not None and isinstance(cause, Exception):
+            self._tell(str(cause))
         self.runtime.hurried = True
         try:
             with self._signals.deferred():

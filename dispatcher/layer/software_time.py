@@ -114,8 +114,9 @@ class SoftwareTime:
 
     def light(self, sender: str, sent_ns: int, receiver: str, came_ns: int) -> None:
         """Note light on its way from the first photon sent to the last one's arrival."""
-        insort(_forgetting(self._light[receiver]), Cause(came_ns, sender, sent_ns))
-        self.news(sender, came_ns)  # who sends light knows when it arrives
+        for node in (receiver, sender):  # who sends light knows when it arrives
+            insort(_forgetting(self._light[node]), Cause(came_ns, sender, sent_ns))
+        self.news(sender, came_ns)
 
     def waited(self, node: str, begin_ns: int, end_ns: int, decays: bool) -> None:
         """Take in that qubits waited at a node, in a memory that decays or does not."""
@@ -144,9 +145,10 @@ class SoftwareTime:
         return software_ns + at_ns - begin_ns
 
     def _causes(self, node: str, before_ns: int) -> Iterator[Cause]:
-        """Yield the last that came to a node before then: light, and news from each other node."""
+        """Yield the last that came to a node by then: light, and news from each other node."""
         light = self._light[node]
-        if place := bisect_left(light, (before_ns,)):
+        place = bisect_right(light, before_ns, key=lambda each: each.came_ns)
+        if place and light[place - 1].began_ns < before_ns:
             yield light[place - 1]
         delays_ns = self._news_ns.get(node, {})
         for other, deeds_ns in self._deeds_ns.items():

@@ -4,11 +4,22 @@ Prints one line of JSON when it listens and one when all bytes are there.
 """
 
 import argparse
+import os
 import sys
 from pathlib import Path
 
 from hosts.applications.service import ended_well, wait
 from wire.metadata import Service
+
+
+def go_to_background() -> None:
+    """Let whoever has started this program go on; what it says from now on goes nowhere."""
+    if os.fork():
+        os._exit(0)
+    os.setsid()
+    for stream in (sys.stdin, sys.stdout, sys.stderr):
+        with open(os.devnull, "r+b") as nothing:
+            os.dup2(nothing.fileno(), stream.fileno())
 
 
 def main() -> int:
@@ -18,10 +29,13 @@ def main() -> int:
     )
     parser.add_argument("--stack", help="socket of this host's stack (QMN_STACK)")
     parser.add_argument("--output", type=Path, required=True)
+    text = "let the shell go on as soon as this listens"
+    parser.add_argument("--background", action="store_true", help=text)
     parser.add_argument("port", type=int)
     parser.set_defaults(service=Service.SDC.name.lower())
     arguments = parser.parse_args()
-    return ended_well("receive", lambda: wait(arguments))
+    listening = go_to_background if arguments.background else None
+    return ended_well("receive", lambda: wait(arguments, listening))
 
 
 if __name__ == "__main__":

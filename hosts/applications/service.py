@@ -29,11 +29,16 @@ def ask(arguments: argparse.Namespace) -> None:
             say("done", asking.summary)
 
 
-def wait(arguments: argparse.Namespace) -> None:
-    """Wait for one host that asks; receive into the output file, if there is one."""
+def wait(arguments: argparse.Namespace, listening: Callable[[], None] | None = None) -> None:
+    """Wait for one host that asks; receive into the output file, if there is one.
+
+    `listening` is called as soon as hosts can ask.
+    """
     with QuantumSocket(arguments.stack) as listener:
         listener.listen(arguments.port, arguments.service)
         say("listening", {"port": arguments.port})
+        if listening is not None:
+            listening()
         connection, peer = listener.accept()
     with connection:
         if arguments.output is not None:

@@ -159,7 +159,9 @@ def running_network(
         console.print(f"time scale {chosen.scale:g}: {chosen.reason}")
     with (
         given_at_the_end(arguments.keys),
-        Network(topo, runtime, signals) as network,
+        Network(
+            topo, runtime, signals, lambda cause: console.print(f"ending: {cause}", soft_wrap=True)
+        ) as network,
     ):
         facts["network"] = network_facts(network).to_dict()
         facts["backend"] = status(network).backend

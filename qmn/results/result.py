@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
 
 from qmn.results import message_result, service_result, software_share
 from qmn.results.message_result import RECEIVED as RECEIVED
@@ -85,8 +84,7 @@ def show(console: Console, facts: dict[str, Any], folder: Path) -> None:
 
 
 def print_rows(console: Console, rows: dict[str, str]) -> None:
-    """Print names and values below each other."""
-    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
+    """Print names and values below each other; no value is cut short, however long a path is."""
+    width = max(map(len, rows))
     for name, value in rows.items():
-        table.add_row(name, value)
-    console.print(table, soft_wrap=True)
+        console.print(f"{name:<{width}}  {value}", soft_wrap=True, markup=False, highlight=False)

@@ -3,6 +3,7 @@
 import os
 import re
 import signal
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -100,12 +101,17 @@ def daemon(_runner: int, random: Random) -> Strike | None:
 
 def the_runner(runner: int, random: Random) -> Strike | None:
     """Ask the runner to end, or kill it."""
-    number = random.choice(TO_RUNNER)
+    number, twice = random.choice(TO_RUNNER), random.random() < 0.3
     try:
         os.kill(runner, number)
+        if twice:
+            time.sleep(random.uniform(0.5, 2.0))  # as somebody who has lost patience
+            os.kill(runner, number)
     except ProcessLookupError:
-        return None
-    return Strike("runner", number.name, ("interrupted",), ends=number == signal.SIGKILL)
+        return None if not twice else Strike("runner", number.name, ("interrupted",))
+    ends = twice or number == signal.SIGKILL
+    how = f"{number.name} twice" if twice else number.name
+    return Strike("runner", how, ("interrupted", "second"), ends=ends)
 
 
 def fiber(_runner: int, random: Random) -> Strike | None:

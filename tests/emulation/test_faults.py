@@ -195,3 +195,13 @@ def test_other_bridges_are_left_alone(tmp_path: Path) -> None:
         assert "other0" in openvswitch.bridges()
     finally:
         openvswitch.delete("other0")
+
+
+def test_what_ends_a_run_is_told_before_clean_up(tmp_path: Path) -> None:
+    with long_run(tmp_path) as process:
+        read_until(process, "sending")
+        os.kill(child(process, "dispatcher"), signal.SIGKILL)
+        read_until(process, "ending: dispatcher died in mid-run: killed by SIGKILL")
+        assert list(RUNTIME_ROOT.glob("*/dispatcher.json"))  # clean-up removes it last
+        process.communicate(timeout=20)
+    assert process.returncode == 1

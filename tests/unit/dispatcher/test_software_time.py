@@ -91,6 +91,21 @@ def test_a_wait_for_news_along_the_copper_is_no_software() -> None:
     assert software.message().longest_ns == 30 + 40
 
 
+def test_word_of_a_pulse_train_is_not_there_before_its_last_pulse() -> None:
+    """Its first photon comes to alice at 200, the last at 1000; charlie's word of that at 1100."""
+    software = SoftwareTime({"alice": {"charlie": 100e-9}})
+    software.light("charlie", 0, "alice", 1000)
+    software.waited("alice", 200, 1112, decays=True)
+    assert software.message().longest_ns == 12
+
+
+def test_light_that_takes_no_time_does_not_hold_up_the_way_back() -> None:
+    software = SoftwareTime()
+    software.light("charlie", 70, "bob", 70)
+    software.waited("bob", 0, 80, decays=True)
+    assert software.message().longest_ns == 80
+
+
 def test_deeds_at_one_moment_end_the_way_back() -> None:
     software = SoftwareTime()
     for node in ("alice", "bob"):

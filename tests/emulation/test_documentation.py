@@ -1,0 +1,77 @@
+"""The commands of the README, run as it says, and of some pages; outputs as these print them."""
+
+import os
+import re
+import shlex
+import subprocess
+from pathlib import Path
+
+import pytest
+from conftest import ROOT
+from documentation import blocks, commands, without_numbers
+
+TIMEOUT_S = 110
+
+
+def bash(text: str, cwd: Path, typed: str = "") -> str:
+    """Type text to a shell in a folder where `qmn` is on the PATH; return what it printed."""
+    done = subprocess.run(
+        ["bash", "-ec", text],
+        cwd=cwd,
+        env={**os.environ, "PATH": f"{ROOT / 'bin'}:{os.environ['PATH']}"},
+        input=typed,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=TIMEOUT_S,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def test_the_first_command_prints_what_the_readme_says(tmp_path: Path) -> None:
+    shown = next(block for block in blocks("README.md") if block.startswith("starting"))
+    printed = bash("qmn run sdc --seed 1", tmp_path)  # which `make run-sdc` is, when all is set up
+    assert without_numbers(printed) == without_numbers(shown)
+    assert "37 bytes, delivered exactly" in printed
+    assert "Bell pairs used         148" in printed
+
+
+COMMANDS = commands("README.md", "qmn")
+
+
+@pytest.mark.parametrize("words", COMMANDS, ids=" ".join)
+def test_the_other_commands_of_the_readme_do_as_it_says(tmp_path: Path, words: list[str]) -> None:
+    quoted = f"qmn {shlex.join(words)} --runs runs"
+    if "--eve" in words:
+        assert "no key: " in bash(f"! {quoted} 2>&1", tmp_path)
+    else:
+        bash(quoted, tmp_path, typed="alice qsend bob hello\n")
+    assert (tmp_path / "runs" / "latest" / "result.json").exists()
+
+
+def test_the_python_of_the_readme_runs_as_it_is(tmp_path: Path) -> None:
+    (code,) = blocks("README.md", "python")
+    (tmp_path / "first.py").write_text(code)
+    printed = bash("qmn script first.py", tmp_path)
+    assert "1 packets transmitted, 1 received" in printed
+    assert re.search(r"^b'hello' \d+ \d+$", printed, re.MULTILINE)
+    assert printed.count("['fibre', 'q1', 'fibre']") == 3
+
+
+def test_a_replay_prints_what_the_page_says(tmp_path: Path) -> None:
+    bash("qmn run sdc --depolarizing 0.001 --frame-bytes 32 --qasm", tmp_path)
+    (shown,) = [block for block in blocks("docs/circuits.md") if "identical" in block]
+    command, output = shown.splitlines()
+    assert without_numbers(bash(command, tmp_path)) == without_numbers(output)
+    assert "exact: true" in bash("qmn sabot run runs/latest/quantum.qasm --shots 1", tmp_path)
+
+
+def test_mininets_own_program_does_what_the_page_says(tmp_path: Path) -> None:
+    (block,) = [each for each in blocks("docs/networks.md") if "mininet>" in each]
+    mn = next(line for line in block.splitlines() if "mn --custom" in line)
+    typed = [line.removeprefix("mininet> ") for line in block.splitlines() if "mininet>" in line]
+    got = tmp_path / "got"
+    commands = "\n".join([*(line.replace("/tmp/got", str(got)) for line in typed), "exit", ""])
+    bash(f"{mn.removeprefix('sudo ')} 2>&1", ROOT, typed=commands)
+    assert got.read_text() == "hello\n"

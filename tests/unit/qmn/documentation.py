@@ -1,0 +1,37 @@
+"""The documentation as tests read it: its pages, their blocks, and the commands in these."""
+
+import re
+import shlex
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[3]
+PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), ROOT / "docker" / "README.md"])
+PAGES = [page for page in PAGES if page.name != "CHANGELOG.md"]
+NAMES = [str(page.relative_to(ROOT)) for page in PAGES]
+FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+ENDS_COMMAND = {"|", "<", ">", "&", "&&"}
+
+
+def blocks(page: str, language: str = "") -> list[str]:
+    """Return the blocks of a page that are of a language, as marked."""
+    text = (ROOT / page).read_text()
+    return [body for marked, body in FENCE.findall(text) if marked == language]
+
+
+def commands(page: str, program: str) -> list[list[str]]:
+    """Return how a page calls a program: the words behind it, of each line that begins so."""
+    found = []
+    for block in blocks(page):
+        for line in block.replace("\\\n", " ").splitlines():
+            words = shlex.split(line, comments=True) if line.startswith(f"{program} ") else []
+            end = next((i for i, word in enumerate(words) if word in ENDS_COMMAND), len(words))
+            found += [words[1:end]] if words else []
+    return found
+
+
+def without_numbers(text: str) -> str:
+    """Return text without what differs from run to run: numbers, folders, blanks at ends."""
+    text = re.sub(r"\S*/runs/[\w-]+|/home/you/qmn", "FOLDER", text)
+    text = re.sub(r"\d[\d.,]*|\b\de-\d+\b", "N", text)
+    text = re.sub(r"━+", "━", text)
+    return "\n".join(line.rstrip() for line in text.strip().splitlines())

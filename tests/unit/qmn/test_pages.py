@@ -1,0 +1,100 @@
+"""README and docs: commands that there are, links that lead somewhere, outputs as they are printed.
+
+What needs a network is in tests/emulation/test_documentation.py.
+"""
+
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+from documentation import NAMES, ROOT, blocks, commands, without_numbers
+
+from qmn.__main__ import described
+
+QMN = ROOT / "bin" / "qmn"
+MAKEFILE = (ROOT / "Makefile").read_text()
+FOLDERS = (
+    *("wire", "hosts", "controller_apps", "qswitch_agent", "dispatcher", "topologies", "qmn"),
+    *("docs", "examples", "tests"),
+)
+ADDED_BY_READERS = ("hosts/middleware/services/coin.py", "tests/unit/a/")
+CALLS = [(name, " ".join(words)) for name in NAMES for words in commands(name, "qmn")]
+
+
+def understood(words: list[str]) -> bool:
+    """Return whether the command line takes these words; --help is one that ends it at once."""
+    try:
+        described(words).parse_args(words)
+    except SystemExit as ended:
+        return ended.code == 0
+    return True
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_qmn_command_is_one(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    for words in commands(name, "qmn"):
+        assert understood(words), f"qmn {' '.join(words)}: {capsys.readouterr().err}"
+
+
+def test_commands_are_found() -> None:
+    assert len(CALLS) > 60
+    assert len({name for name, _words in CALLS}) > 12
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_make_command_has_a_target(name: str) -> None:
+    for words in commands(name, "make"):
+        targets = [word for word in words if "=" not in word]
+        for target in targets:
+            assert re.search(rf"^{target}:", MAKEFILE, re.MULTILINE), f"{name}: make {target}"
+        for variable in [word.partition("=")[0] for word in words if "=" in word]:
+            assert f"  {variable}=" in MAKEFILE, f"{name}: {variable}="
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_link_and_every_file_that_is_named_is_there(name: str) -> None:
+    text = (ROOT / name).read_text()
+    for link in re.findall(r"\]\(([^)#:]+)(?:#[\w-]+)?\)", text):
+        assert (ROOT / name).parent.joinpath(link).exists(), f"{name}: {link}"
+    folders = (
+        "wire|hosts|controller_apps|qswitch_agent|dispatcher|topologies|qmn|docs|examples|tests"
+    )
+    for file in re.findall(rf"`((?:{folders})/[\w/.]+)`", text):
+        if file not in ADDED_BY_READERS:
+            assert (ROOT / file).exists(), f"{name}: {file}"
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if name.startswith("docs/")])
+def test_every_page_begins_with_who_needs_it(name: str) -> None:
+    title, blank, first = (ROOT / name).read_text().splitlines()[:3]
+    assert title.startswith("# ")
+    assert blank == ""
+    assert first.startswith("For whoever ")
+
+
+def test_every_page_is_in_the_readme_which_stays_short() -> None:
+    text = (ROOT / "README.md").read_text()
+    assert len(text.split()) <= 900
+    for name in NAMES:
+        assert not name.startswith("docs/") or f"]({name})" in text, name
+
+
+def test_circuits_print_what_the_page_says(tmp_path: Path) -> None:
+    typed = next(block for block in blocks("docs/circuits.md") if block.startswith("cat > bell"))
+    shown = blocks("docs/circuits.md")[1]
+    first = typed.partition("--backend stim")[0].rpartition("\n")[0]
+    done = subprocess.run(
+        ["bash", "-ec", first.replace("qmn sabot", f"{QMN} sabot")],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=60,
+    )
+    assert [line.rstrip() for line in done.stdout.splitlines()] == shown.splitlines()
+
+
+def test_numbers_alone_are_taken_out_of_what_is_compared() -> None:
+    printed = "pairs/s 1,234 (0.04 s)   \ncaptures /tmp/x y/runs/20261122T015233-sdc/*.pcap\n"
+    assert without_numbers(printed) == "pairs/s N (N s)\ncaptures /tmp/x FOLDER/*.pcap"
