@@ -36,7 +36,8 @@ def _problems(value: Any, schema: dict[str, Any], root: dict[str, Any], at: str)
     kind = schema.get("type")
     if kind is None:
         return
-    if not isinstance(value, KINDS[kind]) or (isinstance(value, bool) and kind != "boolean"):
+    fits: bool = isinstance(value, KINDS[kind])
+    if not fits or (kind != "boolean" and type(value) is bool):
         yield f"{at}: {value!r} is not of type {kind}"
     elif kind == "array":
         for number, each in enumerate(value):
