@@ -84,7 +84,10 @@ def monitors() -> dict[str, int]:
 
 
 def start_open_vswitch() -> None:
-    """Start both daemons, or the one that is missing."""
+    """Start both daemons, or the one that is missing; let one go on that was stopped."""
+    for pid in daemons().values():
+        with suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGCONT)
     run(CONTROL, "start", "--system-id=random")
 
 

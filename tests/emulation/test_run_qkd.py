@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import ROOT, typed
+from conftest import ROOT, TSHARK, typed
 from scapy.utils import rdpcap
 
 import wire.scapy_layers  # noqa: F401 (binds the layers)
@@ -78,7 +78,7 @@ def said_of_keys(folder: Path, address: str) -> list[QKey]:
 
 def shown(folder: Path, wanted: str) -> list[str]:
     """Return what tshark shows of the packets of a filter."""
-    command = ["tshark", "-r", str(folder / "all.pcapng"), "-Y", wanted]
+    command = [*TSHARK, "-r", str(folder / "all.pcapng"), "-Y", wanted]
     script = ["-X", f"lua_script:{folder / 'qmn.lua'}"]
     done = subprocess.run([*command, *script], capture_output=True, text=True, check=True)
     return done.stdout.splitlines()

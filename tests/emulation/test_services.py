@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import ROOT
+from conftest import ROOT, TSHARK
 
 
 def run_service(runs: Path, *words: str) -> dict[str, Any]:
@@ -32,7 +32,7 @@ def events(folder: Path) -> Iterator[tuple[str, str, float]]:
 
 def shown(capture: Path, script: Path, wanted: str, *fields: str) -> list[str]:
     """Return what tshark shows of the packets of a filter, or fields of them."""
-    command = ["tshark", "-r", str(capture), "-X", f"lua_script:{script}", "-Y", wanted]
+    command = [*TSHARK, "-r", str(capture), "-X", f"lua_script:{script}", "-Y", wanted]
     if fields:
         command += ["-T", "fields", *(word for field in fields for word in ("-e", field))]
     done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)

@@ -9,7 +9,7 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
-from conftest import ROOT, qmn, qmn_command, typed, verb, wait_until
+from conftest import ROOT, TSHARK, qmn, qmn_command, typed, verb, wait_until
 
 from topologies.runtime import RUNTIME_ROOT
 from wire.dissectors import search_path
@@ -17,7 +17,7 @@ from wire.dissectors import search_path
 
 def tshark(run: Path, *options: str) -> list[str]:
     script = ["-X", f"lua_script:{run / 'qmn.lua'}"]
-    command = ["tshark", "-2", *script, "-r", str(run / "all.pcapng"), *options]
+    command = [*TSHARK, "-2", *script, "-r", str(run / "all.pcapng"), *options]
     done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
     assert "Lua" not in done.stderr + done.stdout
     return done.stdout.splitlines()

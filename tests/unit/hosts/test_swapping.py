@@ -2,6 +2,7 @@
 
 import asyncio
 import time
+from dataclasses import replace
 from functools import partial, reduce
 from math import sqrt
 from pathlib import Path
@@ -10,10 +11,11 @@ from typing import Any
 import pytest
 from bell_pairs import Bell, convolved, dephased, near
 from chain_scene import nodes, order_swaps, swapped
+from stacks_scene import grant
 
 from controller_apps.policy.schedules import SCHEDULES
 from hosts.middleware.session.values import numbers_of
-from wire.metadata import Message, Topic, Values
+from wire.metadata import Message, Service, Setup, Topic, Values
 from wire.physics import BellAnalyser, Device, Memory, PairSource
 
 COUNT = 2000
@@ -34,6 +36,23 @@ def test_ideal_pairs_come_by_way_of_repeaters(tmp_path: Path, repeaters: int) ->
         assert (summary["pairs"], summary["fidelity"]) == (COUNT, 1)
         assert summary["shared"] == summary["emitted"]
     assert 0 < bob["waited_ms"] < 1000
+
+
+def test_links_are_asked_for_as_their_chain_was(tmp_path: Path) -> None:
+    """The controller allows no others; its seal belongs to one connection and is not passed on."""
+    asked: list[Setup] = []
+
+    def judge(setup: Setup) -> Setup:
+        asked.append(setup)
+        return grant(setup)
+
+    swapped(tmp_path, 2, physics={"verdict": judge}, count=COUNT)
+    chain = next(setup for setup in asked if setup.service == Service.SWAP)
+    links = [setup for setup in asked if setup.service == Service.LINK]
+    assert [link.session - chain.session for link in links] == [1, 2, 3]
+    for link in links:
+        alike = replace(link, session=chain.session, service=chain.service, source=chain.source)
+        assert alike == chain
 
 
 @pytest.mark.parametrize("repeaters", [1, 2, 3])

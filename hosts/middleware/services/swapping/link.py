@@ -23,7 +23,7 @@ from hosts.middleware.session.service import ConnectionEnd
 from hosts.middleware.session.values import values
 from hosts.timeouts import BITS_TIMEOUT_S
 from wire.device import MAX_REPEATERS, SwapOrder
-from wire.metadata import Finish, Pauli, Reason, Service, Setup, Topic, Verdict
+from wire.metadata import SEAL_BYTES, Finish, Pauli, Reason, Service, Setup, Topic, Verdict
 
 NO_DIGEST = bytes(32)
 MAX_WAITED_US = (1 << 32) - 1
@@ -50,6 +50,7 @@ class OutgoingLink:
             verdict=Verdict.PENDING,
             rotation=Pauli.I,
             reason=Reason.OK,
+            seal=bytes(SEAL_BYTES),
         )
         arrangement = Arrangement(setup, (order.right, order.right), address, Light())
         try:
