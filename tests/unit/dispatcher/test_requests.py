@@ -124,11 +124,11 @@ REFUSED = [
         r"bases\[2\] is 3",
     ),
     # who may do what
-    ("q1", "Resend", ResendRequest(block=MINE), Code.PERMISSION_DENIED, "no host"),
-    ("q1", "Gather", gather((MINE, [0])), Code.PERMISSION_DENIED, "no host"),
-    ("runner", "Gather", gather((MINE, [0])), Code.PERMISSION_DENIED, "no host"),
-    ("q1", "Create", create(), Code.PERMISSION_DENIED, "no host"),
-    ("runner", "Create", create(), Code.PERMISSION_DENIED, "no host"),
+    ("q1", "Resend", ResendRequest(block=MINE), Code.PERMISSION_DENIED, "not a host"),
+    ("q1", "Gather", gather((MINE, [0])), Code.PERMISSION_DENIED, "not a host"),
+    ("runner", "Gather", gather((MINE, [0])), Code.PERMISSION_DENIED, "not a host"),
+    ("q1", "Create", create(), Code.PERMISSION_DENIED, "not a host"),
+    ("runner", "Create", create(), Code.PERMISSION_DENIED, "not a host"),
     ("alice", "Status", StatusRequest(), Code.PERMISSION_DENIED, "only runner"),
     # ports
     ("alice", "Send", launch(MINE, port="alice-q7"), Code.NOT_FOUND, "alice-q0, alice-q9"),
