@@ -7,7 +7,7 @@ sudo PYTHONPATH=. mn --custom topologies/sdc.py --topo sdc,preset=metro
 from dataclasses import dataclass, field
 from typing import Any
 
-from wire.physics import BadParameter, Detectors, Device, PairSource
+from wire.physics import BadParameter, BellAnalyser, Detectors, Device, PairSource
 
 # Superconducting nanowires: 92 % efficient, under 130 dark counts a second, over 150 million
 # counts a second, jitter 14.8 ps full width at half maximum (arXiv:1611.02726).
@@ -46,7 +46,11 @@ PRESETS = {
             "polarization_drift_rad_per_sqrt_km": 0.05,
             "temperature_walk_k_per_sqrt_s": 0.001,
         },
-        device=Device(source=PairSource(fidelity=0.95), detectors=NANOWIRES),
+        device=Device(
+            source=PairSource(fidelity=0.95),
+            detectors=NANOWIRES,
+            analyser=BellAnalyser(delay_line_db_per_km=0.2),
+        ),
     ),
     "lab": Preset(
         "fibre: PANDA (wire/fiber.py), connectors .25 dB each; pairs over 10 m: arXiv:2504.08927; "

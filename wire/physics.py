@@ -171,6 +171,8 @@ class BellAnalyser:
     visibility: float = parameter(1.0, 0.0, 1.0)  # V0: of Hong-Ou-Mandel interference at best
     bandwidth_rad_per_s: float = parameter(0.0, 0.0, 1e15)  # rms of the spectral intensity
     coincidence_window_s: float = parameter(1e-6, 1e-12, 1.0)
+    # Of the delay line in which light waits whose way was the shorter: fibre, at .2 dB/km if real.
+    delay_line_db_per_km: float = parameter(0.0, 0.0, 1_000.0)
 
     def check(self, where: str) -> None:
         """Raise BadParameter for what no analyser is like."""

@@ -1,8 +1,8 @@
 """Which connection speaks for a switch: the first of its datapath id, for as long as it lasts.
 
-Whoever comes later with the same id is sent away, and does not displace it. A connection from this
-machine has to be of a process of root's or of the controller's own user: bridges and agents are,
-and no other local user can be a switch, not even before the real one is here.
+Whoever comes later with the same id is sent away, and does not displace it. A connection by the
+controller's own loopback has to be of a process of root's or of its own user: bridges and agents
+are, and no other local user can be a switch, not even before the real one is here.
 """
 
 import logging

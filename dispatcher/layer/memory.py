@@ -109,6 +109,7 @@ class Memories:
         counts = {}
         if leaves:
             self.forget(block)
+            block.way_ns, block.retimed = 0, True
             counts["lost"] = self._lose(block, memory.efficiency, random)
         counts |= self._decay(block, memory, waits, random)
         if not leaves:

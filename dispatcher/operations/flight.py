@@ -71,6 +71,7 @@ class Arrival:
     rotation: int = 0
     turn: Turn | None = None
     dispersion_ps_per_nm: float = 0.0
+    way_ns: int = 0  # in fibres
 
 
 class Flight:
@@ -121,7 +122,8 @@ class Flight:
         further.meet(self._layer.sabot, block, beam.members, turn, alone=False)
         schedule = self._departure.after(beam.delay_ns)
         way = end, beam.members, schedule, beam.fibers_passed
-        return Arrival(*way, errors, beam.rotation, beam.turn, beam.dispersion_ps_per_nm)
+        turned = beam.rotation, beam.turn, beam.dispersion_ps_per_nm
+        return Arrival(*way, errors, *turned, beam.delay_ns)
 
     def _cross(self, beam: Beam, switch: OpticalSwitch, in_port: int) -> None:
         """Send a beam on through the switch that it has come to."""

@@ -134,6 +134,8 @@ class Gathering:
             fibers_passed=max(block.fibers_passed for block in blocks),
             pulses=light,
             further=more,
+            way_ns=max(block.way_ns for block in blocks),
+            retimed=any(block.retimed for block in blocks),
             start_ns=max(block.start_ns for block in blocks),
             source_rate_hz=min(block.source_rate_hz for block in blocks),
             stores=max(block.stores for block in blocks),

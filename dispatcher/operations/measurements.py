@@ -22,6 +22,7 @@ from dispatcher.sabot.limits import packed
 from dispatcher.sabot.registers import Mask
 from wire.dispatcher_pb2 import Feedback, MeasureRequest
 from wire.features import MEASURE
+from wire.fiber import SPEED_IN_FIBER_M_PER_S
 from wire.outcomes import BASES, NO_CLICK
 from wire.physics import BELL_STATES
 
@@ -85,6 +86,7 @@ class Measurements:
         feedback.first_ns = min(first.first_ns, second.first_ns)
         feedback.last_ns = max(first.last_ns, second.last_ns)
         by_gates = layer.devices.of(node).analyser.kind == "gates"
+        waited = "" if by_gates else self._let_wait(node, first, second)
         errors = gate_noise.before_bell_measurement(layer, first, second) if by_gates else {}
         present = first.register.present, second.register.present
         states = layer.sabot.bell_measure(
@@ -99,13 +101,34 @@ class Measurements:
             layer.ownership.remove(block)
         found = self._analyser(node).analyse(states, halves, random)
         told = f"with {second.name.number}/{second.name.half}: {tally(found.outcomes, BELL_STATES)}"
-        told += listed(errors)
+        told += waited + listed(errors)
         each = partial(outcome, found.outcomes, BELL_STATES)
         layer.record(node, "bell-measure", first, detail=told + listed(found.incidents), each=each)
         feedback.clicks = found.clicks
         feedback.coincidences = int(np.count_nonzero(found.outcomes != NO_CLICK))
         feedback.outcomes = found.outcomes.tobytes()
         return feedback
+
+    def _let_wait(self, node: str, first: Block, second: Block) -> str:
+        """Let light wait whose way was shorter, in a delay line; return what the event log says.
+
+        Sources emit pulse by pulse together; what a memory lets go comes when it is wanted.
+        """
+        later_ns = first.way_ns - second.way_ns
+        per_km = self._layer.devices.of(node).analyser.delay_line_db_per_km
+        if first.retimed or second.retimed or not later_ns or not per_km:
+            return ""
+        layer, waiting = self._layer, second if later_ns > 0 else first
+        length_km = abs(later_ns) * 1e-12 * SPEED_IN_FIBER_M_PER_S
+        place = waiting.draws_for(f"delay line of {node}")
+        random = PhotonRandom(layer.draws, waiting.name, place, waiting.register.size)
+        passes = 10 ** (-per_km * length_km / 10)
+        lost = layer.sabot.lose(waiting.register, ~random.happens("pass", passes))
+        everything = np.ones(waiting.register.size, dtype=bool)
+        further.thin(layer.sabot, waiting, everything, passes, random, "further")
+        layer.photons_lost += lost
+        which = waiting.name
+        return f", {which.number}/{which.half} waited in {length_km:g} km of fibre, lost={lost}"
 
     def _halves(
         self, first: Block, second: Block, present: tuple[Mask, Mask], random: PhotonRandom

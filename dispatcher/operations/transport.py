@@ -138,6 +138,7 @@ class Transport:
         part = Block(block.name, register, "", pulses=own)
         part.further = further.part(layer.sabot, block, arrival.members)
         part.interval_ns, part.stores = block.interval_ns, block.stores
+        part.way_ns, part.retimed = block.way_ns, block.retimed
         part.lineage, part.resends, part.gates = block.lineage, block.resends, block.gates
         layer.ownership.add(part)
         return part
@@ -149,6 +150,7 @@ class Transport:
         if block.pulses.turn is not None:
             block.pulses.turn = block.pulses.turn.behind(arrival.rotation)
         drift.turn(block, arrival.turn)
+        block.way_ns += arrival.way_ns
         block.pulses.dispersion_ps_per_nm += arrival.dispersion_ps_per_nm
         block.start_ns = arrival.schedule.first_ns
         first, last = np.flatnonzero(further.lit(block))[[0, -1]].tolist()

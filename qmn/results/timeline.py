@@ -9,7 +9,7 @@ from typing import IO
 
 from qmn.results.time_order import Place, in_time_order
 from topologies.runtime import EVENT_CAPTURE
-from wire.dissectors import SCRIPT, script
+from wire.dissectors import install
 from wire.metadata import MalformedPacket
 from wire.pcapng import TRAILER_BYTES, Interface, Packet, PcapReader, Reader, Writer
 
@@ -24,7 +24,7 @@ class NoCaptures(Exception):
 
 def timeline_of_run(run: Path) -> str:
     """Merge what was captured, beside dissectors for it; return the file, or why there is none."""
-    (run / SCRIPT).write_text(script())
+    install(run)
     size = captured_bytes(run)
     if size > MERGE_AT_MOST_BYTES:
         return f"not made, of {size / 1e6:,.0f} MB of captures: `qmn wireshark {run}` makes it"

@@ -4,6 +4,7 @@ import asyncio
 
 from qmn.sweeps.bell_test import CHSH
 from qmn.sweeps.dead_time import DEAD
+from qmn.sweeps.delay_line import DELAY_LINE
 from qmn.sweeps.experiment import Experiment, Outcome
 from qmn.sweeps.fresh_outcomes import FRESH_OUTCOMES
 from qmn.sweeps.gated_bell import GATED_BELL
@@ -34,6 +35,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         WEAK_PULSES,
         POLARIZATION,
         TIMING,
+        DELAY_LINE,
     )
 }
 

@@ -351,4 +351,23 @@ SHEETS = (
             )
         ],
     ),
+    Sheet(
+        "delay-line",
+        "delay-line",
+        {
+            "difference_km": "0:50:6",
+            "delay_line_db_per_km": [0.0, 0.2],
+            "pairs": 100_000,
+        },
+        [
+            Curve(
+                "delay-line",
+                "Bell measurement of halves whose ways differ",
+                "difference_km",
+                "difference of the ways (km)",
+                "coincidences",
+                by=["delay_line_db_per_km"],
+            )
+        ],
+    ),
 )

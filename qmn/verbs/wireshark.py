@@ -11,7 +11,7 @@ from typing import Any
 
 from qmn.results.run_folder import give
 from qmn.results.timeline import TIMELINE, NoCaptures, merge
-from wire.dissectors import SCRIPT, script
+from wire.dissectors import SCRIPT, install, search_path
 from wire.metadata import MalformedPacket
 
 COLUMNS = {
@@ -61,12 +61,8 @@ def call(arguments: argparse.Namespace) -> int:
 def prepare(run: Path) -> tuple[Path, Path]:
     """Return a run's timeline and the dissectors that fit it; make what is not there yet."""
     timeline, dissectors = run.resolve() / TIMELINE, run.resolve() / SCRIPT
-    made = [file for file in (timeline, dissectors) if not file.exists()]
-    if timeline in made:
-        merge(run.resolve())
-    if dissectors in made:
-        dissectors.write_text(script())
-    for file in made:
+    made = [] if timeline.exists() else [merge(run.resolve())]
+    for file in (*made, *install(run.resolve())):
         give(file)
     return timeline, dissectors
 
@@ -83,10 +79,14 @@ def what_is_missing() -> str:
 def wireshark_command(timeline: Path, dissectors: Path) -> list[str]:
     """Return the command that shows a timeline, with the interface in a column."""
     columns = ",".join(f'"{name}","{form}"' for name, form in COLUMNS.items())
-    options = ["-X", f"lua_script:{dissectors}", "-o", f"gui.column.format:{columns}"]
+    options = [*_dissecting(dissectors), "-o", f"gui.column.format:{columns}"]
     return ["wireshark", *options, "-r", str(timeline)]
 
 
 def tshark_command(timeline: Path, dissectors: Path) -> list[str]:
     """Return the command that shows the quantum part of a timeline in a terminal."""
-    return ["tshark", "-X", f"lua_script:{dissectors}", "-r", str(timeline), FILTER]
+    return ["tshark", *_dissecting(dissectors), "-r", str(timeline), FILTER]
+
+
+def _dissecting(dissectors: Path) -> list[str]:
+    return ["-X", f"lua_script:{dissectors}", *search_path(dissectors.parent)]

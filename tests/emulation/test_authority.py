@@ -1,7 +1,6 @@
 """Hosts that act beyond their rights in a whole network, and what comes of it."""
 
 import re
-import secrets
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -143,7 +142,8 @@ def test_a_host_cannot_announce_the_fibre_of_another(network: Network) -> None:
 
 
 IMPOSTOR = """
-import socket, struct, sys
+import os, socket, struct, sys
+os.setuid(int(sys.argv[3]))
 with socket.create_connection(("127.0.0.1", int(sys.argv[1])), 5) as connection:
     connection.settimeout(10)
     stream = connection.makefile("rb")
@@ -161,16 +161,13 @@ print("sent away")
 
 
 def pose(network: Network, dpid: int, user: int) -> str:
-    """Connect to c0 as a switch, as a process of a user; return what becomes of it."""
-    script = Path("/tmp") / f"impostor-{secrets.token_hex(8)}.py"
-    try:
-        script.write_text(IMPOSTOR)
-        command = ["/usr/bin/python3", str(script), str(network.runtime.openflow_port), f"{dpid:x}"]
-        done = subprocess.run(
-            command, capture_output=True, text=True, check=False, timeout=30, user=user
-        )
-    finally:
-        script.unlink()
+    """Connect to c0 as a switch, as a process of a user beside it; return what becomes of it."""
+    (c0,) = network.net.controllers
+    command = ["mnexec", "-a", str(c0.pid), sys.executable, "-c", IMPOSTOR]
+    words = [str(network.runtime.openflow_port), f"{dpid:x}", str(user)]
+    done = subprocess.run(
+        [*command, *words], capture_output=True, text=True, check=False, timeout=30
+    )
     return done.stdout + done.stderr
 
 

@@ -12,6 +12,7 @@ import pytest
 from conftest import ROOT, TSHARK, qmn, qmn_command, typed, verb, wait_until
 
 from topologies.runtime import RUNTIME_ROOT
+from wire.dissectors import search_path
 
 
 def tshark(run: Path, *options: str) -> list[str]:
@@ -91,9 +92,9 @@ def test_wireshark_sees_packets_and_qubits_on_one_timeline(run: Path) -> None:
 def test_the_filters_of_the_documentation_find_something(run: Path) -> None:
     text = (ROOT / "docs" / "timeline.md").read_text()
     commands = [line for line in text.splitlines() if line.startswith("tshark ")]
-    assert len(commands) == 3
+    assert len(commands) == 4
     for command in commands:
-        words = shlex.split(command)
+        words = shlex.split(command.replace("$PWD", str(run)))
         done = subprocess.run(words, cwd=run, capture_output=True, text=True, check=True)
         assert done.stdout, command
         assert "Lua" not in done.stderr
@@ -123,3 +124,10 @@ def test_a_spy_sees_every_event_of_a_run_and_ends_with_it(tmp_path: Path) -> Non
     log = (tmp_path / "latest" / "quantum.log").read_text().splitlines()
     assert [event["time"] for event in seen] == [line.split()[0] for line in log]
     assert said == f"qmn: {len(log)} events shown, 0 dropped\n"
+
+
+def test_what_a_host_asks_of_the_dispatcher_is_read_as_grpc(run: Path) -> None:
+    lines = tshark(run, *search_path(run), "-Y", "ip.src == 10.0.0.1 && grpc", "-V")
+    text = "\n".join(lines)
+    assert "GRPC Message: /qmn.Dispatcher/Perform, Request" in text
+    assert re.search(r"port = alice-q0 \(string\)", text)

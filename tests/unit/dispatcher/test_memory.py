@@ -126,14 +126,14 @@ def test_state_vectors_follow_it_exactly(tmp_path: Path, t2_s: float) -> None:
 
 def test_a_block_too_large_for_state_vectors_is_refused_and_stays_stored(tmp_path: Path) -> None:
     async def act(bench: Bench, clock: JumpingClock) -> None:
-        await bench.alice.create(2_000_000)
+        await bench.alice.create(1_300_000)
         await store(bench.alice, 0)
         clock.time_ns += 10**9
         with pytest.raises(grpc.aio.AioRpcError, match="amplitudes") as refused:
             await bench.alice.measure(block(0, 0))
         assert refused.value.code() == grpc.StatusCode.RESOURCE_EXHAUSTED
         status = await bench.runner.status()
-        assert status.live_qubits == 4_000_000
+        assert status.live_qubits == 2_600_000
 
     run(tmp_path, act, t1_s=1.0, t2_s=2.0, damping="dense")
 
