@@ -157,7 +157,7 @@ class Network:
 
     def _wait_until_ready(self) -> None:
         for program in list(self.runtime.programs):
-            program.wait_for("ready", READY_TIMEOUT_S)
+            program.wait_for("ready", READY_TIMEOUT_S, self.check)
             self._signals.check()
         # Each of some messages may wait for the one before it, over the management network.
         way_s = max(self.runtime.copper.values(), default=0.0)

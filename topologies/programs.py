@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from topologies.owners import VARIABLE, owner, this_process
@@ -86,8 +86,13 @@ class Program:
         """Whether it was started and has not ended."""
         return self._process is not None and self._process.poll() is None
 
-    def wait_for(self, text: str, timeout_s: float) -> None:
-        """Wait until a line of the log contains text; raise NetworkError if it will not."""
+    def wait_for(
+        self, text: str, timeout_s: float, check: Callable[[], None] = lambda: None
+    ) -> None:
+        """Wait until a line of the log contains text; raise NetworkError if it will not.
+
+        Meanwhile `check` is called, which raises if something else makes the wait useless.
+        """
         deadline, words = time.monotonic() + timeout_s, re.compile(rf"\b{re.escape(text)}\b")
         while not words.search(self.said()):
             if not self.running:
@@ -96,6 +101,7 @@ class Program:
                 raise NetworkError(
                     f"{self.name} was not ready in {timeout_s:g} s; its log: {self.log}"
                 )
+            check()
             time.sleep(POLL_S)
 
     def cut_log(self, most_bytes: int) -> None:
