@@ -128,8 +128,8 @@ def test_a_bell_measurement_beyond_what_state_vectors_hold_changes_nothing(tmp_p
 def test_a_block_too_large_for_state_vectors_is_not_made(tmp_path: Path) -> None:
     async def action(bench: Bench) -> None:
         before = await bench.runner.status()
-        with pytest.raises(grpc.aio.AioRpcError, match="16,000,000 more amplitudes") as refusal:
-            await bench.alice.create(4_000_000)
+        with pytest.raises(grpc.aio.AioRpcError, match="5,200,000 more amplitudes") as refusal:
+            await bench.alice.create(1_300_000)
         assert refusal.value.code() == RESOURCE_EXHAUSTED
         assert await bench.runner.status() == before
         await bench.alice.create(4)  # the name is free
