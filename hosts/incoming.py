@@ -34,34 +34,30 @@ class Incoming:
         """Pass bytes to the application; waits while it does not read."""
         writer = await self._writer()
         for start in range(0, len(data), MAX_PAYLOAD):
-            writer.write(encode(Call.DATA, data[start : start + MAX_PAYLOAD]))
-            await self._drain(writer)
+            await self._send(writer, encode(Call.DATA, data[start : start + MAX_PAYLOAD]))
 
     async def tell(self, **fields: Any) -> None:
         """Pass a result of a service to the application."""
         writer = await self._writer()
-        writer.write(encode_fields(Call.RESULT, **fields))
-        await self._drain(writer)
+        await self._send(writer, encode_fields(Call.RESULT, **fields))
 
     async def ready(self, summary: dict[str, Any], answer: Answerer) -> None:
         """Tell the application that it may ask now."""
         self.answer = answer
         writer = await self._writer()
-        writer.write(encode_fields(Call.DONE, **summary))
-        await self._drain(writer)
+        await self._send(writer, encode_fields(Call.DONE, **summary))
 
     async def finish(self, statistics: dict[str, Any]) -> None:
         """Tell the application that the service is over, and all bytes that came were right."""
         writer = await self._writer()
         if not self.left:
-            writer.write(encode_fields(Call.CLOSE, **statistics))
-            await self._drain(writer)
+            await self._send(writer, encode_fields(Call.CLOSE, **statistics))
         self.ended.set()
 
     async def fail(self, error: BaseException) -> None:
         """Tell the application, also one that accepts later, that bytes are missing."""
         self._error = error
-        if self._accepted.done():
+        if self._accepted.done() and not self._accepted.result().is_closing():
             self._accepted.result().write(failed(error))
         self.ended.set()
 
@@ -74,9 +70,13 @@ class Incoming:
                 Reason.NO_LISTENER, f"the application did not accept in {ACCEPT_TIMEOUT_S:g} s"
             ) from error
 
-    async def _drain(self, writer: asyncio.StreamWriter) -> None:
+    async def _send(self, writer: asyncio.StreamWriter, message: bytes) -> None:
+        """Send a message, and wait while the application does not read."""
         try:
+            if writer.is_closing():  # to write then is an error of another kind
+                raise ConnectionError
             async with asyncio.timeout(READ_TIMEOUT_S):
+                writer.write(message)
                 await writer.drain()
         except TimeoutError as error:
             text = f"the receiving application has not read for {READ_TIMEOUT_S:g} s"

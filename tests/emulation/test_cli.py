@@ -211,7 +211,7 @@ class Keyboard:
 
 def test_the_script_of_the_documentation_runs(tmp_path: Path) -> None:
     text = (ROOT / "docs" / "scripting.md").read_text()
-    (program,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    program = re.findall(r"```python\n(.*?)```", text, re.DOTALL)[0]
     assert program.count("\n") < 15
     done = subprocess.run(
         [sys.executable, "-c", program],

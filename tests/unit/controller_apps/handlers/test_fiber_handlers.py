@@ -66,7 +66,7 @@ def test_nobody_announces_the_fibre_of_another(
     scene.packet_in(scene.q1, 2, host_announcement(**told))
     at = SwitchPort(Q1, 2)
     assert set(scene.quantum.network.hosts) == {at}
-    with caplog.at_level("INFO"):
+    with caplog.at_level("INFO", scene.quantum.logger.name):
         scene.packet_in(scene.q1, 4, host_announcement(**{**told, "number": 6, **lie}))
     assert words in caplog.text
     assert set(scene.quantum.network.hosts) == {at}
