@@ -68,7 +68,9 @@ class Figures(Collector):
 
     def collect(self) -> Iterator[Metric]:
         """Yield every figure as it is now; raise Refused if the apps do not answer."""
-        hosts = [device for device in self._facts.devices() if device["kind"] == "host"]
+        devices = self._facts.devices()
+        # A host that was never heard has no counts.
+        hosts = [each for each in devices if each["kind"] == "host" and "sessions" in each]
         for name, text in COUNTS.items():
             count = CounterMetricFamily(f"qmn_{name}", text, labels=["host"])
             for host in hosts:
