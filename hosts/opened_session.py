@@ -41,7 +41,8 @@ async def serve_session(
     except (SessionError, HardwareError) as error:
         log.warning("%s", error)
         await session.give_up(error)
-        writer.write(failed(error, **session.summary))
+        if not writer.is_closing():  # the application may have gone meanwhile
+            writer.write(failed(error, **session.summary))
     finally:
         await stopped(coming)
         await session.close()
