@@ -33,6 +33,7 @@ DISCOVERY_TIMEOUT_S = 20.0
 MESSAGES_OF_A_START = 40
 CAPTURE_SETTLE_S = 1.0
 END_S = 1.0  # that a program takes to end once its sockets are closed
+DAEMON_END_S = 2.0  # the same, of a daemon that may write its memory to the disk first
 LOOK_S = 0.5  # between looks for what is stopped
 STOPPED_S = 10.0
 CAPTURE_BUFFER_KIB = 16_384  # in the kernel, for each capture
@@ -254,6 +255,7 @@ class Network:
         self._disk.check()
         for program in (*self.runtime.programs, *self._captures):
             if not program.running:
+                self._require_daemons_for(DAEMON_END_S)
                 raise NetworkError(f"{program.name} died in mid-run: {program.end()}")
         for node in self._watched():
             if node.shell_ended:
@@ -261,6 +263,16 @@ class Network:
         if time.monotonic() > self._look_again_at:
             self._look_again_at = time.monotonic() + LOOK_S
             self._require_none_stopped(STOPPED_S)
+
+    def _require_daemons_for(self, duration_s: float) -> None:
+        """Raise if a daemon of Open vSwitch ends within so long.
+
+        A daemon's sockets close before it has ended, and programs end because of that.
+        """
+        deadline = time.monotonic() + duration_s
+        while time.monotonic() < deadline:
+            openvswitch.require_alive(self._daemons)
+            time.sleep(POLL_S)
 
     def explain(self) -> None:
         """Raise for what has made something fail, if it is in the network.
