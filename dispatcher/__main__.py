@@ -13,7 +13,7 @@ import uvloop
 
 from dispatcher.server.server import serve
 from wire.config import BadConfig, DispatcherConfig
-from wire.physics import BadParameter
+from wire.parameters.physics import BadParameter
 
 
 def main() -> int:

@@ -25,7 +25,7 @@ from dispatcher.sabot.manager import Sabot
 from dispatcher.sabot.remote.client import RemoteSabot
 from dispatcher.sabot.simulation import Simulation
 from wire.config import BadConfig, DispatcherConfig
-from wire.service import RUNNER
+from wire.dispatcher_service import RUNNER
 
 LEAST_SHARE = 1 << 20  # qubits
 

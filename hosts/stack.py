@@ -11,11 +11,8 @@ from contextlib import contextmanager
 from hashlib import blake2b
 from typing import Any
 
-from hosts.active_sessions import ActiveSessions
-from hosts.applications_port import ApplicationsPort
 from hosts.hardware.ports import read_ports
 from hosts.hardware.qnic import HardwareError, Qnic
-from hosts.incoming import Incoming
 from hosts.middleware.device import Device
 from hosts.middleware.qkd.keyring import Keyring
 from hosts.middleware.services import KINDS, NAMES
@@ -29,6 +26,9 @@ from hosts.middleware.session.host_resources import HostResources
 from hosts.middleware.session.session import AcceptingSession, OpeningSession, require_source
 from hosts.middleware.session.swap_orders import Swaps
 from hosts.middleware.verdicts import Verdicts
+from hosts.serving.active_sessions import ActiveSessions
+from hosts.serving.applications_port import ApplicationsPort
+from hosts.serving.incoming import Incoming
 from hosts.timeouts import ANSWER_TIMEOUT_S
 from wire.config import STANDING, HostConfig
 from wire.metadata import Handshake, Reason, Service, Setup, Verdict

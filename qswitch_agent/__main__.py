@@ -39,8 +39,8 @@ async def measured(config: AgentConfig, optics: OpticalHardware) -> AsyncIterato
         yield optics
         return
     from qswitch_agent.metrics import MeasuredHardware
-    from wire.metrics import inherited
-    from wire.metrics_server import serve as serve_metrics
+    from wire.prometheus.metrics import inherited
+    from wire.prometheus.metrics_server import serve as serve_metrics
 
     used = MeasuredHardware(optics)
     endpoint = await serve_metrics(inherited(config.metrics_fd), used.registry)

@@ -14,7 +14,7 @@ from qswitch_agent.hardware.optics import (
     OpticalHardware,
     Readings,
 )
-from wire.metrics import SECONDS
+from wire.prometheus.metrics import SECONDS
 
 
 class MeasuredHardware:

@@ -16,7 +16,7 @@ from mininet.topo import Topo
 
 from topologies.copper_link import CopperLink
 from topologies.fiber import FiberLink
-from wire.fiber import FiberOptics
+from wire.parameters.fiber import FiberOptics
 
 Ways = dict[str, dict[str, float]]  # from each node to its neighbours: lengths, or times
 

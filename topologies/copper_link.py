@@ -18,8 +18,8 @@ from topologies import runtime
 from topologies.keywords import refuse_unknown
 from topologies.programs import NetworkError
 from wire.config import Cable
-from wire.fiber import SPEED_IN_FIBER_M_PER_S
-from wire.physics import BadParameter
+from wire.parameters.fiber import SPEED_IN_FIBER_M_PER_S
+from wire.parameters.physics import BadParameter
 
 MOST_KM = 100_000.0
 # In wall time: from one host to the other, over two cables and a switch in user space, a packet

@@ -23,8 +23,8 @@ from topologies.nodes import (
     QuantumHost,
 )
 from wire.config import CONTROLLER
-from wire.fiber import KINDS, optics
-from wire.physics import Device
+from wire.parameters.fiber import KINDS, optics
+from wire.parameters.physics import Device
 
 FIRST_DPID = 0x1000  # q1 is 0x1001
 MOST_SWITCHES = 32
@@ -49,8 +49,8 @@ class FabricTopo(Topo):
         """Add s1 and the hosts, and note what every fibre will be like.
 
         Fibres are as the preset says (topologies/presets.py), but for what is given by keyword
-        (wire.fiber.FiberOptics); raise BadParameter for what cannot be. Hosts have the preset's
-        device, that of a kind of `node` (topologies/node_kinds.py), or their own of `devices`. The
+        (wire.parameters.fiber.FiberOptics); raise BadParameter for what cannot be. Hosts have the
+        preset's device, that of a kind of `node` (topologies/node_kinds.py), or their own of `devices`. The
         source is charlie, or alice where there is none. `light` says who grants it to the hosts
         (wire.config.LIGHT).
         """

@@ -8,8 +8,8 @@ from mininet.node import Node, Switch
 
 from topologies import runtime
 from topologies.keywords import refuse_unknown
-from wire.fiber import Fiber, FiberEnd, FiberOptics, optics
-from wire.physics import BadParameter
+from wire.parameters.fiber import Fiber, FiberEnd, FiberOptics, optics
+from wire.parameters.physics import BadParameter
 
 OPTICS = {each.name for each in fields(FiberOptics)}
 
@@ -19,8 +19,8 @@ class FiberLink(Link):
 
     The bridge gets a real port and Mininet's verbs (net, links, link … down) work on it.
     The host's end is its QNIC and is called <host>-q0, <host>-q1, …
-    Optics go by keyword, as the fields of wire.fiber.FiberOptics; raise BadParameter for what no
-    fibre is like. A noise model of the user's own is in a file that is relative to where the
+    Optics go by keyword, as the fields of wire.parameters.fiber.FiberOptics; raise BadParameter for
+    what no fibre is like. A noise model of the user's own is in a file that is relative to where the
     program runs.
     """
 

@@ -8,7 +8,7 @@ import inspect
 from collections.abc import Iterable, Iterator
 from difflib import get_close_matches
 
-from wire.physics import BadParameter
+from wire.parameters.physics import BadParameter
 
 # What Mininet passes or looks up without naming it in a signature.
 FROM_MININET = {"name", "cls", "isSwitch", "privateDirs", "waitExited", "cores", "intfName"}

@@ -10,7 +10,7 @@ The controller does not know them: it goes by the features that follow from a de
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from wire.physics import BadParameter, BellAnalyser, Device, Gates, Memory, PairSource
+from wire.parameters.physics import BadParameter, BellAnalyser, Device, Gates, Memory, PairSource
 
 # Ions in a trap that emit photons and take in their state, keep qubits, and do gates on them.
 # Source: entanglement of two ions over fibres with fidelity .960(1), and with 250 pairs a second,

@@ -38,7 +38,15 @@ from wire.config import (
     Station,
 )
 from wire.controller_record import RECORD
-from wire.physics import BadParameter, BellAnalyser, Detectors, Device, Gates, Memory, PairSource
+from wire.parameters.physics import (
+    BadParameter,
+    BellAnalyser,
+    Detectors,
+    Device,
+    Gates,
+    Memory,
+    PairSource,
+)
 
 READY_TIMEOUT_S = 20.0
 OPTICS = {each.name for each in fields(QuantumSwitch)} - {"name"}

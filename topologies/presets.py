@@ -7,7 +7,7 @@ sudo PYTHONPATH=. mn --custom topologies/sdc.py --topo sdc,preset=metro
 from dataclasses import dataclass, field
 from typing import Any
 
-from wire.physics import BadParameter, BellAnalyser, Detectors, Device, PairSource
+from wire.parameters.physics import BadParameter, BellAnalyser, Detectors, Device, PairSource
 
 # Superconducting nanowires: 92 % efficient, under 130 dark counts a second, over 150 million
 # counts a second, jitter 14.8 ps full width at half maximum (arXiv:1611.02726).
@@ -21,7 +21,9 @@ class Preset:
     """What differs from the ideal, and where the numbers come from."""
 
     source: str
-    fiber: dict[str, Any] = field(default_factory=dict)  # wire.fiber.FiberOptics, of every fibre
+    fiber: dict[str, Any] = field(
+        default_factory=dict
+    )  # wire.parameters.fiber.FiberOptics, of every fibre
     device: Device = field(default_factory=Device)  # of every host
 
 
@@ -53,8 +55,8 @@ PRESETS = {
         ),
     ),
     "lab": Preset(
-        "fibre: PANDA (wire/fiber.py), connectors .25 dB each; pairs over 10 m: arXiv:2504.08927; "
-        "detectors: arXiv:1611.02726",
+        "fibre: PANDA (wire/parameters/fiber.py), connectors .25 dB each; pairs over 10 m: "
+        "arXiv:2504.08927; detectors: arXiv:1611.02726",
         fiber={"kind": "pm", "length_km": 0.01, "connectors_db": 0.5},
         device=Device(source=PairSource(fidelity=0.99), detectors=NANOWIRES),
     ),

@@ -19,9 +19,9 @@ from typing import IO, Any
 from topologies.owners import from_words, gone, this_process
 from topologies.programs import NetworkError, Program
 from wire.config import Cable, Fiber, QuantumSwitch
+from wire.dispatcher_service import RUNNER
 from wire.network_time import NetworkTime
-from wire.physics import Device
-from wire.service import RUNNER
+from wire.parameters.physics import Device
 
 RUNTIME_ROOT = Path("/run/qmn")
 OPENFLOW_PORT = 6653

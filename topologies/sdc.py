@@ -23,7 +23,7 @@ class SdcTopo(FabricTopo):
     """alice and bob, with charlie's pairs; ed holds the qubits."""
 
     def build(self, **fiber: Any) -> None:
-        """Lay copper and fibre; every fibre is alike: `preset`, or wire.fiber.FiberOptics."""
+        """Lay copper and fibre; every fibre is alike: `preset`, or FiberOptics."""
         self.add_classical_network(**fiber)
         (q1,) = self.add_quantum_switches(1)
         self.place(q1, q1, q1)

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any, Self
 
 from wire.features import Abilities
-from wire.fiber import Fiber, FiberEnd
 from wire.network_time import NetworkTime
-from wire.physics import ANALYSERS, Device, parameter
+from wire.parameters.fiber import Fiber, FiberEnd
+from wire.parameters.physics import ANALYSERS, Device, parameter
 
 __all__ = [
     "CONTENTION",
@@ -186,7 +186,7 @@ class HostConfig(Config):
     device_key: str = ""  # that the node agent shares with the controller; empty: no node agent
     pair_secrets: dict[str, str] = field(default_factory=dict)  # shared with each other host, hex
     keys: str = ""  # path of the folder for keys that it distributes; empty: it keeps none
-    analyser: str = "complete"  # its Bell analyser (wire.physics.BellAnalyser.kind)
+    analyser: str = "complete"  # its Bell analyser (wire.parameters.physics.BellAnalyser.kind)
     qnic: str = ""  # "path/to/file.py:ClassName" of its hardware; empty: it is simulated
     qnic_parameters: dict[str, Any] = field(default_factory=dict)  # keywords of that class
     features: int = Device().features.value  # what its device can do (wire.features.Feature)

@@ -6,8 +6,8 @@ from typing import BinaryIO
 
 from google.protobuf.message import DecodeError
 
+from wire.dispatcher_service import MAX_MESSAGE_BYTES
 from wire.record_pb2 import Entry
-from wire.service import MAX_MESSAGE_BYTES
 
 MAGIC = b"qmn dispatcher record 1\n"
 LENGTH = struct.Struct("!I")

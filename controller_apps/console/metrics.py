@@ -18,7 +18,15 @@ from controller_apps.console.facts import Facts
 from controller_apps.console.questions import Refused
 from controller_apps.openflow.framework import EndOnFault, hub
 from controller_apps.record import Record
-from wire.metrics import END, MAX_HEAD_BYTES, SECONDS, TIMEOUT_S, answer, inherited, unavailable
+from wire.prometheus.metrics import (
+    END,
+    MAX_HEAD_BYTES,
+    SECONDS,
+    TIMEOUT_S,
+    answer,
+    inherited,
+    unavailable,
+)
 
 COUNTS = {
     "pairs_made": "Bell pairs that the host has made.",

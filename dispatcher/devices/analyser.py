@@ -23,7 +23,7 @@ from dispatcher.devices.detectors import Detection, DetectorPair, Told, hide
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.registers import Mask
 from wire.outcomes import NO_CLICK
-from wire.physics import Device
+from wire.parameters.physics import Device
 
 Bytes = NDArray[np.uint8]
 Picoseconds = NDArray[np.float64]

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wire.physics import Memory
+from wire.parameters.physics import Memory
 
 Each = float | NDArray[np.float64]  # the same for all qubits, or one for each, shape (k,)
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from dispatcher.devices import dead_time
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.registers import Mask
-from wire.physics import Detectors
+from wire.parameters.physics import Detectors
 
 Slots = NDArray[np.float64]  # counted from 0, with their fractions
 SAME_SLOT = 1e-9  # by which rounding may miss it

@@ -17,7 +17,7 @@ from dispatcher.devices.detector import Detector, Train
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.registers import Mask
 from wire.outcomes import NO_CLICK
-from wire.physics import Detectors
+from wire.parameters.physics import Detectors
 
 Bits = NDArray[np.uint8]
 

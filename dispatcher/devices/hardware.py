@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from dispatcher.devices.detectors import DetectorPair
-from wire.physics import Device
+from wire.parameters.physics import Device
 
 IDEAL = Device()
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dispatcher.photon_random import PhotonRandom
-from wire.physics import PairSource
+from wire.parameters.physics import PairSource
 
 FAR_SIGMAS = 6
 MOST_PAIRS = 255  # in a pulse: fits a byte; rarer than 1e-10 at the largest mean

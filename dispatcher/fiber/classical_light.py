@@ -4,8 +4,8 @@ import numpy as np
 
 from dispatcher.fiber.noise import Effect, Passage
 from dispatcher.switch.steps import Steps
-from wire.fiber import FiberOptics
 from wire.optical import DEFAULT_FREQUENCY_MHZ
+from wire.parameters.fiber import FiberOptics
 
 PLANCK_J_S = 6.626_070_15e-34
 MOST_EXTRAS = 255

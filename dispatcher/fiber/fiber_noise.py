@@ -7,7 +7,7 @@ from dispatcher.fiber import custom_noise
 from dispatcher.fiber.classical_light import ClassicalLight
 from dispatcher.fiber.fluctuations import Bursts, PhaseDrift, PolarizationDrift, ThermalDrift
 from dispatcher.fiber.noise import Dephasing, Depolarizing, Loss, NoiseModel
-from wire.fiber import FiberOptics
+from wire.parameters.fiber import FiberOptics
 
 PS_PER_S_AND_PPM = 1e6
 

@@ -26,7 +26,7 @@ from dispatcher.sabot.draws import Draws
 from dispatcher.sabot.registers import Mask, Register
 from dispatcher.sabot.simulation import Simulation
 from wire.features import STORE
-from wire.physics import Memory
+from wire.parameters.physics import Memory
 
 
 class Memories:

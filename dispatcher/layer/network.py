@@ -8,7 +8,7 @@ from dispatcher.refusal import denied, not_found
 from dispatcher.switch.optical_switch import OpticalSwitch
 from wire import switch_check
 from wire.config import BadConfig, Fiber, FiberEnd, QuantumSwitch
-from wire.physics import BadParameter
+from wire.parameters.physics import BadParameter
 
 
 @dataclass(frozen=True)

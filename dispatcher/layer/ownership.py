@@ -11,7 +11,7 @@ from dispatcher.fiber.turn import Turn
 from dispatcher.layer.used_names import UsedNames
 from dispatcher.refusal import denied, not_found
 from dispatcher.sabot.registers import Register
-from wire.physics import ENCODINGS
+from wire.parameters.physics import ENCODINGS
 
 HALVES = (0, 1)
 CLOSED_SESSIONS = 256  # remembered, for the light that is on its way when they end

@@ -11,7 +11,7 @@ from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.network import Line
 from dispatcher.refusal import invalid
 from wire.dispatcher_pb2 import AdjustFiberRequest
-from wire.physics import BadParameter
+from wire.parameters.physics import BadParameter
 
 
 def adjust(layer: PhysicalLayer, request: AdjustFiberRequest) -> int:

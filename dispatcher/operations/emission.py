@@ -9,7 +9,7 @@ from dispatcher.layer.ownership import Block, Further
 from dispatcher.operations.preparation import prepare
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.backend import Bytes
-from wire.physics import BELL_STATES, PairSource
+from wire.parameters.physics import BELL_STATES, PairSource
 
 PAIRS = ("none", "1", "2", "more")
 

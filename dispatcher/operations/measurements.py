@@ -22,9 +22,9 @@ from dispatcher.sabot.limits import packed
 from dispatcher.sabot.registers import Mask
 from wire.dispatcher_pb2 import Feedback, MeasureRequest
 from wire.features import MEASURE
-from wire.fiber import SPEED_IN_FIBER_M_PER_S
 from wire.outcomes import BASES, NO_CLICK
-from wire.physics import BELL_STATES
+from wire.parameters.fiber import SPEED_IN_FIBER_M_PER_S
+from wire.parameters.physics import BELL_STATES
 
 
 class Measurements:

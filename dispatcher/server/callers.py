@@ -9,7 +9,7 @@ import grpc
 from dispatcher.refusal import Refusal, denied, not_found
 from dispatcher.server.challenges import Challenges
 from wire.config import BadConfig
-from wire.service import NONCE_KEY, PROOF_KEY, RUNNER, TOKEN_KEY, proof
+from wire.dispatcher_service import NONCE_KEY, PROOF_KEY, RUNNER, TOKEN_KEY, proof
 
 PRIVATE = "unix:"  # how gRPC names the other end of the private socket
 
@@ -92,7 +92,8 @@ class Callers:
 
 def _unknown(problem: str) -> Refusal:
     return Refusal(
-        grpc.StatusCode.UNAUTHENTICATED, f"{problem} ({NONCE_KEY}, {PROOF_KEY}: wire.service)"
+        grpc.StatusCode.UNAUTHENTICATED,
+        f"{problem} ({NONCE_KEY}, {PROOF_KEY}: wire.dispatcher_service)",
     )
 
 

@@ -3,7 +3,7 @@
 import secrets
 from collections import Counter
 
-from wire.service import NONCE_BYTES
+from wire.dispatcher_service import NONCE_BYTES
 
 MAX_CHALLENGES = 4096
 MAX_OF_ONE = 64  # from one address, so that nobody crowds out another

@@ -10,7 +10,7 @@ from prometheus_client.registry import Collector
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.server.callers import Callers
 from dispatcher.server.service import Failed, Service
-from wire.metrics import SECONDS
+from wire.prometheus.metrics import SECONDS
 
 
 class MeasuredService(Service):

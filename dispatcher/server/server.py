@@ -18,7 +18,7 @@ from dispatcher.server.cross_connects import CrossConnects, bind
 from dispatcher.server.service import Failed, Service
 from wire.config import BadConfig, DispatcherConfig
 from wire.dispatcher_pb2_grpc import add_DispatcherServicer_to_server
-from wire.service import MESSAGE_LIMITS, cross_connects_socket
+from wire.dispatcher_service import MESSAGE_LIMITS, cross_connects_socket
 
 MAX_SOCKET_PATH_BYTES = 100
 STOP_GRACE_S = 0.2
@@ -45,8 +45,8 @@ async def metrics(config: DispatcherConfig, service: Service) -> AsyncIterator[N
         yield
         return
     from dispatcher.server.metrics import MeasuredService
-    from wire.metrics import inherited
-    from wire.metrics_server import serve as serve_metrics
+    from wire.prometheus.metrics import inherited
+    from wire.prometheus.metrics_server import serve as serve_metrics
 
     assert isinstance(service, MeasuredService)
     endpoint = await serve_metrics(inherited(config.metrics_fd), service.registry)

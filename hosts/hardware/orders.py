@@ -10,7 +10,7 @@ from hosts.hardware.qnic import HardwareError, NoLight
 from hosts.timeouts import DISPATCHER_TIMEOUT_S
 from wire.dispatcher_pb2 import ChallengeRequest, Feedback, Order, Outcome, Step
 from wire.dispatcher_pb2_grpc import DispatcherStub
-from wire.service import proving
+from wire.dispatcher_service import proving
 
 
 class NotHere(HardwareError):

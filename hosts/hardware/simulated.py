@@ -40,9 +40,9 @@ from wire.dispatcher_pb2 import (
     WatchRequest,
 )
 from wire.dispatcher_pb2_grpc import DispatcherStub
+from wire.dispatcher_service import CHANNEL_OPTIONS
 from wire.events import decode_record, encode_record
 from wire.optical import frequency_mhz
-from wire.service import CHANNEL_OPTIONS
 
 
 class SimulatedQnic:

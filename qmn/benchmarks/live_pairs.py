@@ -15,7 +15,7 @@ from wire.dispatcher_pb2 import (
     StatusRequest,
 )
 from wire.dispatcher_pb2_grpc import DispatcherStub
-from wire.service import RUNNER, metadata
+from wire.dispatcher_service import RUNNER, metadata
 
 SESSION = 1
 BLOCK_PAIRS = 1000

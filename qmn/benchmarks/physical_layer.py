@@ -19,8 +19,8 @@ from dispatcher.laboratory import SESSION, Laboratory
 from dispatcher.layer.ownership import BlockName
 from dispatcher.sabot.backend import Bytes
 from wire.config import DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
-from wire.fiber import FiberOptics
-from wire.physics import BellAnalyser, Detectors, Device, PairSource
+from wire.parameters.fiber import FiberOptics
+from wire.parameters.physics import BellAnalyser, Detectors, Device, PairSource
 
 ENDS = {"charlie-q0": 1, "charlie-q1": 2, "alice-q0": 3, "bob-q0": 4, "bob-q1": 5}
 WAYS = {1: 3, 2: 4, 3: 5}

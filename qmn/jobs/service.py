@@ -29,7 +29,7 @@ from qmn.network.options import (
 from qmn.network.topologies import TOPOLOGIES, devices_of, quantum_hosts, topology, topology_name
 from topologies.network import Signals, require_root
 from wire.features import EMIT
-from wire.physics import Device
+from wire.parameters.physics import Device
 
 SERVICE_PORT = 9
 KEYS = KeyOptions(host="", port=SERVICE_PORT)  # by default

@@ -19,7 +19,7 @@ from wire.dispatcher_pb2 import (
     WatchSwitchRequest,
 )
 from wire.dispatcher_pb2_grpc import DispatcherStub
-from wire.service import RUNNER, metadata
+from wire.dispatcher_service import RUNNER, metadata
 
 DEADLINE_S = 15.0
 

@@ -14,9 +14,9 @@ from topologies.programs import NetworkError
 from wire.config import DispatcherConfig
 from wire.dispatcher_pb2 import Event, WatchRequest
 from wire.dispatcher_pb2_grpc import DispatcherStub
+from wire.dispatcher_service import CHANNEL_OPTIONS, RUNNER, metadata
 from wire.events import decode_record
 from wire.pcapng import LINKTYPE_USER0, Reader
-from wire.service import CHANNEL_OPTIONS, RUNNER, metadata
 
 T = TypeVar("T")
 CONNECT_TIMEOUT_S = 5.0

@@ -12,7 +12,7 @@ from topologies.programs import NetworkError
 from wire.config import DispatcherConfig
 from wire.dispatcher_pb2 import AdjustFiberRequest
 from wire.dispatcher_pb2_grpc import DispatcherStub
-from wire.service import RUNNER, metadata
+from wire.dispatcher_service import RUNNER, metadata
 
 DEADLINE_S = 5.0
 NO_CAUSE = (grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.DEADLINE_EXCEEDED)

@@ -9,7 +9,7 @@ from dataclasses import asdict, replace
 from typing import Any
 
 from topologies.node_kinds import NODE_KINDS, node_device
-from wire.physics import BadParameter, Device
+from wire.parameters.physics import BadParameter, Device
 
 IDEAL = asdict(Device())
 

@@ -18,7 +18,7 @@ from topologies.node_kinds import NODE_KINDS
 from topologies.presets import PRESETS
 from topologies.runtime import OPENFLOW_PORT, Runtime
 from wire.config import BACKENDS, CONTENTION
-from wire.fiber import KINDS
+from wire.parameters.fiber import KINDS
 
 
 class BadInput(Exception):

@@ -9,8 +9,8 @@ from mininet.topo import Topo
 
 from topologies.fiber import OPTICS, FiberLink
 from topologies.nodes import QuantumHost, device_of
-from wire.fiber import optics
 from wire.network_time import NetworkTime
+from wire.parameters.fiber import optics
 
 REAL, AUTO = 1.0, "auto"
 # What programs need from the arrival of a photon to what a host does next with it, and the bits

@@ -23,8 +23,8 @@ from topologies.repeaters import RepeatersTopo
 from topologies.ring import RingTopo
 from topologies.sdc import SdcTopo
 from topologies.tapped import TappedTopo
-from wire.fiber import FiberOptics, optics
-from wire.physics import Device
+from wire.parameters.fiber import FiberOptics, optics
+from wire.parameters.physics import Device
 
 TOPOLOGIES: dict[str, tuple[Callable[..., Topo], str]] = {
     "sdc": (SdcTopo, "one quantum switch"),

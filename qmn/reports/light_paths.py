@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from qmn.results.network_facts import NetworkFacts
 from wire.config import QuantumSwitch
 from wire.dispatcher_pb2 import Event
-from wire.fiber import Fiber, FiberEnd
+from wire.parameters.fiber import Fiber, FiberEnd
 
 _OUTCOME = re.compile(r"(?:Phi|Psi)[+-]=(\d+)")
 

@@ -13,7 +13,7 @@ from qmn.reports.labels import BUNDLE_INCHES, NODE_INCHES, Labels, Place
 from qmn.reports.light_paths import LightPath, fiber_name
 from qmn.reports.places import columns
 from qmn.results.network_facts import NetworkFacts
-from wire.fiber import Fiber
+from wire.parameters.fiber import Fiber
 
 WIDTH_INCHES, LEAST_HEIGHT_INCHES, NODE_ROW_INCHES = 8.6, 3.6, 0.72
 BESIDE_INCHES, STROKE_INCHES = 0.22, 0.045  # between fibres; between paths in one

@@ -6,7 +6,7 @@ from typing import Any, Self
 from topologies.fiber import FiberLink
 from topologies.network import Network
 from wire.config import QuantumSwitch
-from wire.fiber import Fiber
+from wire.parameters.fiber import Fiber
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from math import inf
 from typing import Any
 
 from wire.dispatcher_pb2 import SoftwareTime
-from wire.physics import Device, Memory
+from wire.parameters.physics import Device, Memory
 
 DOMINATED = 0.5  # of a wait
 MATTERS = 0.01  # of the shortest T1 or T2

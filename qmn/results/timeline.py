@@ -9,7 +9,7 @@ from typing import IO
 
 from qmn.results.time_order import Place, in_time_order
 from topologies.runtime import EVENT_CAPTURE
-from wire.dissectors import install
+from wire.dissection.dissectors import install
 from wire.metadata import MalformedPacket
 from wire.pcapng import TRAILER_BYTES, Interface, Packet, PcapReader, Reader, Writer
 

@@ -7,8 +7,8 @@ from operator import xor
 from typing import Any
 
 from wire.dispatcher_pb2 import SwitchCondition, SwitchStatisticsReply
-from wire.fiber import Fiber, FiberEnd
 from wire.metadata import Pauli
+from wire.parameters.fiber import Fiber, FiberEnd
 
 Statistics = Mapping[str, SwitchStatisticsReply]
 Conditions = Mapping[str, SwitchCondition]

@@ -13,7 +13,7 @@ from qmn.sweeps.parameters import Parameter, Values
 from qmn.sweeps.superdense import blocks
 from wire.dispatcher_pb2 import CreateRequest
 from wire.outcomes import NO_CLICK
-from wire.physics import Detectors, Device
+from wire.parameters.physics import Detectors, Device
 
 EFFICIENCY = Parameter("efficiency", 1.0)
 DEAD_TIME = Parameter("dead_time_s", 0.0, 0.0, 1.0, "s")

@@ -10,7 +10,7 @@ from qmn.sweeps.link import PLAIN, TESTED, configuration, fiber
 from qmn.sweeps.parameters import Parameter, Values
 from qmn.sweeps.superdense import blocks
 from wire.outcomes import NO_CLICK
-from wire.physics import BellAnalyser, Device
+from wire.parameters.physics import BellAnalyser, Device
 
 DIFFERENCE = Parameter("difference_km", 0.0, 0.0, 1_999.0, "km")
 LOSS = Parameter("delay_line_db_per_km", 0.2, 0.0, 1_000.0, "dB/km")

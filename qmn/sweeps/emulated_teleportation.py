@@ -25,7 +25,7 @@ from topologies.network import Signals
 from topologies.programs import NetworkError
 from topologies.slow_copper import LEAST_MBPS, MOST_MBPS
 from wire.network_time import LEAST_SCALE, MOST_SCALE
-from wire.physics import Memory
+from wire.parameters.physics import Memory
 
 FIBERS_PASSED = 4  # two by either half of a pair
 RECEIVER = "bob"

@@ -11,7 +11,7 @@ from qmn.sweeps.experiment import Experiment, Measure, Outcome, number, pairs_pa
 from qmn.sweeps.link import configuration
 from qmn.sweeps.parameters import Parameter, Values
 from qmn.sweeps.superdense import blocks
-from wire.physics import BellAnalyser, Device, Gates
+from wire.parameters.physics import BellAnalyser, Device, Gates
 
 ONE, TWO = (Parameter(f"{gate}_qubit_depolarizing", 0.0) for gate in ("one", "two"))
 STATES = {"psi_plus": 1, "phi_minus": 2, "psi_minus": 3}  # what is told wrongly

@@ -15,7 +15,7 @@ from qmn.sweeps.experiment import Experiment, Measure, Outcome, number, pairs_pa
 from qmn.sweeps.link import PLAIN, TESTED, configuration, fiber
 from qmn.sweeps.parameters import Parameter, Values
 from qmn.sweeps.superdense import blocks, transmit
-from wire.physics import BellAnalyser, Device
+from wire.parameters.physics import BellAnalyser, Device
 
 PS_PER_S = 1e12
 DELAY = Parameter("delay_ps", 0.0, -1e6, 1e6, "ps")

@@ -13,8 +13,8 @@ from dispatcher.laboratory import Laboratory
 from qmn.sweeps.parameters import Parameter, Values, of_dataclass
 from topologies.presets import PRESETS
 from wire.config import DispatcherConfig
-from wire.fiber import Fiber, FiberEnd, FiberOptics, optics
-from wire.physics import BellAnalyser, Detectors, Device, PairSource
+from wire.parameters.fiber import Fiber, FiberEnd, FiberOptics, optics
+from wire.parameters.physics import BellAnalyser, Detectors, Device, PairSource
 
 TESTED, PLAIN = ("alice-q0", "bob-q0"), ("alice-q1", "bob-q1")
 PRESET = Parameter("preset", "ideal", choices=tuple(PRESETS))

@@ -13,7 +13,7 @@ from qmn.sweeps.link import configuration, fiber
 from qmn.sweeps.parameters import Parameter, Values
 from qmn.sweeps.superdense import blocks
 from wire.outcomes import NO_CLICK
-from wire.physics import Device, PairSource
+from wire.parameters.physics import Device, PairSource
 
 STATISTICS = Parameter("statistics", "poisson", choices=("poisson", "thermal"))
 MEAN = Parameter("mean_pairs", 0.1, 0.0, 10.0)

@@ -16,7 +16,7 @@ from qmn.sweeps.parameters import Parameter, Values
 from qmn.sweeps.superdense import blocks
 from wire.dispatcher_pb2 import CreateRequest
 from wire.outcomes import NO_CLICK
-from wire.physics import Detectors, Device, PairSource
+from wire.parameters.physics import Detectors, Device, PairSource
 
 JITTER = Parameter("jitter_ps", 0.0, 0.0, 1e5, "ps")
 GATE = Parameter("gate_s", 1e-9, 1e-12, 1e-6, "s")

@@ -11,7 +11,7 @@ from qmn.sweeps.experiment import Experiment, Measure, Outcome, number, pairs_pa
 from qmn.sweeps.link import TESTED, configuration, fiber
 from qmn.sweeps.parameters import Parameter, Values
 from wire.dispatcher_pb2 import MeasureRequest
-from wire.physics import Device, Memory
+from wire.parameters.physics import Device, Memory
 
 BLOCK = 1_000  # pairs
 RATE = Parameter("rate_hz", 1_000, 1, 1_000_000_000, "Hz")

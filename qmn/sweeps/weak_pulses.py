@@ -12,7 +12,7 @@ from qmn.sweeps.multi_pair import LOSS
 from qmn.sweeps.parameters import Parameter, Values
 from qmn.sweeps.superdense import blocks
 from wire.outcomes import NO_CLICK
-from wire.physics import Device, PairSource
+from wire.parameters.physics import Device, PairSource
 
 MEAN = Parameter("mean_photons", 0.1, 0.0, 10.0)
 

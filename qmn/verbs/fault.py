@@ -11,7 +11,7 @@ from topologies.programs import NetworkError
 from wire.config import DispatcherConfig, QuantumSwitch
 from wire.dispatcher_pb2 import Connection, InjectFaultRequest
 from wire.dispatcher_pb2_grpc import DispatcherStub
-from wire.service import RUNNER, metadata
+from wire.dispatcher_service import RUNNER, metadata
 
 DEADLINE_S = 5.0  # and what the switch takes to switch
 NO_CAUSE = (grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.DEADLINE_EXCEEDED)

@@ -11,7 +11,7 @@ from typing import Any
 
 from qmn.results.run_folder import give
 from qmn.results.timeline import TIMELINE, NoCaptures, merge
-from wire.dissectors import SCRIPT, install, search_path
+from wire.dissection.dissectors import SCRIPT, install, search_path
 from wire.metadata import MalformedPacket
 
 COLUMNS = {

@@ -22,7 +22,7 @@ from qswitch_agent.hardware.optics import (
     Tuning,
 )
 from wire import dispatcher_pb2 as messages
-from wire import service
+from wire import dispatcher_service
 from wire.metadata import MalformedPacket
 from wire.network_time import REAL_TIME, NetworkTime
 
@@ -53,8 +53,10 @@ class SimulatedSwitch:
         self._time = network_time
         self._switch = switch
         self._socket = socket
-        self._metadata = service.metadata(token)
-        self._channel = grpc.aio.insecure_channel(f"unix:{socket}", service.CHANNEL_OPTIONS)
+        self._metadata = dispatcher_service.metadata(token)
+        self._channel = grpc.aio.insecure_channel(
+            f"unix:{socket}", dispatcher_service.CHANNEL_OPTIONS
+        )
         self._cross_connects = DispatcherLink(socket, token)
         self._tune_port = self._channel.unary_unary(
             "/qmn.Dispatcher/TunePort",

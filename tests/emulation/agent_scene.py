@@ -33,7 +33,7 @@ from topologies.runtime import free_port
 from wire import dispatcher_pb2 as pb
 from wire import frames, optical
 from wire.config import AgentConfig
-from wire.service import cross_connects_socket
+from wire.dispatcher_service import cross_connects_socket
 
 LLDP = bytes.fromhex("0180c200000e0a00000000aa88cc") + bytes(46)
 PING = bytes.fromhex("ffffffffffff0a00000000aa0800") + bytes(46)

@@ -13,7 +13,7 @@ from topologies.network import Network, Signals
 from topologies.runtime import Runtime
 from topologies.sdc import SdcTopo
 from wire.metadata import Fec, Pauli
-from wire.physics import BellAnalyser
+from wire.parameters.physics import BellAnalyser
 
 
 class LinearTopo(SdcTopo):

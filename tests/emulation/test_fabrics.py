@@ -20,8 +20,8 @@ from topologies.ring import RingTopo
 from topologies.sdc import SdcTopo
 from wire.dispatcher_pb2 import TunePortRequest
 from wire.dispatcher_pb2_grpc import DispatcherStub
+from wire.dispatcher_service import metadata
 from wire.metadata import Reason
-from wire.service import metadata
 
 DATA = bytes(range(256)) * 64
 

@@ -15,7 +15,7 @@ from mininet.topo import Topo
 from qmn.scripting.network import start
 from topologies.fiber import FiberLink
 from topologies.nodes import ClassicalSwitch, DispatcherHost, OpticalSwitch, QuantumHost
-from wire.physics import BadParameter
+from wire.parameters.physics import BadParameter
 
 INSTRUMENT = ROOT / "tests" / "unit" / "qswitch_agent" / "scpi_instrument.py"
 COUNTING = '''

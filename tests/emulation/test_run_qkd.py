@@ -11,9 +11,9 @@ import pytest
 from conftest import ROOT, TSHARK, typed
 from scapy.utils import rdpcap
 
-import wire.scapy_layers  # noqa: F401 (binds the layers)
+import wire.dissection.scapy_layers  # noqa: F401 (binds the layers)
+from wire.dissection.scapy_keys import QKey, key_messages
 from wire.qkd import Confirm, Proposal
-from wire.scapy_keys import QKey, key_messages
 
 FIBERS = {"bb84": 2, "bbm92": 4}  # that two correlated outcomes have passed together
 

@@ -12,7 +12,7 @@ import pytest
 from conftest import ROOT, TSHARK, qmn, qmn_command, typed, verb, wait_until
 
 from topologies.runtime import RUNTIME_ROOT
-from wire.dissectors import search_path
+from wire.dissection.dissectors import search_path
 
 
 def tshark(run: Path, *options: str) -> list[str]:

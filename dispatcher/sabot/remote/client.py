@@ -21,8 +21,8 @@ from dispatcher.sabot.gates import as_clifford
 from dispatcher.sabot.registers import Mask, Pick, Register
 from dispatcher.sabot.remote.requests import packed_mask
 from wire import sabot_pb2 as messages
+from wire.dispatcher_service import CHANNEL_OPTIONS
 from wire.sabot_pb2_grpc import SabotStub
-from wire.service import CHANNEL_OPTIONS
 
 DEADLINE_S = 60.0  # the largest blocks take seconds
 

@@ -12,8 +12,8 @@ import grpc
 
 from dispatcher.sabot.remote.service import SabotService
 from wire.config import BadConfig
+from wire.dispatcher_service import MESSAGE_LIMITS
 from wire.sabot_pb2_grpc import add_SabotServicer_to_server
-from wire.service import MESSAGE_LIMITS
 
 MAX_SOCKET_PATH_BYTES = 100
 MAX_WAITING_CALLS = 64

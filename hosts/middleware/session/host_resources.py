@@ -19,7 +19,7 @@ class HostResources:
     name: str
     seed: int
     qnic: Qnic
-    analyser: str  # its kind of Bell analyser (wire.physics.ANALYSERS)
+    analyser: str  # its kind of Bell analyser (wire.parameters.physics.ANALYSERS)
     keyring: Keyring  # what this host shares with others
     swaps: Swaps  # the chains of repeaters that it is part of
     abilities: Abilities

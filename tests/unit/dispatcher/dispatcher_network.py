@@ -44,7 +44,7 @@ from wire.dispatcher_pb2 import (
     WatchSwitchRequest,
 )
 from wire.dispatcher_pb2_grpc import DispatcherStub
-from wire.service import CHANNEL_OPTIONS, cross_connects_socket, metadata
+from wire.dispatcher_service import CHANNEL_OPTIONS, cross_connects_socket, metadata
 
 STATUS = {status.value[0]: status for status in grpc.StatusCode}
 START_NS = 1_700_000_000_000_000_000

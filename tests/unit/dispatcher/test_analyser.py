@@ -14,7 +14,7 @@ from dispatcher.devices.detectors import DetectorPair
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.draws import Draws
 from wire.outcomes import NO_CLICK
-from wire.physics import BellAnalyser, Detectors, Device
+from wire.parameters.physics import BellAnalyser, Detectors, Device
 
 STATES = np.random.default_rng(1).integers(0, 4, COUNT, dtype=np.uint8)
 NONE = np.full(COUNT, NO_CLICK, dtype=np.uint8)

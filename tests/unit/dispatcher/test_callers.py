@@ -15,7 +15,7 @@ from dispatcher.server.challenges import Challenges
 from topologies.runtime import free_port
 from wire.dispatcher_pb2 import ChallengeRequest, StatusRequest
 from wire.dispatcher_pb2_grpc import DispatcherStub
-from wire.service import NONCE_BYTES, metadata, proof, proving
+from wire.dispatcher_service import NONCE_BYTES, metadata, proof, proving
 
 TIMEOUT_S = 5.0
 NONCE = bytes(range(NONCE_BYTES))

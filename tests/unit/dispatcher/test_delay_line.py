@@ -10,7 +10,7 @@ from dispatcher.laboratory import Laboratory
 from dispatcher.sabot.backend import Bytes
 from wire.config import DispatcherConfig, Fiber, FiberEnd
 from wire.outcomes import NO_CLICK
-from wire.physics import BellAnalyser, Device
+from wire.parameters.physics import BellAnalyser, Device
 
 COUNT = 100_000
 

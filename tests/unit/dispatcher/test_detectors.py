@@ -13,7 +13,7 @@ from dispatcher.devices.detectors import Detection, DetectorPair
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.draws import Draws
 from wire.outcomes import NO_CLICK
-from wire.physics import Detectors
+from wire.parameters.physics import Detectors
 
 COUNT = 200_000
 START_NS = 1_700_000_000_000_000_000

@@ -16,7 +16,7 @@ import pytest
 from dispatcher_network import configuration
 
 from dispatcher.clock import NetworkClock
-from wire import service
+from wire import dispatcher_service
 from wire.config import DispatcherConfig
 from wire.dispatcher_pb2 import StatusRequest
 from wire.dispatcher_pb2_grpc import DispatcherStub
@@ -59,11 +59,11 @@ def test_it_serves_when_ready_and_ends_cleanly_at_a_signal(tmp_path: Path, numbe
     with started(config, tmp_path) as program:
         assert program.stdout
         assert program.stdout.readline() == "ready\n"
-        sockets = Path(config.socket), Path(service.cross_connects_socket(config.socket))
+        sockets = Path(config.socket), Path(dispatcher_service.cross_connects_socket(config.socket))
         assert [stat.S_IMODE(path.stat().st_mode) for path in sockets] == [0o600, 0o600]
         with grpc.insecure_channel(f"unix:{config.socket}") as channel:
             stub = DispatcherStub(channel)  # type: ignore[no-untyped-call]
-            metadata = service.metadata("token of runner")
+            metadata = dispatcher_service.metadata("token of runner")
             reply = stub.Status(StatusRequest(), metadata=metadata, timeout=DEADLINE_S)
             assert reply.backend == "chp"
         program.send_signal(number)

@@ -19,7 +19,7 @@ from dispatcher.sabot.backend import Bytes
 from wire.config import DispatcherConfig, Fiber, FiberEnd
 from wire.dispatcher_pb2 import Gate
 from wire.outcomes import NO_CLICK
-from wire.physics import Device, PairSource
+from wire.parameters.physics import Device, PairSource
 
 COUNT = 100_000
 PAIR = (0, 1)  # halves

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from dispatcher.fiber import fiber_noise
 from dispatcher.fiber.fluctuations import Bursts, PhaseDrift, ThermalDrift
 from dispatcher.fiber.noise_history import NoiseHistory
-from wire.fiber import optics
+from wire.parameters.fiber import optics
 
 RUNS = 4_000
 SECOND_NS = 1_000_000_000

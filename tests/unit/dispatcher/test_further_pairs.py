@@ -13,7 +13,7 @@ from dispatcher.laboratory import Laboratory
 from wire.config import DispatcherConfig, Fiber, FiberEnd
 from wire.dispatcher_pb2 import Gate, MeasureRequest
 from wire.outcomes import NO_CLICK
-from wire.physics import Detectors, Device, Memory, PairSource
+from wire.parameters.physics import Detectors, Device, Memory, PairSource
 
 COUNT = 200_000
 MOST = 40  # pairs in a pulse that are enumerated; rarer than 1e-12 here

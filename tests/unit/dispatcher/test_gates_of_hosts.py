@@ -15,7 +15,7 @@ from dispatcher.sabot.backend import Bytes
 from wire.config import DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
 from wire.dispatcher_pb2 import CreateRequest, Gate, MeasureRequest
 from wire.outcomes import NO_CLICK
-from wire.physics import BellAnalyser, Detectors, Device, Gates, Memory
+from wire.parameters.physics import BellAnalyser, Detectors, Device, Gates, Memory
 
 COUNT = 100_000
 P1, P2 = 0.04, 0.08

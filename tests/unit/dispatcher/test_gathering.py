@@ -19,7 +19,7 @@ from dispatcher.sabot.dense import TooLarge
 from wire.config import DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
 from wire.dispatcher_pb2 import CreateRequest, Gate
 from wire.outcomes import NO_CLICK
-from wire.physics import Device, Memory, PairSource
+from wire.parameters.physics import Device, Memory, PairSource
 
 COUNT = 6_000
 EVEN, ODD = np.arange(0, COUNT, 2), np.arange(1, COUNT, 2)

@@ -19,7 +19,7 @@ from dispatcher_network import (
 
 from dispatcher.clock import NetworkClock
 from dispatcher.layer.history import WATCHER_DEPTH, History
-from wire import service
+from wire import dispatcher_service
 from wire.dispatcher_pb2 import BlockId, CreateRequest, Event, WatchRequest
 
 
@@ -126,7 +126,9 @@ def test_a_node_may_not_watch_another(tmp_path: Path) -> None:
 def test_an_unknown_token_may_not_watch(tmp_path: Path) -> None:
     async def run() -> None:
         async with running(configuration(tmp_path), JumpingClock()) as bench:
-            stream = bench.stub.Watch(WatchRequest(), metadata=service.metadata("x"), timeout=5)
+            stream = bench.stub.Watch(
+                WatchRequest(), metadata=dispatcher_service.metadata("x"), timeout=5
+            )
             with pytest.raises(grpc.aio.AioRpcError) as refusal:
                 await stream.read()
             assert refusal.value.code() == grpc.StatusCode.UNAUTHENTICATED

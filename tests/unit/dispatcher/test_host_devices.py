@@ -21,7 +21,14 @@ from wire.dispatcher_pb2 import (
     MeasureRequest,
     StoreRequest,
 )
-from wire.physics import BadParameter, BellAnalyser, Detectors, Device, Memory, PairSource
+from wire.parameters.physics import (
+    BadParameter,
+    BellAnalyser,
+    Detectors,
+    Device,
+    Memory,
+    PairSource,
+)
 
 COUNT = 100_000
 EVERYTHING = {

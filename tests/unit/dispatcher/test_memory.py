@@ -25,7 +25,7 @@ from dispatcher.devices.decay import Decay, decay
 from dispatcher.layer.ownership import BlockName
 from wire.dispatcher_pb2 import CreateRequest, DiscardRequest, Feedback, StoreRequest
 from wire.outcomes import NO_CLICK
-from wire.physics import Device, Memory, PairSource
+from wire.parameters.physics import Device, Memory, PairSource
 
 COUNT = 40_000
 GAMMA_WAIT_S = -np.log(0.7)  # damping of .3 for T1 = 1 s

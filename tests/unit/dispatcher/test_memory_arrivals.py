@@ -12,7 +12,7 @@ from dispatcher.laboratory import Laboratory
 from wire.config import DispatcherConfig, Fiber, FiberEnd
 from wire.dispatcher_pb2 import MeasureRequest
 from wire.outcomes import NO_CLICK
-from wire.physics import Device, Memory
+from wire.parameters.physics import Device, Memory
 
 PAIRS, BLOCKS = 1_000, 60
 RATE_HZ = 1_000

@@ -10,7 +10,7 @@ from dispatcher.fiber.noise import Dephasing, Depolarizing, Effect, Loss, Passag
 from dispatcher.fiber.noise_history import NoiseHistory
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.draws import Draws
-from wire.fiber import FiberOptics, optics
+from wire.parameters.fiber import FiberOptics, optics
 
 
 class NoDraws:

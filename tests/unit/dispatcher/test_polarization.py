@@ -14,7 +14,7 @@ from dispatcher.laboratory import Laboratory
 from dispatcher.layer.ownership import BlockName
 from dispatcher.refusal import Refusal
 from wire.config import DispatcherConfig, Fiber, FiberEnd
-from wire.physics import Detectors, Device, PairSource
+from wire.parameters.physics import Detectors, Device, PairSource
 
 COUNT = 100_000
 Matrix = NDArray[np.complex128]

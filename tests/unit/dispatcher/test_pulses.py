@@ -30,8 +30,8 @@ from dispatcher.operations.limits import MAX_EMISSION_S
 from dispatcher.switch.timeline import REMEMBERED_NS
 from wire.config import DispatcherConfig, PathOptics, QuantumSwitch
 from wire.dispatcher_pb2 import AdjustFiberRequest
-from wire.fiber import FiberOptics
-from wire.physics import Device, PairSource
+from wire.parameters.fiber import FiberOptics
+from wire.parameters.physics import Device, PairSource
 
 COUNT = 20_000
 SECOND_NS = 1_000_000_000

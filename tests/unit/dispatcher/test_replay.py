@@ -48,7 +48,7 @@ from wire.dispatcher_pb2 import (
     Step,
     StoreRequest,
 )
-from wire.physics import BellAnalyser, Detectors, Device, Memory, PairSource
+from wire.parameters.physics import BellAnalyser, Detectors, Device, Memory, PairSource
 from wire.record import BadRecord
 from wire.record_pb2 import Clock as ClockEntry
 from wire.record_pb2 import Entry, Header, Request, Resumed

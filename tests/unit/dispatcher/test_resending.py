@@ -21,7 +21,7 @@ from dispatcher.sabot.backend import Bytes
 from wire.config import DispatcherConfig, Fiber, FiberEnd
 from wire.dispatcher_pb2 import CreateRequest, MeasureRequest
 from wire.outcomes import NO_CLICK
-from wire.physics import Detectors, Device, PairSource
+from wire.parameters.physics import Detectors, Device, PairSource
 
 COUNT = 100_000
 SMALL = 3_000

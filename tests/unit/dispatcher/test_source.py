@@ -8,7 +8,7 @@ from test_detectors import COUNT, NoDraws
 from dispatcher.devices.source import Emission, emit, pair_probabilities
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.draws import Draws
-from wire.physics import PairSource
+from wire.parameters.physics import PairSource
 
 
 def emission(source: PairSource) -> Emission:

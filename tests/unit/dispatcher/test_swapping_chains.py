@@ -15,7 +15,7 @@ from five_sigma import within
 from dispatcher.laboratory import Laboratory
 from dispatcher.sabot.backend import Bytes
 from wire.config import DispatcherConfig, Fiber, FiberEnd
-from wire.physics import Device, Memory, PairSource
+from wire.parameters.physics import Device, Memory, PairSource
 
 COUNT = 100_000
 Bell = tuple[float, ...]  # how likely Phi+, Psi+, Phi- and Psi- are

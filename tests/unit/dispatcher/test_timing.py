@@ -12,7 +12,7 @@ from dispatcher.laboratory import Laboratory
 from dispatcher.layer.ownership import BlockName
 from wire.config import DispatcherConfig, Fiber, FiberEnd
 from wire.outcomes import NO_CLICK
-from wire.physics import Detectors, Device, PairSource
+from wire.parameters.physics import Detectors, Device, PairSource
 
 COUNT, EACH = 200_000, 50  # slots, and how far pulses with light are apart
 RATE_HZ = 1_000_000_000

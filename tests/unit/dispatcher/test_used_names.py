@@ -13,7 +13,7 @@ from dispatcher.layer.used_names import UsedNames, UsedNumbers
 from wire.config import DispatcherConfig
 from wire.dispatcher_pb2 import MeasureRequest
 from wire.outcomes import NO_CLICK
-from wire.physics import Detectors, Device, PairSource
+from wire.parameters.physics import Detectors, Device, PairSource
 
 COUNT = 10_000
 

@@ -8,7 +8,7 @@ import grpc
 
 from wire.dispatcher_pb2 import HeldBlock, StatusReply, StatusRequest
 from wire.dispatcher_pb2_grpc import DispatcherStub
-from wire.service import metadata
+from wire.dispatcher_service import metadata
 
 HOSTS = ("alice", "bob", "charlie")
 

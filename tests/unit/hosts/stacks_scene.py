@@ -29,7 +29,7 @@ from hosts.stack import Stack
 from hosts.stack_socket import QuantumSocketError
 from qswitch_agent.hardware.optics import CrossConnect
 from qswitch_agent.hardware.simulated import SimulatedSwitch
-from wire import service
+from wire import dispatcher_service
 from wire.config import DispatcherConfig, Fiber, FiberEnd, HostConfig, PathOptics, QuantumSwitch
 from wire.device import DeviceSettings
 from wire.dispatcher_pb2 import StatusRequest
@@ -44,7 +44,7 @@ from wire.metadata import (
     decode,
     message_length,
 )
-from wire.physics import BellAnalyser, Device
+from wire.parameters.physics import BellAnalyser, Device
 from wire.verdict import Connection, seal
 
 QNICS = {
@@ -346,7 +346,7 @@ async def live_qubits(folder: Path) -> int:
     """Return how many photons the dispatcher still holds, once hosts have had time to let go."""
     async with grpc.aio.insecure_channel(f"unix:{folder}/dispatcher.sock") as channel:
         stub = DispatcherStub(channel)  # type: ignore[no-untyped-call]
-        words = {"metadata": service.metadata("token of runner"), "timeout": DEADLINE_S}
+        words = {"metadata": dispatcher_service.metadata("token of runner"), "timeout": DEADLINE_S}
         for _attempt in range(100):
             live = int((await stub.Status(StatusRequest(), **words)).live_qubits)
             if live == 0:

@@ -4,9 +4,9 @@ from contextlib import ExitStack
 
 import pytest
 
-from hosts import active_sessions
-from hosts.active_sessions import MAX_SESSIONS, ActiveSessions
 from hosts.middleware.session.channel import SessionError
+from hosts.serving import active_sessions
+from hosts.serving.active_sessions import MAX_SESSIONS, ActiveSessions
 from wire.metadata import Reason
 from wire.services import Role
 

@@ -11,7 +11,7 @@ from stacks_scene import ask, grant
 
 from wire.config import PathOptics
 from wire.metadata import Pauli, Setup
-from wire.physics import Device, Memory, PairSource
+from wire.parameters.physics import Device, Memory, PairSource
 
 COUNT = 2000
 SAMPLE = 0.8

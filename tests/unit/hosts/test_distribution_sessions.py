@@ -19,7 +19,7 @@ from hosts.middleware.session.values import expect, values
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
 from wire.metadata import Finish, Message, Reason, Service, Setup, Topic, Values
-from wire.physics import Device, Memory, PairSource
+from wire.parameters.physics import Device, Memory, PairSource
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "services.md"
 

@@ -41,7 +41,7 @@ from wire.metadata import (
     Values,
     Verdict,
 )
-from wire.physics import Device, Memory, PairSource
+from wire.parameters.physics import Device, Memory, PairSource
 
 services = pytest.mark.parametrize("service", SERVICES)
 Fits = Callable[[str, Message], bool]

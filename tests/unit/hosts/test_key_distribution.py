@@ -30,7 +30,7 @@ from hosts.stack_socket import QuantumSocketError
 from wire import qkd
 from wire.config import PathOptics
 from wire.metadata import Envelope, Message, Pauli, Setup, Topic, Values
-from wire.physics import Device, PairSource
+from wire.parameters.physics import Device, PairSource
 
 PATHS = {"bb84": [(1, 2)], "bbm92": [(4, 1), (5, 2)]}
 FIBERS = {"bb84": 2, "bbm92": 4}  # that two correlated outcomes have passed together

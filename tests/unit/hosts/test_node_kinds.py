@@ -18,7 +18,7 @@ from hosts.stack_socket import QuantumSocketError
 from topologies.node_kinds import ION_TRAP, node_device
 from wire.features import EMIT, GATE, MEASURE, STORE
 from wire.metadata import Message, Reason, Setup, Topic, Values, Verdict
-from wire.physics import Detectors, Device, Gates, Memory, PairSource
+from wire.parameters.physics import Detectors, Device, Gates, Memory, PairSource
 
 IONS = replace(  # a faster one, and worse gates, so that a test is short and sees them
     ION_TRAP,

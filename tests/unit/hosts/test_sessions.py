@@ -20,7 +20,7 @@ from hosts.middleware.services.superdense.coding import CODES, NAMES
 from hosts.middleware.services.superdense.frame_format import FrameFormat
 from hosts.middleware.session import encoding
 from hosts.quantum_socket import QuantumSocket, QuantumSocketError
-from wire import service
+from wire import dispatcher_service
 from wire.device import DeviceSettings
 from wire.dispatcher_pb2 import SwitchStatisticsRequest
 from wire.dispatcher_pb2_grpc import DispatcherStub
@@ -290,7 +290,7 @@ async def photons_lost(dispatcher: str, port: int) -> int:
     async with grpc.aio.insecure_channel(f"unix:{dispatcher}") as channel:
         stub: Any = DispatcherStub(channel)  # type: ignore[no-untyped-call]
         request = SwitchStatisticsRequest(switch="q1")
-        metadata = service.metadata("token of runner")
+        metadata = dispatcher_service.metadata("token of runner")
         reply = await stub.SwitchStatistics(request, metadata=metadata)
     lost: int = next(one.photons_lost for one in reply.ports if one.port == port)
     return lost

@@ -16,7 +16,7 @@ from stacks_scene import grant
 from controller_apps.policy.schedules import SCHEDULES
 from hosts.middleware.session.values import numbers_of
 from wire.metadata import Message, Service, Setup, Topic, Values
-from wire.physics import BellAnalyser, Device, Memory, PairSource
+from wire.parameters.physics import BellAnalyser, Device, Memory, PairSource
 
 COUNT = 2000
 SAMPLE = 0.8

@@ -20,7 +20,7 @@ from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
 from wire.device import SwapOrder
 from wire.metadata import Message, Reason, Service, Setup, Topic, Values, Verdict
-from wire.physics import Device, Memory
+from wire.parameters.physics import Device, Memory
 
 PORT = 9
 

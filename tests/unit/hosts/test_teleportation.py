@@ -14,7 +14,7 @@ from dispatcher.sabot import capacity
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
 from wire.config import PathOptics
-from wire.physics import BellAnalyser, Device, Memory
+from wire.parameters.physics import BellAnalyser, Device, Memory
 
 COUNT = 20_000
 DENSE: dict[str, Any] = {"backend": "dense"}

@@ -15,8 +15,8 @@ from qmn.results.result import complete
 from wire.config import PathOptics, QuantumSwitch
 from wire.controller_record import RECORD
 from wire.dispatcher_pb2 import BlockId, Event
-from wire.fiber import Fiber, FiberEnd
 from wire.metadata import Answer, Handshake, Reason, Service, Setup, Verdict
+from wire.parameters.fiber import Fiber, FiberEnd
 
 START_NS = 1_700_000_000 * 10**9
 SESSION = 0xABC

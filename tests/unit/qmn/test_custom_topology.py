@@ -10,14 +10,14 @@ from qmn.network.custom_topology import BadTopology
 from qmn.network.time_scale import times
 from qmn.network.topologies import devices_of, quantum_hosts, topology
 from topologies.fiber import FiberLink
-from wire.physics import Memory
+from wire.parameters.physics import Memory
 
 ROOT = Path(__file__).resolve().parents[3]
 MY_NET = f"{ROOT}/examples/my_net.py:MyNet"
 PARTS = """
 from mininet.topo import Topo
 from topologies.nodes import QuantumHost
-from wire.physics import Memory
+from wire.parameters.physics import Memory
 
 class Parts(Topo):
     def build(self):

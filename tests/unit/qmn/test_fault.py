@@ -14,7 +14,7 @@ from qmn.verbs import fault
 from topologies.owners import owner
 from topologies.programs import NetworkError
 from wire.config import DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
-from wire.service import RUNNER
+from wire.dispatcher_service import RUNNER
 
 
 @contextmanager

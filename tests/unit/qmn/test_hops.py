@@ -2,8 +2,8 @@
 
 from qmn.scripting.light import fiber_state, light_path
 from wire.dispatcher_pb2 import SwitchCondition, SwitchStatisticsReply
-from wire.fiber import Fiber, FiberEnd
 from wire.metadata import Pauli
+from wire.parameters.fiber import Fiber, FiberEnd
 
 ALICE = Fiber(FiberEnd("alice", "alice-q0"), FiberEnd("q1", "2"), length_km=5, loss_db_per_km=0.2)
 MIDDLE = Fiber(FiberEnd("q1", "3"), FiberEnd("q2", "4"), length_km=10, loss_db_per_km=0.2)

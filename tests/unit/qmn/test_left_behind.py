@@ -15,7 +15,7 @@ from qmn.results.timeline import TIMELINE
 from topologies.programs import NetworkError
 from topologies.runtime import EVENT_CAPTURE
 from wire.dispatcher_pb2 import Event
-from wire.dissectors import SCRIPT, script
+from wire.dissection.dissectors import SCRIPT, script
 
 ARGUMENTS = from_keywords({"seed": 7, "length_km": 2.0, "fiber": ["filter_nm=2"]})
 

@@ -12,7 +12,7 @@ from qmn.reports.network_diagram import network_diagram
 from qmn.reports.places import columns
 from qmn.results.network_facts import NetworkFacts
 from wire.config import QuantumSwitch
-from wire.fiber import Fiber, FiberEnd
+from wire.parameters.fiber import Fiber, FiberEnd
 
 LINE = ["q1", "q2", "q3", "q4", "q5"]
 RING = [*pairwise(LINE), ("q5", "q1")]

@@ -17,8 +17,8 @@ from qmn.verbs import run
 from topologies.fiber import FiberLink
 from topologies.node_kinds import ION_TRAP
 from topologies.presets import PRESETS
-from wire.fiber import FiberOptics
-from wire.physics import Gates
+from wire.parameters.fiber import FiberOptics
+from wire.parameters.physics import Gates
 
 
 def parse(*words: str) -> argparse.Namespace:

@@ -22,7 +22,7 @@ from topologies.runtime import EVENT_CAPTURE
 from wire.config import DispatcherConfig, Fiber, FiberEnd
 from wire.dispatcher_pb2 import BlockId, CreateRequest, Launch, SendRequest
 from wire.dispatcher_pb2_grpc import DispatcherStub
-from wire.service import RUNNER, metadata
+from wire.dispatcher_service import RUNNER, metadata
 
 MAX_LAUNCHES = 100  # in one request
 PROGRAM = """

@@ -9,7 +9,7 @@ from qmn.network.time_scale import SHARE, SOFTWARE_S, scale, scale_of
 from qmn.results.software_share import rows, software_facts
 from topologies.sdc import SdcTopo
 from wire.dispatcher_pb2 import SoftwareTime
-from wire.physics import Device, Memory
+from wire.parameters.physics import Device, Memory
 
 LIGHT_M_PER_S = 2.04e8
 

@@ -30,7 +30,7 @@ from qswitch_agent.hardware.optics import (
 )
 from qswitch_agent.hardware.optics import Path as LightPath
 from qswitch_agent.hardware.simulated import SimulatedSwitch
-from wire import service
+from wire import dispatcher_service
 from wire.config import DispatcherConfig, Fiber, FiberEnd, PathOptics, QuantumSwitch
 from wire.dispatcher_pb2 import (
     BlockId,
@@ -77,7 +77,7 @@ class Bench:
         return self.layer.network.switches["q1"].timeline.connections
 
     async def call(self, node: str, method: str, request: Any) -> Any:
-        metadata = service.metadata(f"token of {node}")
+        metadata = dispatcher_service.metadata(f"token of {node}")
         return await getattr(self._stub, method)(request, metadata=metadata, timeout=5)
 
     async def send(self, photons: int, port: int) -> None:

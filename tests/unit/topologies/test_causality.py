@@ -8,7 +8,7 @@ from topologies.causality import news_s, worst
 from topologies.copper_link import delay_s
 from topologies.runtime import Runtime
 from wire.config import QuantumSwitch
-from wire.fiber import Fiber, FiberEnd
+from wire.parameters.fiber import Fiber, FiberEnd
 
 LIGHT_KM_PER_S = 2.04e5
 

@@ -17,7 +17,7 @@ from topologies.nodes import (
     QuantumHost,
 )
 from wire.config import QuantumSwitch
-from wire.physics import BadParameter
+from wire.parameters.physics import BadParameter
 
 SLIP = {"insertion_los_db": 9.0}
 

@@ -9,7 +9,7 @@ from topologies.copper_link import CopperLink, delay_s
 from topologies.management import lengths_to
 from topologies.runtime import Runtime
 from wire.config import QuantumSwitch
-from wire.physics import BadParameter
+from wire.parameters.physics import BadParameter
 
 SWITCHES: dict[str, Any] = dict.fromkeys(("q1", "q2", "s1"))
 

@@ -9,7 +9,15 @@ from topologies import runtime
 from topologies.nodes import OpticalSwitch, QuantumHost
 from topologies.runtime import Runtime
 from wire.config import BadConfig, PathOptics
-from wire.physics import BadParameter, BellAnalyser, Detectors, Device, Gates, Memory, PairSource
+from wire.parameters.physics import (
+    BadParameter,
+    BellAnalyser,
+    Detectors,
+    Device,
+    Gates,
+    Memory,
+    PairSource,
+)
 
 
 @pytest.mark.parametrize(

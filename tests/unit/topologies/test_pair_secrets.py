@@ -6,7 +6,7 @@ import pytest
 
 from topologies import runtime
 from topologies.runtime import Runtime
-from wire.physics import Device
+from wire.parameters.physics import Device
 
 
 @pytest.fixture

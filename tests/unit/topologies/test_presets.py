@@ -9,8 +9,8 @@ import pytest
 from topologies.fiber import OPTICS, FiberLink, resolved
 from topologies.presets import PRESETS, preset
 from topologies.sdc import SdcTopo
-from wire.fiber import optics
-from wire.physics import BadParameter
+from wire.parameters.fiber import optics
+from wire.parameters.physics import BadParameter
 
 
 def fiber(**given: Any) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from typing import Any
 from scapy.layers.inet import IP, TCP, UDP
 from scapy.layers.l2 import Ether
 
-from wire.dissectors import script
+from wire.dissection.dissectors import script
 from wire.metadata import METADATA_PORT
 from wire.pcapng import LINKTYPE_ETHERNET, LINKTYPE_USER0, Interface, Packet, Writer
 

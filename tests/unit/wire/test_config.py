@@ -13,7 +13,7 @@ from wire.config import (
     HostConfig,
     QuantumSwitch,
 )
-from wire.physics import Detectors, Device
+from wire.parameters.physics import Detectors, Device
 
 
 def test_a_written_file_reads_back_the_same_and_only_its_owner_may_read_it(tmp_path: Path) -> None:

@@ -25,9 +25,9 @@ from wire.device import (
     open_sealed,
 )
 from wire.dispatcher_pb2 import BlockId, Event
-from wire.dissectors import lua
+from wire.dissection.dissectors import lua
+from wire.dissection.layout import COUNTED, Layout, device_layouts, metadata_layouts
 from wire.events import decode_record, encode_record
-from wire.layout import COUNTED, Layout, device_layouts, metadata_layouts
 from wire.metadata import (
     HEADER,
     Answer,

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from wire.fiber import KINDS, Fiber, FiberEnd, FiberOptics, optics
-from wire.physics import BadParameter
+from wire.parameters.fiber import KINDS, Fiber, FiberEnd, FiberOptics, optics
+from wire.parameters.physics import BadParameter
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "physical-layer.md"
 

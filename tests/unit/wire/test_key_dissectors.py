@@ -13,7 +13,7 @@ from dissection import errors_of_lua, segment, shown, tshark
 from test_dissectors import SEED, SETUP, mutated, plain
 from test_qkd import GOLDEN, SEQUENCE, SESSION, TAG, WRONG, whole
 
-from wire.layout import Layout, key_layouts
+from wire.dissection.layout import Layout, key_layouts
 from wire.metadata import (
     Answer,
     Envelope,

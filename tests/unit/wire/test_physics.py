@@ -8,7 +8,15 @@ from typing import Any
 import pytest
 
 from wire.features import EMIT, EVERYTHING, GATE, MEASURE, STORE, Abilities, Feature
-from wire.physics import BadParameter, BellAnalyser, Detectors, Device, Gates, Memory, PairSource
+from wire.parameters.physics import (
+    BadParameter,
+    BellAnalyser,
+    Detectors,
+    Device,
+    Gates,
+    Memory,
+    PairSource,
+)
 
 REFUSED = [
     (Device(PairSource(fidelity=0.2)), "alice, source: fidelity 0.2 is not 0.25 to 1"),

@@ -14,19 +14,12 @@ from test_key_dissectors import MESSAGES, cut, envelope
 from test_qkd import SEQUENCE, SESSION, TAG, whole
 
 from wire.device import DEVICE_PORT, Datagram, DeviceSettings
+from wire.dissection.scapy_keys import KEY_LAYERS, QKey, key_messages, split
+from wire.dissection.scapy_layers import LAYERS, QDevice, QEvent, QMeta, QMetaStream, decode_layers
 from wire.events import encode_record
 from wire.metadata import MalformedPacket, Message, decode
 from wire.pcapng import Packet, Writer
 from wire.qkd import QkdMessage, Sifted, unframe
-from wire.scapy_keys import KEY_LAYERS, QKey, key_messages, split
-from wire.scapy_layers import (
-    LAYERS,
-    QDevice,
-    QEvent,
-    QMeta,
-    QMetaStream,
-    decode_layers,
-)
 
 
 def check_fields(message: Message, packet: Any) -> None:

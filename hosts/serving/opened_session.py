@@ -5,12 +5,12 @@ import logging
 from collections.abc import Coroutine
 from typing import Any
 
-from hosts.answering import reply
 from hosts.hardware.qnic import HardwareError
-from hosts.incoming import failed
 from hosts.middleware.session.channel import SessionError
 from hosts.middleware.session.service import Carrier
 from hosts.middleware.session.session import OpeningSession
+from hosts.serving.answering import reply
+from hosts.serving.incoming import failed
 from wire.metadata import Reason
 from wire.socket_calls import HEADER, Call, decode_header, encode_fields
 

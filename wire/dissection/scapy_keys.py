@@ -16,11 +16,12 @@ from scapy.fields import (
 from scapy.layers.inet import IP, TCP
 from scapy.packet import Packet, bind_layers
 
-from wire import layout, metadata, qkd
-from wire.layout import Layout, Tail
+from wire import metadata, qkd
+from wire.dissection import layout
+from wire.dissection.layout import Layout, Tail
+from wire.dissection.scapy_fields import Framed, scapy_field
 from wire.metadata import METADATA_PORT, Envelope, Topic
 from wire.qkd import HEADER, TAG_BYTES
-from wire.scapy_fields import Framed, scapy_field
 
 
 class QKey(Framed):

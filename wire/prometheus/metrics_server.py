@@ -8,7 +8,7 @@ from functools import partial
 
 from prometheus_client import CollectorRegistry
 
-from wire.metrics import END, MAX_HEAD_BYTES, TIMEOUT_S, answer
+from wire.prometheus.metrics import END, MAX_HEAD_BYTES, TIMEOUT_S, answer
 
 
 async def serve(listener: socket.socket, registry: CollectorRegistry) -> asyncio.Server:

@@ -1,4 +1,4 @@
-"""The fields of messages as scapy has them, of their description in wire.layout; their frame."""
+"""The fields of messages as scapy has them, from wire.dissection.layout; their frame."""
 
 from typing import Any
 
@@ -18,7 +18,8 @@ from scapy.fields import (
 )
 from scapy.packet import Packet
 
-from wire import layout, metadata
+from wire import metadata
+from wire.dissection import layout
 
 _NUMBERS = {1: ByteField, 2: ShortField, 4: IntField, 8: LongField}
 _RENAMED = {"name": "interface"}  # scapy's packets have a name of their own

@@ -1,12 +1,12 @@
 """scapy layers of quantum metadata, of node-agent messages and of quantum events.
 
     >>> from scapy.all import *
-    >>> import wire.scapy_layers
+    >>> import wire.dissection.scapy_layers
     >>> rdpcap("runs/latest/s1-eth1.pcap").filter(lambda p: "QMetaSetup" in p)[0].show()
 
 Messages of key distribution, which travel in envelopes of quantum metadata:
 
-    >>> from wire.scapy_keys import key_messages
+    >>> from wire.dissection.scapy_keys import key_messages
     >>> key_messages(rdpcap("runs/latest/s1-eth1.pcap"), "10.0.0.1")[0].show()
 
 Their fields are those of the classes in wire/, which know the sizes, too. scapy reads
@@ -32,13 +32,14 @@ from scapy.fields import (
 from scapy.layers.inet import TCP, UDP
 from scapy.packet import Packet, bind_layers
 
-from wire import device, events, layout, metadata
+from wire import device, events, metadata
 from wire.dispatcher_pb2 import Event
-from wire.layout import Layout, Tail
+from wire.dissection import layout
+from wire.dissection.layout import Layout, Tail
+from wire.dissection.scapy_fields import Framed, scapy_field
+from wire.dissection.scapy_keys import KEY_LAYERS
 from wire.metadata import MalformedPacket
 from wire.pcapng import LINKTYPE_USER0
-from wire.scapy_fields import Framed, scapy_field
-from wire.scapy_keys import KEY_LAYERS
 
 
 class QMeta(Framed):

@@ -7,15 +7,15 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any
 
-from hosts.answering import reply
-from hosts.event_watching import Watch, tell_events
 from hosts.hardware.qnic import HardwareError
-from hosts.incoming import Incoming, failed
-from hosts.intercepting import serve_interception
 from hosts.middleware.services.interception import Interception
 from hosts.middleware.session.channel import SessionError
 from hosts.middleware.session.session import OpeningSession
-from hosts.opened_session import read_call, serve_session, stopped, unless_gone
+from hosts.serving.answering import reply
+from hosts.serving.event_watching import Watch, tell_events
+from hosts.serving.incoming import Incoming, failed
+from hosts.serving.intercepting import serve_interception
+from hosts.serving.opened_session import read_call, serve_session, stopped, unless_gone
 from wire.metadata import MalformedPacket, Reason
 from wire.socket_calls import HEADER, Call, decode_fields, encode_fields
 

@@ -6,7 +6,7 @@ The default is an ideal fibre of 10 m. `optics` fills in what a kind of fibre br
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any, Self
 
-from wire.physics import BadParameter, check, choice, parameter
+from wire.parameters.physics import BadParameter, check, choice, parameter
 
 SPEED_IN_FIBER_M_PER_S = 2.04e8  # group index 1.468
 

@@ -1,0 +1,1 @@
+"""Layouts of the messages, and what scapy and Wireshark read them with."""

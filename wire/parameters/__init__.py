@@ -1,0 +1,1 @@
+"""Parameters of devices and fibres, with their units and ranges."""
