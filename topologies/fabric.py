@@ -51,8 +51,8 @@ class FabricTopo(Topo):
         Fibres are as the preset says (topologies/presets.py), but for what is given by keyword
         (wire.parameters.fiber.FiberOptics); raise BadParameter for what cannot be. Hosts have the
         preset's device, that of a kind of `node` (topologies/node_kinds.py), or their own of
-        `devices`. The source is charlie, or alice where there is none. `light` says who grants it to the hosts
-        (wire.config.LIGHT).
+        `devices`. The source is charlie, or alice where there is none. `light` says who grants
+        it to the hosts (wire.config.LIGHT).
         """
         self._light = light
         self._fiber = {"cls": FiberLink, **fiber_of(preset, fiber)}
