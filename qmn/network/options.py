@@ -43,6 +43,11 @@ class NetworkOptions(TypedDict, total=False):
     switch: list[str]  # as q1.insertion_loss_db=1.2
     node: list[str]  # as ion-trap, or bob=ion-trap
     device: list[str]  # as bob.detectors.efficiency=0.8
+    map: str
+    hosts_at: str
+    sources_at: str
+    repeaters_at: str
+    fibers: int
     switches: int
     leaves: int
     repeaters: int
@@ -89,6 +94,7 @@ def add_network_options(parser: argparse.ArgumentParser) -> None:
     add("--node", action="append", default=[], metavar="[HOST=]KIND", help=text)
     text = "of a host, as bob.detectors.efficiency=0.8 (repeatable; docs/physical-layer.md)"
     add("--device", action="append", default=[], metavar="HOST.PART.NAME=VALUE", help=text)
+    add_map_options(parser)
     add("--repeaters", type=int, metavar="N", help="of a chain of them, 1 to 16")
     add("--switches", type=int, metavar="N", help="quantum switches of a chain or ring")
     add("--leaves", type=int, metavar="N", help="switches of leaf-spine with hosts (3)")
@@ -110,6 +116,24 @@ def add_network_options(parser: argparse.ArgumentParser) -> None:
     add("--history-depth", type=int, default=10_000, metavar="N", help="events kept (10000)")
     text = "write an event for each of the first N photons of a block (1000), too"
     add("--per-qubit", type=int, nargs="?", const=1000, default=0, metavar="N", help=text)
+
+
+class _Map(argparse.Action):
+    """A map is a topology, too."""
+
+    def __call__(self, _parser: object, namespace: argparse.Namespace, *given: Any) -> None:
+        namespace.map, namespace.topology = given[0], "map"
+
+
+def add_map_options(parser: argparse.ArgumentParser) -> None:
+    """Describe what networks on maps are told."""
+    add = partial(parser.add_argument)
+    text = "over a known map: abilene, nobel-germany, garr, …, or a file (docs/networks.md)"
+    add("--map", action=_Map, metavar="NAME|FILE", help=text)
+    add("--hosts-at", metavar="PLACES", help="of the map, with commas, have hosts (all)")
+    add("--sources-at", metavar="PLACES", help="have pair sources (the one at the centre)")
+    add("--repeaters-at", metavar="PLACES", help="have hosts that can be repeaters (all)")
+    add("--fibers", type=int, metavar="N", help="between neighbouring quantum switches (2)")
 
 
 def add_key_folder(parser: argparse.ArgumentParser) -> None:

@@ -17,6 +17,7 @@ from topologies.chain import ChainTopo
 from topologies.fabric import fiber_of
 from topologies.fiber import resolved
 from topologies.leaf_spine import LeafSpineTopo
+from topologies.mapped import MapTopo
 from topologies.nodes import QuantumHost, device_of
 from topologies.presets import preset
 from topologies.repeaters import RepeatersTopo
@@ -33,14 +34,16 @@ TOPOLOGIES: dict[str, tuple[Callable[..., Topo], str]] = {
     "leaf-spine": (LeafSpineTopo, "two stages of quantum switches"),
     "repeaters": (RepeatersTopo, "repeaters in a line, a quantum switch between neighbours"),
     "tapped": (TappedTopo, "one quantum switch, with eve, who can be put on a fibre"),
+    "map": (MapTopo, "a quantum switch and a host at each place of a map"),
 }
 SIZES = {
     "sdc": (),
-    "chain": ("switches",),
-    "ring": ("switches",),
-    "leaf-spine": ("leaves", "spines"),
+    "chain": ("switches", "fibers"),
+    "ring": ("switches", "fibers"),
+    "leaf-spine": ("leaves", "spines", "fibers"),
     "repeaters": ("repeaters",),
     "tapped": (),
+    "map": ("map", "fibers", "hosts_at", "sources_at", "repeaters_at"),
 }
 FIBER = ("length_km", "loss_db_per_km", "depolarizing", "kind")
 
@@ -67,7 +70,9 @@ def topology(arguments: argparse.Namespace) -> Callable[[], Topo]:
     own = custom_topology.is_custom(name)
     for size in sorted(given.keys() - (given.keys() if own else set(SIZES[name]))):
         fitting = ", ".join(topo for topo, own in SIZES.items() if size in own)
-        raise BadTopology(f"--{size} is of {fitting}, not of {name}: leave it out")
+        raise BadTopology(
+            f"--{size.replace('_', '-')} is of {fitting}, not of {name}: leave it out"
+        )
     try:
         given |= fiber_parameters(arguments)
         more = {"preset": arguments.preset, "node": kind_of_all(arguments.node)}
@@ -129,7 +134,7 @@ def devices_of(topo: Topo) -> dict[str, Device]:
 
 def stated_optics(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the optics that every fibre has; none of a topology that says them itself."""
-    own = custom_topology.is_custom(arguments.topology)
+    own = custom_topology.is_custom(arguments.topology) or arguments.topology == "map"
     return {} if own else asdict(every_fiber(arguments))
 
 

@@ -25,7 +25,9 @@ def add_parser(verbs: Any) -> None:
     parser = verbs.add_parser("cli", help="a network with a command line", description=__doc__)
     names = "; ".join(f"{name}: {what}" for name, (_topo, what) in TOPOLOGIES.items())
     text = f"{names}; or your own, as FILE.py:CLASS"
-    parser.add_argument("topology", type=topology_name, metavar="TOPOLOGY", help=text)
+    parser.set_defaults(topology="sdc")
+    words = {"nargs": "?", "default": argparse.SUPPRESS, "metavar": "TOPOLOGY"}  # --map is one
+    parser.add_argument("topology", type=topology_name, help=text, **words)
     add_network_options(parser)
     add_key_folder(parser)  # a program on a host may distribute some
     add = parser.add_argument
