@@ -13,6 +13,7 @@ from dispatcher.fiber import fiber_noise
 from qmn.network import custom_topology
 from qmn.network.custom_topology import BadTopology
 from qmn.network.device_options import base_device, devices, kind_of_all, nodes
+from qmn.network.options import NetworkOptions
 from topologies.chain import ChainTopo
 from topologies.fabric import fiber_of
 from topologies.fiber import resolved
@@ -54,22 +55,22 @@ def topology_name(text: str) -> str:
     return text
 
 
-def topology(arguments: argparse.Namespace) -> Callable[[], Topo]:
+def topology(options: NetworkOptions) -> Callable[[], Topo]:
     """Return what builds the topology; raise BadTopology for what does not fit it."""
-    name = arguments.topology
+    name = options.topology
     every = {size for sizes in SIZES.values() for size in sizes}
-    sizes = {size: getattr(arguments, size) for size in every}
+    sizes = {size: getattr(options, size) for size in every}
     given = {size: value for size, value in sizes.items() if value is not None}
     own = custom_topology.is_custom(name)
     for size in sorted(given.keys() - (given.keys() if own else set(SIZES[name]))):
         fitting = ", ".join(topo for topo, own in SIZES.items() if size in own)
         raise BadTopology(f"--{size} is of {fitting}, not of {name}: leave it out")
     try:
-        given |= fiber_parameters(arguments)
-        described = every_device(arguments)
+        given |= fiber_parameters(options)
+        described = every_device(options)
         more = {
-            "preset": arguments.preset,
-            "node": kind_of_all(arguments.node),
+            "preset": options.preset,
+            "node": kind_of_all(options.node),
             "devices": described,
         }
         if own:
@@ -83,7 +84,7 @@ def topology(arguments: argparse.Namespace) -> Callable[[], Topo]:
         for host in described.keys() - set(hosts):
             raise BadTopology(f"--node or --device {host}: choose one of {', '.join(hosts)}")
         # So that a noise model of the user's own is refused here, and not by the dispatcher.
-        fiber_noise.models(resolved(every_fiber(arguments)))
+        fiber_noise.models(resolved(every_fiber(options)))
     except ValueError as error:
         raise BadTopology(str(error)) from error
     return build
@@ -95,16 +96,16 @@ def quantum_hosts(topo: Topo) -> list[str]:
     return [host for host, each in classes.items() if each and issubclass(each, QuantumHost)]
 
 
-def every_device(arguments: argparse.Namespace) -> dict[str, Device]:
+def every_device(options: NetworkOptions) -> dict[str, Device]:
     """Return the devices of the hosts that the command line names."""
-    given = preset(arguments.preset).device
-    named = nodes(arguments.node, given)
-    return devices(arguments.device, base_device(arguments.node, given), named)
+    given = preset(options.preset).device
+    named = nodes(options.node, given)
+    return devices(options.device, base_device(options.node, given), named)
 
 
-def other_device(arguments: argparse.Namespace) -> Device:
+def other_device(options: NetworkOptions) -> Device:
     """Return the device of the hosts that the command line does not name."""
-    return base_device(arguments.node, preset(arguments.preset).device)
+    return base_device(options.node, preset(options.preset).device)
 
 
 def devices_of(topo: Topo) -> dict[str, Device]:
@@ -112,21 +113,21 @@ def devices_of(topo: Topo) -> dict[str, Device]:
     return {host: device_of(host, topo.nodeInfo(host)) for host in quantum_hosts(topo)}
 
 
-def stated_optics(arguments: argparse.Namespace) -> dict[str, Any]:
+def stated_optics(options: NetworkOptions) -> dict[str, Any]:
     """Return the optics that every fibre has; none of a topology that says them itself."""
-    own = custom_topology.is_custom(arguments.topology)
-    return {} if own else asdict(every_fiber(arguments))
+    own = custom_topology.is_custom(options.topology)
+    return {} if own else asdict(every_fiber(options))
 
 
-def every_fiber(arguments: argparse.Namespace) -> FiberOptics:
+def every_fiber(options: NetworkOptions) -> FiberOptics:
     """Return the optics that all fibres have."""
-    return optics("every fibre", **fiber_of(arguments.preset, fiber_parameters(arguments)))
+    return optics("every fibre", **fiber_of(options.preset, fiber_parameters(options)))
 
 
-def fiber_parameters(arguments: argparse.Namespace) -> dict[str, Any]:
+def fiber_parameters(options: NetworkOptions) -> dict[str, Any]:
     """Return what the command line says of every fibre; raise BadTopology for no such words."""
-    given = {key: getattr(arguments, key) for key in FIBER if getattr(arguments, key) is not None}
-    for word in arguments.fiber:
+    given = {key: getattr(options, key) for key in FIBER if getattr(options, key) is not None}
+    for word in options.fiber:
         name, equals, text = word.partition("=")
         if not equals or name not in PARAMETERS:
             known = ", ".join(PARAMETERS)
