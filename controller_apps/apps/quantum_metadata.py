@@ -59,10 +59,10 @@ from controller_apps.sessions.permission import Permission
 from controller_apps.sessions.restore import take_over
 from controller_apps.sessions.snapshot import encode_hosts
 from controller_apps.sessions.state_folder import StateFolder
+from controller_apps.timeouts import SESSION_TICK_S
 from wire.config import ControllerConfig
 from wire.metadata import MalformedPacket, Reason, Setup
 
-TICK_S = 0.2
 DEVICE_MONITOR = "DeviceMonitor"  # the app that speaks to the hosts
 
 
@@ -132,7 +132,7 @@ class QuantumMetadata(App):
 
     def _tick_for_ever(self) -> None:
         while True:
-            hub.sleep(TICK_S)
+            hub.sleep(SESSION_TICK_S)
             self.send_event(self.name, EventTick())
 
     @on(EventTick)

@@ -12,7 +12,7 @@ from metadata_scene import Q1, S1
 from scapy.layers.inet import IP, UDP
 from scapy.layers.l2 import Ether
 
-from controller_apps.apps.device_monitor import SET_TIMEOUT_S, DeviceMonitor
+from controller_apps.apps.device_monitor import DeviceMonitor
 from controller_apps.apps.swap_orders import EventSwapsOrdered
 from controller_apps.console.questions import EventQuestion, Refused
 from controller_apps.openflow import framework
@@ -20,8 +20,8 @@ from controller_apps.openflow.framework import ofp_event, ofproto, parser
 from controller_apps.packets.datagrams import Frame
 from controller_apps.record import Record
 from controller_apps.sessions.actions import SwapsOrdered
-from controller_apps.sessions.ordering import NODE_TIMEOUT_S
 from controller_apps.sessions.sessions import Stop
+from controller_apps.timeouts import NODE_TIMEOUT_S, SET_TIMEOUT_S
 from wire.config import ControllerConfig
 from wire.device import (
     DEVICE_PORT,
