@@ -64,7 +64,7 @@ class DeviceMonitor(App):
 
     def __init__(self, config: ControllerConfig, record: Record, **contexts: Any) -> None:
         super().__init__(**contexts)
-        self.quantum_switches = frozenset(config.quantum_switches)
+        self.quantum_switches = frozenset(config.quantum_switches.values())
         self.address, self.time = config.address, config.time
         self.policy_path = config.policy
         self.record = record

@@ -84,13 +84,14 @@ class QuantumMetadata(App):
         **contexts: Any,
     ) -> None:
         super().__init__(**contexts)
-        self.quantum_switches = frozenset(config.quantum_switches)
+        self.quantum_switches = frozenset(config.quantum_switches.values())
         self.time = config.time
         # Open vSwitch counts it, on the wall clock.
         self.bypass_timeout_s = min(round(config.time.wall_s(config.idle_timeout_s)), 0xFFFF)
         self.mac_table = mac_table
         self.record = record
-        self.network = Network()
+        names = {dpid: name for name, dpid in config.quantum_switches.items()}
+        self.network = Network(names=names)
         self.arbiter = Arbiter(
             self.network,
             config.hold_timeout_s,

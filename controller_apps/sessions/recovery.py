@@ -18,7 +18,13 @@ from controller_apps.sessions.sessions import Session, Sessions
 from controller_apps.timeouts import DISCOVERY_S, HELD_UP_S
 from wire.metadata import MalformedPacket, Reason
 
-PREMATURE = (Reason.UNKNOWN_HOST, Reason.NO_PATH, Reason.LOSS_TOO_HIGH)
+PREMATURE = (
+    Reason.UNKNOWN_HOST,
+    Reason.NO_PATH,
+    Reason.LOSS_TOO_HIGH,
+    Reason.FIBER_CUT,
+    Reason.PATH_BROKEN,
+)
 
 
 @dataclass

@@ -49,7 +49,7 @@ class Scene:
     def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         self.record_path = folder / "record.jsonl"
         config = ControllerConfig(
-            "127.0.0.1:1", framework.NAME, [Q1], address=CONTROLLER, device_keys=KEYS
+            "127.0.0.1:1", framework.NAME, {"q1": Q1}, address=CONTROLLER, device_keys=KEYS
         )
         self.now = 100.0
         clock = SimpleNamespace(monotonic=lambda: self.now, time_ns=lambda: 5_000)
