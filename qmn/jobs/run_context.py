@@ -18,13 +18,7 @@ from qmn.network.custom_topology import BadTopology, short_name
 from qmn.network.device_options import differences
 from qmn.network.options import NetworkOptions, settings
 from qmn.network.time_scale import scale_of
-from qmn.network.topologies import (
-    every_device,
-    other_device,
-    quantum_hosts,
-    stated_optics,
-    topology,
-)
+from qmn.network.topologies import quantum_hosts, stated_devices, stated_optics, topology
 from qmn.options import BadInput
 from qmn.reports.report_file import report_of_run
 from qmn.results.network_facts import network_facts
@@ -43,6 +37,7 @@ NETWORK_PARAMETERS = (
     "depolarizing",
     "kind",
     "fiber",
+    "switch",
     "node",
     "device",
     "switches",
@@ -112,13 +107,7 @@ def known_facts(context: RunContext, own: Mapping[str, Any]) -> dict[str, Any]:
         "seed": options.seed,
         "parameters": {name: value for name, value in said.items() if value is not None},
         "optics": stated_optics(options),
-        "devices": {
-            host: differences(device)
-            for host, device in {
-                "every": other_device(options),
-                **every_device(options),
-            }.items()
-        },
+        "devices": {host: differences(device) for host, device in stated_devices(options).items()},
         "captures": [],
         "events": run.events,
         "backend": options.backend,

@@ -45,8 +45,14 @@ class NetworkOptions:
     )
     fiber: tuple[str, ...] = option(
         (),
-        f"a parameter {EVERY}, as burst_end_hz=10 (repeatable; docs/physical-layer.md)",
-        metavar="NAME=VALUE",
+        f"{EVERY}, as burst_end_hz=10, or of those between two nodes, as q1-q2.length_km=40 "
+        "(repeatable; docs/physical-layer.md)",
+        metavar="[A-B.]NAME=VALUE",
+    )
+    switch: tuple[str, ...] = option(
+        (),
+        "of every quantum switch, as insertion_loss_db=1.2, or of one, as q1.insertion_loss_db=1",
+        metavar="[NAME.]NAME=VALUE",
     )
     node: tuple[str, ...] = option(
         (),
