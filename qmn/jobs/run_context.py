@@ -25,7 +25,7 @@ from qmn.network.topologies import (
     stated_optics,
     topology,
 )
-from qmn.reports.report_file import report_of_run
+from qmn.reports.report_file import begin_loading, report_of_run
 from qmn.results.network_facts import network_facts
 from qmn.results.run_folder import give_to_invoker, given_at_the_end, make_folder, point_latest
 from qmn.results.software_share import software_facts
@@ -173,7 +173,7 @@ def running_network(
             for program, url in urls.items():
                 console.print(f"figures of {program}: {url}", soft_wrap=True)
         if not arguments.no_capture:
-            files = [*network.capture("s1"), network.capture_openflow()]
+            files = network.capture("s1", openflow=True)
             facts["captures"] = [str(file) for file in files]
         yield network
         reached = status(network)
@@ -181,7 +181,8 @@ def running_network(
         early = worst(network.runtime)
         facts["acausal"] = early.to_dict() if early else None
         facts |= software_facts(reached.software, network.runtime.devices.values())
-    facts["packets_not_captured"] = network.packets_missed
+        begin_loading()  # meanwhile the network goes
+    facts["packets_not_captured"] = network.captures.packets_missed
 
 
 @contextmanager

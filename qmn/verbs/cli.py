@@ -65,8 +65,7 @@ def start_and_obey(arguments: argparse.Namespace) -> int:
             for program, url in urls(network.runtime.metrics_addresses).items():
                 print(f"figures of {program}: {url}", flush=True)
             if arguments.capture:
-                network.capture("s1")
-                network.capture_openflow()
+                network.capture("s1", openflow=True)
             return obey(network)
     finally:
         give_to_invoker(folder)
