@@ -20,7 +20,7 @@ from qmn.network.options import NetworkOptions, settings
 from qmn.network.time_scale import scale_of
 from qmn.network.topologies import quantum_hosts, stated_devices, stated_optics, topology
 from qmn.options import BadInput
-from qmn.reports.report_file import report_of_run
+from qmn.reports.report_file import begin_loading, report_of_run
 from qmn.results.network_facts import network_facts
 from qmn.results.run_folder import give_to_invoker, given_at_the_end, make_folder, point_latest
 from qmn.results.software_share import software_facts
@@ -152,7 +152,7 @@ def running_network(context: RunContext, facts: dict[str, Any]) -> Iterator[Netw
             for program, url in urls.items():
                 console.print(f"figures of {program}: {url}", soft_wrap=True)
         if run.capture:
-            files = [*network.capture("s1"), network.capture_openflow()]
+            files = network.capture("s1", openflow=True)
             facts["captures"] = [str(file) for file in files]
         yield network
         reached = status(network)
@@ -160,7 +160,8 @@ def running_network(context: RunContext, facts: dict[str, Any]) -> Iterator[Netw
         early = worst(network.runtime)
         facts["acausal"] = early.to_dict() if early else None
         facts |= software_facts(reached.software, network.runtime.devices.values())
-    facts["packets_not_captured"] = network.packets_missed
+        begin_loading()  # meanwhile the network goes
+    facts["packets_not_captured"] = network.captures.packets_missed
 
 
 @contextmanager

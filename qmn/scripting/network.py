@@ -219,4 +219,4 @@ def running(
                     facts["metrics"] = announce(runtime.metrics_addresses, folder)
                 yield network
         finally:
-            facts["packets_not_captured"] = network.packets_missed
+            facts["packets_not_captured"] = network.captures.packets_missed

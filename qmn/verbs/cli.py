@@ -66,8 +66,7 @@ def start_and_obey(options: NetworkOptions, runs: Path, capture: bool) -> int:
             for program, url in urls(network.runtime.metrics_addresses).items():
                 print(f"figures of {program}: {url}", flush=True)
             if capture:
-                network.capture("s1")
-                network.capture_openflow()
+                network.capture("s1", openflow=True)
             return obey(network)
     finally:
         give_to_invoker(folder)
