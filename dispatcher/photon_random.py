@@ -79,6 +79,20 @@ class PhotonRandom:
         mask[undecided] = generator.random(len(undecided)) < rest
         return mask
 
+    def happens_by_stretch(
+        self, purpose: str, probabilities: NDArray[np.float64], stretch: int
+    ) -> NDArray[np.bool_]:
+        """Do as `happens` with a probability for each stretch of so many photons; shape (k,)."""
+        generator = self.generator(purpose)
+        drawn = np.zeros((probabilities.size, stretch), np.uint8)
+        drawn.reshape(-1)[: self.photons] = np.frombuffer(generator.bytes(self.photons), np.uint8)
+        whole = np.minimum(probabilities * STEPS, STEPS - 1).astype(np.uint8)
+        mask = (drawn < whole[:, None]).reshape(-1)[: self.photons]
+        undecided = np.flatnonzero((drawn == whole[:, None]).reshape(-1)[: self.photons])
+        rest = (probabilities * STEPS - whole)[undecided // stretch]
+        mask[undecided] = generator.random(undecided.size) < rest
+        return mask
+
     def coins(self, purpose: str, count: int) -> NDArray[np.uint8]:
         """Return `count` fair bits, for those photons that need one."""
         return self.generator(purpose).integers(0, 2, count, dtype=np.uint8)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from dispatcher.clock import Clock
 from dispatcher.devices import abilities
-from dispatcher.devices.decay import Decay, Each, Waits, decay
+from dispatcher.devices.decay import LEAST, Decay, Each, Waits, decay
 from dispatcher.devices.hardware import Devices
 from dispatcher.layer import drift, further
 from dispatcher.layer.ownership import Block
@@ -27,6 +27,9 @@ from dispatcher.sabot.registers import Mask, Register
 from dispatcher.sabot.simulation import Simulation
 from wire.features import STORE
 from wire.parameters.physics import Memory
+
+PHASE = np.uint8(2)  # flips it: Z
+STRETCHES = 64  # of a block, in each of which qubits have waited much the same
 
 
 class Memories:
@@ -166,14 +169,18 @@ class Memories:
                 further.reset(self._sabot, block, reset, self._draws, purpose)
         if worst.error:
             # A reset and a Pauli exclude each other, but Z does nothing to what has been reset.
-            met = np.flatnonzero(_met("error", memory, waits, random) & present)
-            paulis = np.zeros(random.photons, dtype=np.uint8)
-            paulis[met] = 1 + _which(decay(memory, waits.of(met)), random)
+            met = _met("error", memory, waits, random) & present
+            paulis = met.view(np.uint8) * PHASE
+            if worst.x:
+                some = np.flatnonzero(met)
+                paulis[some] = 1 + _which(decay(memory, waits.of(some)), random)
+                tally = np.bincount(paulis[some], minlength=4)
+                counts |= {name: int(tally[i]) for i, name in enumerate(("X", "Z", "XZ"), 1)}
+            else:
+                counts["Z"] = int(np.count_nonzero(met))
             self._sabot.explain(block.register, f"decay in the memory of {block.node}", paulis)
             further.pauli(self._sabot, block, paulis)
             drift.reflect(block.pulses, paulis)
-            tally = np.bincount(paulis, minlength=4)
-            counts |= {name: int(tally[i]) for i, name in enumerate(("X", "Z", "XZ"), 1)}
         block.pulses.exact &= worst.exact
         return counts
 
@@ -190,21 +197,26 @@ def _waits(block: Block, start_ns: int, interval_ns: float) -> Waits:
 
 def _met(what: str, memory: Memory, waits: Waits, random: PhotonRandom) -> Mask:
     """Draw to which qubits something has happened, a part of Decay; shape (k,)."""
-    # Draw as if all had waited longest; keep of those what their own wait says.
-    most = getattr(decay(memory, waits.longest_s), what)
-    met = random.happens(what, most)
-    if not waits.alike:
-        some = np.flatnonzero(met)
-        own = getattr(decay(memory, waits.of(some)), what)
-        drawn = random.generator(f"{what}, own wait").random(some.size) * most
-        met[some[drawn >= own]] = False
+    if waits.alike:
+        return random.happens(what, getattr(decay(memory, waits.longest_s), what))
+    # Each stretch first as if all its qubits had waited as short as any of them; what it is
+    # likelier than that is little, so that few need a probability of their own.
+    stretch = -(-waits.qubits // STRETCHES)
+    starts = np.arange(0, waits.qubits, stretch)
+    ends = np.minimum(starts + stretch, waits.qubits) - 1
+    edges = [getattr(decay(memory, waits.of(at)), what) for at in (starts, ends)]
+    least = np.minimum(*edges)
+    met = random.happens_by_stretch(what, least, stretch)
+    likelier = float(((np.maximum(*edges) - least) / np.maximum(1 - least, LEAST)).max())
+    some = random.events(f"{what}, longer", likelier)
+    own, surely = getattr(decay(memory, waits.of(some)), what), least[some // stretch]
+    drawn = random.generator(f"{what}, own wait").random(some.size) * likelier
+    met[some[drawn * np.maximum(1 - surely, LEAST) < own - surely]] = True
     return met
 
 
 def _which(happened: Decay, random: PhotonRandom) -> NDArray[np.uint8]:
     """Choose which Pauli has happened to each qubit: 0 X, 1 Z, 2 XZ."""
-    if not np.any(happened.x):
-        return np.ones(np.shape(happened.z), dtype=np.uint8)
     weights: NDArray[np.float64] = np.array((happened.x, happened.z, happened.y))
     bounds = weights.cumsum(axis=0)
     drawn = random.generator("Pauli").random(bounds.shape[1]) * bounds[-1]

@@ -120,3 +120,22 @@ def test_a_stored_half_waits_for_the_light_that_it_is_measured_with() -> None:
         assert within(phases, BLOCKS * PAIRS, (1 - np.exp(-apart_s / 2.0)) / 2)
 
     between(act, bob=Device(memory=Memory(t2_s=2.0)))
+
+
+def test_decay_within_a_stretch_of_a_large_block_is_each_qubits_own() -> None:
+    """Of 100,000 |+> the last thousand have waited 0 to 5 T2, in steps: wrong (1 - e^(-t/T2))/2."""
+    count, t2_s = 100_000, 2e-5
+    waits_s = (count - 1 - np.arange(count)) / 10_000_000
+    expected = (1 - np.exp(-waits_s / t2_s)) / 2
+
+    async def act(laboratory: Laboratory) -> None:
+        alice, bob = laboratory.host("alice"), laboratory.host("bob")
+        await alice.prepare(np.full(count, 2, np.uint8))
+        await alice.send({(0, 0): "alice-q0"}, 10_000_000)
+        await bob.receive((0, 0), "bob-q0")
+        await bob.store((0, 0))
+        wrong = await bob.measure((0, 0), X) == 1
+        for part in (slice(-1000, None), slice(-300, None), slice(-100, None), slice(None)):
+            assert agree(expected[part], int(wrong[part].sum()), wrong[part].size)
+
+    between(act, bob=Device(memory=Memory(t2_s=t2_s)))
