@@ -82,6 +82,7 @@ class RunResult(NetworkResult, total=False):
     # Of every other: the last words of the host that asks, and of the one that is asked
     asking: dict[str, Any]
     asked: dict[str, Any]
+    load: dict[str, Any]  # of `qmn run load`: its figures, every session, the use of every fibre
 
 
 PLAIN = {str: "string", bool: "boolean", int: "integer", float: "number", NoneType: "null"}

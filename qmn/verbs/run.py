@@ -7,7 +7,8 @@ from typing import Any
 from hosts.middleware.services import NAMES
 from hosts.middleware.services.superdense.options import SuperdenseOptions
 from hosts.timeouts import MAX_BLOCK_S
-from qmn.jobs import service, superdense
+from qmn.jobs import load, service, superdense
+from qmn.jobs.load import LoadRequest
 from qmn.jobs.run_context import guarded
 from qmn.jobs.run_options import RunOptions
 from qmn.jobs.service import ServiceRequest
@@ -29,6 +30,30 @@ def add_parser(verbs: Any) -> None:
         _add_superdense(jobs, name, what)
     for name, verb in VERBS.items():
         _add_service(jobs, name, verb)
+    _add_load(jobs)
+
+
+def _add_load(jobs: Any) -> None:
+    """Describe heavy traffic."""
+    text = "heavy traffic: many sessions of many hosts"
+    parser = jobs.add_parser("load", help=text, description=text)
+    add_options(parser, LoadRequest)
+    names = f"{', '.join(TOPOLOGIES)}, or FILE.py:CLASS"
+    text = f"over this network ({names}; default: ring)"
+    parser.add_argument("--topology", type=topology_name, default="ring", metavar="NAME", help=text)
+    add_options(parser, NetworkOptions, leave_out=KEYS)
+    add_options(parser, RunOptions)
+    parser.set_defaults(call=_call_load)
+
+
+def _call_load(arguments: argparse.Namespace) -> int:
+    return guarded(partial(load.run, load_request(arguments)))
+
+
+def load_request(arguments: argparse.Namespace) -> LoadRequest:
+    """Return what the command line asks for."""
+    network, run = read(NetworkOptions, arguments), read(RunOptions, arguments)
+    return read(LoadRequest, arguments, network=network, run=run)
 
 
 def _add_superdense(jobs: Any, name: str, what: str) -> None:
