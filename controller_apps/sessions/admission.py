@@ -13,10 +13,11 @@ from controller_apps.packets.segments import FiveTuple
 from controller_apps.policy.policy import Tap
 from controller_apps.sessions.abilities import Want, block_pairs, first_want, want_of_repeater
 from controller_apps.sessions.chains import find_chain, ordered_link, repeaters_of
+from controller_apps.sessions.returns import returned_on
 from controller_apps.sessions.sessions import Chain, Session, Sessions
 from wire.metadata import Handshake, Reason, Service, Setup
 from wire.optical import frequency_mhz
-from wire.services import Role, beams, fibers_needed
+from wire.services import RETURNS, Role, beams, fibers_needed
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,8 @@ def admit(
         if not _same_session(setup, five_tuple, registered):
             return Admission(Reason.UNKNOWN_SESSION)
     elif setup.service == Service.LINK and ordered_link(setup, five_tuple, sessions) is None:
+        return Admission(Reason.UNKNOWN_SESSION)
+    elif setup.service in RETURNS and returned_on(setup, five_tuple, sessions) is None:
         return Admission(Reason.UNKNOWN_SESSION)
     elif registered is not None or len(sessions.by_number) >= sessions.max_sessions:
         return Admission(Reason.BUSY)
