@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any
 
 from controller_apps.policy.policy import BadPolicy, read_policy
+from controller_apps.timeouts import READY_TIMEOUT_S
 from wire.config import BadConfig, ControllerConfig
 
 APPS = ("learning_switch", "quantum_metadata", "device_monitor")
 WSGI_APPS = {"ryu.app.ofctl_rest", "ryu.app.rest_topology"}
-READY_TIMEOUT_S = 10.0
 
 
 class Fatal(Exception):

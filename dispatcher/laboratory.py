@@ -23,6 +23,7 @@ from dispatcher.operations.resending import Resending
 from dispatcher.operations.switching import Switching
 from dispatcher.operations.transport import Transport
 from dispatcher.sabot.backend import Bytes
+from dispatcher.timeouts import RECEIVE_TIMEOUT_S
 from wire.config import DispatcherConfig
 from wire.dispatcher_pb2 import (
     ApplyRequest,
@@ -44,7 +45,6 @@ from wire.dispatcher_pb2 import (
 )
 
 START_NS = 1_700_000_000_000_000_000
-RECEIVE_TIMEOUT_S = 1.0  # not needed: the light is there
 RATE_HZ = 1_000_000_000
 SESSION = 1
 

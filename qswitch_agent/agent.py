@@ -7,9 +7,9 @@ from qswitch_agent.hardware.optics import OpticalHardware
 from qswitch_agent.light_paths import LightPaths
 from qswitch_agent.openflow.ports import Port
 from qswitch_agent.proxy.proxy import Address, Programs, Proxy, Server
-from qswitch_agent.proxy.replies import HOLD_DEADLINE_S
 from qswitch_agent.supervision import SupervisoryChannels
 from qswitch_agent.switch import Switch
+from qswitch_agent.timeouts import HOLD_DEADLINE_S
 from wire.config import AgentConfig, BadConfig
 
 

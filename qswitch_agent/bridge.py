@@ -16,10 +16,10 @@ from qswitch_agent.openflow.flow_reports import FlowUpdate
 from qswitch_agent.openflow.flows import FlowEntry
 from qswitch_agent.openflow.messages import Framer
 from qswitch_agent.openflow.ports import Port, PortMod
+from qswitch_agent.timeouts import BARRIER_DEADLINE_S
 from wire.metadata import MalformedPacket
 
 CHUNK = 1 << 16
-BARRIER_DEADLINE_S = 5.0
 NO_PACKETS = ofp.OFPPC_NO_FWD
 log = logging.getLogger(__name__)
 

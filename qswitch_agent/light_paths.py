@@ -19,10 +19,10 @@ from qswitch_agent.openflow.flows import FlowEntry
 from qswitch_agent.openflow.instructions import Mark
 from qswitch_agent.openflow.ports import Port
 from qswitch_agent.promises import Promises
+from qswitch_agent.timeouts import IDLE_POLL_S
 from wire.network_time import REAL_TIME, NetworkTime
 
 MAX_REMOVED = 4096
-IDLE_POLL_S = 0.25
 log = logging.getLogger(__name__)
 
 

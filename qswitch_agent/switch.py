@@ -11,7 +11,6 @@ from typing import Protocol
 from os_ken.ofproto import ofproto_v1_4 as ofp
 
 from qswitch_agent.hardware.optics import (
-    CALL_DEADLINE_S,
     Condition,
     CrossConnect,
     HardwareFault,
@@ -29,6 +28,7 @@ from qswitch_agent.openflow.messages import Refusal
 from qswitch_agent.openflow.ports import Port
 from qswitch_agent.promises import Asker
 from qswitch_agent.supervision import SupervisoryChannels
+from qswitch_agent.timeouts import CALL_DEADLINE_S
 from wire.optical import PathOptics, PortLight, PortTuning
 
 log = logging.getLogger(__name__)

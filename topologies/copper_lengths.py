@@ -29,11 +29,14 @@ def assign_copper_lengths(topo: Topo, copper_km: float | None = None) -> None:
     """
     fibers, copper = fibers_of(topo), copper_of(topo)
     places = places_of(topo, fibers, copper)
+    # Those of an earlier call, which do not hold any more if fibres have changed.
+    beside_fibers: set[int] = vars(topo).setdefault("copper_beside_fibers", set())
     for one, other, info in copper:
         info["cls"] = CopperLink
         if copper_km is not None:
             info["length_km"] = copper_km
-        elif "length_km" not in info:
+        elif "length_km" not in info or id(info) in beside_fibers:
+            beside_fibers.add(id(info))
             info["length_km"] = shortest(fibers, places[one]).get(places[other], 0.0)
 
 

@@ -598,7 +598,7 @@ class QuantumController(QuantumNode, Controller):
         config = ControllerConfig(
             listen=f"0.0.0.0:{self.port}",
             framework=network.framework,
-            quantum_switches=list(network.datapath_ids.values()),
+            quantum_switches=dict(network.datapath_ids),
             record=str(network.logs / RECORD),
             loss_budget_db=network.loss_budget_db,
             contention=network.contention,

@@ -271,7 +271,7 @@ class ControllerConfig(MeasuredConfig):
 
     listen: str  # "127.0.0.1:6653"
     framework: str  # "ryu" or "os-ken"
-    quantum_switches: list[int] = field(default_factory=list)  # their datapath ids
+    quantum_switches: dict[str, int] = field(default_factory=dict)  # datapath ids by name
     hold_timeout_s: float = 5.0
     idle_timeout_s: int = 30
     record: str = ""  # path of a JSON-lines file for measurements; empty: none

@@ -117,6 +117,8 @@ class Reason(IntEnum):
     CANNOT_GATE = 21
     CANNOT_MEASURE = 22
     NO_CHAIN = 23
+    FIBER_CUT = 24  # written by the controller, with the address of the host whose fibre it is
+    PATH_BROKEN = 25  # within the optical network; the controller's record names the elements
 
 
 class Pauli(IntEnum):

@@ -36,12 +36,11 @@ from controller_apps.packets.datagrams import CONTROLLER_MAC, Frame, is_udp
 from controller_apps.policy.policy import BadPolicy, Policy, read_policy
 from controller_apps.record import Record
 from controller_apps.sessions.chains import orders
+from controller_apps.timeouts import DEVICE_TICK_S, SET_TIMEOUT_S
 from wire.config import ControllerConfig
 from wire.device import DEVICE_PORT, DeviceQuery, DeviceSettings, check_settings
 from wire.metadata import Answer, MalformedPacket, Message, Reason
 
-SET_TIMEOUT_S = 3.0
-TICK_S = 0.1
 METADATA = "QuantumMetadata"  # the app that asks for orders
 
 
@@ -65,7 +64,7 @@ class DeviceMonitor(App):
 
     def __init__(self, config: ControllerConfig, record: Record, **contexts: Any) -> None:
         super().__init__(**contexts)
-        self.quantum_switches = frozenset(config.quantum_switches)
+        self.quantum_switches = frozenset(config.quantum_switches.values())
         self.address, self.time = config.address, config.time
         self.policy_path = config.policy
         self.record = record
@@ -86,7 +85,7 @@ class DeviceMonitor(App):
 
     def _tick_for_ever(self) -> None:
         while True:
-            hub.sleep(TICK_S)
+            hub.sleep(DEVICE_TICK_S)
             self.send_event(self.name, EventDeviceTick())
 
     @on(EventDeviceTick)

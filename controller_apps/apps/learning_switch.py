@@ -9,8 +9,8 @@ from controller_apps.openflow import flow_entries
 from controller_apps.openflow.flow_entries import LEARNING_TABLE
 from controller_apps.openflow.framework import DEAD, MAIN, App, ofp_event, ofproto, on, parser
 from controller_apps.openflow.mac_table import MacTable
+from controller_apps.timeouts import STATION_TIMEOUT_S
 
-IDLE_TIMEOUT_S = 60
 LINK_LOCAL = bytes.fromhex("0180c20000")  # and one byte below 0x10: never forwarded (802.1D)
 
 
@@ -64,7 +64,7 @@ class LearningSwitch(App):
             1,
             match,
             flow_entries.output(port),
-            idle_timeout=IDLE_TIMEOUT_S,
+            idle_timeout=STATION_TIMEOUT_S,
         )
         datapath.send_msg(entry)
 

@@ -59,10 +59,10 @@ from controller_apps.sessions.permission import Permission
 from controller_apps.sessions.restore import take_over
 from controller_apps.sessions.snapshot import encode_hosts
 from controller_apps.sessions.state_folder import StateFolder
+from controller_apps.timeouts import SESSION_TICK_S
 from wire.config import ControllerConfig
 from wire.metadata import MalformedPacket, Reason, Setup
 
-TICK_S = 0.2
 DEVICE_MONITOR = "DeviceMonitor"  # the app that speaks to the hosts
 
 
@@ -84,13 +84,14 @@ class QuantumMetadata(App):
         **contexts: Any,
     ) -> None:
         super().__init__(**contexts)
-        self.quantum_switches = frozenset(config.quantum_switches)
+        self.quantum_switches = frozenset(config.quantum_switches.values())
         self.time = config.time
         # Open vSwitch counts it, on the wall clock.
         self.bypass_timeout_s = min(round(config.time.wall_s(config.idle_timeout_s)), 0xFFFF)
         self.mac_table = mac_table
         self.record = record
-        self.network = Network()
+        names = {dpid: name for name, dpid in config.quantum_switches.items()}
+        self.network = Network(names=names)
         self.arbiter = Arbiter(
             self.network,
             config.hold_timeout_s,
@@ -132,7 +133,7 @@ class QuantumMetadata(App):
 
     def _tick_for_ever(self) -> None:
         while True:
-            hub.sleep(TICK_S)
+            hub.sleep(SESSION_TICK_S)
             self.send_event(self.name, EventTick())
 
     @on(EventTick)

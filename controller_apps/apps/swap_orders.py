@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from controller_apps.openflow.framework import Event
 from controller_apps.sessions.actions import SwapsOrdered
-from controller_apps.sessions.ordering import NODE_TIMEOUT_S
+from controller_apps.timeouts import NODE_TIMEOUT_S
 from wire.device import SwapOrder
 from wire.metadata import Reason
 

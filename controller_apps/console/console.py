@@ -9,10 +9,10 @@ from pathlib import Path
 from controller_apps.console.facts import Facts, perform
 from controller_apps.console.questions import Refused
 from controller_apps.openflow.framework import EndOnFault, hub
+from controller_apps.timeouts import REQUEST_TIMEOUT_S
 from wire.console import MAX_REQUEST, decode_request, encode_error, encode_result
 from wire.metadata import MalformedPacket
 
-REQUEST_TIMEOUT_S = 5.0
 BACKLOG = 16
 log = logging.getLogger("console")
 

@@ -4,8 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 from controller_apps.openflow.framework import Event, hub
-
-ANSWER_TIMEOUT_S = 5.0
+from controller_apps.timeouts import ANSWER_TIMEOUT_S
 
 Handler = Callable[[dict[str, Any]], Any]
 

@@ -1,7 +1,7 @@
 """Fibres between switches, as heard from both their ends.
 
-    port up --> asked quickly, then every PERIOD_S
-    heard at both ends --> a link --port down, switch gone, not heard for EXPIRY_S--> none
+    port up --> asked quickly, then every LINK_PERIOD_S
+    heard at both ends --> a link --port down, switch gone, not heard for LINK_EXPIRY_S--> none
 
 No socket, no clock: `now` is in seconds of one steady clock.
 """
@@ -10,10 +10,9 @@ from dataclasses import dataclass, field
 
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Network
+from controller_apps.timeouts import LINK_EXPIRY_S, LINK_PERIOD_S
 
 FAST_PERIOD_S, FAST_TIMES = 0.2, 10  # while the network starts (802.1AB fast start)
-PERIOD_S = 2.0
-EXPIRY_S = 7.0  # three periods, and what a busy machine adds
 
 
 @dataclass
@@ -57,7 +56,7 @@ class Links:
         for at, port in self._ports.items():
             if port.due <= now:
                 port.sent += 1
-                port.due = now + (FAST_PERIOD_S if port.sent < FAST_TIMES else PERIOD_S)
+                port.due = now + (FAST_PERIOD_S if port.sent < FAST_TIMES else LINK_PERIOD_S)
                 speaking.append(at)
         return speaking
 
@@ -71,7 +70,7 @@ class Links:
 
     def expired(self, now: float) -> list[SwitchPort]:
         """Forget the links that were not heard for long at one end; return these ends."""
-        silent = [at for at, (_, when) in self._heard.items() if now - when > EXPIRY_S]
+        silent = [at for at, (_, when) in self._heard.items() if now - when > LINK_EXPIRY_S]
         for at in silent:
             del self._heard[at]
         return [at for at in silent if self.network.remove_link(at) is not None]

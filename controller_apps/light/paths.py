@@ -72,6 +72,8 @@ class Network:
     links: dict[SwitchPort, SwitchPort] = field(default_factory=dict)
     cut: set[SwitchPort] = field(default_factory=set)  # ports whose fibre is down
     optics: Optics = field(default_factory=Optics)
+    broken: dict[SwitchPort, SwitchPort] = field(default_factory=dict)  # links before they were cut
+    names: dict[int, str] = field(default_factory=dict)  # of switches, for people
 
     def attach(self, at: SwitchPort, host_port: HostPort) -> bool:
         """Note which host's port a fibre leads to; tell whether that is news."""
@@ -84,6 +86,7 @@ class Network:
         }
         self.hosts[at] = host_port
         self.remove_link(at)
+        self._forget_broken(at)
         return True
 
     def detach(self, at: SwitchPort) -> bool:
@@ -99,8 +102,8 @@ class Network:
             return False
         self.cut ^= {at}
         self.optics.forget_light(at)
-        if not whole:
-            self.remove_link(at)
+        if not whole and (other := self.remove_link(at)) is not None:
+            self.broken |= {at: other, other: at}
         return True
 
     def add_link(self, one: SwitchPort, other: SwitchPort) -> bool:
@@ -112,6 +115,7 @@ class Network:
             return False
         for end in (one, other):
             self.remove_link(end)
+            self._forget_broken(end)
         self.links[one] = other
         self.links[other] = one
         return True
@@ -122,6 +126,15 @@ class Network:
         if other is not None:
             del self.links[other]
         return other
+
+    def _forget_broken(self, end: SwitchPort) -> None:
+        other = self.broken.pop(end, None)
+        if other is not None:
+            del self.broken[other]
+
+    def name_of(self, dpid: int) -> str:
+        """Return a switch's name, or its datapath id where it is not known."""
+        return self.names.get(dpid, f"switch {dpid:#x}")
 
     def ports_of(self, address: str) -> list[SwitchPort]:
         """Return where the ports of a host are, in order of their names; empty if unknown."""

@@ -18,6 +18,7 @@ from typing import Any
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import HostPort
 from controller_apps.openflow.framework import lldp
+from controller_apps.timeouts import LINK_TTL_S
 from wire.announcement import SUBTYPE as HOST_SEAL
 from wire.features import OUI, SUBTYPE, Abilities
 from wire.metadata import MalformedPacket
@@ -28,7 +29,6 @@ SWITCH_PREFIX = b"dpid:"
 PORT = struct.Struct("!I")
 SEAL = 1  # our subtype
 SEAL_LENGTH = 16
-TTL_S = 120
 
 
 @dataclass(frozen=True)
@@ -145,7 +145,7 @@ def switch_message(at: SwitchPort, address: bytes, key: bytes) -> bytes:
     tlvs = (
         (lldp.LLDP_TLV_CHASSIS_ID, b"\x07" + SWITCH_PREFIX + b"%016x" % at.dpid),
         (lldp.LLDP_TLV_PORT_ID, b"\x02" + PORT.pack(at.port)),
-        (lldp.LLDP_TLV_TTL, TTL_S.to_bytes(2, "big")),
+        (lldp.LLDP_TLV_TTL, LINK_TTL_S.to_bytes(2, "big")),
         (lldp.LLDP_TLV_ORGANIZATIONALLY_SPECIFIC, OUI + bytes([SEAL]) + seal(at, key)),
         (lldp.LLDP_TLV_END, b""),
     )

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
+from controller_apps.light.obstacles import Obstacle, obstacles
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Network
 from controller_apps.light.routing import Leg, LightPath, Limits, route, why_not
@@ -123,10 +124,19 @@ def find_light(
     paths = route(network, legs, limits)
     if paths is None:
         reason = why_not(network, legs, limits)
+        if reason == Reason.NO_PATH and (broken := obstacles(network, legs)):
+            return _broken(broken)
         return Admission(reason, waits_for_light=reason == Reason.BUSY)
     if setup.handshake == Handshake.PER_PAIR:
         return Admission()
     return Admission(paths=paths, block_pairs=block_pairs(setup, hosts, (), network))
+
+
+def _broken(found: Sequence[Obstacle]) -> Admission:
+    """Return the refusal that names what is cut or stuck."""
+    detail = "; ".join(obstacle.text for obstacle in found)
+    host = next((obstacle.address for obstacle in found if obstacle.address), "")
+    return Admission(Reason.FIBER_CUT if host else Reason.PATH_BROKEN, detail=detail, node=host)
 
 
 def _find_repeaters(

@@ -25,7 +25,7 @@ from controller_apps.sessions.actions import (
 )
 from controller_apps.sessions.admission import Admission, admit, find_light
 from controller_apps.sessions.chains import links_of
-from controller_apps.sessions.closings import COUNTING_S, WINDOW, is_expected, position
+from controller_apps.sessions.closings import WINDOW, is_expected, position
 from controller_apps.sessions.handshakes import Handshakes
 from controller_apps.sessions.light_paths import Light
 from controller_apps.sessions.ordering import Ordering
@@ -39,6 +39,7 @@ from controller_apps.sessions.sessions import (
     read_setup,
 )
 from controller_apps.sessions.verdicts import Verdicts, released
+from controller_apps.timeouts import COUNTING_S, SWITCH_GRACE_S
 from wire.metadata import (
     METADATA_PORT,
     SETUP_LENGTH,
@@ -51,7 +52,6 @@ from wire.metadata import (
     session_of,
 )
 
-SWITCH_GRACE_S = 10.0  # for a switch whose agent is started again
 UNOPENED = Drop("unopened", "a set-up message on a connection that its other end has not opened")
 
 

@@ -9,7 +9,6 @@ from controller_apps.packets.segments import ACK, Segment
 from controller_apps.sessions.sessions import Request
 
 WINDOW = 1 << 20  # bytes further on than was seen
-COUNTING_S = 1.2  # until a switch has counted what has passed; Open vSwitch does it twice a second
 
 
 def is_expected(request: Request, segment: Segment, from_opener: bool) -> bool:

@@ -10,9 +10,8 @@ from controller_apps.sessions.actions import Action, Note, SwapsOrdered
 from controller_apps.sessions.light_paths import Light
 from controller_apps.sessions.sessions import Chain, Request, Session, Sessions
 from controller_apps.sessions.verdicts import Verdicts
+from controller_apps.timeouts import NODE_TIMEOUT_S
 from wire.metadata import Reason
-
-NODE_TIMEOUT_S = 3.0  # for all answers; orders are sent again meanwhile
 
 
 @dataclass

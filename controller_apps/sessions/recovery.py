@@ -15,11 +15,16 @@ from controller_apps.packets.segments import FiveTuple
 from controller_apps.sessions.actions import Action, RemoveBypass
 from controller_apps.sessions.light_paths import Light
 from controller_apps.sessions.sessions import Session, Sessions
+from controller_apps.timeouts import DISCOVERY_S, HELD_UP_S
 from wire.metadata import MalformedPacket, Reason
 
-DISCOVERY_S = 5.0  # until switches, fibres and hosts are known again
-HELD_UP_S = 10.0  # hosts wait so long for the answer to a set-up message
-PREMATURE = (Reason.UNKNOWN_HOST, Reason.NO_PATH, Reason.LOSS_TOO_HIGH)
+PREMATURE = (
+    Reason.UNKNOWN_HOST,
+    Reason.NO_PATH,
+    Reason.LOSS_TOO_HIGH,
+    Reason.FIBER_CUT,
+    Reason.PATH_BROKEN,
+)
 
 
 @dataclass

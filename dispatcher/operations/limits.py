@@ -12,6 +12,7 @@ from dispatcher.sabot.dense import Dense
 from dispatcher.sabot.gates import ROTATIONS
 from dispatcher.sabot.limits import packed
 from dispatcher.switch.optical_switch import MAX_POWER_DBM
+from dispatcher.timeouts import MAX_TIMEOUT_S
 from wire.config import TEMPERATURE_C, QuantumSwitch
 from wire.dispatcher_pb2 import Connection, CreateRequest, Gate, TunePortRequest
 
@@ -20,7 +21,6 @@ MAX_ANGLE_RAD = 1e6
 MAX_STEPS = 64
 MAX_PICKS = 4096
 MAX_ORDERS = 256  # of one call, at a time
-MAX_TIMEOUT_S = 60.0
 # Shorter than what a switch's timeline remembers.
 MAX_EMISSION_S = 30.0
 

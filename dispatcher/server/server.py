@@ -16,13 +16,12 @@ from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.server.callers import Callers
 from dispatcher.server.cross_connects import CrossConnects, bind
 from dispatcher.server.service import Failed, Service
+from dispatcher.timeouts import STOP_GRACE_S, STOP_TIMEOUT_S
 from wire.config import BadConfig, DispatcherConfig
 from wire.dispatcher_pb2_grpc import add_DispatcherServicer_to_server
 from wire.dispatcher_service import MESSAGE_LIMITS, cross_connects_socket
 
 MAX_SOCKET_PATH_BYTES = 100
-STOP_GRACE_S = 0.2
-STOP_TIMEOUT_S = 1.0  # behind the grace, for what calls still have to say
 
 log = logging.getLogger("dispatcher")
 _left: list[grpc.aio.Server] = []  # deleting one would wait for the calls that it still has

@@ -18,13 +18,7 @@ from qmn.network.custom_topology import BadTopology, short_name
 from qmn.network.device_options import differences
 from qmn.network.options import BadInput, check_range, settings
 from qmn.network.time_scale import scale_of
-from qmn.network.topologies import (
-    every_device,
-    other_device,
-    quantum_hosts,
-    stated_optics,
-    topology,
-)
+from qmn.network.topologies import quantum_hosts, stated_devices, stated_optics, topology
 from qmn.reports.report_file import report_of_run
 from qmn.results.network_facts import network_facts
 from qmn.results.run_folder import give_to_invoker, given_at_the_end, make_folder, point_latest
@@ -42,6 +36,7 @@ NETWORK_PARAMETERS = (
     "depolarizing",
     "kind",
     "fiber",
+    "switch",
     "node",
     "device",
     "switches",
@@ -121,11 +116,7 @@ def known_facts(arguments: argparse.Namespace, own: Sequence[str]) -> dict[str, 
         },
         "optics": stated_optics(arguments),
         "devices": {
-            host: differences(device)
-            for host, device in {
-                "every": other_device(arguments),
-                **every_device(arguments),
-            }.items()
+            host: differences(device) for host, device in stated_devices(arguments).items()
         },
         "captures": [],
         "events": not arguments.no_events,

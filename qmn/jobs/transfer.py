@@ -7,10 +7,13 @@ from typing import Any
 
 from topologies.network import Network
 from topologies.programs import POLL_S, NetworkError, Program
+from wire.controller_record import read_record
+from wire.metadata import Reason
 
 START_TIMEOUT_S = 15.0
 STALL_TIMEOUT_S = 60.0
 APPLICATION_PORT = 7
+BROKEN = (Reason.FIBER_CUT.name, Reason.PATH_BROKEN.name)
 
 
 class TransferError(Exception):
@@ -34,7 +37,7 @@ def follow(
             deadline = time.monotonic() + limit_s
             fields = _fields(line)
             if fields.get("event") == "failed":
-                raise TransferError(str(fields["text"]))
+                raise TransferError(with_elements(network, str(fields["text"])))
             if fields.get("event") == "done":
                 return fields
             if fields:
@@ -48,6 +51,13 @@ def follow(
                 "is the loss of the fibres too high?"
             )
         time.sleep(POLL_S)
+
+
+def with_elements(network: Network, text: str) -> str:
+    """Return what an application says, with what the controller found in the way of light."""
+    refused = [fact for fact in read_record(network.runtime.logs) if fact["event"] == "refused"]
+    why, _, elements = str(refused[-1].get("detail", "") if refused else "").partition(": ")
+    return f"{text}: {elements}" if why in BROKEN else text
 
 
 def _fields(line: str) -> dict[str, Any]:

@@ -40,7 +40,7 @@ def load(name: str, given: Mapping[str, Any]) -> Callable[[], Topo]:
     if not (isinstance(topo_class, type) and issubclass(topo_class, Topo)):
         raise BadTopology(f"topology {name}: {path} has no class {class_name} of mininet.topo.Topo")
     for option in sorted(given.keys() - _takes(topo_class, given)):
-        words = "--device or --node" if option == "devices" else f"--{option.replace('_', '-')}"
+        words = f"--{option.replace('_', '-')}"
         raise BadTopology(
             f"{words}: build of {class_name} takes no {option}; say it in {path}, or leave it out"
         )

@@ -39,7 +39,8 @@ class NetworkOptions(TypedDict, total=False):
     loss_db_per_km: float
     depolarizing: float
     kind: str
-    fiber: list[str]  # as burst_end_hz=10
+    fiber: list[str]  # as burst_end_hz=10, or q1-q2.length_km=40
+    switch: list[str]  # as q1.insertion_loss_db=1.2
     node: list[str]  # as ion-trap, or bob=ion-trap
     device: list[str]  # as bob.detectors.efficiency=0.8
     switches: int
@@ -78,8 +79,11 @@ def add_network_options(parser: argparse.ArgumentParser) -> None:
     add("--depolarizing", type=float, metavar="P", help=text)
     text = f"{what_of}: standard or polarisation-maintaining"
     add("--kind", choices=list(KINDS), help=text)
-    text = f"a parameter {what_of}, as burst_end_hz=10 (repeatable; docs/physical-layer.md)"
-    add("--fiber", action="append", default=[], metavar="NAME=VALUE", help=text)
+    text = f"{what_of}, as burst_end_hz=10, or of those between two nodes, as q1-q2.length_km=40 "
+    text += "(repeatable; docs/physical-layer.md)"
+    add("--fiber", action="append", default=[], metavar="[A-B.]NAME=VALUE", help=text)
+    text = "of every quantum switch, as insertion_loss_db=1.2, or of one, as q1.insertion_loss_db=1"
+    add("--switch", action="append", default=[], metavar="[NAME.]NAME=VALUE", help=text)
     kinds = " or ".join(NODE_KINDS)
     text = f"what all hosts are, or one: {kinds} (repeatable; docs/nodes.md)"
     add("--node", action="append", default=[], metavar="[HOST=]KIND", help=text)

@@ -1,7 +1,6 @@
 """The topologies of `qmn run`, and their options on the command line."""
 
 import argparse
-import json
 from collections.abc import Callable
 from dataclasses import asdict
 from functools import partial
@@ -12,7 +11,8 @@ from mininet.topo import Topo
 from dispatcher.fiber import fiber_noise
 from qmn.network import custom_topology
 from qmn.network.custom_topology import BadTopology
-from qmn.network.device_options import base_device, devices, kind_of_all, nodes
+from qmn.network.device_options import base_device, kind_of_all
+from qmn.network.part_options import PartOptions
 from topologies.chain import ChainTopo
 from topologies.fabric import fiber_of
 from topologies.fiber import resolved
@@ -43,12 +43,16 @@ SIZES = {
     "tapped": (),
 }
 FIBER = ("length_km", "loss_db_per_km", "depolarizing", "kind")
-PARAMETERS = asdict(FiberOptics())  # of a fibre, with their defaults
+
+
+def is_known(name: str) -> bool:
+    """Return whether there may be a topology of this name."""
+    return name in TOPOLOGIES or custom_topology.is_custom(name)
 
 
 def topology_name(text: str) -> str:
     """Return the name of a topology that there may be; raise ArgumentTypeError for no such."""
-    if text not in TOPOLOGIES and not custom_topology.is_custom(text):
+    if not is_known(text):
         known = ", ".join(TOPOLOGIES)
         raise argparse.ArgumentTypeError(f"{text!r}: choose {known}, or your own, FILE.py:CLASS")
     return text
@@ -66,27 +70,41 @@ def topology(arguments: argparse.Namespace) -> Callable[[], Topo]:
         raise BadTopology(f"--{size} is of {fitting}, not of {name}: leave it out")
     try:
         given |= fiber_parameters(arguments)
-        described = every_device(arguments)
-        more = {
-            "preset": arguments.preset,
-            "node": kind_of_all(arguments.node),
-            "devices": described,
-        }
+        more = {"preset": arguments.preset, "node": kind_of_all(arguments.node)}
         if own:
-            ideal = {"preset": "ideal", "node": "", "devices": {}}
-            given |= {key: value for key, value in more.items() if value != ideal[key]}
+            given |= {key: value for key, value in more.items() if value not in ("ideal", "")}
             build = custom_topology.load(name, given)
         else:
             build = partial(TOPOLOGIES[name][0], **given, **more)
-        topo = build()
-        hosts = quantum_hosts(topo)
-        for host in described.keys() - set(hosts):
-            raise BadTopology(f"--node or --device {host}: choose one of {', '.join(hosts)}")
-        # So that a noise model of the user's own is refused here, and not by the dispatcher.
+        # So that what cannot be is refused here, and not in the midst of a start.
         fiber_noise.models(resolved(every_fiber(arguments)))
     except ValueError as error:
         raise BadTopology(str(error)) from error
-    return build
+    return with_parts(build, arguments)
+
+
+def with_parts(build: Callable[[], Topo], arguments: argparse.Namespace) -> Callable[[], Topo]:
+    """Return what builds a topology with its single parts as the command line says.
+
+    Raise BadTopology for what cannot be.
+    """
+    try:
+        complete = partial(part_options(arguments).built, build)
+        complete()
+    except ValueError as error:
+        raise BadTopology(str(error)) from error
+    return complete
+
+
+def part_options(arguments: argparse.Namespace) -> PartOptions:
+    """Return what the command line says of single parts."""
+    return PartOptions(
+        arguments.fiber,
+        arguments.switch,
+        arguments.node,
+        arguments.device,
+        preset(arguments.preset).device,
+    )
 
 
 def quantum_hosts(topo: Topo) -> list[str]:
@@ -95,16 +113,13 @@ def quantum_hosts(topo: Topo) -> list[str]:
     return [host for host, each in classes.items() if each and issubclass(each, QuantumHost)]
 
 
-def every_device(arguments: argparse.Namespace) -> dict[str, Device]:
-    """Return the devices of the hosts that the command line names."""
-    given = preset(arguments.preset).device
-    named = nodes(arguments.node, given)
-    return devices(arguments.device, base_device(arguments.node, given), named)
-
-
-def other_device(arguments: argparse.Namespace) -> Device:
-    """Return the device of the hosts that the command line does not name."""
-    return base_device(arguments.node, preset(arguments.preset).device)
+def stated_devices(arguments: argparse.Namespace) -> dict[str, Device]:
+    """Return the devices of hosts that are named, and of "every" other one if all are alike."""
+    topo = topology(arguments)()
+    if custom_topology.is_custom(arguments.topology):
+        return devices_of(topo)
+    every = base_device(arguments.node, preset(arguments.preset).device)
+    return {"every": every, **part_options(arguments).devices(topo)}
 
 
 def devices_of(topo: Topo) -> dict[str, Device]:
@@ -124,21 +139,6 @@ def every_fiber(arguments: argparse.Namespace) -> FiberOptics:
 
 
 def fiber_parameters(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Return what the command line says of every fibre; raise BadTopology for no such words."""
+    """Return what the command line says of every fibre; raise BadTopology for no such name."""
     given = {key: getattr(arguments, key) for key in FIBER if getattr(arguments, key) is not None}
-    for word in arguments.fiber:
-        name, equals, text = word.partition("=")
-        if not equals or name not in PARAMETERS:
-            known = ", ".join(PARAMETERS)
-            raise BadTopology(f"--fiber {word}: write NAME=VALUE, where NAME is of {known}")
-        given[name] = _value(name, text)
-    return given
-
-
-def _value(name: str, text: str) -> Any:
-    """Return a parameter's value as the kind of its default."""
-    kind = type(PARAMETERS[name])
-    try:
-        return json.loads(text) if kind is dict else kind(text)
-    except ValueError as error:
-        raise BadTopology(f"--fiber {name}={text}: {error}") from error
+    return {**given, **part_options(arguments).of_every_fiber()}

@@ -9,7 +9,7 @@ from typing import Any
 
 from hosts.applications.carrying import CHUNK_BYTES
 from hosts.quantum_socket import QuantumSocket, QuantumSocketError
-from qmn.jobs.transfer import APPLICATION_PORT, STALL_TIMEOUT_S, TransferError
+from qmn.jobs.transfer import APPLICATION_PORT, STALL_TIMEOUT_S, TransferError, with_elements
 from topologies.network import Network
 
 READ_BYTES = 1 << 16
@@ -116,5 +116,8 @@ def connection(
                 yield sending, receiving
     except (QuantumSocketError, TimeoutError) as error:
         network.explain()
-        text = f"{sender} to {receiver}: no progress for {limit_s:g} s"
-        raise TransferError(text if isinstance(error, TimeoutError) else str(error)) from error
+        if isinstance(error, TimeoutError):
+            text = f"{sender} to {receiver}: no progress for {limit_s:g} s"
+        else:
+            text = with_elements(network, str(error))
+        raise TransferError(text) from error

@@ -26,7 +26,15 @@ from qmn.network.options import (
     settings,
 )
 from qmn.network.time_scale import scale_of
-from qmn.network.topologies import FIBER, SIZES, TOPOLOGIES, topology
+from qmn.network.topologies import (
+    FIBER,
+    SIZES,
+    TOPOLOGIES,
+    is_known,
+    part_options,
+    topology,
+    with_parts,
+)
 from qmn.results.artifacts import left_behind
 from qmn.results.network_facts import network_facts
 from qmn.results.run_folder import given_at_the_end
@@ -36,11 +44,9 @@ from topologies.causality import worst
 from topologies.network import Network, Signals
 from topologies.nodes import QuantumHost
 
-# What only a topology that is chosen by name understands.
+# What only the `build` of a topology that is chosen by name is told.
 NAMED_ONLY = {
     "preset",
-    "fiber",
-    "device",
     *FIBER,
     *(size for own in SIZES.values() for size in own),
 }
@@ -171,18 +177,24 @@ def start(
 ) -> Iterator[QuantumNetwork]:
     """Start a network, and leave nothing behind at the end; root.
 
-    `topo` is a name that `qmn run` knows, or a topology of your own. Logs and quantum events go
-    into the folder, if there is one. Raise BadInput or BadTopology for what cannot be,
-    NetworkError if it does not start; Ctrl-C is a KeyboardInterrupt, and cleans up, too.
+    `topo` is a name that `qmn run` knows, FILE.py:CLASS, or a topology of your own. Logs and
+    quantum events go into the folder, if there is one. Raise BadInput or BadTopology for what
+    cannot be, NetworkError if it does not start; Ctrl-C is a KeyboardInterrupt, and cleans up, too.
     """
     arguments = from_keywords(options)
     if isinstance(topo, str):
-        if topo not in TOPOLOGIES:
-            raise BadInput(f"unknown topology {topo!r}: choose one of {', '.join(TOPOLOGIES)}")
+        if not is_known(topo):
+            known = f"{', '.join(TOPOLOGIES)}, or FILE.py:CLASS"
+            raise BadInput(f"unknown topology {topo!r}: choose one of {known}")
         arguments.topology = topo
         topo = topology(arguments)
     elif unused := sorted(options.keys() & NAMED_ONLY):
         raise BadInput(f"{unused[0]} is of the topologies of qmn: say it in your own, or leave it")
+    else:
+        for word in (*arguments.fiber, *arguments.node):
+            if part_options(arguments).is_of_all(word):
+                raise BadInput(f"{word} is of the topologies of qmn: say of which part it is")
+        topo = with_parts(topo, arguments)
     check_network(arguments)
     with running(topo, arguments, Path(folder) if folder is not None else None) as network:
         yield network

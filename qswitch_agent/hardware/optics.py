@@ -5,8 +5,6 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import NamedTuple, Protocol
 
-CALL_DEADLINE_S = 4.0
-
 
 class HardwareRefusal(Exception):
     """The hardware cannot do this; it goes on as before and can be asked for something else."""

@@ -22,7 +22,6 @@ from typing import NamedTuple, TypeVar
 
 from qswitch_agent.hardware import scpi_format
 from qswitch_agent.hardware.optics import (
-    CALL_DEADLINE_S,
     CircuitReading,
     Condition,
     CrossConnect,
@@ -35,8 +34,8 @@ from qswitch_agent.hardware.optics import (
 )
 from qswitch_agent.hardware.scpi_format import GarbledReply
 from qswitch_agent.hardware.scpi_link import ScpiLink
+from qswitch_agent.timeouts import CALL_DEADLINE_S, SCPI_POLL_S
 
-POLL_S = 1.0
 NEVER_MEASURED = frozenset(
     {Quantity.PHOTONS, Quantity.FREQUENCY, Quantity.BIAS, Quantity.TEMPERATURE}
 )
@@ -102,7 +101,7 @@ class ScpiSwitch:
     async def watch(self, on_condition: Callable[[Condition], None]) -> None:
         """Report the condition at once and after each change; raise HardwareFault at the end.
 
-        Every POLL_S the instrument is asked for its connections and its ports' states. A
+        Every SCPI_POLL_S the instrument is asked for its connections and its ports' states. A
         connection of a port that has failed is stuck. Connections of our ports that others
         have changed are a fault.
         """
@@ -112,7 +111,7 @@ class ScpiSwitch:
             if condition != reported:
                 on_condition(condition)
                 reported = condition
-            await asyncio.sleep(POLL_S)
+            await asyncio.sleep(SCPI_POLL_S)
 
     async def close(self) -> None:
         """Close the connection; what is in progress is given up."""

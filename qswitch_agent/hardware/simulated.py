@@ -9,7 +9,6 @@ import grpc
 
 from qswitch_agent.hardware.dispatcher_link import DispatcherLink
 from qswitch_agent.hardware.optics import (
-    CALL_DEADLINE_S,
     CircuitReading,
     Condition,
     CrossConnect,
@@ -21,6 +20,7 @@ from qswitch_agent.hardware.optics import (
     Readings,
     Tuning,
 )
+from qswitch_agent.timeouts import CALL_DEADLINE_S
 from wire import dispatcher_pb2 as messages
 from wire import dispatcher_service
 from wire.metadata import MalformedPacket

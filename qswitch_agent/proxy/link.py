@@ -11,11 +11,12 @@ from typing import NamedTuple
 
 from os_ken.ofproto import ofproto_v1_4 as ofp
 
-from qswitch_agent.bridge import BARRIER_DEADLINE_S, BridgeFault
+from qswitch_agent.bridge import BridgeFault
 from qswitch_agent.openflow import async_config, messages, packets
 from qswitch_agent.openflow.flows import FlowMod
 from qswitch_agent.openflow.messages import message_type, transaction_id
 from qswitch_agent.proxy.bundles import Bundles
+from qswitch_agent.timeouts import BARRIER_DEADLINE_S
 
 PRIVATE_XID = 0x514D0000
 UNDONE = ofp.OFPET_FLOW_MOD_FAILED, ofp.OFPFMFC_UNKNOWN  # no code says: by the hardware

@@ -24,7 +24,6 @@ from qswitch_agent.openflow.messages import message_type, transaction_id
 from qswitch_agent.proxy.link import Link
 from qswitch_agent.switch import Switch
 
-HOLD_DEADLINE_S = 5.0
 AGGREGATE = struct.Struct(ofp.OFP_AGGREGATE_STATS_REPLY_PACK_STR)
 CHANGED = (
     ofp.OFPT_BARRIER_REPLY,

@@ -109,7 +109,7 @@ class Controller:
         self.record_path = folder / "record.jsonl"
         self.port = port or free_port()
         config = ControllerConfig(
-            f"127.0.0.1:{self.port}", framework, [2], record=str(self.record_path)
+            f"127.0.0.1:{self.port}", framework, {"q1": 2}, record=str(self.record_path)
         )
         config.write(folder / "config.json")
         self.log = (folder / "log").open("w+")

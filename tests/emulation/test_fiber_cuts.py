@@ -50,10 +50,10 @@ def test_a_session_over_a_cut_fibre_is_refused_until_it_is_mended(shared_network
         listener.listen(7)
         with (
             QuantumSocket(network.runtime.socket("alice")) as sender,
-            pytest.raises(QuantumSocketError, match="none of them cut") as caught,
+            pytest.raises(QuantumSocketError, match="alice has a fibre that is cut") as caught,
         ):
             sender.connect(("bob", 7))
-        assert caught.value.reason == Reason.NO_PATH
+        assert caught.value.reason == Reason.FIBER_CUT
         network.net.configLinkStatus("alice", "q1", "up")
         wait_until(lambda: not known_cuts(network), "the controller hears that it is whole")
         with QuantumSocket(network.runtime.socket("alice")) as sender:

@@ -26,7 +26,7 @@ def test_a_switch_that_was_stopped_can_be_started_again(tmp_path: Path, name: st
         assert name not in openvswitch.bridges()
         network.check()  # its agent's end is no fault
         if name == "q1":
-            with pytest.raises(TransferError, match="no light path"):
+            with pytest.raises(TransferError, match="q1 is not connected to the controller"):
                 network.send("alice", "bob", b"dark")
         switch.start(network.net.controllers)
         assert name in openvswitch.bridges()

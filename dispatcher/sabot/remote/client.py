@@ -20,11 +20,10 @@ from dispatcher.sabot.draws import PhotonDraws
 from dispatcher.sabot.gates import as_clifford
 from dispatcher.sabot.registers import Mask, Pick, Register
 from dispatcher.sabot.remote.requests import packed_mask
+from dispatcher.timeouts import SIMULATION_TIMEOUT_S
 from wire import sabot_pb2 as messages
 from wire.dispatcher_service import CHANNEL_OPTIONS
 from wire.sabot_pb2_grpc import SabotStub
-
-DEADLINE_S = 60.0  # the largest blocks take seconds
 
 
 class SabotUnreachable(ConnectionError):
@@ -246,7 +245,7 @@ class RemoteSabot:
 
     def _call(self, method: Callable[..., Any], request: object) -> Any:
         try:
-            return method(request, timeout=DEADLINE_S)
+            return method(request, timeout=SIMULATION_TIMEOUT_S)
         except grpc.RpcError as error:
             if error.code() == grpc.StatusCode.RESOURCE_EXHAUSTED:
                 raise TooLarge(error.details()) from error

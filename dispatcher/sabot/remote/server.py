@@ -11,14 +11,13 @@ from pathlib import Path
 import grpc
 
 from dispatcher.sabot.remote.service import SabotService
+from dispatcher.timeouts import SIMULATOR_STOP_GRACE_S, SIMULATOR_STOP_TIMEOUT_S
 from wire.config import BadConfig
 from wire.dispatcher_service import MESSAGE_LIMITS
 from wire.sabot_pb2_grpc import add_SabotServicer_to_server
 
 MAX_SOCKET_PATH_BYTES = 100
 MAX_WAITING_CALLS = 64
-STOP_GRACE_S = 0.2
-STOP_TIMEOUT_S = 5.0
 
 
 @contextmanager
@@ -37,7 +36,7 @@ def serving(socket: str, max_live_qubits: int) -> Iterator[None]:
         try:
             yield
         finally:
-            server.stop(STOP_GRACE_S).wait(STOP_TIMEOUT_S)
+            server.stop(SIMULATOR_STOP_GRACE_S).wait(SIMULATOR_STOP_TIMEOUT_S)
             Path(socket).unlink(missing_ok=True)
 
 

@@ -8,6 +8,7 @@ from wire.services import Role, needs
 
 MAX_NUMBER = (1 << 32) - 1
 REMEDIES = {
+    Reason.FIBER_CUT: "has a fibre that is cut, and none to take its place: mend it (`link … up`)",
     Reason.CANNOT_EMIT: "has no source of light (feature emit): take another host in its place, or "
     "give it one (source.statistics)",
     Reason.CANNOT_STORE: "has no memory, or one that is too small (feature store): take another "

@@ -28,8 +28,10 @@ REMEDIES = {
     Reason.NO_LISTENER: "no application listens on that port; start the receiver first",
     Reason.UNKNOWN_HOST: "the controller has not seen the fibres of sender, receiver and source",
     Reason.NO_PATH: "no light path joins sender, receiver and source; each needs the fibres that "
-    "the service asks for (for bytes the receiver and the source two, the sender one of its own), "
-    "and none of them cut",
+    "the service asks for (for bytes the receiver and the source two, the sender one of its own)",
+    Reason.PATH_BROKEN: "no light path is whole: a fibre between quantum switches is cut, a "
+    "cross-connect is stuck or a switch is away; the controller's record (controller.jsonl) says "
+    "which",
     Reason.BUSY: "another session uses these fibres; try again when it has ended",
     Reason.NOT_ALLOWED: "the controller's policy does not allow this service between these "
     "hosts, or not at this rate, frame size or number of sessions; ask who runs the network to "

@@ -11,10 +11,10 @@ from controller_apps.policy.policy import parse_policy
 from controller_apps.sessions.actions import Action, ClosePaths, Keep, Note
 from controller_apps.sessions.admission import Admission
 from controller_apps.sessions.arbiter import Arbiter
-from controller_apps.sessions.ordering import NODE_TIMEOUT_S
 from controller_apps.sessions.permission import Permission
 from controller_apps.sessions.sessions import Stop
 from controller_apps.sessions.snapshot import decode_session
+from controller_apps.timeouts import NODE_TIMEOUT_S
 from wire.features import EVERYTHING, Abilities
 from wire.metadata import MalformedPacket, Reason, Service, Setup, Verdict
 

@@ -24,8 +24,8 @@ from controller_apps.sessions.actions import (
     OpenPaths,
 )
 from controller_apps.sessions.arbiter import Arbiter
-from controller_apps.sessions.closings import COUNTING_S, WINDOW
-from controller_apps.sessions.recovery import HELD_UP_S
+from controller_apps.sessions.closings import WINDOW
+from controller_apps.timeouts import COUNTING_S, HELD_UP_S
 from wire.metadata import METADATA_PORT, SETUP_LENGTH
 
 # Sequence numbers of the first byte of alice and bob, near the end of their space.

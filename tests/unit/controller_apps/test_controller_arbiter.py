@@ -40,7 +40,8 @@ from controller_apps.sessions.actions import (
     OpenPaths,
     RemoveBypass,
 )
-from controller_apps.sessions.arbiter import SWITCH_GRACE_S, Arbiter
+from controller_apps.sessions.arbiter import Arbiter
+from controller_apps.timeouts import SWITCH_GRACE_S
 from wire.metadata import (
     HEADER,
     METADATA_PORT,

@@ -1,8 +1,9 @@
 """Fibres between switches as heard from both ends."""
 
-from controller_apps.light.links import EXPIRY_S, FAST_PERIOD_S, FAST_TIMES, PERIOD_S, Links
+from controller_apps.light.links import FAST_PERIOD_S, FAST_TIMES, Links
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import HostPort, Network
+from controller_apps.timeouts import LINK_EXPIRY_S, LINK_PERIOD_S
 
 ONE, OTHER, THIRD = SwitchPort(1, 3), SwitchPort(2, 4), SwitchPort(3, 5)
 
@@ -70,10 +71,10 @@ def test_a_switch_that_leaves_takes_its_links_along() -> None:
 def test_a_link_is_forgotten_when_one_end_hears_nothing() -> None:
     found = joined()
     found.heard(ONE, OTHER, 5.0)
-    assert found.expired(EXPIRY_S) == []
-    assert found.expired(EXPIRY_S + 0.1) == [ONE]
+    assert found.expired(LINK_EXPIRY_S) == []
+    assert found.expired(LINK_EXPIRY_S + 0.1) == [ONE]
     assert found.network.links == {}
-    assert found.heard(OTHER, ONE, EXPIRY_S + 0.2)
+    assert found.heard(OTHER, ONE, LINK_EXPIRY_S + 0.2)
 
 
 def test_ports_speak_quickly_at_first() -> None:
@@ -81,7 +82,7 @@ def test_ports_speak_quickly_at_first() -> None:
     found.port_up(ONE, 0.0)
     spoken = [step for step in range(100) if found.due(step * FAST_PERIOD_S / 2)]
     assert spoken[:FAST_TIMES] == list(range(0, 2 * FAST_TIMES, 2))
-    assert spoken[FAST_TIMES] - spoken[FAST_TIMES - 1] == 2 * PERIOD_S / FAST_PERIOD_S
+    assert spoken[FAST_TIMES] - spoken[FAST_TIMES - 1] == 2 * LINK_PERIOD_S / FAST_PERIOD_S
     found.hurry(60.0)
     assert found.due(60.0) == [ONE]
     assert found.due(60.0 + FAST_PERIOD_S) == [ONE]

@@ -36,9 +36,9 @@ from controller_apps.sessions.actions import (
     OpenPaths,
     RemoveBypass,
 )
-from controller_apps.sessions.arbiter import SWITCH_GRACE_S, Arbiter
-from controller_apps.sessions.recovery import DISCOVERY_S
+from controller_apps.sessions.arbiter import Arbiter
 from controller_apps.sessions.snapshot import decode_session
+from controller_apps.timeouts import DISCOVERY_S, SWITCH_GRACE_S
 from wire.metadata import METADATA_PORT, SETUP_LENGTH, MalformedPacket, Reason, Setup, decode
 
 LATER = 100 + SETUP_LENGTH

@@ -66,11 +66,6 @@ def test_parts_of_a_device_are_seen_where_devices_are_asked_for(tmp_path: Path) 
         ("parts.py:Parts", ["--preset", "metro"], "--preset: build of Parts takes no preset"),
         ("parts.py:Parts", ["--length-km", "3"], "--length-km: build of Parts takes no length_km"),
         ("parts.py:Parts", ["--switches", "3"], "--switches: build of Parts takes no switches"),
-        (
-            "parts.py:Parts",
-            ["--node", "h1=ion-trap"],
-            "--device or --node: build of Parts",
-        ),
     ],
 )
 def test_what_there_is_not_is_refused(

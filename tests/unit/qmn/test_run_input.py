@@ -11,14 +11,14 @@ from qmn.jobs import superdense
 from qmn.network.custom_topology import BadTopology
 from qmn.network.device_options import differences
 from qmn.network.options import BadInput
-from qmn.network.topologies import TOPOLOGIES, every_device, every_fiber, topology
+from qmn.network.topologies import TOPOLOGIES, every_fiber, stated_devices, topology
 from qmn.results.run_folder import make_folder, point_latest
 from qmn.verbs import run
 from topologies.fiber import FiberLink
 from topologies.node_kinds import ION_TRAP
 from topologies.presets import PRESETS
 from wire.parameters.fiber import FiberOptics
-from wire.parameters.physics import Gates
+from wire.parameters.physics import Device, Gates
 
 
 def parse(*words: str) -> argparse.Namespace:
@@ -35,7 +35,10 @@ def parse(*words: str) -> argparse.Namespace:
         (["--frame-bytes", "70000"], "--frame-bytes 70000: choose 1 to 65536"),
         (["--depolarizing", "1.5"], "depolarizing 1.5 is not 0 to 1"),
         (["--length-km", "2001"], "every fibre: length_km 2001.0 is not 0 to 2000"),
-        (["--fiber", "drift=1"], "--fiber drift=1: write NAME=VALUE, where NAME is of kind, len"),
+        (
+            ["--fiber", "drift=1"],
+            "--fiber drift=1: write NAME=VALUE or PLACE.NAME=VALUE, where NAME is",
+        ),
         (
             ["--fiber", "filter_nm"],
             "--fiber filter_nm: write NAME=VALUE",
@@ -143,7 +146,7 @@ def test_devices_are_those_of_the_preset_but_for_what_is_said() -> None:
     words = ["--preset", "lab", "--device", "bob.analyser.kind=linear"]
     words += ["--device", "charlie.source.bell_diagonal=[0.97, 0.01, 0.01, 0.01]"]
     words += ["--device", "charlie.source.fidelity=1"]
-    said = every_device(parse(*words))
+    said = stated_devices(parse(*words))
     preset = topology(parse("--preset", "lab"))().nodeInfo("bob")["device"]
     assert said["bob"].detectors == preset.detectors
     assert said["bob"].analyser.kind == "linear"
@@ -151,7 +154,7 @@ def test_devices_are_those_of_the_preset_but_for_what_is_said() -> None:
     built = topology(parse(*words))()
     assert built.nodeInfo("bob")["device"] == said["bob"]
     assert built.nodeInfo("alice")["device"] == preset
-    assert every_device(parse()) == {}
+    assert stated_devices(parse()) == {"every": Device()}
 
 
 def test_hosts_are_of_the_kinds_that_are_named_but_for_what_is_said_of_them() -> None:

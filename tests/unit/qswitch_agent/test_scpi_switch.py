@@ -206,7 +206,7 @@ async def end(task: asyncio.Task[None]) -> None:
 
 
 def test_a_failed_port_makes_its_cross_connect_stuck(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(scpi, "POLL_S", 0.01)
+    monkeypatch.setattr(scpi, "SCPI_POLL_S", 0.01)
 
     async def scene(bench: Bench) -> None:
         await bench.switch.set_cross_connects([CrossConnect(1, 2), CrossConnect(3, 4)])
@@ -235,7 +235,7 @@ def test_an_instrument_that_does_not_tell_its_ports_states_is_watched_all_the_sa
 
 
 def test_connections_that_others_change_are_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(scpi, "POLL_S", 0.01)
+    monkeypatch.setattr(scpi, "SCPI_POLL_S", 0.01)
 
     async def scene(bench: Bench) -> None:
         await bench.switch.set_cross_connects([CrossConnect(1, 2)])
@@ -330,7 +330,7 @@ def test_an_instrument_killed_in_mid_call_is_a_fault() -> None:
 
 
 def test_watch_notices_that_the_instrument_was_killed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(scpi, "POLL_S", 0.05)
+    monkeypatch.setattr(scpi, "SCPI_POLL_S", 0.05)
 
     async def scene(bench: Bench) -> None:
         conditions, watching = await heard(bench.switch)

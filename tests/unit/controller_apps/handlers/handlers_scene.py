@@ -151,7 +151,7 @@ class Scene:
         config = ControllerConfig(
             "127.0.0.1:6653",
             framework.NAME,
-            [Q1],
+            {"q1": Q1},
             HOLD_S,
             30,
             str(self.record_path),

@@ -12,7 +12,7 @@ from metadata_scene import Q1, S1
 from scapy.layers.inet import IP, UDP
 from scapy.layers.l2 import Ether
 
-from controller_apps.apps.device_monitor import SET_TIMEOUT_S, DeviceMonitor
+from controller_apps.apps.device_monitor import DeviceMonitor
 from controller_apps.apps.swap_orders import EventSwapsOrdered
 from controller_apps.console.questions import EventQuestion, Refused
 from controller_apps.openflow import framework
@@ -20,8 +20,8 @@ from controller_apps.openflow.framework import ofp_event, ofproto, parser
 from controller_apps.packets.datagrams import Frame
 from controller_apps.record import Record
 from controller_apps.sessions.actions import SwapsOrdered
-from controller_apps.sessions.ordering import NODE_TIMEOUT_S
 from controller_apps.sessions.sessions import Stop
+from controller_apps.timeouts import NODE_TIMEOUT_S, SET_TIMEOUT_S
 from wire.config import ControllerConfig
 from wire.device import (
     DEVICE_PORT,
@@ -49,7 +49,7 @@ class Scene:
     def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         self.record_path = folder / "record.jsonl"
         config = ControllerConfig(
-            "127.0.0.1:1", framework.NAME, [Q1], address=CONTROLLER, device_keys=KEYS
+            "127.0.0.1:1", framework.NAME, {"q1": Q1}, address=CONTROLLER, device_keys=KEYS
         )
         self.now = 100.0
         clock = SimpleNamespace(monotonic=lambda: self.now, time_ns=lambda: 5_000)

@@ -89,7 +89,7 @@ def test_a_switch_that_stays_away_gets_nothing_and_ends_its_sessions(
     (sent,) = ready.s1.take()
     answer = decode(payload_of(sent.frame))
     assert isinstance(answer, Setup)
-    assert answer.reason == Reason.NO_PATH
+    assert answer.reason == Reason.PATH_BROKEN
     shift_clock(monkeypatch, 10.0)
     ready.quantum.time_passed(None)
     assert ready.q1.take() == []

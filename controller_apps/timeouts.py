@@ -1,0 +1,29 @@
+"""What waits in the controller, and for how long: seconds.
+
+Those of sessions are of the network, all others of the wall clock.
+"""
+
+# Beginning and ending
+READY_TIMEOUT_S = 10.0  # until the apps listen to the switches
+STATION_TIMEOUT_S = 60  # that a switch knows a station by which nothing comes
+
+# Sessions
+SESSION_TICK_S = 0.2  # between two looks at what has waited too long
+NODE_TIMEOUT_S = 3.0  # for all answers; orders are sent again meanwhile
+SWITCH_GRACE_S = 10.0  # for a switch whose agent is started again
+COUNTING_S = 1.2  # until a switch has counted what has passed; Open vSwitch does it twice a second
+DISCOVERY_S = 5.0  # until switches, fibres and hosts are known again
+HELD_UP_S = 10.0  # hosts wait so long for the answer to a set-up message
+
+# Fibres
+LINK_PERIOD_S = 2.0  # between two announcements of a port
+LINK_EXPIRY_S = 7.0  # three periods, and what a busy machine adds
+LINK_TTL_S = 120  # until who hears an announcement may forget it
+
+# Hosts' devices
+SET_TIMEOUT_S = 3.0  # until a node has changed a setting
+DEVICE_TICK_S = 0.1  # between two looks at who must be asked again
+
+# Console
+REQUEST_TIMEOUT_S = 5.0  # until a question is here as a whole
+ANSWER_TIMEOUT_S = 5.0  # until an app has answered it

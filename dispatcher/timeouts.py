@@ -1,0 +1,17 @@
+"""What waits in the dispatcher, and for how long: seconds.
+
+Those that wait for light are of the network, all others of the wall clock.
+"""
+
+# Server
+STOP_GRACE_S = 0.2  # that calls have to end by themselves
+STOP_TIMEOUT_S = 1.0  # behind the grace, for what calls still have to say
+
+# Requests
+MAX_TIMEOUT_S = 60.0  # that a request may wait for light
+RECEIVE_TIMEOUT_S = 1.0  # not needed: the light is there
+
+# Simulator in a process of its own
+SIMULATION_TIMEOUT_S = 60.0  # the largest blocks take seconds
+SIMULATOR_STOP_GRACE_S = 0.2  # as STOP_GRACE_S
+SIMULATOR_STOP_TIMEOUT_S = 5.0  # as STOP_TIMEOUT_S

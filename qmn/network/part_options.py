@@ -1,0 +1,174 @@
+"""Options of single parts on the command line, and how a topology takes them when it is built.
+
+--fiber q1-q2.length_km=40 --switch q1.insertion_loss_db=1.2 --device h3.detectors.efficiency=0.8
+"""
+
+import json
+from collections import defaultdict
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+from mininet.topo import Topo
+
+from qmn.network.custom_topology import BadTopology
+from qmn.network.device_options import devices, nodes
+from topologies.copper_lengths import assign_copper_lengths
+from topologies.fiber import OPTICS as FIBER_OPTICS
+from topologies.fiber import FiberLink, resolved
+from topologies.nodes import OPTICS as SWITCH_OPTICS
+from topologies.nodes import PARTS as DEVICE_PARTS
+from topologies.nodes import OpticalSwitch, QuantumHost, device_of
+from wire import switch_check
+from wire.config import QuantumSwitch
+from wire.parameters.fiber import KINDS, FiberOptics, optics
+from wire.parameters.physics import Device
+
+Info = dict[str, Any]  # keywords of a node or link, as Mininet keeps them
+FIBER = {each.name: getattr(FiberOptics(), each.name) for each in fields(FiberOptics)}
+SWITCH = {
+    each.name: getattr(QuantumSwitch(""), each.name)
+    for each in fields(QuantumSwitch)
+    if each.name in SWITCH_OPTICS - {"paths"}
+}
+
+
+@dataclass(frozen=True)
+class PartOptions:
+    """What is said of single fibres, switches and hosts; the words of the command line."""
+
+    fiber: Sequence[str] = ()  # [A-B.]NAME=VALUE; without a place: of every fibre
+    switch: Sequence[str] = ()  # [NAME.]NAME=VALUE; without a place: of every quantum switch
+    node: Sequence[str] = ()  # HOST=KIND; without a host: of all
+    device: Sequence[str] = ()  # HOST.PART.NAME=VALUE
+    preset: Device = field(default_factory=Device)  # that kinds of nodes are made of
+
+    def is_of_all(self, word: str) -> bool:
+        """Return whether a word is of every fibre, or of all hosts."""
+        if word in self.node:
+            return "=" not in word
+        return word in self.fiber and "." not in word.partition("=")[0]
+
+    def of_every_fiber(self) -> dict[str, Any]:
+        """Return what is said of all fibres; raise BadTopology for no such parameter."""
+        return {
+            name: _value("fiber", word, text, FIBER[name])
+            for word, place, name, text in _said("fiber", self.fiber, FIBER)
+            if not place
+        }
+
+    def built(self, build: Callable[[], Topo]) -> Topo:
+        """Return a topology with what is said of its parts; raise BadTopology, or ValueError."""
+        topo = build()
+        self._set_fibers(topo)
+        self._set_switches(topo)
+        for host, device in self.devices(topo).items():
+            _set_device(topo.nodeInfo(host), device)
+        assign_copper_lengths(topo)
+        return topo
+
+    def devices(self, topo: Topo) -> dict[str, Device]:
+        """Return the devices of the hosts that are named; raise as `built` does."""
+        named = nodes(self.node, self.preset)
+        hosts = _hosts(topo)
+        mentioned = dict.fromkeys([*named, *(word.partition(".")[0] for word in self.device)])
+        others = {host: device_of(host, topo.nodeInfo(host)) for host in hosts}
+        given = devices(self.device, Device(), others | named)
+        for host in mentioned:
+            _require("--node or --device", host, hosts)
+        return {host: given[host] for host in mentioned}
+
+    def _set_fibers(self, topo: Topo) -> None:
+        by_place = _fibers(topo)
+        given: defaultdict[str, Info] = defaultdict(dict)
+        for word, place, name, text in _said("fiber", self.fiber, FIBER):
+            if place:
+                place = place if place in by_place else _in_order(place, by_place)
+                _require(f"--fiber {word}: no fibre", place, by_place)
+                given[place][name] = _value("fiber", word, text, FIBER[name])
+        for place, changed in given.items():
+            for info in by_place[place]:
+                kind = KINDS.get(str(changed.get("kind", "")), {})
+                info.update({**kind, **changed})
+                own = {name: info[name] for name in FIBER_OPTICS & info.keys()}
+                resolved(optics(f"fibre {place}", **own))
+
+    def _set_switches(self, topo: Topo) -> None:
+        switches = [name for name in topo.switches() if _is(topo.nodeInfo(name), OpticalSwitch)]
+        for word, place, name, text in _said("switch", self.switch, SWITCH):
+            if place:
+                _require(f"--switch {word}: no quantum switch", place, switches)
+            value = _value("switch", word, text, SWITCH[name])
+            for switch in [place] if place else switches:
+                topo.nodeInfo(switch)[name] = value
+        for switch in switches:
+            info = topo.nodeInfo(switch)
+            switch_check.check(
+                QuantumSwitch(switch, **{each: info[each] for each in SWITCH.keys() & info.keys()})
+            )
+
+
+def _set_device(info: Info, device: Device) -> None:
+    """Give a host another device; a source stays one."""
+    info["source"] = bool(info.get("source"))
+    for part in DEVICE_PARTS:
+        if part != "source":
+            info.pop(part, None)
+    info["device"] = device
+
+
+def _said(
+    option: str, words: Sequence[str], known: Collection[str]
+) -> Iterator[tuple[str, str, str, str]]:
+    """Yield each word with its place, which may be "", name and value; raise BadTopology."""
+    for word in words:
+        where, equals, text = word.partition("=")
+        place, _dot, name = where.rpartition(".")
+        if not equals or name not in known:
+            raise BadTopology(
+                f"--{option} {word}: write NAME=VALUE or PLACE.NAME=VALUE, "
+                f"where NAME is of {', '.join(known)}"
+            )
+        yield word, place, name, text
+
+
+def _value(option: str, word: str, text: str, default: Any) -> Any:
+    """Return a parameter's value as the kind of its default; one that may be None is a number."""
+    kind = float if default is None else type(default)
+    try:
+        return json.loads(text) if kind is dict else kind(text)
+    except ValueError as error:
+        raise BadTopology(f"--{option} {word}: {error}") from error
+
+
+def _fibers(topo: Topo) -> dict[str, list[Info]]:
+    """Return the fibres between two nodes by A-B, names in order."""
+    found: defaultdict[str, list[Info]] = defaultdict(list)
+    for one, other, info in topo.links(withInfo=True):
+        if _is(info, FiberLink):
+            found["-".join(sorted((one, other)))].append(info)
+    return dict(sorted(found.items()))
+
+
+def _in_order(place: str, by_place: Collection[str]) -> str:
+    """Return A-B for B-A, if there are such fibres; names may have hyphens of their own."""
+    parts = place.split("-")
+    for cut in range(1, len(parts)):
+        other = f"{'-'.join(parts[cut:])}-{'-'.join(parts[:cut])}"
+        if other in by_place:
+            return other
+    return place
+
+
+def _hosts(topo: Topo) -> list[str]:
+    return [host for host in topo.hosts() if _is(topo.nodeInfo(host), QuantumHost)]
+
+
+def _is(info: Info, kind: type) -> bool:
+    made = info.get("cls")
+    return isinstance(made, type) and issubclass(made, kind)
+
+
+def _require(what: str, name: str, known: Collection[str]) -> None:
+    if name not in known:
+        raise BadTopology(f"{what} {name}: choose one of {', '.join(known) or 'none'}")

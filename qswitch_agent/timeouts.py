@@ -1,0 +1,11 @@
+"""What waits in a quantum switch's agent, and for how long: seconds of the wall clock."""
+
+# Open vSwitch
+BARRIER_DEADLINE_S = 5.0  # until the bridge answers a barrier
+HOLD_DEADLINE_S = 5.0  # that a reply waits for those of its members that are late
+CLOSE_DEADLINE_S = 0.5  # until a connection that is closed has taken what was said to it
+
+# Optics
+CALL_DEADLINE_S = 4.0  # until the hardware has done what it was told
+SCPI_POLL_S = 1.0  # between two questions for what an instrument does not tell by itself
+IDLE_POLL_S = 0.25  # between two looks for light paths that carry nothing
