@@ -9,7 +9,6 @@ Our programs of a host are started beside the keeper: those of the host cannot r
 """
 
 import ctypes
-import os
 import shlex
 import signal
 import subprocess
@@ -44,7 +43,7 @@ class ConfinedNode(ShellWatcher):
         Raise NetworkError, with the kernel's words, where it cannot be.
         """
         folders = [path for path in covered if not set(path.parents) & set(covered)]
-        apart = ["unshare", "--pid", "--fork", "--kill-child", "--mount"]
+        apart = ["unshare", "--pid", "--fork", "--kill-child", "unshare", "--mount"]
         words = [*apart, SHELL, self.name, GIVEN_UP, *shown, "--", *folders]
         self.write(f"exec {shlex.join(map(str, words))}\n")  # type: ignore[attr-defined]
         self._await_prompt()

@@ -191,10 +191,13 @@ class ClassicalHost(QuantumNode, ConfinedNode, Host):
 
 
 class DispatcherHost(ClassicalHost):
-    """`ed`: runs the dispatcher, which holds every qubit of the network."""
+    """`ed`: runs the dispatcher, which holds every qubit of the network.
 
-    def __init__(self, name: str, **params: object) -> None:
-        super().__init__(name, **params)
+    Who is on it sees the whole run, as `qmn spy` does there.
+    """
+
+    def __init__(self, name: str, confined: bool = False, **params: object) -> None:
+        super().__init__(name, confined, **params)
         self.network.dispatcher = f"{self.network.addresses[name]}:{DISPATCHER_PORT}"
 
     def config(self, **params: object) -> dict[str, object]:
@@ -275,6 +278,7 @@ class QuantumHost(ClassicalHost):
         light: str = CONTROLLER,
         qnic: str = "",
         qnic_parameters: Mapping[str, Any] | None = None,
+        confined: bool = True,
         **params: object,
     ) -> None:
         if light not in LIGHT:
@@ -283,7 +287,7 @@ class QuantumHost(ClassicalHost):
         described = device_of(name, {"source": source, "device": device, **parts})
         self.qnic = python_file(f"{name}: qnic", qnic)
         self.qnic_parameters = dict(qnic_parameters or {})
-        super().__init__(name, **params)
+        super().__init__(name, confined, **params)
         self.network.devices[name] = described
         self.network.token(name)
         self.pairs_from = pairs_from
