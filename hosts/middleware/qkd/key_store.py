@@ -89,7 +89,17 @@ class KeyStore:
     @property
     def stored(self) -> int:
         """How many keys are in the store."""
-        return sum(1 for folder in (self._first, self._second) for _ in _keys(folder))
+        return self.mine + self.theirs
+
+    @property
+    def mine(self) -> int:
+        """How many of them this end hands out first."""
+        return sum(1 for _ in _keys(self._first))
+
+    @property
+    def theirs(self) -> int:
+        """How many of them the other end hands out first."""
+        return sum(1 for _ in _keys(self._second))
 
     def put(self, stored: StoredKey, *, first: bool) -> None:
         """Add a key, on disk when this returns; StoreFull or DuplicateKey changes nothing."""
@@ -128,14 +138,46 @@ class KeyStore:
         """Hand out a key that the other end handed out first; MissingKey if it is not here."""
         return _remove(self._second, str(wanted))
 
+    def take_all(self, wanted: Sequence[UUID]) -> list[bytes]:
+        """Hand out keys that the other end handed out first; MissingKey if one is not here.
+
+        Then none goes unless another process took some meanwhile.
+        """
+        names = [str(each) for each in wanted]
+        for name in names:
+            if not (self._second / name).exists():
+                raise MissingKey(f"key {name} is not in the store, or was handed out already")
+        try:
+            return [_unlink(self._second, name) for name in names]
+        finally:
+            _sync(self._second)
+
     def take_next(self) -> StoredKey:
         """Hand out the oldest key that is this end's to hand out first; MissingKey if none."""
-        for name in sorted(_keys(self._first), key=lambda name: _age(self._first / name)):
+        (key,) = self.take_oldest(1)
+        return key
+
+    def take_oldest(self, count: int) -> list[StoredKey]:
+        """Hand out the oldest keys that are this end's to hand out first, so many.
+
+        MissingKey if there are fewer, and then none goes.
+        """
+        names = sorted(_keys(self._first), key=lambda name: _age(self._first / name))
+        taken: list[StoredKey] = []
+        for name in names if len(names) >= count else ():
+            if len(taken) == count:
+                break
             try:
-                return StoredKey(UUID(name), _remove(self._first, name))
+                taken.append(StoredKey(UUID(name), _unlink(self._first, name)))
             except MissingKey:
                 continue  # another process was faster
-        raise MissingKey("no key is left to hand out: distil more, or ask the other end")
+        _sync(self._first)
+        if len(taken) < count:
+            for key in taken:
+                self.put(key, first=True)
+            left = f"{len(names)} keys are" if names else "no key is"
+            raise MissingKey(f"{left} left to hand out: distil more, or ask the other end")
+        return taken
 
     def discard(self, unwanted: UUID) -> bool:
         """Remove a key that must not be used; whether it was still here."""
@@ -194,11 +236,17 @@ def _create(path: Path, key: bytes) -> None:
 
 def _remove(folder: Path, name: str) -> bytes:
     """Return the content of a file that this call has removed; MissingKey if another did."""
+    key = _unlink(folder, name)
+    _sync(folder)
+    return key
+
+
+def _unlink(folder: Path, name: str) -> bytes:
+    """Do the same; that it is removed is not on disk yet."""
     path = folder / name
     try:
         with path.open("rb") as file:
             path.unlink()
-            _sync(folder)
             return file.read()
     except FileNotFoundError as error:
         raise MissingKey(f"key {name} is not in the store, or was handed out already") from error

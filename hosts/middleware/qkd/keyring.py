@@ -23,6 +23,15 @@ class NothingShared(Exception):
     """Two hosts lack what a session needs; the text says what."""
 
 
+def store_in(folder: Path, other: str) -> KeyStore:
+    """Open the store of keys shared with a host, in a host's folder; KeyStoreError if it fails."""
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        return KeyStore(folder / other, CAPACITY)
+    except OSError as error:
+        raise KeyStoreError(f"no store of keys can be in {folder}: {error}") from error
+
+
 class Keyring:
     """The secrets and keys of one host."""
 
@@ -58,12 +67,7 @@ class Keyring:
             raise KeyStoreError(f"{self.host} shares no keys with {other!r}")
         if not self._folder:
             raise KeyStoreError(f"{self.host} was given no folder to keep keys in")
-        mine = Path(self._folder)
-        try:
-            mine.mkdir(mode=0o700, parents=True, exist_ok=True)
-            return KeyStore(mine / other, CAPACITY)
-        except OSError as error:
-            raise KeyStoreError(f"no store of keys can be in {mine}: {error}") from error
+        return store_in(Path(self._folder), other)
 
     def keep(self, other: str, session: int, final: Bits, *, opened: bool) -> list[UUID]:
         """Store a final key as keys of KEY_BITS; return their ids.

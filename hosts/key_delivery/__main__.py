@@ -1,0 +1,60 @@
+"""Run one host's key manager: python -m hosts.key_delivery --config FILE."""
+
+import argparse
+import asyncio
+import logging
+import os
+import signal
+import sys
+from pathlib import Path
+
+from hosts import network_loop
+from hosts.key_delivery.delivery import KeyDelivery
+from hosts.key_delivery.filling import fill
+from hosts.key_delivery.other_managers import OtherManagers
+from hosts.key_delivery.web import serve
+from hosts.middleware.qkd.key_store import KeyStoreError
+from wire.config import BadConfig
+from wire.key_manager import KeyManagerConfig
+
+
+async def run(config: KeyManagerConfig) -> None:
+    """Serve, and keep stores filled, until told to stop; if one part fails, all end."""
+    stopped = asyncio.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        asyncio.get_running_loop().add_signal_handler(number, stopped.set)
+    others = OtherManagers(config)
+    delivery = KeyDelivery(config, others.tell)
+    server = serve(config, delivery)
+    filling = asyncio.create_task(fill(config, delivery))
+    print("ready", flush=True)
+    stopping = asyncio.create_task(stopped.wait())
+    await asyncio.wait([stopping, filling], return_when=asyncio.FIRST_COMPLETED)
+    if filling.done():
+        filling.result()
+    filling.cancel()
+    server.stop()
+    await server.close_all_connections()
+    others.close()
+
+
+def main() -> int:
+    """Read the arguments, run, and turn faults into one line and an exit status."""
+    parser = argparse.ArgumentParser(prog="python -m hosts.key_delivery", description=__doc__)
+    parser.add_argument("--config", type=Path, required=True, help="JSON file (wire.key_manager)")
+    arguments = parser.parse_args()
+    logging.getLogger("tornado.access").setLevel(logging.ERROR)  # what is given is said, in words
+    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s")
+    try:
+        config = KeyManagerConfig.read(arguments.config)
+        network_loop.run(run(config), config.time)
+    except (BadConfig, KeyStoreError, OSError) as error:  # ssl.SSLError is an OSError
+        print(f"key manager: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    status = main()
+    sys.stdout.flush()
+    os._exit(status)  # as a host's stack does

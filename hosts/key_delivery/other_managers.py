@@ -1,0 +1,57 @@
+"""Tells other hosts' key managers, over mutual TLS, what keys were assigned to whom."""
+
+import ssl
+
+from tornado.httpclient import HTTPClientError, HTTPRequest
+from tornado.simple_httpclient import SimpleAsyncHTTPClient
+
+from hosts.key_delivery.certificates import calling
+from hosts.key_delivery.refusals import BAD_REQUEST, unavailable
+from hosts.timeouts import ANSWER_TIMEOUT_S, CONNECT_TIMEOUT_S
+from wire.key_assignment import ASSIGNMENT_PATH, Assignment
+from wire.key_delivery import MAX_REQUEST, decode_refusal
+from wire.key_manager import KeyManagerConfig, manager_name
+from wire.metadata import MalformedPacket
+
+
+class OtherManagers:
+    """The key managers that this one knows."""
+
+    def __init__(self, config: KeyManagerConfig) -> None:
+        """Read the certificates; ssl.SSLError or OSError if they cannot be used."""
+        self._config = config
+        self._context = calling(config)
+        self._client = SimpleAsyncHTTPClient(force_instance=True, max_body_size=MAX_REQUEST)
+
+    async def tell(self, host: str, assignment: Assignment) -> None:
+        """Assign keys at a host; raise Refused if it does not take them."""
+        request = HTTPRequest(
+            f"https://{self._config.hosts[host]}:{self._config.port}{ASSIGNMENT_PATH}",
+            method="POST",
+            headers={"Content-Type": "application/json"},
+            body=assignment.encode(),
+            ssl_options=self._context,
+            connect_timeout=CONNECT_TIMEOUT_S,
+            request_timeout=ANSWER_TIMEOUT_S,
+            follow_redirects=False,
+        )
+        name = manager_name(host)
+        try:
+            await self._client.fetch(request)
+        except HTTPClientError as error:
+            raise unavailable(f"{name} has not taken the keys: {_why(error)}") from error
+        except (OSError, ssl.SSLError) as error:
+            raise unavailable(f"{name} does not answer: {error}") from error
+
+    def close(self) -> None:
+        """Let go of connections."""
+        self._client.close()
+
+
+def _why(error: HTTPClientError) -> str:
+    if error.response is None or error.code < BAD_REQUEST:
+        return str(error)
+    try:
+        return decode_refusal(error.response.body)
+    except MalformedPacket:
+        return str(error)

@@ -1,0 +1,46 @@
+"""Several keys at once: all of them, or none."""
+
+import os
+from pathlib import Path
+from uuid import uuid4
+
+import pytest
+
+from hosts.middleware.qkd.key_store import KeyStore, MissingKey, StoredKey
+
+
+def filled(folder: Path, *, first: bool, count: int = 5) -> tuple[KeyStore, list[StoredKey]]:
+    store = KeyStore(folder, 100)
+    keys = [StoredKey(uuid4(), os.urandom(32)) for _ in range(count)]
+    store.put_all(keys, first=first)
+    half = "first" if first else "second"
+    for age, key in enumerate(keys):
+        os.utime(folder / half / str(key.key_id), ns=(age, age))
+    return store, keys
+
+
+def test_the_oldest_keys_go_out_together(tmp_path: Path) -> None:
+    store, keys = filled(tmp_path / "keys", first=True)
+    assert store.take_oldest(3) == keys[:3]
+    assert (store.mine, store.theirs, store.stored) == (2, 0, 2)
+
+
+def test_of_too_few_keys_none_goes_out(tmp_path: Path) -> None:
+    store, keys = filled(tmp_path / "keys", first=True)
+    with pytest.raises(MissingKey, match="5 keys are left"):
+        store.take_oldest(6)
+    assert store.take_oldest(5) == keys
+
+
+def test_keys_go_out_together_by_their_ids(tmp_path: Path) -> None:
+    store, keys = filled(tmp_path / "keys", first=False)
+    wanted = [keys[3], keys[1]]
+    assert store.take_all([key.key_id for key in wanted]) == [key.key for key in wanted]
+    assert (store.mine, store.theirs) == (0, 3)
+
+
+def test_if_one_id_is_not_here_none_goes_out(tmp_path: Path) -> None:
+    store, keys = filled(tmp_path / "keys", first=False)
+    with pytest.raises(MissingKey):
+        store.take_all([keys[0].key_id, uuid4()])
+    assert store.theirs == 5

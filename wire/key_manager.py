@@ -1,0 +1,56 @@
+"""The configuration of a host's key manager: whom it serves, its certificates, its links."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from wire.config import Config
+from wire.key_delivery import KEY_DELIVERY_PORT
+
+KEY_LINK_PORT = 14  # at the stacks: where key managers wait for each other's sessions
+
+
+@dataclass(frozen=True)
+class KeyLink:
+    """Another host with which this one keeps keys, and how many."""
+
+    peer: str
+    opens: bool  # whether sessions are this end's to open
+    low: int = 32  # keys of either direction: with fewer of one, sessions are opened
+    high: int = 128  # until there are so many of both
+    pause_s: float = 0.5  # between two sessions at least
+    protocol: str = "bb84"
+    options: dict[str, Any] = field(default_factory=dict)  # of the sessions
+
+    def __post_init__(self) -> None:
+        if not 0 < self.low <= self.high:
+            raise ValueError(f"marks of {self.low} and {self.high} keys: 1 to high")
+
+
+@dataclass(frozen=True)
+class KeyManagerConfig(Config):
+    """One host's key manager (KME) and the applications (SAEs) that may ask it for keys."""
+
+    host: str
+    address: str
+    stack: str  # path of the Unix socket of the host's stack
+    keys: str  # path of the folder in which the stack keeps keys
+    hosts: dict[str, str]  # with a key manager: name to address
+    saes: dict[str, str]  # SAE ID to the host that has its key manager
+    certificate: str  # paths of PEM files
+    private_key: str
+    authority: str  # that has signed the certificates of all
+    port: int = KEY_DELIVERY_PORT
+    keys_per_s: float = 0.0  # stored keys that one SAE gets in the long run; 0: no limit
+    # Whether no key goes out for a host while the last session with it had too many errors.
+    withhold: bool = False
+    links: list[KeyLink] = field(default_factory=list)
+
+    @classmethod
+    def from_dict(cls, fields: dict[str, Any]) -> "KeyManagerConfig":
+        """Build the configuration from decoded JSON."""
+        return cls(**{**fields, "links": [KeyLink(**link) for link in fields.get("links", [])]})
+
+
+def manager_name(host: str) -> str:
+    """Return the KME ID of a host's key manager, which its certificate names."""
+    return f"kme-{host}"
