@@ -50,6 +50,12 @@ class ConfinedNode(ShellWatcher):
         self.cmd("unset HISTFILE; stty -echo; set +m")
         (self._confined,) = children(self.shell.pid)
 
+    @property
+    def shell_stopped(self) -> bool:
+        """Whether a signal has stopped the shell, or its keeper."""
+        process = owner(self._confined) if self._confined else None
+        return super().shell_stopped or (process is not None and process.stopped)
+
     def popen(self, *arguments: Any, **options: Any) -> "subprocess.Popen[Any]":
         """Start a program where the shell is, as Mininet does."""
         if self._confined:
