@@ -10,10 +10,12 @@ from typing import Any
 
 from qmn.live.metrics_targets import urls
 from qmn.network.custom_topology import BadTopology, short_name
+from qmn.network.key_options import add_key_service_options, key_service
 from qmn.network.options import BadInput, add_key_folder, add_network_options, check_network
-from qmn.network.topologies import TOPOLOGIES, topology, topology_name
+from qmn.network.topologies import TOPOLOGIES, quantum_hosts, topology, topology_name
 from qmn.results.run_folder import give_to_invoker, make_folder, point_latest
 from qmn.scripting.network import QuantumNetwork, running
+from topologies.key_managers import start_key_managers
 from topologies.network import Interrupted, require_root
 from topologies.programs import NetworkError
 
@@ -28,6 +30,7 @@ def add_parser(verbs: Any) -> None:
     parser.add_argument("topology", type=topology_name, metavar="TOPOLOGY", help=text)
     add_network_options(parser)
     add_key_folder(parser)  # a program on a host may distribute some
+    add_key_service_options(parser, always=False)
     add = parser.add_argument
     add("--runs", type=Path, default=Path("runs"), metavar="DIR", help="where logs go (runs)")
     add("--capture", action="store_true", help="capture packets, as `qmn run` does")
@@ -53,6 +56,7 @@ def start_and_obey(arguments: argparse.Namespace) -> int:
     """Return the exit status: of a script 1 if a command has failed."""
     check_network(arguments)
     topo = topology(arguments)
+    keys = key_service(arguments, quantum_hosts(topo()))
     require_root()
     try:
         folder = make_folder(arguments.runs, short_name(arguments.topology))
@@ -67,6 +71,9 @@ def start_and_obey(arguments: argparse.Namespace) -> int:
             if arguments.capture:
                 network.capture("s1")
                 network.capture_openflow()
+            if keys is not None:
+                for host, url in start_key_managers(network, keys).urls.items():
+                    print(f"keys of {host}: {url}", flush=True)
             return obey(network)
     finally:
         give_to_invoker(folder)

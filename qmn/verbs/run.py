@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from qmn.jobs import service, superdense
+from qmn.jobs import keys, service, superdense
 
 
 def add_parser(verbs: Any) -> None:
@@ -13,3 +13,4 @@ def add_parser(verbs: Any) -> None:
     jobs = parser.add_subparsers(dest="job", metavar="JOB", required=True)
     superdense.add_parsers(jobs)
     service.add_parsers(jobs)
+    keys.add_parser(jobs)
