@@ -67,15 +67,21 @@ class QuantumSocket(ServiceSocket):
         data, self._buffer = self._buffer[:size], self._buffer[size:]
         return data
 
-    def watch(self, session: int = 0, history: bool = False) -> Iterator[Event]:
+    def watch(
+        self, session: int = 0, history: bool = False, follow: bool = True
+    ) -> Iterator[Event]:
         """Yield what happens to qubits at this host; of one session unless it is 0.
 
-        History: begin with what is remembered. Raise StackEnded when the network ends.
+        History: begin with what is remembered. Follow: go on with what happens, until StackEnded
+        is raised because the network ends.
         """
-        self._socket.sendall(encode_fields(Call.WATCH, session=session, history=history))
+        words = {"session": session, "history": history, "follow": follow}
+        self._socket.sendall(encode_fields(Call.WATCH, **words))
         self._done()
         while True:
             call, payload = self._read()
+            if call == Call.DONE:
+                return
             if call != Call.EVENT:
                 raise QuantumSocketError(f"the stack answered {call.name} to watch")
             yield decode_record(payload)

@@ -2,22 +2,21 @@
 
 import os
 import shlex
-import socket
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
-from mininet.node import Controller, Host, Node, OVSSwitch
+from mininet.node import Controller, Host, OVSSwitch
 
 from topologies import openvswitch, runtime
 from topologies.addresses import broadcast, free_address
 from topologies.causality import news_s
 from topologies.fiber import python_file, qnics
 from topologies.keywords import refuse_unknown
+from topologies.launching import EarlyStart, launch
 from topologies.management import lay_management
-from topologies.programs import ROOT, NetworkError, Program, python
+from topologies.programs import ROOT, Program, python
 from topologies.runtime import CONSOLE, DISPATCHER, EVENT_CAPTURE, EVENT_LOG, Runtime
 from topologies.shells import ShellWatcher
 from wire import switch_check
@@ -28,12 +27,10 @@ from wire.config import (
     STANDING,
     AgentConfig,
     BadConfig,
-    Config,
     ControllerConfig,
     CopperConfig,
     DispatcherConfig,
     HostConfig,
-    MeasuredConfig,
     QuantumSwitch,
     Station,
 )
@@ -55,47 +52,6 @@ STATE = "state"  # folder in which the controller keeps what its successor must 
 DEFAULT_PREFIX_LENGTH = 8  # Mininet's
 PATIENCE = 8  # times the way to the controller
 RECONNECT_MS = 1000  # between a bridge's attempts to find its controller, at most
-
-
-def launch(
-    network: Runtime,
-    name: str,
-    module: str,
-    config: Config,
-    host: Node | None = None,
-    descriptors: Sequence[int] = (),
-) -> Program:
-    """Start one of our programs with its configuration, in a host's namespace if given."""
-    path = network.folder / f"{name}.json"
-    program = network.program(name)
-    scale, since_ns = network.time.scale, network.time.since_ns
-    config = replace(config, time_scale=scale, time_since_ns=since_ns)
-    command = [python(), "-m", module, "--config", str(path)]
-    with ExitStack() as stack:
-        if network.metrics and isinstance(config, MeasuredConfig):
-            # A socket stays in the namespace that it was opened in: this machine's.
-            listener = stack.enter_context(runtime.metrics_listener(network, name))
-            descriptors = [*descriptors, listener.fileno()]
-            config = replace(config, metrics_fd=listener.fileno())
-        if isinstance(config, ControllerConfig) and config.rest:
-            rest = stack.enter_context(rest_listener(config.rest))
-            descriptors = [*descriptors, rest.fileno()]
-            config = replace(config, rest_fd=rest.fileno())
-        config.write(path)
-        program.start(command, host.pid if host else None, descriptors)
-    return program
-
-
-def rest_listener(address: str) -> socket.socket:
-    """Return a socket of this machine's namespace on which the controller serves HTTP."""
-    host, _, port = address.rpartition(":")
-    try:
-        return socket.create_server((host, int(port)))
-    except (OSError, ValueError, OverflowError) as error:
-        raise NetworkError(
-            f"cannot serve HTTP on {address}: {error}; name another address for --rest, such as "
-            "127.0.0.1:8080"
-        ) from error
 
 
 def connect_copper(network: Runtime) -> None:
@@ -557,18 +513,25 @@ class QuantumController(QuantumNode, Controller):
         network.rest = rest or network.rest
         network.apps += [module for module in apps.split("+") if module]
         self.network = network
-        self.program: Program | None = None
         self.addresses: dict[str, str] = {}  # on the management network, by switch
         settings = {"port": self.network.openflow_port, "inNamespace": True}
         super().__init__(name, **{**params, **settings})
+        self._early: EarlyStart | None = self._begin()
+        self._launched = False
 
     def checkListening(self) -> None:  # noqa: N802 (Mininet's name)
         """Let the controller itself find out whether its port is free."""
 
+    def _begin(self) -> EarlyStart:
+        """Let the controller load its framework, which takes longest of all."""
+        words = ["--framework", self.network.framework]
+        return EarlyStart(self.network, self.name, "controller_apps", words, self)
+
     def launch(self) -> None:
         """Start the controller ahead of `start`, which then only has to wait."""
-        if self.program is not None:
+        if self._launched:
             return
+        self._early = self._early or self._begin()
         network = self.network
         if not self.addresses:
             self.addresses = lay_management(self, network.bridges, network)
@@ -591,7 +554,8 @@ class QuantumController(QuantumNode, Controller):
             apps=network.apps,
             state=str(network.folder / STATE),
         )
-        self.program = launch(network, self.name, "controller_apps", config, self)
+        self._early.go_on(config)
+        self._launched = True
 
     def IP(self, intf: object = None) -> str:  # noqa: N802 (Mininet's name)
         """Return an address on the management network, if it has one."""
@@ -600,12 +564,12 @@ class QuantumController(QuantumNode, Controller):
     def start(self) -> None:
         """Start the controller and wait until switches can connect."""
         self.launch()
-        assert self.program is not None
-        self.program.wait_for("ready", READY_TIMEOUT_S)
+        assert self._early is not None
+        self._early.program.wait_for("ready", READY_TIMEOUT_S)
 
     def stop(self, *_args: object, **_params: object) -> None:
         """End the controller."""
-        if self.program:
-            self.program.stop()
-            self.program = None
+        if self._early:
+            self._early.stop()
+            self._early, self._launched = None, False
         self.terminate()

@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
 
+from topologies.forks import ForkServer
 from topologies.owners import from_words, gone, this_process
 from topologies.programs import NetworkError, Program
 from wire.config import Cable, Fiber, QuantumSwitch
@@ -70,6 +71,7 @@ class Runtime:
     source: str = ""
     dispatcher: str = ""  # "10.0.0.4:50051"
     programs: list[Program] = field(default_factory=list)
+    fork_server: ForkServer | None = None  # which starts most of them
     tokens: dict[str, str] = field(default_factory=dict)
     policy: str = ""  # path of the controller's policy file; empty: the shipped one
     rest: str = ""  # where the controller serves HTTP; empty: nowhere
@@ -138,8 +140,16 @@ class Runtime:
         self.programs.append(program)
         return program
 
+    def forks(self) -> ForkServer:
+        """Return what forks programs off; the first time, it begins to load what they need."""
+        if self.fork_server is None:
+            self.fork_server = ForkServer(self.program("fork-server"))
+        return self.fork_server
+
     def remove(self) -> None:
         """Remove the private folder with its tokens and sockets, and cables that nobody took."""
+        if self.fork_server is not None:
+            self.fork_server.close()
         for cable in self.cables:
             os.close(cable.a_fd)
             os.close(cable.b_fd)

@@ -47,6 +47,11 @@ class Watcher:
         self._some.set()
         return has_room
 
+    @property
+    def idle(self) -> bool:
+        """Tell whether all there is has been told."""
+        return not self._events
+
     async def next(self) -> Event:
         """Wait for the next event."""
         while not self._events:

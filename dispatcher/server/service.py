@@ -240,12 +240,15 @@ class Service(DispatcherServicer):
 
     @call
     async def Watch(self, request: messages.WatchRequest, node: str, context: Context) -> None:
-        """Tell the runner what happens, and a node what happens there, until it goes away."""
+        """Tell the runner what happens, and a node what happens there, until it goes away.
+
+        Who wants no news is told what is remembered, and nothing else.
+        """
         watched = self.callers.watched_by(node, request.node)
         with self.layer.history.watching(
             watched, request.session, request.history, request.per_qubit
         ) as watcher:
-            while True:
+            while not (request.until_now and watcher.idle):
                 event = await watcher.next()
                 try:
                     await context.write(event)

@@ -214,10 +214,11 @@ class Qnic(Protocol):
     async def discard_block(self, session: int, number: int) -> None:
         """Let go of what has come of both halves of a block."""
 
-    def watch(self, session: int, history: bool) -> AsyncIterator[bytes]:
+    def watch(self, session: int, history: bool, follow: bool) -> AsyncIterator[bytes]:
         """Yield what happens at this host (wire.events), of one session or, with 0, of all.
 
-        History: begin with what is remembered. Raise HardwareError if it cannot go on.
+        History: begin with what is remembered. Follow: go on with what happens. Raise
+        HardwareError if it cannot go on.
         """
 
     async def discard(self, session: int) -> None:

@@ -159,7 +159,8 @@ class SimulatedQnic:
         return self._arrivals(port, time.time_ns())
 
     async def _arrivals(self, port: str, since_ns: int) -> AsyncIterator[BlockName]:
-        async for record in self.watch(0, history=True):  # or what comes meanwhile would be missed
+        # With the history, or what comes meanwhile would be missed.
+        async for record in self.watch(0, history=True, follow=True):
             event = decode_record(record)
             if event.kind == "arrive" and event.port == port and event.time_ns >= since_ns:
                 block = event.block
@@ -255,9 +256,9 @@ class SimulatedQnic:
         outcomes = np.frombuffer(feedback.outcomes, dtype=np.uint8)
         return Coincidences(outcomes, feedback.clicks, feedback.time_ns)
 
-    async def watch(self, session: int, history: bool) -> AsyncIterator[bytes]:
+    async def watch(self, session: int, history: bool, follow: bool) -> AsyncIterator[bytes]:
         """Yield what happens at this host; the dispatcher tells a host nothing else."""
-        request = WatchRequest(session=session, history=history)
+        request = WatchRequest(session=session, history=history, until_now=not follow)
         stream = None
         try:
             proof = await proved(self._stub, self._token, "Watch")

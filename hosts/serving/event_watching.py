@@ -13,16 +13,21 @@ from hosts.middleware.session.channel import SessionError
 from wire.metadata import Reason
 from wire.socket_calls import Call, encode, encode_fields
 
-Watch = Callable[[int, bool], AsyncIterator[bytes]]
+Watch = Callable[[int, bool, bool], AsyncIterator[bytes]]
 
 
 async def tell_events(watch: Watch, fields: dict[str, Any], writer: asyncio.StreamWriter) -> None:
     """Write events until they end; raise SessionError for a request that cannot be."""
-    session, history = fields.get("session", 0), fields.get("history", False)
-    if type(session) is not int or not 0 <= session < 1 << 64 or type(history) is not bool:
-        text = f"watch session {session!r}, history {history!r}: give a number and a bool"
-        raise SessionError(Reason.UNSUPPORTED, text)
+    session = fields.get("session", 0)
+    history, follow = fields.get("history", False), fields.get("follow", True)
+    flags = type(history) is bool and type(follow) is bool
+    if type(session) is not int or not 0 <= session < 1 << 64 or not flags:
+        text = f"watch session {session!r}, history {history!r}, follow {follow!r}: give a number "
+        raise SessionError(Reason.UNSUPPORTED, f"{text}and two bools")
     writer.write(encode_fields(Call.DONE))
-    async for record in watch(session, history):
+    async for record in watch(session, history, follow):
         writer.write(encode(Call.EVENT, record))
+        await writer.drain()
+    if not follow:
+        writer.write(encode_fields(Call.DONE))
         await writer.drain()

@@ -1,96 +1,87 @@
 """qmn run keys: hosts keep their key stores filled, and deliver keys by ETSI GS QKD 014."""
 
-import argparse
 import time
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
+from mininet.topo import Topo
 from rich.console import Console
 
-from qmn.jobs import moments, passing_eavesdropper
-from qmn.jobs.eavesdropping import choose_topology, sender_of_light
+from qmn.jobs import eavesdropping, moments
 from qmn.jobs.moments import Moments
-from qmn.jobs.passing_eavesdropper import PassingEavesdropper
-from qmn.jobs.run_context import (
-    add_run_options,
-    begin_folder,
-    check_run,
-    ending,
-    guarded,
-    known_facts,
-    running_network,
-)
-from qmn.network.key_options import add_key_service_options, key_service
-from qmn.network.options import (
-    BadInput,
-    add_key_folder,
-    add_network_options,
-    check_network,
-    check_range,
-)
-from qmn.network.topologies import TOPOLOGIES, quantum_hosts, topology, topology_name
+from qmn.jobs.passing_eavesdropper import PassingEavesdropper, PassingEve
+from qmn.jobs.run_context import RunContext, begin_folder, ending, known_facts, running_network
+from qmn.jobs.run_options import RunOptions
+from qmn.network.checks import check_network
+from qmn.network.key_options import KeyServiceOptions, key_service
+from qmn.network.options import NetworkOptions
+from qmn.network.topologies import quantum_hosts, topology
+from qmn.options import check_ranges, option
 from qmn.results import result
 from topologies.key_managers import KeyManagers, KeyService, application_name, start_key_managers
 from topologies.network import Interrupted, Network, Signals, require_root
 from topologies.programs import POLL_S
 
 NAME = "keys"
+PAIR = "alice:bob"  # that keeps keys if none is named
 PARAMETERS = ("key_pair", "low_mark", "high_mark", "session_bits", "key_protocol", "keys_per_s")
-EVES = ("eve", "at", "until")
-MOST_S = 30 * 86_400.0
 
 
-def add_parser(jobs: Any) -> None:
-    """Describe the job."""
-    text = "keep keys of hosts, and deliver them to programs (ETSI GS QKD 014)"
-    parser = jobs.add_parser(NAME, help=text, description=text)
-    parser.set_defaults(call=partial(guarded, run), service="bb84")
-    text = f"over this network ({', '.join(TOPOLOGIES)}, or FILE.py:CLASS; default: sdc)"
-    add = parser.add_argument
-    add("--topology", type=topology_name, default="sdc", metavar="NAME", help=text)
-    add("--seconds", type=float, metavar="S", help="end after so long (when Ctrl-C comes)")
-    add_key_service_options(parser, always=True)
-    passing_eavesdropper.add_options(parser)
-    add_network_options(parser)
-    add_key_folder(parser)
-    add_run_options(parser)
+@dataclass(frozen=True, kw_only=True)
+class KeysRequest:
+    """Which keys are to be kept, for how long, and who comes meanwhile."""
+
+    keys: KeyServiceOptions
+    eve: PassingEve
+    network: NetworkOptions
+    run: RunOptions
+    seconds: float | None = option(
+        None, "end after so long (when Ctrl-C comes)", metavar="S", range=(0.1, 30 * 86_400)
+    )
 
 
-def check_input(arguments: argparse.Namespace) -> KeyService:
-    """Return what key managers are to do; raise BadInput before anything is started."""
-    choose_topology(arguments)
-    topo = topology(arguments)()
-    service = key_service(arguments, quantum_hosts(topo))
-    assert service is not None  # a pair is the default
-    arguments.service = service.link.protocol
-    # She is put between the first two.
-    arguments.sender, arguments.receiver = service.pairs[0]
-    passing_eavesdropper.check(arguments, topo)
-    if arguments.seconds is not None:
-        check_range(arguments, "seconds", 0.1, MOST_S)
-    check_network(arguments)
-    check_run(arguments)
-    if service.certificates is not None and not service.certificates.is_dir():
-        raise BadInput(f"--certificates {service.certificates} is no folder")
+def checked(request: KeysRequest) -> KeysRequest:
+    """Return the request with what follows from it; raise BadInput before anything is started."""
+    if request.eve.eve is not None:
+        request = replace(request, network=eavesdropping.with_eve(request.network))
+    if not request.keys.key_pair:
+        request = replace(request, keys=replace(request.keys, key_pair=(PAIR,)))
+    topo = topology(request.network)()
+    check_network(request.network)
+    check_ranges(request.run)
+    check_ranges(request)
+    request.eve.check(service_of(request, topo).pairs[0], request.network, topo)
+    return request
+
+
+def service_of(request: KeysRequest, topo: Topo) -> KeyService:
+    """Return what key managers are to do; raise BadInput for what they cannot."""
+    service = key_service(request.keys, quantum_hosts(topo))
+    assert service is not None  # there is a pair
     return service
 
 
-def run(arguments: argparse.Namespace, signals: Signals, console: Console) -> int:
+def run(request: KeysRequest, signals: Signals, console: Console) -> int:
     """Do the whole run and return its exit status."""
-    service = check_input(arguments)
+    request = checked(request)
     require_root()
-    folder = begin_folder(arguments.runs, NAME)
-    light_from = sender_of_light(arguments, topology(arguments)())
-    eve = PassingEavesdropper(arguments, folder, light_from)
-    own = (*PARAMETERS, *(EVES if arguments.eve is not None else ()))
-    facts = {"service": NAME, **known_facts(arguments, own), "delivered": False}
+    topo, folder = topology(request.network)(), begin_folder(request.run.runs, NAME)
+    service = service_of(request, topo)
+    opener, acceptor = service.pairs[0]
+    light_from = eavesdropping.sender_of_light(service.link.protocol, opener, topo)
+    eve = PassingEavesdropper(request.eve, light_from, acceptor, folder)
+    network_options = eve.with_policy(request.network)
+    context = RunContext(network_options, request.run, folder, signals, console)
+    own = {name: getattr(request.keys, name) for name in PARAMETERS}
+    own |= vars(request.eve) if request.eve.eve is not None else {}
+    facts = {"service": NAME, **known_facts(context, own), "delivered": False}
     with ending(folder, facts, result.complete):
-        with running_network(arguments, folder, facts, signals, console) as network:
+        with running_network(context, facts) as network:
             managers = start_key_managers(network, service)
             introduce(console, managers)
             noted = Moments(managers.programs, network.runtime.time, partial(show, console))
             facts["moments"] = noted.all
-            watch(network, noted, eve, arguments.seconds)
+            watch(network, noted, eve, request.seconds)
             facts["asking"] = moments.summary(noted.all, noted.now_s)
         facts["delivered"] = facts["asking"]["keys"] > 0
     result.show(console, facts, folder)

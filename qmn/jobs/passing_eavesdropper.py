@@ -4,8 +4,9 @@ The policy of the controller puts her on the fibre and takes her off again, as `
 would; sessions that are open stay as they are.
 """
 
-import argparse
-import json
+import math
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mininet.topo import Topo
@@ -15,53 +16,67 @@ from qmn.jobs import eavesdropping
 from qmn.jobs.moments import Moments
 from qmn.jobs.transfer import START_TIMEOUT_S
 from qmn.live.controller_console import ask
-from qmn.network.options import BadInput, check_range
+from qmn.network.options import NetworkOptions
+from qmn.options import BadInput, check_ranges, option
 from topologies.network import Network
 from topologies.programs import Program, python
 
 MOST_S = 86_400.0
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Describe the options."""
-    eavesdropping.add_option(parser)
-    add = parser.add_argument
-    add("--at", type=float, default=10.0, metavar="S", help="when eve comes (10)")
-    add("--until", type=float, default=None, metavar="S", help="when she leaves (never)")
+@dataclass(frozen=True, kw_only=True)
+class PassingEve:
+    """Whether she comes, and when."""
 
+    eve: float | None = option(
+        None,
+        "put eve on the fibre, who measures this fraction of the photons and resends them",
+        metavar="FRACTION",
+        range=(0, 1),
+    )
+    at: float = option(10.0, "when eve comes (10)", metavar="S", range=(0, MOST_S))
+    until: float | None = option(None, "when she leaves (never)", metavar="S", range=(0, MOST_S))
 
-def check(arguments: argparse.Namespace, topo: Topo) -> None:
-    """Raise BadInput if she cannot come so."""
-    eavesdropping.check(arguments, topo)
-    check_range(arguments, "at", 0, MOST_S)
-    if arguments.until is not None and arguments.until <= arguments.at:
-        raise BadInput(f"--until {arguments.until:g} is not after --at {arguments.at:g}")
+    def check(self, ends: Collection[str], network: NetworkOptions, topo: Topo) -> None:
+        """Raise BadInput if she cannot come so."""
+        check_ranges(self)
+        if self.eve is None:
+            return
+        eavesdropping.check(ends, network, topo)
+        if self.until is not None and self.until <= self.at:
+            raise BadInput(f"--until {self.until:g} is not after --at {self.at:g}")
 
 
 class PassingEavesdropper:
     """Comes and leaves when it is time."""
 
-    def __init__(self, arguments: argparse.Namespace, folder: Path, light_from: str) -> None:
-        """Write the policy without her, and let it be in force from the start."""
-        self._fraction = arguments.eve
-        self._at_s, self._until_s = arguments.at, arguments.until
-        self._between = light_from, arguments.receiver
-        self._file = folder / eavesdropping.POLICY
+    def __init__(self, options: PassingEve, begin: str, end: str, folder: Path) -> None:
+        """Let her come to the light from the one to the other; her policy is in the folder."""
+        self._options, self._begin, self._end = options, begin, end
+        self._folder = folder
         self._eve: Program | None = None
-        self._gone = self._fraction is None
-        if not self._gone:
-            self._file.write_text(DEFAULT.read_text())
-            arguments.policy = self._file
+        self._gone = options.eve is None
+
+    def with_policy(self, network: NetworkOptions) -> NetworkOptions:
+        """Return the network with a policy that can change; she is not in it yet."""
+        if self._gone:
+            return network
+        return replace(network, policy=self._write())
+
+    def _write(self) -> Path:
+        policy = self._folder / eavesdropping.POLICY
+        policy.write_text(DEFAULT.read_text())
+        return policy
 
     def look(self, network: Network, moments: Moments) -> None:
         """Do what it is time for."""
         if self._gone:
             return
-        if self._eve is None and moments.now_s >= self._at_s:
+        if self._eve is None and moments.now_s >= self._options.at:
             self._eve = self._come(network)
-            moments.add("eve_comes", fraction=self._fraction)
-        elif self._eve and self._until_s is not None and moments.now_s >= self._until_s:
-            self._file.write_text(DEFAULT.read_text())
+            moments.add("eve_comes", fraction=self._options.eve)
+        elif self._eve and moments.now_s >= (self._options.until or math.inf):
+            self._write()
             ask("reload-policy")
             self._eve.stop()
             self._gone = True
@@ -70,9 +85,8 @@ class PassingEavesdropper:
     def _come(self, network: Network) -> Program:
         name, socket = eavesdropping.EVE, network.runtime.socket(eavesdropping.EVE)
         command = [python(), "-m", "hosts.applications.intercept", "--stack", socket]
-        eve = network.run_on(name, "eve-intercepts", [*command, str(self._fraction)])
+        eve = network.run_on(name, "eve-intercepts", [*command, str(self._options.eve)])
         eve.wait_for("intercepting", START_TIMEOUT_S)
-        tap = f"\n[[tap]]\nbetween = {json.dumps(self._between)}\nby = {json.dumps(name)}\n"
-        self._file.write_text(DEFAULT.read_text() + tap)
+        eavesdropping.tapping_policy(self._begin, self._end, self._folder)
         ask("reload-policy")
         return eve

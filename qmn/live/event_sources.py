@@ -54,15 +54,17 @@ def attached(config: DispatcherConfig, request: WatchRequest) -> Iterator[Event]
                 stream.cancel()
 
 
-def through_stack(stack: str, session: int, history: bool) -> Iterator[Event]:
+def through_stack(stack: str, session: int, history: bool, follow: bool) -> Iterator[Event]:
     """Yield what happens at one host, as its stack tells an application, until the network ends.
+
+    Without `follow` only what is remembered, if `history` asks for that.
 
     Events that the dispatcher still keeps for a slow reader then are lost, and not counted:
     a host cannot read the file of the run.
     """
     try:
         with QuantumSocket(stack) as quantum_socket:
-            yield from quantum_socket.watch(session, history)
+            yield from quantum_socket.watch(session, history, follow)
     except StackEnded:
         return
     except QuantumSocketError as error:

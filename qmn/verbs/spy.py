@@ -114,12 +114,14 @@ def watch_request(arguments: argparse.Namespace) -> WatchRequest:
 def of_this_node(arguments: argparse.Namespace, stack: str) -> Iterator[Event]:
     """Return what happens at the host that the verb is called on."""
     node = Path(stack).stem
-    if arguments.follow is False:
-        raise BadFilter(f"--no-follow is of a run: on {node} only what happens now is told")
+    follow = arguments.follow is not False
+    if not follow and not arguments.history:
+        text = f"--no-follow on {node}: add --history, or there is nothing to tell"
+        raise BadFilter(text)
     for wanted in arguments.node or ():
         if wanted != node:
             raise BadFilter(f"--node {wanted}: on {node} only what happens there is told")
-    return through_stack(stack, single(arguments.session, 0), arguments.history)
+    return through_stack(stack, single(arguments.session, 0), arguments.history, follow)
 
 
 def find_record(run: Path) -> Path:

@@ -169,10 +169,13 @@ class BellAnalyser:
     # there are 4 outcomes, nothing interferes, and the rest of this part does not matter.
     kind: str = choice(*ANALYSERS)
     visibility: float = parameter(1.0, 0.0, 1.0)  # V0: of Hong-Ou-Mandel interference at best
-    bandwidth_rad_per_s: float = parameter(0.0, 0.0, 1e15)  # rms of the spectral intensity
+    # Of a filter, rms of the spectral intensity; 0: none, photons are as wide as their sources say.
+    bandwidth_rad_per_s: float = parameter(0.0, 0.0, 1e15)
     coincidence_window_s: float = parameter(1e-6, 1e-12, 1.0)
-    # Of the delay line in which light waits whose way was the shorter: fibre, at .2 dB/km if real.
-    delay_line_db_per_km: float = parameter(0.0, 0.0, 1_000.0)
+    # The delay line in which light waits whose way was the shorter, where it matters: the longest
+    # that there is, 0 without any, and its loss. Standard fibre has .2 dB/km.
+    delay_line_km: float = parameter(2_000.0, 0.0, 2_000.0)
+    delay_line_db_per_km: float = parameter(0.2, 0.0, 1_000.0)
 
     def check(self, where: str) -> None:
         """Raise BadParameter for what no analyser is like."""

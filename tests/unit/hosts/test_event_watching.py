@@ -37,8 +37,25 @@ def test_a_host_sees_its_own_events_alone(tmp_path: Path) -> None:
     asyncio.run(asyncio.wait_for(run(), 30))
 
 
+def test_without_following_it_ends_behind_what_is_remembered(tmp_path: Path) -> None:
+    async def run() -> None:
+        async with network(tmp_path):
+            await asyncio.to_thread(transfer, tmp_path, b"x")
+            lines, said = await asyncio.to_thread(spied, tmp_path, "--history", "--no-follow")
+            assert [line.split()[2] for line in lines] == ["arrive", "receive", "apply", "send"]
+            assert said == "qmn: 4 events shown, 0 dropped\n"
+
+    asyncio.run(asyncio.wait_for(run(), 30))
+
+
+def test_neither_history_nor_following_is_refused(tmp_path: Path) -> None:
+    _, said = spied(tmp_path, "--no-follow")
+    assert said == "qmn: --no-follow on alice: add --history, or there is nothing to tell\n"
+
+
 @pytest.mark.parametrize(
-    "fields", [{"session": -1}, {"session": 1 << 64}, {"session": "1"}, {"history": 1}]
+    "fields",
+    [{"session": -1}, {"session": 1 << 64}, {"session": "1"}, {"history": 1}, {"follow": 0}],
 )
 def test_a_request_that_cannot_be_is_refused(tmp_path: Path, fields: dict[str, int]) -> None:
     def refused() -> str:
@@ -50,7 +67,7 @@ def test_a_request_that_cannot_be_is_refused(tmp_path: Path, fields: dict[str, i
 
     async def run() -> None:
         async with network(tmp_path):
-            assert "give a number and a bool" in await asyncio.to_thread(refused)
+            assert "give a number and two bools" in await asyncio.to_thread(refused)
 
     asyncio.run(asyncio.wait_for(run(), 30))
 
@@ -68,7 +85,8 @@ def spied(folder: Path, *words: str, lines: int = 0) -> tuple[list[str], str]:
         shown = [spy.stdout.readline() for _ in range(lines)]
         if lines:
             spy.send_signal(signal.SIGINT)
-        return shown, spy.communicate(timeout=20)[1]
+        rest, said = spy.communicate(timeout=20)
+        return shown or rest.splitlines(), said
 
 
 def test_the_verb_on_a_host_shows_what_happens_there(tmp_path: Path) -> None:

@@ -324,8 +324,14 @@ ASKED: list[tuple[dict[str, Any], str]] = [
 @services
 @pytest.mark.parametrize(("asked", "words"), ASKED)
 def test_a_set_up_that_cannot_be_served_is_refused_by_its_value(
-    tmp_path: Path, service: str, asked: dict[str, Any], words: str
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    service: str,
+    asked: dict[str, Any],
+    words: str,
 ) -> None:
+    monkeypatch.setattr(swap_orders, "UNUSED_S", 0.1)  # it is refused before an order is asked for
+
     def judge(setup: Setup) -> Setup:
         opening = setup.service not in (Service.PAIR_SOURCE, Service.LINK)
         return replace(setup, **{"verdict": Verdict.GRANTED, **(asked if opening else {})})

@@ -1,24 +1,27 @@
 """What `qmn run keys` can be told, and what it refuses before anything starts."""
 
-import argparse
-
 import pytest
 
-from qmn.jobs.keys import add_parser, check_input
-from qmn.network.options import BadInput
+from qmn.__main__ import described
+from qmn.jobs.keys import checked, service_of
+from qmn.network.topologies import topology
+from qmn.options import BadInput
+from qmn.verbs.run import keys_request
+from topologies.key_managers import KeyService
 from wire.key_manager import KeyLink
 
 
-def parse(*words: str) -> argparse.Namespace:
-    parser = argparse.ArgumentParser()
-    add_parser(parser.add_subparsers())
-    return parser.parse_args(["keys", *words])
+def asked(*words: str) -> KeyService:
+    """Return what the command line asks of key managers."""
+    whole = ["run", "keys", *words]
+    request = checked(keys_request(described(whole).parse_args(whole)))
+    return service_of(request, topology(request.network)())
 
 
 def test_options_reach_the_key_managers() -> None:
     words = "--key-pair alice:bob --key-pair bob:charlie --low-mark 3 --high-mark 4 --sae web=bob"
     more = "--session-bits 12000 --key-protocol bbm92 --keys-per-s 2.5 --withhold"
-    service = check_input(parse(*words.split(), *more.split()))
+    service = asked(*words.split(), *more.split())
     assert service.pairs == [("alice", "bob"), ("bob", "charlie")]
     link = KeyLink("", True, 3, 4, protocol="bbm92", options={"count": 12_000})
     assert service.link == link
@@ -26,7 +29,7 @@ def test_options_reach_the_key_managers() -> None:
 
 
 def test_alice_and_bob_keep_keys_if_nobody_is_named() -> None:
-    assert check_input(parse()).pairs == [("alice", "bob")]
+    assert asked().pairs == [("alice", "bob")]
 
 
 @pytest.mark.parametrize(
@@ -45,4 +48,4 @@ def test_alice_and_bob_keep_keys_if_nobody_is_named() -> None:
 )
 def test_what_cannot_be_is_refused(words: tuple[str, ...], text: str) -> None:
     with pytest.raises(BadInput, match=text):
-        check_input(parse(*words))
+        asked(*words)
