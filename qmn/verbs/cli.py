@@ -29,7 +29,8 @@ def add_parser(verbs: Any) -> None:
     parser = verbs.add_parser("cli", help="a network with a command line", description=__doc__)
     names = "; ".join(f"{name}: {what}" for name, (_topo, what) in TOPOLOGIES.items())
     text = f"{names}; or your own, as FILE.py:CLASS"
-    parser.add_argument("topology", type=topology_name, metavar="TOPOLOGY", help=text)
+    words = {"nargs": "?", "metavar": "TOPOLOGY"}  # a map is one, too
+    parser.add_argument("topology", type=topology_name, help=text, **words)
     add_options(parser, NetworkOptions)  # keys, too: a program on a host may distribute some
     add_options(parser, KeyServiceOptions)
     add = parser.add_argument
@@ -58,6 +59,8 @@ def start_and_obey(
     options: NetworkOptions, keys: KeyServiceOptions, runs: Path, capture: bool
 ) -> int:
     """Return the exit status: of a script 1 if a command has failed."""
+    if not options.topology:
+        raise BadInput(f"over which network? Name one of {', '.join(TOPOLOGIES)}, or FILE.py:CLASS")
     check_network(options)
     topo = topology(options)
     service = key_service(keys, quantum_hosts(topo()))
