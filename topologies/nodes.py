@@ -250,6 +250,8 @@ class QuantumHost(ClassicalHost):
             features=network.devices[self.name].features.value,
             memory_qubits=network.devices[self.name].memory.capacity,
             multi_photon=network.devices[self.name].source.multi_photon,
+            t1_s=network.devices[self.name].memory.t1_s,
+            t2_s=network.devices[self.name].memory.t2_s,
             pair_secrets=network.secrets_of(self.name),
             keys=network.key_folder(self.name),
             light=self.light,

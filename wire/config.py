@@ -187,6 +187,8 @@ class HostConfig(Config):
     memory_qubits: int = Device().memory.capacity
     light: str = CONTROLLER  # who grants it
     multi_photon: float = 0.0  # how likely a pulse of its source has several photons
+    t1_s: float = Device().memory.t1_s
+    t2_s: float = Device().memory.t2_s
 
     def __post_init__(self) -> None:
         if self.light not in LIGHT:
