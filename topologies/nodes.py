@@ -104,7 +104,7 @@ def stations_of(host: Host) -> list[Station]:
 
 def covered_folders(network: Runtime) -> list[Path]:
     """Return the folders with what hosts are not to see of a run, or of others on this machine."""
-    kept = [Path(network.settings.keys)] if network.keys else []
+    kept = [Path(network.settings.keys)] if network.settings.keys else []
     return [runtime.RUNTIME_ROOT, openvswitch.RUN_FOLDER, network.logs.resolve(), *kept]
 
 
