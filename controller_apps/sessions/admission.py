@@ -55,9 +55,7 @@ def admit(
     if setup.handshake == Handshake.ONE_PAIR:
         if not _same_session(setup, five_tuple, registered):
             return Admission(Reason.UNKNOWN_SESSION)
-    elif setup.service == Service.LINK and ordered_link(setup, five_tuple, sessions) is None:
-        return Admission(Reason.UNKNOWN_SESSION)
-    elif setup.service in RETURNS and returned_on(setup, five_tuple, sessions) is None:
+    elif (setup.service == Service.LINK and ordered_link(setup, five_tuple, sessions) is None) or (setup.service in RETURNS and returned_on(setup, five_tuple, sessions) is None):
         return Admission(Reason.UNKNOWN_SESSION)
     elif registered is not None or len(sessions.by_number) >= sessions.max_sessions:
         return Admission(Reason.BUSY)

@@ -20,22 +20,32 @@ class TransferError(Exception):
     """The message did not arrive, or the service failed; the text says why and what to do."""
 
 
+class Lines:
+    """The lines of JSON that a program prints, read as they come."""
+
+    def __init__(self, program: Program) -> None:
+        self.program, self._position = program, 0
+
+    def new(self) -> list[dict[str, Any]]:
+        """Return what each new line says; a line that is no object of JSON says nothing."""
+        with self.program.log.open("rb") as log:
+            log.seek(self._position)
+            text = log.read().decode(errors="replace")
+        complete = text[: text.rfind("\n") + 1]
+        self._position += len(complete.encode())
+        return [_fields(line) for line in complete.splitlines()]
+
+
 def follow(
     network: Network, program: Program, progress: Callable[[dict[str, Any]], None]
 ) -> dict[str, Any]:
     """Read a program's lines of JSON until its last; every wait here has a deadline."""
     limit_s = network.runtime.time.wall_s(STALL_TIMEOUT_S)
-    position, deadline = 0, time.monotonic() + limit_s
+    lines, deadline = Lines(program), time.monotonic() + limit_s
     while True:
         ended = not program.running  # asked first, so that no line after it is missed
-        with program.log.open("rb") as log:
-            log.seek(position)
-            text = log.read().decode(errors="replace")
-        complete = text[: text.rfind("\n") + 1]
-        position += len(complete.encode())
-        for line in complete.splitlines():
+        for fields in lines.new():
             deadline = time.monotonic() + limit_s
-            fields = _fields(line)
             if fields.get("event") == "failed":
                 raise TransferError(with_elements(network, str(fields["text"])))
             if fields.get("event") == "done":

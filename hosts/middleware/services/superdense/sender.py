@@ -22,8 +22,8 @@ from hashlib import sha256
 from hosts.hardware.qnic import BlockName, NoLight, Symbols
 from hosts.middleware.services.superdense.frame_format import agreed_format
 from hosts.middleware.services.superdense.framing import FramingError
-from hosts.middleware.services.superdense.options import SuperdenseOptions
 from hosts.middleware.services.superdense.halves import sent_half
+from hosts.middleware.services.superdense.options import SuperdenseOptions
 from hosts.middleware.services.superdense.outbox import Outbox, OutgoingBlock
 from hosts.middleware.services.superdense.per_pair import Agreed, OneByOne
 from hosts.middleware.session.channel import SessionError
