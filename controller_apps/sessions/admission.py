@@ -55,7 +55,7 @@ def admit(
     if setup.handshake == Handshake.ONE_PAIR:
         if not _same_session(setup, five_tuple, registered):
             return Admission(Reason.UNKNOWN_SESSION)
-    elif (setup.service == Service.LINK and ordered_link(setup, five_tuple, sessions) is None) or (setup.service in RETURNS and returned_on(setup, five_tuple, sessions) is None):
+    elif not _has_its_whole(setup, five_tuple, sessions):
         return Admission(Reason.UNKNOWN_SESSION)
     elif registered is not None or len(sessions.by_number) >= sessions.max_sessions:
         return Admission(Reason.BUSY)
@@ -70,6 +70,13 @@ def _pair_source(five_tuple: FiveTuple, registered: Session | None) -> Admission
         and registered.setup.source == five_tuple.destination
     )
     return Admission() if belongs else Admission(Reason.UNKNOWN_SESSION)
+
+
+def _has_its_whole(setup: Setup, five_tuple: FiveTuple, sessions: Sessions) -> bool:
+    """Tell whether what a session is part of stands, if it is part of anything."""
+    if setup.service == Service.LINK:
+        return ordered_link(setup, five_tuple, sessions) is not None
+    return setup.service not in RETURNS or returned_on(setup, five_tuple, sessions) is not None
 
 
 def _same_session(setup: Setup, five_tuple: FiveTuple, registered: Session | None) -> bool:
