@@ -1,6 +1,7 @@
 """Sessions that go back on the light of another: granted beside it, and ended with it."""
 
 from dataclasses import replace
+from typing import Any
 
 import pytest
 from metadata_scene import ALICE, BOB, CHARLIE, FRAMED, PAIR_SOURCE, Q1, S1, arbiter, frame
@@ -16,7 +17,7 @@ from wire.metadata import Reason, Service, Setup, Verdict
 from wire.optical import ANY_PORT, PathOptics
 
 BACK = replace(FRAMED, session=8, service=Service.SDC_RETURN)
-BACKWARDS = {"source": BOB, "destination": ALICE, "sport": 50000}
+BACKWARDS: dict[str, Any] = {"source": BOB, "destination": ALICE, "sport": 50000}
 EVE = "10.0.0.5"
 
 
@@ -27,7 +28,7 @@ def scene(rotation: int = 0) -> Arbiter:
     return state
 
 
-def refused(state: Arbiter, setup: Setup, **tcp: object) -> Reason:
+def refused(state: Arbiter, setup: Setup, **tcp: Any) -> Reason:
     message = answer(ask(state, setup, **tcp))
     assert message.verdict == Verdict.REFUSED
     return Reason(message.reason)
