@@ -37,7 +37,9 @@ class Discovery:
         # Each of some messages may wait for the one before it, over the management network.
         way_s = max(self._runtime.copper.values(), default=0.0)
         limit_s = TIMEOUT_S + MESSAGES_OF_A_START * self._runtime.time.wall_s(way_s)
-        limit_s /= (1 - self._runtime.control_loss) ** 4  # TCP waits longer after each loss
+        limit_s /= (
+            1 - self._runtime.settings.control_loss
+        ) ** 4  # TCP waits longer after each loss
         deadline = time.monotonic() + limit_s
         cut_since: dict[str, float] = {}
         while unknown := (self._switches | self._fibers.keys()) - self._discovered():

@@ -107,7 +107,7 @@ class Network:
         self._signals.check()
         runtime.begin(self.runtime)
         topo = self._topo()
-        assign_copper_lengths(topo, self.runtime.copper_km)
+        assign_copper_lengths(topo, self.runtime.settings.copper_km)
         refuse_taken_names(topo)
         (self.runtime.folder / SWITCHES).write_text("\n".join(topo.switches()))
         # Mininet would raise kernel limits for the whole machine, which is not ours to change.
@@ -198,7 +198,7 @@ class Network:
 
     def _begin_openflow(self) -> Path:
         (c0,) = (each for each in self.net.controllers if isinstance(each, QuantumController))
-        port = "tcp", "port", str(self.runtime.openflow_port)
+        port = "tcp", "port", str(self.runtime.settings.openflow_port)
         return self.captures.begin(c0.name, bridge_of(c0.name), *port, inside=c0.pid)
 
     def check(self) -> None:
