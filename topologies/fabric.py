@@ -27,7 +27,7 @@ from wire.parameters.fiber import KINDS, optics
 from wire.parameters.physics import Device
 
 FIRST_DPID = 0x1000  # q1 is 0x1001
-MOST_SWITCHES = 32
+MOST_SWITCHES = 256
 
 
 class FabricTopo(Topo):
@@ -44,9 +44,12 @@ class FabricTopo(Topo):
         source: str = "charlie",
         node: str = "",
         light: str = CONTROLLER,
+        bits: int = 24,
         **fiber: Any,
     ) -> None:
         """Add s1 and the hosts, and note what every fibre will be like.
+
+        Their network is 10.0.0.0 with so many bits.
 
         Fibres are as the preset says (topologies/presets.py), but for what is given by keyword
         (wire.parameters.fiber.FiberOptics); raise BadParameter for what cannot be. Hosts have the
@@ -54,7 +57,7 @@ class FabricTopo(Topo):
         `devices`. The source is charlie, or alice where there is none. `light` says who grants
         it to the hosts (wire.config.LIGHT).
         """
-        self._light = light
+        self._light, self._bits = light, bits
         self._fiber = {"cls": FiberLink, **fiber_of(preset, fiber)}
         self._device = presets.preset(preset).device
         if node:
@@ -65,14 +68,19 @@ class FabricTopo(Topo):
         self.add_host("bob", "10.0.0.2")
         if source == "charlie":
             self.add_host("charlie", "10.0.0.3", source=True)
-        self.addHost("ed", cls=DispatcherHost, ip="10.0.0.4/24")
+        self.addHost("ed", cls=DispatcherHost, ip=f"10.0.0.4/{bits}")
         self.addLink("ed", "s1")
 
     def add_host(self, name: str, address: str, **params: object) -> None:
         """Add a host with copper to s1."""
         device = self._devices.get(name, self._device)
         self.addHost(
-            name, cls=QuantumHost, ip=f"{address}/24", device=device, light=self._light, **params
+            name,
+            cls=QuantumHost,
+            ip=f"{address}/{self._bits}",
+            device=device,
+            light=self._light,
+            **params,
         )
         self.addLink(name, "s1")
 

@@ -13,6 +13,7 @@ from topologies import openvswitch, runtime
 from topologies.addresses import broadcast, free_address
 from topologies.causality import news_s
 from topologies.fiber import python_file, qnics
+from topologies.interfaces import finish_checksums, network_of, switch_ipv6_off
 from topologies.keywords import refuse_unknown
 from topologies.launching import EarlyStart, launch
 from topologies.management import lay_management
@@ -78,6 +79,12 @@ class QuantumNode(ShellWatcher):
         """Whether the network starts or ends just now."""
         return self.network.hurried
 
+    def startShell(self, mnopts: str | None = None) -> None:  # noqa: N802 (Mininet's name)
+        """Start the shell; in a network of its own IPv6 is off from the beginning."""
+        super().startShell(mnopts)
+        if self.inNamespace:
+            switch_ipv6_off(self, "all", "default")
+
     def find_our_programs(self) -> None:
         """Let `qmn spy`, and `python` with our packages, work in the node's shell."""
         folders = f"{ROOT / 'bin'}:{Path(python()).parent}"
@@ -115,9 +122,9 @@ class ClassicalHost(QuantumNode, Host):
     def config(self, **params: object) -> dict[str, object]:
         """Configure the interfaces."""
         result: dict[str, object] = super().config(**params)
-        self.cmd("sysctl -qw net.ipv6.conf.all.disable_ipv6=1")
         if openvswitch.datapath() == "user":
-            self.cmd(f"ethtool -K {self.defaultIntf()} tx off rx off")
+            with network_of(self):
+                finish_checksums(str(self.defaultIntf()))
         self.find_our_programs()
         return result
 
@@ -417,7 +424,7 @@ class OpticalSwitch(ClassicalSwitch):
         # Who asks for the bridge by name, as ovs-ofctl does, comes to the agent.
         Path(config.programs).replace(config.management)
         self._targets = [f"unix:{config.listening(number)}" for number in range(len(commanding))]
-        self.cmd(f"sysctl -qw net.ipv6.conf.{self.name}.disable_ipv6=1")
+        switch_ipv6_off(self, self.name)
         for program in network.programs:
             if program.name == DISPATCHER:  # the agent asks it at once
                 program.wait_for("ready", READY_TIMEOUT_S)

@@ -40,6 +40,7 @@ NETWORK_PARAMETERS = (
     "switch",
     "node",
     "device",
+    "hosts",
     "switches",
     "leaves",
     "repeaters",

@@ -24,6 +24,7 @@ from topologies.repeaters import RepeatersTopo
 from topologies.ring import RingTopo
 from topologies.sdc import SdcTopo
 from topologies.tapped import TappedTopo
+from topologies.tree import TreeTopo
 from wire.parameters.fiber import FiberOptics, optics
 from wire.parameters.physics import Device
 
@@ -33,6 +34,7 @@ TOPOLOGIES: dict[str, tuple[Callable[..., Topo], str]] = {
     "ring": (RingTopo, "quantum switches in a ring"),
     "leaf-spine": (LeafSpineTopo, "two stages of quantum switches"),
     "repeaters": (RepeatersTopo, "repeaters in a line, a quantum switch between neighbours"),
+    "tree": (TreeTopo, "quantum switches in a tree, with up to 1,024 hosts"),
     "tapped": (TappedTopo, "one quantum switch, with eve, who can be put on a fibre"),
 }
 SIZES = {
@@ -41,6 +43,7 @@ SIZES = {
     "ring": ("switches",),
     "leaf-spine": ("leaves", "spines"),
     "repeaters": ("repeaters",),
+    "tree": ("hosts", "switches"),
     "tapped": (),
 }
 FIBER = ("length_km", "loss_db_per_km", "depolarizing", "kind")
