@@ -11,7 +11,7 @@ from mininet.node import Controller, Host, OVSSwitch
 
 from topologies import openvswitch, runtime
 from topologies.addresses import broadcast, free_address
-from topologies.causality import news_s
+from topologies.causality import ways_of_news
 from topologies.fiber import python_file, qnics
 from topologies.interfaces import finish_checksums, network_of, switch_ipv6_off
 from topologies.keywords import refuse_unknown
@@ -162,7 +162,7 @@ class DispatcherHost(ClassicalHost):
             event_capture=str(network.private_file(EVENT_CAPTURE)) if network.events else "",
             history_depth=network.history_depth,
             per_qubit=network.per_qubit,
-            news_s=news_s(network),
+            news_s=ways_of_news(network),
         )
         self.program = launch(network, DISPATCHER, "dispatcher", config, self)
         return result
@@ -248,7 +248,7 @@ class QuantumHost(ClassicalHost):
             dispatcher=network.dispatcher,
             token=network.token(self.name),
             socket=network.socket(self.name),
-            hosts=network.addresses,
+            hosts_file=network.hosts_file(),
             source=self.pairs_from or network.source,
             seed=network.seed,
             report_to=broadcast(network.addresses.values(), network.prefix_length),
@@ -259,7 +259,7 @@ class QuantumHost(ClassicalHost):
             features=network.devices[self.name].features.value,
             memory_qubits=network.devices[self.name].memory.capacity,
             multi_photon=network.devices[self.name].source.multi_photon,
-            pair_secrets=network.secrets_of(self.name),
+            pair_secrets=network.secrets_folder(),
             keys=network.key_folder(self.name),
             light=self.light,
         )
