@@ -35,6 +35,7 @@ from wire.config import (
     Station,
 )
 from wire.controller_record import RECORD
+from wire.features import EMIT
 from wire.parameters.physics import (
     BadParameter,
     BellAnalyser,
@@ -170,6 +171,7 @@ class DispatcherHost(ClassicalHost):
         super().terminate()
 
 
+MOST_PAIR_RATE_HZ = 50_000_000
 PARTS = ("source", "memory", "detectors", "analyser", "gates")
 
 
@@ -252,6 +254,7 @@ class QuantumHost(ClassicalHost):
             features=network.devices[self.name].features.value,
             memory_qubits=network.devices[self.name].memory.capacity,
             multi_photon=network.devices[self.name].source.multi_photon,
+            pair_rate_hz=pair_rate_hz(network.devices.values()),
             pair_secrets=network.secrets_of(self.name),
             keys=network.key_folder(self.name),
             light=self.light,
@@ -261,6 +264,12 @@ class QuantumHost(ClassicalHost):
         self.program = launch(network, self.name, "hosts", config, self)
         self.cmd(f'export QMN_STACK="{config.socket}"')
         return result
+
+
+def pair_rate_hz(devices: Iterable[Device]) -> int:
+    """Return the rate at which every source of a network can make pairs."""
+    rates = [device.source.max_rate_hz for device in devices if EMIT in device.features]
+    return max(1, int(min([MOST_PAIR_RATE_HZ, *rates])))
 
 
 def require_unrotated(switches: Iterable[QuantumSwitch]) -> None:

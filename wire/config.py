@@ -193,6 +193,7 @@ class HostConfig(Config):
     memory_qubits: int = Device().memory.capacity
     light: str = CONTROLLER  # who grants it
     multi_photon: float = 0.0  # how likely a pulse of its source has several photons
+    pair_rate_hz: int = 50_000_000  # that every source of the network can make
 
     def __post_init__(self) -> None:
         if self.light not in LIGHT:

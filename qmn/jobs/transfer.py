@@ -2,7 +2,8 @@
 
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 from topologies.network import Network
@@ -24,33 +25,66 @@ def follow(
     network: Network, program: Program, progress: Callable[[dict[str, Any]], None]
 ) -> dict[str, Any]:
     """Read a program's lines of JSON until its last; every wait here has a deadline."""
-    limit_s = network.runtime.time.wall_s(STALL_TIMEOUT_S)
-    position, deadline = 0, time.monotonic() + limit_s
+    last = follow_all(network, [program], lambda _program, fields: progress(fields))
+    return last[program.name]
+
+
+def follow_all(
+    network: Network,
+    programs: Sequence[Program],
+    progress: Callable[[Program, dict[str, Any]], None],
+    stall_s: float = STALL_TIMEOUT_S,
+) -> dict[str, dict[str, Any]]:
+    """Read what programs say until the last line of each; return these by name.
+
+    In `stall_s` seconds of the network at least one of them must say something.
+    """
+    limit_s = network.runtime.time.wall_s(stall_s)
+    deadline = time.monotonic() + limit_s
+    logs = {program.name: LogReader(program.log) for program in programs}
+    last: dict[str, dict[str, Any]] = {}
     while True:
-        ended = not program.running  # asked first, so that no line after it is missed
-        with program.log.open("rb") as log:
-            log.seek(position)
-            text = log.read().decode(errors="replace")
-        complete = text[: text.rfind("\n") + 1]
-        position += len(complete.encode())
-        for line in complete.splitlines():
-            deadline = time.monotonic() + limit_s
-            fields = _fields(line)
-            if fields.get("event") == "failed":
-                raise TransferError(with_elements(network, str(fields["text"])))
-            if fields.get("event") == "done":
-                return fields
-            if fields:
-                progress(fields)
+        going = [program for program in programs if program.name not in last]
+        for program in going:
+            ended = not program.running  # asked first, so that no line after it is missed
+            for line in logs[program.name].lines():
+                deadline = time.monotonic() + limit_s
+                fields = _fields(line)
+                if fields.get("event") == "failed":
+                    raise TransferError(with_elements(network, str(fields["text"])))
+                if fields.get("event") == "done":
+                    last[program.name] = fields
+                    break
+                if fields:
+                    progress(program, fields)
+            if ended and program.name not in last:
+                network.check()
+                raise TransferError(f"{program.name} ended: {program.end()}")
         network.check()
-        if ended:
-            raise TransferError(f"{program.name} ended: {program.end()}")
+        if len(last) == len(programs):
+            return last
         if time.monotonic() > deadline:
             raise NetworkError(
-                f"{program.name} made no progress for {limit_s:g} s; "
-                "is the loss of the fibres too high?"
+                f"{', '.join(program.name for program in going)} made no progress for "
+                f"{limit_s:g} s; is the loss of the fibres too high?"
             )
         time.sleep(POLL_S)
+
+
+class LogReader:
+    """Whole lines of a log that grows, each once."""
+
+    def __init__(self, file: Path) -> None:
+        self._file, self._position = file, 0
+
+    def lines(self) -> list[str]:
+        """Return the lines that have come since the last call."""
+        with self._file.open("rb") as log:
+            log.seek(self._position)
+            text = log.read().decode(errors="replace")
+        complete = text[: text.rfind("\n") + 1]
+        self._position += len(complete.encode())
+        return complete.splitlines()
 
 
 def with_elements(network: Network, text: str) -> str:
