@@ -23,6 +23,7 @@ from hosts.middleware.session.abilities import refusal
 from hosts.middleware.session.arrangement import Arrangement, Light
 from hosts.middleware.session.channel import MetadataChannel, SessionError
 from hosts.middleware.session.host_resources import HostResources
+from hosts.middleware.session.lifetimes import Lifetimes
 from hosts.middleware.session.session import AcceptingSession, OpeningSession, require_source
 from hosts.middleware.session.swap_orders import Swaps
 from hosts.middleware.verdicts import Verdicts
@@ -59,6 +60,7 @@ class Stack:
             self.swaps,
             config.abilities,
             config.multi_photon,
+            Lifetimes(config.t1_s, config.t2_s),
         )
         self.active_sessions = ActiveSessions(self.swaps.opens)
         self.device = Device(lambda: read_ports(config.qnics))

@@ -60,8 +60,11 @@ def start_key_managers(network: Network, service: KeyService) -> KeyManagers:
         files = made(folder, names, addresses, saes)
     else:
         files = given(folder, [*names.values(), *saes])
-    programs = {}
-    for host, node in nodes.items():
+    programs: dict[str, Program] = {}
+    opening = {a for a, _b in service.pairs}
+    for host in sorted(nodes, key=opening.__contains__):
+        if host in opening:  # all that it opens sessions with listen first, as far as that can be
+            wait_for_all(network, programs)
         own = files[names[host]]
         config = KeyManagerConfig(
             host=host,
@@ -77,9 +80,8 @@ def start_key_managers(network: Network, service: KeyService) -> KeyManagers:
             withhold=service.withhold,
             links=links_of(host, service),
         )
-        programs[host] = launch(runtime, names[host], MODULE, config, node)
-    for program in programs.values():
-        program.wait_for("ready", READY_TIMEOUT_S, network.check)
+        programs[host] = launch(runtime, names[host], MODULE, config, nodes[host])
+    wait_for_all(network, programs)
     urls = {host: f"https://{address}:{KEY_DELIVERY_PORT}" for host, address in addresses.items()}
     managers = KeyManagers(
         programs, urls, saes, {sae: files[sae] for sae in saes}, folder / AUTHORITY
@@ -87,6 +89,12 @@ def start_key_managers(network: Network, service: KeyService) -> KeyManagers:
     for host, node in nodes.items():
         tell_shell(node, managers, host)
     return managers
+
+
+def wait_for_all(network: Network, programs: Mapping[str, Program]) -> None:
+    """Wait until programs answer; NetworkError if one does not."""
+    for program in programs.values():
+        program.wait_for("ready", READY_TIMEOUT_S, network.check)
 
 
 def links_of(host: str, service: KeyService) -> list[KeyLink]:

@@ -12,6 +12,7 @@ from mininet.node import Controller, Host, OVSSwitch
 from topologies import openvswitch, runtime
 from topologies.addresses import broadcast, free_address
 from topologies.causality import news_s
+from topologies.confinement import ConfinedNode
 from topologies.fiber import python_file, qnics
 from topologies.keywords import refuse_unknown
 from topologies.launching import EarlyStart, launch
@@ -101,12 +102,23 @@ def stations_of(host: Host) -> list[Station]:
     ]
 
 
-class ClassicalHost(QuantumNode, Host):
-    """A host whose interfaces suit a switch in user space: no IPv6, finished checksums."""
+def covered_folders(network: Runtime) -> list[Path]:
+    """Return the folders with what hosts are not to see of a run, or of others on this machine."""
+    kept = [Path(network.keys)] if network.keys else []
+    return [runtime.RUNTIME_ROOT, openvswitch.RUN_FOLDER, network.logs.resolve(), *kept]
 
-    def __init__(self, name: str, **params: object) -> None:
+
+class ClassicalHost(QuantumNode, ConfinedNode, Host):
+    """A host whose interfaces suit a switch in user space: no IPv6, finished checksums.
+
+    What people start on it sees its own processes, and of the run its own folder; with
+    `confined=False` it sees all, and can mount, as on a host of Mininet's.
+    """
+
+    def __init__(self, name: str, confined: bool = True, **params: object) -> None:
         refuse_unknown(name, params, type(self))
         self.network = runtime.current()
+        self.confined = confined
         self.program: Program | None = None
         super().__init__(name, **params)
         self.network.hosts.append(self)
@@ -119,8 +131,14 @@ class ClassicalHost(QuantumNode, Host):
         self.cmd("sysctl -qw net.ipv6.conf.all.disable_ipv6=1")
         if openvswitch.datapath() == "user":
             self.cmd(f"ethtool -K {self.defaultIntf()} tx off rx off")
+        if self.confined:
+            self.confine(self.shown_folders(), covered_folders(self.network))
         self.find_our_programs()
         return result
+
+    def shown_folders(self) -> list[Path]:
+        """Return the folders of the run that are this host's own."""
+        return []
 
     def terminate(self) -> None:
         """End the host's program, then the host."""
@@ -130,10 +148,13 @@ class ClassicalHost(QuantumNode, Host):
 
 
 class DispatcherHost(ClassicalHost):
-    """`ed`: runs the dispatcher, which holds every qubit of the network."""
+    """`ed`: runs the dispatcher, which holds every qubit of the network.
 
-    def __init__(self, name: str, **params: object) -> None:
-        super().__init__(name, **params)
+    Who is on it sees the whole run, as `qmn spy` does there.
+    """
+
+    def __init__(self, name: str, confined: bool = False, **params: object) -> None:
+        super().__init__(name, confined, **params)
         self.network.dispatcher = f"{self.network.addresses[name]}:{DISPATCHER_PORT}"
 
     def config(self, **params: object) -> dict[str, object]:
@@ -215,6 +236,7 @@ class QuantumHost(ClassicalHost):
         light: str = CONTROLLER,
         qnic: str = "",
         qnic_parameters: Mapping[str, Any] | None = None,
+        confined: bool = True,
         **params: object,
     ) -> None:
         if light not in LIGHT:
@@ -223,7 +245,7 @@ class QuantumHost(ClassicalHost):
         described = device_of(name, {"source": source, "device": device, **parts})
         self.qnic = python_file(f"{name}: qnic", qnic)
         self.qnic_parameters = dict(qnic_parameters or {})
-        super().__init__(name, **params)
+        super().__init__(name, confined, **params)
         self.network.devices[name] = described
         self.network.token(name)
         self.pairs_from = pairs_from
@@ -231,6 +253,10 @@ class QuantumHost(ClassicalHost):
         self.network.device_key(name)
         if source:
             self.network.source = name
+
+    def shown_folders(self) -> list[Path]:
+        """Return those of its stack's socket and of its keys."""
+        return [self.network.own_folder(self.name), Path(self.network.key_folder(self.name))]
 
     def config(self, **params: object) -> dict[str, object]:
         """Configure the interfaces and start the stack."""
@@ -255,6 +281,8 @@ class QuantumHost(ClassicalHost):
             memory_qubits=network.devices[self.name].memory.capacity,
             multi_photon=network.devices[self.name].source.multi_photon,
             pair_rate_hz=pair_rate_hz(network.devices.values()),
+            t1_s=network.devices[self.name].memory.t1_s,
+            t2_s=network.devices[self.name].memory.t2_s,
             pair_secrets=network.secrets_of(self.name),
             keys=network.key_folder(self.name),
             light=self.light,

@@ -118,9 +118,10 @@ class Runtime:
         }
 
     def key_folder(self, host: str) -> str:
-        """Return the path of the folder for the keys of a host; its parent is private."""
+        """Return the path of the folder for the keys of a host; it is private."""
         folder = Path(self.keys) if self.keys else self.folder / "keys"
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        (folder / host).mkdir(mode=0o700, exist_ok=True)
         return str(folder / host)
 
     def private_file(self, name: str) -> Path:
@@ -130,9 +131,16 @@ class Runtime:
         file.chmod(0o600)
         return file
 
+    def own_folder(self, name: str) -> Path:
+        """Return the part of the private folder that people on a host are shown."""
+        folder = self.folder / name
+        folder.mkdir(mode=0o700, exist_ok=True)
+        return folder
+
     def socket(self, name: str) -> str:
         """Return the path of a Unix socket (they cross network namespaces)."""
-        return str(self.folder / f"{name}.sock")
+        own = self.own_folder(name) if name in self.devices else self.folder
+        return str(own / f"{name}.sock")
 
     def program(self, name: str) -> Program:
         """Return a new program, watched from now on."""

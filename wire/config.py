@@ -194,6 +194,8 @@ class HostConfig(Config):
     light: str = CONTROLLER  # who grants it
     multi_photon: float = 0.0  # how likely a pulse of its source has several photons
     pair_rate_hz: int = 50_000_000  # that every source of the network can make
+    t1_s: float = Device().memory.t1_s
+    t2_s: float = Device().memory.t2_s
 
     def __post_init__(self) -> None:
         if self.light not in LIGHT:

@@ -3,7 +3,6 @@
 import json
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
 from topologies.network import Network
@@ -21,6 +20,22 @@ class TransferError(Exception):
     """The message did not arrive, or the service failed; the text says why and what to do."""
 
 
+class Lines:
+    """The lines of JSON that a program prints, read as they come."""
+
+    def __init__(self, program: Program) -> None:
+        self.program, self._position = program, 0
+
+    def new(self) -> list[dict[str, Any]]:
+        """Return what each new line says; a line that is no object of JSON says nothing."""
+        with self.program.log.open("rb") as log:
+            log.seek(self._position)
+            text = log.read().decode(errors="replace")
+        complete = text[: text.rfind("\n") + 1]
+        self._position += len(complete.encode())
+        return [_fields(line) for line in complete.splitlines()]
+
+
 def follow(
     network: Network, program: Program, progress: Callable[[dict[str, Any]], None]
 ) -> dict[str, Any]:
@@ -35,56 +50,40 @@ def follow_all(
     progress: Callable[[Program, dict[str, Any]], None],
     stall_s: float = STALL_TIMEOUT_S,
 ) -> dict[str, dict[str, Any]]:
-    """Read what programs say until the last line of each; return these by name.
+    """Read what programs say until the last line of each; return these by the programs' names.
 
     In `stall_s` seconds of the network at least one of them must say something.
     """
     limit_s = network.runtime.time.wall_s(stall_s)
     deadline = time.monotonic() + limit_s
-    logs = {program.name: LogReader(program.log) for program in programs}
+    going = {program.name: Lines(program) for program in programs}
     last: dict[str, dict[str, Any]] = {}
-    while True:
-        going = [program for program in programs if program.name not in last]
-        for program in going:
-            ended = not program.running  # asked first, so that no line after it is missed
-            for line in logs[program.name].lines():
+    while going:
+        for name, lines in list(going.items()):
+            ended = not lines.program.running  # asked first, so that no line after it is missed
+            for fields in lines.new():
                 deadline = time.monotonic() + limit_s
-                fields = _fields(line)
                 if fields.get("event") == "failed":
                     raise TransferError(with_elements(network, str(fields["text"])))
                 if fields.get("event") == "done":
-                    last[program.name] = fields
+                    last[name] = fields
                     break
                 if fields:
-                    progress(program, fields)
-            if ended and program.name not in last:
+                    progress(lines.program, fields)
+            if name in last:
+                del going[name]
+            elif ended:
                 network.check()
-                raise TransferError(f"{program.name} ended: {program.end()}")
+                raise TransferError(f"{name} ended: {lines.program.end()}")
         network.check()
-        if len(last) == len(programs):
-            return last
-        if time.monotonic() > deadline:
+        if going and time.monotonic() > deadline:
             raise NetworkError(
-                f"{', '.join(program.name for program in going)} made no progress for "
-                f"{limit_s:g} s; is the loss of the fibres too high?"
+                f"{', '.join(going)} made no progress for {limit_s:g} s; "
+                "is the loss of the fibres too high?"
             )
-        time.sleep(POLL_S)
-
-
-class LogReader:
-    """Whole lines of a log that grows, each once."""
-
-    def __init__(self, file: Path) -> None:
-        self._file, self._position = file, 0
-
-    def lines(self) -> list[str]:
-        """Return the lines that have come since the last call."""
-        with self._file.open("rb") as log:
-            log.seek(self._position)
-            text = log.read().decode(errors="replace")
-        complete = text[: text.rfind("\n") + 1]
-        self._position += len(complete.encode())
-        return complete.splitlines()
+        if going:
+            time.sleep(POLL_S)
+    return last
 
 
 def with_elements(network: Network, text: str) -> str:

@@ -16,6 +16,8 @@ from wire.config import BACKENDS, CONTENTION
 from wire.parameters.fiber import KINDS
 
 EVERY = "of every fibre"
+PLACES = "PLACES"
+MAP = "map"  # the topology
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,6 +66,17 @@ class NetworkOptions:
         "of a host, as bob.detectors.efficiency=0.8 (repeatable; docs/physical-layer.md)",
         metavar="HOST.PART.NAME=VALUE",
     )
+    map: str | None = option(
+        None,
+        "over a known map: abilene, nobel-germany, garr, …, or a file (docs/networks.md)",
+        metavar="NAME|FILE",
+    )
+    hosts_at: str | None = option(None, "of the map, with commas: have hosts (all)", metavar=PLACES)
+    sources_at: str | None = option(None, "have pair sources (the centre)", metavar=PLACES)
+    repeaters_at: str | None = option(
+        None, "have hosts that can be repeaters (all)", metavar=PLACES
+    )
+    fibers: int | None = option(None, "between neighbouring quantum switches (2)", metavar="N")
     repeaters: int | None = option(None, "of a chain of them, 1 to 16", metavar="N")
     switches: int | None = option(None, "quantum switches of a chain or ring", metavar="N")
     leaves: int | None = option(None, "switches of leaf-spine with hosts (3)", metavar="N")
@@ -113,6 +126,11 @@ class NetworkOptions:
         const=1000,
         range=(0, 1_000_000),
     )
+
+    def __post_init__(self) -> None:
+        """Take a map, if one is named, in place of the topology that a job has by default."""
+        if self.map is not None:
+            object.__setattr__(self, "topology", MAP)
 
 
 KEYS = ("keys",)  # the options of networks over which keys may be distributed

@@ -85,6 +85,8 @@ class RunResult(NetworkResult, total=False):
     # Of a NetQASM application
     roles: dict[str, str]  # host of each
     outputs: list[dict[str, Any]]  # what the program of each role has returned, round by round
+    # Of runs that keep keys: what happened to keys and tunnels, and when (at, in s since the start)
+    moments: list[dict[str, Any]]
 
 
 PLAIN = {str: "string", bool: "boolean", int: "integer", float: "number", NoneType: "null"}

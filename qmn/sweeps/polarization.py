@@ -13,7 +13,7 @@ from qmn.sweeps.link import TESTED, configuration, fiber
 from qmn.sweeps.parameters import Parameter, Values
 from qmn.sweeps.superdense import blocks
 
-LENGTH = Parameter("length_km", 1.0, 0.0, 2_000.0, "km")
+LENGTH = Parameter("length_km", 1.0, 0.0, 20_000.0, "km")
 DRIFT = Parameter("polarization_drift_rad_per_sqrt_km", 0.3, 0.0, 100.0, "rad/sqrt km")
 BASES = ("z", "x", "y")
 FAST_S = 1e-9  # each photon meets a turn of its own: the mean over all turns

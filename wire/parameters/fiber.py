@@ -45,7 +45,7 @@ class FiberOptics:
     """The parameters of a fibre, alike in both directions; the formulas are in dispatcher/."""
 
     kind: str = choice(*KINDS)
-    length_km: float = parameter(0.01, 0.0, 2_000.0)  # 9.8 ms; a switch remembers 60 s
+    length_km: float = parameter(0.01, 0.0, 20_000.0)  # 98 ms; a switch remembers 60 s
     loss_db_per_km: float = parameter(0.0, 0.0, 1_000.0)
     connectors_db: float = parameter(0.0, 0.0, 100.0)  # of all connectors and splices together
     depolarizing: float = parameter(0.0, 0.0, 1.0)  # probability p: X, Y and Z each with p/4

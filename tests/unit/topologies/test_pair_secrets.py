@@ -33,9 +33,8 @@ def test_keys_go_with_the_network_unless_they_are_to_stay(network: Runtime, tmp_
     network.keys = str(tmp_path / "kept")
     kept = Path(network.key_folder("bob"))
     assert kept == tmp_path / "kept" / "bob"
-    for private in (folder.parent, kept.parent):
+    for private in (folder.parent, folder, kept.parent, kept):
         assert private.stat().st_mode & 0o777 == 0o700
-    folder.mkdir()
     network.remove()
     assert not folder.exists()
     assert kept.parent.exists()
