@@ -110,7 +110,7 @@ class Network:
         self._signals.check()
         runtime.begin(self.runtime)
         topo = self._topo()
-        assign_copper_lengths(topo, self.runtime.copper_km)
+        assign_copper_lengths(topo, self.runtime.settings.copper_km)
         refuse_taken_names(topo)
         (self.runtime.folder / SWITCHES).write_text("\n".join(topo.switches()))
         # Mininet would raise kernel limits for the whole machine, which is not ours to change.
@@ -161,7 +161,7 @@ class Network:
         # Each of some messages may wait for the one before it, over the management network.
         way_s = max(self.runtime.copper.values(), default=0.0)
         limit_s = DISCOVERY_TIMEOUT_S + MESSAGES_OF_A_START * self.runtime.time.wall_s(way_s)
-        limit_s /= (1 - self.runtime.control_loss) ** 4  # TCP waits longer after each loss
+        limit_s /= (1 - self.runtime.settings.control_loss) ** 4  # TCP waits longer after each loss
         deadline = time.monotonic() + limit_s
         while unknown := self._expected() - self._discovered():
             self.check()
@@ -239,7 +239,7 @@ class Network:
 
     def _begin_openflow(self) -> Path:
         (c0,) = (each for each in self.net.controllers if isinstance(each, QuantumController))
-        port = "tcp", "port", str(self.runtime.openflow_port)
+        port = "tcp", "port", str(self.runtime.settings.openflow_port)
         return self.captures.begin(c0.name, bridge_of(c0.name), *port, inside=c0.pid)
 
     def check(self) -> None:

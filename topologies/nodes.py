@@ -37,6 +37,7 @@ from wire.config import (
 )
 from wire.controller_record import RECORD
 from wire.features import EMIT
+from wire.parameters.network import ControllerSettings, DispatcherSettings, part
 from wire.parameters.physics import (
     BadParameter,
     BellAnalyser,
@@ -62,7 +63,7 @@ def connect_copper(network: Runtime) -> None:
         return
     files = [file for cable in network.cables for file in (cable.a_fd, cable.b_fd)]
     simulation = network.dispatcher.partition(":")[0]
-    config = CopperConfig(list(network.cables), simulation, network.seed)
+    config = CopperConfig(list(network.cables), simulation, network.settings.seed)
     program = launch(network, COPPER, "copper", config, descriptors=files)
     for file in files:
         os.close(file)  # the program has them
@@ -104,7 +105,7 @@ def stations_of(host: Host) -> list[Station]:
 
 def covered_folders(network: Runtime) -> list[Path]:
     """Return the folders with what hosts are not to see of a run, or of others on this machine."""
-    kept = [Path(network.keys)] if network.keys else []
+    kept = [Path(network.settings.keys)] if network.settings.keys else []
     return [runtime.RUNTIME_ROOT, openvswitch.RUN_FOLDER, network.logs.resolve(), *kept]
 
 
@@ -164,20 +165,17 @@ class DispatcherHost(ClassicalHost):
         config = DispatcherConfig(
             listen=network.dispatcher,
             socket=network.socket(DISPATCHER),
-            seed=network.seed,
-            backend=network.backend,
+            seed=network.settings.seed,
             tokens=network.tokens,
             fibers=network.fibers,
             switches=list(network.switches.values()),
             event_log=str(network.private_file(EVENT_LOG)) if network.events else "",
-            sabot=network.sabot,
             record=str(network.logs / "dispatcher.record") if network.record else "",
             qasm=str(network.private_file("quantum.qasm")) if network.qasm else "",
             devices=network.devices,
             event_capture=str(network.private_file(EVENT_CAPTURE)) if network.events else "",
-            history_depth=network.history_depth,
-            per_qubit=network.per_qubit,
             news_s=news_s(network),
+            **part(DispatcherSettings, network.settings),
         )
         self.program = launch(network, DISPATCHER, "dispatcher", config, self)
         return result
@@ -271,7 +269,7 @@ class QuantumHost(ClassicalHost):
             socket=network.socket(self.name),
             hosts=network.addresses,
             source=self.pairs_from or network.source,
-            seed=network.seed,
+            seed=network.settings.seed,
             report_to=broadcast(network.addresses.values(), network.prefix_length),
             device_key=network.device_key(self.name),
             analyser=network.devices[self.name].analyser.kind,
@@ -545,13 +543,16 @@ class QuantumController(QuantumNode, Controller):
     ) -> None:
         refuse_unknown(name, params, type(self))
         network = runtime.current()
-        network.framework = framework or network.framework
-        network.policy = str(Path(policy).resolve()) if policy else network.policy
-        network.rest = rest or network.rest
-        network.apps += [module for module in apps.split("+") if module]
+        policy = str(Path(policy).resolve()) if policy else ""
+        said: dict[str, Any] = {"controller": framework, "policy": policy, "rest": rest}
+        network.settings = replace(
+            network.settings,
+            apps=(*network.settings.apps, *filter(None, apps.split("+"))),
+            **{name: value for name, value in said.items() if value},
+        )
         self.network = network
         self.addresses: dict[str, str] = {}  # on the management network, by switch
-        settings = {"port": self.network.openflow_port, "inNamespace": True}
+        settings = {"port": self.network.settings.openflow_port, "inNamespace": True}
         super().__init__(name, **{**params, **settings})
         self._early: EarlyStart | None = self._begin()
         self._launched = False
@@ -561,7 +562,7 @@ class QuantumController(QuantumNode, Controller):
 
     def _begin(self) -> EarlyStart:
         """Let the controller load its framework, which takes longest of all."""
-        words = ["--framework", self.network.framework]
+        words = ["--framework", self.network.settings.controller]
         return EarlyStart(self.network, self.name, "controller_apps", words, self)
 
     def launch(self) -> None:
@@ -575,21 +576,17 @@ class QuantumController(QuantumNode, Controller):
             connect_copper(network)
         config = ControllerConfig(
             listen=f"0.0.0.0:{self.port}",
-            framework=network.framework,
+            framework=network.settings.controller,
             quantum_switches=dict(network.datapath_ids),
             record=str(network.logs / RECORD),
-            loss_budget_db=network.loss_budget_db,
-            contention=network.contention,
-            policy=network.policy,
             address=free_address(network.addresses.values(), network.prefix_length),
             device_keys=network.device_keys,
             addresses={host: network.addresses[host] for host in network.device_keys},
             stations=[station for host in network.hosts for station in stations_of(host)],
             console=network.socket(CONSOLE),
-            rest=network.rest,
-            rest_token=network.rest_token() if network.rest else "",
-            apps=network.apps,
+            rest_token=network.rest_token() if network.settings.rest else "",
             state=str(network.folder / STATE),
+            **part(ControllerSettings, network.settings),
         )
         self._early.go_on(config)
         self._launched = True

@@ -164,7 +164,7 @@ def pose(network: Network, dpid: int, user: int) -> str:
     """Connect to c0 as a switch, as a process of a user beside it; return what becomes of it."""
     (c0,) = network.net.controllers
     command = ["mnexec", "-a", str(c0.pid), sys.executable, "-c", IMPOSTOR]
-    words = [str(network.runtime.openflow_port), f"{dpid:x}", str(user)]
+    words = [str(network.runtime.settings.openflow_port), f"{dpid:x}", str(user)]
     done = subprocess.run(
         [*command, *words], capture_output=True, text=True, check=False, timeout=30
     )
