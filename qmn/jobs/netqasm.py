@@ -25,10 +25,11 @@ from qmn.jobs.transfer import TransferError, follow_all
 from qmn.network.checks import check_network
 from qmn.network.options import NetworkOptions
 from qmn.network.topologies import quantum_hosts, topology
-from qmn.options import BadInput, check_ranges, option
+from qmn.options import BadInput, check_ranges
 from qmn.results import result
 from topologies.network import Network, Signals, require_root
 from topologies.programs import NetworkError, Program, python
+from wire.parameters.option import option
 
 PREFIX, SUFFIX = "app_", ".py"
 # Longer than what units wait for each other, so that they can say what is missing.
