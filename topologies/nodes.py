@@ -3,7 +3,7 @@
 import os
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,6 @@ from topologies.management import lay_management
 from topologies.programs import ROOT, Program, python
 from topologies.runtime import CONSOLE, DISPATCHER, EVENT_CAPTURE, EVENT_LOG, Runtime
 from topologies.shells import ShellWatcher
-from wire import switch_check
 from wire.config import (
     CONTROLLER,
     DISPATCHER_PORT,
@@ -47,9 +46,9 @@ from wire.parameters.physics import (
     Memory,
     PairSource,
 )
+from wire.parameters.switch import OPTICS
 
 READY_TIMEOUT_S = 20.0
-OPTICS = {each.name for each in fields(QuantumSwitch)} - {"name"}
 COPPER = "copper"  # the program that holds packets back
 STATE = "state"  # folder in which the controller keeps what its successor must know
 DEFAULT_PREFIX_LENGTH = 8  # Mininet's
@@ -391,8 +390,8 @@ class ClassicalSwitch(QuantumNode, OVSSwitch):
 class OpticalSwitch(ClassicalSwitch):
     """A quantum switch: a bridge with its agent between it and the controller.
 
-    Optics go by keyword, as the fields of wire.config.QuantumSwitch; paths that differ from
-    the others are wire.config.PathOptics. Raise BadConfig for what no switch can have.
+    Optics go by keyword, as the fields of wire.parameters.switch.QuantumSwitch; paths that
+    differ from the others are PathOptics there. Raise BadParameter for what no switch can have.
     `hardware` is "" for the simulated switch, or names an instrument, as scpi://192.0.2.7:5025;
     `hardware_ports` are the instrument's [ingress, egress] of each port that is a fibre's.
     `controller_port` names another controller than c0, at this TCP port of 127.0.0.1, that
@@ -410,9 +409,9 @@ class OpticalSwitch(ClassicalSwitch):
         given = {each: params.pop(each) for each in OPTICS & params.keys()}
         refuse_unknown(name, params, type(self), also=sorted(OPTICS))
         optics = QuantumSwitch(name, **{**given, "paths": list(given.get("paths", ()))})
-        switch_check.check(optics)
+        optics.check()
         if controller_port is not None and not 0 < controller_port < 1 << 16:
-            raise BadConfig(f"{name}: controller_port {controller_port} is not 1 to 65535")
+            raise BadParameter(f"{name}: controller_port {controller_port} is not 1 to 65535")
         super().__init__(name, **params)
         self.network.switches[name] = optics
         self.network.datapath_ids[name] = int(self.dpid, 16)
