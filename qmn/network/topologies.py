@@ -12,12 +12,13 @@ from dispatcher.fiber import fiber_noise
 from qmn.network import custom_topology
 from qmn.network.custom_topology import BadTopology
 from qmn.network.device_options import base_device, kind_of_all
-from qmn.network.options import NetworkOptions
+from qmn.network.options import MAP, NetworkOptions
 from qmn.network.part_options import PartOptions
 from topologies.chain import ChainTopo
 from topologies.fabric import fiber_of
 from topologies.fiber import resolved
 from topologies.leaf_spine import LeafSpineTopo
+from topologies.mapped import MapTopo
 from topologies.nodes import QuantumHost, device_of
 from topologies.presets import preset
 from topologies.repeaters import RepeatersTopo
@@ -36,15 +37,17 @@ TOPOLOGIES: dict[str, tuple[Callable[..., Topo], str]] = {
     "repeaters": (RepeatersTopo, "repeaters in a line, a quantum switch between neighbours"),
     "tree": (TreeTopo, "quantum switches in a tree, with up to 1,024 hosts"),
     "tapped": (TappedTopo, "one quantum switch, with eve, who can be put on a fibre"),
+    MAP: (MapTopo, "a quantum switch and a host at each place of a map"),
 }
 SIZES = {
     "sdc": (),
-    "chain": ("switches",),
-    "ring": ("switches",),
-    "leaf-spine": ("leaves", "spines"),
+    "chain": ("switches", "fibers"),
+    "ring": ("switches", "fibers"),
+    "leaf-spine": ("leaves", "spines", "fibers"),
     "repeaters": ("repeaters",),
     "tree": ("hosts", "switches"),
     "tapped": (),
+    MAP: ("map", "fibers", "hosts_at", "sources_at", "repeaters_at"),
 }
 FIBER = ("length_km", "loss_db_per_km", "depolarizing", "kind")
 
@@ -71,7 +74,8 @@ def topology(options: NetworkOptions) -> Callable[[], Topo]:
     own = custom_topology.is_custom(name)
     for size in sorted(given.keys() - (given.keys() if own else set(SIZES[name]))):
         fitting = ", ".join(topo for topo, own in SIZES.items() if size in own)
-        raise BadTopology(f"--{size} is of {fitting}, not of {name}: leave it out")
+        option = f"--{size.replace('_', '-')}"
+        raise BadTopology(f"{option} is of {fitting}, not of {name}: leave it out")
     try:
         given |= fiber_parameters(options)
         more = {"preset": options.preset, "node": kind_of_all(options.node)}
@@ -133,7 +137,7 @@ def devices_of(topo: Topo) -> dict[str, Device]:
 
 def stated_optics(options: NetworkOptions) -> dict[str, Any]:
     """Return the optics that every fibre has; none of a topology that says them itself."""
-    own = custom_topology.is_custom(options.topology)
+    own = custom_topology.is_custom(options.topology) or options.topology == MAP
     return {} if own else asdict(every_fiber(options))
 
 

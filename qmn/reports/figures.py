@@ -6,12 +6,13 @@ from qmn.reports import charts, error_counts
 from qmn.reports.drawing import variable
 from qmn.reports.handshake_diagram import handshake_diagram
 from qmn.reports.light_paths import LightPath, without_outcome
+from qmn.reports.map_diagram import map_diagram
 from qmn.reports.markup import figure, missing
 from qmn.reports.network_diagram import network_diagram, path_colour
 from qmn.reports.run_facts import RunFacts
 from qmn.reports.sequence import handshake, lanes
 from qmn.results.timeline import TIMELINE
-from topologies.runtime import OPENFLOW_PORT
+from wire.parameters.network import OPENFLOW_PORT
 
 NOT_WRITTEN = "what happened to qubits was not written (--no-events)."
 METADATA = (
@@ -23,10 +24,10 @@ QUANTUM = '<span class="quantum">quantum events</span>'
 
 def network(run: RunFacts, paths: Sequence[LightPath]) -> str:
     """Return the drawing of the network."""
-    text = "Fibres with length and loss, all in the table below; dashed: copper. "
-    return figure(
-        "The network", network_diagram(run.network, paths), text + _legend(run, paths), "wide"
-    )
+    text = "Fibres with length and loss, all in the table below"
+    text += ". " if run.network.positions else "; dashed: copper. "
+    draw = map_diagram if run.network.positions else network_diagram
+    return figure("The network", draw(run.network, paths), text + _legend(run, paths), "wide")
 
 
 def _legend(run: RunFacts, paths: Sequence[LightPath]) -> str:

@@ -7,13 +7,16 @@ from typing import Any
 from hosts.middleware.services import NAMES
 from hosts.middleware.services.superdense.options import SuperdenseOptions
 from hosts.timeouts import MAX_BLOCK_S
-from qmn.jobs import service, superdense
+from qmn.jobs import keys, service, superdense
+from qmn.jobs.keys import KeysRequest
+from qmn.jobs.passing_eavesdropper import PassingEve
 from qmn.jobs.run_context import guarded
 from qmn.jobs.run_options import RunOptions
 from qmn.jobs.service import ServiceRequest
 from qmn.jobs.service_verbs import SERVICE_PORT, VERBS, Verb
 from qmn.jobs.superdense import SuperdenseRequest
 from qmn.jobs.transfer import APPLICATION_PORT
+from qmn.network.key_options import KeyServiceOptions
 from qmn.network.options import KEYS, NetworkOptions
 from qmn.network.topologies import TOPOLOGIES, topology_name
 from qmn.options import add_options, read
@@ -29,6 +32,7 @@ def add_parser(verbs: Any) -> None:
         _add_superdense(jobs, name, what)
     for name, verb in VERBS.items():
         _add_service(jobs, name, verb)
+    _add_keys(jobs)
 
 
 def _add_superdense(jobs: Any, name: str, what: str) -> None:
@@ -119,6 +123,33 @@ def service_request(arguments: argparse.Namespace) -> ServiceRequest:
         ServiceRequest,
         arguments,
         options=read(NAMES[arguments.service].options, arguments, port=SERVICE_PORT),
+        network=read(NetworkOptions, arguments),
+        run=read(RunOptions, arguments),
+    )
+
+
+def _add_keys(jobs: Any) -> None:
+    """Describe the keeping of keys."""
+    text = "keep keys of hosts, and deliver them to programs (ETSI GS QKD 014)"
+    parser = jobs.add_parser(keys.NAME, help=text, description=text)
+    parser.set_defaults(call=_call_keys)
+    text = f"over this network ({', '.join(TOPOLOGIES)}, or FILE.py:CLASS; default: sdc)"
+    parser.add_argument("--topology", type=topology_name, default="sdc", metavar="NAME", help=text)
+    for kind in (KeysRequest, KeyServiceOptions, PassingEve, NetworkOptions, RunOptions):
+        add_options(parser, kind)
+
+
+def _call_keys(arguments: argparse.Namespace) -> int:
+    return guarded(partial(keys.run, keys_request(arguments)))
+
+
+def keys_request(arguments: argparse.Namespace) -> KeysRequest:
+    """Return what the command line asks for."""
+    return read(
+        KeysRequest,
+        arguments,
+        keys=read(KeyServiceOptions, arguments),
+        eve=read(PassingEve, arguments),
         network=read(NetworkOptions, arguments),
         run=read(RunOptions, arguments),
     )

@@ -45,6 +45,7 @@ from wire.metadata import (
     decode,
     message_length,
 )
+from wire.netqasm.pair_requests import PAIRS_PORT
 from wire.parameters.physics import BellAnalyser, Device
 from wire.verdict import Connection, seal
 
@@ -321,6 +322,8 @@ async def start_host(
         features=device.features.value,
         memory_qubits=device.memory.capacity,
         multi_photon=device.source.multi_photon,
+        t1_s=device.memory.t1_s,
+        t2_s=device.memory.t2_s,
         pair_secrets=str(pair_secrets(folder)),
         keys=str(folder / "keys" / name),
         device_key=device_key(name),
@@ -331,6 +334,7 @@ async def start_host(
     servers = (
         asyncio.start_server(host.serve, config.address, METADATA_PORT),
         asyncio.start_server(relay(name, judge, change, cut), RELAYED[name], METADATA_PORT),
+        asyncio.start_server(host.unit.pairs.serve, RELAYED[name], PAIRS_PORT),
         asyncio.start_unix_server(host.applications.serve, config.socket),
     )
     for starting in servers:

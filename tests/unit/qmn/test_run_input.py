@@ -41,7 +41,7 @@ def network(*words: str) -> NetworkOptions:
         (["--file", "/nowhere"], "cannot read /nowhere: No such file"),
         (["--frame-bytes", "70000"], "--frame-bytes 70000: choose 1 to 65536"),
         (["--depolarizing", "1.5"], "depolarizing 1.5 is not 0 to 1"),
-        (["--length-km", "2001"], "every fibre: length_km 2001.0 is not 0 to 2000"),
+        (["--length-km", "20001"], "every fibre: length_km 20001.0 is not 0 to 20000"),
         (
             ["--fiber", "drift=1"],
             "--fiber drift=1: write NAME=VALUE or PLACE.NAME=VALUE, where NAME is",
@@ -90,6 +90,14 @@ def network(*words: str) -> NetworkOptions:
         (["tree", "--hosts", "2"], "2 hosts: choose 3 to 1024"),
         (["ring", "--spines", "2"], "--spines is of leaf-spine, not of ring: leave it out"),
         (["--switches", "2"], "--switches is of chain, ring, tree, not of sdc"),
+        (
+            ["chain", "--map", "abilen"],
+            "there is no map 'abilen': choose of topohub's, such as abil",
+        ),
+        (["--map", "abilene"], "unknown host 'alice': choose one of atlam5, atlang, ch"),
+        (["--map", "abilene", "--length-km", "3"], "the map says how long fibres are"),
+        (["--map", "abilene", "--switches", "3"], "--switches is of chain, ring, tree, not of map"),
+        (["--hosts-at", "rome"], "--hosts-at is of map, not of sdc: leave it out"),
         (["--loss-budget-db", "-1"], "--loss-budget-db -1.0: choose 0 to 1000"),
         (["--interleave"], "--interleave spreads the codewords of a code: choose one with --fec"),
         (
