@@ -19,9 +19,9 @@ from topologies.keywords import refuse_unknown
 from topologies.programs import NetworkError
 from wire.config import Cable
 from wire.parameters.fiber import SPEED_IN_FIBER_M_PER_S
+from wire.parameters.network import MOST_KM
 from wire.parameters.physics import BadParameter
 
-MOST_KM = 100_000.0
 # In wall time: from one host to the other, over two cables and a switch in user space, a packet
 # takes longer than twice this.
 LEAST_DELAY_S = 10e-6

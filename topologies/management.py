@@ -44,7 +44,7 @@ def lay_management(
             controller,
             switch,
             length_km=lengths[name],
-            loss=network.control_loss,
+            loss=network.settings.control_loss,
             intfName1=f"{controller.name}-{name}",
             intfName2=f"{name}-{controller.name}",
             params2={"ip": f"{theirs}/30"},  # with an address it is no port of the bridge
@@ -74,8 +74,8 @@ def lengths_to(switches: Mapping[str, Node], network: Runtime) -> dict[str, floa
 
     That is as long as the way along the copper between the switches, which is that of the fibres.
     """
-    if network.control_km is not None:
-        return dict.fromkeys(switches, network.control_km)
+    if network.settings.control_km is not None:
+        return dict.fromkeys(switches, network.settings.control_km)
     ways: dict[str, dict[str, float]] = {}
     for link, seconds in network.copper.items():
         one, other = link

@@ -12,6 +12,7 @@ from mininet.node import Controller, Host, OVSSwitch
 from topologies import openvswitch, runtime
 from topologies.addresses import broadcast, free_address
 from topologies.causality import news_s
+from topologies.confinement import ConfinedNode
 from topologies.fiber import python_file, qnics
 from topologies.keywords import refuse_unknown
 from topologies.launching import EarlyStart, launch
@@ -35,6 +36,7 @@ from wire.config import (
     Station,
 )
 from wire.controller_record import RECORD
+from wire.parameters.network import ControllerSettings, DispatcherSettings, part
 from wire.parameters.physics import (
     BadParameter,
     BellAnalyser,
@@ -60,7 +62,7 @@ def connect_copper(network: Runtime) -> None:
         return
     files = [file for cable in network.cables for file in (cable.a_fd, cable.b_fd)]
     simulation = network.dispatcher.partition(":")[0]
-    config = CopperConfig(list(network.cables), simulation, network.seed)
+    config = CopperConfig(list(network.cables), simulation, network.settings.seed)
     program = launch(network, COPPER, "copper", config, descriptors=files)
     for file in files:
         os.close(file)  # the program has them
@@ -100,12 +102,23 @@ def stations_of(host: Host) -> list[Station]:
     ]
 
 
-class ClassicalHost(QuantumNode, Host):
-    """A host whose interfaces suit a switch in user space: no IPv6, finished checksums."""
+def covered_folders(network: Runtime) -> list[Path]:
+    """Return the folders with what hosts are not to see of a run, or of others on this machine."""
+    kept = [Path(network.settings.keys)] if network.settings.keys else []
+    return [runtime.RUNTIME_ROOT, openvswitch.RUN_FOLDER, network.logs.resolve(), *kept]
 
-    def __init__(self, name: str, **params: object) -> None:
+
+class ClassicalHost(QuantumNode, ConfinedNode, Host):
+    """A host whose interfaces suit a switch in user space: no IPv6, finished checksums.
+
+    What people start on it sees its own processes, and of the run its own folder; with
+    `confined=False` it sees all, and can mount, as on a host of Mininet's.
+    """
+
+    def __init__(self, name: str, confined: bool = True, **params: object) -> None:
         refuse_unknown(name, params, type(self))
         self.network = runtime.current()
+        self.confined = confined
         self.program: Program | None = None
         super().__init__(name, **params)
         self.network.hosts.append(self)
@@ -118,8 +131,14 @@ class ClassicalHost(QuantumNode, Host):
         self.cmd("sysctl -qw net.ipv6.conf.all.disable_ipv6=1")
         if openvswitch.datapath() == "user":
             self.cmd(f"ethtool -K {self.defaultIntf()} tx off rx off")
+        if self.confined:
+            self.confine(self.shown_folders(), covered_folders(self.network))
         self.find_our_programs()
         return result
+
+    def shown_folders(self) -> list[Path]:
+        """Return the folders of the run that are this host's own."""
+        return []
 
     def terminate(self) -> None:
         """End the host's program, then the host."""
@@ -129,10 +148,13 @@ class ClassicalHost(QuantumNode, Host):
 
 
 class DispatcherHost(ClassicalHost):
-    """`ed`: runs the dispatcher, which holds every qubit of the network."""
+    """`ed`: runs the dispatcher, which holds every qubit of the network.
 
-    def __init__(self, name: str, **params: object) -> None:
-        super().__init__(name, **params)
+    Who is on it sees the whole run, as `qmn spy` does there.
+    """
+
+    def __init__(self, name: str, confined: bool = False, **params: object) -> None:
+        super().__init__(name, confined, **params)
         self.network.dispatcher = f"{self.network.addresses[name]}:{DISPATCHER_PORT}"
 
     def config(self, **params: object) -> dict[str, object]:
@@ -142,20 +164,17 @@ class DispatcherHost(ClassicalHost):
         config = DispatcherConfig(
             listen=network.dispatcher,
             socket=network.socket(DISPATCHER),
-            seed=network.seed,
-            backend=network.backend,
+            seed=network.settings.seed,
             tokens=network.tokens,
             fibers=network.fibers,
             switches=list(network.switches.values()),
             event_log=str(network.private_file(EVENT_LOG)) if network.events else "",
-            sabot=network.sabot,
             record=str(network.logs / "dispatcher.record") if network.record else "",
             qasm=str(network.private_file("quantum.qasm")) if network.qasm else "",
             devices=network.devices,
             event_capture=str(network.private_file(EVENT_CAPTURE)) if network.events else "",
-            history_depth=network.history_depth,
-            per_qubit=network.per_qubit,
             news_s=news_s(network),
+            **part(DispatcherSettings, network.settings),
         )
         self.program = launch(network, DISPATCHER, "dispatcher", config, self)
         return result
@@ -213,6 +232,7 @@ class QuantumHost(ClassicalHost):
         light: str = CONTROLLER,
         qnic: str = "",
         qnic_parameters: Mapping[str, Any] | None = None,
+        confined: bool = True,
         **params: object,
     ) -> None:
         if light not in LIGHT:
@@ -221,7 +241,7 @@ class QuantumHost(ClassicalHost):
         described = device_of(name, {"source": source, "device": device, **parts})
         self.qnic = python_file(f"{name}: qnic", qnic)
         self.qnic_parameters = dict(qnic_parameters or {})
-        super().__init__(name, **params)
+        super().__init__(name, confined, **params)
         self.network.devices[name] = described
         self.network.token(name)
         self.pairs_from = pairs_from
@@ -229,6 +249,10 @@ class QuantumHost(ClassicalHost):
         self.network.device_key(name)
         if source:
             self.network.source = name
+
+    def shown_folders(self) -> list[Path]:
+        """Return those of its stack's socket and of its keys."""
+        return [self.network.own_folder(self.name), Path(self.network.key_folder(self.name))]
 
     def config(self, **params: object) -> dict[str, object]:
         """Configure the interfaces and start the stack."""
@@ -243,7 +267,7 @@ class QuantumHost(ClassicalHost):
             socket=network.socket(self.name),
             hosts=network.addresses,
             source=self.pairs_from or network.source,
-            seed=network.seed,
+            seed=network.settings.seed,
             report_to=broadcast(network.addresses.values(), network.prefix_length),
             device_key=network.device_key(self.name),
             analyser=network.devices[self.name].analyser.kind,
@@ -510,13 +534,16 @@ class QuantumController(QuantumNode, Controller):
     ) -> None:
         refuse_unknown(name, params, type(self))
         network = runtime.current()
-        network.framework = framework or network.framework
-        network.policy = str(Path(policy).resolve()) if policy else network.policy
-        network.rest = rest or network.rest
-        network.apps += [module for module in apps.split("+") if module]
+        policy = str(Path(policy).resolve()) if policy else ""
+        said: dict[str, Any] = {"controller": framework, "policy": policy, "rest": rest}
+        network.settings = replace(
+            network.settings,
+            apps=(*network.settings.apps, *filter(None, apps.split("+"))),
+            **{name: value for name, value in said.items() if value},
+        )
         self.network = network
         self.addresses: dict[str, str] = {}  # on the management network, by switch
-        settings = {"port": self.network.openflow_port, "inNamespace": True}
+        settings = {"port": self.network.settings.openflow_port, "inNamespace": True}
         super().__init__(name, **{**params, **settings})
         self._early: EarlyStart | None = self._begin()
         self._launched = False
@@ -526,7 +553,7 @@ class QuantumController(QuantumNode, Controller):
 
     def _begin(self) -> EarlyStart:
         """Let the controller load its framework, which takes longest of all."""
-        words = ["--framework", self.network.framework]
+        words = ["--framework", self.network.settings.controller]
         return EarlyStart(self.network, self.name, "controller_apps", words, self)
 
     def launch(self) -> None:
@@ -540,21 +567,17 @@ class QuantumController(QuantumNode, Controller):
             connect_copper(network)
         config = ControllerConfig(
             listen=f"0.0.0.0:{self.port}",
-            framework=network.framework,
+            framework=network.settings.controller,
             quantum_switches=dict(network.datapath_ids),
             record=str(network.logs / RECORD),
-            loss_budget_db=network.loss_budget_db,
-            contention=network.contention,
-            policy=network.policy,
             address=free_address(network.addresses.values(), network.prefix_length),
             device_keys=network.device_keys,
             addresses={host: network.addresses[host] for host in network.device_keys},
             stations=[station for host in network.hosts for station in stations_of(host)],
             console=network.socket(CONSOLE),
-            rest=network.rest,
-            rest_token=network.rest_token() if network.rest else "",
-            apps=network.apps,
+            rest_token=network.rest_token() if network.settings.rest else "",
             state=str(network.folder / STATE),
+            **part(ControllerSettings, network.settings),
         )
         self._early.go_on(config)
         self._launched = True

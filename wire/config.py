@@ -11,10 +11,11 @@ from typing import Any, Self
 from wire.features import Abilities
 from wire.network_time import NetworkTime
 from wire.parameters.fiber import Fiber, FiberEnd
+from wire.parameters.network import ControllerSettings, DispatcherSettings
+from wire.parameters.option import check_options
 from wire.parameters.physics import ANALYSERS, Device, parameter
 
 __all__ = [
-    "CONTENTION",
     "DISPATCHER_PORT",
     "AgentConfig",
     "BadConfig",
@@ -33,8 +34,6 @@ __all__ = [
 ]
 
 DISPATCHER_PORT = 50051
-CONTENTION = ("refuse", "queue")
-BACKENDS = ("chp", "stim", "dense")
 
 
 # Ranges of the optics of quantum switches
@@ -128,7 +127,7 @@ class QuantumSwitch:
 
 
 @dataclass(frozen=True)
-class DispatcherConfig(MeasuredConfig):
+class DispatcherConfig(MeasuredConfig, DispatcherSettings):
     """The physical network and who may act for which node."""
 
     listen: str  # "10.0.0.4:50051"
@@ -140,19 +139,14 @@ class DispatcherConfig(MeasuredConfig):
     event_log: str = ""  # path; empty: none
     event_capture: str = ""  # path of the same as a pcapng file; empty: none
     devices: dict[str, Device] = field(default_factory=dict)  # of hosts; ideal if not listed
-    history_depth: int = 10_000
-    per_qubit: int = 0  # so many photons of each block have events of their own in log and capture
     max_live_qubits: int = 8_000_000
-    backend: str = "chp"  # on which quantum states begin: one of BACKENDS
     record: str = ""  # path of a private record to replay, which must not exist; empty: none
     qasm: str = ""  # path of a dump of what is done to qubits (OpenQASM 2.0); empty: none
-    sabot: str = ""  # path of a Sabot server's socket; empty: simulate in the dispatcher itself
     # How long (s) news takes from each host to each other at least; none: no time at all.
     news_s: dict[str, dict[str, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if self.backend not in BACKENDS:
-            raise ValueError(f"backend {self.backend!r}: choose one of {', '.join(BACKENDS)}")
+        check_options(self)
 
     @classmethod
     def from_dict(cls, fields: dict[str, Any]) -> "DispatcherConfig":
@@ -268,7 +262,7 @@ class CopperConfig(Config):
 
 
 @dataclass(frozen=True)
-class ControllerConfig(MeasuredConfig):
+class ControllerConfig(MeasuredConfig, ControllerSettings):
     """What the controller apps are told; all else they discover."""
 
     listen: str  # "127.0.0.1:6653"
@@ -277,29 +271,21 @@ class ControllerConfig(MeasuredConfig):
     hold_timeout_s: float = 5.0
     idle_timeout_s: int = 30
     record: str = ""  # path of a JSON-lines file for measurements; empty: none
-    loss_budget_db: float = 30.0  # that one light path may lose
-    contention: str = "refuse"  # or "queue": what becomes of a request for light that is taken
-    policy: str = ""  # path of the policy file; empty: the shipped one, which allows the demo
     address: str = ""  # IPv4, in the hosts' network, that its datagrams to node agents come from
     device_keys: dict[str, str] = field(default_factory=dict)  # of each host
     addresses: dict[str, str] = field(default_factory=dict)  # of these hosts, IPv4
     stations: list[Station] = field(default_factory=list)  # on classical switches
     console: str = ""  # path of the unix socket of the console; empty: none
-    rest: str = ""  # "127.0.0.1:8080": serve the same there, on Ryu only; empty: not at all
-    # The socket that listens there, from the runner: it may be of another network namespace.
+    # The socket that listens at `rest`, from the runner: it may be of another network namespace.
     rest_fd: int | None = None
     rest_token: str = ""  # that the console's resources there want; empty: nobody has it
-    apps: list[str] = field(default_factory=list)  # modules of further apps to load
     state: str = ""  # path of a private folder for what a restarted one must know; empty: none
 
     @classmethod
     def from_dict(cls, fields: dict[str, Any]) -> "ControllerConfig":
         """Build the configuration from decoded JSON."""
         stations = [Station(**station) for station in fields.get("stations", [])]
-        return cls(**{**fields, "stations": stations})
+        return cls(**{**fields, "stations": stations, "apps": tuple(fields.get("apps", ()))})
 
     def __post_init__(self) -> None:
-        if self.contention not in CONTENTION:
-            raise ValueError(
-                f"contention {self.contention!r}: choose one of {', '.join(CONTENTION)}"
-            )
+        check_options(self)

@@ -16,11 +16,12 @@ from qmn.network.checks import check_network
 from qmn.network.key_options import KeyServiceOptions, key_service
 from qmn.network.options import NetworkOptions
 from qmn.network.topologies import quantum_hosts, topology
-from qmn.options import check_ranges, option
+from qmn.options import check_ranges
 from qmn.results import result
 from topologies.key_managers import KeyManagers, KeyService, application_name, start_key_managers
 from topologies.network import Interrupted, Network, Signals, require_root
 from topologies.programs import POLL_S
+from wire.parameters.option import option
 
 NAME = "keys"
 PAIR = "alice:bob"  # that keeps keys if none is named

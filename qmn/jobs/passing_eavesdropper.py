@@ -17,9 +17,10 @@ from qmn.jobs.moments import Moments
 from qmn.jobs.transfer import START_TIMEOUT_S
 from qmn.live.controller_console import ask
 from qmn.network.options import NetworkOptions
-from qmn.options import BadInput, check_ranges, option
+from qmn.options import BadInput, check_ranges
 from topologies.network import Network
 from topologies.programs import Program, python
+from wire.parameters.option import option
 
 MOST_S = 86_400.0
 
@@ -61,7 +62,7 @@ class PassingEavesdropper:
         """Return the network with a policy that can change; she is not in it yet."""
         if self._gone:
             return network
-        return replace(network, policy=self._write())
+        return replace(network, policy=str(self._write()))
 
     def _write(self) -> Path:
         policy = self._folder / eavesdropping.POLICY

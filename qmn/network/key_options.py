@@ -5,9 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hosts.middleware.services.key_distribution.options import MAX_COUNT
-from qmn.options import BadInput, check_range, check_ranges, option
+from qmn.options import BadInput, check_range, check_ranges
 from topologies.key_managers import KeyService
 from wire.key_manager import KeyLink
+from wire.parameters.option import option
 
 PROTOCOLS = ("bb84", "bbm92")
 MOST_MARK = 16_384

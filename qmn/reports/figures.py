@@ -13,7 +13,7 @@ from qmn.reports.network_diagram import network_diagram, path_colour
 from qmn.reports.run_facts import RunFacts
 from qmn.reports.sequence import handshake, lanes
 from qmn.results.timeline import TIMELINE
-from topologies.runtime import OPENFLOW_PORT
+from wire.parameters.network import OPENFLOW_PORT
 
 NOT_WRITTEN = "what happened to qubits was not written (--no-events)."
 METADATA = (

@@ -6,6 +6,7 @@ import pytest
 
 from topologies import runtime
 from topologies.runtime import Runtime
+from wire.parameters.network import NetworkSettings
 from wire.parameters.physics import Device
 
 
@@ -30,12 +31,11 @@ def test_two_hosts_have_a_secret_of_their_own_and_both_are_told_it(network: Runt
 def test_keys_go_with_the_network_unless_they_are_to_stay(network: Runtime, tmp_path: Path) -> None:
     folder = Path(network.key_folder("alice"))
     assert folder.parent.parent == network.folder
-    network.keys = str(tmp_path / "kept")
+    network.settings = NetworkSettings(keys=str(tmp_path / "kept"))
     kept = Path(network.key_folder("bob"))
     assert kept == tmp_path / "kept" / "bob"
-    for private in (folder.parent, kept.parent):
+    for private in (folder.parent, folder, kept.parent, kept):
         assert private.stat().st_mode & 0o777 == 0o700
-    folder.mkdir()
     network.remove()
     assert not folder.exists()
     assert kept.parent.exists()
