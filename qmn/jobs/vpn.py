@@ -24,12 +24,13 @@ from qmn.network.checks import check_network, check_two_hosts
 from qmn.network.options import NetworkOptions
 from qmn.network.time_scale import REAL
 from qmn.network.topologies import quantum_hosts, topology
-from qmn.options import BadInput, check_ranges, option
+from qmn.options import BadInput, check_ranges
 from qmn.results import result
 from topologies.key_managers import KeyService, start_key_managers
 from topologies.network import Network, Signals, require_root
 from topologies.programs import POLL_S, NetworkError, Program
 from wire.key_manager import KeyLink
+from wire.parameters.option import option
 
 NAME = "vpn"
 NEEDED = {"wireguard": ("wireguard-go", "wg")}

@@ -55,7 +55,7 @@ def _sessions(axes: Axes, moments: Sequence[Moment], _end: float) -> None:
     axes.axhline(KeyOptions.max_qber, color=MUTED, linewidth=0.9, linestyle="--")
     axes.set_ylabel("QBER")
     axes.set_ylim(bottom=-0.01)
-    axes.legend(loc="upper left", ncols=2)
+    axes.legend(loc="center left", ncols=2)
 
 
 def _tunnel(axes: Axes, moments: Sequence[Moment], end: float) -> None:
