@@ -3,7 +3,7 @@
 import os
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,6 @@ from topologies.management import lay_management
 from topologies.programs import ROOT, Program, python
 from topologies.runtime import CONSOLE, DISPATCHER, EVENT_CAPTURE, EVENT_LOG, Runtime
 from topologies.shells import ShellWatcher
-from wire import switch_check
 from wire.config import (
     CONTROLLER,
     DISPATCHER_PORT,
@@ -36,6 +35,7 @@ from wire.config import (
     Station,
 )
 from wire.controller_record import RECORD
+from wire.features import EMIT
 from wire.parameters.network import ControllerSettings, DispatcherSettings, part
 from wire.parameters.physics import (
     BadParameter,
@@ -46,9 +46,9 @@ from wire.parameters.physics import (
     Memory,
     PairSource,
 )
+from wire.parameters.switch import OPTICS
 
 READY_TIMEOUT_S = 20.0
-OPTICS = {each.name for each in fields(QuantumSwitch)} - {"name"}
 COPPER = "copper"  # the program that holds packets back
 STATE = "state"  # folder in which the controller keeps what its successor must know
 DEFAULT_PREFIX_LENGTH = 8  # Mininet's
@@ -189,6 +189,7 @@ class DispatcherHost(ClassicalHost):
         super().terminate()
 
 
+MOST_PAIR_RATE_HZ = 50_000_000
 PARTS = ("source", "memory", "detectors", "analyser", "gates")
 
 
@@ -276,6 +277,7 @@ class QuantumHost(ClassicalHost):
             features=network.devices[self.name].features.value,
             memory_qubits=network.devices[self.name].memory.capacity,
             multi_photon=network.devices[self.name].source.multi_photon,
+            pair_rate_hz=pair_rate_hz(network.devices.values()),
             t1_s=network.devices[self.name].memory.t1_s,
             t2_s=network.devices[self.name].memory.t2_s,
             pair_secrets=network.secrets_of(self.name),
@@ -287,6 +289,12 @@ class QuantumHost(ClassicalHost):
         self.program = launch(network, self.name, "hosts", config, self)
         self.cmd(f'export QMN_STACK="{config.socket}"')
         return result
+
+
+def pair_rate_hz(devices: Iterable[Device]) -> int:
+    """Return the rate at which every source of a network can make pairs."""
+    rates = [device.source.max_rate_hz for device in devices if EMIT in device.features]
+    return max(1, int(min([MOST_PAIR_RATE_HZ, *rates])))
 
 
 def require_unrotated(switches: Iterable[QuantumSwitch]) -> None:
@@ -382,8 +390,8 @@ class ClassicalSwitch(QuantumNode, OVSSwitch):
 class OpticalSwitch(ClassicalSwitch):
     """A quantum switch: a bridge with its agent between it and the controller.
 
-    Optics go by keyword, as the fields of wire.config.QuantumSwitch; paths that differ from
-    the others are wire.config.PathOptics. Raise BadConfig for what no switch can have.
+    Optics go by keyword, as the fields of wire.parameters.switch.QuantumSwitch; paths that
+    differ from the others are PathOptics there. Raise BadParameter for what no switch can have.
     `hardware` is "" for the simulated switch, or names an instrument, as scpi://192.0.2.7:5025;
     `hardware_ports` are the instrument's [ingress, egress] of each port that is a fibre's.
     `controller_port` names another controller than c0, at this TCP port of 127.0.0.1, that
@@ -401,9 +409,9 @@ class OpticalSwitch(ClassicalSwitch):
         given = {each: params.pop(each) for each in OPTICS & params.keys()}
         refuse_unknown(name, params, type(self), also=sorted(OPTICS))
         optics = QuantumSwitch(name, **{**given, "paths": list(given.get("paths", ()))})
-        switch_check.check(optics)
+        optics.check()
         if controller_port is not None and not 0 < controller_port < 1 << 16:
-            raise BadConfig(f"{name}: controller_port {controller_port} is not 1 to 65535")
+            raise BadParameter(f"{name}: controller_port {controller_port} is not 1 to 65535")
         super().__init__(name, **params)
         self.network.switches[name] = optics
         self.network.datapath_ids[name] = int(self.dpid, 16)

@@ -13,7 +13,8 @@ from wire.network_time import NetworkTime
 from wire.parameters.fiber import Fiber, FiberEnd
 from wire.parameters.network import ControllerSettings, DispatcherSettings
 from wire.parameters.option import check_options
-from wire.parameters.physics import ANALYSERS, Device, parameter
+from wire.parameters.physics import ANALYSERS, Device
+from wire.parameters.switch import PathOptics, QuantumSwitch
 
 __all__ = [
     "DISPATCHER_PORT",
@@ -34,12 +35,6 @@ __all__ = [
 ]
 
 DISPATCHER_PORT = 50051
-
-
-# Ranges of the optics of quantum switches
-TEMPERATURE_C = (-100.0, 300.0)
-LOSS_DB = (0.0, 100.0)
-FREQUENCY_MHZ = (1, 2**32 - 1)
 
 
 class BadConfig(ValueError):
@@ -85,45 +80,6 @@ class MeasuredConfig(Config):
 
     # The listening socket that the runner has handed over for that; None: it tells nobody.
     metrics_fd: int | None = field(default=None, kw_only=True)
-
-
-@dataclass(frozen=True)
-class PathOptics:
-    """A path of a quantum switch whose optics differ from those of the others."""
-
-    in_port: int
-    out_port: int
-    insertion_loss_db: float = parameter(0.0, *LOSS_DB)
-    rotation: int = parameter(0, 0, 3)  # wire.metadata.Pauli
-
-
-@dataclass(frozen=True)
-class QuantumSwitch:
-    """The optics of a quantum switch: every parameter, its range and default, declared here alone.
-
-    The dispatcher models them; a topology gives them as keywords of OpticalSwitch.
-    """
-
-    name: str
-    switching_time_s: float = parameter(100e-9, 0.0, 60.0)
-    insertion_loss_db: float = parameter(0.0, *LOSS_DB)
-    rotation: int = parameter(0, 0, 3)  # wire.metadata.Pauli that every path applies
-    paths: list[PathOptics] = field(default_factory=list)  # that differ from the rest
-    # None: none; else a photon strays with 10^(-dB/10).
-    crosstalk_db: float | None = parameter(None, *LOSS_DB)
-    temperature_c: float = parameter(25.0, *TEMPERATURE_C)
-    max_temperature_c: float = parameter(60.0, *TEMPERATURE_C)
-    hot_loss_db: float = parameter(3.0, *LOSS_DB)  # more on every path while it is hotter than that
-    min_frequency_mhz: int = parameter(191_350_000, *FREQUENCY_MHZ)  # C band
-    max_frequency_mhz: int = parameter(196_100_000, *FREQUENCY_MHZ)
-    grid_mhz: int = parameter(50_000, *FREQUENCY_MHZ)
-    min_power_dbm: float = parameter(-20.0, -100.0, 0.0)
-
-    @classmethod
-    def from_dict(cls, fields: dict[str, Any]) -> "QuantumSwitch":
-        """Build the switch from decoded JSON."""
-        paths = [PathOptics(**path) for path in fields.get("paths", [])]
-        return cls(**{**fields, "paths": paths})
 
 
 @dataclass(frozen=True)
@@ -187,6 +143,7 @@ class HostConfig(Config):
     memory_qubits: int = Device().memory.capacity
     light: str = CONTROLLER  # who grants it
     multi_photon: float = 0.0  # how likely a pulse of its source has several photons
+    pair_rate_hz: int = 50_000_000  # that every source of the network can make
     t1_s: float = Device().memory.t1_s
     t2_s: float = Device().memory.t2_s
 
