@@ -1,6 +1,6 @@
 """Download a file by HTTP at a steady rate, and say how far it is.
 
-Prints a line of JSON twice a second, and one with the SHA-256 at the end. A server that says nothing
+Prints a line of JSON twice a second, and one with the SHA-256 at the end. A server that is silent
 for a long while is waited for: what carries its packets may be closed.
 """
 
