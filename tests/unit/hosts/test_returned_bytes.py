@@ -3,6 +3,7 @@
 import asyncio
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from stacks_scene import DEADLINE_S, live_qubits, network
@@ -44,7 +45,7 @@ def test_bytes_come_back_whatever_the_paths_turn(
         return replace(setup, verdict=Verdict.GRANTED, rotation=rotation)
 
     async def scene() -> tuple[bytes, dict[str, int], int]:
-        physics = {"rotation": rotation, "analyser": analyser, "paths": MIRRORED}
+        physics: dict[str, Any] = {"rotation": rotation, "analyser": analyser, "paths": MIRRORED}
         async with network(tmp_path, tell, **physics) as folder:
             got, used = await asyncio.to_thread(returned, folder)
             return got, used, await live_qubits(folder)
