@@ -28,11 +28,21 @@ def main() -> int:
     """Run until told to end; return the exit status."""
     options = argparse.ArgumentParser(prog="controller_apps", description=__doc__)
     options.add_argument("--config", type=Path, required=True, help="a ControllerConfig in JSON")
+    text = "load it before the configuration is read, which says the same"
+    options.add_argument("--framework", metavar="NAME", help=text)
+    text = "read the configuration when the writing end of this pipe is closed"
+    options.add_argument("--after", type=int, metavar="DESCRIPTOR", help=text)
     logging.basicConfig(
         stream=sys.stderr, level=logging.INFO, format="%(asctime)s %(name)s: %(message)s"
     )
+    arguments = options.parse_args()
     try:
-        run(ControllerConfig.read(options.parse_args().config))
+        if arguments.framework is not None:
+            load_framework(arguments.framework)
+        if arguments.after is not None:
+            with open(arguments.after, "rb", buffering=0) as held:
+                held.read()
+        run(ControllerConfig.read(arguments.config))
     except (BadConfig, BadPolicy, Fatal) as error:
         print(f"controller: {error}", file=sys.stderr)
         return 1
@@ -128,7 +138,7 @@ def start_apps(framework: Any, config: ControllerConfig) -> Any:
     modules += ["controller_apps.console.rest"] if config.rest else []
     contexts = {"config": config, "mac_table": MacTable(), "record": record, "state": state}
     guard = partial(Guard, address=config.rest, token=config.rest_token)
-    apps = framework.start(modules + config.apps, guard, **contexts)
+    apps = framework.start([*modules, *config.apps], guard, **contexts)
     facts = Facts(apps["QuantumMetadata"], apps["DeviceMonitor"])
     for server in (console, metrics):
         if server is not None:

@@ -15,6 +15,7 @@ from hosts.node_agent import start_node_agent
 from hosts.stack import Stack
 from wire.config import BadConfig, HostConfig
 from wire.metadata import METADATA_PORT
+from wire.netqasm.pair_requests import PAIRS_PORT
 
 
 async def run(config: HostConfig) -> None:
@@ -25,6 +26,7 @@ async def run(config: HostConfig) -> None:
     for number in (signal.SIGTERM, signal.SIGINT):
         asyncio.get_running_loop().add_signal_handler(number, stopped.set)
     metadata = await asyncio.start_server(stack.serve, config.address, METADATA_PORT)
+    pairs = await asyncio.start_server(stack.unit.pairs.serve, config.address, PAIRS_PORT)
     local = await asyncio.start_unix_server(stack.applications.serve, config.socket)
     announcing = announce(
         config.name, config.address, config.qnics, config.abilities, config.device_key
@@ -41,6 +43,7 @@ async def run(config: HostConfig) -> None:
             task.result()
         task.cancel()
     metadata.close()
+    pairs.close()
     local.close()
     await qnic.close()
     Path(config.socket).unlink(missing_ok=True)

@@ -15,6 +15,7 @@ from hosts.hardware.ports import read_ports
 from hosts.hardware.qnic import HardwareError, Qnic
 from hosts.middleware.device import Device
 from hosts.middleware.qkd.keyring import Keyring
+from hosts.middleware.qkd.pair_secrets import PairSecrets
 from hosts.middleware.services import KINDS, NAMES
 from hosts.middleware.services.interception import Interception, InterceptionOptions
 from hosts.middleware.services.source import serve_pairs
@@ -23,9 +24,12 @@ from hosts.middleware.session.abilities import refusal
 from hosts.middleware.session.arrangement import Arrangement, Light
 from hosts.middleware.session.channel import MetadataChannel, SessionError
 from hosts.middleware.session.host_resources import HostResources
+from hosts.middleware.session.lifetimes import Lifetimes
 from hosts.middleware.session.session import AcceptingSession, OpeningSession, require_source
 from hosts.middleware.session.swap_orders import Swaps
 from hosts.middleware.verdicts import Verdicts
+from hosts.processing_unit.pairs import Arriving, Sessions
+from hosts.processing_unit.unit import ProcessingUnit
 from hosts.serving.active_sessions import ActiveSessions
 from hosts.serving.applications_port import ApplicationsPort
 from hosts.serving.incoming import Incoming
@@ -48,21 +52,26 @@ class Stack:
         self._verdicts = Verdicts(config.device_key, config.light == STANDING)
         self._light = Light()
         self.swaps = Swaps(config.address)
+        shared = PairSecrets(config.name, config.pair_secrets, lambda: config.hosts)
         self._means = HostResources(
             config.name,
             config.seed,
             qnic,
             config.analyser,
-            Keyring(config.name, config.pair_secrets, config.keys),
+            Keyring(config.name, shared, config.keys),
             self.swaps,
             config.abilities,
             config.multi_photon,
+            Lifetimes(config.t1_s, config.t2_s),
         )
         self.active_sessions = ActiveSessions(self.swaps.opens)
         self.device = Device(lambda: read_ports(config.qnics))
         self.applications = ApplicationsPort(
-            self.request, qnic.watch, self.intercept, self._opening
+            self.request, qnic.watch, self.intercept, self._opening, config.name
         )
+        sessions = Sessions(self.request, self._opening, self.applications.expecting)
+        self.unit = ProcessingUnit(config, qnic, sessions, self._new_session)
+        self.applications.unit = self.unit
 
     def request(self, fields: dict[str, Any]) -> OpeningSession:
         """Prepare a session of a service; raise SessionError for what cannot be asked."""
@@ -151,7 +160,7 @@ class Stack:
                     del self._accepting[setup.session]
                     await session.close()
 
-    async def _take_part(self, session: AcceptingSession, incoming: Incoming) -> None:
+    async def _take_part(self, session: AcceptingSession, incoming: Incoming | Arriving) -> None:
         try:
             await session.run(incoming)
             if session.answer is not None:

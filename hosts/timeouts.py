@@ -23,6 +23,10 @@ RESENT_TIMEOUT_S = 1.0  # for light that has come to an interceptor; its session
 DARK_LIMIT_S = 10.0  # without a single pair; the last few symbols of a message are small blocks
 PAIR_TIMEOUT_S = 30.0  # until a pair with a handshake of its own is over
 
+# Processing units
+WANTED_TIMEOUT_S = 120.0  # until both applications want the pairs that one of them has asked for
+FREE_TIMEOUT_S = 60.0  # until others have let go of the light that these pairs need
+
 # Light paths and chains of repeaters
 DISCOVERY_TIMEOUT_S = 3.0  # until the controller has seen all fibres
 FREEING_TIMEOUT_S = 1.0  # until the controller has heard that a session is over

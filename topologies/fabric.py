@@ -6,6 +6,8 @@ paths at once between them, two of which may go the same way: hence two fibres a
 """
 
 from collections.abc import Mapping
+from ipaddress import IPv4Network
+from types import MappingProxyType
 from typing import Any
 
 from mininet.topo import Topo
@@ -27,32 +29,48 @@ from wire.parameters.fiber import KINDS, optics
 from wire.parameters.physics import Device
 
 FIRST_DPID = 0x1000  # q1 is 0x1001
-MOST_SWITCHES = 32
+MOST_SWITCHES = 256
+SMALL = 250  # hosts, for which 256 addresses are enough
 
 
 class FabricTopo(Topo):
     """alice, bob, charlie with his pairs, ed with the qubits; subclasses lay the fibres."""
 
+    # Where nodes are on a map, on any scale, from left to right and upwards; none: on no map.
+    positions: Mapping[str, tuple[float, float]] = MappingProxyType({})
+
     def __init__(self, *arguments: Any, **params: Any) -> None:
         super().__init__(*arguments, **params)
         assign_copper_lengths(self)  # when all fibres are there
 
-    def add_classical_network(
+    def add_classical_network(self, source: str = "charlie", **settings: Any) -> None:
+        """Add s1 and the hosts, and note what every fibre will be like: see `set_up`.
+
+        The source is charlie, or alice where there is none.
+        """
+        self.set_up(**settings)
+        self.add_host("alice", "10.0.0.1", **({"source": True} if source == "alice" else {}))
+        self.add_host("bob", "10.0.0.2")
+        if source == "charlie":
+            self.add_host("charlie", "10.0.0.3", source=True)
+        self.add_dispatcher("10.0.0.4")
+
+    def set_up(
         self,
         preset: str = "ideal",
         devices: Mapping[str, Device] | None = None,
-        source: str = "charlie",
         node: str = "",
         light: str = CONTROLLER,
+        hosts: int = SMALL,
         **fiber: Any,
     ) -> None:
-        """Add s1 and the hosts, and note what every fibre will be like.
+        """Add s1, and note what every fibre and host will be like.
 
         Fibres are as the preset says (topologies/presets.py), but for what is given by keyword
         (wire.parameters.fiber.FiberOptics); raise BadParameter for what cannot be. Hosts have the
         preset's device, that of a kind of `node` (topologies/node_kinds.py), or their own of
-        `devices`. The source is charlie, or alice where there is none. `light` says who grants
-        it to the hosts (wire.config.LIGHT).
+        `devices`. `light` says who grants it to them (wire.config.LIGHT). There are addresses
+        for so many hosts.
         """
         self._light = light
         self._fiber = {"cls": FiberLink, **fiber_of(preset, fiber)}
@@ -60,20 +78,28 @@ class FabricTopo(Topo):
         if node:
             self._device = node_device(node, self._device)
         self._devices = devices or {}
+        self._network = IPv4Network("10.0.0.0/24" if hosts <= SMALL else "10.0.0.0/16")
+        self._addresses = self._network.hosts()
         self.addSwitch("s1", cls=ClassicalSwitch, dpid="1")
-        self.add_host("alice", "10.0.0.1", **({"source": True} if source == "alice" else {}))
-        self.add_host("bob", "10.0.0.2")
-        if source == "charlie":
-            self.add_host("charlie", "10.0.0.3", source=True)
-        self.addHost("ed", cls=DispatcherHost, ip="10.0.0.4/24")
+
+    def add_dispatcher(self, address: str) -> None:
+        """Add ed, with copper to s1."""
+        self.addHost("ed", cls=DispatcherHost, ip=f"{address}/{self._network.prefixlen}")
         self.addLink("ed", "s1")
+
+    def next_address(self) -> str:
+        """Return an address that no other host has been given by this."""
+        return str(next(self._addresses))
+
+    def device_of(self, name: str) -> Device:
+        """Return what is said of a host's device, or of all."""
+        return self._devices.get(name, self._device)
 
     def add_host(self, name: str, address: str, **params: object) -> None:
         """Add a host with copper to s1."""
-        device = self._devices.get(name, self._device)
-        self.addHost(
-            name, cls=QuantumHost, ip=f"{address}/24", device=device, light=self._light, **params
-        )
+        described = {"device": self.device_of(name), "light": self._light, **params}
+        prefix = self._network.prefixlen
+        self.addHost(name, cls=QuantumHost, ip=f"{address}/{prefix}", **described)
         self.addLink(name, "s1")
 
     def add_quantum_switches(self, count: int, least: int = 1) -> list[str]:
@@ -92,12 +118,12 @@ class FabricTopo(Topo):
         self.join("bob", bob_at, 2)
         self.join("charlie", charlie_at, 2)
 
-    def join(self, one: str, other: str, fibers: int) -> None:
-        """Lay fibres between two nodes; raise ValueError for none."""
+    def join(self, one: str, other: str, fibers: int, **own: object) -> None:
+        """Lay fibres between two nodes, with what is their own; raise ValueError for none."""
         if fibers < 1:
             raise ValueError(f"{fibers} fibres between {one} and {other}: choose 1 or more")
         for _ in range(fibers):
-            self.addLink(one, other, **self._fiber)
+            self.addLink(one, other, **{**self._fiber, **own})
 
 
 def fiber_of(preset: str, given: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,10 +1,9 @@
 """One emulated network from start to end: check, start, watch, always clean up."""
 
 import os
-import re
 import shutil
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
@@ -15,7 +14,9 @@ from mininet.node import Host
 from mininet.topo import Topo
 
 from topologies import openvswitch, owners, runtime
+from topologies.captures import Captures
 from topologies.copper_lengths import assign_copper_lengths
+from topologies.discovery import Discovery
 from topologies.disk import DiskKeeper
 from topologies.management import bridge_of
 from topologies.nodes import COPPER, READY_TIMEOUT_S, QuantumController
@@ -26,19 +27,11 @@ from topologies.runtime import DISPATCHER, Runtime, folders_of_gone, only_run
 from topologies.shells import ShellWatcher
 from topologies.signals import Interrupted as Interrupted
 from topologies.signals import Signals as Signals
-from wire.config import Fiber
-from wire.controller_record import read_record
 
-DISCOVERY_TIMEOUT_S = 20.0
-MESSAGES_OF_A_START = 40
-CAPTURE_SETTLE_S = 1.0
 END_S = 1.0  # that a program takes to end once its sockets are closed
 DAEMON_END_S = 2.0  # the same, of a daemon that may write its memory to the disk first
 LOOK_S = 0.5  # between looks for what is stopped
 STOPPED_S = 10.0
-CAPTURE_BUFFER_KIB = 16_384  # in the kernel, for each capture
-MAX_PACKET_BYTES = 65_600  # TCP hands over up to 64 KiB at once, and its headers
-DROPPED = re.compile(r"^(\d+) packets? dropped by kernel", re.MULTILINE)
 SWITCHES = "switches"  # file in the private folder: what this run has made or will make
 
 
@@ -60,8 +53,7 @@ class Network:
         self._tell = tell
         self.runtime = settings
         self._signals = signals
-        self._captures: list[Program] = []
-        self.packets_missed = 0  # by captures that have ended
+        self.captures = Captures(settings)
         self._cleanup = ExitStack()
         self._daemons: dict[str, Owner] = {}  # of Open vSwitch
         self._stopped: dict[str, float] = {}  # what a signal has stopped, since when
@@ -100,6 +92,8 @@ class Network:
     def _start(self) -> None:
         require_root()
         self._cleanup.enter_context(only_run())
+        self._cleanup.callback(self._stop_programs)
+        self.runtime.forks()  # what it loads takes longest
         self._cleanup.callback(openvswitch.stop_if_ours, self.runtime.name)
         if openvswitch.running():
             openvswitch.adopt(self.runtime.name)
@@ -113,7 +107,7 @@ class Network:
         self._signals.check()
         runtime.begin(self.runtime)
         topo = self._topo()
-        assign_copper_lengths(topo, self.runtime.copper_km)
+        assign_copper_lengths(topo, self.runtime.settings.copper_km)
         refuse_taken_names(topo)
         (self.runtime.folder / SWITCHES).write_text("\n".join(topo.switches()))
         # Mininet would raise kernel limits for the whole machine, which is not ours to change.
@@ -128,6 +122,7 @@ class Network:
         self._build_and_start()
         self._wait_until_ready()
         self.runtime.hurried = False
+        self._cleanup.callback(self.captures.end)
 
     def _build_and_start(self) -> None:
         """Let Mininet start all nodes; where it fails because of another's end, name that."""
@@ -160,45 +155,7 @@ class Network:
         for program in list(self.runtime.programs):
             program.wait_for("ready", READY_TIMEOUT_S, self.check)
             self._signals.check()
-        # Each of some messages may wait for the one before it, over the management network.
-        way_s = max(self.runtime.copper.values(), default=0.0)
-        limit_s = DISCOVERY_TIMEOUT_S + MESSAGES_OF_A_START * self.runtime.time.wall_s(way_s)
-        limit_s /= (1 - self.runtime.control_loss) ** 4  # TCP waits longer after each loss
-        deadline = time.monotonic() + limit_s
-        while unknown := self._expected() - self._discovered():
-            self.check()
-            if time.monotonic() > deadline:
-                raise NetworkError(
-                    f"the controller did not find {', '.join(sorted(unknown))} in "
-                    f"{limit_s:g} s; its log: {self.runtime.logs}/c0.log"
-                )
-            time.sleep(POLL_S)
-
-    def _expected(self) -> set[str]:
-        """Return what the controller must know before light can be asked for."""
-        others = self.runtime.programmed_elsewhere
-        switches = [switch for switch in self.net.switches if switch.name not in others]
-        fibers = [f for f in self.runtime.fibers if not others & {f.a.node, f.b.node}]
-        return {
-            *(f"switch {int(switch.dpid, 16):#x}" for switch in switches),
-            *(self._named(fiber) for fiber in fibers),
-        }
-
-    def _named(self, fiber: Fiber) -> str:
-        """Return a fibre's name: the host's interface, or both ends between switches."""
-        dpids = self.runtime.datapath_ids
-        for end in (fiber.a, fiber.b):
-            if end.node not in dpids:
-                return end.port
-        return link_name((dpids[end.node], int(end.port)) for end in (fiber.a, fiber.b))
-
-    def _discovered(self) -> set[str]:
-        """Return the switches and fibres in the controller's record."""
-        facts = read_record(self.runtime.logs)
-        switches = {f"switch {fact['dpid']:#x}" for fact in facts if fact["event"] == "switch"}
-        hosts = {fact["port"] for fact in facts if fact["event"] == "fiber"}
-        links = {link_name(fact["ends"]) for fact in facts if fact["event"] == "link"}
-        return switches | hosts | links
+        Discovery(self.net, self.runtime).wait(self.check)
 
     def host(self, name: str) -> Host:
         """Return a host; raise NetworkError if there is none of that name."""
@@ -218,42 +175,38 @@ class Network:
     def _run(self, name: str, command: list[str], namespace_pid: int | None = None) -> Program:
         program = Program(name, self.runtime.logs / f"{name}.log")
         self._cleanup.callback(program.stop)
-        program.start(command, namespace_pid)
+        program.start(command, namespace_pid, forks=self.runtime.forks())
         return program
 
-    def capture(self, switch: str) -> list[Path]:
-        """Capture every link of a switch from now on; return the files."""
+    def capture(self, switch: str, openflow: bool = False) -> list[Path]:
+        """Capture every link of a switch from now on; return the files.
+
+        With `openflow` the last of them has what the controller and the switches say.
+        """
         hidden = {"lo", *self.runtime.management}
         interfaces = [name for name in self.net.get(switch).intfNames() if name not in hidden]
-        return [self._capture(name, interface=name) for name in interfaces]
+        files = [self.captures.begin(name, interface=name) for name in interfaces]
+        files += [self._begin_openflow()] if openflow else []
+        self.captures.wait()
+        return files
 
     def capture_openflow(self) -> Path:
         """Capture from now on what the controller and the switches say; return the file."""
-        port = str(self.runtime.openflow_port)
-        (c0,) = (each for each in self.net.controllers if isinstance(each, QuantumController))
-        return self._capture(c0.name, bridge_of(c0.name), "tcp", "port", port, inside=c0.pid)
-
-    def _capture(
-        self, name: str, interface: str, *expression: str, inside: int | None = None
-    ) -> Path:
-        file = self.runtime.private_file(f"{name}.pcap")
-        program = Program(f"tcpdump-{name}", self.runtime.folder / f"tcpdump-{name}.log")
-        self._cleanup.callback(self._end_capture, program, file)
-        program.start([*capture_command(interface, file), *expression], inside)
-        program.wait_for("listening on", READY_TIMEOUT_S)
-        self._captures.append(program)
+        file = self._begin_openflow()
+        self.captures.wait()
         return file
 
-    def _end_capture(self, program: Program, file: Path) -> None:
-        stop_capture(program, file)
-        self.packets_missed += packets_missed(program.log.read_text(errors="replace"))
+    def _begin_openflow(self) -> Path:
+        (c0,) = (each for each in self.net.controllers if isinstance(each, QuantumController))
+        port = "tcp", "port", str(self.runtime.settings.openflow_port)
+        return self.captures.begin(c0.name, bridge_of(c0.name), *port, inside=c0.pid)
 
     def check(self) -> None:
         """Raise if a signal has come or a program of the network has ended."""
         self._signals.check()
         openvswitch.require_alive(self._daemons)
         self._disk.check()
-        for program in (*self.runtime.programs, *self._captures):
+        for program in (*self.runtime.programs, *self.captures.programs):
             if not program.running:
                 self._require_daemons_for(DAEMON_END_S)
                 raise NetworkError(f"{program.name} died in mid-run: {program.end()}")
@@ -290,7 +243,7 @@ class Network:
         """Raise for what has been seen to be stopped by a signal for so long."""
         now = time.monotonic()
         stopped = set()
-        for program in (*self.runtime.programs, *self._captures):
+        for program in (*self.runtime.programs, *self.captures.programs):
             stopped |= {program.name} if program.stopped else set()
         stopped |= {node.name for node in self._watched() if node.shell_stopped}
         stopped |= {name for name, daemon in self._daemons.items() if daemon.stopped}
@@ -301,40 +254,6 @@ class Network:
                     f"{name} does not answer: a signal has stopped it (SIGSTOP); `kill -CONT` "
                     f"within {STOPPED_S:g} s lets such a process go on"
                 )
-
-
-def link_name(ends: Iterable[Sequence[int]]) -> str:
-    """Return the name of a fibre between two switches, by datapath id and port of each end."""
-    return " to ".join(f"{dpid:#x}:{port}" for dpid, port in sorted(map(tuple, ends)))
-
-
-def capture_command(interface: str, file: Path) -> list[str]:
-    """Return the tcpdump command for one interface, nanosecond clock, whole packets.
-
-    Each slot of the kernel's buffer is as large as the largest packet may be, so a larger limit
-    would leave it few slots, and bursts would be missed. As a batch process it does not interrupt
-    the programs whose packets it takes, and takes several at a time when processors are busy.
-    """
-    options = ["-n", "-U", "-s", str(MAX_PACKET_BYTES), "-B", str(CAPTURE_BUFFER_KIB)]
-    options += ["--immediate-mode", "--time-stamp-precision=nano"]
-    # Another user's process would not be told that the runner has died.
-    options += ["-Z", "root"]
-    batch = ["chrt", "--batch", "0"]
-    return [*batch, "tcpdump", *options, "-i", interface, "-w", str(file)]
-
-
-def stop_capture(program: Program, file: Path) -> None:
-    """End a capture when the packets that are still in the kernel have reached the file."""
-    deadline, size = time.monotonic() + CAPTURE_SETTLE_S, -1
-    while file.exists() and file.stat().st_size != size and time.monotonic() < deadline:
-        size = file.stat().st_size
-        time.sleep(POLL_S)
-    program.stop()
-
-
-def packets_missed(last_words: str) -> int:
-    """Return how many packets a capture says it has missed."""
-    return sum(int(count) for count in DROPPED.findall(last_words))
 
 
 def require_root() -> None:

@@ -22,6 +22,7 @@ DAEMONS = (DATABASE, SWITCH_DAEMON)
 STARTED = "open-vswitch"  # file: the run that has started the daemons, then the daemons
 START_TIMEOUT_S = 30.0
 LAST_WORDS_TIMEOUT_S = 0.5  # that a daemon's monitor takes to write how it ended
+STAY_S = 0.5  # that no interface has gone in: the others stay until they are deleted
 OWNER = "external_ids:qmn"  # which run has made a bridge
 RESTART = "restart Open vSwitch, as by `systemctl restart openvswitch-switch`"
 
@@ -232,10 +233,34 @@ def delete_interface(name: str) -> None:
 
 def delete_interfaces(names: Iterable[str]) -> None:
     """Delete interfaces of ours by one command; what is gone already is no fault."""
-    there = [name for name in names if Path("/sys/class/net", name).exists()]
-    if there:
-        lines = "".join(f"link delete {name}\n" for name in there)
-        _run("ip", "-force", "-batch", "-", given=lines, fails=True, timeout_s=START_TIMEOUT_S)
+    if found := there(names):
+        ip([f"link delete {name}" for name in found], fails=True)
+
+
+def ip(commands: Iterable[str], fails: bool = False) -> None:
+    """Run commands of ip(8) together; raise NetworkError for the first that fails, or go on."""
+    lines = "".join(f"{command}\n" for command in commands)
+    force = ["-force"] if fails else []
+    _run("ip", *force, "-batch", "-", given=lines, fails=fails, timeout_s=START_TIMEOUT_S)
+
+
+def await_end_of_interfaces(names: Iterable[str]) -> None:
+    """Wait while interfaces of ours go by themselves, then delete those that stay.
+
+    The kernel takes a namespace away with its interfaces and their peers, many at a time, when
+    the last process in it has ended.
+    """
+    left, since = there(names), time.monotonic()
+    while left and time.monotonic() < since + STAY_S:
+        time.sleep(POLL_S)
+        if len(still := there(left)) < len(left):
+            left, since = still, time.monotonic()
+    delete_interfaces(left)
+
+
+def there(names: Iterable[str]) -> list[str]:
+    """Return which of these interfaces this machine has."""
+    return sorted(set(names) & set(os.listdir("/sys/class/net")))
 
 
 def datapath() -> str:

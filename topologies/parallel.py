@@ -7,6 +7,7 @@ from mininet.node import Switch
 from topologies import openvswitch, runtime
 from topologies.iperf import IperfMininet
 from topologies.nodes import ClassicalSwitch, OpticalSwitch, QuantumController
+from topologies.shells import ShellWatcher
 
 
 class ParallelMininet(IperfMininet):
@@ -27,19 +28,29 @@ class ParallelMininet(IperfMininet):
         super().start()
 
     def stop(self) -> None:
-        """Stop everything; go on where one thing fails, and raise that at the end."""
-        with ExitStack() as steps:
-            for node in (*self.hosts, *self.controllers, *self.switches):
+        """Stop everything; go on where one thing fails, and raise that at the end.
+
+        Most links go with the namespaces of hosts, which the kernel takes away together, while
+        bridges are deleted.
+        """
+        nodes = (*self.hosts, *self.controllers, *self.switches)
+        ours = [switch for switch in self.switches if isinstance(switch, ClassicalSwitch)]
+        ends = [(link.intf1, link.intf2) for link in self.links]
+        here = [[str(end) for end in pair if isinstance(end.node, Switch)] for pair in ends]
+        going = {name for names in here for name in names} | runtime.current().management
+        between = [name for names in here if len(names) == 2 for name in names]
+        with ExitStack() as steps:  # from the last to the first
+            steps.callback(openvswitch.await_end_of_interfaces, going)
+            steps.callback(openvswitch.delete_interfaces, between)
+            for node in nodes:
                 steps.callback(node.terminate)
-            ours = [switch for switch in self.switches if isinstance(switch, ClassicalSwitch)]
             for switch in self.switches:
                 if switch not in ours:
                     steps.callback(switch.stop)
             steps.callback(ClassicalSwitch.batchShutdown, ours)
-            ends = [end for link in self.links for end in (link.intf1, link.intf2)]
-            names = {str(end) for end in ends if isinstance(end.node, Switch)}  # on this machine
-            names |= runtime.current().management
-            steps.callback(openvswitch.delete_interfaces, sorted(names))
+            for node in nodes:
+                if isinstance(node, ShellWatcher) and node.inNamespace and not node.privateDirs:
+                    steps.callback(node.hang_up)
             for controller in self.controllers:
                 steps.callback(controller.stop)
             if self.terms:

@@ -7,7 +7,7 @@ sudo PYTHONPATH=. mn --custom topologies/sdc.py --topo sdc,preset=metro
 from dataclasses import dataclass, field
 from typing import Any
 
-from wire.parameters.physics import BadParameter, BellAnalyser, Detectors, Device, PairSource
+from wire.parameters.physics import BadParameter, Detectors, Device, PairSource
 
 # Superconducting nanowires: 92 % efficient, under 130 dark counts a second, over 150 million
 # counts a second, jitter 14.8 ps full width at half maximum (arXiv:1611.02726).
@@ -51,7 +51,6 @@ PRESETS = {
         device=Device(
             source=PairSource(fidelity=0.95),
             detectors=NANOWIRES,
-            analyser=BellAnalyser(delay_line_db_per_km=0.2),
         ),
     ),
     "lab": Preset(

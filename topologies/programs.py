@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Protocol
 
 from topologies.owners import VARIABLE, owner, this_process
 
@@ -25,6 +26,8 @@ ENVIRONMENT = {
     # at each block cost hosts a third of their processor time.
     "MALLOC_TRIM_THRESHOLD_": str(256 << 20),
     "MALLOC_MMAP_THRESHOLD_": str(32 << 20),  # the largest that it takes
+    # A process with threads cannot be forked; no program of ours multiplies large matrices.
+    "OPENBLAS_NUM_THREADS": "1",
 }
 TRACEBACK = "Traceback (most recent call last)"
 FRAME = re.compile(r"^[ |]*[|+][-+ |]*(\d+ -+)?(?=\S|$)")  # around errors of a group
@@ -34,6 +37,41 @@ WELL = ("ready", "listening")
 
 class NetworkError(Exception):
     """The network cannot start or go on; the text names cause and remedy."""
+
+
+class Process(Protocol):
+    """What a program asks of the process that it is: what subprocess.Popen offers."""
+
+    pid: int
+
+    def poll(self) -> int | None:
+        """Return the exit status, None while it runs."""
+
+    def wait(self, timeout: float) -> int:
+        """Return the exit status; raise subprocess.TimeoutExpired if it has not ended by then."""
+
+    def send_signal(self, number: int, /) -> None:
+        """Send it a signal if it runs."""
+
+    def kill(self) -> None:
+        """End it at once."""
+
+
+class Forks(Protocol):
+    """Who starts some commands faster (topologies/forks.py)."""
+
+    def serves(self, command: Sequence[str]) -> bool:
+        """Whether it starts this one."""
+
+    def start(
+        self,
+        name: str,
+        command: Sequence[str],
+        log: int,
+        namespace_pid: int | None,
+        descriptors: Sequence[int],
+    ) -> Process:
+        """Start it as a child of this process, with its environment, and all as Program.start."""
 
 
 def python() -> str:
@@ -48,7 +86,7 @@ class Program:
     def __init__(self, name: str, log: Path) -> None:
         self.name = name
         self.log = log
-        self._process: subprocess.Popen[bytes] | None = None
+        self._process: Process | None = None
         self._begins = 0  # where in the log this start of it does
 
     def start(
@@ -56,26 +94,31 @@ class Program:
         command: Sequence[str],
         namespace_pid: int | None = None,
         descriptors: Sequence[int] = (),
+        forks: Forks | None = None,
     ) -> None:
         """Start the command, in the network namespace of a process if one is given.
 
-        Its environment is marked as that of this run, and so is that of all it starts.
+        Its environment is marked as that of this run, and so is that of all it starts. `forks`
+        starts it, if it serves this command.
 
         The child gets a session of its own, so that Ctrl-C reaches only the runner, and a
         signal when the runner dies, so that nothing is left behind. It keeps the open files
         with these descriptors.
         """
-        inside = ["mnexec", "-a", str(namespace_pid)] if namespace_pid else []
-        environment = {**os.environ, **ENVIRONMENT, VARIABLE: str(this_process())}
         self._begins = self.log.stat().st_size if self.log.exists() else 0
         with self.log.open("ab") as log:
+            if forks is not None and forks.serves(command):
+                where = log.fileno(), namespace_pid, descriptors
+                self._process = forks.start(self.name, command, *where)
+                return
+            inside = ["mnexec", "-a", str(namespace_pid)] if namespace_pid else []
             self._process = subprocess.Popen(
                 [*inside, "setpriv", "--pdeathsig", "TERM", *command],
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 cwd=ROOT,
-                env=environment,
+                env={**os.environ, **ENVIRONMENT, VARIABLE: str(this_process())},
                 start_new_session=True,
                 pass_fds=descriptors,
             )

@@ -35,6 +35,14 @@ INTERCEPT {fraction, …} ->  of the light that comes to this host's first fibre
                         <-  DONE, then RESULT {…} for each block that was sent on
 CLOSE                   ->
                         <-  CLOSE {summary}
+
+application                 stack's processing unit
+PROCESS                 ->
+                        <-  DONE {node, nodes}: name of this host, addresses of all by name
+DATA message            ->  of NetQASM (wire.netqasm.messages), as often as wanted
+                        <-  DATA messages of NetQASM, the last of which says that it is done
+CLOSE                   ->
+                        <-  CLOSE
 """
 
 import json
@@ -63,6 +71,7 @@ class Call(IntEnum):
     RESULT = 11
     ASK = 12
     INTERCEPT = 13
+    PROCESS = 14
 
 
 def encode(call: Call, payload: bytes = b"") -> bytes:

@@ -2,12 +2,13 @@
 
 Each photon of a pair is looked at by two detectors: those of one arm tell the pair's phase (Phi+
 from Phi-), those of the other its parity (Phi from Psi). A coincidence is a click in either arm at
-most a window apart. The receiver's delay lines take out how much later one half has come as
-a whole; what they cannot take out makes photons distinguishable: the drift and jitter of each
-photon, and different rates. A lone photon takes either detector of its arm at random.
+most a window apart. What makes photons distinguishable is how much later one half has come as
+a whole, but for what a delay line has taken out, the drift and jitter of each photon, different
+rates, and different colours (dispatcher.devices.overlap). A lone photon takes either detector of
+its arm at random.
 
 Distinguishable photons interfere less (Hong, Ou, Mandel, Phys. Rev. Lett. 59, 2044): with
-visibility V = V0 exp(-(bandwidth * mismatch)^2) the phase is wrong with probability (1 - V) / 2.
+visibility V = V0 |<1|2>|^2 the phase is wrong with probability (1 - V) / 2.
 Linear optics tell Psi+ and Psi- from the rest, and Phi+ from Phi- not (Mattle, Weinfurter, Kwiat,
 Zeilinger, Phys. Rev. Lett. 76, 4656); that outcome is reported as Phi+. A host that measures by
 gates (dispatcher.operations.gate_noise) lets nothing interfere: neither mismatch nor window matter.
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 
 from dispatcher.devices.detector import Train
 from dispatcher.devices.detectors import Detection, DetectorPair, Told, hide
+from dispatcher.devices.overlap import Overlap
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.registers import Mask
 from wire.outcomes import NO_CLICK
@@ -59,12 +61,16 @@ class Analysis:
 
 
 class Mismatch:
-    """How much later photon k of one half has come than photon k of the other, up to a constant."""
+    """How much later photon k of one half has come than photon k of the other."""
 
-    def __init__(self, halves: tuple[Half, Half]) -> None:
-        """Compare the halves; `ps` is None if no photon differs from the others."""
+    def __init__(self, halves: tuple[Half, Half], apart_ps: float) -> None:
+        """Compare the halves, one of which is so much later as a whole.
+
+        `ps` is None if no photon differs from the others: all are `all_ps` apart.
+        """
         first, second = halves
         self.ps: Picoseconds | None = None
+        self.all_ps = apart_ps
         intervals_ns = first.train.interval_ns, second.train.interval_ns
         if all(intervals_ns) and intervals_ns[0] != intervals_ns[1]:
             slower_ps = (intervals_ns[0] - intervals_ns[1]) * 1e3
@@ -72,8 +78,9 @@ class Mismatch:
         for delays_ps, sign in ((first.delays_ps, 1), (second.delays_ps, -1)):
             if delays_ps is not None:
                 self.ps = sign * delays_ps if self.ps is None else self.ps + sign * delays_ps
-        self.most_ps = 0.0
+        self.most_ps = abs(apart_ps)
         if self.ps is not None:
+            self.ps = self.ps + apart_ps if apart_ps else self.ps
             self.most_ps = max(float(self.ps.max()), -float(self.ps.min()))
 
 
@@ -85,13 +92,23 @@ class Analyser:
         self._like, self._detectors, self._arms = device.analyser, device.detectors, arms
         self._interferes = device.analyser.kind != "gates"  # light; qubits are measured apart
 
-    def analyse(self, states: Bytes, halves: tuple[Half, Half], random: PhotonRandom) -> Analysis:
-        """Return what is told of pairs in these Bell states (NO_CLICK: not both are there)."""
-        mismatch = Mismatch(halves)
+    def analyse(
+        self,
+        states: Bytes,
+        halves: tuple[Half, Half],
+        random: PhotonRandom,
+        overlap: Overlap = Overlap(),  # noqa: B008 - immutable
+        apart_ps: float = 0.0,
+    ) -> Analysis:
+        """Return what is told of pairs in these Bell states (NO_CLICK: not both are there).
+
+        Photons that come together overlap so well; the first half comes so much later.
+        """
+        mismatch = Mismatch(halves, apart_ps)
         incidents = {}
         flips = np.zeros(0, dtype=np.intp)
         if self._interferes:
-            flips = self._distinguished(mismatch, random)
+            flips = self._distinguished(mismatch, overlap, random)
         if flips.size:
             flips = flips[states[flips] != NO_CLICK]
             states = states.copy()
@@ -115,23 +132,26 @@ class Analyser:
             outcomes ^= (outcomes == PHI_MINUS) * PHASE
         return Analysis(outcomes, clicks, incidents)
 
-    def _distinguished(self, mismatch: Mismatch, random: PhotonRandom) -> NDArray[np.intp]:
+    def _distinguished(
+        self, mismatch: Mismatch, overlap: Overlap, random: PhotonRandom
+    ) -> NDArray[np.intp]:
         """Draw which pairs show no interference, so that their phase is wrong."""
-        worst = float(self._wrong(np.float64(mismatch.most_ps)))
+        worst = float(self._wrong(np.float64(mismatch.most_ps), overlap))
         if worst == 0:
             return np.zeros(0, dtype=np.intp)
         # Draw as if all were as far apart as the worst; keep of those what their own mismatch says.
         some = random.events("interference", worst)
-        if mismatch.ps is None or not self._like.bandwidth_rad_per_s:
+        if mismatch.ps is None or not overlap.rad_per_s:
             return some
-        wrong = self._wrong(mismatch.ps[some])
+        wrong = self._wrong(mismatch.ps[some], overlap)
         return some[random.generator("visibility").random(some.size) * worst < wrong]
 
-    def _wrong(self, mismatch_ps: Picoseconds | np.float64) -> Picoseconds | np.float64:
+    def _wrong(
+        self, mismatch_ps: Picoseconds | np.float64, overlap: Overlap
+    ) -> Picoseconds | np.float64:
         """Return how likely a phase is wrong after a mismatch."""
-        like = self._like
-        decay = np.exp(-((like.bandwidth_rad_per_s * 1e-12 * mismatch_ps) ** 2))
-        wrong: Picoseconds | np.float64 = (1 - like.visibility * decay) / 2
+        decay = overlap.most * np.exp(-((overlap.rad_per_s * 1e-12 * mismatch_ps) ** 2))
+        wrong: Picoseconds | np.float64 = (1 - self._like.visibility * decay) / 2
         return wrong
 
     def _look(
@@ -169,7 +189,10 @@ class Analyser:
         if most_ps <= window_ps:
             return np.zeros(0, dtype=np.intp)
         pairs = np.flatnonzero(told)
-        apart_ps = np.zeros(pairs.size) if mismatch.ps is None else mismatch.ps[pairs]
+        if mismatch.ps is None:
+            apart_ps: Picoseconds = np.full(pairs.size, mismatch.all_ps)
+        else:
+            apart_ps = mismatch.ps[pairs]
         if jitter_ps:
             apart_ps += random.generator("jitter").standard_normal(pairs.size) * jitter_ps
         for half, mask, sign in zip(halves, lightless, (1, -1), strict=True):
@@ -181,7 +204,8 @@ class Analyser:
                 apart_ps[without] -= sign * half.delays_ps[pairs[without]]
             moments = random.generator(f"moment in the gate {sign}").random(without.size) - 0.5
             apart_ps[without] += sign * moments * gate_ps
-        return pairs[np.abs(apart_ps) > window_ps]
+        late: NDArray[np.intp] = pairs[np.abs(apart_ps) > window_ps]
+        return late
 
 
 def _combine(

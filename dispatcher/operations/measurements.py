@@ -8,6 +8,7 @@ from dispatcher.devices import abilities
 from dispatcher.devices.analyser import Analyser, Half
 from dispatcher.devices.detector import Train
 from dispatcher.devices.detectors import Told
+from dispatcher.devices.overlap import Overlap, overlap
 from dispatcher.layer import drift, further, pulses
 from dispatcher.layer.layer import PhysicalLayer, tally
 from dispatcher.layer.ownership import Block, BlockName
@@ -24,7 +25,7 @@ from wire.dispatcher_pb2 import Feedback, MeasureRequest
 from wire.features import MEASURE
 from wire.outcomes import BASES, NO_CLICK
 from wire.parameters.fiber import SPEED_IN_FIBER_M_PER_S
-from wire.parameters.physics import BELL_STATES
+from wire.parameters.physics import BELL_STATES, BellAnalyser
 
 
 class Measurements:
@@ -86,7 +87,16 @@ class Measurements:
         feedback.first_ns = min(first.first_ns, second.first_ns)
         feedback.last_ns = max(first.last_ns, second.last_ns)
         by_gates = layer.devices.of(node).analyser.kind == "gates"
-        waited = "" if by_gates else self._let_wait(node, first, second)
+        like = layer.devices.of(node).analyser
+        both = first.pulses, second.pulses
+        matched = overlap(
+            (both[0].bandwidth_nm, both[1].bandwidth_nm),
+            both[0].dispersion_ps_per_nm - both[1].dispersion_ps_per_nm,
+            like.bandwidth_rad_per_s,
+        )
+        waited, apart_ns = "", 0
+        if not by_gates:
+            waited, apart_ns = self._let_wait(like, matched, (first, second))
         errors = gate_noise.before_bell_measurement(layer, first, second) if by_gates else {}
         present = first.register.present, second.register.present
         states = layer.sabot.bell_measure(
@@ -99,7 +109,7 @@ class Measurements:
         feedback.exact = layer.count_exact((first, second))
         for block in (first, second):
             layer.ownership.remove(block)
-        found = self._analyser(node).analyse(states, halves, random)
+        found = self._analyser(node).analyse(states, halves, random, matched, apart_ns * 1e3)
         told = f"with {second.name.number}/{second.name.half}: {tally(found.outcomes, BELL_STATES)}"
         told += waited + listed(errors)
         each = partial(outcome, found.outcomes, BELL_STATES)
@@ -109,26 +119,45 @@ class Measurements:
         feedback.outcomes = found.outcomes.tobytes()
         return feedback
 
-    def _let_wait(self, node: str, first: Block, second: Block) -> str:
-        """Let light wait whose way was shorter, in a delay line; return what the event log says.
+    def _let_wait(
+        self, like: BellAnalyser, matched: Overlap, halves: tuple[Block, Block]
+    ) -> tuple[str, int]:
+        """Let light whose way was shorter wait in a delay line, if it comes too early otherwise.
 
-        Sources emit pulse by pulse together; what a memory lets go comes when it is wanted.
+        Return what the event log says, and how much later the first half comes all the same.
+        Sources emit pulse by pulse together; what a memory lets go, or was in no fibre, comes when
+        it is wanted.
         """
+        first, second = halves
         later_ns = first.way_ns - second.way_ns
-        per_km = self._layer.devices.of(node).analyser.delay_line_db_per_km
-        if first.retimed or second.retimed or not later_ns or not per_km:
-            return ""
-        layer, waiting = self._layer, second if later_ns > 0 else first
-        length_km = abs(later_ns) * 1e-12 * SPEED_IN_FIBER_M_PER_S
-        place = waiting.draws_for(f"delay line of {node}")
-        random = PhotonRandom(layer.draws, waiting.name, place, waiting.register.size)
-        passes = 10 ** (-per_km * length_km / 10)
-        lost = layer.sabot.lose(waiting.register, ~random.happens("pass", passes))
-        everything = np.ones(waiting.register.size, dtype=bool)
-        further.thin(layer.sabot, waiting, everything, passes, random, "further")
-        layer.photons_lost += lost
-        which = waiting.name
-        return f", {which.number}/{which.half} waited in {length_km:g} km of fibre, lost={lost}"
+        if not later_ns or any(half.retimed or not half.fibers_passed for half in halves):
+            return "", 0
+        too_early = abs(later_ns) > like.coincidence_window_s * 1e9 or matched.rad_per_s > 0
+        most_ns = round(like.delay_line_km * 1e12 / SPEED_IN_FIBER_M_PER_S)
+        waits_ns = min(abs(later_ns), most_ns) if too_early else 0
+        left_ns = later_ns - int(np.sign(later_ns)) * waits_ns
+        told = f", {abs(left_ns)} ns apart" if left_ns else ""
+        if not waits_ns:
+            return told, left_ns
+        waiting = second if later_ns > 0 else first
+        length_km = waits_ns * 1e-12 * SPEED_IN_FIBER_M_PER_S
+        return self._delay(
+            waiting, length_km, like.delay_line_db_per_km * length_km
+        ) + told, left_ns
+
+    def _delay(self, block: Block, length_km: float, loss_db: float) -> str:
+        """Let a block pass a delay line of this loss; return what the event log says."""
+        layer, lost = self._layer, 0
+        if loss_db:
+            place = block.draws_for("delay line")
+            random = PhotonRandom(layer.draws, block.name, place, block.register.size)
+            passes = 10 ** (-loss_db / 10)
+            lost = layer.sabot.lose(block.register, ~random.happens("pass", passes))
+            everything = np.ones(block.register.size, dtype=bool)
+            further.thin(layer.sabot, block, everything, passes, random, "further")
+            layer.photons_lost += lost
+        which = f"{block.name.number}/{block.name.half}"
+        return f", {which} waited in {length_km:g} km of fibre, lost={lost}"
 
     def _halves(
         self, first: Block, second: Block, present: tuple[Mask, Mask], random: PhotonRandom

@@ -7,10 +7,13 @@ equipment implements the same calls (paper, section "Host Nodes").
 import logging
 from collections.abc import AsyncIterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import TYPE_CHECKING, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from hosts.hardware.operations import Operation
 
 log = logging.getLogger("qnic")
 
@@ -210,6 +213,13 @@ class Qnic(Protocol):
 
     async def coincidences(self, first: BlockName, second: BlockName) -> Coincidences:
         """Make Bell measurements as `bell_measure` does; also say when, and how many clicks."""
+
+    async def process(self, operations: "Sequence[Operation]") -> list[int]:
+        """Do operations on single qubits at this host, one after the other.
+
+        Return the outcome of each measurement: 0 or 1, 255 where no detector clicked. If one
+        fails, what was done before it is done, and what comes behind it is not.
+        """
 
     async def discard_block(self, session: int, number: int) -> None:
         """Let go of what has come of both halves of a block."""

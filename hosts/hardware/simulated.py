@@ -1,12 +1,14 @@
 """The simulated QNIC: every call is a request to the dispatcher, over the host's own CNIC."""
 
 import time
-from collections.abc import AsyncIterator, Mapping, Sequence
+from collections.abc import AsyncIterator, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from itertools import islice
 
 import grpc
 import numpy as np
 
+from hosts.hardware.operations import OUTCOMES, Operation
 from hosts.hardware.orders import NotHere, Orders, proved
 from hosts.hardware.qnic import (
     BlockName,
@@ -20,6 +22,7 @@ from hosts.hardware.qnic import (
     Stored,
     Symbols,
 )
+from hosts.hardware.steps import steps_of
 from wire.dispatcher_pb2 import (
     ApplyRequest,
     BellMeasureRequest,
@@ -43,6 +46,8 @@ from wire.dispatcher_pb2_grpc import DispatcherStub
 from wire.dispatcher_service import CHANNEL_OPTIONS
 from wire.events import decode_record, encode_record
 from wire.optical import frequency_mhz
+
+MAX_STEPS = 64  # in one order
 
 
 class SimulatedQnic:
@@ -256,6 +261,15 @@ class SimulatedQnic:
         outcomes = np.frombuffer(feedback.outcomes, dtype=np.uint8)
         return Coincidences(outcomes, feedback.clicks, feedback.time_ns)
 
+    async def process(self, operations: Sequence[Operation]) -> list[int]:
+        """Do operations on single qubits at this host, one after the other."""
+        outcomes = b""
+        for steps in _orders(steps_of(operations)):
+            feedbacks = await self._orders.perform(*steps)
+            outcomes += b"".join(feedback.outcomes for feedback in feedbacks)
+        assert len(outcomes) == sum(each.kind in OUTCOMES for each in operations)
+        return list(outcomes)
+
     async def watch(self, session: int, history: bool, follow: bool) -> AsyncIterator[bytes]:
         """Yield what happens at this host; the dispatcher tells a host nothing else."""
         request = WatchRequest(session=session, history=history, until_now=not follow)
@@ -286,6 +300,13 @@ class SimulatedQnic:
         """Close the connection to the dispatcher."""
         await self._orders.close()
         await self._channel.close(None)
+
+
+def _orders(steps: Iterable[Step]) -> Iterator[tuple[Step, ...]]:
+    """Yield as many steps as an order may have, until there are no more."""
+    coming = iter(steps)
+    while order := tuple(islice(coming, MAX_STEPS)):
+        yield order
 
 
 def _send(launches: list[Launch], rate_hz: int, wavelength_pm: int) -> SendRequest:

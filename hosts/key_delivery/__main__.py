@@ -10,7 +10,7 @@ from pathlib import Path
 
 from hosts import network_loop
 from hosts.key_delivery.delivery import KeyDelivery
-from hosts.key_delivery.filling import fill
+from hosts.key_delivery.filling import fill, open_to_others
 from hosts.key_delivery.other_managers import OtherManagers
 from hosts.key_delivery.web import serve
 from hosts.middleware.qkd.key_store import KeyStoreError
@@ -26,13 +26,14 @@ async def run(config: KeyManagerConfig) -> None:
     others = OtherManagers(config)
     delivery = KeyDelivery(config, others.tell)
     server = serve(config, delivery)
-    filling = asyncio.create_task(fill(config, delivery))
-    print("ready", flush=True)
-    stopping = asyncio.create_task(stopped.wait())
-    await asyncio.wait([stopping, filling], return_when=asyncio.FIRST_COMPLETED)
-    if filling.done():
-        filling.result()
-    filling.cancel()
+    async with open_to_others(config):
+        print("ready", flush=True)
+        filling = asyncio.create_task(fill(config, delivery))
+        stopping = asyncio.create_task(stopped.wait())
+        await asyncio.wait([stopping, filling], return_when=asyncio.FIRST_COMPLETED)
+        if filling.done():
+            filling.result()
+        filling.cancel()
     server.stop()
     await server.close_all_connections()
     others.close()

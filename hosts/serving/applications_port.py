@@ -2,8 +2,8 @@
 
 import asyncio
 import logging
-from collections.abc import Callable
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,11 +11,14 @@ from hosts.hardware.qnic import HardwareError
 from hosts.middleware.services.interception import Interception
 from hosts.middleware.session.channel import SessionError
 from hosts.middleware.session.session import OpeningSession
+from hosts.processing_unit.pairs import Arriving
+from hosts.processing_unit.unit import ProcessingUnit
 from hosts.serving.answering import reply
 from hosts.serving.event_watching import Watch, tell_events
 from hosts.serving.incoming import Incoming, failed
 from hosts.serving.intercepting import serve_interception
 from hosts.serving.opened_session import read_call, serve_session, stopped, unless_gone
+from hosts.serving.processing import serve_processing
 from wire.metadata import MalformedPacket, Reason
 from wire.socket_calls import HEADER, Call, decode_fields, encode_fields
 
@@ -42,13 +45,28 @@ class ApplicationsPort:
         watch: Watch,
         intercept: Callable[[dict[str, Any]], Interception],
         taking_part: Callable[[OpeningSession], AbstractContextManager[None]],
+        name: str,
     ) -> None:
         self._request, self._taking_part = request, taking_part
         self._watch, self._intercept = watch, intercept
         self._listening: dict[int, Listening] = {}
+        self._name = name
+        self._expected: dict[int, tuple[str, Arriving]] = {}  # by port, with the service
+        self.unit: ProcessingUnit | None = None
 
-    def incoming(self, port: int, peer: str, service: str) -> Incoming:
+    @contextmanager
+    def expecting(self, port: int, service: str, arriving: Arriving) -> Iterator[None]:
+        """Let pairs for the processing unit come to a port."""
+        self._expected[port] = service, arriving
+        try:
+            yield
+        finally:
+            self._expected.pop(port, None)
+
+    def incoming(self, port: int, peer: str, service: str) -> Incoming | Arriving:
         """Queue a connection from a host for the application on a port."""
+        if self._expected.get(port, ("",))[0] == service:
+            return self._expected.pop(port)[1]
         listening = self._listening.get(port)
         if listening is None:
             raise SessionError(
@@ -79,6 +97,7 @@ class ApplicationsPort:
                 Call.ACCEPT: self._serve_receiver,
                 Call.WATCH: self._serve_watcher,
                 Call.INTERCEPT: self._serve_interceptor,
+                Call.PROCESS: self._serve_processing,
             }
             if call not in handlers:
                 raise SessionError(Reason.PROTOCOL, f"{call.name} on a socket that is not open")
@@ -112,6 +131,12 @@ class ApplicationsPort:
         self, fields: dict[str, Any], reader: asyncio.StreamReader, writer: asyncio.StreamWriter
     ) -> None:
         await serve_interception(self._intercept(fields), read_call(reader), writer)
+
+    async def _serve_processing(
+        self, _fields: dict[str, Any], reader: asyncio.StreamReader, writer: asyncio.StreamWriter
+    ) -> None:
+        assert self.unit is not None
+        await serve_processing(self.unit, self._name, reader, writer)
 
     async def _serve_listener(
         self, fields: dict[str, Any], reader: asyncio.StreamReader, writer: asyncio.StreamWriter

@@ -14,7 +14,7 @@ from qmn.jobs.transfer import TransferError
 from qmn.live import light_paths
 from qmn.live.controller_console import NoAnswer, wide_console
 from qmn.network.custom_topology import BadTopology
-from qmn.network.options import BadInput
+from qmn.options import BadInput
 from qmn.scripting.network import QuantumNetwork
 from topologies.programs import NetworkError
 

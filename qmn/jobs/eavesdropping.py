@@ -1,9 +1,9 @@
 """--eve FRACTION: puts eve on the fibre of a run, and has her measure a fraction of the light."""
 
-import argparse
 import json
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +11,9 @@ from mininet.topo import Topo
 
 from controller_apps.policy.policy import DEFAULT
 from qmn.jobs.transfer import START_TIMEOUT_S
-from qmn.network.options import BadInput, check_range
+from qmn.network.options import NetworkOptions
 from qmn.network.topologies import quantum_hosts
+from qmn.options import BadInput
 from topologies.network import Network
 from topologies.programs import Program, python
 
@@ -21,45 +22,33 @@ TOPOLOGY = "tapped"  # that has her
 POLICY = "policy.toml"  # in the run's folder
 
 
-def add_option(parser: argparse.ArgumentParser) -> None:
-    """Describe the option."""
-    text = "put eve on the fibre, who measures this fraction of the photons and resends them"
-    parser.add_argument("--eve", type=float, default=None, metavar="FRACTION", help=text)
+def with_eve(network: NetworkOptions) -> NetworkOptions:
+    """Return the network that has eve in place of the default."""
+    return replace(network, topology=TOPOLOGY) if network.topology == "sdc" else network
 
 
-def choose_topology(arguments: argparse.Namespace) -> None:
-    """Take the topology that has eve in place of the default."""
-    if arguments.eve is not None and arguments.topology == "sdc":
-        arguments.topology = TOPOLOGY
-
-
-def check(arguments: argparse.Namespace, topo: Topo) -> None:
-    """Raise BadInput if eve cannot be put on the fibre."""
-    if arguments.eve is None:
-        return
-    check_range(arguments, "eve", 0, 1)
+def check(ends: Collection[str], network: NetworkOptions, topo: Topo) -> None:
+    """Raise BadInput if eve cannot be put on the fibre between these ends."""
     if EVE not in quantum_hosts(topo):
-        raise BadInput(f"--eve: {arguments.topology} has no host eve; use --topology {TOPOLOGY}")
-    if EVE in (arguments.sender, arguments.receiver):
+        raise BadInput(f"--eve: {network.topology} has no host eve; use --topology {TOPOLOGY}")
+    if EVE in ends:
         raise BadInput("--eve: eve is sender or receiver; choose two others")
-    if arguments.policy is not None:
+    if network.policy:
         raise BadInput("--eve makes a policy of its own: leave out --policy")
 
 
-def make_policy(arguments: argparse.Namespace, topo: Topo, folder: Path) -> None:
-    """Write the policy that puts eve on the fibre to the receiver, and let it be in force."""
-    if arguments.eve is None:
-        return
-    between = sender_of_light(arguments, topo), arguments.receiver
-    arguments.policy = folder / POLICY
-    tap = f"\n[[tap]]\nbetween = {json.dumps(between)}\nby = {json.dumps(EVE)}\n"
-    arguments.policy.write_text(DEFAULT.read_text() + tap)
+def tapping_policy(begin: str, end: str, folder: Path) -> Path:
+    """Write the policy that puts eve on the fibre from the beginning of light to its end."""
+    policy = folder / POLICY
+    tap = f"\n[[tap]]\nbetween = {json.dumps((begin, end))}\nby = {json.dumps(EVE)}\n"
+    policy.write_text(DEFAULT.read_text() + tap)
+    return policy
 
 
-def sender_of_light(arguments: argparse.Namespace, topo: Topo) -> str:
+def sender_of_light(service: str, sender: str, topo: Topo) -> str:
     """Return whose light the receiver measures: the sender's, or the pair source's."""
-    if arguments.service == "bb84":
-        return str(arguments.sender)
+    if service == "bb84":
+        return sender
     return next(str(host) for host in topo.hosts() if topo.nodeInfo(host).get("source"))
 
 

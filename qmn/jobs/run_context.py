@@ -1,25 +1,26 @@
 """The context of a run of any kind: its folder, its network, its facts, its end."""
 
-import argparse
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from functools import partial
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
+from qmn.jobs.run_options import RunOptions
 from qmn.jobs.transfer import TransferError
 from qmn.live.dispatcher_calls import status
 from qmn.live.metrics_targets import announce
 from qmn.network.custom_topology import BadTopology, short_name
 from qmn.network.device_options import differences
-from qmn.network.options import BadInput, check_range, settings
+from qmn.network.options import NetworkOptions, settings
 from qmn.network.time_scale import scale_of
 from qmn.network.topologies import quantum_hosts, stated_devices, stated_optics, topology
-from qmn.reports.report_file import report_of_run
+from qmn.options import BadInput
+from qmn.reports.report_file import begin_loading, report_of_run
 from qmn.results.network_facts import network_facts
 from qmn.results.run_folder import give_to_invoker, given_at_the_end, make_folder, point_latest
 from qmn.results.software_share import software_facts
@@ -27,7 +28,7 @@ from qmn.results.timeline import timeline_of_run
 from topologies.causality import worst
 from topologies.network import Interrupted, Network, Signals
 from topologies.programs import NetworkError
-from topologies.slow_copper import LEAST_MBPS, MOST_MBPS, slow_metadata
+from topologies.slow_copper import slow_metadata
 
 NETWORK_PARAMETERS = (
     "preset",
@@ -39,6 +40,12 @@ NETWORK_PARAMETERS = (
     "switch",
     "node",
     "device",
+    "map",
+    "hosts_at",
+    "sources_at",
+    "repeaters_at",
+    "fibers",
+    "hosts",
     "switches",
     "leaves",
     "repeaters",
@@ -49,36 +56,17 @@ NETWORK_PARAMETERS = (
     "loss_budget_db",
     "contention",
     "openflow_port",
-    "classical_mbps",
 )
 
-Work = Callable[[argparse.Namespace, Signals, Console], int]
+Work = Callable[[Signals, Console], int]
 Complete = Callable[[dict[str, Any], Path], None]
 
 
-def add_run_options(parser: argparse.ArgumentParser) -> None:
-    """Describe what every run can be told of what it leaves behind."""
-    add = partial(parser.add_argument)
-    add("--runs", type=Path, default=Path("runs"), metavar="DIR", help="what runs leave (runs)")
-    text = "slow classical channel: Mbit/s of quantum metadata that a host can send (no limit)"
-    add("--classical-mbps", type=float, metavar="MBPS", help=text)
-    add("--qasm", action="store_true", help="write what is done to qubits to quantum.qasm")
-    add("--no-capture", action="store_true", help="do not capture packets")
-    add("--no-events", action="store_true", help="do not write what happens to qubits")
-    add("--no-record", action="store_true", help="do not record what `qmn replay` needs")
-
-
-def check_run(arguments: argparse.Namespace) -> None:
-    """Raise BadInput for what no run can be told."""
-    if arguments.classical_mbps is not None:
-        check_range(arguments, "classical_mbps", LEAST_MBPS, MOST_MBPS)
-
-
-def guarded(work: Work, arguments: argparse.Namespace) -> int:
+def guarded(work: Work) -> int:
     """Do the work; turn every fault into one line and an exit status."""
     try:
         with Signals() as signals:
-            return work(arguments, signals, Console(highlight=False))
+            return work(signals, Console(highlight=False))
     except (BadInput, BadTopology, NetworkError, TransferError) as error:
         tell(str(error), error)
         return 1
@@ -92,6 +80,17 @@ def tell(words: str, error: Exception) -> None:
     print(f"qmn: {words}", *getattr(error, "__notes__", ()), sep="\n", file=sys.stderr)
 
 
+@dataclass(frozen=True)
+class RunContext:
+    """A run that begins: its network, what it leaves and where, and who follows it."""
+
+    network: NetworkOptions
+    options: RunOptions
+    folder: Path
+    signals: Signals
+    console: Console
+
+
 def begin_folder(runs: Path, name: str) -> Path:
     """Return the new folder of a run; raise BadInput if it cannot be made."""
     try:
@@ -102,69 +101,64 @@ def begin_folder(runs: Path, name: str) -> Path:
     return folder
 
 
-def known_facts(arguments: argparse.Namespace, own: Sequence[str]) -> dict[str, Any]:
-    """Return the facts that are known before the start; `own` are parameters of this kind."""
+def known_facts(context: RunContext, own: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the facts that are known before the start; `own` are the job's parameters."""
+    options, run = context.network, context.options
+    said = {name: getattr(options, name) for name in NETWORK_PARAMETERS}
+    said = {**own, **said, "classical_mbps": run.classical_mbps}
     return {
-        "topology": arguments.topology,
+        "topology": options.topology,
         "mode": os.environ.get("QMN_MODE", "native"),
-        "controller": arguments.controller,
-        "seed": arguments.seed,
-        "parameters": {
-            name: getattr(arguments, name)
-            for name in (*own, *NETWORK_PARAMETERS)
-            if getattr(arguments, name) is not None
-        },
-        "optics": stated_optics(arguments),
-        "devices": {
-            host: differences(device) for host, device in stated_devices(arguments).items()
-        },
+        "controller": options.controller,
+        "seed": options.seed,
+        "parameters": {name: value for name, value in said.items() if value is not None},
+        "optics": stated_optics(options),
+        "devices": {host: differences(device) for host, device in stated_devices(options).items()},
         "captures": [],
-        "events": not arguments.no_events,
-        "backend": arguments.backend,
+        "events": run.events,
+        "backend": options.backend,
         "exact": None,
     }
 
 
 @contextmanager
-def running_network(
-    arguments: argparse.Namespace,
-    folder: Path,
-    facts: dict[str, Any],
-    signals: Signals,
-    console: Console,
-) -> Iterator[Network]:
+def running_network(context: RunContext, facts: dict[str, Any]) -> Iterator[Network]:
     """Run a network with its captures, and add to the facts."""
-    topo = topology(arguments)
-    chosen = scale_of(arguments.time_scale, topo)
+    options, run, console = context.network, context.options, context.console
+    topo = topology(options)
+    chosen = scale_of(options.time_scale, topo)
     runtime = settings(
-        arguments,
-        folder,
+        options,
+        context.folder,
         chosen.scale,
-        record=not arguments.no_record,
-        qasm=arguments.qasm,
-        events=not arguments.no_events,
+        record=run.record,
+        qasm=run.qasm,
+        events=run.events,
     )
     facts["time_scale"], facts["time_scale_because"] = chosen.scale, chosen.reason or None
-    console.print(f"starting the network ({arguments.controller}, seed {arguments.seed}) ...")
+    console.print(f"starting the network ({options.controller}, seed {options.seed}) ...")
     if chosen.reason:
         console.print(f"time scale {chosen.scale:g}: {chosen.reason}")
     with (
-        given_at_the_end(arguments.keys),
+        given_at_the_end(options.keys),
         Network(
-            topo, runtime, signals, lambda cause: console.print(f"ending: {cause}", soft_wrap=True)
+            topo,
+            runtime,
+            context.signals,
+            lambda cause: console.print(f"ending: {cause}", soft_wrap=True),
         ) as network,
     ):
         facts["network"] = network_facts(network).to_dict()
         facts["backend"] = status(network).backend
-        if arguments.classical_mbps is not None:
+        if run.classical_mbps is not None:
             for host in quantum_hosts(network.net.topo):
-                slow_metadata(network.host(host), arguments.classical_mbps / chosen.scale)
-        if arguments.metrics:
-            facts["metrics"] = urls = announce(runtime.metrics_addresses, folder)
+                slow_metadata(network.host(host), run.classical_mbps / chosen.scale)
+        if options.metrics:
+            facts["metrics"] = urls = announce(runtime.metrics_addresses, context.folder)
             for program, url in urls.items():
                 console.print(f"figures of {program}: {url}", soft_wrap=True)
-        if not arguments.no_capture:
-            files = [*network.capture("s1"), network.capture_openflow()]
+        if run.capture:
+            files = network.capture("s1", openflow=True)
             facts["captures"] = [str(file) for file in files]
         yield network
         reached = status(network)
@@ -172,7 +166,8 @@ def running_network(
         early = worst(network.runtime)
         facts["acausal"] = early.to_dict() if early else None
         facts |= software_facts(reached.software, network.runtime.devices.values())
-    facts["packets_not_captured"] = network.packets_missed
+        begin_loading()  # meanwhile the network goes
+    facts["packets_not_captured"] = network.captures.packets_missed
 
 
 @contextmanager

@@ -1,8 +1,7 @@
 """The runner of every job: starts a network, has two hosts use a service, reports, cleans up."""
 
-import argparse
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -13,10 +12,10 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from hosts.middleware.session.service_options import SessionOptions
 from qmn.jobs import eavesdropping
-from qmn.jobs.run_context import begin_folder, ending, known_facts, running_network
+from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
 from qmn.jobs.transfer import START_TIMEOUT_S, TransferError, follow
 from qmn.results import result
-from topologies.network import Network, Signals
+from topologies.network import Network
 from topologies.programs import NetworkError, Program, python
 
 Line = dict[str, Any]  # that an application has said
@@ -30,57 +29,41 @@ class Job:
     options: SessionOptions  # what the opener asks for, checked
     opener: str
     acceptor: str
-    parameters: tuple[str, ...]  # of the command line that the result keeps
+    parameters: Mapping[str, Any]  # that the result keeps as such
     said: str  # when it begins
     unit: str  # what it is about, as people call it
     total: int  # of these
     done: Callable[[Line], int]  # how many of them the opener's line says are done
     rate: Callable[[Line], float] | None = None  # of them in a second, if that is shown
     file: Path | None = None  # of bytes to send, for a service that carries some
+    eve: float | None = None  # the fraction of the light that she measures; None: she does nothing
     facts: dict[str, Any] = field(default_factory=dict)  # more that the result keeps
 
 
-def run(
-    named: str,
-    describe: Callable[[Path], Job],
-    arguments: argparse.Namespace,
-    signals: Signals,
-    console: Console,
-) -> int:
-    """Do the whole run and return its exit status.
-
-    `named` is in the name of its folder, where `describe` puts what the job needs.
-    """
-    folder = begin_folder(arguments.runs, named)
-    job = describe(folder)
+def run(job: Job, context: RunContext) -> int:
+    """Do the whole run and return its exit status."""
+    folder, console = context.folder, context.console
     facts = {
         "service": job.service,
-        **known_facts(arguments, job.parameters),
+        **known_facts(context, job.parameters),
         "delivered": False,
         **job.facts,
     }
     with ending(folder, facts, result.complete):
-        use_network(job, arguments, folder, facts, signals, console)
+        use_network(job, context, facts)
     result.show(console, facts, folder)
     return 0 if facts["delivered"] else 1
 
 
-def use_network(
-    job: Job,
-    arguments: argparse.Namespace,
-    folder: Path,
-    facts: dict[str, Any],
-    signals: Signals,
-    console: Console,
-) -> None:
+def use_network(job: Job, context: RunContext, facts: dict[str, Any]) -> None:
     """Start the network, do the job, and add to the facts."""
-    with running_network(arguments, folder, facts, signals, console) as network:
-        console.print(job.said)
+    with running_network(context, facts) as network:
+        context.console.print(job.said)
         with (
-            eavesdropping.eavesdropping(network, getattr(arguments, "eve", None), facts),
-            _progress_bar(console, job, facts) as progress,
+            eavesdropping.eavesdropping(network, job.eve, facts),
+            _progress_bar(context.console, job, facts) as progress,
         ):
-            _use(network, job, folder, facts, progress)
+            _use(network, job, context.folder, facts, progress)
         facts["delivered"] = True
 
 

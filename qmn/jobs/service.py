@@ -1,278 +1,159 @@
 """The jobs of services that are about a number of things, as states or pairs: qmn run SERVICE."""
 
-import argparse
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any
 
+from mininet.topo import Topo
 from rich.console import Console
 
-from hosts.middleware.services import NAMES
-from hosts.middleware.services.distribution.distribute_options import PROTOCOLS
-from hosts.middleware.services.key_distribution.options import BOUNDS, CORRECTIONS, KeyOptions
+from controller_apps.policy.schedules import PARALLEL, SCHEDULES
 from hosts.middleware.services.teleportation import qubit_states
 from hosts.middleware.session.channel import SessionError
 from hosts.middleware.session.service_options import ServiceOptions
 from hosts.timeouts import MAX_BLOCK_S
-from qmn.jobs import eavesdropping, runner, swap_schedule
-from qmn.jobs.run_context import add_run_options, check_run, guarded
-from qmn.network.options import (
-    BadInput,
-    add_key_folder,
-    add_network_options,
-    check_network,
-    check_two_hosts,
-)
-from qmn.network.topologies import TOPOLOGIES, devices_of, quantum_hosts, topology, topology_name
+from qmn.jobs import eavesdropping, runner
+from qmn.jobs.run_context import RunContext, begin_folder
+from qmn.jobs.run_options import RunOptions
+from qmn.jobs.service_verbs import verb_of
+from qmn.jobs.swap_schedule import scheduling_policy
+from qmn.network.checks import check_network, check_two_hosts
+from qmn.network.options import NetworkOptions
+from qmn.network.topologies import devices_of, quantum_hosts, topology
+from qmn.options import BadInput, check_ranges
 from topologies.network import Signals, require_root
 from wire.features import EMIT
+from wire.parameters.option import option
 from wire.parameters.physics import Device
 
-SERVICE_PORT = 9
-KEYS = KeyOptions(host="", port=SERVICE_PORT)  # by default
+
+@dataclass(frozen=True, kw_only=True)
+class ServiceRequest:
+    """What is asked of a service, and in which network."""
+
+    service: str
+    options: ServiceOptions  # of its session, with the host that is asked
+    sender: str = option("alice", "that asks (alice)", flag="--from", metavar="HOST")
+    # In place of those of the session; None: such that every source can make them.
+    block_pairs: int | None = option(None, "pairs in a block", metavar="N")
+    rate_hz: int | None = option(None, "of the source", metavar="HZ")
+    eve: float | None = option(
+        None,
+        "put eve on the fibre, who measures this fraction of the photons and resends them",
+        metavar="FRACTION",
+        range=(0, 1),
+    )
+    schedule: str | None = option(
+        None,
+        f"who swaps when ({PARALLEL}, or as --policy says; docs/services.md)",
+        choices=SCHEDULES,
+    )
+    network: NetworkOptions
+    run: RunOptions
+
+    @property
+    def receiver(self) -> str:
+        """The host that is asked."""
+        return self.options.host
 
 
-@dataclass(frozen=True)
-class Verb:
-    """A service as the command line has it."""
-
-    help: str
-    unit: str  # what --count counts
-    options: Mapping[str, dict[str, Any]]  # of the service's own: argparse's words for each
-    protocols: tuple[str, ...] = ()  # services that do it; none: the one of the verb's name
-    topology: str = "sdc"  # by default
-    eavesdropper: bool = False  # whether eve may be put on the fibre
-    source: bool = False  # whether the host that makes pairs can be chosen
-    scheduled: bool = False  # whether repeaters take turns
-    keys: bool = False  # whether it leaves keys
-
-
-# What the services that leave pairs in memory can be told.
-PAIRS: Mapping[str, dict[str, Any]] = MappingProxyType(
-    {
-        "fidelity": {
-            "type": float,
-            "default": 0.0,
-            "metavar": "F",
-            "help": "at least, to Phi+ (0: any)",
-        },
-        "sample": {
-            "type": float,
-            "default": 0.1,
-            "metavar": "SHARE",
-            "help": "of the pairs, sacrificed for the estimate (0.1)",
-        },
-        "purification": {
-            "choices": PROTOCOLS,
-            "default": "dejmps",
-            "help": "where it is needed (dejmps)",
-        },
-        "rounds": {
-            "type": int,
-            "default": None,
-            "metavar": "N",
-            "help": "of purification (as many as the fidelity needs)",
-        },
-    }
-)
-VERBS: Mapping[str, Verb] = MappingProxyType(
-    {
-        "distribute": Verb(
-            "put pairs of a wanted fidelity into the memories of two hosts",
-            "pairs",
-            PAIRS,
-            source=True,
-        ),
-        "swap": Verb(
-            "put pairs into the memories of two hosts by way of repeaters",
-            "pairs",
-            PAIRS,
-            topology="repeaters",
-            scheduled=True,
-        ),
-        "teleport": Verb(
-            "teleport states",
-            "states",
-            {
-                "state": {
-                    "default": qubit_states.RANDOM,
-                    "metavar": "NAME|THETA,PHI",
-                    "help": f"each of them: {', '.join(qubit_states.NAMES)} or random (of these "
-                    "six); on --backend dense also haar (random on the Bloch sphere) or angles in "
-                    "rad, as 1.2,0.5 or pi/3,-pi/4 (random)",
-                }
-            },
-            source=True,
-        ),
-        "qkd": Verb(
-            "distribute secret keys",
-            "sifted_bits",
-            {
-                "correction": {
-                    "choices": tuple(CORRECTIONS),
-                    "default": KEYS.correction,
-                    "help": f"of errors ({KEYS.correction})",
-                },
-                "max_qber": {
-                    "type": float,
-                    "default": KEYS.max_qber,
-                    "metavar": "Q",
-                    "help": f"no key above this error rate ({KEYS.max_qber:g})",
-                },
-                "test_fraction": {
-                    "type": float,
-                    "default": KEYS.test_fraction,
-                    "metavar": "F",
-                    "help": f"of the sifted bits, disclosed ({KEYS.test_fraction:g})",
-                },
-                "epsilon": {
-                    "type": float,
-                    "default": KEYS.epsilon,
-                    "metavar": "P",
-                    "help": f"that the key is not secret, at most ({KEYS.epsilon:g})",
-                },
-                "bound": {
-                    "choices": tuple(BOUNDS),
-                    "default": KEYS.bound,
-                    "help": f"of the key's length: proven, or that of endless keys ({KEYS.bound})",
-                },
-            },
-            ("bb84", "bbm92"),
-            eavesdropper=True,
-            keys=True,
-        ),
-    }
-)
-
-
-def verb_of(service: str) -> Verb:
-    """Return how the command line has a service."""
-    return next(verb for name, verb in VERBS.items() if service in (name, *verb.protocols))
-
-
-def add_parsers(jobs: Any) -> None:
-    """Describe the services among what `qmn run` can do."""
-    for name, verb in VERBS.items():
-        parser = jobs.add_parser(name, help=verb.help, description=verb.help)
-        parser.set_defaults(call=partial(guarded, run), service=name)
-        if verb.protocols:
-            name, *_ = verb.protocols
-            text = f"by which photons, or pairs ({name})"
-            parser.add_argument(
-                "--protocol", dest="service", choices=verb.protocols, default=name, help=text
-            )
-        _add_options(parser, name, verb)
-
-
-def _add_options(parser: argparse.ArgumentParser, name: str, verb: Verb) -> None:
-    add = partial(parser.add_argument)
-    defaults = NAMES[name].options(host="", port=SERVICE_PORT)
-    names = f"{', '.join(TOPOLOGIES)}, or FILE.py:CLASS"
-    text = f"over this network ({names}; default: {verb.topology})"
-    add("--topology", type=topology_name, default=verb.topology, metavar="NAME", help=text)
-    add("--from", dest="sender", default="alice", metavar="HOST", help="that asks (alice)")
-    add("--to", dest="receiver", default="bob", metavar="HOST", help="that is asked (bob)")
-    text = f"{verb.unit.replace('_', ' ')} ({defaults.count})"
-    add("--count", type=int, default=defaults.count, metavar="N", help=text)
-    for option, words in verb.options.items():
-        add(f"--{option.replace('_', '-')}", **words)
-    parser.set_defaults(eve=None, schedule=None)
-    if verb.eavesdropper:
-        eavesdropping.add_option(parser)
-    if verb.scheduled:
-        swap_schedule.add_option(parser)
-    text = f"pairs in a block ({defaults.block_pairs}, or what is made in {MAX_BLOCK_S:g} s)"
-    add("--block-pairs", type=int, metavar="N", help=text)
-    text = f"of the source ({defaults.rate_hz}, or as fast as the slowest source can)"
-    add("--rate-hz", type=int, metavar="HZ", help=text)
-    parser.set_defaults(source="")
-    if verb.source:
-        text = "host that makes the pairs, perhaps the one that asks (the network's)"
-        add("--source", default="", metavar="HOST", help=text)
-    add_network_options(parser)
-    if verb.keys:
-        add_key_folder(parser)
-    add_run_options(parser)
-
-
-def run(arguments: argparse.Namespace, signals: Signals, console: Console) -> int:
+def run(request: ServiceRequest, signals: Signals, console: Console) -> int:
     """Do the whole run and return its exit status."""
-    options = check_input(arguments)
+    request = checked(request)
     require_root()
-
-    def describe(folder: Path) -> runner.Job:
-        eavesdropping.make_policy(arguments, topology(arguments)(), folder)
-        swap_schedule.make_policy(arguments, folder)
-        return job(arguments, options)
-
-    return runner.run(arguments.service, describe, arguments, signals, console)
+    folder = begin_folder(request.run.runs, request.service)
+    network = with_policy(request, topology(request.network)(), folder)
+    context = RunContext(network, request.run, folder, signals, console)
+    return runner.run(job(request), context)
 
 
-def job(arguments: argparse.Namespace, options: ServiceOptions) -> runner.Job:
+def with_policy(request: ServiceRequest, topo: Topo, folder: Path) -> NetworkOptions:
+    """Return the network with the policy that eve or a schedule need, written into the folder."""
+    if request.eve is not None:
+        begin = eavesdropping.sender_of_light(request.service, request.sender, topo)
+        policy = eavesdropping.tapping_policy(begin, request.receiver, folder)
+        return replace(request.network, policy=str(policy))
+    if request.schedule is not None:
+        policy = scheduling_policy(request.schedule, folder)
+        return replace(request.network, policy=str(policy))
+    return request.network
+
+
+def job(request: ServiceRequest) -> runner.Job:
     """Return the use of a service."""
-    service, sender, receiver = arguments.service, arguments.sender, arguments.receiver
-    unit = verb_of(service).unit
-    named = unit.replace("_", " ")
+    service, options, verb = request.service, request.options, verb_of(request.service)
+    named = verb.unit.replace("_", " ")
+    ends = {"sender": request.sender, "receiver": request.receiver}
+    own = ("count", "block_pairs", "rate_hz", "source", *verb.options)
     return runner.Job(
         service=service,
         options=options,
-        opener=sender,
-        acceptor=receiver,
-        parameters=("sender", "receiver", "eve", "schedule", *own_options(service)),
-        said=f"{service} from {sender} to {receiver}: {options.count:,} {named}",
+        opener=request.sender,
+        acceptor=request.receiver,
+        parameters={
+            **ends,
+            "eve": request.eve,
+            "schedule": request.schedule,
+            **{name: getattr(options, name) for name in own},
+        },
+        said=f"{service} from {request.sender} to {request.receiver}: {options.count:,} {named}",
         unit=named,
         total=options.count,
-        done=lambda line: line.get(unit, 0),
+        done=lambda line: line.get(verb.unit, 0),
+        eve=request.eve,
     )
 
 
-def own_options(service: str) -> tuple[str, ...]:
-    """Return the names of what a service can be told beside where it goes."""
-    return ("count", "block_pairs", "rate_hz", "source", *verb_of(service).options)
+def checked(request: ServiceRequest) -> ServiceRequest:
+    """Return the request with what follows from it; raise BadInput before anything is started."""
+    if request.eve is not None:
+        request = replace(request, network=eavesdropping.with_eve(request.network))
+    topo = topology(request.network)()
+    ends, hosts = (request.sender, request.receiver), quantum_hosts(topo)
+    check_two_hosts(*ends, hosts)
+    check_source(request.options, hosts)
+    check_network(request.network)
+    check_ranges(request.run)
+    check_ranges(request)
+    if request.eve is not None:
+        eavesdropping.check(ends, request.network, topo)
+    if request.schedule is not None and request.network.policy:
+        raise BadInput("--schedule makes a policy of its own: write [swap] schedule into --policy")
+    options = fitting_light(request, devices_of(topo).values())
+    check_options(options, request.network.backend)
+    return replace(request, options=options)
 
 
-def check_input(arguments: argparse.Namespace) -> ServiceOptions:
-    """Return what the service is told; raise BadInput before anything is started."""
-    eavesdropping.choose_topology(arguments)
-    topo = topology(arguments)()
-    check_two_hosts(arguments.sender, arguments.receiver, quantum_hosts(topo))
-    check_source(arguments, quantum_hosts(topo))
-    check_network(arguments)
-    check_run(arguments)
-    eavesdropping.check(arguments, topo)
-    fit_light(arguments, devices_of(topo).values())
-    swap_schedule.check(arguments)
-    fields = {name: getattr(arguments, name) for name in own_options(arguments.service)}
-    words = {"host": arguments.receiver, "port": SERVICE_PORT, **fields}
+def check_source(options: ServiceOptions, hosts: Sequence[str]) -> None:
+    """Raise BadInput for a source that is not a host."""
+    if options.source and options.source not in hosts:
+        raise BadInput(f"--source {options.source}: choose one of {', '.join(hosts)}")
+
+
+def check_options(options: ServiceOptions, backend: str) -> None:
+    """Raise BadInput for what the service, or what simulates its states, would not take."""
     try:
-        options: ServiceOptions = NAMES[arguments.service].options.from_fields(words)
+        options.check()
     except SessionError as error:
         raise BadInput(str(error)) from error
-    state = fields.get("state", qubit_states.RANDOM)
-    if arguments.backend != "dense" and qubit_states.needs_vectors(state):
+    state = getattr(options, "state", qubit_states.RANDOM)
+    if backend != "dense" and qubit_states.needs_vectors(state):
         raise BadInput(
-            f"--state {state} is not a stabiliser state, as --backend {arguments.backend} holds "
+            f"--state {state} is not a stabiliser state, as --backend {backend} holds "
             f"them: add --backend dense, or choose {', '.join(qubit_states.NAMES)} or random"
         )
-    return options
 
 
-def check_source(arguments: argparse.Namespace, hosts: Sequence[str]) -> None:
-    """Raise BadInput for a source that is not a host."""
-    if arguments.source and arguments.source not in hosts:
-        raise BadInput(f"--source {arguments.source}: choose one of {', '.join(hosts)}")
+def fitting_light(request: ServiceRequest, devices: Iterable[Device]) -> ServiceOptions:
+    """Return the session's options with a rate and a size of blocks that every source can make.
 
-
-def fit_light(arguments: argparse.Namespace, devices: Iterable[Device]) -> None:
-    """Choose rate and size of blocks, where none are given, so that every source can make them."""
-    defaults = NAMES[arguments.service].options(host="", port=SERVICE_PORT)
+    What is asked for by name stays.
+    """
+    options, rate_hz, block_pairs = request.options, request.rate_hz, request.block_pairs
     sources = [device.source for device in devices if EMIT in device.features]
-    if arguments.rate_hz is None:
-        slowest = min((source.max_rate_hz for source in sources), default=defaults.rate_hz)
-        arguments.rate_hz = max(1, int(min(defaults.rate_hz, slowest)))
-    if arguments.block_pairs is None:
-        longest = max(1, int(arguments.rate_hz * MAX_BLOCK_S))
-        arguments.block_pairs = min(defaults.block_pairs, longest)
+    if rate_hz is None:
+        slowest = min((source.max_rate_hz for source in sources), default=options.rate_hz)
+        rate_hz = max(1, int(min(options.rate_hz, slowest)))
+    if block_pairs is None:
+        block_pairs = min(options.block_pairs, max(1, int(rate_hz * MAX_BLOCK_S)))
+    return replace(options, rate_hz=rate_hz, block_pairs=block_pairs)

@@ -1,10 +1,10 @@
 """The job of sending a message by superdense coding."""
 
-import argparse
 import os
-from functools import partial
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from types import MappingProxyType
 
 from rich.console import Console
 
@@ -12,21 +12,18 @@ from hosts.applications.carrying import CHUNK_BYTES
 from hosts.middleware.services.superdense.coding import CODES
 from hosts.middleware.services.superdense.frame_format import FrameFormat
 from hosts.middleware.services.superdense.options import SuperdenseOptions
-from hosts.middleware.session.options import MAX_BLOCK_PAIRS, MIN_BLOCK_PAIRS
+from hosts.middleware.session.options import MAX_BLOCK_PAIRS, MAX_FRAME_BYTES, MIN_BLOCK_PAIRS
 from qmn.jobs import runner
-from qmn.jobs.run_context import add_run_options, check_run, guarded
-from qmn.jobs.transfer import APPLICATION_PORT
-from qmn.network.options import (
-    BadInput,
-    add_network_options,
-    check_network,
-    check_range,
-    check_two_hosts,
-)
-from qmn.network.topologies import TOPOLOGIES, quantum_hosts, topology, topology_name
+from qmn.jobs.run_context import RunContext, begin_folder
+from qmn.jobs.run_options import RunOptions
+from qmn.network.checks import check_network, check_two_hosts
+from qmn.network.options import NetworkOptions
+from qmn.network.topologies import quantum_hosts, topology
+from qmn.options import BadInput, Words, check_range, check_ranges
 from qmn.results.timeline import MERGE_AT_MOST_BYTES
 from topologies.network import Signals, require_root
 from wire.metadata import FEC_NAMES, Service
+from wire.parameters.option import option
 
 MESSAGE = Path(__file__).with_name("message.txt")
 # Bell pairs a second to expect on two cores, for the estimate before the start.
@@ -38,135 +35,141 @@ CAPTURED_BYTES_PER_PAIR = {"framed": 4.4, "per-pair": 4_900}
 MERGED = {"framed": 1.02, "per-pair": 1.11}
 SIZE_LIMIT = {"framed": 1 << 30, "per-pair": 1 << 16}
 TELL_ESTIMATE_ABOVE_S = 10
+# What of the session the result keeps as parameters.
 PACKETISATION = ("frame_bytes", "block_pairs", "rate_hz", "fec", "interleave")
-ASKED = ("handshake", *PACKETISATION)  # of the service
-PARAMETERS = ("sender", "receiver", *PACKETISATION)  # that the result keeps as such
 SERVICE = Service.SDC.name.lower()
 
 
-def add_parsers(jobs: Any) -> None:
-    """Describe the job, which is called as the topology that it runs on."""
-    for name, (_topo, what) in TOPOLOGIES.items():
-        text = f"superdense coding over {what}"
-        job = jobs.add_parser(name, help=text, description=text)
-        _add_options(job)
-        job.set_defaults(topology=name, call=partial(guarded, run))
-        if name == "sdc":
-            text = "over a network of your own in place of this one"
-            job.add_argument("--topology", type=topology_name, metavar="FILE.py:CLASS", help=text)
+@dataclass(frozen=True, kw_only=True)
+class SuperdenseRequest:
+    """What is sent, how, and in which network."""
+
+    message: str | None = option(
+        None, "text to send (default: a short text of ours)", instead_of="what"
+    )
+    file: Path | None = option(None, "file to send", instead_of="what")
+    sender: str = option("alice", "sending host (alice)", flag="--from", metavar="HOST")
+    options: SuperdenseOptions  # of its session, with the host that is sent to
+    network: NetworkOptions
+    run: RunOptions
+
+    @property
+    def receiver(self) -> str:
+        """The host that is sent to."""
+        return self.options.host
 
 
-def _add_options(parser: argparse.ArgumentParser) -> None:
-    add = partial(parser.add_argument)
-    what = parser.add_mutually_exclusive_group()
-    what.add_argument("--message", help="text to send (default: a short text of ours)")
-    what.add_argument("--file", type=Path, help="file to send")
-    add("--from", dest="sender", default="alice", metavar="HOST", help="sending host (alice)")
-    add("--to", dest="receiver", default="bob", metavar="HOST", help="receiving host (bob)")
-    add("--handshake", choices=sorted(EXPECTED_RATE), default="framed", help="default: framed")
-    add_network_options(parser)
-    add("--frame-bytes", type=int, default=256, metavar="N", help="bytes under one check (256)")
-    add("--block-pairs", type=int, default=65_536, metavar="N", help="pairs in a block (65536)")
-    add("--rate-hz", type=int, default=50_000_000, metavar="HZ", help="of the source (50000000)")
-    add("--fec", choices=FEC_NAMES, default="none", help="error-correction code (none)")
-    add("--interleave", action="store_true", help="spread the codewords of --fec over a frame")
-    add_run_options(parser)
+# How the command line says the options of the session (qmn.options).
+SESSION: Mapping[str, Words] = MappingProxyType(
+    {
+        "host": {
+            "flag": "--to",
+            "default": "bob",
+            "metavar": "HOST",
+            "help": "receiving host (bob)",
+        },
+        "handshake": {"choices": sorted(EXPECTED_RATE), "help": "default: framed"},
+        "frame_bytes": {"metavar": "N", "help": "bytes under one check (256)"},
+        "block_pairs": {"metavar": "N", "help": "pairs in a block (65536)"},
+        "rate_hz": {"metavar": "HZ", "help": "of the source (50000000)"},
+        "fec": {"choices": FEC_NAMES, "help": "error-correction code (none)"},
+        "interleave": {"help": "spread the codewords of --fec over a frame"},
+    }
+)
 
 
-def run(arguments: argparse.Namespace, signals: Signals, console: Console) -> int:
+def run(request: SuperdenseRequest, signals: Signals, console: Console) -> int:
     """Do the whole run and return its exit status."""
-    size = check_input(arguments)
+    size = check_input(request)
     require_root()
-    tell_estimate(arguments, size, console)
-
-    def describe(folder: Path) -> runner.Job:
-        return job(arguments, message_file(arguments, folder))
-
-    return runner.run(arguments.topology, describe, arguments, signals, console)
+    tell_estimate(request, size, console)
+    folder = begin_folder(request.run.runs, request.network.topology)
+    context = RunContext(request.network, request.run, folder, signals, console)
+    return runner.run(job(request, message_file(request, folder)), context)
 
 
-def message_file(arguments: argparse.Namespace, folder: Path) -> Path:
+def message_file(request: SuperdenseRequest, folder: Path) -> Path:
     """Return the file to send; a message becomes one in the folder of the run."""
-    if arguments.message is None:
-        return Path(arguments.file or MESSAGE).resolve()
+    if request.message is None:
+        return Path(request.file or MESSAGE).resolve()
     file = folder / "message"
-    file.write_bytes(arguments.message.encode())
+    file.write_bytes(request.message.encode())
     return file
 
 
-def job(arguments: argparse.Namespace, file: Path) -> runner.Job:
+def job(request: SuperdenseRequest, file: Path) -> runner.Job:
     """Return the sending of a file."""
     size = file.stat().st_size
-    pairs = pairs_of(arguments, size)
-    sender, receiver = arguments.sender, arguments.receiver
-    asked = {name: getattr(arguments, name) for name in ASKED}
+    options, pairs = request.options, pairs_of(request.options, size)
+    ends = {"sender": request.sender, "receiver": request.receiver}
     return runner.Job(
         service=SERVICE,
-        options=SuperdenseOptions(receiver, APPLICATION_PORT, **asked),
-        opener=sender,
-        acceptor=receiver,
-        parameters=PARAMETERS,
-        said=f"sending {file.name} from {sender} to {receiver} "
-        f"by superdense coding ({arguments.handshake})",
+        options=options,
+        opener=request.sender,
+        acceptor=request.receiver,
+        parameters={**ends, **{name: getattr(options, name) for name in PACKETISATION}},
+        said=f"sending {file.name} from {request.sender} to {request.receiver} "
+        f"by superdense coding ({options.handshake})",
         unit="pairs",
         total=pairs,
         done=lambda line: pairs * int(line["delivered_bytes"]) // max(size, 1),
         rate=lambda line: line["bell_pairs"] / max(line["elapsed_s"], 1e-9),
         file=file,
-        facts={"handshake": arguments.handshake, "file": str(file)},
+        facts={"handshake": options.handshake, "file": str(file)},
     )
 
 
-def check_input(arguments: argparse.Namespace) -> int:
+def check_input(request: SuperdenseRequest) -> int:
     """Return the size of the message; raise BadInput before anything is started."""
-    hosts = quantum_hosts(topology(arguments)())
-    check_two_hosts(arguments.sender, arguments.receiver, hosts)
-    size = message_size(arguments)
-    limit = SIZE_LIMIT[arguments.handshake]
+    options = request.options
+    hosts = quantum_hosts(topology(request.network)())
+    check_two_hosts(request.sender, request.receiver, hosts)
+    size = message_size(request)
+    limit = SIZE_LIMIT[options.handshake]
     if size > limit:
         raise BadInput(
-            f"{size:,} bytes: with the handshake {arguments.handshake} at most {limit:,} can be "
-            "sent" + ("; use --handshake framed" if arguments.handshake == "per-pair" else "")
+            f"{size:,} bytes: with the handshake {options.handshake} at most {limit:,} can be "
+            "sent" + ("; use --handshake framed" if options.handshake == "per-pair" else "")
         )
-    check_network(arguments)
-    check_run(arguments)
-    check_range(arguments, "frame_bytes", 1, 65_536)
-    check_range(arguments, "block_pairs", MIN_BLOCK_PAIRS, MAX_BLOCK_PAIRS)
-    check_range(arguments, "rate_hz", 1, 4_000_000_000)
-    check_coding(arguments)
+    check_network(request.network)
+    check_ranges(request.run)
+    check_range("frame_bytes", options.frame_bytes, 1, MAX_FRAME_BYTES)
+    check_range("block_pairs", options.block_pairs, MIN_BLOCK_PAIRS, MAX_BLOCK_PAIRS)
+    check_range("rate_hz", options.rate_hz, 1, 4_000_000_000)
+    check_coding(options)
     return size
 
 
-def check_coding(arguments: argparse.Namespace) -> None:
+def check_coding(options: SuperdenseOptions) -> None:
     """Raise BadInput for a code that frames are too long for, or none to interleave."""
-    if arguments.interleave and arguments.fec == "none":
+    if options.interleave and options.fec == "none":
         raise BadInput("--interleave spreads the codewords of a code: choose one with --fec")
-    pairs = frame_format(arguments).pairs(arguments.frame_bytes)
+    pairs = frame_format(options).pairs(options.frame_bytes)
     if pairs > MAX_BLOCK_PAIRS:
         raise BadInput(
-            f"--frame-bytes {arguments.frame_bytes} with --fec {arguments.fec}: a frame needs "
+            f"--frame-bytes {options.frame_bytes} with --fec {options.fec}: a frame needs "
             f"{pairs:,} pairs, at most {MAX_BLOCK_PAIRS:,}; choose fewer bytes"
         )
 
 
-def frame_format(arguments: argparse.Namespace) -> FrameFormat:
+def frame_format(options: SuperdenseOptions) -> FrameFormat:
     """Return what frames are made of, if the receiver tells all Bell states apart."""
-    return FrameFormat(CODES[FEC_NAMES[arguments.fec]], arguments.interleave)
+    return FrameFormat(CODES[FEC_NAMES[options.fec]], options.interleave)
 
 
-def pairs_of(arguments: argparse.Namespace, size: int) -> int:
+def pairs_of(options: SuperdenseOptions, size: int) -> int:
     """Return how many Bell pairs carry a message if none is lost and no frame repeated."""
-    used = frame_format(arguments)
-    frame_bytes: int = min(arguments.frame_bytes, CHUNK_BYTES[arguments.handshake])
+    used = frame_format(options)
+    frame_bytes: int = min(options.frame_bytes, CHUNK_BYTES[options.handshake])
     whole, rest = divmod(size, frame_bytes)
     return whole * used.pairs(frame_bytes) + used.pairs(rest)
 
 
-def message_size(arguments: argparse.Namespace) -> int:
+def message_size(request: SuperdenseRequest) -> int:
     """Return how many bytes are to be sent."""
-    if arguments.message is not None:
-        return len(arguments.message.encode())
-    file = arguments.file or MESSAGE
+    if request.message is not None:
+        return len(request.message.encode())
+    file = request.file or MESSAGE
     try:
         if file.exists() and not file.is_file() and not file.is_dir():
             raise BadInput(f"{file} is not a file with an end: save what it gives, and send that")
@@ -176,20 +179,21 @@ def message_size(arguments: argparse.Namespace) -> int:
         raise BadInput(f"cannot read {file}: {error.strerror}") from error
 
 
-def tell_estimate(arguments: argparse.Namespace, size: int, console: Console) -> None:
+def tell_estimate(request: SuperdenseRequest, size: int, console: Console) -> None:
     """Say before the start how long a long message will take."""
-    pairs = pairs_of(arguments, size)
-    expected = EXPECTED_RATE[arguments.handshake]
-    expected = min(expected, DECODING_RATE.get(arguments.fec, expected), arguments.rate_hz)
+    options = request.options
+    pairs = pairs_of(options, size)
+    expected = EXPECTED_RATE[options.handshake]
+    expected = min(expected, DECODING_RATE.get(options.fec, expected), options.rate_hz)
     seconds = pairs / expected
     if seconds <= TELL_ESTIMATE_ABOVE_S:
         return
     text = f"{size:,} bytes are {pairs:,} Bell pairs: about {seconds / 60:.1f} minutes on two cores"
-    if not arguments.no_capture:
-        text += f", and {captured_mb(arguments.handshake, pairs):,.0f} MB of captures"
+    if request.run.capture:
+        text += f", and {captured_mb(options.handshake, pairs):,.0f} MB of captures"
         text += " (--no-capture saves these)"
-    if not arguments.no_record:
-        recorded = pairs * RECORDED_BYTES_PER_PAIR[arguments.handshake] / 1e6
+    if request.run.record:
+        recorded = pairs * RECORDED_BYTES_PER_PAIR[options.handshake] / 1e6
         text += f", {recorded:,.0f} MB of record (--no-record saves these)"
     console.print(f"{text}; losses take more. Ctrl-C ends it cleanly.")
 

@@ -5,13 +5,15 @@ from collections.abc import Iterator, Sequence
 from qmn.reports import charts, error_counts
 from qmn.reports.drawing import variable
 from qmn.reports.handshake_diagram import handshake_diagram
+from qmn.reports.key_timeline import key_timeline
 from qmn.reports.light_paths import LightPath, without_outcome
+from qmn.reports.map_diagram import map_diagram
 from qmn.reports.markup import figure, missing
 from qmn.reports.network_diagram import network_diagram, path_colour
 from qmn.reports.run_facts import RunFacts
 from qmn.reports.sequence import handshake, lanes
 from qmn.results.timeline import TIMELINE
-from topologies.runtime import OPENFLOW_PORT
+from wire.parameters.network import OPENFLOW_PORT
 
 NOT_WRITTEN = "what happened to qubits was not written (--no-events)."
 METADATA = (
@@ -23,10 +25,10 @@ QUANTUM = '<span class="quantum">quantum events</span>'
 
 def network(run: RunFacts, paths: Sequence[LightPath]) -> str:
     """Return the drawing of the network."""
-    text = "Fibres with length and loss, all in the table below; dashed: copper. "
-    return figure(
-        "The network", network_diagram(run.network, paths), text + _legend(run, paths), "wide"
-    )
+    text = "Fibres with length and loss, all in the table below"
+    text += ". " if run.network.positions else "; dashed: copper. "
+    draw = map_diagram if run.network.positions else network_diagram
+    return figure("The network", draw(run.network, paths), text + _legend(run, paths), "wide")
 
 
 def _legend(run: RunFacts, paths: Sequence[LightPath]) -> str:
@@ -66,6 +68,19 @@ def handshake_figure(run: RunFacts) -> str:
     return figure(
         title, handshake_diagram(steps, lanes(steps, run.network)), text, "wide handshake"
     )
+
+
+def key_figure(run: RunFacts) -> str:
+    """Return the time line of keys, for a run that has kept some."""
+    moments = run.result.get("moments")
+    if moments is None:
+        return ""
+    if not moments:
+        return missing("Keys over time", "nothing has happened to any.")
+    text = "Sessions by their error rate, above the dashed line without a key; shaded: eve listens."
+    if any(each["event"] == "key" for each in moments):
+        text += " Bars: the tunnel is open at this host; strokes: a new key."
+    return figure("Keys over time", key_timeline(moments), text, "wide")
 
 
 def chart_figures(run: RunFacts, paths: Sequence[LightPath]) -> Iterator[str]:

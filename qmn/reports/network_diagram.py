@@ -41,15 +41,15 @@ def network_diagram(facts: NetworkFacts, paths: Sequence[LightPath]) -> str:
     for fiber in facts.fibers:
         one, two = sorted((fiber.a.node, fiber.b.node), key=lambda node: places[node])
         bundles.setdefault((one, two), []).append(fiber)
-    lit = {hop.name for path in paths for hop in path.hops}
+    names = lit(paths)
     labels = Labels(axes, places.values())
     for (one, two), fibers in bundles.items():
         narrowing = AT_SWITCH if one in facts.addresses else 1.0
-        _bundle(axes, (places[one], places[two]), fibers, paths, narrowing)
-        labels.add((places[one], places[two]), _described(fibers), needed=_used(fibers, lit))
+        bundle(axes, (places[one], places[two]), fibers, paths, narrowing)
+        labels.add((places[one], places[two]), described(fibers), needed=used(fibers, names))
     labels.write()
-    for node, place in places.items():
-        _node(axes, place, node, facts.addresses.get(node, ""), node in quantum)
+    for name, place in places.items():
+        node(axes, place, name, facts.addresses.get(name, ""), name in quantum)
     return drawing.svg(made, "the network: hosts, switches, fibres with length and loss")
 
 
@@ -64,17 +64,23 @@ def _places(filled: Sequence[Sequence[str]], height: float) -> dict[str, Place]:
     }
 
 
-def _used(fibers: Sequence[Fiber], lit: Collection[str]) -> bool:
-    return any(fiber_name(fiber) in lit for fiber in fibers)
+def lit(paths: Sequence[LightPath]) -> set[str]:
+    """Return the names of the fibres that light took."""
+    return {hop.name for path in paths for hop in path.hops}
 
 
-def _described(fibers: Sequence[Fiber]) -> str:
+def used(fibers: Sequence[Fiber], names: Collection[str]) -> bool:
+    """Return whether one of the fibres has one of these names."""
+    return any(fiber_name(fiber) in names for fiber in fibers)
+
+
+def described(fibers: Sequence[Fiber]) -> str:
     """Return length and loss of fibres beside each other, those that are alike in one line."""
     counts = Counter(f"{fiber.length_km:g} km, {fiber.loss_db:.3g} dB" for fiber in fibers)
     return "\n".join(f"{n} × {text}" if n > 1 else text for text, n in counts.items())  # noqa: RUF001
 
 
-def _bundle(
+def bundle(
     axes: Axes,
     ends: tuple[Place, Place],
     fibers: Sequence[Fiber],
@@ -116,7 +122,8 @@ def _line(
     axes.plot(*zip(*ends, strict=True), color=colour, linewidth=width, linestyle=style, zorder=2)
 
 
-def _node(axes: Axes, place: Place, name: str, below: str, quantum: bool) -> None:
+def node(axes: Axes, place: Place, name: str, below: str, quantum: bool) -> None:
+    """Draw a box with a name, and a smaller line below it."""
     (x, y), (width, height) = place, NODE_INCHES
     box = FancyBboxPatch(
         (x - width / 2, y - height / 2),

@@ -1,6 +1,8 @@
 """The report's file in a run folder, and why there is none."""
 
+from importlib import import_module
 from pathlib import Path
+from threading import Thread
 
 from qmn.results.run_folder import give
 from topologies.runtime import EVENT_CAPTURE
@@ -15,7 +17,7 @@ class NoReport(Exception):
 
 def made_report(run: Path) -> Path:
     """Write the report of a run and return the file; raise NoReport if it cannot be."""
-    # matplotlib takes a second to load: other verbs do not wait for it.
+    # matplotlib takes half a second to load: other verbs do not wait for it.
     from qmn.reports.page import write_report
     from qmn.reports.run_facts import BadRun
 
@@ -27,6 +29,11 @@ def made_report(run: Path) -> Path:
         raise NoReport(f"{error.filename}: {error.strerror}") from error
     give(file)
     return file
+
+
+def begin_loading() -> None:
+    """Load what draws a report, while this program waits for something else."""
+    Thread(target=import_module, args=["qmn.reports.page"], daemon=True).start()
 
 
 def report_of_run(run: Path) -> str:

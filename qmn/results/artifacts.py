@@ -3,11 +3,11 @@
 One timeline with its dissectors, and result.json: topology, parameters, seed, how it ended.
 """
 
-import argparse
 import json
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -20,12 +20,12 @@ from topologies.programs import NetworkError
 
 
 @contextmanager
-def left_behind(arguments: argparse.Namespace, folder: Path | None) -> Iterator[dict[str, Any]]:
+def left_behind(options: NetworkOptions, folder: Path | None) -> Iterator[dict[str, Any]]:
     """Yield the facts of a network, to be added to; at its end leave them and the timeline.
 
     Without a folder nothing is left.
     """
-    facts = beginning(arguments)
+    facts = beginning(options)
     if folder is None:
         yield facts
         return
@@ -43,16 +43,13 @@ def left_behind(arguments: argparse.Namespace, folder: Path | None) -> Iterator[
         result.write_text(json.dumps(facts, indent=2) + "\n")
 
 
-def beginning(arguments: argparse.Namespace) -> dict[str, Any]:
+def beginning(options: NetworkOptions) -> dict[str, Any]:
     """Return what is known before the start."""
-    given = {name: getattr(arguments, name) for name in NetworkOptions.__annotations__}
-    given = {name: value for name, value in given.items() if value not in (None, [], "")}
+    given = {name: value for name, value in asdict(options).items() if value not in (None, (), "")}
     return {
-        "topology": getattr(arguments, "topology", None),  # None: a script's own
+        "topology": given.pop("topology", None),  # None: a script's own
         "mode": os.environ.get("QMN_MODE", "native"),
         "controller": given.pop("controller"),
         "seed": given.pop("seed"),
-        "parameters": {
-            name: str(value) if isinstance(value, Path) else value for name, value in given.items()
-        },
+        "parameters": given,
     }

@@ -1,6 +1,6 @@
 """The parts of a network as result.json keeps them: hosts, switches, fibres, copper."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any, Self
 
 from topologies.fiber import FiberLink
@@ -18,6 +18,8 @@ class NetworkFacts:
     fibers: list[Fiber]
     switches: list[QuantumSwitch]
     copper: list[list[str]]  # of each link: node and interface at one end, and at the other
+    # Where nodes are on a map, from left to right and upwards; empty: on none.
+    positions: dict[str, tuple[float, float]] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as JSON takes it."""
@@ -28,7 +30,8 @@ class NetworkFacts:
         """Build it from decoded JSON."""
         fibers = [Fiber.from_dict(fiber) for fiber in given["fibers"]]
         switches = [QuantumSwitch.from_dict(switch) for switch in given["switches"]]
-        return cls(**{**given, "fibers": fibers, "switches": switches})
+        positions = {name: (x, y) for name, (x, y) in given.get("positions", {}).items()}
+        return cls(**{**given, "fibers": fibers, "switches": switches, "positions": positions})
 
     def host_at(self, interface: str) -> str:
         """Return the host that a switch's copper interface leads to, "" if there is none."""
@@ -54,4 +57,5 @@ def network_facts(network: Network) -> NetworkFacts:
         list(runtime.fibers),
         list(runtime.switches.values()),
         copper,
+        {name: (x, y) for name, (x, y) in getattr(network.net.topo, "positions", {}).items()},
     )

@@ -4,11 +4,10 @@ with start("sdc", length_km=1.0) as network:
     print(network.send("alice", "bob", b"hello").bell_pairs)
 """
 
-import argparse
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
 
@@ -17,14 +16,8 @@ from mininet.topo import Topo
 from qmn.live.controller_console import ask
 from qmn.live.dispatcher_calls import held_blocks, switch_conditions, switch_statistics
 from qmn.live.metrics_targets import announce
-from qmn.network.options import (
-    BadInput,
-    NetworkOptions,
-    check_network,
-    check_two_hosts,
-    from_keywords,
-    settings,
-)
+from qmn.network.checks import check_network, check_two_hosts
+from qmn.network.options import NetworkOptions, settings
 from qmn.network.time_scale import scale_of
 from qmn.network.topologies import (
     FIBER,
@@ -35,6 +28,7 @@ from qmn.network.topologies import (
     topology,
     with_parts,
 )
+from qmn.options import BadInput, from_keywords
 from qmn.results.artifacts import left_behind
 from qmn.results.network_facts import network_facts
 from qmn.results.run_folder import given_at_the_end
@@ -173,54 +167,56 @@ class QuantumNetwork(Network):
 def start(
     topo: str | Callable[[], Topo] = "sdc",
     folder: Path | str | None = None,
-    **options: Unpack[NetworkOptions],
+    **options: Any,
 ) -> Iterator[QuantumNetwork]:
     """Start a network, and leave nothing behind at the end; root.
 
     `topo` is a name that `qmn run` knows, FILE.py:CLASS, or a topology of your own. Logs and
-    quantum events go into the folder, if there is one. Raise BadInput or BadTopology for what
-    cannot be, NetworkError if it does not start; Ctrl-C is a KeyboardInterrupt, and cleans up, too.
+    quantum events go into the folder, if there is one. `options` are those of NetworkOptions; what
+    each means, and what it is if absent, says `qmn cli --help`. Raise BadInput or BadTopology for
+    what cannot be, NetworkError if it does not start; Ctrl-C is a KeyboardInterrupt, and cleans
+    up, too.
     """
-    arguments = from_keywords(options)
+    asked = from_keywords(NetworkOptions, options)
     if isinstance(topo, str):
         if not is_known(topo):
             known = f"{', '.join(TOPOLOGIES)}, or FILE.py:CLASS"
             raise BadInput(f"unknown topology {topo!r}: choose one of {known}")
-        arguments.topology = topo
-        topo = topology(arguments)
+        asked = replace(asked, topology=topo)
+        topo = topology(asked)
     elif unused := sorted(options.keys() & NAMED_ONLY):
         raise BadInput(f"{unused[0]} is of the topologies of qmn: say it in your own, or leave it")
     else:
-        for word in (*arguments.fiber, *arguments.node):
-            if part_options(arguments).is_of_all(word):
+        for word in (*asked.fiber, *asked.node):
+            if part_options(asked).is_of_all(word):
                 raise BadInput(f"{word} is of the topologies of qmn: say of which part it is")
-        topo = with_parts(topo, arguments)
-    check_network(arguments)
-    with running(topo, arguments, Path(folder) if folder is not None else None) as network:
+        topo = with_parts(topo, asked)
+    check_network(asked)
+    with running(topo, asked, Path(folder) if folder is not None else None) as network:
         yield network
 
 
 @contextmanager
 def running(
-    topo: Callable[[], Topo], arguments: argparse.Namespace, folder: Path | None
+    topo: Callable[[], Topo], options: NetworkOptions, folder: Path | None
 ) -> Iterator[QuantumNetwork]:
     """Run a network; a signal that comes while it starts is raised as Interrupted."""
     with (
         Signals() as signals,
-        given_at_the_end(arguments.keys),
-        left_behind(arguments, folder) as facts,
+        given_at_the_end(options.keys),
+        left_behind(options, folder) as facts,
     ):
-        chosen = scale_of(arguments.time_scale, topo)
+        chosen = scale_of(options.time_scale, topo)
         facts["time_scale"], facts["time_scale_because"] = chosen.scale, chosen.reason or None
-        runtime = settings(arguments, folder, chosen.scale)
+        runtime = settings(options, folder, chosen.scale)
         network = QuantumNetwork(topo, runtime, signals)
         try:
             with network, signals.at_once():
                 facts["network"] = network_facts(network).to_dict()
                 early = worst(network.runtime)
                 facts["acausal"] = early.to_dict() if early else None
-                if folder is not None and runtime.metrics:
+                if folder is not None and options.metrics:
                     facts["metrics"] = announce(runtime.metrics_addresses, folder)
                 yield network
         finally:
-            facts["packets_not_captured"] = network.packets_missed
+            facts["packets_not_captured"] = network.captures.packets_missed

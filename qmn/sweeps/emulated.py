@@ -3,7 +3,6 @@
 Here is superdense coding; teleportation has a file of its own.
 """
 
-import argparse
 import json
 import random
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -14,9 +13,13 @@ from typing import Any
 
 from rich.console import Console
 
+from hosts.middleware.services.superdense.options import SuperdenseOptions
 from qmn.jobs import superdense
-from qmn.jobs.transfer import TransferError
-from qmn.network.options import BadInput
+from qmn.jobs.run_options import RunOptions
+from qmn.jobs.superdense import SuperdenseRequest
+from qmn.jobs.transfer import APPLICATION_PORT, TransferError
+from qmn.network.options import NetworkOptions
+from qmn.options import BadInput
 from qmn.sweeps import emulated_teleportation, theory
 from qmn.sweeps.emulated_teleportation import TIME_SCALE
 from qmn.sweeps.estimates import Estimate, proportion
@@ -26,22 +29,21 @@ from qmn.sweeps.link import FIBER, PRESET, implied
 from qmn.sweeps.parameters import Parameter, Values
 from qmn.sweeps.seeds import point_seed
 from qmn.sweeps.superdense import FEC, INTERLEAVE, LOSSES, RATE, loss_db
-from topologies.copper_link import MOST_KM
 from topologies.network import Signals
 from topologies.programs import NetworkError
+from wire.parameters.network import MOST_KM
 
 # charlie's photon for alice passes two fibres to her and two more to bob, the other one two.
 FIBERS_PASSED = 6
 MESSAGE_BYTES = Parameter("message_bytes", 65_536, 1, 1 << 30)
-OPTIONS = (
-    PRESET,
-    RATE,
-    Parameter("frame_bytes", 32, 1, 65_536),
-    FEC,
-    TIME_SCALE,
+RECEIVER = "bob"
+FRAME_BYTES = Parameter("frame_bytes", 32, 1, 65_536)
+CONTROL = (
     Parameter("control_km", 0.0, 0.0, MOST_KM, "km"),
     Parameter("control_loss", 0.0, 0.0, 0.9),
-)  # of `qmn run`, by these names
+)
+# By these names of SuperdenseOptions, and of NetworkOptions.
+SESSION, NETWORK = (RATE, FRAME_BYTES, FEC), (PRESET, TIME_SCALE, *CONTROL)
 
 
 def in_networks(runs: Path, signals: Signals) -> Measurer:
@@ -61,25 +63,31 @@ def measure(values: Values, seed: int, runs: Path, signals: Signals) -> Outcome:
         data = random.Random(seed).randbytes(int(values[MESSAGE_BYTES.name]))  # noqa: S311
         message.write(data)
         message.flush()
-        given = arguments(values, seed, Path(message.name), runs)
+        asked = request(values, seed, Path(message.name), runs)
         try:
-            superdense.run(given, signals, Console(quiet=True))
+            superdense.run(asked, signals, Console(quiet=True))
         except (NetworkError, TransferError, BadInput) as error:
             raise SweepError(f"{EMULATED['sdc'].place(values)} failed: {error}") from error
     return outcome(json.loads((runs / "latest" / "result.json").read_text()))
 
 
-def arguments(values: Values, seed: int, message: Path, runs: Path) -> argparse.Namespace:
-    """Return what `qmn run sdc` would be told."""
-    parser = argparse.ArgumentParser()
-    superdense.add_parsers(parser.add_subparsers(dest="job"))
-    options = {each.name.replace("_", "-"): values[each.name] for each in OPTIONS}
-    options |= {"seed": seed, "file": str(message), "runs": str(runs)}
-    words = [f"--{name}={value}" for name, value in options.items()]
-    words += [f"--fiber={each.name}={values[each.name]}" for each in FIBER]
-    if values[INTERLEAVE.name] == "on":
-        words.append("--interleave")
-    return parser.parse_args(["sdc", "--no-capture", *words])
+def request(values: Values, seed: int, message: Path, runs: Path) -> SuperdenseRequest:
+    """Return what a point asks for."""
+    session: dict[str, Any] = {each.name: values[each.name] for each in SESSION}
+    network: dict[str, Any] = {each.name: values[each.name] for each in NETWORK}
+    return SuperdenseRequest(
+        file=message,
+        options=SuperdenseOptions(
+            RECEIVER, APPLICATION_PORT, interleave=values[INTERLEAVE.name] == "on", **session
+        ),
+        network=NetworkOptions(
+            topology="sdc",
+            seed=seed,
+            fiber=tuple(f"{each.name}={values[each.name]}" for each in FIBER),
+            **network,
+        ),
+        run=RunOptions(runs=runs, capture=False),
+    )
 
 
 def outcome(result: dict[str, Any]) -> Outcome:
@@ -122,7 +130,7 @@ EMULATED = {
     "sdc": Experiment(
         "sdc",
         "superdense coding in the emulated network",
-        (*FIBER, *OPTIONS, INTERLEAVE, MESSAGE_BYTES),
+        (*FIBER, PRESET, RATE, FRAME_BYTES, FEC, TIME_SCALE, *CONTROL, INTERLEAVE, MESSAGE_BYTES),
         (
             Measure("dibit_error", "dibit error", dibit_error),
             Measure("arrived", "part of the pairs that arrives", arrived),

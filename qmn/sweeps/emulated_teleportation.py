@@ -4,7 +4,6 @@ The receiver's halves wait in its memory until the two bits of each are there, a
 for a slow channel. How long that was is measured, and theory is asked about that time.
 """
 
-import argparse
 import json
 import math
 from pathlib import Path
@@ -12,10 +11,15 @@ from typing import Any
 
 from rich.console import Console
 
+from hosts.middleware.services.teleportation.teleport import TeleportOptions
 from qmn.jobs import service
+from qmn.jobs.run_options import RunOptions
+from qmn.jobs.service import ServiceRequest
+from qmn.jobs.service_verbs import SERVICE_PORT
 from qmn.jobs.transfer import TransferError
 from qmn.network.custom_topology import BadTopology
-from qmn.network.options import BadInput
+from qmn.network.options import NetworkOptions
+from qmn.options import BadInput
 from qmn.sweeps import theory
 from qmn.sweeps.estimates import NOTHING, Estimate, proportion
 from qmn.sweeps.experiment import Experiment, Measure, Outcome, SweepError, number
@@ -41,32 +45,30 @@ WAITED = Parameter("measured_wait_s", 0.0)
 def measure(values: Values, seed: int, runs: Path, signals: Signals) -> Outcome:
     """Teleport states, all in one block: they wait equally long."""
     try:
-        service.run(arguments(values, seed, runs), signals, Console(quiet=True))
+        service.run(request(values, seed, runs), signals, Console(quiet=True))
     except (NetworkError, TransferError, BadInput, BadTopology) as error:
         raise SweepError(f"{TELEPORT.place(values)} failed: {error}") from error
     return outcome(json.loads((runs / "latest" / "result.json").read_text())["asking"])
 
 
-def arguments(values: Values, seed: int, runs: Path) -> argparse.Namespace:
-    """Return what `qmn run teleport` would be told."""
-    parser = argparse.ArgumentParser()
-    service.add_parsers(parser.add_subparsers(dest="job"))
-    options = {
-        "count": values[STATES.name],
-        "block-pairs": values[STATES.name],
-        "state": values[STATE.name],
-        "backend": "chp" if values[STATE.name] == "random" else "dense",
-        "depolarizing": values[DEPOLARIZING.name],
-        "classical-mbps": values[RATE.name],
-        "time-scale": values[TIME_SCALE.name],
-        "seed": seed,
-        "runs": runs,
-    }
-    words = [f"--{name}={value}" for name, value in options.items()]
-    for time in (T1, T2):
-        name = time.name.removeprefix("memory_")
-        words.append(f"--device={RECEIVER}.memory.{name}={values[time.name]}")
-    return parser.parse_args(["teleport", "--no-capture", *words])
+def request(values: Values, seed: int, runs: Path) -> ServiceRequest:
+    """Return what a point asks for."""
+    states, state = int(values[STATES.name]), str(values[STATE.name])
+    times = {time.name.removeprefix("memory_"): values[time.name] for time in (T1, T2)}
+    return ServiceRequest(
+        service="teleport",
+        options=TeleportOptions(RECEIVER, SERVICE_PORT, count=states, state=state),
+        block_pairs=states,
+        network=NetworkOptions(
+            topology="sdc",
+            seed=seed,
+            backend="chp" if state == "random" else "dense",
+            depolarizing=number(values, DEPOLARIZING.name),
+            time_scale=number(values, TIME_SCALE.name),
+            device=tuple(f"{RECEIVER}.memory.{name}={time}" for name, time in times.items()),
+        ),
+        run=RunOptions(runs=runs, classical_mbps=number(values, RATE.name), capture=False),
+    )
 
 
 def outcome(told: dict[str, Any]) -> Outcome:

@@ -15,12 +15,15 @@ from qmn.sweeps.experiment import Experiment, Measure, Outcome, number, pairs_pa
 from qmn.sweeps.link import PLAIN, TESTED, configuration, fiber
 from qmn.sweeps.parameters import Parameter, Values
 from qmn.sweeps.superdense import blocks, transmit
-from wire.parameters.physics import BellAnalyser, Device
+from wire.parameters.physics import BellAnalyser, Device, PairSource
 
 PS_PER_S = 1e12
 DELAY = Parameter("delay_ps", 0.0, -1e6, 1e6, "ps")
 VISIBILITY = Parameter("visibility", 1.0)
 BANDWIDTH = Parameter("bandwidth_rad_per_s", 1e12, 0.0, 1e15, "rad/s")
+SOURCE = Parameter("bandwidth_nm", 0.0, 0.0, 100.0, "nm")  # instead, if there is no filter
+DISPERSION = Parameter("dispersion_ps_per_nm", 0.0, -1e3, 1e3, "ps/nm")  # of one half alone
+LENGTH_KM = 1.0
 WRONG_PHASE = 2
 
 
@@ -28,12 +31,20 @@ async def dip(values: Values, seed: int) -> Outcome:
     """Count how often Phi+ is taken for Phi-."""
     delay = f"{Path(constant_delay.__file__)}:{constant_delay.ConstantDelay.__name__}"
     parameters = {DELAY.name: number(values, DELAY.name)}
-    fibers = [fiber(*TESTED, noise=delay, noise_parameters=parameters), fiber(*PLAIN)]
+    tested = fiber(
+        *TESTED,
+        length_km=LENGTH_KM,
+        dispersion_ps_per_nm_km=number(values, DISPERSION.name) / LENGTH_KM,
+        noise=delay,
+        noise_parameters=parameters,
+    )
+    fibers = [tested, fiber(*PLAIN, length_km=LENGTH_KM)]
     analyser = BellAnalyser(
         visibility=number(values, VISIBILITY.name),
         bandwidth_rad_per_s=number(values, BANDWIDTH.name),
     )
-    devices = {"bob": Device(analyser=analyser)}
+    source = PairSource(bandwidth_nm=number(values, SOURCE.name))
+    devices = {"alice": Device(source), "bob": Device(analyser=analyser)}
     laboratory = Laboratory(configuration(seed, fibers, devices))
     alice, bob = laboratory.host("alice"), laboratory.host("bob")
     wrong = pairs = 0
@@ -47,15 +58,15 @@ async def dip(values: Values, seed: int) -> Outcome:
 def coincidences(values: Values) -> float:
     """Return the theory of coincidences."""
     delay_s = number(values, DELAY.name) / PS_PER_S
-    return theory.coincidences(
-        delay_s, number(values, VISIBILITY.name), number(values, BANDWIDTH.name)
-    )
+    width = number(values, BANDWIDTH.name) or theory.rad_per_s(number(values, SOURCE.name))
+    chirp_s2 = number(values, DISPERSION.name) / PS_PER_S / theory.rad_per_s(1.0)
+    return theory.coincidences(delay_s, number(values, VISIBILITY.name), width, chirp_s2)
 
 
 HOM = Experiment(
     "hom",
     "Hong-Ou-Mandel interference of photons that come apart",
-    (DELAY, VISIBILITY, BANDWIDTH, pairs_parameter()),
+    (DELAY, VISIBILITY, BANDWIDTH, SOURCE, DISPERSION, pairs_parameter()),
     (Measure("coincidences", "coincidence probability", coincidences),),
     dip,
 )

@@ -205,6 +205,27 @@ SHEETS = (
         ],
     ),
     Sheet(
+        "interference-dispersion",
+        "hom",
+        {
+            "delay_ps": "-60:60:13",
+            "bandwidth_rad_per_s": [0.0],
+            "bandwidth_nm": [0.1, 0.3],
+            "dispersion_ps_per_nm": [0.0, 170.0],
+            "pairs": 400_000,
+        },
+        [
+            Curve(
+                "hong-ou-mandel-dispersion",
+                "Hong-Ou-Mandel dip behind 10 km of standard fibre in one arm",
+                "delay_ps",
+                "delay tau between the photons (ps)",
+                "coincidences",
+                by=["bandwidth_nm", "dispersion_ps_per_nm"],
+            )
+        ],
+    ),
+    Sheet(
         "dead-time",
         "dead-time",
         {"dead_time_s": "0:2e-7:9", "efficiency": [0.1, 0.3, 0.9], "pairs": 400_000},
@@ -329,6 +350,27 @@ SHEETS = (
                 by=["polarization_drift_rad_per_sqrt_km"],
             )
             for basis in ("z", "x")
+        ],
+    ),
+    Sheet(
+        "polarization-modes",
+        "polarization-modes",
+        {
+            "length_km": [1.0, 10.0, 100.0, 1000.0],
+            "pdl_db": [0.0, 3.0],
+            "pmd_ps_per_sqrt_km": [0.1],
+            "bandwidth_nm": [0.0, 0.3, 1.0],
+            "pairs": 200_000,
+        },
+        [
+            Curve(
+                "polarization-modes",
+                "Polarisation-dependent loss, mode dispersion 0.1 ps/sqrt(km)",
+                "length_km",
+                "length of the fibre (km)",
+                "error",
+                by=["bandwidth_nm", "pdl_db"],
+            )
         ],
     ),
     Sheet(

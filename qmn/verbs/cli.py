@@ -9,11 +9,15 @@ from pathlib import Path
 from typing import Any
 
 from qmn.live.metrics_targets import urls
+from qmn.network.checks import check_network
 from qmn.network.custom_topology import BadTopology, short_name
-from qmn.network.options import BadInput, add_key_folder, add_network_options, check_network
-from qmn.network.topologies import TOPOLOGIES, topology, topology_name
+from qmn.network.key_options import KeyServiceOptions, key_service
+from qmn.network.options import NetworkOptions
+from qmn.network.topologies import TOPOLOGIES, quantum_hosts, topology, topology_name
+from qmn.options import BadInput, add_options, read
 from qmn.results.run_folder import give_to_invoker, make_folder, point_latest
 from qmn.scripting.network import QuantumNetwork, running
+from topologies.key_managers import start_key_managers
 from topologies.network import Interrupted, require_root
 from topologies.programs import NetworkError
 
@@ -25,9 +29,10 @@ def add_parser(verbs: Any) -> None:
     parser = verbs.add_parser("cli", help="a network with a command line", description=__doc__)
     names = "; ".join(f"{name}: {what}" for name, (_topo, what) in TOPOLOGIES.items())
     text = f"{names}; or your own, as FILE.py:CLASS"
-    parser.add_argument("topology", type=topology_name, metavar="TOPOLOGY", help=text)
-    add_network_options(parser)
-    add_key_folder(parser)  # a program on a host may distribute some
+    words = {"nargs": "?", "metavar": "TOPOLOGY"}  # a map is one, too
+    parser.add_argument("topology", type=topology_name, help=text, **words)
+    add_options(parser, NetworkOptions)  # keys, too: a program on a host may distribute some
+    add_options(parser, KeyServiceOptions)
     add = parser.add_argument
     add("--runs", type=Path, default=Path("runs"), metavar="DIR", help="where logs go (runs)")
     add("--capture", action="store_true", help="capture packets, as `qmn run` does")
@@ -37,7 +42,8 @@ def add_parser(verbs: Any) -> None:
 def call(arguments: argparse.Namespace) -> int:
     """Start, obey, clean up; turn every fault into one line and an exit status."""
     try:
-        return start_and_obey(arguments)
+        options, keys = read(NetworkOptions, arguments), read(KeyServiceOptions, arguments)
+        return start_and_obey(options, keys, arguments.runs, arguments.capture)
     except (BadInput, BadTopology, NetworkError) as error:
         print(f"qmn: {error}", file=sys.stderr)
         return 1
@@ -49,24 +55,31 @@ def call(arguments: argparse.Namespace) -> int:
         return INTERRUPTED
 
 
-def start_and_obey(arguments: argparse.Namespace) -> int:
+def start_and_obey(
+    options: NetworkOptions, keys: KeyServiceOptions, runs: Path, capture: bool
+) -> int:
     """Return the exit status: of a script 1 if a command has failed."""
-    check_network(arguments)
-    topo = topology(arguments)
+    if not options.topology:
+        raise BadInput(f"over which network? Name one of {', '.join(TOPOLOGIES)}, or FILE.py:CLASS")
+    check_network(options)
+    topo = topology(options)
+    service = key_service(keys, quantum_hosts(topo()))
     require_root()
     try:
-        folder = make_folder(arguments.runs, short_name(arguments.topology))
+        folder = make_folder(runs, short_name(options.topology))
     except OSError as error:
-        raise BadInput(f"cannot write to --runs {arguments.runs}: {error.strerror}") from error
+        raise BadInput(f"cannot write to --runs {runs}: {error.strerror}") from error
     point_latest(folder)
     try:
         print(f"starting the network; its logs and quantum events: {folder}", flush=True)
-        with running(topo, arguments, folder) as network:
+        with running(topo, options, folder) as network:
             for program, url in urls(network.runtime.metrics_addresses).items():
                 print(f"figures of {program}: {url}", flush=True)
-            if arguments.capture:
-                network.capture("s1")
-                network.capture_openflow()
+            if capture:
+                network.capture("s1", openflow=True)
+            if service is not None:
+                for host, url in start_key_managers(network, service).urls.items():
+                    print(f"keys of {host}: {url}", flush=True)
             return obey(network)
     finally:
         give_to_invoker(folder)

@@ -1,8 +1,26 @@
 """qmn run JOB: start a network, do its job, report, clean up."""
 
+import argparse
+from functools import partial
 from typing import Any
 
-from qmn.jobs import service, superdense
+from hosts.middleware.services import NAMES
+from hosts.middleware.services.superdense.options import SuperdenseOptions
+from hosts.timeouts import MAX_BLOCK_S
+from qmn.jobs import keys, service, superdense, vpn
+from qmn.jobs.keys import KeysRequest
+from qmn.jobs.passing_eavesdropper import PassingEve
+from qmn.jobs.run_context import guarded
+from qmn.jobs.run_options import RunOptions
+from qmn.jobs.service import ServiceRequest
+from qmn.jobs.service_verbs import SERVICE_PORT, VERBS, Verb
+from qmn.jobs.superdense import SuperdenseRequest
+from qmn.jobs.transfer import APPLICATION_PORT
+from qmn.jobs.vpn import VpnRequest
+from qmn.network.key_options import KeyServiceOptions
+from qmn.network.options import KEYS, NetworkOptions
+from qmn.network.topologies import TOPOLOGIES, topology_name
+from qmn.options import add_options, read
 
 
 def add_parser(verbs: Any) -> None:
@@ -11,5 +29,159 @@ def add_parser(verbs: Any) -> None:
     parser = verbs.add_parser("run", help=words, description=__doc__)
     parser.set_defaults(needs_root=True)
     jobs = parser.add_subparsers(dest="job", metavar="JOB", required=True)
-    superdense.add_parsers(jobs)
-    service.add_parsers(jobs)
+    for name, (_topo, what) in TOPOLOGIES.items():
+        _add_superdense(jobs, name, what)
+    for name, verb in VERBS.items():
+        _add_service(jobs, name, verb)
+    _add_keys(jobs)
+    _add_vpn(jobs)
+
+
+def _add_superdense(jobs: Any, name: str, what: str) -> None:
+    """Describe superdense coding, which is called as the topology that it runs on."""
+    text = f"superdense coding over {what}"
+    parser = jobs.add_parser(name, help=text, description=text)
+    add_options(parser, SuperdenseRequest)
+    add_options(parser, SuperdenseOptions, words=superdense.SESSION)
+    add_options(parser, NetworkOptions, leave_out=KEYS)
+    add_options(parser, RunOptions)
+    parser.set_defaults(topology=name, call=_call_superdense)
+    if name == "sdc":
+        text = "over a network of your own in place of this one"
+        parser.add_argument("--topology", type=topology_name, metavar="FILE.py:CLASS", help=text)
+
+
+def _call_superdense(arguments: argparse.Namespace) -> int:
+    return guarded(partial(superdense.run, superdense_request(arguments)))
+
+
+def superdense_request(arguments: argparse.Namespace) -> SuperdenseRequest:
+    """Return what the command line asks for."""
+    return read(
+        SuperdenseRequest,
+        arguments,
+        options=read(SuperdenseOptions, arguments, port=APPLICATION_PORT),
+        network=read(NetworkOptions, arguments),
+        run=read(RunOptions, arguments),
+    )
+
+
+def _add_service(jobs: Any, name: str, verb: Verb) -> None:
+    """Describe a service."""
+    parser = jobs.add_parser(name, help=verb.help, description=verb.help)
+    parser.set_defaults(call=_call_service, service=name)
+    if verb.protocols:
+        name, *_ = verb.protocols
+        text = f"by which photons, or pairs ({name})"
+        parser.add_argument(
+            "--protocol", dest="service", choices=verb.protocols, default=name, help=text
+        )
+    names = f"{', '.join(TOPOLOGIES)}, or FILE.py:CLASS"
+    text = f"over this network ({names}; default: {verb.topology})"
+    parser.add_argument(
+        "--topology", type=topology_name, default=verb.topology, metavar="NAME", help=text
+    )
+    kind = NAMES[name].options
+    session = kind(host="", port=SERVICE_PORT)
+    add_options(parser, kind, words=_session_words(session, verb))
+    rate = f"of the source ({session.rate_hz}, or as fast as the slowest source can)"
+    block = f"pairs in a block ({session.block_pairs}, or what is made in {MAX_BLOCK_S:g} s)"
+    absent = {"eve": not verb.eavesdropper, "schedule": not verb.scheduled}
+    add_options(
+        parser,
+        ServiceRequest,
+        leave_out=[option for option, there_is_none in absent.items() if there_is_none],
+        words={"rate_hz": {"help": rate}, "block_pairs": {"help": block}},
+    )
+    add_options(parser, NetworkOptions, leave_out=() if verb.keys else KEYS)
+    add_options(parser, RunOptions)
+
+
+def _session_words(session: Any, verb: Verb) -> dict[str, Any]:
+    """Return how the options of a service's session are said."""
+    words = {
+        "host": {
+            "flag": "--to",
+            "default": "bob",
+            "metavar": "HOST",
+            "help": "that is asked (bob)",
+        },
+        "count": {"metavar": "N", "help": f"{verb.unit.replace('_', ' ')} ({session.count})"},
+        **verb.options,
+    }
+    if verb.source:
+        text = "host that makes the pairs, perhaps the one that asks (the network's)"
+        words["source"] = {"metavar": "HOST", "help": text}
+    return words
+
+
+def _call_service(arguments: argparse.Namespace) -> int:
+    return guarded(partial(service.run, service_request(arguments)))
+
+
+def service_request(arguments: argparse.Namespace) -> ServiceRequest:
+    """Return what the command line asks for."""
+    return read(
+        ServiceRequest,
+        arguments,
+        options=read(NAMES[arguments.service].options, arguments, port=SERVICE_PORT),
+        network=read(NetworkOptions, arguments),
+        run=read(RunOptions, arguments),
+    )
+
+
+def _add_keys(jobs: Any) -> None:
+    """Describe the keeping of keys."""
+    text = "keep keys of hosts, and deliver them to programs (ETSI GS QKD 014)"
+    parser = jobs.add_parser(keys.NAME, help=text, description=text)
+    parser.set_defaults(call=_call_keys)
+    _add_topology(parser)
+    for kind in (KeysRequest, KeyServiceOptions, PassingEve, NetworkOptions, RunOptions):
+        add_options(parser, kind)
+
+
+def _call_keys(arguments: argparse.Namespace) -> int:
+    return guarded(partial(keys.run, keys_request(arguments)))
+
+
+def keys_request(arguments: argparse.Namespace) -> KeysRequest:
+    """Return what the command line asks for."""
+    return read(
+        KeysRequest,
+        arguments,
+        keys=read(KeyServiceOptions, arguments),
+        eve=read(PassingEve, arguments),
+        network=read(NetworkOptions, arguments),
+        run=read(RunOptions, arguments),
+    )
+
+
+def _add_vpn(jobs: Any) -> None:
+    """Describe the VPN."""
+    text = "a VPN whose keys are of light, with a file moving through it"
+    parser = jobs.add_parser(vpn.NAME, help=text, description=text)
+    parser.set_defaults(call=_call_vpn)
+    _add_topology(parser)
+    for kind in (VpnRequest, PassingEve, NetworkOptions, RunOptions):
+        add_options(parser, kind)
+
+
+def _add_topology(parser: argparse.ArgumentParser) -> None:
+    """Describe the choice of a network; that of superdense coding is the default."""
+    text = f"over this network ({', '.join(TOPOLOGIES)}, or FILE.py:CLASS; default: sdc)"
+    parser.add_argument("--topology", type=topology_name, default="sdc", metavar="NAME", help=text)
+
+
+def _call_vpn(arguments: argparse.Namespace) -> int:
+    return guarded(partial(vpn.run, vpn_request(arguments)))
+
+
+def vpn_request(arguments: argparse.Namespace) -> VpnRequest:
+    """Return what the command line asks for."""
+    return read(
+        VpnRequest,
+        arguments,
+        eve=read(PassingEve, arguments),
+        network=read(NetworkOptions, arguments),
+        run=read(RunOptions, arguments),
+    )

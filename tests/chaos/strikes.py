@@ -26,6 +26,7 @@ ROLES = (  # a pattern of the command line, and the name that a run gives to wha
     (r"-m qswitch_agent .*/(\S+-agent)\.json", r"\1"),
     (r"-m hosts --config \S*/(\w+)\.json", r"\1"),
     (r"-m copper ", "copper"),
+    (r"-m topologies\.fork_server ", "fork-server"),
     (r"-m hosts\.applications\.service .*--options", "asking"),
     (r"-m hosts\.applications\.service ", "asked"),
     (r"^tcpdump .*-i (\S+)", "tcpdump"),

@@ -18,7 +18,7 @@ from test_metrics_of_a_run import counted, figures
 from test_timeline_of_a_run import fields
 
 from qmn.jobs.transfer import TransferError
-from qmn.network.options import BadInput
+from qmn.options import BadInput
 from qmn.scripting.network import start
 from topologies.chain import ChainTopo
 from wire.metadata import Pauli

@@ -12,6 +12,7 @@ from conftest import nothing_left, wait_until
 from fabric_scene import running
 from scapy.utils import rdpcap
 
+from topologies.certificates import CertificateFiles
 from topologies.key_managers import KeyManagers, KeyService, start_key_managers
 from topologies.network import Network
 from topologies.sdc import SdcTopo
@@ -86,7 +87,8 @@ def test_curl_at_both_hosts_gets_the_same_key_once(scene: Scene) -> None:
 def test_an_application_of_bobs_does_not_get_the_key_of_another(scene: Scene) -> None:
     _status, got = scene.curl("alice", "sae-bob/enc_keys")
     path = f"sae-alice/dec_keys?key_ID={got['keys'][0]['key_ID']}"
-    other = scene.managers.files["sae-web"]
+    shown = scene.network.runtime.own_folder("bob")
+    other = CertificateFiles(shown / "sae-web.pem", shown / "sae-web.key")
     words = f"--cert {other.certificate} --key {other.private_key}"
     assert scene.curl("bob", path, words) == (401, None)
     assert scene.curl("bob", path) == (200, got)

@@ -148,8 +148,9 @@ def test_losses_and_errors_are_repaired_and_counted(tmp_path: Path) -> None:
     result = run(tmp_path, "--file", str(file), *options, "--frame-bytes", "32")
     assert (tmp_path / "latest" / "received").read_bytes() == file.read_bytes()
     pairs = result["bell_pairs"]
-    # Three light paths of two fibres each; a pair is lost unless all six let it through.
-    lost = 1 - 10 ** (-6 * 0.5 / 10)
+    # Three light paths of two fibres each; a pair is lost unless all six let it through, and the
+    # delay line of 2 km in which one half waits for the one that goes by way of alice.
+    lost = 1 - 10 ** (-(6 * 0.5 + 2 * 0.2) / 10)
     assert abs(result["lost_pairs"] - pairs * lost) < 5 * (pairs * lost * (1 - lost)) ** 0.5
     assert result["symbol_error_rate"] > 0
     assert result["repeated_frames"] > 0

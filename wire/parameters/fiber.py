@@ -45,7 +45,7 @@ class FiberOptics:
     """The parameters of a fibre, alike in both directions; the formulas are in dispatcher/."""
 
     kind: str = choice(*KINDS)
-    length_km: float = parameter(0.01, 0.0, 2_000.0)  # 9.8 ms; a switch remembers 60 s
+    length_km: float = parameter(0.01, 0.0, 20_000.0)  # 98 ms; a switch remembers 60 s
     loss_db_per_km: float = parameter(0.0, 0.0, 1_000.0)
     connectors_db: float = parameter(0.0, 0.0, 100.0)  # of all connectors and splices together
     depolarizing: float = parameter(0.0, 0.0, 1.0)  # probability p: X, Y and Z each with p/4
@@ -54,6 +54,10 @@ class FiberOptics:
     # length, and how long it lasts. Qubits of other encodings do not see it.
     polarization_drift_rad_per_sqrt_km: float = parameter(0.0, 0.0, 100.0)
     polarization_drift_time_s: float = parameter(100.0, 1e-9, 1e9)
+    # Of two polarisations one is lost more, by so much, or comes later, by so much on average; the
+    # axis is any, and which is later changes within the same time.
+    pdl_db: float = parameter(0.0, 0.0, 100.0)
+    pmd_ps_per_sqrt_km: float = parameter(0.0, 0.0, 1_000.0)
     # The same of the phase between time bins, a turn about Z.
     phase_drift_rad_per_sqrt_km: float = parameter(0.0, 0.0, 100.0)
     phase_drift_time_s: float = parameter(100.0, 1e-9, 1e9)

@@ -22,9 +22,12 @@ class BadParameter(ValueError):
     """A parameter that cannot be; the message names where, which, its value and its range."""
 
 
-def parameter(default: Any, least: float, most: float) -> Any:
-    """Return a dataclass field with the range of its values; NaN is in none."""
-    return field(default=default, metadata={"range": (least, most)})
+def parameter(default: Any, least: float, most: float, meaning: str = "") -> Any:
+    """Return a dataclass field with the range of its values, and what they mean if that is said.
+
+    NaN is in no range.
+    """
+    return field(default=default, metadata={"range": (least, most), "meaning": meaning})
 
 
 def choice(default: str, *others: str) -> Any:
@@ -42,15 +45,18 @@ def check(where: str, parameters: Any) -> None:
             names = ", ".join(each.metadata["choices"])
             raise BadParameter(f"{where}: {each.name} {value!r} is unknown; choose {names}")
         if "range" in each.metadata:
-            _check_range(f"{where}: {each.name}", value, *each.metadata["range"])
+            least, most = each.metadata["range"]
+            meaning = each.metadata["meaning"]
+            _check_range(f"{where}: {each.name}", value, least, most, meaning)
 
 
-def _check_range(what: str, value: object, least: float, most: float) -> None:
+def _check_range(what: str, value: object, least: float, most: float, meaning: str) -> None:
     whole = isinstance(least, int)
     kinds = int if whole else (int, float)
     if isinstance(value, bool) or not isinstance(value, kinds) or not least <= value <= most:
-        number = " (a whole number)" if whole else ""
-        raise BadParameter(f"{what} {value!r} is not {least:g} to {most:g}{number}")
+        meaning = meaning or ("a whole number" if whole else "")
+        words = f" ({meaning})" if meaning else ""
+        raise BadParameter(f"{what} {value!r} is not {least:g} to {most:g}{words}")
 
 
 @dataclass(frozen=True)
@@ -169,10 +175,13 @@ class BellAnalyser:
     # there are 4 outcomes, nothing interferes, and the rest of this part does not matter.
     kind: str = choice(*ANALYSERS)
     visibility: float = parameter(1.0, 0.0, 1.0)  # V0: of Hong-Ou-Mandel interference at best
-    bandwidth_rad_per_s: float = parameter(0.0, 0.0, 1e15)  # rms of the spectral intensity
+    # Of a filter, rms of the spectral intensity; 0: none, photons are as wide as their sources say.
+    bandwidth_rad_per_s: float = parameter(0.0, 0.0, 1e15)
     coincidence_window_s: float = parameter(1e-6, 1e-12, 1.0)
-    # Of the delay line in which light waits whose way was the shorter: fibre, at .2 dB/km if real.
-    delay_line_db_per_km: float = parameter(0.0, 0.0, 1_000.0)
+    # The delay line in which light waits whose way was the shorter, where it matters: the longest
+    # that there is, 0 without any, and its loss. Standard fibre has .2 dB/km.
+    delay_line_km: float = parameter(2_000.0, 0.0, 2_000.0)
+    delay_line_db_per_km: float = parameter(0.2, 0.0, 1_000.0)
 
     def check(self, where: str) -> None:
         """Raise BadParameter for what no analyser is like."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from math import inf
 from typing import Any, Protocol
 
 from hosts.hardware.qnic import HardwareError, Qnic, release
@@ -14,6 +15,7 @@ from hosts.middleware.session.channel import (
     unexpected,
 )
 from hosts.middleware.session.host_resources import HostResources
+from hosts.middleware.session.lifetimes import Lifetimes
 from hosts.middleware.session.offers import check_light
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS
 from hosts.middleware.session.service import (
@@ -95,10 +97,10 @@ class OpeningSession:
 
     async def _arranged(self, answer: Answer, channel: MetadataChannel, tell: Tell) -> OpenerEnd:
         """Return this end, once it is known what the other can, and the source is there."""
-        theirs = Abilities(NOTHING, 0)
+        theirs, lifetimes = Abilities(NOTHING, 0), Lifetimes(inf, inf)
         if abilities.are_told(self._kind.service):
             connection = ConnectionEnd(self._means.qnic, self._setup, channel)
-            pairs, theirs = await abilities.hear(connection)
+            pairs, theirs, lifetimes = await abilities.hear(connection)
             self._setup = replace(self._setup, pairs=pairs)
         light = beams(self._kind.service, self._is_source)
         if any(end.role == Role.SOURCE for beam in light for end in beam):
@@ -113,6 +115,7 @@ class OpeningSession:
             arrangement=self._arrangement,
             answer=answer,
             theirs=theirs,
+            lifetimes=lifetimes,
             is_source=self._is_source,
         )
 
@@ -180,7 +183,7 @@ class AcceptingSession:
         )
         self._channel.send(self._accepted)
         if abilities.are_told(self._kind.service):
-            abilities.say(end, means.abilities)
+            abilities.say(end, means.abilities, means.lifetimes)
         self.answer = await self._kind.accept(end)
 
     async def join(self, channel: MetadataChannel, setup: Setup) -> None:

@@ -11,6 +11,7 @@ from test_detectors import COUNT, TRAIN, NoDraws
 from dispatcher.devices.analyser import Analyser, Analysis, Half
 from dispatcher.devices.detector import Train
 from dispatcher.devices.detectors import DetectorPair
+from dispatcher.devices.overlap import angular_width, overlap
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.draws import Draws
 from wire.outcomes import NO_CLICK
@@ -33,7 +34,8 @@ def analyse(
     """Analyse pairs with devices like this."""
     arms = DetectorPair(detectors), DetectorPair(detectors)
     device = Device(detectors=detectors, analyser=analyser)
-    return Analyser(device, arms).analyse(states, halves, random)
+    light = overlap((0.0, 0.0), 0.0, analyser.bandwidth_rad_per_s)
+    return Analyser(device, arms).analyse(states, halves, random, light)
 
 
 def late(delay_ps: float | NDArray[np.float64]) -> Half:
@@ -76,6 +78,34 @@ def test_each_photons_own_mismatch_counts() -> None:
     assert within(flipped, COUNT, (1 - 1 / (1 + 2 * 0.8**2) ** 0.5) / 2)
     shared = analyse(BellAnalyser(bandwidth_rad_per_s=1e11), halves=(late(jitter_ps),) * 2)
     assert np.array_equal(shared.outcomes, STATES)
+
+
+def amplitude(width: float, chirp: float, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
+    """Return a Gaussian amplitude whose intensity has this rms width, dispersed by a chirp."""
+    spectrum = np.exp(-((omega / (2 * width)) ** 2) + 0.5j * chirp * omega**2)
+    return np.asarray(spectrum / np.sqrt((np.abs(spectrum) ** 2).sum()))
+
+
+@pytest.mark.parametrize("widths_nm", [(0.1, 0.1), (0.1, 0.3)])
+@pytest.mark.parametrize("dispersion_ps_per_nm", [0.0, 170.0, -340.0])
+@pytest.mark.parametrize("apart_ps", [0.0, 5.0, 40.0])
+def test_photons_overlap_as_the_integral_of_their_amplitudes(
+    widths_nm: tuple[float, float], dispersion_ps_per_nm: float, apart_ps: float
+) -> None:
+    """Against the sum of <1|2> over frequencies; 1 nm is 2 pi 124.8 GHz at 193.4 THz."""
+    rad_per_ps = 2 * np.pi * 193.4e12**2 / 299_792_458 * 1e-9 * 1e-12
+    omega = np.linspace(-5, 5, 400_001)  # rad/ps
+    one = amplitude(widths_nm[0] * rad_per_ps, dispersion_ps_per_nm / rad_per_ps, omega)
+    other = amplitude(widths_nm[1] * rad_per_ps, 0.0, omega)
+    summed = abs((one.conj() * other * np.exp(1j * omega * apart_ps)).sum()) ** 2
+    found = overlap(widths_nm, dispersion_ps_per_nm, 0.0)
+    told = found.most * np.exp(-((found.rad_per_s * apart_ps * 1e-12) ** 2))
+    assert told == pytest.approx(summed, rel=1e-6, abs=1e-12)
+
+
+def test_a_nanometre_is_125_gigahertz() -> None:
+    """The usual rule at 1550 nm: .8 nm are 100 GHz."""
+    assert angular_width(0.8) / (2 * np.pi) == pytest.approx(100e9, rel=0.005)
 
 
 def test_pairs_that_lack_a_photon_are_no_coincidence() -> None:

@@ -10,13 +10,16 @@ from dispatcher.laboratory import Laboratory
 from dispatcher.sabot.backend import Bytes
 from wire.config import DispatcherConfig, Fiber, FiberEnd
 from wire.outcomes import NO_CLICK
-from wire.parameters.physics import BellAnalyser, Device
+from wire.parameters.physics import BellAnalyser, Device, PairSource
 
 COUNT = 100_000
 
 
 async def told(
-    db_per_km: float, stored: bool, lengths_km: tuple[float, float]
+    analyser: BellAnalyser,
+    stored: bool,
+    lengths_km: tuple[float, float],
+    source: PairSource = PairSource(),  # noqa: B008 - immutable
 ) -> tuple[Bytes, Laboratory]:
     """Return the outcomes of Phi+ whose halves go these ways to bob, and the laboratory."""
     fibers = [
@@ -24,8 +27,8 @@ async def told(
         for i, length_km in enumerate(lengths_km)
     ]
     devices = {
-        "alice": Device(),
-        "bob": Device(analyser=BellAnalyser(delay_line_db_per_km=db_per_km)),
+        "alice": Device(source),
+        "bob": Device(analyser=analyser),
     }
     tokens = dict.fromkeys(devices, "")
     config = DispatcherConfig("", "", 1, tokens, fibers, [], devices=devices)
@@ -43,6 +46,7 @@ async def told(
 @pytest.mark.parametrize(
     ("db_per_km", "stored", "lengths_km", "loss_db"),
     [
+        (0.2, False, (0.01, 0.02), 0.0),
         (0.2, False, (1.0, 11.0), 2.0),
         (0.2, False, (11.0, 1.0), 2.0),
         (0.2, False, (5.0, 5.0), 0.0),
@@ -53,7 +57,9 @@ async def told(
 def test_so_much_fibre_as_the_ways_differ_by_costs_light(
     db_per_km: float, stored: bool, lengths_km: tuple[float, float], loss_db: float
 ) -> None:
-    found, laboratory = asyncio.run(told(db_per_km, stored, lengths_km))
+    found, laboratory = asyncio.run(
+        told(BellAnalyser(delay_line_db_per_km=db_per_km), stored, lengths_km)
+    )
     seen = int(np.count_nonzero(found != NO_CLICK))
     assert within(seen, COUNT, 10 ** (-loss_db / 10))
     assert not found[found != NO_CLICK].any()
@@ -61,5 +67,31 @@ def test_so_much_fibre_as_the_ways_differ_by_costs_light(
 
 
 def test_two_thousand_kilometres_leave_nothing() -> None:
-    found, _laboratory = asyncio.run(told(0.2, False, (0.0, 2_000.0)))
+    found, _laboratory = asyncio.run(told(BellAnalyser(), False, (0.0, 2_000.0)))
     assert (found == NO_CLICK).all()
+
+
+def test_without_a_delay_line_two_thousand_kilometres_are_no_coincidence() -> None:
+    found, laboratory = asyncio.run(told(BellAnalyser(delay_line_km=0.0), False, (0.0, 2_000.0)))
+    assert (found == NO_CLICK).all()
+    assert not laboratory.layer.photons_lost  # they come 9.8 ms apart
+
+
+@pytest.mark.parametrize("bandwidth_nm", [1e-5, 3e-5])
+def test_photons_that_come_apart_interfere_as_hong_ou_and_mandel_saw(bandwidth_nm: float) -> None:
+    """P = [1 - exp(-(s tau)^2)] / 2: 10 m are tau = 49 ns, s = 2 pi (193.4 THz)^2 / c for 1 m."""
+    tau_s = 10 / 2.04e8
+    s = 2 * np.pi * 193.4e12**2 / 299_792_458 * bandwidth_nm * 1e-9
+    source = PairSource(bandwidth_nm=bandwidth_nm)
+    analyser = BellAnalyser(delay_line_km=0.0)
+    found, _laboratory = asyncio.run(told(analyser, False, (0.02, 0.01), source))
+    wrong = int(np.count_nonzero(found == 2))
+    assert set(np.unique(found)) <= {0, 2}
+    assert within(wrong, COUNT, (1 - np.exp(-((s * tau_s) ** 2))) / 2)
+
+
+def test_a_delay_line_too_short_leaves_the_rest() -> None:
+    """Of 11 km it takes out 10; the last 4.9 us are beyond the window of 1 us."""
+    near, far = BellAnalyser(delay_line_km=11.0), BellAnalyser(delay_line_km=10.0)
+    assert (asyncio.run(told(near, False, (1.0, 12.0)))[0] != NO_CLICK).any()
+    assert (asyncio.run(told(far, False, (1.0, 12.0)))[0] == NO_CLICK).all()

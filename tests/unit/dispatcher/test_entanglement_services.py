@@ -107,6 +107,7 @@ def test_swapping_gathered_pairs_with_losses_pairs_the_right_members() -> None:
         outcomes = await charlie.bell_measure((2, 1), (3, 0))
         await bob.gather((3, 1), {(1, 1): second})
         await bob.apply((3, 1), outcomes ^ paulis[second])
+        await bob.store((3, 1))
         await alice.gather((2, 0), {(0, 0): first})
         await carry(laboratory, (2, 0), "alice", "bob")
         assert not (await bob.bell_measure((2, 0), (3, 1))).any()

@@ -82,8 +82,8 @@ def test_loss_of_fibers_and_switch_multiplies(tmp_path: Path) -> None:
     count = 40_000
     config = configuration(tmp_path, switches=[QuantumSwitch("q1", insertion_loss_db=0.1)])
     outcomes = sdc_run(with_fibers(config, length_km=1, loss_db_per_km=0.2), bytes(count))
-    # Six fibres and three passages of the switch.
-    expected = 10 ** (-(6 * 0.2 + 3 * 0.1) / 10)
+    # Six fibres, three passages of the switch, and 2 km in which bob's half waits for alice's.
+    expected = 10 ** (-(6 * 0.2 + 3 * 0.1 + 2 * 0.2) / 10)
     coincidences = int((outcomes != NO_CLICK).sum())
     assert abs(coincidences - count * expected) < 5 * (count * expected * (1 - expected)) ** 0.5
     assert not outcomes[outcomes != NO_CLICK].any()

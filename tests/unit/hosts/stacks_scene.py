@@ -6,6 +6,7 @@ once, by hand.
 """
 
 import asyncio
+import json
 import os
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -44,6 +45,7 @@ from wire.metadata import (
     decode,
     message_length,
 )
+from wire.netqasm.pair_requests import PAIRS_PORT
 from wire.parameters.physics import BellAnalyser, Device
 from wire.verdict import Connection, seal
 
@@ -313,14 +315,16 @@ async def start_host(
         dispatcher=f"unix:{dispatcher}",
         token=f"token of {name}",
         socket=str(folder / f"{name}.sock"),
-        hosts=RELAYED,
+        hosts_file=str(hosts_file(folder)),
         source="charlie",
         seed=1,
         analyser=analyser,
         features=device.features.value,
         memory_qubits=device.memory.capacity,
         multi_photon=device.source.multi_photon,
-        pair_secrets={other: pair_secret(name, other) for other in QNICS if other != name},
+        t1_s=device.memory.t1_s,
+        t2_s=device.memory.t2_s,
+        pair_secrets=str(pair_secrets(folder)),
         keys=str(folder / "keys" / name),
         device_key=device_key(name),
     )
@@ -330,6 +334,7 @@ async def start_host(
     servers = (
         asyncio.start_server(host.serve, config.address, METADATA_PORT),
         asyncio.start_server(relay(name, judge, change, cut), RELAYED[name], METADATA_PORT),
+        asyncio.start_server(host.unit.pairs.serve, RELAYED[name], PAIRS_PORT),
         asyncio.start_unix_server(host.applications.serve, config.socket),
     )
     for starting in servers:
@@ -337,9 +342,18 @@ async def start_host(
     return host
 
 
-def pair_secret(*pair: str) -> str:
-    """Return what two hosts share, whichever of them is named first."""
-    return " and ".join(sorted(pair)).encode().hex()
+def hosts_file(folder: Path) -> Path:
+    """Return the file of all hosts' addresses."""
+    file = folder / "hosts.json"
+    file.write_text(json.dumps(RELAYED))
+    return file
+
+
+def pair_secrets(folder: Path) -> Path:
+    """Return the folder of what hosts share."""
+    made = folder / "pair-secrets"
+    made.mkdir(exist_ok=True)
+    return made
 
 
 async def live_qubits(folder: Path) -> int:

@@ -1,14 +1,15 @@
 """FILE.py:CLASS in place of a topology's name: what is taken, and what is refused by its name."""
 
-import argparse
 from pathlib import Path
 
 import pytest
 
 from qmn.__main__ import described
 from qmn.network.custom_topology import BadTopology
+from qmn.network.options import NetworkOptions
 from qmn.network.time_scale import times
 from qmn.network.topologies import devices_of, quantum_hosts, topology
+from qmn.verbs.run import service_request
 from topologies.fiber import FiberLink
 from wire.parameters.physics import Memory
 
@@ -29,10 +30,10 @@ class NoTopo:
 """
 
 
-def parse(*words: str) -> argparse.Namespace:
-    """Return what the command line says."""
+def parse(*words: str) -> NetworkOptions:
+    """Return what the command line says of the network."""
     whole = ["run", "teleport", *words]
-    return described(whole).parse_args(whole)
+    return service_request(described(whole).parse_args(whole)).network
 
 
 def test_the_example_is_built_and_told_how_long_its_fibres_are() -> None:

@@ -1,29 +1,28 @@
 """What `--eve` asks for: a topology that has her, and a policy that puts her on the fibre."""
 
-import argparse
 from pathlib import Path
 
 import pytest
 
 from controller_apps.policy.policy import DEFAULT, Tap, read_policy
-from qmn.jobs import eavesdropping
-from qmn.jobs.service import add_parsers, check_input
-from qmn.network.options import BadInput
+from qmn.__main__ import described
+from qmn.jobs.service import ServiceRequest, checked, with_policy
 from qmn.network.topologies import topology
+from qmn.options import BadInput
+from qmn.verbs.run import service_request
 
 
-def parse(*words: str) -> argparse.Namespace:
-    parser = argparse.ArgumentParser()
-    add_parsers(parser.add_subparsers())
-    return parser.parse_args(words)
+def parse(*words: str) -> ServiceRequest:
+    """Return what the command line asks for."""
+    whole = ["run", *words]
+    return service_request(described(whole).parse_args(whole))
 
 
 def tap_of(folder: Path, *words: str) -> Tap:
     """Return the tap that a run makes, beside what the default policy says."""
-    arguments = parse("qkd", "--eve", "0.1", *words)
-    check_input(arguments)
-    eavesdropping.make_policy(arguments, topology(arguments)(), folder)
-    policy = read_policy(arguments.policy)
+    request = checked(parse("qkd", "--eve", "0.1", *words))
+    network = with_policy(request, topology(request.network)(), folder)
+    policy = read_policy(Path(network.policy))
     assert policy.reporting == read_policy(DEFAULT).reporting
     (tap,) = policy.taps
     return tap
@@ -36,18 +35,15 @@ def test_she_is_between_the_light_and_who_measures_it(tmp_path: Path) -> None:
 
 
 def test_the_network_that_has_her_is_taken() -> None:
-    arguments = parse("qkd", "--eve", "0.5")
-    check_input(arguments)
-    assert arguments.topology == "tapped"
-    arguments = parse("qkd")
-    check_input(arguments)
-    assert (arguments.topology, arguments.eve) == ("sdc", None)
+    assert checked(parse("qkd", "--eve", "0.5")).network.topology == "tapped"
+    without = checked(parse("qkd"))
+    assert (without.network.topology, without.eve) == ("sdc", None)
 
 
 def test_without_her_no_policy_is_made(tmp_path: Path) -> None:
-    arguments = parse("qkd")
-    eavesdropping.make_policy(arguments, topology(arguments)(), tmp_path)
-    assert arguments.policy is None
+    request = checked(parse("qkd"))
+    assert with_policy(request, topology(request.network)(), tmp_path) == request.network
+    assert request.network.policy == ""
     assert list(tmp_path.iterdir()) == []
 
 
@@ -63,7 +59,7 @@ def test_without_her_no_policy_is_made(tmp_path: Path) -> None:
 )
 def test_what_cannot_be_is_refused(words: list[str], text: str) -> None:
     with pytest.raises(BadInput, match=text):
-        check_input(parse("qkd", *words))
+        checked(parse("qkd", *words))
 
 
 def test_only_key_distribution_has_her() -> None:

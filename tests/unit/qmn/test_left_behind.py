@@ -8,7 +8,7 @@ import pytest
 
 from dispatcher.layer.event_capture import EventCapture
 from qmn.live.event_sources import RESULT
-from qmn.network.options import from_keywords
+from qmn.network.options import NetworkOptions
 from qmn.reports.report_file import NoReport, made_report
 from qmn.results.artifacts import left_behind
 from qmn.results.timeline import TIMELINE
@@ -17,7 +17,7 @@ from topologies.runtime import EVENT_CAPTURE
 from wire.dispatcher_pb2 import Event
 from wire.dissection.dissectors import SCRIPT, script
 
-ARGUMENTS = from_keywords({"seed": 7, "length_km": 2.0, "fiber": ["filter_nm=2"]})
+OPTIONS = NetworkOptions(seed=7, length_km=2.0, fiber=("filter_nm=2",))
 
 
 def result(folder: Path) -> dict[str, Any]:
@@ -27,7 +27,7 @@ def result(folder: Path) -> dict[str, Any]:
 
 def test_parameters_seed_and_timeline_are_left(tmp_path: Path) -> None:
     folder = tmp_path / "new"
-    with left_behind(ARGUMENTS, folder) as facts:
+    with left_behind(OPTIONS, folder) as facts:
         facts["network"] = {
             "addresses": {},
             "source": "",
@@ -50,7 +50,7 @@ def test_parameters_seed_and_timeline_are_left(tmp_path: Path) -> None:
 
 
 def die_in(folder: Path) -> None:
-    with left_behind(ARGUMENTS, folder):
+    with left_behind(OPTIONS, folder):
         assert not (folder / RESULT).exists()
         raise NetworkError("q1 died in mid-run")
 
@@ -66,6 +66,6 @@ def test_the_result_of_an_earlier_network_is_gone_while_another_runs(tmp_path: P
 
 def test_without_a_folder_nothing_is_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    with left_behind(ARGUMENTS, None) as facts:
+    with left_behind(OPTIONS, None) as facts:
         facts["network"] = {}
     assert list(tmp_path.iterdir()) == []

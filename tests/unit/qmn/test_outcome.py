@@ -1,6 +1,5 @@
 """What a person, and a program that asks for the status, are told of a run."""
 
-import argparse
 import json
 from io import StringIO
 from pathlib import Path
@@ -9,7 +8,12 @@ from typing import Any
 import pytest
 from rich.console import Console
 
+from hosts.middleware.services.superdense.options import SuperdenseOptions
 from qmn.jobs import runner, superdense
+from qmn.jobs.run_context import RunContext
+from qmn.jobs.run_options import RunOptions
+from qmn.jobs.superdense import SuperdenseRequest
+from qmn.network.options import NetworkOptions
 from qmn.results.result import complete, show
 from topologies.network import Signals
 
@@ -70,24 +74,25 @@ def test_the_status_is_that_of_the_bytes(
 ) -> None:
     """Whatever a network leaves behind: a real one does not leave wrong bytes."""
 
-    def leave(
-        job: runner.Job, _arguments: Any, folder: Path, facts: dict[str, Any], *_others: Any
-    ) -> None:
+    def leave(job: runner.Job, context: RunContext, facts: dict[str, Any]) -> None:
         assert job.file
         assert job.file.read_bytes() == b"two bits"
         facts["time_scale"] = 1.0
         if received is not None:
-            (folder / "received").write_bytes(received)
+            (context.folder / "received").write_bytes(received)
 
     monkeypatch.setattr(runner, "use_network", leave)
     monkeypatch.setattr(superdense, "require_root", lambda: None)
-    parser = argparse.ArgumentParser()
-    superdense.add_parsers(parser.add_subparsers())
-    words = ["sdc", "--message", "two bits", "--runs", str(tmp_path / "runs")]
+    request = SuperdenseRequest(
+        message="two bits",
+        options=SuperdenseOptions("bob", 7),
+        network=NetworkOptions(topology="sdc"),
+        run=RunOptions(runs=tmp_path / "runs"),
+    )
     text = StringIO()
     with Signals() as signals:
         console = Console(file=text, width=200)
-        assert superdense.run(parser.parse_args(words), signals, console) == status
+        assert superdense.run(request, signals, console) == status
     assert ("delivered exactly" in text.getvalue()) == (status == 0)
     result = json.loads((tmp_path / "runs" / "latest" / "result.json").read_text())
     assert result["delivered"] is (status == 0)

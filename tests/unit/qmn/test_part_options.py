@@ -1,6 +1,5 @@
 """Optics of a single fibre, switch or host of any network, from the command line and scripts."""
 
-import argparse
 from pathlib import Path
 from typing import Any
 
@@ -9,8 +8,9 @@ from mininet.topo import Topo
 
 from qmn.__main__ import described
 from qmn.network.custom_topology import BadTopology
-from qmn.network.options import BadInput
+from qmn.network.options import NetworkOptions
 from qmn.network.topologies import devices_of, stated_devices, topology
+from qmn.options import BadInput, read
 from qmn.scripting.network import start
 from topologies.copper_link import CopperLink
 from topologies.fiber import FiberLink
@@ -31,9 +31,10 @@ class WithMemory(Topo):
 """
 
 
-def parse(*words: str) -> argparse.Namespace:
+def parse(*words: str) -> NetworkOptions:
+    """Return what the command line says of the network."""
     whole = ["run", *words]
-    return described(whole).parse_args(whole)
+    return read(NetworkOptions, described(whole).parse_args(whole))
 
 
 def own(*words: str) -> Topo:

@@ -1,19 +1,20 @@
 """What `qmn run qkd` can be told, and what it refuses before anything starts."""
 
-import argparse
 from pathlib import Path
 
 import pytest
 
 from hosts.middleware.services.key_distribution.options import KeyOptions
-from qmn.jobs.service import add_parsers, check_input
-from qmn.network.options import BadInput
+from qmn.__main__ import described
+from qmn.jobs.service import ServiceRequest, checked
+from qmn.options import BadInput
+from qmn.verbs.run import service_request
 
 
-def parse(*words: str) -> argparse.Namespace:
-    parser = argparse.ArgumentParser()
-    add_parsers(parser.add_subparsers())
-    return parser.parse_args(words)
+def parse(*words: str) -> ServiceRequest:
+    """Return what the command line asks for."""
+    whole = ["run", *words]
+    return service_request(described(whole).parse_args(whole))
 
 
 @pytest.mark.parametrize(
@@ -21,14 +22,14 @@ def parse(*words: str) -> argparse.Namespace:
     [((), "bb84"), (("--protocol", "bb84"), "bb84"), (("--protocol", "bbm92"), "bbm92")],
 )
 def test_a_protocol_of_key_distribution_is_a_service(words: tuple[str, ...], service: str) -> None:
-    arguments = parse("qkd", *words)
-    assert arguments.service == service
-    assert check_input(arguments) == KeyOptions(host="bob", port=9)
+    request = checked(parse("qkd", *words))
+    assert request.service == service
+    assert request.options == KeyOptions(host="bob", port=9)
 
 
 def test_options_reach_the_service() -> None:
     words = "--count 5000 --correction ldpc --max-qber 0.05 --test-fraction 0.2 --epsilon 1e-9"
-    options = check_input(parse("qkd", *words.split(), "--bound", "asymptotic"))
+    options = checked(parse("qkd", *words.split(), "--bound", "asymptotic")).options
     assert options == KeyOptions(
         host="bob",
         port=9,
@@ -52,13 +53,13 @@ def test_options_reach_the_service() -> None:
 )
 def test_what_cannot_be_is_refused(words: list[str], text: str) -> None:
     with pytest.raises(BadInput, match=text):
-        check_input(parse(*words))
+        checked(parse(*words))
 
 
 def test_keys_go_into_a_new_folder_only(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match="name a new folder"):
-        check_input(parse("qkd", "--keys", str(tmp_path)))
-    check_input(parse("qkd", "--keys", str(tmp_path / "new")))
+        checked(parse("qkd", "--keys", str(tmp_path)))
+    checked(parse("qkd", "--keys", str(tmp_path / "new")))
     assert not (tmp_path / "new").exists()
 
 
@@ -66,7 +67,7 @@ def test_keys_go_into_a_new_folder_only(tmp_path: Path) -> None:
 def test_what_makes_no_keys_is_not_told_where_to_keep_them(
     verb: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert parse(verb).keys is None
+    assert parse(verb).network.keys == ""
     with pytest.raises(SystemExit):
         parse(verb, "--keys", "keys")
     assert "unrecognized arguments: --keys" in capsys.readouterr().err

@@ -3,14 +3,17 @@
 import re
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise, product
+from itertools import combinations, pairwise, product
 
 import pytest
 
+from qmn.reports.labels import NODE_INCHES
 from qmn.reports.light_paths import Hop, LightPath, fiber_name
-from qmn.reports.network_diagram import network_diagram
+from qmn.reports.map_diagram import in_a_line, map_diagram, of_nodes, on_paper
+from qmn.reports.network_diagram import WIDTH_INCHES, network_diagram
 from qmn.reports.places import columns
 from qmn.results.network_facts import NetworkFacts
+from topologies.maps import read_map
 from wire.config import QuantumSwitch
 from wire.parameters.fiber import Fiber, FiberEnd
 
@@ -113,3 +116,36 @@ def test_a_crowded_network_names_the_fibres_that_light_took() -> None:
     drawn = network_diagram(facts, paths)
     assert drawn.count("3 km, 0.6 dB") == 3
     assert drawn.count("2 km, 0.4 dB") < 0.75 * len(stages)
+
+
+def test_a_network_with_positions_is_drawn_as_its_map() -> None:
+    """Rome is east and south of Genoa: its box is to the right of and below that one."""
+    facts = replace(
+        network(["q1", "q2"], [("q1", "q2"), ("alice", "q1"), ("bob", "q2")]),
+        positions={"q1": (8.93, 44.41), "q2": (12.48, 41.89)},
+    )
+    nodes = of_nodes(facts)
+    assert (nodes["alice"], nodes["bob"]) == (facts.positions["q1"], facts.positions["q2"])
+    assert "ed" not in nodes
+    genoa, rome = on_paper([facts.positions["q1"], facts.positions["q2"]])
+    assert genoa[0] < rome[0]
+    assert genoa[1] < rome[1]
+    drawn = map_diagram(facts, [])
+    assert [
+        text for text in ("alice", "bob", "q1", "q2", "2 km, 0.4 dB") if text not in drawn
+    ] == []
+    assert "charlie" not in drawn
+
+
+@pytest.mark.parametrize("name", ["abilene", "nobel-germany", "garr"])
+def test_no_two_places_of_a_map_are_drawn_over_each_other(name: str) -> None:
+    places = on_paper(sorted({each.position for each in read_map(name).places if each.position}))
+    width, height = NODE_INCHES
+    for one, two in combinations(places, 2):
+        assert abs(one[0] - two[0]) > width or abs(one[1] - two[1]) > height
+    assert all(width / 2 < x < WIDTH_INCHES - width / 2 and y > height / 2 for x, y in places)
+
+
+def test_a_box_names_what_it_has_room_for() -> None:
+    assert in_a_line(["q1", "q22"]) == "q1, q22"
+    assert in_a_line(["mi1", "mi2", "mi4", "co", "q11", "q26", "q28"]) == "mi1, mi2, 5 more"

@@ -1,6 +1,5 @@
 """What a run leaves and says when it fails."""
 
-import argparse
 import json
 from pathlib import Path
 from typing import Any
@@ -28,11 +27,11 @@ def test_a_run_that_fails_tells_why_and_where_its_report_is(
 
     facts: dict[str, Any] = {}
 
-    def work(_arguments: argparse.Namespace, _signals: Signals, _console: Console) -> int:
+    def work(_signals: Signals, _console: Console) -> int:
         with ending(tmp_path, facts, complete):
             raise fault
 
-    assert guarded(work, argparse.Namespace()) == status
+    assert guarded(work) == status
     said = capsys.readouterr()
     assert said.out == ""
     assert said.err.splitlines() == [words, f"report to look at: {facts['report']}"]

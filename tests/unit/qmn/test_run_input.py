@@ -1,19 +1,21 @@
 """What the user asks for is checked before anything starts."""
 
-import argparse
 import os
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from qmn.__main__ import described
 from qmn.jobs import superdense
+from qmn.jobs.superdense import SuperdenseRequest
 from qmn.network.custom_topology import BadTopology
 from qmn.network.device_options import differences
-from qmn.network.options import BadInput
+from qmn.network.options import NetworkOptions
 from qmn.network.topologies import TOPOLOGIES, every_fiber, stated_devices, topology
+from qmn.options import BadInput
 from qmn.results.run_folder import make_folder, point_latest
-from qmn.verbs import run
+from qmn.verbs.run import superdense_request
 from topologies.fiber import FiberLink
 from topologies.node_kinds import ION_TRAP
 from topologies.presets import PRESETS
@@ -21,11 +23,16 @@ from wire.parameters.fiber import FiberOptics
 from wire.parameters.physics import Device, Gates
 
 
-def parse(*words: str) -> argparse.Namespace:
-    parser = argparse.ArgumentParser()
-    run.add_parser(parser.add_subparsers())
+def parse(*words: str) -> SuperdenseRequest:
+    """Return what the command line asks for."""
     topology = [] if words[:1] and words[0] in TOPOLOGIES else ["sdc"]
-    return parser.parse_args(["run", *topology, *words])
+    whole = ["run", *topology, *words]
+    return superdense_request(described(whole).parse_args(whole))
+
+
+def network(*words: str) -> NetworkOptions:
+    """Return what the command line says of the network."""
+    return parse(*words).network
 
 
 @pytest.mark.parametrize(
@@ -34,7 +41,7 @@ def parse(*words: str) -> argparse.Namespace:
         (["--file", "/nowhere"], "cannot read /nowhere: No such file"),
         (["--frame-bytes", "70000"], "--frame-bytes 70000: choose 1 to 65536"),
         (["--depolarizing", "1.5"], "depolarizing 1.5 is not 0 to 1"),
-        (["--length-km", "2001"], "every fibre: length_km 2001.0 is not 0 to 2000"),
+        (["--length-km", "20001"], "every fibre: length_km 20001.0 is not 0 to 20000"),
         (
             ["--fiber", "drift=1"],
             "--fiber drift=1: write NAME=VALUE or PLACE.NAME=VALUE, where NAME is",
@@ -76,12 +83,21 @@ def parse(*words: str) -> argparse.Namespace:
         (["--policy", "/nowhere.toml"], "cannot read the policy /nowhere.toml: No such file"),
         (["--rest", "127.0.0.1:8080", "--controller", "os-ken"], "--rest needs --controller ryu"),
         (["--sabot", "/nowhere"], "start one with python -m dispatcher.sabot --socket /nowhere"),
-        (["chain", "--switches", "0"], "0 quantum switches: choose 1 to 32"),
-        (["ring", "--switches", "2"], "2 quantum switches: choose 3 to 32"),
+        (["chain", "--switches", "0"], "0 quantum switches: choose 1 to 256"),
+        (["ring", "--switches", "2"], "2 quantum switches: choose 3 to 256"),
         (["leaf-spine", "--leaves", "0"], "0 leaves and 2 spines: choose 1 or more"),
-        (["leaf-spine", "--leaves", "31"], "33 quantum switches"),
+        (["leaf-spine", "--leaves", "255"], "257 quantum switches"),
+        (["tree", "--hosts", "2"], "2 hosts: choose 3 to 1024"),
         (["ring", "--spines", "2"], "--spines is of leaf-spine, not of ring: leave it out"),
-        (["--switches", "2"], "--switches is of chain, ring, not of sdc"),
+        (["--switches", "2"], "--switches is of chain, ring, tree, not of sdc"),
+        (
+            ["chain", "--map", "abilen"],
+            "there is no map 'abilen': choose of topohub's, such as abil",
+        ),
+        (["--map", "abilene"], "unknown host 'alice': choose one of atlam5, atlang, ch"),
+        (["--map", "abilene", "--length-km", "3"], "the map says how long fibres are"),
+        (["--map", "abilene", "--switches", "3"], "--switches is of chain, ring, tree, not of map"),
+        (["--hosts-at", "rome"], "--hosts-at is of map, not of sdc: leave it out"),
         (["--loss-budget-db", "-1"], "--loss-budget-db -1.0: choose 0 to 1000"),
         (["--interleave"], "--interleave spreads the codewords of a code: choose one with --fec"),
         (
@@ -112,7 +128,7 @@ def test_the_size_is_that_of_the_bytes(words: list[str], size: int) -> None:
     ],
 )
 def test_the_pairs_that_a_message_needs_follow_from_its_code(words: list[str], pairs: int) -> None:
-    assert superdense.pairs_of(parse(*words), 1000) == pairs
+    assert superdense.pairs_of(parse(*words).options, 1000) == pairs
 
 
 def test_there_is_a_message_without_being_asked() -> None:
@@ -120,7 +136,7 @@ def test_there_is_a_message_without_being_asked() -> None:
 
 
 def test_sizes_reach_the_topology() -> None:
-    chain = topology(parse("chain", "--switches", "5", "--length-km", "2"))()
+    chain = topology(network("chain", "--switches", "5", "--length-km", "2"))()
     assert len([name for name in chain.switches() if name.startswith("q")]) == 5
     fibers = [info for *_, info in chain.links(withInfo=True) if info["cls"] is FiberLink]
     assert {info["length_km"] for info in fibers} == {2.0}
@@ -128,10 +144,10 @@ def test_sizes_reach_the_topology() -> None:
 
 def test_parameters_of_fibres_reach_the_topology() -> None:
     words = ["--preset", "metro", "--kind", "pm", "--fiber", "dephasing=0.1", "--length-km", "2"]
-    fibre = every_fiber(parse(*words))
+    fibre = every_fiber(network(*words))
     assert (fibre.kind, fibre.length_km, fibre.dephasing) == ("pm", 2.0, 0.1)
     assert (fibre.connectors_db, fibre.loss_db_per_km) == (0.5, 0.5)
-    assert every_fiber(parse()) == FiberOptics()
+    assert every_fiber(network()) == FiberOptics()
 
 
 def test_two_runs_in_one_second_have_folders_of_their_own(tmp_path: Path) -> None:
@@ -146,21 +162,21 @@ def test_devices_are_those_of_the_preset_but_for_what_is_said() -> None:
     words = ["--preset", "lab", "--device", "bob.analyser.kind=linear"]
     words += ["--device", "charlie.source.bell_diagonal=[0.97, 0.01, 0.01, 0.01]"]
     words += ["--device", "charlie.source.fidelity=1"]
-    said = stated_devices(parse(*words))
-    preset = topology(parse("--preset", "lab"))().nodeInfo("bob")["device"]
+    said = stated_devices(network(*words))
+    preset = topology(network("--preset", "lab"))().nodeInfo("bob")["device"]
     assert said["bob"].detectors == preset.detectors
     assert said["bob"].analyser.kind == "linear"
     assert differences(said["charlie"])["source"] == {"bell_diagonal": (0.97, 0.01, 0.01, 0.01)}
-    built = topology(parse(*words))()
+    built = topology(network(*words))()
     assert built.nodeInfo("bob")["device"] == said["bob"]
     assert built.nodeInfo("alice")["device"] == preset
-    assert stated_devices(parse()) == {"every": Device()}
+    assert stated_devices(network()) == {"every": Device()}
 
 
 def test_hosts_are_of_the_kinds_that_are_named_but_for_what_is_said_of_them() -> None:
     words = ["--preset", "metro", "--node", "ion-trap", "--node", "bob=photonic"]
     words += ["--device", "alice.memory.capacity=7"]
-    built = topology(parse(*words))()
+    built = topology(network(*words))()
     alice, bob, charlie = (built.nodeInfo(host)["device"] for host in ("alice", "bob", "charlie"))
     assert charlie == ION_TRAP
     assert alice == replace(ION_TRAP, memory=replace(ION_TRAP.memory, capacity=7))

@@ -1,22 +1,27 @@
 """What the user asks of a service is checked before anything starts."""
 
-import argparse
-
 import pytest
 
 from hosts.middleware.services.distribution.distribute import DistributeOptions
 from hosts.middleware.services.teleportation.teleport import TeleportOptions
-from qmn.jobs import service
+from hosts.middleware.session.service_options import ServiceOptions
+from qmn.__main__ import described
+from qmn.jobs.service import ServiceRequest, checked
 from qmn.network.custom_topology import BadTopology
-from qmn.network.options import BadInput
 from qmn.network.topologies import quantum_hosts, topology
-from qmn.verbs import run
+from qmn.options import BadInput
+from qmn.verbs.run import service_request
 
 
-def parse(*words: str) -> argparse.Namespace:
-    parser = argparse.ArgumentParser()
-    run.add_parser(parser.add_subparsers())
-    return parser.parse_args(["run", *words])
+def parse(*words: str) -> ServiceRequest:
+    """Return what the command line asks for."""
+    whole = ["run", *words]
+    return service_request(described(whole).parse_args(whole))
+
+
+def options_of(*words: str) -> ServiceOptions:
+    """Return what the service is told."""
+    return checked(parse(*words)).options
 
 
 @pytest.mark.parametrize(
@@ -31,12 +36,12 @@ def parse(*words: str) -> argparse.Namespace:
 )
 def test_what_distribution_cannot_give_is_refused(words: list[str], text: str) -> None:
     with pytest.raises(BadInput, match=text):
-        service.check_input(parse("distribute", *words))
+        options_of("distribute", *words)
 
 
 def test_the_words_of_the_command_line_reach_the_service() -> None:
     words = ("--count", "7", "--fidelity", "0.9", "--sample", "0.5", "--rounds", "2")
-    options = service.check_input(parse("distribute", *words, "--purification", "bbpssw"))
+    options = options_of("distribute", *words, "--purification", "bbpssw")
     assert options == DistributeOptions(
         "bob", 9, count=7, fidelity=0.9, sample=0.5, purification="bbpssw", rounds=2
     )
@@ -44,18 +49,18 @@ def test_the_words_of_the_command_line_reach_the_service() -> None:
 
 
 def test_a_swap_goes_over_as_many_repeaters_as_are_wanted() -> None:
-    arguments = parse("swap", "--repeaters", "3", "--count", "7")
-    assert service.check_input(arguments) == DistributeOptions("bob", 9, count=7)
-    assert quantum_hosts(topology(arguments)()) == ["alice", "bob", "r1", "r2", "r3"]
+    request = checked(parse("swap", "--repeaters", "3", "--count", "7"))
+    assert request.options == DistributeOptions("bob", 9, count=7)
+    assert quantum_hosts(topology(request.network)()) == ["alice", "bob", "r1", "r2", "r3"]
 
 
 def test_more_repeaters_than_a_chain_may_have_are_refused() -> None:
     with pytest.raises(BadTopology, match="17 repeaters: choose 1 to 16"):
-        service.check_input(parse("swap", "--repeaters", "17"))
+        options_of("swap", "--repeaters", "17")
 
 
 def test_the_defaults_of_the_command_line_are_those_of_the_service() -> None:
-    assert service.check_input(parse("distribute")) == DistributeOptions("bob", 9)
+    assert options_of("distribute") == DistributeOptions("bob", 9)
 
 
 @pytest.mark.parametrize("state", ["haar", "pi/3,0", "0,0"])
@@ -64,41 +69,41 @@ def test_states_that_are_no_stabiliser_states_need_state_vectors(state: str) -> 
         words = ["--state", state, "--backend", backend]
         text = f"--state {state} is not a stabiliser state.*{backend}.*: add --backend dense"
         with pytest.raises(BadInput, match=text):
-            service.check_input(parse("teleport", *words))
-    options = service.check_input(parse("teleport", "--state", state, "--backend", "dense"))
+            options_of("teleport", *words)
+    options = options_of("teleport", "--state", state, "--backend", "dense")
     assert options == TeleportOptions("bob", 9, state=state)
 
 
 @pytest.mark.parametrize("state", ["random", "0", "-i"])
 def test_cardinal_states_are_teleported_on_every_backend(state: str) -> None:
     for backend in ("chp", "stim", "dense"):
-        options = service.check_input(parse("teleport", f"--state={state}", "--backend", backend))
+        options = options_of("teleport", f"--state={state}", "--backend", backend)
         assert options == TeleportOptions("bob", 9, state=state)
 
 
 def test_an_unknown_state_is_refused_before_anything_starts() -> None:
     with pytest.raises(BadInput, match="state 'up': choose one of random, 0, 1"):
-        service.check_input(parse("teleport", "--state", "up", "--backend", "dense"))
+        options_of("teleport", "--state", "up", "--backend", "dense")
 
 
 @pytest.mark.parametrize("rate", ["0", "-1", "nan", "20000"])
 def test_a_classical_channel_of_no_rate_is_refused(rate: str) -> None:
     for job in ("teleport", "distribute"):
         with pytest.raises(BadInput, match=r"--classical-mbps .*: choose 0.001 to 10000"):
-            service.check_input(parse(job, f"--classical-mbps={rate}"))
+            options_of(job, f"--classical-mbps={rate}")
 
 
 def test_light_is_no_faster_than_the_slowest_source_and_no_block_lasts_too_long() -> None:
-    options = service.check_input(parse("distribute", "--node", "bob=ion-trap"))
+    options = options_of("distribute", "--node", "bob=ion-trap")
     assert (options.rate_hz, options.block_pairs) == (250, 1250)
-    options = service.check_input(parse("distribute", "--node", "ion-trap", "--rate-hz", "100"))
+    options = options_of("distribute", "--node", "ion-trap", "--rate-hz", "100")
     assert (options.rate_hz, options.block_pairs) == (100, 500)
     words = ("--device", "bob.source.statistics=none", "--device", "bob.source.max_rate_hz=7")
-    assert service.check_input(parse("distribute", *words)) == DistributeOptions("bob", 9)
+    assert options_of("distribute", *words) == DistributeOptions("bob", 9)
 
 
 def test_the_host_that_makes_pairs_can_be_chosen() -> None:
-    options = service.check_input(parse("teleport", "--source", "alice"))
+    options = options_of("teleport", "--source", "alice")
     assert options.source == "alice"
     with pytest.raises(BadInput, match="--source zoe: choose one of alice, bob, charlie"):
-        service.check_input(parse("distribute", "--source", "zoe"))
+        options_of("distribute", "--source", "zoe")

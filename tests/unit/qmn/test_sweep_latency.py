@@ -9,7 +9,7 @@ import pytest
 from qmn.jobs import service
 from qmn.sweeps import running, theory
 from qmn.sweeps.emulated import EMULATED
-from qmn.sweeps.emulated_teleportation import WAITED, arguments, outcome
+from qmn.sweeps.emulated_teleportation import WAITED, outcome, request
 from qmn.sweeps.estimates import NOTHING, Estimate
 from qmn.sweeps.experiment import Outcome
 from qmn.sweeps.figure import draw
@@ -105,10 +105,11 @@ def test_the_figure_has_the_measured_wait_as_its_axis(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("state", "backend"), [("random", "chp"), ("haar", "dense")])
 def test_a_point_is_what_qmn_run_can_be_told(tmp_path: Path, state: str, backend: str) -> None:
     values = TELEPORT.complete({"state": state, "classical_mbps": 0.5, "memory_t2_s": T2_S})
-    told = arguments(values, 7, tmp_path)
-    assert (told.classical_mbps, told.backend, told.seed) == (0.5, backend, 7)
-    assert told.device == ["bob.memory.t1_s=inf", f"bob.memory.t2_s={T2_S}"]
-    options = service.check_input(told)
+    asked = request(values, 7, tmp_path)
+    network = asked.network
+    assert (asked.run.classical_mbps, network.backend, network.seed) == (0.5, backend, 7)
+    assert network.device == ("bob.memory.t1_s=inf", f"bob.memory.t2_s={T2_S}")
+    options = service.checked(asked).options
     assert options.count == options.block_pairs  # all in one block
 
 

@@ -1,0 +1,90 @@
+"""Run one program of a NetQASM application on this host, as it is, with NetQASM's SDK.
+
+Prints a line of JSON for what each round returns, and one at the end; what the program itself
+prints goes to stderr.
+"""
+
+import argparse
+import json
+import os
+import sys
+from collections.abc import Callable
+from contextlib import redirect_stdout
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+from typing import Any
+
+from netqasm.runtime.app_config import AppConfig
+from netqasm.sdk.config import LogConfig
+
+from hosts.applications.carrying import say
+from hosts.applications.service import ended_well
+from hosts.netqasm_sdk.external import installed
+from hosts.netqasm_sdk.placement import Placement
+
+Main = Callable[..., Any]
+
+
+def load(folder: Path, role: str) -> Main:
+    """Return the entry of a program; its own modules are found beside it."""
+    file = folder / f"app_{role}.py"
+    sys.path.insert(0, str(folder))
+    spec = spec_from_file_location(file.stem, file)
+    assert spec is not None
+    assert spec.loader is not None
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    main: Main = module.main
+    return main
+
+
+def begin(main: Main, role: str, host: str, inputs: dict[str, Any], logs: Path) -> Any:
+    """Run a program once; return what it returns."""
+    log_config = LogConfig(log_subroutines_dir=str(logs), comm_log_dir=str(logs))
+    config = AppConfig(role, host, main, log_config, inputs)
+    return main(app_config=config, **inputs)
+
+
+def plain(value: Any) -> Any:
+    """Return what JSON can hold of a value: a complex number as its two parts, others as text."""
+    if isinstance(value, complex):
+        return [value.real, value.imag]
+    if hasattr(value, "tolist"):  # of numpy
+        return value.tolist()
+    return str(value)
+
+
+def main() -> int:
+    """Read the arguments, run the program, and turn faults into one line and an exit status."""
+    parser = argparse.ArgumentParser(
+        prog="python -m hosts.applications.netqasm_program", description=__doc__
+    )
+    parser.add_argument("folder", type=Path, help="of the application")
+    parser.add_argument("role", help="app_ROLE.py is run")
+    parser.add_argument("--stack", help="socket of this host's stack (QMN_STACK)")
+    parser.add_argument("--placement", type=json.loads, help="hosts and addresses by role")
+    parser.add_argument("--inputs", type=json.loads, default={}, help="of the program, as JSON")
+    parser.add_argument("--rounds", type=int, default=1, metavar="N", help="times to run it (1)")
+    parser.add_argument("--logs", type=Path, required=True, help="folder for what the SDK logs")
+    arguments = parser.parse_args()
+    role = arguments.role
+    placement = Placement(**arguments.placement, stacks={role: arguments.stack})
+    os.chdir(arguments.folder)
+
+    def work() -> None:
+        with installed(placement):
+            with redirect_stdout(sys.stderr):
+                entry = load(arguments.folder, role)
+            for number in range(arguments.rounds):
+                with redirect_stdout(sys.stderr):
+                    host = placement.host(role)
+                    output = begin(entry, role, host, arguments.inputs, arguments.logs)
+                output = json.loads(json.dumps(output, default=plain))
+                say("result", {"round": number, "output": output})
+        say("done", {"rounds": arguments.rounds})
+
+    return ended_well("netqasm_program", work)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

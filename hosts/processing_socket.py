@@ -1,0 +1,35 @@
+"""A socket to the processing unit of a host: NetQASM's messages there, its answers back."""
+
+from hosts.stack_socket import QuantumSocketError, StackSocket
+from wire.netqasm.messages import Finished, UnitMessage, decode_unit_message
+from wire.socket_calls import Call, decode_fields, encode, encode_fields
+
+
+class ProcessingSocket(StackSocket):
+    """One application's connection to the unit; what it leaves there is gone when it closes."""
+
+    def begin(self) -> dict[str, str]:
+        """Begin an application; return the addresses of all nodes by name, in NetQASM's order."""
+        self._socket.sendall(encode_fields(Call.PROCESS))
+        call, payload = self._read()
+        if call != Call.DONE:
+            raise QuantumSocketError(f"the stack answered {call.name} to PROCESS")
+        self.summary = decode_fields(payload)
+        nodes: dict[str, str] = self.summary["nodes"]
+        return nodes
+
+    def send(self, message: bytes) -> list[UnitMessage]:
+        """Have the unit deal with a message; return what it answers, without the end of it.
+
+        Raise QuantumSocketError with the reason if it cannot be done.
+        """
+        self._socket.sendall(encode(Call.DATA, message))
+        answers: list[UnitMessage] = []
+        while True:
+            call, payload = self._read()
+            if call != Call.DATA:
+                raise QuantumSocketError(f"the stack answered {call.name} to NetQASM")
+            answer = decode_unit_message(payload)
+            if isinstance(answer, Finished):
+                return answers
+            answers.append(answer)

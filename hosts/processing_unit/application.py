@@ -1,0 +1,233 @@
+"""One application of a processing unit: its machine, its sockets for pairs, its requests."""
+
+import asyncio
+from collections import defaultdict
+from collections.abc import Callable, Coroutine, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hosts.hardware.qnic import BlockName, Qnic, release
+from hosts.middleware.session.channel import SessionError
+from hosts.network_loop import now_s
+from hosts.processing_unit.machine import Machine
+from hosts.processing_unit.measuring import choose, measurement
+from hosts.processing_unit.memory import MOST, Value
+from hosts.processing_unit.pairs import PairMaking
+from hosts.processing_unit.qubits import Qubits
+from wire.metadata import Reason
+from wire.netqasm.messages import OpenSocket, ReturnedArray, ReturnedRegister
+from wire.netqasm.pair_requests import MAX_PAIRS, Measuring, PairRequest, RandomBasis, Use
+from wire.netqasm.subroutine import Subroutine
+from wire.outcomes import NO_CLICK
+
+FIELDS = 10  # that are told of each pair
+WORDS = 22  # of a request: NetQASM's SerializedCreateRequestIndex
+PHI_PLUS = 0
+
+
+@dataclass(frozen=True)
+class Request:
+    """Pairs that the application has asked for, and where it wants to know of them."""
+
+    node: int
+    socket: int
+    pairs: int
+    qubits: int | None  # address of the array of their numbers
+    into: int  # address of the array of what is told of them
+    asked_s: float
+    received: bool  # not created here
+
+
+class Application:
+    """Executes the subroutines of one application on this host."""
+
+    def __init__(
+        self,
+        nodes: Sequence[str],
+        qnic: Qnic,
+        making: PairMaking,
+        session: int,
+        most_qubits: int,
+        draws: np.random.Generator,
+    ) -> None:
+        """Nodes are numbered from 0; the qubits are photons of the session."""
+        self._nodes, self._qnic, self._making, self._draws = nodes, qnic, making, draws
+        self._session = session
+        self._qubits = Qubits(qnic, session, most_qubits)
+        self._machine = Machine(self._qubits, self._ask, self._settled)
+        self._sockets: dict[tuple[int, int], int] = {}  # node and socket: the socket there
+        self._turns: defaultdict[tuple[int, int], asyncio.Lock] = defaultdict(asyncio.Lock)
+        self._requests: set[asyncio.Task[None]] = set()
+        self._failure: BaseException | None = None
+        self._changed = asyncio.Event()
+        self._homeless: list[tuple[Request, int, BlockName]] = []  # pairs without a number yet
+
+    def open_socket(self, message: OpenSocket) -> None:
+        """Let pairs be asked for between a socket here and one there."""
+        if not 0 <= message.remote_node < len(self._nodes):
+            raise _refused(f"node {message.remote_node}: there are {len(self._nodes)}, from 0")
+        self._sockets[message.remote_node, message.socket] = message.remote_socket
+
+    async def run(self, subroutine: Subroutine) -> list[ReturnedArray | ReturnedRegister]:
+        """Execute a subroutine; return what it returns."""
+        self._settle()
+        return await self._machine.run(subroutine)
+
+    async def close(self) -> None:
+        """Let go of requests and photons."""
+        for request in self._requests:
+            request.cancel()
+        await asyncio.gather(*self._requests, return_exceptions=True)
+        await release(self._qnic, self._session)
+
+    def _ask(
+        self, node: int, socket: int, qubits: int | None, words: list[Value] | None, into: int
+    ) -> None:
+        """Begin to make pairs as an array of words says, or to receive some."""
+        if (node, socket) not in self._sockets:
+            raise _refused(f"socket {socket} to node {node} is not open")
+        told = len(self._machine.memory.array(into))
+        pairs = told // FIELDS if words is None else _word(words, 1, 1)
+        if not 0 < pairs <= MAX_PAIRS or told != pairs * FIELDS:
+            raise _refused(
+                f"{pairs} pairs, of which {told} numbers are to be told: ask for 1 to {MAX_PAIRS}, "
+                f"with {FIELDS} numbers for each"
+            )
+        request = Request(node, socket, pairs, qubits, into, now_s(), words is None)
+        work = self._receive(request) if words is None else self._create(request, words)
+        task = asyncio.create_task(self._in_turn(request, work))
+        self._requests.add(task)
+        task.add_done_callback(self._note_end)
+
+    def _note_end(self, task: "asyncio.Task[None]") -> None:
+        self._requests.discard(task)
+        if not task.cancelled() and task.exception() is not None:
+            self._failure = self._failure or task.exception()
+        self._changed.set()
+
+    async def _in_turn(self, request: Request, work: Coroutine[Any, Any, None]) -> None:
+        """Requests of a socket are done in the order in which they were made."""
+        async with self._turns[request.node, request.socket]:
+            await work
+
+    async def _create(self, request: Request, words: list[Value]) -> None:
+        use, ours, theirs = _asked(words)
+        if use == Use.KEEP and not self._can_keep(request):
+            raise _refused(f"{request.pairs} pairs to keep, and not as many qubits are named")
+        remote_socket = self._sockets[request.node, request.socket]
+        asked = PairRequest(
+            self._making.node, request.socket, remote_socket, request.pairs, use, theirs
+        )
+        remote = self._nodes[request.node]
+        blocks = await self._making.create(asked, remote, self._qubits)
+        if use == Use.KEEP:
+            self._keep(request, blocks)
+        else:
+            await self._measure(request, blocks, use, ours)
+
+    async def _receive(self, request: Request) -> None:
+        remote_socket = self._sockets[request.node, request.socket]
+        key = self._nodes[request.node], request.socket, remote_socket
+        asked, blocks = await self._making.receive(
+            key, request.pairs, self._can_keep(request), self._qubits
+        )
+        if asked.use == Use.MEASURE:
+            await self._measure(request, blocks, asked.use, asked.receiver)
+        else:
+            self._keep(request, blocks)
+
+    def _can_keep(self, request: Request) -> bool:
+        """Return whether as many numbers of qubits are named as pairs."""
+        address, memory = request.qubits, self._machine.memory
+        return address is not None and memory.length(address) == request.pairs
+
+    def _keep(self, request: Request, blocks: list[BlockName]) -> None:
+        self._homeless += [(request, place, block) for place, block in enumerate(blocks)]
+        self._settle()
+
+    def _settle(self) -> None:
+        """Give pairs the numbers that the application wants, as soon as these are free."""
+        waiting, self._homeless = self._homeless, []
+        taken = set()
+        for request, place, block in waiting:
+            assert request.qubits is not None
+            number = self._machine.memory.entry(request.qubits, place)
+            if not isinstance(number, int):
+                raise _refused("the number of a qubit for a pair is not known yet")
+            if number in taken or number in self._qubits:
+                self._homeless.append((request, place, block))
+                taken.add(number)
+            else:
+                self._qubits.place(number, block)
+                self._tell(request, place, Use.KEEP, number)
+
+    async def _measure(
+        self, request: Request, blocks: list[BlockName], use: Use, how: Measuring
+    ) -> None:
+        bases = choose(how, len(blocks), self._draws)
+        outcomes = await self._qnic.process(measurement(blocks, how, bases))
+        if NO_CLICK in outcomes:
+            text = "no detector has clicked for half of a pair: take one of efficiency 1"
+            raise SessionError(Reason.HARDWARE, text)
+        for place, (outcome, basis) in enumerate(zip(outcomes, bases, strict=True)):
+            self._tell(request, place, use, outcome, basis)
+
+    def _tell(self, request: Request, place: int, use: Use, found: int, *basis: int) -> None:
+        """Tell of a pair as NetQASM lays it out: its number, or outcome and basis."""
+        lasted_us = min(round((now_s() - request.asked_s) * 1e6), MOST)
+        head = [use.value, 0, found, *basis, int(request.received), place, request.socket]
+        row = [*head, request.node, lasted_us]
+        row += [0] * (FIELDS - 1 - len(row)) + [PHI_PLUS]
+        for field, value in enumerate(row):
+            self._machine.memory.put(request.into, place * FIELDS + field, value)
+        self._changed.set()
+
+    async def _settled(self, there: Callable[[], bool]) -> None:
+        """Wait until what is waited for is there; raise what keeps it from coming."""
+        while True:
+            self._changed.clear()
+            self._settle()
+            if there():
+                return
+            if self._failure is not None:
+                raise self._failure
+            if not self._requests:
+                raise _refused("nothing comes any more of what is waited for")
+            await self._changed.wait()
+
+
+def _asked(words: list[Value]) -> tuple[Use, Measuring, Measuring]:
+    """Return what a request's words ask for, here and there."""
+    if len(words) != WORDS:
+        raise _refused(f"a request for pairs of {len(words)} words, not {WORDS}")
+    try:
+        use = Use(_word(words, 0))
+        ours, theirs = (
+            Measuring(
+                RandomBasis(_word(words, bases)),
+                (_turn(words, first), _turn(words, first + 1), _turn(words, first + 2)),
+                _word(words, axes),
+            )
+            for bases, first, axes in ((2, 14, 20), (3, 17, 21))
+        )
+    except ValueError as error:
+        raise _refused(f"a request for pairs: {error}") from error
+    for how in (ours, theirs):
+        if not 0 <= how.axes <= 2:
+            raise _refused(f"axes {how.axes} of a measurement: 0 XYX, 1 YZY, 2 ZXZ")
+    return use, ours, theirs
+
+
+def _turn(words: list[Value], place: int) -> int:
+    return _word(words, place) % 32
+
+
+def _word(words: list[Value], place: int, otherwise: int = 0) -> int:
+    word = words[place] if place < len(words) else None
+    return word if isinstance(word, int) else otherwise
+
+
+def _refused(text: str) -> SessionError:
+    return SessionError(Reason.UNSUPPORTED, text)

@@ -1,0 +1,84 @@
+"""The classical memory of one application: registers and arrays of 32-bit integers.
+
+What was measured can be moved before it is known: then it is an Outcome.
+"""
+
+from hosts.middleware.session.channel import SessionError
+from hosts.processing_unit.qubits import Outcome
+from wire.metadata import Reason
+from wire.netqasm.messages import MAX_ENTRIES
+from wire.netqasm.subroutine import register_name
+
+LEAST, MOST = -(1 << 31), (1 << 31) - 1
+MAX_ARRAYS = 4096
+MAX_TOTAL = 1 << 20  # entries of all arrays
+
+Value = int | Outcome | None  # None: not defined
+
+
+class ClassicalMemory:
+    """Registers by number, arrays by address."""
+
+    def __init__(self) -> None:
+        """Begin with nothing defined."""
+        self._registers: dict[int, Value] = {}
+        self._arrays: dict[int, list[Value]] = {}
+
+    def set(self, register: int, value: Value) -> None:
+        """Put a value into a register."""
+        if isinstance(value, int) and not LEAST <= value <= MOST:
+            raise _refused(f"{value} in register {register_name(register)}: it has 32 bits")
+        self._registers[register] = value
+
+    def raw(self, register: int) -> Value:
+        """Return what a register holds, which may not be known yet."""
+        return self._registers.get(register)
+
+    def defined(self, register: int) -> int | Outcome:
+        """Return what a register holds; raise SessionError if that is nothing."""
+        value = self._registers.get(register)
+        if value is None:
+            raise _refused(f"register {register_name(register)} is not defined")
+        return value
+
+    def new_array(self, address: int, length: int) -> None:
+        """Make an array of which nothing is defined, perhaps in the place of another."""
+        total = sum(map(len, self._arrays.values()))
+        if not 0 <= length <= MAX_ENTRIES or total + length > MAX_TOTAL:
+            raise _refused(f"an array of {length} entries: at most {MAX_ENTRIES}, and {MAX_TOTAL}")
+        if len(self._arrays) >= MAX_ARRAYS:
+            raise _refused(f"{MAX_ARRAYS} arrays are the most")
+        self._arrays[address] = [None] * length
+
+    def array(self, address: int) -> list[Value]:
+        """Return an array, to be read or changed; raise SessionError if there is none."""
+        if address not in self._arrays:
+            raise _refused(f"there is no array at address {address}")
+        return self._arrays[address]
+
+    def length(self, address: int) -> int:
+        """Return how many entries an array has; 0 if there is none."""
+        return len(self._arrays.get(address, ()))
+
+    def part(self, address: int, start: int, stop: int) -> list[Value]:
+        """Return a slice of an array; raise SessionError if it is not inside."""
+        array = self.array(address)
+        if not 0 <= start <= stop <= len(array):
+            raise _refused(f"entries {start} to {stop} of an array of {len(array)}")
+        return array[start:stop]
+
+    def entry(self, address: int, index: int) -> Value:
+        """Return an entry of an array; raise SessionError if it is not defined."""
+        (value,) = self.part(address, index, index + 1)
+        if value is None:
+            raise _refused(f"entry {index} of the array at address {address} is not defined")
+        return value
+
+    def put(self, address: int, index: int, value: Value) -> None:
+        """Change an entry of an array."""
+        self.part(address, index, index + 1)
+        self._arrays[address][index] = value
+
+
+def _refused(text: str) -> SessionError:
+    return SessionError(Reason.UNSUPPORTED, text)

@@ -1,0 +1,337 @@
+"""Pairs for the applications of processing units: agreed on between two units, made by a service.
+
+creator's unit                                     receiver's unit
+PairRequest ------------------------------------->  waits until its application wants them
+   <------------------------------------ READY, port
+session of `distribute`, to that port <---------->  light, by way of the controller
+both take the pairs out of the session, which ends then
+"""
+
+import asyncio
+import logging
+from collections import defaultdict, deque
+from collections.abc import Awaitable, Callable, Mapping
+from contextlib import AbstractContextManager, suppress
+from dataclasses import dataclass, field
+from itertools import count
+from typing import Any
+
+from hosts.hardware.operations import Kind, Operation
+from hosts.hardware.qnic import BlockName, HardwareError, Qnic
+from hosts.middleware.session.blocks import PAIRS
+from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.service import Answerer
+from hosts.middleware.session.session import OpeningSession
+from hosts.network_loop import now_s, wall_sleep
+from hosts.processing_unit.qubits import Qubits
+from hosts.timeouts import (
+    ANSWER_TIMEOUT_S,
+    CONNECT_TIMEOUT_S,
+    FREE_TIMEOUT_S,
+    MAX_BLOCK_S,
+    RETRY_PAUSE_S,
+    WANTED_TIMEOUT_S,
+)
+from wire.config import HostConfig
+from wire.metadata import MalformedPacket, Reason
+from wire.netqasm.pair_requests import (
+    ANSWER,
+    PAIRS_PORT,
+    REQUEST,
+    PairRequest,
+    Use,
+    Verdict,
+    decode_answer,
+    decode_request,
+    encode_answer,
+)
+
+log = logging.getLogger("pairs")
+
+SERVICE = "distribute"
+BLOCK_PAIRS = 16_384
+FIRST_PORT, LAST_PORT = 49_152, 65_535  # of sessions with pairs
+MOST_WAITING = 64  # units that want something of this one, at a time
+CREATOR, RECEIVER = 0, 1  # halves of the pairs
+REFUSALS = {
+    Verdict.NOBODY: f"has not asked to receive them in {WANTED_TIMEOUT_S:g} s: does its program "
+    "open the same sockets, and does it still run?",
+    Verdict.OTHER_COUNT: "wants another number of them: let both ends name the same",
+    Verdict.OTHER_USE: "has named no qubits to keep them in: let both ends use them alike",
+}
+
+Key = tuple[str, int, int]  # the creator's node, the receiver's socket, the creator's socket
+
+
+class Arriving:
+    """Pairs on their way to this host, in a session that another host has opened."""
+
+    def __init__(self, peer: str, take: Callable[[int], Awaitable[list[BlockName]]]) -> None:
+        """`take` is given the session's number when the pairs are there."""
+        self.peer, self._take = peer, take
+        self.ended = asyncio.Event()
+        self.blocks: asyncio.Future[list[BlockName]] = asyncio.get_running_loop().create_future()
+
+    async def tell(self, **_fields: Any) -> None:
+        """Nobody wants to know how far the service is."""
+
+    async def deliver(self, _data: bytes) -> None:
+        """Refuse bytes: the service has none."""
+        raise SessionError(Reason.PROTOCOL, "bytes in the place of pairs")
+
+    async def ready(self, summary: dict[str, Any], _answer: Answerer) -> None:
+        """Take the pairs; the session may end then."""
+        self.blocks.set_result(await self._take(int(summary["session"], 16)))
+
+    async def finish(self, _summary: dict[str, Any]) -> None:
+        """Know that the session is over."""
+        self.ended.set()
+
+    async def fail(self, error: BaseException) -> None:
+        """Hand on why there are no pairs."""
+        if not self.blocks.done():
+            told = error if isinstance(error, SessionError | HardwareError) else None
+            self.blocks.set_exception(told or SessionError(Reason.PROTOCOL, "the unit has ended"))
+        self.ended.set()
+
+
+@dataclass(frozen=True)
+class Sessions:
+    """How sessions are opened and accepted on this host."""
+
+    request: Callable[[dict[str, Any]], OpeningSession]
+    opening: Callable[[OpeningSession], AbstractContextManager[None]]
+    expecting: Callable[[int, str, Arriving], AbstractContextManager[None]]
+
+
+@dataclass(eq=False)
+class Wanted:
+    """What an application here wants to receive."""
+
+    pairs: int
+    can_keep: bool
+    qubits: Qubits
+    came: "asyncio.Future[tuple[PairRequest, list[BlockName]]]" = field(
+        default_factory=lambda: asyncio.get_running_loop().create_future()
+    )
+
+    def fail(self, error: SessionError | HardwareError) -> None:
+        """Tell who waits for this, if somebody still does, why it does not come."""
+        if not self.came.done():
+            self.came.set_exception(error)
+
+    def verdict(self, request: PairRequest) -> Verdict:
+        """Return what is to be said to a request for this."""
+        if request.pairs != self.pairs:
+            return Verdict.OTHER_COUNT
+        if request.use != Use.MEASURE and not self.can_keep:
+            return Verdict.OTHER_USE
+        return Verdict.READY
+
+
+class PairMaking:
+    """All pairs between the applications of this unit and those of others."""
+
+    def __init__(
+        self, config: HostConfig, nodes: Mapping[str, str], qnic: Qnic, sessions: Sessions
+    ) -> None:
+        """Nodes: name to address."""
+        self.node, self._nodes, self._source = config.name, nodes, config.source
+        self._rate_hz = config.pair_rate_hz
+        self._qnic, self._sessions = qnic, sessions
+        self._wanted: defaultdict[Key, deque[Wanted]] = defaultdict(deque)
+        self._changed = asyncio.Condition()
+        self._ports = count()
+        self._waiting = 0
+
+    async def create(self, request: PairRequest, remote: str, qubits: Qubits) -> list[BlockName]:
+        """Return this end's halves of new pairs with a node; raise SessionError if there are none.
+
+        Light that others use is waited for.
+        """
+        async with Agreement(request, remote, self._nodes[remote]) as port:
+            deadline_s = now_s() + FREE_TIMEOUT_S
+            while True:
+                try:
+                    return await self._distribute(request, remote, port, qubits)
+                except SessionError as error:
+                    if error.reason != Reason.BUSY or now_s() > deadline_s:
+                        raise
+                await wall_sleep(RETRY_PAUSE_S)
+
+    async def receive(
+        self, key: Key, pairs: int, can_keep: bool, qubits: Qubits
+    ) -> tuple[PairRequest, list[BlockName]]:
+        """Return what another node has asked for, and this end's halves of the pairs."""
+        wanted = Wanted(pairs, can_keep, qubits)
+        self._wanted[key].append(wanted)
+        try:
+            async with self._changed:
+                self._changed.notify_all()
+            async with asyncio.timeout(WANTED_TIMEOUT_S):
+                return await wanted.came
+        except TimeoutError as error:
+            text = f"no pairs from {key[0]} in {WANTED_TIMEOUT_S:g} s: does its program create them"
+            raise SessionError(Reason.NO_LISTENER, f"{text}, for the same sockets?") from error
+        finally:
+            self._forget(key, wanted)
+
+    async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Serve another unit that wants pairs with an application here."""
+        self._waiting += 1
+        try:
+            if self._waiting <= MOST_WAITING:
+                async with asyncio.timeout(ANSWER_TIMEOUT_S):
+                    data = await reader.readexactly(REQUEST.size)
+                await self._answer(decode_request(data), reader, writer)
+        except MalformedPacket as error:
+            log.warning("%s", error)
+        except (asyncio.IncompleteReadError, ConnectionError, TimeoutError):
+            log.info("a unit closed its connection")
+        finally:
+            self._waiting -= 1
+            writer.close()
+
+    async def _answer(
+        self, request: PairRequest, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
+    ) -> None:
+        """Tell a creator when pairs are wanted here, and take them in; unless it goes before."""
+        gone = asyncio.create_task(reader.read(1))
+        serving = asyncio.create_task(self._provide(request, writer))
+        await asyncio.wait([gone, serving], return_when=asyncio.FIRST_COMPLETED)
+        for task in (gone, serving):
+            task.cancel()
+        await asyncio.gather(gone, return_exceptions=True)
+        with suppress(asyncio.CancelledError):
+            await serving
+
+    async def _provide(self, request: PairRequest, writer: asyncio.StreamWriter) -> None:
+        key = request.creator, request.receiver_socket, request.creator_socket
+        try:
+            async with asyncio.timeout(WANTED_TIMEOUT_S), self._changed:
+                await self._changed.wait_for(lambda: self._wanted.get(key))
+        except TimeoutError:
+            writer.write(encode_answer(Verdict.NOBODY))
+            return
+        wanted = self._wanted[key].popleft()
+        verdict = wanted.verdict(request)
+        try:
+            if verdict != Verdict.READY:
+                writer.write(encode_answer(verdict))
+                raise SessionError(
+                    Reason.UNSUPPORTED,
+                    f"{request.creator} asks for others: "
+                    f"{request.pairs} pairs, {request.use.name.lower()}",
+                )
+            blocks = await self._arrived(request, wanted, writer)
+        except (SessionError, HardwareError) as error:
+            wanted.fail(error)
+        except asyncio.CancelledError:
+            text = f"{request.creator} has asked for pairs, and gone before they were there"
+            wanted.fail(SessionError(Reason.PROTOCOL, text))
+            raise
+        else:
+            if not wanted.came.done():  # the application may have gone meanwhile
+                wanted.came.set_result((request, blocks))
+
+    async def _arrived(
+        self, request: PairRequest, wanted: Wanted, writer: asyncio.StreamWriter
+    ) -> list[BlockName]:
+        """Return the halves of pairs that the creator has made after an answer."""
+        port = FIRST_PORT + next(self._ports) % (LAST_PORT - FIRST_PORT)
+
+        async def take(session: int) -> list[BlockName]:
+            return await self._take(session, RECEIVER, request.pairs, wanted.qubits)
+
+        arriving = Arriving(request.creator, take)
+        with self._sessions.expecting(port, SERVICE, arriving):
+            writer.write(encode_answer(Verdict.READY, port))
+            return await arriving.blocks
+
+    async def _distribute(
+        self, request: PairRequest, remote: str, port: int, qubits: Qubits
+    ) -> list[BlockName]:
+        """Have pairs distributed, and take this end's halves."""
+        ends = self.node, remote
+        fields = {
+            "service": SERVICE,
+            "host": remote,
+            "port": port,
+            "count": request.pairs,
+            "sample": 0.0,
+            "rate_hz": self._rate_hz,
+            "block_pairs": max(1, min(BLOCK_PAIRS, int(self._rate_hz * MAX_BLOCK_S))),
+            "source": self.node if self._source in ends else self._source,
+        }
+        session = self._sessions.request(fields)
+        with self._sessions.opening(session):
+            try:
+                await session.run(_unsaid)
+                number = session.setup.session
+                blocks = await self._take(number, CREATOR, request.pairs, qubits)
+                await session.finish()
+            except (SessionError, HardwareError) as error:
+                await session.give_up(error)
+                raise
+            finally:
+                await session.close()
+            return blocks
+
+    async def _take(self, session: int, half: int, pairs: int, qubits: Qubits) -> list[BlockName]:
+        """Take photons out of a session, one by one, into blocks of an application's own."""
+        taken = [qubits.new_block() for _ in range(pairs)]
+        whole = BlockName(session, PAIRS, half)
+        await self._qnic.process(
+            [
+                Operation(Kind.TAKE, whole, target=block, position=position)
+                for position, block in enumerate(taken)
+            ]
+        )
+        return taken
+
+    def _forget(self, key: Key, wanted: Wanted) -> None:
+        with suppress(ValueError):  # taken up already
+            self._wanted[key].remove(wanted)
+        if not self._wanted[key]:
+            del self._wanted[key]
+
+
+class Agreement:
+    """The connection to another unit, as long as it is to know that pairs come."""
+
+    def __init__(self, request: PairRequest, remote: str, address: str) -> None:
+        self._request, self._remote, self._address = request, remote, address
+        self._writer: asyncio.StreamWriter | None = None
+
+    async def __aenter__(self) -> int:
+        """Ask for pairs; return to which port, once they are wanted there."""
+        try:
+            async with asyncio.timeout(CONNECT_TIMEOUT_S):
+                reader, self._writer = await asyncio.open_connection(self._address, PAIRS_PORT)
+        except OSError as error:  # TimeoutError is one
+            raise SessionError(
+                Reason.UNKNOWN_HOST,
+                f"the processing unit of {self._remote} ({self._address}) does not answer on port "
+                f"{PAIRS_PORT} ({error or 'timeout'}); is it up?",
+            ) from error
+        self._writer.write(self._request.encode())
+        try:
+            async with asyncio.timeout(WANTED_TIMEOUT_S + ANSWER_TIMEOUT_S):
+                verdict, port = decode_answer(await reader.readexactly(ANSWER.size))
+        except (OSError, asyncio.IncompleteReadError, MalformedPacket) as error:
+            self._writer.close()
+            text = f"the processing unit of {self._remote} has not answered: {error or 'timeout'}"
+            raise SessionError(Reason.PROTOCOL, text) from error
+        if verdict != Verdict.READY:
+            self._writer.close()
+            text = f"{self._request.pairs} pairs with {self._remote}: the other end"
+            raise SessionError(Reason.UNSUPPORTED, f"{text} {REFUSALS[verdict]}")
+        return port
+
+    async def __aexit__(self, *_exception: object) -> None:
+        assert self._writer is not None
+        self._writer.close()
+
+
+async def _unsaid(**_result: Any) -> None:
+    """Tell nobody how far a service is."""

@@ -1,0 +1,90 @@
+"""The processing unit of a host: serves applications at the host's socket, each by itself.
+
+An application says PROCESS, is told which nodes there are, and then sends NetQASM's own messages
+(wire.netqasm.messages), one by one; each is answered when it has been dealt with.
+"""
+
+import asyncio
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from hosts.hardware.qnic import Qnic
+from hosts.middleware.session.channel import SessionError
+from hosts.processing_unit.application import Application
+from hosts.processing_unit.pairs import PairMaking, Sessions
+from wire.config import HostConfig
+from wire.metadata import Reason
+from wire.netqasm.messages import (
+    Finished,
+    HostMessage,
+    InitApplication,
+    OpenSocket,
+    StopApplication,
+    UnitMessage,
+)
+from wire.netqasm.subroutine import Subroutine
+
+
+class ProcessingUnit:
+    """What applications of one host share."""
+
+    def __init__(
+        self, config: HostConfig, qnic: Qnic, sessions: Sessions, new_session: Callable[[], int]
+    ) -> None:
+        """Sessions are opened and accepted by the host's stack, which also numbers them."""
+        self._name, self._seed, self._qnic = config.name, config.seed, qnic
+        self.nodes: Mapping[str, str] = dict(sorted(config.hosts.items()))
+        self._new_session = new_session
+        self.pairs = PairMaking(config, self.nodes, qnic, sessions)
+
+    def connect(self) -> "Connection":
+        """Return what serves one connection of an application."""
+        return Connection(self._begin)
+
+    def _begin(self, message: InitApplication) -> Application:
+        session = self._new_session()
+        draws = np.random.default_rng([self._seed, session, *self._name.encode()])
+        nodes = list(self.nodes)
+        return Application(nodes, self._qnic, self.pairs, session, message.qubits, draws)
+
+
+class Connection:
+    """One connection of an application, from its first message to its last."""
+
+    def __init__(self, begin: Callable[[InitApplication], Application]) -> None:
+        """Begin without an application."""
+        self._begin = begin
+        self._application: Application | None = None
+        self._number = self._messages = 0
+
+    async def handle(self, message: HostMessage) -> list[UnitMessage]:
+        """Do what a message says; return what is answered. Raise SessionError if it cannot be."""
+        answers: list[UnitMessage] = []
+        match message:
+            case InitApplication(number):
+                if self._application is not None:
+                    raise SessionError(Reason.PROTOCOL, "an application has begun here already")
+                self._number, self._application = number, self._begin(message)
+            case OpenSocket():
+                self._begun(message.application).open_socket(message)
+            case Subroutine():
+                answers += await self._begun(message.application).run(message)
+            case StopApplication(number):
+                self._begun(number)
+                await self.close()
+        answers.append(Finished(self._messages))
+        self._messages += 1
+        return answers
+
+    async def close(self) -> None:
+        """Let go of everything of the application."""
+        application, self._application = self._application, None
+        if application is not None:
+            await asyncio.shield(application.close())
+
+    def _begun(self, number: int) -> Application:
+        if self._application is None or number != self._number:
+            text = f"application {number} has not begun on this connection"
+            raise SessionError(Reason.PROTOCOL, text)
+        return self._application

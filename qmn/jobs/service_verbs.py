@@ -1,0 +1,115 @@
+"""The services that `qmn run` has, and how the command line says what each can be told."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from hosts.middleware.services.distribution.distribute_options import PROTOCOLS
+from hosts.middleware.services.key_distribution.options import BOUNDS, CORRECTIONS, KeyOptions
+from hosts.middleware.services.teleportation import qubit_states
+from qmn.options import Words
+
+SERVICE_PORT = 9
+KEYS = KeyOptions(host="", port=SERVICE_PORT)  # by default
+
+
+@dataclass(frozen=True)
+class Verb:
+    """A service as the command line has it."""
+
+    help: str
+    unit: str  # what --count counts
+    options: Mapping[str, Words]  # of the service's own: how each is said (qmn.options)
+    protocols: tuple[str, ...] = ()  # services that do it; none: the one of the verb's name
+    topology: str = "sdc"  # by default
+    eavesdropper: bool = False  # whether eve may be put on the fibre
+    source: bool = False  # whether the host that makes pairs can be chosen
+    scheduled: bool = False  # whether repeaters take turns
+    keys: bool = False  # whether it leaves keys
+
+
+# What the services that leave pairs in memory can be told.
+PAIRS: Mapping[str, Words] = MappingProxyType(
+    {
+        "fidelity": {
+            "metavar": "F",
+            "help": "at least, to Phi+ (0: any)",
+        },
+        "sample": {
+            "metavar": "SHARE",
+            "help": "of the pairs, sacrificed for the estimate (0.1)",
+        },
+        "purification": {
+            "choices": PROTOCOLS,
+            "help": "where it is needed (dejmps)",
+        },
+        "rounds": {
+            "metavar": "N",
+            "help": "of purification (as many as the fidelity needs)",
+        },
+    }
+)
+VERBS: Mapping[str, Verb] = MappingProxyType(
+    {
+        "distribute": Verb(
+            "put pairs of a wanted fidelity into the memories of two hosts",
+            "pairs",
+            PAIRS,
+            source=True,
+        ),
+        "swap": Verb(
+            "put pairs into the memories of two hosts by way of repeaters",
+            "pairs",
+            PAIRS,
+            topology="repeaters",
+            scheduled=True,
+        ),
+        "teleport": Verb(
+            "teleport states",
+            "states",
+            {
+                "state": {
+                    "metavar": "NAME|THETA,PHI",
+                    "help": f"each of them: {', '.join(qubit_states.NAMES)} or random (of these "
+                    "six); on --backend dense also haar (random on the Bloch sphere) or angles in "
+                    "rad, as 1.2,0.5 or pi/3,-pi/4 (random)",
+                }
+            },
+            source=True,
+        ),
+        "qkd": Verb(
+            "distribute secret keys",
+            "sifted_bits",
+            {
+                "correction": {
+                    "choices": tuple(CORRECTIONS),
+                    "help": f"of errors ({KEYS.correction})",
+                },
+                "max_qber": {
+                    "metavar": "Q",
+                    "help": f"no key above this error rate ({KEYS.max_qber:g})",
+                },
+                "test_fraction": {
+                    "metavar": "F",
+                    "help": f"of the sifted bits, disclosed ({KEYS.test_fraction:g})",
+                },
+                "epsilon": {
+                    "metavar": "P",
+                    "help": f"that the key is not secret, at most ({KEYS.epsilon:g})",
+                },
+                "bound": {
+                    "choices": tuple(BOUNDS),
+                    "help": f"of the key's length: proven, or that of endless keys ({KEYS.bound})",
+                },
+            },
+            ("bb84", "bbm92"),
+            eavesdropper=True,
+            keys=True,
+        ),
+    }
+)
+
+
+def verb_of(service: str) -> Verb:
+    """Return how the command line has a service."""
+    return next(verb for name, verb in VERBS.items() if service in (name, *verb.protocols))

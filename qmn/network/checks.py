@@ -1,0 +1,63 @@
+"""Checks of what a user says of a network, before anything starts."""
+
+import socket
+from collections.abc import Sequence
+from importlib.util import find_spec
+from pathlib import Path
+
+from controller_apps.policy.policy import BadPolicy, read_policy
+from qmn.network.options import NetworkOptions
+from qmn.options import BadInput, check_ranges
+
+
+def check_network(options: NetworkOptions) -> None:
+    """Raise BadInput for what controller or dispatcher would not take."""
+    if options.policy:
+        try:
+            read_policy(Path(options.policy))
+        except BadPolicy as error:
+            raise BadInput(str(error)) from error
+    if options.sabot and not Path(options.sabot).is_socket():
+        raise BadInput(
+            f"--sabot {options.sabot}: no server listens there; start one with "
+            f"python -m dispatcher.sabot --socket {options.sabot}"
+        )
+    if options.rest and options.controller != "ryu":
+        raise BadInput(f"--rest needs --controller ryu: {options.controller} has no HTTP server")
+    if options.rest:
+        check_address(options.rest)
+    for module in options.apps:
+        check_module(module)
+    if options.keys and Path(options.keys).exists():
+        raise BadInput(f"--keys {options.keys} exists: name a new folder for each network")
+    check_ranges(options)
+
+
+def check_address(text: str) -> None:
+    """Raise BadInput for an address of --rest at which nobody can listen."""
+    host, colon, port = text.rpartition(":")
+    if not (host and colon and port.isascii() and port.isdigit() and 0 < int(port) < 1 << 16):
+        raise BadInput(f"--rest {text}: write ADDRESS:PORT, as 127.0.0.1:8080")
+    try:
+        socket.create_server((host, int(port))).close()
+    except OSError as error:
+        raise BadInput(f"--rest {text}: cannot listen there: {error.strerror}") from error
+
+
+def check_module(name: str) -> None:
+    """Raise BadInput for a module of --app that is not there."""
+    try:
+        found = find_spec(name)
+    except (ImportError, ValueError):
+        found = None  # what it would be a part of is not there
+    if found is None:
+        raise BadInput(f"--app {name}: there is no such module; name one as Python imports it")
+
+
+def check_two_hosts(sender: str, receiver: str, hosts: Sequence[str]) -> None:
+    """Raise BadInput unless both are of these hosts, and not the same."""
+    for name in (sender, receiver):
+        if name not in hosts:
+            raise BadInput(f"unknown host {name!r}: choose one of {', '.join(hosts)}")
+    if sender == receiver:
+        raise BadInput(f"sender and receiver are both {sender}: choose two hosts")

@@ -1,0 +1,129 @@
+"""Options that are fields of dataclasses (wire.parameters.option), said by a user.
+
+length_km: float = option(0.01, "of every fibre (0.01)", metavar="KM", range=(0.0, 2_000.0))
+
+makes --length-km KM of a parser and length_km=… of a script.
+"""
+
+import argparse
+from collections.abc import Collection, Mapping
+from dataclasses import Field, fields
+from difflib import get_close_matches
+from types import UnionType
+from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_origin, get_type_hints
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+Kind = TypeVar("Kind", bound="DataclassInstance")
+Words = Mapping[str, Any]  # how an option is said, beside its name, kind and default
+NO_WORDS: Mapping[str, Words] = {}
+
+
+class BadInput(Exception):
+    """What the user asked for cannot be done; the text names value and remedy."""
+
+
+def add_options(
+    parser: argparse.ArgumentParser,
+    kind: "type[DataclassInstance]",
+    leave_out: Collection[str] = (),
+    words: Mapping[str, Words] = NO_WORDS,
+) -> None:
+    """Describe the options of a dataclass; `words` say some by name that it does not, or anew."""
+    hints, groups = get_type_hints(kind), dict[str, Any]()
+    for each in _fields(kind):
+        said = {**each.metadata, **words.get(each.name, {})}
+        if "help" not in said or each.name in leave_out:
+            continue
+        group = said.get("instead_of")
+        if group and group not in groups:
+            groups[group] = parser.add_mutually_exclusive_group()
+        target: Any = groups.get(group or "", parser)
+        target.add_argument(_flag(each, said), dest=each.name, **_how(each, hints, said))
+
+
+def read(kind: type[Kind], arguments: argparse.Namespace, **more: Any) -> Kind:
+    """Return the options of a dataclass as the command line has them; what is not said is left."""
+    names = {each.name for each in fields(kind)} - more.keys()
+    given = {name: value for name, value in vars(arguments).items() if name in names}
+    given = {name: tuple(v) if isinstance(v, list) else v for name, v in given.items()}
+    return kind(**{name: value for name, value in given.items() if value is not None}, **more)
+
+
+def from_keywords(kind: type[Kind], given: Mapping[str, Any]) -> Kind:
+    """Return the options that keywords name; raise BadInput for what the command line refuses."""
+    hints = get_type_hints(kind)
+    known = {each.name: each for each in fields(kind) if "help" in each.metadata}
+    for name in sorted(given.keys() - known.keys()):
+        nearest = get_close_matches(name, known, 1)
+        remedy = f"did you mean {nearest[0]}?" if nearest else f"choose of {', '.join(known)}"
+        raise BadInput(f"there is no option {name}: {remedy}")
+    return kind(**{name: _value(known[name], hints, value) for name, value in given.items()})
+
+
+def check_ranges(options: "DataclassInstance") -> None:
+    """Raise BadInput for a number outside the range that is declared with it."""
+    for each in fields(options):
+        value = getattr(options, each.name)
+        if "range" in each.metadata and value is not None:
+            check_range(each.name, value, *each.metadata["range"])
+
+
+def check_range(name: str, value: float, least: float, most: float) -> None:
+    """Raise BadInput unless the value of the option of this name is in its range."""
+    if not least <= value <= most:
+        raise BadInput(f"--{name.replace('_', '-')} {value}: choose {least:g} to {most:g}")
+
+
+def _fields(kind: "type[DataclassInstance]") -> list["Field[Any]"]:
+    """Return the fields of a dataclass, its own before those of its bases."""
+    names = [name for each in kind.__mro__ for name in vars(each).get("__annotations__", ())]
+    return sorted(fields(kind), key=lambda each: names.index(each.name))
+
+
+def _flag(option: "Field[Any]", said: Words) -> str:
+    negated = "no-" if option.default is True else ""
+    return str(said.get("flag", f"--{negated}{option.name.replace('_', '-')}"))
+
+
+def _how(option: "Field[Any]", hints: Mapping[str, Any], said: Words) -> dict[str, Any]:
+    """Return argparse's words for an option."""
+    help_text, kind = said["help"], _kind(hints[option.name])
+    if kind is bool:
+        action = "store_false" if option.default else "store_true"
+        return {"action": action, "help": help_text}
+    default = said.get("default", option.default)
+    how = {word: said[word] for word in ("metavar", "choices", "const") if word in said}
+    if "const" in said:
+        how["nargs"] = "?"
+    if kind is tuple:
+        return {**how, "action": "append", "default": [], "help": help_text}
+    return {**how, "type": said.get("parse", kind), "default": default, "help": help_text}
+
+
+def _kind(hint: Any) -> Any:
+    """Return what an annotation says of a value that is there."""
+    if get_origin(hint) is UnionType:
+        hint = next(each for each in get_args(hint) if each is not type(None))
+    return get_origin(hint) or hint
+
+
+def _value(option: "Field[Any]", hints: Mapping[str, Any], given: Any) -> Any:
+    """Return the value of a keyword, read as its text would be on the command line."""
+    kind, said = _kind(hints[option.name]), option.metadata
+    if given is None and option.default is None:
+        return None
+    if kind is tuple:
+        return tuple(map(str, given)) if isinstance(given, list | tuple) else (str(given),)
+    if kind is bool:
+        if not isinstance(given, bool):
+            raise BadInput(f"{option.name} {given!r}: choose True or False")
+        return given
+    try:
+        value = said.get("parse", kind)(str(given))
+    except (ValueError, argparse.ArgumentTypeError) as error:
+        raise BadInput(f"{option.name}: {error}") from error
+    if "choices" in said and value not in said["choices"]:
+        raise BadInput(f"{option.name} {given!r}: choose one of {', '.join(said['choices'])}")
+    return value

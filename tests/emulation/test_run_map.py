@@ -1,0 +1,55 @@
+"""A network on a known map: light is lost by its kilometres, and spoilt by each of its fibres."""
+
+import json
+import subprocess
+from importlib.resources import files
+from math import sqrt
+from pathlib import Path
+
+import networkx
+from conftest import ROOT
+
+from qmn.sweeps import theory
+
+LOSS_DB_PER_KM, DEPOLARIZING, COUNT = 0.001, 0.004, 20_000
+AT_HOST_KM = 0.01  # each fibre from a host to its switch
+ENDS = ("STTLng", "WASHng")
+
+
+def abilene() -> networkx.Graph:
+    """Return networkx's reading of topohub's map, names for nodes."""
+    given = json.loads((files("topohub") / "data/sndlib/abilene.json").read_text())
+    graph = networkx.node_link_graph(given, edges="edges")
+    return networkx.relabel_nodes(graph, dict(graph.nodes(data="name")))
+
+
+def test_seattle_and_washington_teleport_as_the_lengths_of_the_map_say(tmp_path: Path) -> None:
+    words = ["run", "teleport", "--map", "abilene", "--hosts-at", ",".join(ENDS), "--seed", "1"]
+    words += ["--from", "sttlng", "--to", "washng", "--count", f"{COUNT}", "--no-capture"]
+    words += ["--loss-db-per-km", f"{LOSS_DB_PER_KM}", "--depolarizing", f"{DEPOLARIZING}"]
+    done = subprocess.run(
+        [ROOT / "bin" / "qmn", *words, "--runs", str(tmp_path)],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=110,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    result = json.loads((tmp_path / "latest" / "result.json").read_text())
+    graph = abilene()
+    away = networkx.eccentricity(graph, weight="dist")
+    source = min(away, key=away.__getitem__)
+    ways = [networkx.dijkstra_path(graph, source, end, weight="dist") for end in ENDS]
+    km = sum(networkx.path_weight(graph, way, "dist") + 2 * AT_HOST_KM for way in ways)
+    fibers = sum(len(way) + 1 for way in ways)
+    told = result["asking"]
+    wanted = 10 ** (-LOSS_DB_PER_KM * km / 10)
+    assert abs(told["arrived"] / COUNT - wanted) < 5 * sqrt(wanted * (1 - wanted) / COUNT)
+    p = theory.together(*[DEPOLARIZING] * fibers)
+    wanted = (2 * (1 - 0.75 * p) + 1) / 3  # of Werner pairs, on average over states
+    arrived = told["arrived"]
+    assert abs(told["fidelity"] - wanted) < 5 * sqrt(wanted * (1 - wanted) / arrived)
+    assert result["network"]["positions"]["src"] == list(graph.nodes[source]["pos"])
+    report = (tmp_path / "latest" / "report.html").read_text()
+    assert "the network on its map" in report
+    assert "1571.42 km" in report  # Seattle to Denver

@@ -1,0 +1,76 @@
+"""Programs of NetQASM applications in threads of this process, over stacks_scene's network."""
+
+import asyncio
+import sys
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import netqasm.examples.apps
+from dispatcher_status import require_nothing_left
+from stacks_scene import DEADLINE_S, RELAYED, network
+
+from hosts.applications.netqasm_program import begin, load
+from hosts.netqasm_sdk.external import installed
+from hosts.netqasm_sdk.placement import Placement
+
+EXAMPLES = Path(netqasm.examples.apps.__file__).parent
+Program = Callable[..., Any]
+
+
+def placed(folder: Path, hosts: Mapping[str, str]) -> Placement:
+    """Return where roles are, all of them in this process."""
+    return Placement(
+        hosts,
+        {role: RELAYED[host] for role, host in hosts.items()},
+        {role: str(folder / f"{host}.sock") for role, host in hosts.items()},
+    )
+
+
+def outputs(
+    folder: Path,
+    programs: Mapping[str, Program] | Path,
+    hosts: Mapping[str, str],
+    inputs: Mapping[str, Mapping[str, Any]] | None = None,
+    rounds: int = 1,
+    **physics: Any,
+) -> list[dict[str, Any]]:
+    """Run the programs of all roles; return what each has returned, for each round.
+
+    A path is the folder of an application. In the end no photon may be left.
+    """
+    given = inputs or {}
+
+    def play(role: str, main: Program) -> list[Any]:
+        words = dict(given.get(role, {}))
+        return [begin(main, role, hosts[role], words, folder) for _ in range(rounds)]
+
+    def perform() -> list[dict[str, Any]]:
+        forget_modules()
+        with installed(placed(folder, hosts)), ThreadPoolExecutor(len(hosts)) as pool:
+            entries = (
+                {role: load(programs, role) for role in hosts}
+                if isinstance(programs, Path)
+                else programs
+            )
+            playing = {role: pool.submit(play, role, main) for role, main in entries.items()}
+            told = {role: each.result(2 * DEADLINE_S) for role, each in playing.items()}
+        require_nothing_left(folder)
+        return [dict(zip(told, each, strict=True)) for each in zip(*told.values(), strict=True)]
+
+    async def run() -> list[dict[str, Any]]:
+        async with network(folder, **physics):
+            return await asyncio.to_thread(perform)
+
+    before = list(sys.path)
+    try:
+        return asyncio.run(run())
+    finally:
+        sys.path[:] = before
+
+
+def forget_modules() -> None:
+    """Forget what programs have imported from their own folders."""
+    for name in [name for name in sys.modules if name.split(".")[0] in ("src", "shared")]:
+        del sys.modules[name]

@@ -1,0 +1,293 @@
+"""Programs of NetQASM's SDK on whole stacks, with a real dispatcher."""
+
+import asyncio
+import json
+import socket
+import threading
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from netqasm.lang.instr import vanilla
+from netqasm.sdk import EPRSocket, Qubit
+from netqasm.sdk.epr_socket import EprMeasBasis
+from netqasm_scene import EXAMPLES, outputs
+from stacks_scene import DEADLINE_S, network
+
+from hosts.stack_socket import QuantumSocketError
+from wire.socket_calls import HEADER, Call, decode_fields, decode_header, encode, encode_fields
+
+TWO = {"alice": "alice", "bob": "bob"}
+GATES = {
+    "X": vanilla.GateXInstruction,
+    "Y": vanilla.GateYInstruction,
+    "Z": vanilla.GateZInstruction,
+    "H": vanilla.GateHInstruction,
+    "S": vanilla.GateSInstruction,
+    "K": vanilla.GateKInstruction,
+    "T": vanilla.GateTInstruction,
+}
+TO_STATE = {"0": "", "1": "X", "+": "H", "-": "XH", "+i": "K", "-i": "XK"}
+TO_BASIS = {"Z": "", "X": "H", "Y": "K"}
+
+
+def connection(role: str, config: Any, **words: Any) -> Any:
+    """Return a connection as programs make it, who import it late for our own to be there."""
+    from netqasm.sdk.external import NetQASMConnection
+
+    return NetQASMConnection(role, log_config=config.log_config, **words)
+
+
+def matrix(name: str) -> Any:
+    """Return what the SDK says that a gate is."""
+    return GATES[name]().to_matrix()
+
+
+def test_gates_do_what_the_sdk_says_wherever_that_is_certain(tmp_path: Path) -> None:
+    cases, expected = [], []
+    for (_, before), gates, (_, after) in product(
+        TO_STATE.items(), [*"XYZHSK", "TT"], TO_BASIS.items()
+    ):
+        state = np.array([1, 0], dtype=complex)
+        for name in before + gates + after:
+            state = matrix(name) @ state
+        if abs(abs(state[0]) ** 2 - 0.5) > 0.4:
+            cases.append(before + gates + after)
+            expected.append(round(abs(state[1]) ** 2))
+    assert len(cases) == 6 * 7  # each state is certain in one basis, before and after
+
+    def alice(app_config: Any = None) -> list[int]:
+        with connection("alice", app_config) as unit:
+            outcomes = []
+            for gates in cases:
+                qubit = Qubit(unit)
+                for name in gates:
+                    getattr(qubit, name)()
+                outcomes.append(qubit.measure())
+        return [int(each) for each in outcomes]
+
+    (told,) = outputs(tmp_path, {"alice": alice}, {"alice": "alice"})
+    assert told["alice"] == expected
+
+
+def test_rotations_add_up_to_what_is_certain(tmp_path: Path) -> None:
+    """Seven and nine sixteenths of pi about one axis are a flip, or nothing about another."""
+
+    def alice(app_config: Any = None) -> list[int]:
+        with connection("alice", app_config) as unit:
+            outcomes = []
+            for turn in ("rot_X", "rot_Y", "rot_Z"):
+                qubit = Qubit(unit)
+                for numerator in (7, 9):
+                    getattr(qubit, turn)(n=numerator, d=4)
+                outcomes.append(qubit.measure())
+        return [int(each) for each in outcomes]
+
+    (told,) = outputs(tmp_path, {"alice": alice}, {"alice": "alice"})
+    assert told["alice"] == [1, 1, 0]
+
+
+def test_what_was_measured_stays_and_branches_see_it(tmp_path: Path) -> None:
+    def alice(app_config: Any = None) -> list[tuple[int, ...]]:
+        told = []
+        with connection("alice", app_config) as unit:
+            for _ in range(20):
+                coin, other = Qubit(unit), Qubit(unit)
+                coin.H()
+                first = coin.measure(inplace=True)
+                with first.if_eq(1):
+                    other.X()
+                told.append((first, coin.measure(), other.measure()))
+            unit.flush()
+            return [tuple(int(each) for each in row) for row in told]
+
+    (told,) = outputs(tmp_path, {"alice": alice}, {"alice": "alice"})
+    assert set(told["alice"]) == {(0, 0, 0), (1, 1, 1)}
+
+
+def test_loops_run_in_the_unit(tmp_path: Path) -> None:
+    def alice(app_config: Any = None) -> list[int]:
+        with connection("alice", app_config) as unit:
+            outcomes = unit.new_array(8)
+            with unit.loop(8) as i:
+                qubit = Qubit(unit)
+                qubit.X()
+                qubit.measure(future=outcomes.get_future_index(i))
+            unit.flush()
+            return [int(outcomes.get_future_index(i)) for i in range(8)]
+
+    (told,) = outputs(tmp_path, {"alice": alice}, {"alice": "alice"})
+    assert told["alice"] == [1] * 8
+
+
+def keep(role: str, peer: str, creates: bool, gates: str, pairs: int) -> Any:
+    """Return a program that keeps pairs, does gates to its halves, and measures them."""
+
+    def program(app_config: Any = None) -> list[int]:
+        pairs_of = EPRSocket(peer)
+        with connection(role, app_config, epr_sockets=[pairs_of], max_qubits=pairs) as unit:
+            asked = pairs_of.create_keep if creates else pairs_of.recv_keep
+            outcomes = []
+            for half in asked(pairs):
+                for name in gates:
+                    getattr(half, name)()
+                outcomes.append(half.measure())
+            unit.flush()
+            return [int(each) for each in outcomes]
+
+    return program
+
+
+@pytest.mark.parametrize("basis", "XYZ")
+def test_pairs_that_are_kept_are_phi_plus(tmp_path: Path, basis: str) -> None:
+    programs = {
+        "alice": keep("alice", "bob", True, TO_BASIS[basis], 40),
+        "bob": keep("bob", "alice", False, TO_BASIS[basis], 40),
+    }
+    (told,) = outputs(tmp_path, programs, TWO)
+    assert {0, 1} == set(told["alice"])
+    flip = basis == "Y"
+    assert told["bob"] == [outcome ^ flip for outcome in told["alice"]]
+
+
+@pytest.mark.parametrize("basis", EprMeasBasis)
+def test_pairs_that_are_measured_at_once_are_phi_plus(tmp_path: Path, basis: EprMeasBasis) -> None:
+    def alice(app_config: Any = None) -> list[int]:
+        pairs = EPRSocket("bob")
+        with connection("alice", app_config, epr_sockets=[pairs]):
+            told = pairs.create_measure(40, basis_local=basis, basis_remote=EprMeasBasis.MZ)
+            again = pairs.create_measure(40, basis_local=basis, basis_remote=basis)
+        return [int(each.raw_measurement_outcome) for each in (*told, *again)]
+
+    def bob(app_config: Any = None) -> list[int]:
+        pairs = EPRSocket("alice")
+        with connection("bob", app_config, epr_sockets=[pairs]):
+            told = [*pairs.recv_measure(40), *pairs.recv_measure(40)]
+        return [int(each.raw_measurement_outcome) for each in told]
+
+    (told,) = outputs(tmp_path, {"alice": alice, "bob": bob}, TWO)
+    ours, theirs = np.array(told["alice"]), np.array(told["bob"])
+    flip = basis.name in ("Y", "MY")  # of Phi+ the outcomes in Y differ
+    assert (ours[40:] ^ theirs[40:] == flip).all()
+    crossed = ours[:40] ^ theirs[:40]  # with the opposite of Z
+    if basis.name in ("Z", "MZ"):
+        assert (crossed == (basis.name == "Z")).all()
+    else:
+        assert {0, 1} == set(crossed)  # 40 coins are alike once in 5e11 times
+
+
+def test_programs_run_again_and_again(tmp_path: Path) -> None:
+    programs = {
+        "alice": keep("alice", "bob", True, "", 2),
+        "bob": keep("bob", "alice", False, "", 2),
+    }
+    told = outputs(tmp_path, programs, TWO, rounds=5)
+    assert len(told) == 5
+    assert all(each["alice"] == each["bob"] for each in told)
+
+
+def test_a_number_is_used_for_one_pair_after_the_other(tmp_path: Path) -> None:
+    def sequential(role: str, peer: str, creates: bool) -> Any:
+        def program(app_config: Any = None) -> list[int]:
+            pairs = EPRSocket(peer)
+            with connection(role, app_config, epr_sockets=[pairs], max_qubits=1) as unit:
+                outcomes = unit.new_array(6)
+
+                def measured(_unit: Any, half: Any, number: Any) -> None:
+                    half.H()
+                    half.measure(future=outcomes.get_future_index(number))
+
+                asked = pairs.create_keep if creates else pairs.recv_keep
+                asked(6, post_routine=measured, sequential=True)
+                unit.flush()
+                return [int(outcomes.get_future_index(i)) for i in range(6)]
+
+        return program
+
+    programs = {
+        "alice": sequential("alice", "bob", True),
+        "bob": sequential("bob", "alice", False),
+    }
+    (told,) = outputs(tmp_path, programs, TWO)
+    assert told["alice"] == told["bob"]
+
+
+def test_ends_that_want_different_numbers_are_both_told(tmp_path: Path) -> None:
+    told: dict[str, str] = {}
+
+    def noting(role: str, program: Any) -> Any:
+        def noted(app_config: Any = None) -> None:
+            with pytest.raises(QuantumSocketError) as caught:
+                program(app_config=app_config)
+            told[role] = str(caught.value)
+
+        return noted
+
+    programs = {
+        "alice": noting("alice", keep("alice", "bob", True, "", 3)),
+        "bob": noting("bob", keep("bob", "alice", False, "", 2)),
+    }
+    outputs(tmp_path, programs, TWO)
+    assert "3 pairs with bob: the other end wants another number of them" in told["alice"]
+    assert "alice asks for others: 3 pairs" in told["bob"]
+
+
+def said(folder: Path, *messages: bytes) -> str:
+    """Say something to alice's unit; return why that is the end of it."""
+
+    def speak() -> str:
+        with socket.socket(socket.AF_UNIX) as unit:
+            unit.settimeout(DEADLINE_S)
+            unit.connect(str(folder / "alice.sock"))
+            unit.sendall(encode_fields(Call.PROCESS) + b"".join(messages))
+            while True:
+                header = unit.recv(HEADER.size, socket.MSG_WAITALL)
+                call, length = decode_header(header)
+                payload = unit.recv(length, socket.MSG_WAITALL) if length else b""
+                if call == Call.FAILED:
+                    return str(decode_fields(payload)["text"])
+
+    async def run() -> str:
+        async with network(folder):
+            return await asyncio.to_thread(speak)
+
+    return asyncio.run(run())
+
+
+def test_hostile_bytes_are_refused_whole(tmp_path: Path) -> None:
+    begun = encode(Call.DATA, bytes.fromhex("00000000 00000000 05000000"))
+    assert "no message of NetQASM" in said(tmp_path, encode(Call.DATA, b"\xff\xff"))
+    bad = bytes(4) + bytes([1, 0, 0, 0, 0, 0, 0]) + bytes([99, 0, 0, 0, 0, 0, 0])
+    assert "has number 99" in said(tmp_path, begun, encode(Call.DATA, b"\2" + bad))
+    lonely = bytes(4) + bytes([1, 0, 0, 0, 0, 0, 0])
+    assert "register R0 is not defined" in said(tmp_path, begun, encode(Call.DATA, b"\2" + lonely))
+    other = bytes(2) + b"\x09\0" + bytes([1, 0, 0, 0, 0, 0, 0])
+    assert "application 9 has not begun" in said(tmp_path, begun, encode(Call.DATA, b"\2" + other))
+
+
+def test_a_loop_without_end_keeps_nobody_waiting(tmp_path: Path) -> None:
+    """While one application turns in a circle for ever, another is served."""
+    begun = encode(Call.DATA, bytes.fromhex("00000000 00000000 05000000"))
+    circle = encode(Call.DATA, b"\2" + bytes(4) + bytes([9, 0, 0, 0, 0, 0, 0]))
+
+    def alice(app_config: Any = None) -> int:
+        with socket.socket(socket.AF_UNIX) as unit:
+            unit.connect(str(tmp_path / "alice.sock"))
+            unit.sendall(encode_fields(Call.PROCESS) + begun + circle)
+            with connection("alice", app_config) as own:
+                qubit = Qubit(own)
+                qubit.X()
+                outcome = qubit.measure()
+        return int(outcome)
+
+    (told,) = outputs(tmp_path, {"alice": alice}, {"alice": "alice"})
+    assert told["alice"] == 1
+
+
+def test_the_sdks_own_application_for_one_node_runs(tmp_path: Path) -> None:
+    told = outputs(tmp_path, EXAMPLES / "single_node", {"alice": "alice"})
+    assert set(told[0]["alice"]) == {"m1", "m2"}
+    assert json.dumps(told)
+    assert threading.active_count() < 20

@@ -1,0 +1,171 @@
+"""Programs that are forked off: as those that are started, but for the time that it takes."""
+
+import json
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from topologies.forks import ForkServer
+from topologies.owners import marked, this_process
+from topologies.programs import ENVIRONMENT, ROOT, NetworkError, Program, python
+
+DEADLINE_S = 20.0
+# A runner, which starts a dispatcher by a fork server and says both their process ids.
+RUNNER = """
+import sys
+from pathlib import Path
+from topologies.forks import ForkServer
+from topologies.programs import Program, python
+folder = Path(sys.argv[1])
+programs = [Program(name, folder / f"{name}.log") for name in ("fork-server", "dispatcher")]
+server, dispatcher = programs
+command = [python(), "-m", "dispatcher", "--config", sys.argv[2]]
+dispatcher.start(command, forks=ForkServer(server))
+dispatcher.wait_for("ready", 20)
+print(server._process.pid, dispatcher._process.pid, flush=True)
+sys.stdin.read()
+"""
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ForkServer]:
+    program = Program("fork-server", tmp_path_factory.mktemp("server") / "fork-server.log")
+    server = ForkServer(program)
+    yield server
+    server.close()
+    wait_until(lambda: not program.running, "the server has ended with its socket")
+
+
+@pytest.fixture
+def dispatcher(server: ForkServer, tmp_path: Path) -> Iterator[Program]:
+    program = Program("ed", tmp_path / "ed.log")
+    program.start(dispatcher_command(tmp_path), forks=server)
+    program.wait_for("ready", DEADLINE_S)
+    yield program
+    program.stop()
+
+
+def dispatcher_command(folder: Path) -> list[str]:
+    config = {"listen": "127.0.0.1:0", "socket": str(folder / "s"), "seed": 1}
+    file = folder / "dispatcher.json"
+    file.write_text(json.dumps({**config, "tokens": {}, "fibers": [], "switches": []}))
+    return [python(), "-m", "dispatcher", "--config", str(file)]
+
+
+def wait_until(condition: Callable[[], object], what: str) -> None:
+    deadline = time.monotonic() + DEADLINE_S
+    while not condition():
+        assert time.monotonic() < deadline, f"not in {DEADLINE_S:g} s: {what}"
+        time.sleep(0.01)
+
+
+def pid_of(program: Program) -> int:
+    assert program._process is not None
+    return program._process.pid
+
+
+def proc(pid: int, name: str) -> str:
+    return Path("/proc", str(pid), name).read_text()
+
+
+def test_what_is_forked_is_a_child_of_the_runner_in_a_session_of_its_own(
+    dispatcher: Program,
+) -> None:
+    pid = pid_of(dispatcher)
+    assert re.search(r"PPid:\t(\d+)", proc(pid, "status"))[1] == str(os.getpid())  # type: ignore[index]
+    assert os.getsid(pid) == pid
+    assert os.readlink(f"/proc/{pid}/cwd") == str(ROOT)
+
+
+def test_it_is_named_and_marked_and_has_the_environment_of_our_programs(
+    dispatcher: Program, tmp_path: Path
+) -> None:
+    pid = pid_of(dispatcher)
+    assert proc(pid, "comm") == "ed\n"
+    command = proc(pid, "cmdline").rstrip("\0").split("\0")
+    assert command == [python(), "-m", "dispatcher", "--config", f"{tmp_path}/dispatcher.json"]
+    assert str(this_process()) in {run for process, run in marked() if process.pid == pid}
+    environment = proc(pid, "environ").split("\0")
+    assert {f"{name}={value}" for name, value in ENVIRONMENT.items()} <= set(environment)
+
+
+def test_it_has_no_files_but_those_it_was_given(server: ForkServer, tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        program = Program("ed", tmp_path / "ed.log")
+        given = [listener.fileno()]
+        program.start(dispatcher_command(tmp_path), descriptors=given, forks=server)
+        inode = os.fstat(listener.fileno()).st_ino
+        folder = Path("/proc", str(pid_of(program)), "fd")
+        program.wait_for("ready", DEADLINE_S)
+        assert os.readlink(folder / str(listener.fileno())) == f"socket:[{inode}]"
+        opened = {name: os.readlink(folder / name) for name in os.listdir(folder)}
+    program.stop()
+    log = str(tmp_path / "ed.log")
+    assert [opened[number] for number in "012"] == ["/dev/null", log, log]
+    assert "fork-server" not in " ".join(opened.values())
+
+
+def test_it_ends_when_told_and_its_status_is_that_of_the_program(dispatcher: Program) -> None:
+    dispatcher.stop()
+    assert dispatcher.status == 0
+
+
+def test_one_that_fails_is_named_with_its_last_words(server: ForkServer, tmp_path: Path) -> None:
+    broken = Program("alice", tmp_path / "alice.log")
+    broken.start([python(), "-m", "hosts", "--config", f"{tmp_path}/none"], forks=server)
+    with pytest.raises(NetworkError, match=r"alice ended at its start: host stack: .*none"):
+        broken.wait_for("ready", DEADLINE_S)
+    assert broken.status == 1
+
+
+def test_one_that_gets_no_namespace_says_why(server: ForkServer, tmp_path: Path) -> None:
+    with subprocess.Popen(["true"]) as gone:
+        pass
+    lost = Program("alice", tmp_path / "alice.log")
+    lost.start(dispatcher_command(tmp_path), gone.pid, forks=server)
+    wait_until(lambda: not lost.running, "the program has ended")
+    assert f"/proc/{gone.pid}/ns/net" in lost.end()
+
+
+def test_one_that_is_killed_is_said_to_be(dispatcher: Program) -> None:
+    os.kill(pid_of(dispatcher), signal.SIGKILL)
+    wait_until(lambda: not dispatcher.running, "it has ended")
+    assert dispatcher.end() == "killed by SIGKILL"
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+def test_all_end_with_the_runner_however_it_ends(tmp_path: Path, number: int) -> None:
+    dispatcher_command(tmp_path)
+    command = [sys.executable, "-c", RUNNER, str(tmp_path), str(tmp_path / "dispatcher.json")]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, cwd=ROOT, stdin=pipe, stdout=pipe, text=True) as runner:
+        assert runner.stdout is not None
+        pids = runner.stdout.readline().split()
+        assert len(pids) == 2
+        runner.send_signal(number)
+        runner.wait(DEADLINE_S)
+        for pid in pids:
+            wait_until(lambda pid=pid: not Path("/proc", pid).exists(), f"{pid} is gone")  # type: ignore[misc]
+
+
+def test_a_server_that_was_killed_is_named_and_what_it_has_forked_goes_on(tmp_path: Path) -> None:
+    program = Program("fork-server", tmp_path / "fork-server.log")
+    server = ForkServer(program)
+    forked, late = (Program(name, tmp_path / f"{name}.log") for name in ("ed", "late"))
+    command = dispatcher_command(tmp_path)
+    forked.start(command, forks=server)
+    forked.wait_for("ready", DEADLINE_S)
+    os.kill(pid_of(program), signal.SIGKILL)
+    with pytest.raises(NetworkError, match="fork-server died in mid-run: killed by SIGKILL"):
+        late.start(command, forks=server)
+    assert forked.running
+    forked.stop()
+    server.close()

@@ -1,0 +1,194 @@
+"""Maps as packages and files have them, and the networks that are made of them."""
+
+import json
+from importlib.resources import files
+from itertools import combinations
+from math import pi
+from pathlib import Path
+from typing import Any
+
+import networkx
+import pytest
+from mininet.topo import Topo
+
+from topologies.copper_link import CopperLink
+from topologies.fiber import FiberLink
+from topologies.mapped import MapTopo
+from topologies.maps import EARTH_KM, BadMap, great_circle_km, positions, read_map
+
+GRAPHML = """<graphml xmlns="http://graphml.graphdrawing.org/xmlns">
+<key id="d0" for="node" attr.name="label" attr.type="string"/>
+<key id="d1" for="node" attr.name="Longitude" attr.type="double"/>
+<key id="d2" for="node" attr.name="Latitude" attr.type="double"/>
+<key id="d3" for="edge" attr.name="dist" attr.type="double"/>
+<graph edgedefault="undirected">
+<node id="0"><data key="d0">Null Island</data><data key="d1">0</data><data key="d2">0</data></node>
+<node id="1"><data key="d0">Q1</data><data key="d1">90</data><data key="d2">0</data></node>
+<node id="2"><data key="d0">Zürich!</data></node>
+<edge source="0" target="1"/>
+<edge source="1" target="2"><data key="d3">7.5</data></edge>
+</graph></graphml>"""
+STAR = {
+    "nodes": [{"name": name, "type": "QuantumRouter"} for name in ("center", "router1", "router2")],
+    "qconnections": [
+        {"node1": "center", "node2": name, "attenuation": 0.0002, "distance": 500, "type": "x"}
+        for name in ("router1", "router2")
+    ],
+}
+
+
+def graph_of(key: str) -> networkx.Graph:
+    """Return networkx's reading of one of topohub's maps."""
+    given = json.loads((files("topohub") / f"data/{key}.json").read_text())
+    graph = networkx.node_link_graph(given, edges="edges")
+    return networkx.relabel_nodes(graph, dict(graph.nodes(data="name")))
+
+
+def fibers(topo: Topo) -> dict[str, list[dict[str, Any]]]:
+    found: dict[str, list[dict[str, Any]]] = {}
+    for one, other, info in topo.links(withInfo=True):
+        if info.get("cls") is FiberLink:
+            found.setdefault(f"{one} {other}", []).append(info)
+    return found
+
+
+@pytest.mark.parametrize("key", ["sndlib/abilene", "sndlib/nobel-germany"])
+def test_a_known_map_is_as_topohub_reads_it(key: str) -> None:
+    found, graph = read_map(key.partition("/")[2]), graph_of(key)
+    called = {place.name: place.called for place in found.places}
+    ways = {frozenset((called[way.one], called[way.other])): way.length_km for way in found.ways}
+    assert ways == {frozenset(ends): km for *ends, km in graph.edges(data="dist")}
+    assert {place.called: list(place.position or ()) for place in found.places} == dict(
+        graph.nodes(data="pos")
+    )
+
+
+def test_of_maps_of_several_years_the_newest_is_meant() -> None:
+    garr = read_map("garr")
+    assert garr.name == "topozoo/Garr201201"
+    assert (len(garr.places), len(garr.ways)) == (48, 62)  # as topohub's own list says
+    names = [place.name for place in garr.places]
+    assert len(set(names)) == 48
+    assert all(len(f"{name}-eth0") < 16 for name in names)
+
+
+def test_graphml_says_lengths_or_positions(tmp_path: Path) -> None:
+    file = tmp_path / "own.graphml"
+    file.write_text(GRAPHML)
+    found = read_map(str(file))
+    assert [place.name for place in found.places] == ["nullisland", "hq1", "zurich"]
+    quarter, said = found.ways  # of the equator
+    assert quarter.length_km == pytest.approx(EARTH_KM * pi / 2)
+    assert said.length_km == 7.5
+    assert len(positions(found)) == 3
+    file.write_text(GRAPHML.replace('<data key="d3">7.5</data>', ""))
+    with pytest.raises(BadMap, match="1 to 2 has no dist, in km, and not both ends have Longitude"):
+        read_map(str(file))
+
+
+def test_a_great_circle_is_that_of_published_places() -> None:
+    """Nashville to Los Angeles, the usual example of the formula: 2886.4 km on a mean sphere."""
+    assert great_circle_km((-86.67, 36.12), (-118.40, 33.94)) == pytest.approx(2886.4, abs=0.5)
+
+
+def test_sequence_s_metres_are_kilometres_here(tmp_path: Path) -> None:
+    file = tmp_path / "star.json"
+    file.write_text(json.dumps(STAR))
+    found = read_map(str(file))
+    assert [(way.one, way.other) for way in found.ways] == [
+        ("center", "router1"),
+        ("center", "router2"),
+    ]
+    assert {(way.length_km, way.loss_db_per_km) for way in found.ways} == {(0.5, 0.2)}
+    laid = fibers(MapTopo(map=str(file)))["q1 q2"][0]
+    assert (laid["length_km"], laid["loss_db_per_km"]) == (0.5, 0.2)
+    laid = fibers(MapTopo(map=str(file), loss_db_per_km=0.4))["q1 q2"][0]
+    assert laid["loss_db_per_km"] == 0.4
+    channels = [
+        {"source": a, "destination": b, "distance": 800, "attenuation": 0}
+        for a, b in [("center", "router1"), ("router1", "center"), ("router1", "router2")]
+    ]
+    file.write_text(json.dumps({"nodes": STAR["nodes"], "qchannels": channels}))
+    assert [way.length_km for way in read_map(str(file)).ways] == [0.8, 0.8]
+
+
+@pytest.mark.parametrize(
+    ("content", "text"),
+    [
+        ("{}", "is no map of its kind: KeyError 'nodes'"),
+        ("[]", "is no map of its kind"),
+        ('{"nodes": []}', "has no places"),
+        ('{"nodes": [{"name": "a"}, {"name": "b"}]}', "no way from ha to hb|no way from a to b"),
+        (
+            '{"nodes": [], "qconnections": [{"node1": "a", "node2": "b", "distance": 1,'
+            ' "attenuation": 0}]}',
+            "a way from a to b, and not both are places",
+        ),
+    ],
+)
+def test_a_file_that_is_no_map_is_refused(tmp_path: Path, content: str, text: str) -> None:
+    (tmp_path / "bad.json").write_text(content)
+    with pytest.raises(BadMap, match=text):
+        read_map(str(tmp_path / "bad.json"))
+
+
+def test_maps_and_places_that_are_not_there_are_refused_with_those_that_are(tmp_path: Path) -> None:
+    for name in ("abilen", "../abilene", "sndlib/../sndlib/abilene", ""):
+        with pytest.raises(
+            BadMap, match=r"there is no map .*: choose of topohub's, such as abilene"
+        ):
+            read_map(name)
+    with pytest.raises(BadMap, match=r"cannot read the map .*none\.json: No such file"):
+        read_map(str(tmp_path / "none.json"))
+    with pytest.raises(
+        BadMap, match="sndlib/abilene has no place 'rome': choose of atlam5, atlang"
+    ):
+        MapTopo(hosts_at="rome")
+    with pytest.raises(ValueError, match="the map says how long fibres are"):
+        MapTopo(length_km=3.0)
+
+
+def test_each_place_has_a_switch_and_a_host_and_the_centre_the_source() -> None:
+    topo, graph = MapTopo(map="abilene"), graph_of("sndlib/abilene")
+    laid = fibers(topo)
+    assert len([name for name in topo.switches() if name != "s1"]) == graph.number_of_nodes()
+    between = {name: infos for name, infos in laid.items() if name.startswith("q")}
+    joined = [name for name in between if all(each.startswith("q") for each in name.split())]
+    assert len(joined) == graph.number_of_edges()
+    assert all(len(infos) == 2 for infos in laid.values())
+    center = min(networkx.center(graph, e=networkx.eccentricity(graph, weight="dist")))
+    assert center == "KSCYng"
+    at_source = topo.linkInfo("src", "q7")  # Kansas City is the seventh place
+    assert at_source["cls"] is FiberLink
+    assert topo.nodeInfo("sttlng")["pairs_from"] == "src"
+
+
+def test_copper_is_never_shorter_than_the_ways_of_the_map() -> None:
+    topo, graph = MapTopo(map="nobel-germany"), graph_of("sndlib/nobel-germany")
+    copper = {
+        one: info["length_km"]
+        for one, other, info in (
+            (*sorted(ends, key="s1".__eq__), info)
+            for *ends, info in topo.links(withInfo=True)
+            if info["cls"] is CopperLink
+        )
+    }
+    hosts = {place.called: place.name for place in read_map("nobel-germany").places}
+    away = dict(networkx.all_pairs_dijkstra_path_length(graph, weight="dist"))
+    for one, other in combinations(graph, 2):
+        by_copper = copper[hosts[one]] + copper[hosts[other]]
+        assert by_copper >= away[one][other] - 1e-9
+
+
+def test_hosts_sources_and_repeaters_are_where_they_are_wanted() -> None:
+    topo = MapTopo(
+        map="abilene",
+        hosts_at="STTLng,losang,nycmng",
+        sources_at="snvang,washng",
+        repeaters_at="losang",
+    )
+    assert set(topo.hosts()) == {"ed", "src1", "src2", "sttlng", "losang", "nycmng"}
+    sources = {host: topo.nodeInfo(host)["pairs_from"] for host in ("sttlng", "losang", "nycmng")}
+    assert sources == {"sttlng": "src1", "losang": "src1", "nycmng": "src2"}
+    gates = {host: topo.nodeInfo(host)["device"].gates.kind for host in sources}
+    assert gates == {"sttlng": "paulis", "losang": "any", "nycmng": "paulis"}

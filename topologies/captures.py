@@ -1,0 +1,85 @@
+"""The packet captures of a network: one tcpdump for each interface, started and ended together."""
+
+import re
+import time
+from pathlib import Path
+
+from topologies.programs import Program, stop_all
+from topologies.runtime import Runtime
+
+READY_TIMEOUT_S = 20.0
+SETTLE_S = 1.0
+POLL_S = 0.02
+BUFFER_KIB = 16_384  # in the kernel, for each capture
+MAX_PACKET_BYTES = 65_600  # TCP hands over up to 64 KiB at once, and its headers
+DROPPED = re.compile(r"^(\d+) packets? dropped by kernel", re.MULTILINE)
+
+
+class Captures:
+    """What is captured of one network, and how much of it was missed."""
+
+    def __init__(self, network: Runtime) -> None:
+        self._network = network
+        self._files: dict[Program, Path] = {}  # of those that run
+        self._starting: list[Program] = []
+        self.packets_missed = 0  # by captures that have ended
+
+    @property
+    def programs(self) -> list[Program]:
+        """The captures that run."""
+        return list(self._files)
+
+    def begin(self, name: str, interface: str, *expression: str, inside: int | None = None) -> Path:
+        """Start to capture what passes an interface, of this machine or of a process's network.
+
+        Return the file; packets are in there from `wait` on.
+        """
+        file = self._network.private_file(f"{name}.pcap")
+        program = Program(f"tcpdump-{name}", self._network.folder / f"tcpdump-{name}.log")
+        self._files[program] = file
+        self._starting.append(program)
+        program.start([*capture_command(interface, file), *expression], inside)
+        return file
+
+    def wait(self) -> None:
+        """Return when all that were begun do capture."""
+        for program in self._starting:
+            program.wait_for("listening on", READY_TIMEOUT_S)
+        self._starting.clear()
+
+    def end(self) -> None:
+        """End all when the packets that are still in the kernel have reached their files."""
+        deadline, before = time.monotonic() + SETTLE_S, None
+        while (sizes := self._sizes()) != before and time.monotonic() < deadline:
+            before = sizes
+            time.sleep(POLL_S)
+        try:
+            stop_all(self.programs)
+        finally:
+            for program in self._files:
+                said = program.log.read_text(errors="replace")
+                self.packets_missed += packets_missed(said)
+            self._files.clear()
+
+    def _sizes(self) -> list[int]:
+        return [file.stat().st_size for file in self._files.values() if file.exists()]
+
+
+def capture_command(interface: str, file: Path) -> list[str]:
+    """Return the tcpdump command for one interface, nanosecond clock, whole packets.
+
+    Each slot of the kernel's buffer is as large as the largest packet may be, so a larger limit
+    would leave it few slots, and bursts would be missed. As a batch process it does not interrupt
+    the programs whose packets it takes, and takes several at a time when processors are busy.
+    """
+    options = ["-n", "-U", "-s", str(MAX_PACKET_BYTES), "-B", str(BUFFER_KIB)]
+    options += ["--immediate-mode", "--time-stamp-precision=nano"]
+    # Another user's process would not be told that the runner has died.
+    options += ["-Z", "root"]
+    batch = ["chrt", "--batch", "0"]
+    return [*batch, "tcpdump", *options, "-i", interface, "-w", str(file)]
+
+
+def packets_missed(last_words: str) -> int:
+    """Return how many packets a capture says it has missed."""
+    return sum(int(count) for count in DROPPED.findall(last_words))

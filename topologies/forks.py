@@ -1,0 +1,127 @@
+"""The fork server of a run, which starts its Python programs in the time that a fork takes."""
+
+import ctypes
+import json
+import os
+import select
+import signal
+import socket
+import subprocess
+from collections.abc import Sequence
+
+from topologies.programs import ROOT, NetworkError, Program, python
+
+MODULES = (
+    "dispatcher",
+    "hosts",
+    "hosts.applications.intercept",
+    "hosts.applications.service",
+    "qswitch_agent",
+)
+PADDING = " " * 400  # where the commands of its children will be for `ps` to see
+ANSWER_TIMEOUT_S = 20.0
+ANSWER_BYTES = 64
+PR_SET_CHILD_SUBREAPER = 36
+LIBC = ctypes.CDLL(None, use_errno=True)
+
+
+class Forked:
+    """A child of this process that another has forked: what Program asks of a Popen."""
+
+    def __init__(self, pid: int) -> None:
+        self.pid = pid
+        self._status: int | None = None
+
+    def poll(self) -> int | None:
+        """Return the exit status, None while it runs."""
+        if self._status is None:
+            ended, status = os.waitpid(self.pid, os.WNOHANG)
+            self._status = os.waitstatus_to_exitcode(status) if ended else None
+        return self._status
+
+    def wait(self, timeout: float) -> int:
+        """Wait until it has ended; raise subprocess.TimeoutExpired if it has not by then."""
+        if (status := self.poll()) is not None:
+            return status
+        end, poll = os.pidfd_open(self.pid), select.poll()
+        poll.register(end, select.POLLIN)
+        try:
+            poll.poll(1e3 * timeout)
+        finally:
+            os.close(end)
+        if (status := self.poll()) is None:
+            raise subprocess.TimeoutExpired(str(self.pid), timeout)
+        return status
+
+    def send_signal(self, number: int) -> None:
+        """Send it a signal, unless it has ended: then nobody else can have its id yet."""
+        if self.poll() is None:
+            os.kill(self.pid, number)
+
+    def kill(self) -> None:
+        """End it at once."""
+        self.send_signal(signal.SIGKILL)
+
+
+class ForkServer:
+    """Has the modules loaded that programs of a network are made of, and forks them off."""
+
+    def __init__(self, program: Program) -> None:
+        self._program = program
+        self._channel, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._channel.settimeout(ANSWER_TIMEOUT_S)
+        command = [python(), "-m", "topologies.fork_server", str(theirs.fileno())]
+        with theirs:
+            program.start([*command, ",".join(MODULES), PADDING], descriptors=[theirs.fileno()])
+
+    def close(self) -> None:
+        """Let the server end; what it has forked goes on."""
+        self._channel.close()
+
+    @staticmethod
+    def serves(command: Sequence[str]) -> bool:
+        """Whether a command starts one of the modules with this interpreter."""
+        return [*command[:2]] == [python(), "-m"] and command[2] in MODULES
+
+    def start(
+        self,
+        name: str,
+        command: Sequence[str],
+        log: int,
+        namespace_pid: int | None,
+        descriptors: Sequence[int],
+    ) -> Forked:
+        """Start a command that it serves, as Program.start says; `log` is open for writing.
+
+        Raise NetworkError if the server has ended.
+        """
+        request = {
+            "name": name,
+            "module": command[2],
+            "command": list(command),
+            "runner": os.getpid(),
+            "folder": str(ROOT),
+            "namespace_pid": namespace_pid,
+            "descriptors": list(descriptors),
+        }
+        adopt_orphans(True)
+        try:
+            socket.send_fds(self._channel, [json.dumps(request).encode()], [log, *descriptors])
+            answer = self._channel.recv(ANSWER_BYTES)
+        except TimeoutError as error:
+            text = f"{self._program.name} did not start {name} in {ANSWER_TIMEOUT_S:g} s"
+            raise NetworkError(text) from error
+        except ConnectionError:
+            answer = b""
+        finally:
+            adopt_orphans(False)
+        if not answer:
+            self._program.stop()  # its socket closes a moment before it has ended
+            raise NetworkError(f"{self._program.name} died in mid-run: {self._program.end()}")
+        return Forked(int(answer))
+
+
+def adopt_orphans(yes: bool) -> None:
+    """Let a descendant whose parent ends become a child of this process, or no more."""
+    if LIBC.prctl(PR_SET_CHILD_SUBREAPER, int(yes)):
+        raise OSError(ctypes.get_errno(), "prctl(PR_SET_CHILD_SUBREAPER)")

@@ -1,0 +1,115 @@
+"""A network on a map (s1, ed and copper as in sdc.py): at each place a quantum switch and a host.
+
+  seattle            chicago          place     host, two fibres to its switch
+     ||                 ||            q1, q2    switches, two fibres for each way of the map
+     q1 =============== q2 == src     src       the pair source, at the centre
+
+sudo PYTHONPATH=. mn --custom topologies/mapped.py --topo map,map=abilene
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+from topologies.copper_lengths import centre
+from topologies.fabric import FabricTopo, Mininet, controllers, findController
+from topologies.maps import Map, Place, Position, positions, read_map
+from topologies.node_kinds import node_device
+from wire.ways import Ways, shortest
+
+__all__ = ["MapTopo", "Mininet", "controllers", "findController", "topos"]
+
+HOST_FIBERS = 2
+SOURCE = "src"
+
+
+class MapTopo(FabricTopo):
+    """Hosts, pair sources and repeaters where they are wanted; lengths as the map has them."""
+
+    def build(
+        self,
+        map: str = "abilene",  # noqa: A002 (as the command line has it)
+        fibers: int = 2,
+        hosts_at: str = "",
+        sources_at: str = "",
+        repeaters_at: str = "",
+        **fiber: Any,
+    ) -> None:
+        """Lay copper and fibre; raise BadMap, or ValueError for lengths, which the map says.
+
+        `hosts_at`, `sources_at` and `repeaters_at` are places, with commas. Without, each place
+        has a host, the place from which the farthest is nearest has the pair source, and every
+        host can be a repeater; with `repeaters_at` only those there have gates between qubits.
+        Each host has its pairs from the nearest source.
+        """
+        if "length_km" in fiber:
+            raise ValueError(
+                "the map says how long fibres are: leave length_km out, or say of which"
+            )
+        read = read_map(map)
+        places = chosen(read, hosts_at) or read.places
+        self.set_up(hosts=len(read.places) * 2 + 2, **fiber)
+        self.add_dispatcher(self.next_address())
+        names = self.add_quantum_switches(len(read.places))
+        switches = {place.name: q for place, q in zip(read.places, names, strict=True)}
+        ways: Ways = {place.name: {} for place in read.places}
+        for way in read.ways:
+            own = {"length_km": way.length_km}
+            if way.loss_db_per_km is not None and "loss_db_per_km" not in fiber:
+                own["loss_db_per_km"] = way.loss_db_per_km
+            self.join(switches[way.one], switches[way.other], int(fibers), **own)
+            for one, other in ((way.one, way.other), (way.other, way.one)):
+                ways[one][other] = min(way.length_km, ways[one].get(other, way.length_km))
+        sources = self._add_sources(read, chosen(read, sources_at), ways, switches)
+        self._add_hosts(read, places, sources, ways, switches, repeaters_at)
+        self.positions = positions_of(read, switches, sources)
+
+    def _add_sources(
+        self, read: Map, places: Sequence[Place], ways: Ways, switches: dict[str, str]
+    ) -> dict[str, str]:
+        """Add a pair source at each of these places, or at the centre; return which is where."""
+        at = [place.name for place in places]
+        at = at or [str(centre(ways, [place.name for place in read.places]))]
+        found = {place: f"{SOURCE}{n if len(at) > 1 else ''}" for n, place in enumerate(at, 1)}
+        for place, name in found.items():
+            self.add_host(name, self.next_address(), source=True)
+            self.join(name, switches[place], HOST_FIBERS)
+        return found
+
+    def _add_hosts(
+        self,
+        read: Map,
+        places: Sequence[Place],
+        sources: dict[str, str],
+        ways: Ways,
+        switches: dict[str, str],
+        repeaters_at: str,
+    ) -> None:
+        repeaters = {place.name for place in chosen(read, repeaters_at)}
+        for place in places:
+            away = shortest(ways, place.name)
+            nearest = min(sources, key=lambda source: away[source])
+            own = {}
+            if repeaters and place.name not in repeaters:
+                own["device"] = node_device("photonic", self.device_of(place.name))
+            name = place.name
+            self.add_host(name, self.next_address(), pairs_from=sources[nearest], **own)
+            self.join(name, switches[name], HOST_FIBERS)
+
+
+def chosen(read: Map, named: str) -> list[Place]:
+    """Return the places that are named, with commas; raise BadMap for one that is not there."""
+    return [read.place(name) for name in filter(None, named.split(","))]
+
+
+def positions_of(
+    read: Map, switches: dict[str, str], sources: dict[str, str]
+) -> dict[str, Position]:
+    """Return where each node is; on a map that does not say it, where it can be seen well."""
+    found: dict[str, Position] = {}
+    for place, position in positions(read).items():
+        nodes = (place, switches[place], sources.get(place, ""))
+        found |= dict.fromkeys(filter(None, nodes), position)
+    return found
+
+
+topos = {"map": MapTopo}

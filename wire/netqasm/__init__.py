@@ -1,0 +1,1 @@
+"""NetQASM as its own programs write it, and what processing units and applications say beside."""

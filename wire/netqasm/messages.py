@@ -1,0 +1,150 @@
+"""Messages between an application and its processing unit, as NetQASM's SDK lays them out.
+
+application                              unit
+INIT, OPEN_SOCKET, STOP, SIGNAL ->
+                                     <-  DONE
+SUBROUTINE                      ->
+                                     <-  RETURN_ARRAY, RETURN_REGISTER …, then DONE
+
+The layouts are those of C structures on a machine of today: little-endian, aligned.
+"""
+
+import struct
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from wire.metadata import MalformedPacket
+from wire.netqasm.subroutine import (
+    Subroutine,
+    decode_register,
+    decode_subroutine,
+    encode_register,
+)
+
+INIT, OPEN_SOCKET, SUBROUTINE, STOP, SIGNAL = range(5)
+DONE, _ERROR, RETURN_ARRAY, RETURN_REGISTER = range(4)
+INITIAL = struct.Struct("<B3xIB3x")
+SOCKET = struct.Struct("<B3xIiiiB3x")
+STOPPING = struct.Struct("<B3xI")
+SIGNALLING = struct.Struct("<BB")
+FINISHED = struct.Struct("<B3xI")
+ARRAY = struct.Struct("<Bii")
+ENTRY = struct.Struct("<B3xi")
+REGISTER = struct.Struct("<BB2xi")
+MAX_ENTRIES = 65_536
+
+
+class InitApplication(NamedTuple):
+    """An application begins, with so many qubits at most."""
+
+    application: int
+    qubits: int
+
+
+class OpenSocket(NamedTuple):
+    """An application may share pairs with one at another node, each at a socket of its own."""
+
+    application: int
+    socket: int
+    remote_node: int
+    remote_socket: int
+
+
+class StopApplication(NamedTuple):
+    """An application ends."""
+
+    application: int
+
+
+class StopUnit(NamedTuple):
+    """What the SDK says at the end of every connection; for a unit that others use, nothing."""
+
+
+HostMessage = InitApplication | OpenSocket | Subroutine | StopApplication | StopUnit
+
+
+class ReturnedArray(NamedTuple):
+    """What an array holds; None: not defined."""
+
+    address: int
+    values: list[int | None]
+
+
+class ReturnedRegister(NamedTuple):
+    """What a register holds."""
+
+    register: int
+    value: int
+
+
+class Finished(NamedTuple):
+    """A message of the application has been dealt with; the messages are counted from 0."""
+
+    message: int
+
+
+UnitMessage = ReturnedArray | ReturnedRegister | Finished
+
+
+def decode_host_message(data: bytes) -> HostMessage:
+    """Return what an application says; raise MalformedPacket if it is not of NetQASM."""
+    kind = data[0] if data else None
+    if kind == SUBROUTINE:
+        return decode_subroutine(data[1:])
+    if kind == INIT:
+        return InitApplication(*_fields(INITIAL, data))
+    if kind == OPEN_SOCKET:
+        return OpenSocket(*_fields(SOCKET, data)[:4])
+    if kind == STOP:
+        return StopApplication(*_fields(STOPPING, data))
+    if kind == SIGNAL and not any(_fields(SIGNALLING, data)):
+        return StopUnit()
+    raise MalformedPacket(f"no message of NetQASM to a processing unit: {data[:8].hex()}")
+
+
+def encode_unit_message(message: UnitMessage) -> bytes:
+    """Return what a unit says."""
+    match message:
+        case ReturnedArray(address, values):
+            entries = (ENTRY.pack(value is not None, value or 0) for value in values)
+            return ARRAY.pack(RETURN_ARRAY, address, len(values)) + b"".join(entries)
+        case ReturnedRegister(register, value):
+            return REGISTER.pack(RETURN_REGISTER, encode_register(register), value)
+        case Finished(number):
+            return FINISHED.pack(DONE, number)
+
+
+def decode_unit_message(data: bytes) -> UnitMessage:
+    """Return what a unit says; raise MalformedPacket if it is not of NetQASM."""
+    kind = data[0] if data else None
+    if kind == RETURN_ARRAY:
+        return _array(data)
+    if kind == RETURN_REGISTER:
+        register, value = _fields(REGISTER, data)
+        return ReturnedRegister(decode_register(register), value)
+    if kind == DONE:
+        return Finished(*_fields(FINISHED, data))
+    raise MalformedPacket(f"no message of NetQASM to an application: {data[:8].hex()}")
+
+
+def _array(data: bytes) -> ReturnedArray:
+    if len(data) < ARRAY.size:
+        raise MalformedPacket(f"an array in {len(data)} bytes")
+    _kind, address, length = ARRAY.unpack_from(data)
+    entries = data[ARRAY.size :]
+    if not 0 <= length <= MAX_ENTRIES or len(entries) != length * ENTRY.size:
+        raise MalformedPacket(f"an array of {length} entries in {len(entries)} bytes")
+    return ReturnedArray(address, [_entry(*each) for each in ENTRY.iter_unpack(entries)])
+
+
+def _entry(defined: int, value: int) -> int | None:
+    if defined > 1:
+        raise MalformedPacket(f"an entry of an array is of kind {defined}")
+    return value if defined else None
+
+
+def _fields(layout: struct.Struct, data: bytes) -> Sequence[int]:
+    """Return the fields behind the kind."""
+    if len(data) != layout.size:
+        raise MalformedPacket(f"message {data[0]} of {len(data)} bytes, not {layout.size}")
+    return layout.unpack(data)[1:]

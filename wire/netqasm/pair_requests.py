@@ -1,0 +1,104 @@
+"""What processing units say to each other before they ask for light: who wants which pairs.
+
+creator's unit                       receiver's unit, TCP port PAIRS_PORT
+PairRequest                      ->
+                                 <-  PairAnswer, once the application there wants them, too
+
+The pairs themselves come with a session of the service `distribute`, to the port in the answer.
+"""
+
+import struct
+from dataclasses import astuple, dataclass
+from enum import IntEnum
+
+from wire.metadata import MalformedPacket
+
+PAIRS_PORT = 9014
+MAGIC = b"QE"
+VERSION = 1
+REQUEST = struct.Struct("!2sB32siiIBB3BB")
+ANSWER = struct.Struct("!2sBBH")
+MAX_PAIRS = 4096  # in a request
+
+
+class Use(IntEnum):
+    """What becomes of pairs: NetQASM's types of requests."""
+
+    KEEP = 0
+    MEASURE = 1  # at both ends, at once
+    PREPARE = 2  # measured by the creator, kept by the receiver: remote state preparation
+
+
+class Verdict(IntEnum):
+    """What the receiver's unit says."""
+
+    READY = 0
+    NOBODY = 1  # no application there has asked to receive, for as long as a request waits
+    OTHER_COUNT = 2  # of pairs
+    OTHER_USE = 3
+
+
+class RandomBasis(IntEnum):
+    """Which bases a measurement is drawn from, each as often as the others."""
+
+    NONE = 0  # as the rotations say
+    XZ = 1
+    XYZ = 2
+    CHSH = 3
+
+
+@dataclass(frozen=True)
+class Measuring:
+    """How one end of pairs is measured."""
+
+    bases: RandomBasis = RandomBasis.NONE
+    rotations: tuple[int, int, int] = (0, 0, 0)  # in units of pi/16
+    axes: int = 0  # of the three rotations: XYX, YZY, ZXZ
+
+
+@dataclass(frozen=True)
+class PairRequest:
+    """So many pairs, between a socket here and a socket there."""
+
+    creator: str  # its node
+    creator_socket: int
+    receiver_socket: int
+    pairs: int
+    use: Use
+    receiver: Measuring
+
+    def encode(self) -> bytes:
+        """Return the bytes of the request."""
+        bases, rotations, axes = astuple(self.receiver)
+        name = self.creator.encode()
+        numbers = self.creator_socket, self.receiver_socket, self.pairs, self.use, bases
+        return REQUEST.pack(MAGIC, VERSION, name, *numbers, *rotations, axes)
+
+
+def decode_request(data: bytes) -> PairRequest:
+    """Return a request; raise MalformedPacket for anything else."""
+    if len(data) != REQUEST.size:
+        raise MalformedPacket(f"a request for pairs in {len(data)} bytes, not {REQUEST.size}")
+    magic, version, name, ours, theirs, pairs, use, bases, *how = REQUEST.unpack(data)
+    first, second, third, axes = how
+    if (magic, version) != (MAGIC, VERSION) or not 0 < pairs <= MAX_PAIRS or axes > 2:
+        raise MalformedPacket(f"no request for pairs: {data[:8].hex()}, {pairs} pairs")
+    try:
+        creator = name.rstrip(b"\0").decode("ascii")
+        measuring = Measuring(RandomBasis(bases), (first, second, third), axes)
+        return PairRequest(creator, ours, theirs, pairs, Use(use), measuring)
+    except ValueError as error:
+        raise MalformedPacket(f"a request for pairs: {error}") from error
+
+
+def encode_answer(verdict: Verdict, port: int = 0) -> bytes:
+    """Return the bytes of an answer."""
+    return ANSWER.pack(MAGIC, VERSION, verdict, port)
+
+
+def decode_answer(data: bytes) -> tuple[Verdict, int]:
+    """Return verdict and port; raise MalformedPacket for anything else."""
+    magic, version, verdict, port = ANSWER.unpack(data)
+    if (magic, version) != (MAGIC, VERSION) or verdict not in Verdict.__members__.values():
+        raise MalformedPacket(f"no answer to a request for pairs: {data.hex()}")
+    return Verdict(verdict), port
