@@ -138,7 +138,7 @@ def start_apps(framework: Any, config: ControllerConfig) -> Any:
     modules += ["controller_apps.console.rest"] if config.rest else []
     contexts = {"config": config, "mac_table": MacTable(), "record": record, "state": state}
     guard = partial(Guard, address=config.rest, token=config.rest_token)
-    apps = framework.start(modules + config.apps, guard, **contexts)
+    apps = framework.start([*modules, *config.apps], guard, **contexts)
     facts = Facts(apps["QuantumMetadata"], apps["DeviceMonitor"])
     for server in (console, metrics):
         if server is not None:

@@ -15,6 +15,7 @@ from hosts.hardware.ports import read_ports
 from hosts.hardware.qnic import HardwareError, Qnic
 from hosts.middleware.device import Device
 from hosts.middleware.qkd.keyring import Keyring
+from hosts.middleware.qkd.pair_secrets import PairSecrets
 from hosts.middleware.services import KINDS, NAMES
 from hosts.middleware.services.interception import Interception, InterceptionOptions
 from hosts.middleware.services.source import serve_pairs
@@ -23,6 +24,7 @@ from hosts.middleware.session.abilities import refusal
 from hosts.middleware.session.arrangement import Arrangement, Light
 from hosts.middleware.session.channel import MetadataChannel, SessionError
 from hosts.middleware.session.host_resources import HostResources
+from hosts.middleware.session.lifetimes import Lifetimes
 from hosts.middleware.session.session import AcceptingSession, OpeningSession, require_source
 from hosts.middleware.session.swap_orders import Swaps
 from hosts.middleware.verdicts import Verdicts
@@ -50,15 +52,17 @@ class Stack:
         self._verdicts = Verdicts(config.device_key, config.light == STANDING)
         self._light = Light()
         self.swaps = Swaps(config.address)
+        shared = PairSecrets(config.name, config.pair_secrets, lambda: config.hosts)
         self._means = HostResources(
             config.name,
             config.seed,
             qnic,
             config.analyser,
-            Keyring(config.name, config.pair_secrets, config.keys),
+            Keyring(config.name, shared, config.keys),
             self.swaps,
             config.abilities,
             config.multi_photon,
+            Lifetimes(config.t1_s, config.t2_s),
         )
         self.active_sessions = ActiveSessions(self.swaps.opens)
         self.device = Device(lambda: read_ports(config.qnics))

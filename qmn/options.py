@@ -1,15 +1,13 @@
-"""Options as fields of a dataclass, each declared once: for the command line and for scripts.
+"""Options that are fields of dataclasses (wire.parameters.option), said by a user.
 
-@dataclass(frozen=True, kw_only=True)
-class Options:
-    length_km: float = option(0.01, "of every fibre (0.01)", metavar="KM", range=(0, 2_000))
+length_km: float = option(0.01, "of every fibre (0.01)", metavar="KM", range=(0.0, 2_000.0))
 
 makes --length-km KM of a parser and length_km=… of a script.
 """
 
 import argparse
 from collections.abc import Collection, Mapping
-from dataclasses import Field, field, fields
+from dataclasses import Field, fields
 from difflib import get_close_matches
 from types import UnionType
 from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_origin, get_type_hints
@@ -26,19 +24,6 @@ class BadInput(Exception):
     """What the user asked for cannot be done; the text names value and remedy."""
 
 
-def option(default: Any, help: str, **words: Any) -> Any:  # noqa: A002 (argparse's word)
-    """Return a field that is an option.
-
-    Its kind is that of the annotation: a number, text, a path, a bool, or a tuple of texts, for
-    which it is said several times. Words are argparse's `metavar` and `choices`; `flag`, its name
-    on the command line if that is another; `parse`, what reads its text; `const`, what it is if it
-    is named without a value; `range`, the least and the most that a number may be; `instead_of`,
-    a name that options share of which only one may be given;
-    `default`, where the field has none.
-    """
-    return field(default=default, metadata={"help": help, **words})
-
-
 def add_options(
     parser: argparse.ArgumentParser,
     kind: "type[DataclassInstance]",
@@ -47,7 +32,7 @@ def add_options(
 ) -> None:
     """Describe the options of a dataclass; `words` say some by name that it does not, or anew."""
     hints, groups = get_type_hints(kind), dict[str, Any]()
-    for each in fields(kind):
+    for each in _fields(kind):
         said = {**each.metadata, **words.get(each.name, {})}
         if "help" not in said or each.name in leave_out:
             continue
@@ -89,6 +74,12 @@ def check_range(name: str, value: float, least: float, most: float) -> None:
     """Raise BadInput unless the value of the option of this name is in its range."""
     if not least <= value <= most:
         raise BadInput(f"--{name.replace('_', '-')} {value}: choose {least:g} to {most:g}")
+
+
+def _fields(kind: "type[DataclassInstance]") -> list["Field[Any]"]:
+    """Return the fields of a dataclass, its own before those of its bases."""
+    names = [name for each in kind.__mro__ for name in vars(each).get("__annotations__", ())]
+    return sorted(fields(kind), key=lambda each: names.index(each.name))
 
 
 def _flag(option: "Field[Any]", said: Words) -> str:

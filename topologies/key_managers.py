@@ -1,5 +1,6 @@
 """Starts a key manager on hosts of a running network, with certificates for all that ask it."""
 
+import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -60,8 +61,11 @@ def start_key_managers(network: Network, service: KeyService) -> KeyManagers:
         files = made(folder, names, addresses, saes)
     else:
         files = given(folder, [*names.values(), *saes])
-    programs = {}
-    for host, node in nodes.items():
+    programs: dict[str, Program] = {}
+    opening = {a for a, _b in service.pairs}
+    for host in sorted(nodes, key=opening.__contains__):
+        if host in opening:  # all that it opens sessions with listen first, as far as that can be
+            wait_for_all(network, programs)
         own = files[names[host]]
         config = KeyManagerConfig(
             host=host,
@@ -77,9 +81,8 @@ def start_key_managers(network: Network, service: KeyService) -> KeyManagers:
             withhold=service.withhold,
             links=links_of(host, service),
         )
-        programs[host] = launch(runtime, names[host], MODULE, config, node)
-    for program in programs.values():
-        program.wait_for("ready", READY_TIMEOUT_S, network.check)
+        programs[host] = launch(runtime, names[host], MODULE, config, nodes[host])
+    wait_for_all(network, programs)
     urls = {host: f"https://{address}:{KEY_DELIVERY_PORT}" for host, address in addresses.items()}
     managers = KeyManagers(
         programs, urls, saes, {sae: files[sae] for sae in saes}, folder / AUTHORITY
@@ -87,6 +90,12 @@ def start_key_managers(network: Network, service: KeyService) -> KeyManagers:
     for host, node in nodes.items():
         tell_shell(node, managers, host)
     return managers
+
+
+def wait_for_all(network: Network, programs: Mapping[str, Program]) -> None:
+    """Wait until programs answer; NetworkError if one does not."""
+    for program in programs.values():
+        program.wait_for("ready", READY_TIMEOUT_S, network.check)
 
 
 def links_of(host: str, service: KeyService) -> list[KeyLink]:
@@ -136,12 +145,20 @@ def given(folder: Path, names: Sequence[str]) -> dict[str, CertificateFiles]:
 
 
 def tell_shell(node: QuantumHost, managers: KeyManagers, host: str) -> None:
-    """Let commands in a host's shell find its key manager, and prove who they are."""
-    own = managers.files[application_name(host)]
+    """Let commands in a host's shell find its key manager, and prove who they are.
+
+    Certificates and private keys of the host's applications are in the folder that it is shown.
+    """
+    folder = node.network.own_folder(host)
+    for sae in (sae for sae, place in managers.saes.items() if place == host):
+        shutil.copy(managers.files[sae].certificate, folder / f"{sae}.pem")
+        shutil.copy(managers.files[sae].private_key, folder / f"{sae}.key")
+    shutil.copy(managers.authority, folder / AUTHORITY)
+    own = application_name(host)
     words = {
         "KME": managers.urls[host],
-        "SAE_CERT": own.certificate,
-        "SAE_KEY": own.private_key,
-        "KME_CA": managers.authority,
+        "SAE_CERT": folder / f"{own}.pem",
+        "SAE_KEY": folder / f"{own}.key",
+        "KME_CA": folder / AUTHORITY,
     }
     node.cmd("export " + " ".join(f'{name}="{value}"' for name, value in words.items()))

@@ -76,10 +76,10 @@ def listeners(network: Runtime, name: str, kind: type[Config]) -> Iterator[dict[
     """
     with ExitStack() as stack:
         found = {}
-        if network.metrics and issubclass(kind, MeasuredConfig):
+        if network.settings.metrics and issubclass(kind, MeasuredConfig):
             found["metrics_fd"] = stack.enter_context(metrics_listener(network, name))
-        if network.rest and issubclass(kind, ControllerConfig):
-            found["rest_fd"] = stack.enter_context(rest_listener(network.rest))
+        if network.settings.rest and issubclass(kind, ControllerConfig):
+            found["rest_fd"] = stack.enter_context(rest_listener(network.settings.rest))
         yield {field: listener.fileno() for field, listener in found.items()}
 
 

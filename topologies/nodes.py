@@ -3,7 +3,7 @@
 import os
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,15 +11,16 @@ from mininet.node import Controller, Host, OVSSwitch
 
 from topologies import openvswitch, runtime
 from topologies.addresses import broadcast, free_address
-from topologies.causality import news_s
+from topologies.causality import ways_of_news
+from topologies.confinement import ConfinedNode
 from topologies.fiber import python_file, qnics
+from topologies.interfaces import finish_checksums, network_of, switch_ipv6_off
 from topologies.keywords import refuse_unknown
 from topologies.launching import EarlyStart, launch
 from topologies.management import lay_management
 from topologies.programs import ROOT, Program, python
 from topologies.runtime import CONSOLE, DISPATCHER, EVENT_CAPTURE, EVENT_LOG, Runtime
 from topologies.shells import ShellWatcher
-from wire import switch_check
 from wire.config import (
     CONTROLLER,
     DISPATCHER_PORT,
@@ -35,6 +36,8 @@ from wire.config import (
     Station,
 )
 from wire.controller_record import RECORD
+from wire.features import EMIT
+from wire.parameters.network import ControllerSettings, DispatcherSettings, part
 from wire.parameters.physics import (
     BadParameter,
     BellAnalyser,
@@ -44,9 +47,9 @@ from wire.parameters.physics import (
     Memory,
     PairSource,
 )
+from wire.parameters.switch import OPTICS
 
 READY_TIMEOUT_S = 20.0
-OPTICS = {each.name for each in fields(QuantumSwitch)} - {"name"}
 COPPER = "copper"  # the program that holds packets back
 STATE = "state"  # folder in which the controller keeps what its successor must know
 DEFAULT_PREFIX_LENGTH = 8  # Mininet's
@@ -60,7 +63,7 @@ def connect_copper(network: Runtime) -> None:
         return
     files = [file for cable in network.cables for file in (cable.a_fd, cable.b_fd)]
     simulation = network.dispatcher.partition(":")[0]
-    config = CopperConfig(list(network.cables), simulation, network.seed)
+    config = CopperConfig(list(network.cables), simulation, network.settings.seed)
     program = launch(network, COPPER, "copper", config, descriptors=files)
     for file in files:
         os.close(file)  # the program has them
@@ -77,6 +80,12 @@ class QuantumNode(ShellWatcher):
     def hurried(self) -> bool:  # type: ignore[override]
         """Whether the network starts or ends just now."""
         return self.network.hurried
+
+    def startShell(self, mnopts: str | None = None) -> None:  # noqa: N802 (Mininet's name)
+        """Start the shell; in a network of its own IPv6 is off from the beginning."""
+        super().startShell(mnopts)
+        if self.inNamespace:
+            switch_ipv6_off(self, "all", "default")
 
     def find_our_programs(self) -> None:
         """Let `qmn spy`, and `python` with our packages, work in the node's shell."""
@@ -100,12 +109,23 @@ def stations_of(host: Host) -> list[Station]:
     ]
 
 
-class ClassicalHost(QuantumNode, Host):
-    """A host whose interfaces suit a switch in user space: no IPv6, finished checksums."""
+def covered_folders(network: Runtime) -> list[Path]:
+    """Return the folders with what hosts are not to see of a run, or of others on this machine."""
+    kept = [Path(network.settings.keys)] if network.settings.keys else []
+    return [runtime.RUNTIME_ROOT, openvswitch.RUN_FOLDER, network.logs.resolve(), *kept]
 
-    def __init__(self, name: str, **params: object) -> None:
+
+class ClassicalHost(QuantumNode, ConfinedNode, Host):
+    """A host whose interfaces suit a switch in user space: no IPv6, finished checksums.
+
+    What people start on it sees its own processes, and of the run its own folder; with
+    `confined=False` it sees all, and can mount, as on a host of Mininet's.
+    """
+
+    def __init__(self, name: str, confined: bool = True, **params: object) -> None:
         refuse_unknown(name, params, type(self))
         self.network = runtime.current()
+        self.confined = confined
         self.program: Program | None = None
         super().__init__(name, **params)
         self.network.hosts.append(self)
@@ -115,11 +135,17 @@ class ClassicalHost(QuantumNode, Host):
     def config(self, **params: object) -> dict[str, object]:
         """Configure the interfaces."""
         result: dict[str, object] = super().config(**params)
-        self.cmd("sysctl -qw net.ipv6.conf.all.disable_ipv6=1")
         if openvswitch.datapath() == "user":
-            self.cmd(f"ethtool -K {self.defaultIntf()} tx off rx off")
+            with network_of(self):
+                finish_checksums(str(self.defaultIntf()))
+        if self.confined:
+            self.confine(self.shown_folders(), covered_folders(self.network))
         self.find_our_programs()
         return result
+
+    def shown_folders(self) -> list[Path]:
+        """Return the folders of the run that are this host's own."""
+        return []
 
     def terminate(self) -> None:
         """End the host's program, then the host."""
@@ -129,10 +155,13 @@ class ClassicalHost(QuantumNode, Host):
 
 
 class DispatcherHost(ClassicalHost):
-    """`ed`: runs the dispatcher, which holds every qubit of the network."""
+    """`ed`: runs the dispatcher, which holds every qubit of the network.
 
-    def __init__(self, name: str, **params: object) -> None:
-        super().__init__(name, **params)
+    Who is on it sees the whole run, as `qmn spy` does there.
+    """
+
+    def __init__(self, name: str, confined: bool = False, **params: object) -> None:
+        super().__init__(name, confined, **params)
         self.network.dispatcher = f"{self.network.addresses[name]}:{DISPATCHER_PORT}"
 
     def config(self, **params: object) -> dict[str, object]:
@@ -142,20 +171,17 @@ class DispatcherHost(ClassicalHost):
         config = DispatcherConfig(
             listen=network.dispatcher,
             socket=network.socket(DISPATCHER),
-            seed=network.seed,
-            backend=network.backend,
+            seed=network.settings.seed,
             tokens=network.tokens,
             fibers=network.fibers,
             switches=list(network.switches.values()),
             event_log=str(network.private_file(EVENT_LOG)) if network.events else "",
-            sabot=network.sabot,
             record=str(network.logs / "dispatcher.record") if network.record else "",
             qasm=str(network.private_file("quantum.qasm")) if network.qasm else "",
             devices=network.devices,
             event_capture=str(network.private_file(EVENT_CAPTURE)) if network.events else "",
-            history_depth=network.history_depth,
-            per_qubit=network.per_qubit,
-            news_s=news_s(network),
+            news_s=ways_of_news(network),
+            **part(DispatcherSettings, network.settings),
         )
         self.program = launch(network, DISPATCHER, "dispatcher", config, self)
         return result
@@ -170,6 +196,7 @@ class DispatcherHost(ClassicalHost):
         super().terminate()
 
 
+MOST_PAIR_RATE_HZ = 50_000_000
 PARTS = ("source", "memory", "detectors", "analyser", "gates")
 
 
@@ -213,6 +240,7 @@ class QuantumHost(ClassicalHost):
         light: str = CONTROLLER,
         qnic: str = "",
         qnic_parameters: Mapping[str, Any] | None = None,
+        confined: bool = True,
         **params: object,
     ) -> None:
         if light not in LIGHT:
@@ -221,7 +249,7 @@ class QuantumHost(ClassicalHost):
         described = device_of(name, {"source": source, "device": device, **parts})
         self.qnic = python_file(f"{name}: qnic", qnic)
         self.qnic_parameters = dict(qnic_parameters or {})
-        super().__init__(name, **params)
+        super().__init__(name, confined, **params)
         self.network.devices[name] = described
         self.network.token(name)
         self.pairs_from = pairs_from
@@ -229,6 +257,10 @@ class QuantumHost(ClassicalHost):
         self.network.device_key(name)
         if source:
             self.network.source = name
+
+    def shown_folders(self) -> list[Path]:
+        """Return those of its stack's socket and of its keys."""
+        return [self.network.own_folder(self.name), Path(self.network.key_folder(self.name))]
 
     def config(self, **params: object) -> dict[str, object]:
         """Configure the interfaces and start the stack."""
@@ -241,9 +273,9 @@ class QuantumHost(ClassicalHost):
             dispatcher=network.dispatcher,
             token=network.token(self.name),
             socket=network.socket(self.name),
-            hosts=network.addresses,
+            hosts_file=network.hosts_file(),
             source=self.pairs_from or network.source,
-            seed=network.seed,
+            seed=network.settings.seed,
             report_to=broadcast(network.addresses.values(), network.prefix_length),
             device_key=network.device_key(self.name),
             analyser=network.devices[self.name].analyser.kind,
@@ -252,7 +284,10 @@ class QuantumHost(ClassicalHost):
             features=network.devices[self.name].features.value,
             memory_qubits=network.devices[self.name].memory.capacity,
             multi_photon=network.devices[self.name].source.multi_photon,
-            pair_secrets=network.secrets_of(self.name),
+            pair_secrets=network.secrets_folder(),
+            pair_rate_hz=pair_rate_hz(network.devices.values()),
+            t1_s=network.devices[self.name].memory.t1_s,
+            t2_s=network.devices[self.name].memory.t2_s,
             keys=network.key_folder(self.name),
             light=self.light,
         )
@@ -261,6 +296,12 @@ class QuantumHost(ClassicalHost):
         self.program = launch(network, self.name, "hosts", config, self)
         self.cmd(f'export QMN_STACK="{config.socket}"')
         return result
+
+
+def pair_rate_hz(devices: Iterable[Device]) -> int:
+    """Return the rate at which every source of a network can make pairs."""
+    rates = [device.source.max_rate_hz for device in devices if EMIT in device.features]
+    return max(1, int(min([MOST_PAIR_RATE_HZ, *rates])))
 
 
 def require_unrotated(switches: Iterable[QuantumSwitch]) -> None:
@@ -356,8 +397,8 @@ class ClassicalSwitch(QuantumNode, OVSSwitch):
 class OpticalSwitch(ClassicalSwitch):
     """A quantum switch: a bridge with its agent between it and the controller.
 
-    Optics go by keyword, as the fields of wire.config.QuantumSwitch; paths that differ from
-    the others are wire.config.PathOptics. Raise BadConfig for what no switch can have.
+    Optics go by keyword, as the fields of wire.parameters.switch.QuantumSwitch; paths that
+    differ from the others are PathOptics there. Raise BadParameter for what no switch can have.
     `hardware` is "" for the simulated switch, or names an instrument, as scpi://192.0.2.7:5025;
     `hardware_ports` are the instrument's [ingress, egress] of each port that is a fibre's.
     `controller_port` names another controller than c0, at this TCP port of 127.0.0.1, that
@@ -375,9 +416,9 @@ class OpticalSwitch(ClassicalSwitch):
         given = {each: params.pop(each) for each in OPTICS & params.keys()}
         refuse_unknown(name, params, type(self), also=sorted(OPTICS))
         optics = QuantumSwitch(name, **{**given, "paths": list(given.get("paths", ()))})
-        switch_check.check(optics)
+        optics.check()
         if controller_port is not None and not 0 < controller_port < 1 << 16:
-            raise BadConfig(f"{name}: controller_port {controller_port} is not 1 to 65535")
+            raise BadParameter(f"{name}: controller_port {controller_port} is not 1 to 65535")
         super().__init__(name, **params)
         self.network.switches[name] = optics
         self.network.datapath_ids[name] = int(self.dpid, 16)
@@ -417,7 +458,7 @@ class OpticalSwitch(ClassicalSwitch):
         # Who asks for the bridge by name, as ovs-ofctl does, comes to the agent.
         Path(config.programs).replace(config.management)
         self._targets = [f"unix:{config.listening(number)}" for number in range(len(commanding))]
-        self.cmd(f"sysctl -qw net.ipv6.conf.{self.name}.disable_ipv6=1")
+        switch_ipv6_off(self, self.name)
         for program in network.programs:
             if program.name == DISPATCHER:  # the agent asks it at once
                 program.wait_for("ready", READY_TIMEOUT_S)
@@ -508,13 +549,16 @@ class QuantumController(QuantumNode, Controller):
     ) -> None:
         refuse_unknown(name, params, type(self))
         network = runtime.current()
-        network.framework = framework or network.framework
-        network.policy = str(Path(policy).resolve()) if policy else network.policy
-        network.rest = rest or network.rest
-        network.apps += [module for module in apps.split("+") if module]
+        policy = str(Path(policy).resolve()) if policy else ""
+        said: dict[str, Any] = {"controller": framework, "policy": policy, "rest": rest}
+        network.settings = replace(
+            network.settings,
+            apps=(*network.settings.apps, *filter(None, apps.split("+"))),
+            **{name: value for name, value in said.items() if value},
+        )
         self.network = network
         self.addresses: dict[str, str] = {}  # on the management network, by switch
-        settings = {"port": self.network.openflow_port, "inNamespace": True}
+        settings = {"port": self.network.settings.openflow_port, "inNamespace": True}
         super().__init__(name, **{**params, **settings})
         self._early: EarlyStart | None = self._begin()
         self._launched = False
@@ -524,7 +568,7 @@ class QuantumController(QuantumNode, Controller):
 
     def _begin(self) -> EarlyStart:
         """Let the controller load its framework, which takes longest of all."""
-        words = ["--framework", self.network.framework]
+        words = ["--framework", self.network.settings.controller]
         return EarlyStart(self.network, self.name, "controller_apps", words, self)
 
     def launch(self) -> None:
@@ -538,21 +582,17 @@ class QuantumController(QuantumNode, Controller):
             connect_copper(network)
         config = ControllerConfig(
             listen=f"0.0.0.0:{self.port}",
-            framework=network.framework,
+            framework=network.settings.controller,
             quantum_switches=dict(network.datapath_ids),
             record=str(network.logs / RECORD),
-            loss_budget_db=network.loss_budget_db,
-            contention=network.contention,
-            policy=network.policy,
             address=free_address(network.addresses.values(), network.prefix_length),
             device_keys=network.device_keys,
             addresses={host: network.addresses[host] for host in network.device_keys},
             stations=[station for host in network.hosts for station in stations_of(host)],
             console=network.socket(CONSOLE),
-            rest=network.rest,
-            rest_token=network.rest_token() if network.rest else "",
-            apps=network.apps,
+            rest_token=network.rest_token() if network.settings.rest else "",
             state=str(network.folder / STATE),
+            **part(ControllerSettings, network.settings),
         )
         self._early.go_on(config)
         self._launched = True

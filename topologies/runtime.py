@@ -6,6 +6,7 @@ each fibre registers here as it is made, and the programs learn the rest from he
 
 import atexit
 import fcntl
+import json
 import os
 import secrets
 import shutil
@@ -22,10 +23,10 @@ from topologies.programs import NetworkError, Program
 from wire.config import Cable, Fiber, QuantumSwitch
 from wire.dispatcher_service import RUNNER
 from wire.network_time import NetworkTime
+from wire.parameters.network import NetworkSettings
 from wire.parameters.physics import Device
 
 RUNTIME_ROOT = Path("/run/qmn")
-OPENFLOW_PORT = 6653
 DISPATCHER = "dispatcher"  # the program, and its socket
 FIRST_PORT = 10_000
 EPHEMERAL_PORTS = Path("/proc/sys/net/ipv4/ip_local_port_range")  # of connections
@@ -40,22 +41,11 @@ EVENT_CAPTURE = "quantum.pcapng"  # the same for Wireshark and qmn spy
 class Runtime:
     """One network: settings given by the caller, and what its nodes have registered."""
 
-    seed: int = 1
+    settings: NetworkSettings = field(default_factory=NetworkSettings)
     time_scale: float = 1.0  # seconds here for one second of the network
-    copper_km: float | None = None  # length of all copper; None: as the fibres beside it
-    control_km: float | None = None  # of that to the controller; None: the same
-    control_loss: float = 0.0  # share of the packets that get lost there
-    sabot: str = ""  # path of a Sabot server's socket; empty: the dispatcher simulates by itself
     record: bool = False  # whether the dispatcher records what it is asked, for a replay
     events: bool = True  # whether the dispatcher writes what happens to qubits
-    per_qubit: int = 0  # so many photons of each block have events of their own in there
     qasm: bool = False  # whether the dispatcher dumps what is done to qubits
-    backend: str = "chp"  # of wire.config.BACKENDS: what simulates the quantum states
-    framework: str = "ryu"
-    openflow_port: int = OPENFLOW_PORT
-    history_depth: int = 10_000  # events that the dispatcher remembers
-    loss_budget_db: float = 30.0  # that one light path may lose
-    contention: str = "refuse"  # or "queue": what becomes of a request for light that is taken
     log_folder: Path | None = None  # where logs and records go; default: the private folder
     hosts: list[Any] = field(default_factory=list)  # their nodes
     addresses: dict[str, str] = field(default_factory=dict)  # of the hosts
@@ -73,18 +63,13 @@ class Runtime:
     programs: list[Program] = field(default_factory=list)
     fork_server: ForkServer | None = None  # which starts most of them
     tokens: dict[str, str] = field(default_factory=dict)
-    policy: str = ""  # path of the controller's policy file; empty: the shipped one
-    rest: str = ""  # where the controller serves HTTP; empty: nowhere
-    apps: list[str] = field(default_factory=list)  # further apps in the controller
     prefix_length: int = 24  # of the hosts' network
     device_keys: dict[str, str] = field(default_factory=dict)  # of the hosts' node agents
-    pair_secrets: dict[frozenset[str], str] = field(default_factory=dict)  # of two hosts each
-    keys: str = ""  # path of the folder for keys that are kept; empty: they go with the network
     hurried: bool = False  # whether commands in nodes' shells have a deadline
-    metrics: bool = False  # whether programs tell Prometheus their figures
     metrics_addresses: dict[str, str] = field(default_factory=dict)  # by program: where
 
     def __post_init__(self) -> None:
+        self._hosts_written = 0
         self.time = NetworkTime(self.time_scale, time.time_ns())
         self.name = str(this_process())
         self.folder = RUNTIME_ROOT / self.name
@@ -109,18 +94,27 @@ class Runtime:
         """Return the secret that a host's node agent shares with the controller."""
         return self.device_keys.setdefault(host, secrets.token_hex(16))
 
-    def secrets_of(self, host: str) -> dict[str, str]:
-        """Return the secrets that a host shares with each other host, to authenticate by."""
-        return {
-            other: self.pair_secrets.setdefault(frozenset((host, other)), secrets.token_hex(32))
-            for other in self.devices
-            if other != host
-        }
+    def secrets_folder(self) -> str:
+        """Return the path of the private folder of what two hosts share, to authenticate by."""
+        folder = self.folder / "pair-secrets"
+        folder.mkdir(mode=0o700, exist_ok=True)
+        return str(folder)
+
+    def hosts_file(self) -> str:
+        """Return the path of the file of all hosts that there are now, one for all of them."""
+        file = self.folder / "hosts.json"
+        if len(self.addresses) != self._hosts_written:
+            self._hosts_written = len(self.addresses)
+            unfinished = file.with_suffix(".new")
+            unfinished.write_text(json.dumps(self.addresses))
+            unfinished.replace(file)
+        return str(file)
 
     def key_folder(self, host: str) -> str:
-        """Return the path of the folder for the keys of a host; its parent is private."""
-        folder = Path(self.keys) if self.keys else self.folder / "keys"
+        """Return the path of the folder for the keys of a host; it is private."""
+        folder = Path(self.settings.keys) if self.settings.keys else self.folder / "keys"
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        (folder / host).mkdir(mode=0o700, exist_ok=True)
         return str(folder / host)
 
     def private_file(self, name: str) -> Path:
@@ -130,9 +124,16 @@ class Runtime:
         file.chmod(0o600)
         return file
 
+    def own_folder(self, name: str) -> Path:
+        """Return the part of the private folder that people on a host are shown."""
+        folder = self.folder / name
+        folder.mkdir(mode=0o700, exist_ok=True)
+        return folder
+
     def socket(self, name: str) -> str:
         """Return the path of a Unix socket (they cross network namespaces)."""
-        return str(self.folder / f"{name}.sock")
+        own = self.own_folder(name) if name in self.devices else self.folder
+        return str(own / f"{name}.sock")
 
     def program(self, name: str) -> Program:
         """Return a new program, watched from now on."""

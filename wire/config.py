@@ -5,16 +5,19 @@ The runner writes them, readable by root alone, because they hold the node token
 
 import json
 from dataclasses import asdict, dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
 from wire.features import Abilities
 from wire.network_time import NetworkTime
 from wire.parameters.fiber import Fiber, FiberEnd
-from wire.parameters.physics import ANALYSERS, Device, parameter
+from wire.parameters.network import ControllerSettings, DispatcherSettings
+from wire.parameters.option import check_options
+from wire.parameters.physics import ANALYSERS, Device
+from wire.parameters.switch import PathOptics, QuantumSwitch
 
 __all__ = [
-    "CONTENTION",
     "DISPATCHER_PORT",
     "AgentConfig",
     "BadConfig",
@@ -33,14 +36,6 @@ __all__ = [
 ]
 
 DISPATCHER_PORT = 50051
-CONTENTION = ("refuse", "queue")
-BACKENDS = ("chp", "stim", "dense")
-
-
-# Ranges of the optics of quantum switches
-TEMPERATURE_C = (-100.0, 300.0)
-LOSS_DB = (0.0, 100.0)
-FREQUENCY_MHZ = (1, 2**32 - 1)
 
 
 class BadConfig(ValueError):
@@ -89,46 +84,7 @@ class MeasuredConfig(Config):
 
 
 @dataclass(frozen=True)
-class PathOptics:
-    """A path of a quantum switch whose optics differ from those of the others."""
-
-    in_port: int
-    out_port: int
-    insertion_loss_db: float = parameter(0.0, *LOSS_DB)
-    rotation: int = parameter(0, 0, 3)  # wire.metadata.Pauli
-
-
-@dataclass(frozen=True)
-class QuantumSwitch:
-    """The optics of a quantum switch: every parameter, its range and default, declared here alone.
-
-    The dispatcher models them; a topology gives them as keywords of OpticalSwitch.
-    """
-
-    name: str
-    switching_time_s: float = parameter(100e-9, 0.0, 60.0)
-    insertion_loss_db: float = parameter(0.0, *LOSS_DB)
-    rotation: int = parameter(0, 0, 3)  # wire.metadata.Pauli that every path applies
-    paths: list[PathOptics] = field(default_factory=list)  # that differ from the rest
-    # None: none; else a photon strays with 10^(-dB/10).
-    crosstalk_db: float | None = parameter(None, *LOSS_DB)
-    temperature_c: float = parameter(25.0, *TEMPERATURE_C)
-    max_temperature_c: float = parameter(60.0, *TEMPERATURE_C)
-    hot_loss_db: float = parameter(3.0, *LOSS_DB)  # more on every path while it is hotter than that
-    min_frequency_mhz: int = parameter(191_350_000, *FREQUENCY_MHZ)  # C band
-    max_frequency_mhz: int = parameter(196_100_000, *FREQUENCY_MHZ)
-    grid_mhz: int = parameter(50_000, *FREQUENCY_MHZ)
-    min_power_dbm: float = parameter(-20.0, -100.0, 0.0)
-
-    @classmethod
-    def from_dict(cls, fields: dict[str, Any]) -> "QuantumSwitch":
-        """Build the switch from decoded JSON."""
-        paths = [PathOptics(**path) for path in fields.get("paths", [])]
-        return cls(**{**fields, "paths": paths})
-
-
-@dataclass(frozen=True)
-class DispatcherConfig(MeasuredConfig):
+class DispatcherConfig(MeasuredConfig, DispatcherSettings):
     """The physical network and who may act for which node."""
 
     listen: str  # "10.0.0.4:50051"
@@ -140,19 +96,14 @@ class DispatcherConfig(MeasuredConfig):
     event_log: str = ""  # path; empty: none
     event_capture: str = ""  # path of the same as a pcapng file; empty: none
     devices: dict[str, Device] = field(default_factory=dict)  # of hosts; ideal if not listed
-    history_depth: int = 10_000
-    per_qubit: int = 0  # so many photons of each block have events of their own in log and capture
     max_live_qubits: int = 8_000_000
-    backend: str = "chp"  # on which quantum states begin: one of BACKENDS
     record: str = ""  # path of a private record to replay, which must not exist; empty: none
     qasm: str = ""  # path of a dump of what is done to qubits (OpenQASM 2.0); empty: none
-    sabot: str = ""  # path of a Sabot server's socket; empty: simulate in the dispatcher itself
-    # How long (s) news takes from each host to each other at least; none: no time at all.
+    # How long (s) news takes from each node to its neighbours at least; none: no time at all.
     news_s: dict[str, dict[str, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if self.backend not in BACKENDS:
-            raise ValueError(f"backend {self.backend!r}: choose one of {', '.join(BACKENDS)}")
+        check_options(self)
 
     @classmethod
     def from_dict(cls, fields: dict[str, Any]) -> "DispatcherConfig":
@@ -179,12 +130,13 @@ class HostConfig(Config):
     dispatcher: str  # "10.0.0.4:50051"
     token: str
     socket: str  # unix socket on which applications reach the stack
-    hosts: dict[str, str]  # name to address, as /etc/hosts would have it
+    hosts_file: str  # path of a file of all hosts, name to address in JSON, as /etc/hosts has them
     source: str  # name of the host that makes pairs
     seed: int
     report_to: str = ""  # address that the node agent reports to (the subnet's broadcast)
     device_key: str = ""  # that the node agent shares with the controller; empty: no node agent
-    pair_secrets: dict[str, str] = field(default_factory=dict)  # shared with each other host, hex
+    # Path of a private folder of all secrets that two hosts each share; empty: there are none.
+    pair_secrets: str = ""
     keys: str = ""  # path of the folder for keys that it distributes; empty: it keeps none
     analyser: str = "complete"  # its Bell analyser (wire.parameters.physics.BellAnalyser.kind)
     qnic: str = ""  # "path/to/file.py:ClassName" of its hardware; empty: it is simulated
@@ -193,6 +145,9 @@ class HostConfig(Config):
     memory_qubits: int = Device().memory.capacity
     light: str = CONTROLLER  # who grants it
     multi_photon: float = 0.0  # how likely a pulse of its source has several photons
+    pair_rate_hz: int = 50_000_000  # that every source of the network can make
+    t1_s: float = Device().memory.t1_s
+    t2_s: float = Device().memory.t2_s
 
     def __post_init__(self) -> None:
         if self.light not in LIGHT:
@@ -200,6 +155,18 @@ class HostConfig(Config):
         if self.analyser not in ANALYSERS:
             raise ValueError(f"analyser {self.analyser!r}: choose one of {', '.join(ANALYSERS)}")
         _ = self.abilities
+
+    @cached_property
+    def hosts(self) -> dict[str, str]:
+        """The addresses of all hosts by name, read when somebody asks for one; or raise BadConfig.
+
+        Most hosts of a large network never do.
+        """
+        try:
+            found: dict[str, str] = json.loads(Path(self.hosts_file).read_text())
+        except (OSError, ValueError) as error:
+            raise BadConfig(f"{self.hosts_file}, the file of all hosts: {error}") from error
+        return found
 
     @property
     def abilities(self) -> Abilities:
@@ -266,7 +233,7 @@ class CopperConfig(Config):
 
 
 @dataclass(frozen=True)
-class ControllerConfig(MeasuredConfig):
+class ControllerConfig(MeasuredConfig, ControllerSettings):
     """What the controller apps are told; all else they discover."""
 
     listen: str  # "127.0.0.1:6653"
@@ -275,29 +242,21 @@ class ControllerConfig(MeasuredConfig):
     hold_timeout_s: float = 5.0
     idle_timeout_s: int = 30
     record: str = ""  # path of a JSON-lines file for measurements; empty: none
-    loss_budget_db: float = 30.0  # that one light path may lose
-    contention: str = "refuse"  # or "queue": what becomes of a request for light that is taken
-    policy: str = ""  # path of the policy file; empty: the shipped one, which allows the demo
     address: str = ""  # IPv4, in the hosts' network, that its datagrams to node agents come from
     device_keys: dict[str, str] = field(default_factory=dict)  # of each host
     addresses: dict[str, str] = field(default_factory=dict)  # of these hosts, IPv4
     stations: list[Station] = field(default_factory=list)  # on classical switches
     console: str = ""  # path of the unix socket of the console; empty: none
-    rest: str = ""  # "127.0.0.1:8080": serve the same there, on Ryu only; empty: not at all
-    # The socket that listens there, from the runner: it may be of another network namespace.
+    # The socket that listens at `rest`, from the runner: it may be of another network namespace.
     rest_fd: int | None = None
     rest_token: str = ""  # that the console's resources there want; empty: nobody has it
-    apps: list[str] = field(default_factory=list)  # modules of further apps to load
     state: str = ""  # path of a private folder for what a restarted one must know; empty: none
 
     @classmethod
     def from_dict(cls, fields: dict[str, Any]) -> "ControllerConfig":
         """Build the configuration from decoded JSON."""
         stations = [Station(**station) for station in fields.get("stations", [])]
-        return cls(**{**fields, "stations": stations})
+        return cls(**{**fields, "stations": stations, "apps": tuple(fields.get("apps", ()))})
 
     def __post_init__(self) -> None:
-        if self.contention not in CONTENTION:
-            raise ValueError(
-                f"contention {self.contention!r}: choose one of {', '.join(CONTENTION)}"
-            )
+        check_options(self)

@@ -7,6 +7,10 @@ from dispatcher.fiber import custom_noise
 from dispatcher.fiber.classical_light import ClassicalLight
 from dispatcher.fiber.fluctuations import Bursts, PhaseDrift, PolarizationDrift, ThermalDrift
 from dispatcher.fiber.noise import Dephasing, Depolarizing, Loss, NoiseModel
+from dispatcher.fiber.polarization_modes import (
+    PolarizationDependentLoss,
+    PolarizationModeDispersion,
+)
 from wire.parameters.fiber import FiberOptics
 
 PS_PER_S_AND_PPM = 1e6
@@ -34,6 +38,11 @@ def _models(optics: FiberOptics) -> Iterator[NoiseModel]:
     turn_rad = optics.polarization_drift_rad_per_sqrt_km * math.sqrt(optics.length_km)
     if turn_rad > 0:
         yield PolarizationDrift(turn_rad, optics.polarization_drift_time_s)
+    if optics.pdl_db > 0:
+        yield PolarizationDependentLoss(optics.pdl_db)
+    pmd_ps = optics.pmd_ps_per_sqrt_km * math.sqrt(optics.length_km)
+    if pmd_ps > 0:
+        yield PolarizationModeDispersion(pmd_ps, optics.polarization_drift_time_s)
     ps_per_k = optics.delay_s * optics.thermal_ppm_per_k * PS_PER_S_AND_PPM
     if ps_per_k * (abs(optics.temperature_slope_k_per_s) + optics.temperature_walk_k_per_sqrt_s):
         yield ThermalDrift(

@@ -75,38 +75,13 @@ class PolarizationDrift:
 
     def effect(self, passage: Passage) -> Effect:
         """Follow the turn."""
-        schedule, history = passage.schedule, passage.history
-        stride = int(self.time_s / STEPS_A_TIME * 1e9 / schedule.interval_ns)
-        starts = np.arange(0, schedule.photons, min(max(stride, 1), schedule.photons))
-        times_ns = schedule.of(starts)
-        latest_ns = history.latest_ns
-        known = 0 if latest_ns is None else int(times_ns.searchsorted(latest_ns, side="right"))
-        vectors = self._go_on(passage, times_ns[known:])
-        if known:
-            vectors = np.concatenate([history.at(times_ns[:known]), vectors])
-        history.remember(times_ns[known:], vectors[known:])
+        rms_rad = self.rms_rad / np.sqrt(3 * self.pieces)
+        starts, vectors = wander(passage, rms_rad, self.time_s, 3 * self.pieces)
         turns = of_vectors(vectors.reshape(starts.size, self.pieces, 3))
         whole = turns[:, 0]
         for piece in range(1, self.pieces):
             whole = product(turns[:, piece], whole)
         return Effect(turn=Turn(starts, whole), exact=False)
-
-    def _go_on(self, passage: Passage, times_ns: NDArray[np.int64]) -> Values:
-        """Return the components at new times, shape (s, 3n)."""
-        shape = times_ns.size, 3 * self.pieces
-        drawn = passage.generator("step").standard_normal(shape)
-        values: Values = drawn * (self.rms_rad / np.sqrt(3 * self.pieces))
-        if not times_ns.size:
-            return values
-        step_s = float(times_ns[1] - times_ns[0]) / 1e9 if times_ns.size > 1 else 0.0
-        values[1:] *= np.sqrt(-np.expm1(-2 * step_s / self.time_s))
-        latest = passage.history.latest_values
-        if latest is not None:
-            since_ns, held = latest
-            gap_s = (int(times_ns[0]) - since_ns) / 1e9
-            values[0] *= np.sqrt(-np.expm1(-2 * gap_s / self.time_s))
-            values[0] += held * np.exp(-gap_s / self.time_s)
-        return _accumulate(values, float(np.exp(-step_s / self.time_s)))
 
 
 @dataclass(frozen=True)
@@ -205,6 +180,45 @@ def follow(passage: Passage, step_s: float, go_on: Continue) -> Values:
         found = np.concatenate([history.at(passage.times_ns[:known]), found])
     history.remember(schedule.of(starts), values)
     return found
+
+
+def wander(
+    passage: Passage, rms: float, time_s: float, components: int
+) -> tuple[NDArray[np.int64], Values]:
+    """Follow independent processes as PhaseDrift's, evaluated 64 times in their time.
+
+    Return from which photons on they have which values: shapes (s,) and (s, components).
+    """
+    schedule, history = passage.schedule, passage.history
+    stride = int(time_s / STEPS_A_TIME * 1e9 / schedule.interval_ns)
+    starts = np.arange(0, schedule.photons, min(max(stride, 1), schedule.photons))
+    times_ns = schedule.of(starts)
+    latest_ns = history.latest_ns
+    known = 0 if latest_ns is None else int(times_ns.searchsorted(latest_ns, side="right"))
+    values = _wander_on(passage, times_ns[known:], rms, time_s, components)
+    if known:
+        values = np.concatenate([history.at(times_ns[:known]), values])
+    history.remember(times_ns[known:], values[known:])
+    return starts, values
+
+
+def _wander_on(
+    passage: Passage, times_ns: NDArray[np.int64], rms: float, time_s: float, components: int
+) -> Values:
+    """Return the components at new times, shape (s, components)."""
+    drawn = passage.generator("step").standard_normal((times_ns.size, components))
+    values: Values = drawn * rms
+    if not times_ns.size:
+        return values
+    step_s = float(times_ns[1] - times_ns[0]) / 1e9 if times_ns.size > 1 else 0.0
+    values[1:] *= np.sqrt(-np.expm1(-2 * step_s / time_s))
+    latest = passage.history.latest_values
+    if latest is not None:
+        since_ns, held = latest
+        gap_s = (int(times_ns[0]) - since_ns) / 1e9
+        values[0] *= np.sqrt(-np.expm1(-2 * gap_s / time_s))
+        values[0] += held * np.exp(-gap_s / time_s)
+    return _accumulate(values, float(np.exp(-step_s / time_s)))
 
 
 def reached(passage: Passage) -> int:

@@ -87,10 +87,12 @@ class Passage(PhotonRandom):
         place: str,
         schedule: Schedule,
         history: NoiseHistory,
+        width_rad_per_s: float = 0.0,
     ) -> None:
-        """Draw from a block's generators for one passage."""
+        """Draw from a block's generators for one passage, of light with a spectrum so wide."""
         super().__init__(draws, block, place, schedule.photons)
         self.schedule, self.history = schedule, history
+        self.width_rad_per_s = width_rad_per_s  # rms; 0: of one colour
 
     @property
     def times_ns(self) -> NDArray[np.int64]:
@@ -100,7 +102,8 @@ class Passage(PhotonRandom):
     def beside(self, photons: int) -> "Passage":
         """Return the passage of so many further photons of the same pulses."""
         schedule = Schedule(self.schedule.first_ns, Pattern(self.schedule.interval_ns, photons))
-        return Passage(self._draws, self._block, f"{self._place} beside", schedule, self.history)
+        place, width = f"{self._place} beside", self.width_rad_per_s
+        return Passage(self._draws, self._block, place, schedule, self.history, width)
 
 
 class Effect(NamedTuple):

@@ -13,8 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dispatcher.clock import Clock
+from dispatcher.devices.overlap import angular_width
 from dispatcher.fiber.fluctuations import PhaseDrift, PolarizationDrift
 from dispatcher.fiber.noise import MEMORYLESS, Effect, NoiseModel, Passage, Pattern, Schedule
+from dispatcher.fiber.polarization_modes import (
+    PolarizationDependentLoss,
+    PolarizationModeDispersion,
+)
 from dispatcher.fiber.turn import Turn
 from dispatcher.layer import drift, further, pulses
 from dispatcher.layer.layer import PhysicalLayer
@@ -25,6 +30,8 @@ from dispatcher.sabot.registers import Mask
 from dispatcher.switch.optical_switch import Light, OpticalSwitch
 from wire.config import FiberEnd
 
+# What qubits in time bins do not see.
+POLARIZED = (PolarizationDrift, PolarizationDependentLoss, PolarizationModeDispersion)
 MAX_FIBERS = 64  # light in a ring of cross-connects has faded by then
 
 
@@ -174,13 +181,15 @@ class Flight:
         """Let a fibre do to the light of a beam what its noise models say."""
         block = self._block
         schedule = self._departure.after(beam.delay_ns)
+        width_rad_per_s = angular_width(block.pulses.bandwidth_nm)
         beam.dispersion_ps_per_nm += line.fiber.dispersion_ps_per_nm
         for name, model in line.noise.items():
             if not _meets(block.pulses.encoding, model):
                 continue
             history = self._layer.history.of_model(line.near.node, line.near.port, name)
             place = block.draws_for(f"fiber {beam.fibers_passed} {name}")
-            passage = Passage(self._layer.draws, block.name, place, schedule, history)
+            where = self._layer.draws, block.name, place
+            passage = Passage(*where, schedule, history, width_rad_per_s)
             effect = model.effect(passage)
             told = f"{type(model).__name__} in the fibre to {line.far.port} of {line.far.node}"
             if effect.lost is not None:
@@ -204,7 +213,7 @@ class Flight:
         light = self._block.further
         if light is None or not light.pulses.size:
             return
-        alone = isinstance(model, MEMORYLESS)
+        alone = isinstance(model, (*MEMORYLESS, PolarizationDependentLoss))
         if alone:
             effect = model.effect(passage.beside(light.pulses.size))
         elif effect.transmission < 1:
@@ -229,6 +238,6 @@ class Flight:
 
 def _meets(encoding: str, model: NoiseModel) -> bool:
     """Return whether a noise model changes qubits of an encoding."""
-    if isinstance(model, PolarizationDrift):
+    if isinstance(model, POLARIZED):
         return encoding == "polarization"
     return encoding == "time-bin" or not isinstance(model, PhaseDrift)

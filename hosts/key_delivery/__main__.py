@@ -10,8 +10,9 @@ from pathlib import Path
 
 from hosts import network_loop
 from hosts.key_delivery.delivery import KeyDelivery
-from hosts.key_delivery.filling import fill
+from hosts.key_delivery.filling import fill, open_to_others
 from hosts.key_delivery.other_managers import OtherManagers
+from hosts.key_delivery.sessions import StackGone
 from hosts.key_delivery.web import serve
 from hosts.middleware.qkd.key_store import KeyStoreError
 from wire.config import BadConfig
@@ -26,13 +27,14 @@ async def run(config: KeyManagerConfig) -> None:
     others = OtherManagers(config)
     delivery = KeyDelivery(config, others.tell)
     server = serve(config, delivery)
-    filling = asyncio.create_task(fill(config, delivery))
-    print("ready", flush=True)
-    stopping = asyncio.create_task(stopped.wait())
-    await asyncio.wait([stopping, filling], return_when=asyncio.FIRST_COMPLETED)
-    if filling.done():
-        filling.result()
-    filling.cancel()
+    async with open_to_others(config):
+        print("ready", flush=True)
+        filling = asyncio.create_task(fill(config, delivery))
+        stopping = asyncio.create_task(stopped.wait())
+        await asyncio.wait([stopping, filling], return_when=asyncio.FIRST_COMPLETED)
+        if filling.done():
+            filling.result()
+        filling.cancel()
     server.stop()
     await server.close_all_connections()
     others.close()
@@ -48,7 +50,7 @@ def main() -> int:
     try:
         config = KeyManagerConfig.read(arguments.config)
         network_loop.run(run(config), config.time)
-    except (BadConfig, KeyStoreError, OSError) as error:  # ssl.SSLError is an OSError
+    except (BadConfig, KeyStoreError, StackGone, OSError) as error:  # ssl.SSLError is an OSError
         print(f"key manager: {error}", file=sys.stderr)
         return 1
     return 0

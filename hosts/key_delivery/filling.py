@@ -14,10 +14,12 @@ says what became of each.
 import asyncio
 import json
 import time
+from collections.abc import AsyncIterator
+from contextlib import AsyncExitStack, asynccontextmanager
 from functools import partial
 
 from hosts.key_delivery.delivery import KeyDelivery
-from hosts.key_delivery.sessions import Outcome, hold, offered
+from hosts.key_delivery.sessions import Outcome, StackGone, hold, listening, offered
 from hosts.middleware.services.key_distribution.options import KeyOptions
 from hosts.network_loop import wall_sleep
 from hosts.timeouts import CHECK_PERIOD_S
@@ -29,13 +31,34 @@ PORTS = {"bb84": KEY_LINK_PORT, "bbm92": KEY_LINK_PORT + 1}
 
 async def fill(config: KeyManagerConfig, delivery: KeyDelivery) -> None:
     """Keep all stores filled; StackGone when the host's stack has ended."""
-    async with asyncio.TaskGroup() as group:
-        for link in config.links:
-            if link.opens:
-                group.create_task(_keep(config, delivery, link))
-        for protocol in {link.protocol for link in config.links if not link.opens}:
-            group.create_task(_take_part(config, delivery, protocol))
-        group.create_task(asyncio.Event().wait())  # without links there is nothing to end
+    try:
+        async with asyncio.TaskGroup() as group:
+            for link in config.links:
+                if link.opens:
+                    group.create_task(_keep(config, delivery, link))
+            for protocol in taken_part_in(config):
+                group.create_task(_take_part(config, delivery, protocol))
+            group.create_task(asyncio.Event().wait())  # without links there is nothing to end
+    except ExceptionGroup as faults:
+        gone, others = faults.split(StackGone)
+        if others is not None or gone is None:
+            raise
+        raise StackGone(str(gone.exceptions[0])) from faults
+
+
+def taken_part_in(config: KeyManagerConfig) -> set[str]:
+    """Return the protocols of sessions that others open."""
+    return {link.protocol for link in config.links if not link.opens}
+
+
+@asynccontextmanager
+async def open_to_others(config: KeyManagerConfig) -> AsyncIterator[None]:
+    """Let others open their sessions meanwhile."""
+    async with AsyncExitStack() as doors:
+        for protocol in taken_part_in(config):
+            door = listening(config.stack, protocol, PORTS[protocol])
+            await doors.enter_async_context(door)
+        yield
 
 
 async def _keep(config: KeyManagerConfig, delivery: KeyDelivery, link: KeyLink) -> None:
@@ -58,7 +81,7 @@ async def _keep(config: KeyManagerConfig, delivery: KeyDelivery, link: KeyLink) 
 async def _take_part(config: KeyManagerConfig, delivery: KeyDelivery, protocol: str) -> None:
     """Take part in the sessions that others open."""
     links = {config.hosts[link.peer]: link for link in config.links if not link.opens}
-    async for address, session in offered(config.stack, protocol, PORTS[protocol]):
+    async for address, session in offered(config.stack, PORTS[protocol]):
         if address in links:
             session.add_done_callback(partial(_ended, delivery, links[address]))
 

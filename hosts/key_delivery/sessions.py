@@ -74,23 +74,27 @@ async def hold(stack: str, protocol: str, host: str, port: int, options: dict[st
         return await _outcome(reader)
 
 
-async def offered(
-    stack: str, protocol: str, port: int
-) -> AsyncIterator[tuple[str, "asyncio.Task[Outcome]"]]:
-    """Yield each session that another host opens: its address, and what it will have come to."""
+@asynccontextmanager
+async def listening(stack: str, protocol: str, port: int) -> AsyncIterator[None]:
+    """Let other hosts open sessions meanwhile; StackGone if they cannot."""
     async with _connected(stack) as (reader, writer):
         writer.write(encode_fields(Call.LISTEN, port=port, service=protocol))
         await _done(reader)
-        going: set[asyncio.Task[Outcome]] = set()
-        try:
-            while True:
-                peer, session = await _accepted(stack, port)
-                going.add(session)
-                session.add_done_callback(going.discard)
-                yield peer, session
-        finally:
-            for each in going:
-                each.cancel()
+        yield
+
+
+async def offered(stack: str, port: int) -> AsyncIterator[tuple[str, "asyncio.Task[Outcome]"]]:
+    """Yield each session that another host opens: its address, and what it will have come to."""
+    going: set[asyncio.Task[Outcome]] = set()
+    try:
+        while True:
+            peer, session = await _accepted(stack, port)
+            going.add(session)
+            session.add_done_callback(going.discard)
+            yield peer, session
+    finally:
+        for each in going:
+            each.cancel()
 
 
 async def _accepted(stack: str, port: int) -> tuple[str, "asyncio.Task[Outcome]"]:

@@ -59,7 +59,7 @@ def start_baseline(network: Network, baseline: Baseline, port: int) -> Program:
         python(),
         "-m",
         "qmn.benchmarks.path_baseline",
-        network.runtime.framework,
+        network.runtime.settings.controller,
         f"127.0.0.1:{port}",
     ]
     command += [baseline.what, str(baseline.count)]

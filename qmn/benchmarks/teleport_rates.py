@@ -8,6 +8,7 @@ from qmn.benchmarks.service_session import one_session
 from topologies.network import Network, Signals
 from topologies.runtime import Runtime
 from topologies.sdc import SdcTopo
+from wire.parameters.network import NetworkSettings
 
 DEPOLARIZING = 0.01  # of each fibre
 STATES = 1_000_000
@@ -17,7 +18,9 @@ KINDS = (("chp", "random", "the six cardinal states"), ("dense", "haar", "states
 def teleport_figures(folder: Path, signals: Signals) -> Iterator[tuple[str, str]]:
     """Yield name and text of each figure."""
     for backend, state, what in KINDS:
-        runtime = Runtime(log_folder=folder / f"teleport-{backend}", backend=backend)
+        runtime = Runtime(
+            NetworkSettings(backend=backend), log_folder=folder / f"teleport-{backend}"
+        )
         with Network(partial(SdcTopo, depolarizing=DEPOLARIZING), runtime, signals) as network:
             told = one_session(network, "teleport", count=STATES, state=state)
         yield (

@@ -33,7 +33,7 @@ def check(ends: Collection[str], network: NetworkOptions, topo: Topo) -> None:
         raise BadInput(f"--eve: {network.topology} has no host eve; use --topology {TOPOLOGY}")
     if EVE in ends:
         raise BadInput("--eve: eve is sender or receiver; choose two others")
-    if network.policy is not None:
+    if network.policy:
         raise BadInput("--eve makes a policy of its own: leave out --policy")
 
 

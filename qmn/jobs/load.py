@@ -17,7 +17,7 @@ from qmn.jobs.run_options import RunOptions
 from qmn.network.checks import check_network
 from qmn.network.options import NetworkOptions
 from qmn.network.topologies import quantum_hosts, topology
-from qmn.options import BadInput, check_ranges, option
+from qmn.options import BadInput, check_ranges
 from qmn.traffic import result
 from qmn.traffic.driver import Driver
 from qmn.traffic.figures import figures, listed
@@ -25,6 +25,7 @@ from qmn.traffic.plan import MODELS, MOST_SESSIONS, BadTraffic, Planned, Traffic
 from qmn.traffic.session import ACCEPTED, Wanted
 from topologies.network import Network, Signals, require_root
 from wire.controller_record import read_record
+from wire.parameters.option import option
 
 BYTES = "sdc"  # the service that carries some
 OWN = "own"
@@ -186,7 +187,9 @@ def _drive(
             _follow(driver, len(planned), network, context.console)
         finally:
             facts["load"] = {
-                **figures(driver.outcomes, read_record(network.runtime.logs)),
+                **figures(
+                    driver.outcomes, read_record(network.runtime.logs), network.runtime.time.scale
+                ),
                 "began_ns": driver.began_ns,
                 "sessions": listed(driver.outcomes),
             }

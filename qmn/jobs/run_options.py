@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from qmn.options import option
 from topologies.slow_copper import LEAST_MBPS, MOST_MBPS
+from wire.parameters.option import option
 
 
 @dataclass(frozen=True, kw_only=True)

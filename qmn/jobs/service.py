@@ -20,9 +20,10 @@ from qmn.jobs.swap_schedule import scheduling_policy
 from qmn.network.checks import check_network, check_two_hosts
 from qmn.network.options import NetworkOptions
 from qmn.network.topologies import devices_of, quantum_hosts, topology
-from qmn.options import BadInput, check_ranges, option
+from qmn.options import BadInput, check_ranges
 from topologies.network import Signals, require_root
 from wire.features import EMIT
+from wire.parameters.option import option
 from wire.parameters.physics import Device
 
 
@@ -71,9 +72,10 @@ def with_policy(request: ServiceRequest, topo: Topo, folder: Path) -> NetworkOpt
     if request.eve is not None:
         begin = eavesdropping.sender_of_light(request.service, request.sender, topo)
         policy = eavesdropping.tapping_policy(begin, request.receiver, folder)
-        return replace(request.network, policy=policy)
+        return replace(request.network, policy=str(policy))
     if request.schedule is not None:
-        return replace(request.network, policy=scheduling_policy(request.schedule, folder))
+        policy = scheduling_policy(request.schedule, folder)
+        return replace(request.network, policy=str(policy))
     return request.network
 
 
@@ -115,7 +117,7 @@ def checked(request: ServiceRequest) -> ServiceRequest:
     check_ranges(request)
     if request.eve is not None:
         eavesdropping.check(ends, request.network, topo)
-    if request.schedule is not None and request.network.policy is not None:
+    if request.schedule is not None and request.network.policy:
         raise BadInput("--schedule makes a policy of its own: write [swap] schedule into --policy")
     options = fitting_light(request, devices_of(topo).values())
     check_options(options, request.network.backend)

@@ -19,10 +19,11 @@ from qmn.jobs.run_options import RunOptions
 from qmn.network.checks import check_network, check_two_hosts
 from qmn.network.options import NetworkOptions
 from qmn.network.topologies import quantum_hosts, topology
-from qmn.options import BadInput, Words, check_range, check_ranges, option
+from qmn.options import BadInput, Words, check_range, check_ranges
 from qmn.results.timeline import MERGE_AT_MOST_BYTES
 from topologies.network import Signals, require_root
 from wire.metadata import FEC_NAMES, Service
+from wire.parameters.option import option
 
 MESSAGE = Path(__file__).with_name("message.txt")
 # Bell pairs a second to expect on two cores, for the estimate before the start.

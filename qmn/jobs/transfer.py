@@ -2,7 +2,7 @@
 
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from topologies.network import Network
@@ -20,37 +20,70 @@ class TransferError(Exception):
     """The message did not arrive, or the service failed; the text says why and what to do."""
 
 
+class Lines:
+    """The lines of JSON that a program prints, read as they come."""
+
+    def __init__(self, program: Program) -> None:
+        self.program, self._position = program, 0
+
+    def new(self) -> list[dict[str, Any]]:
+        """Return what each new line says; a line that is no object of JSON says nothing."""
+        with self.program.log.open("rb") as log:
+            log.seek(self._position)
+            text = log.read().decode(errors="replace")
+        complete = text[: text.rfind("\n") + 1]
+        self._position += len(complete.encode())
+        return [_fields(line) for line in complete.splitlines()]
+
+
 def follow(
     network: Network, program: Program, progress: Callable[[dict[str, Any]], None]
 ) -> dict[str, Any]:
     """Read a program's lines of JSON until its last; every wait here has a deadline."""
-    limit_s = network.runtime.time.wall_s(STALL_TIMEOUT_S)
-    position, deadline = 0, time.monotonic() + limit_s
-    while True:
-        ended = not program.running  # asked first, so that no line after it is missed
-        with program.log.open("rb") as log:
-            log.seek(position)
-            text = log.read().decode(errors="replace")
-        complete = text[: text.rfind("\n") + 1]
-        position += len(complete.encode())
-        for line in complete.splitlines():
-            deadline = time.monotonic() + limit_s
-            fields = _fields(line)
-            if fields.get("event") == "failed":
-                raise TransferError(with_elements(network, str(fields["text"])))
-            if fields.get("event") == "done":
-                return fields
-            if fields:
-                progress(fields)
+    last = follow_all(network, [program], lambda _program, fields: progress(fields))
+    return last[program.name]
+
+
+def follow_all(
+    network: Network,
+    programs: Sequence[Program],
+    progress: Callable[[Program, dict[str, Any]], None],
+    stall_s: float = STALL_TIMEOUT_S,
+) -> dict[str, dict[str, Any]]:
+    """Read what programs say until the last line of each; return these by the programs' names.
+
+    In `stall_s` seconds of the network at least one of them must say something.
+    """
+    limit_s = network.runtime.time.wall_s(stall_s)
+    deadline = time.monotonic() + limit_s
+    going = {program.name: Lines(program) for program in programs}
+    last: dict[str, dict[str, Any]] = {}
+    while going:
+        for name, lines in list(going.items()):
+            ended = not lines.program.running  # asked first, so that no line after it is missed
+            for fields in lines.new():
+                deadline = time.monotonic() + limit_s
+                if fields.get("event") == "failed":
+                    raise TransferError(with_elements(network, str(fields["text"])))
+                if fields.get("event") == "done":
+                    last[name] = fields
+                    break
+                if fields:
+                    progress(lines.program, fields)
+            if name in last:
+                del going[name]
+            elif ended:
+                network.check()
+                raise TransferError(f"{name} ended: {lines.program.end()}")
         network.check()
-        if ended:
-            raise TransferError(f"{program.name} ended: {program.end()}")
-        if time.monotonic() > deadline:
+        if going and time.monotonic() > deadline:
             raise NetworkError(
-                f"{program.name} made no progress for {limit_s:g} s; "
+                f"{', '.join(going)} made no progress for {limit_s:g} s; "
                 "is the loss of the fibres too high?"
             )
-        time.sleep(POLL_S)
+        if going:
+            time.sleep(POLL_S)
+    return last
 
 
 def with_elements(network: Network, text: str) -> str:

@@ -19,7 +19,8 @@ from qmn.live.running import dispatcher_of_running_network
 from topologies import leftovers, openvswitch
 from topologies.network import interfaces_of
 from topologies.programs import ROOT, NetworkError
-from topologies.runtime import OPENFLOW_PORT, RUNTIME_ROOT
+from topologies.runtime import RUNTIME_ROOT
+from wire.parameters.network import OPENFLOW_PORT
 
 WORKS, LIMITED, FAILS, UNCHECKED = "works", "limited", "fails", "unchecked"
 TRY_TIMEOUT_S = 15.0

@@ -12,9 +12,9 @@ from qmn.options import BadInput, check_ranges
 
 def check_network(options: NetworkOptions) -> None:
     """Raise BadInput for what controller or dispatcher would not take."""
-    if options.policy is not None:
+    if options.policy:
         try:
-            read_policy(options.policy)
+            read_policy(Path(options.policy))
         except BadPolicy as error:
             raise BadInput(str(error)) from error
     if options.sabot and not Path(options.sabot).is_socket():
@@ -28,7 +28,7 @@ def check_network(options: NetworkOptions) -> None:
         check_address(options.rest)
     for module in options.apps:
         check_module(module)
-    if options.keys is not None and options.keys.exists():
+    if options.keys and Path(options.keys).exists():
         raise BadInput(f"--keys {options.keys} exists: name a new folder for each network")
     check_ranges(options)
 

@@ -3,17 +3,17 @@
 The command line has them as options, Python as keywords: --length-km 2 and length_km=2.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from qmn.network.time_scale import AUTO, REAL, scale
-from qmn.options import option
-from topologies.copper_link import MOST_KM
 from topologies.node_kinds import NODE_KINDS
 from topologies.presets import PRESETS
-from topologies.runtime import OPENFLOW_PORT, Runtime
-from wire.config import BACKENDS, CONTENTION
+from topologies.runtime import Runtime
 from wire.parameters.fiber import KINDS
+from wire.parameters.network import NetworkSettings
+from wire.parameters.option import option
 
 EVERY = "of every fibre"
 PLACES = "PLACES"
@@ -21,21 +21,16 @@ MAP = "map"  # the topology
 
 
 @dataclass(frozen=True, kw_only=True)
-class NetworkOptions:
-    """What can be said of a network, each option declared here alone."""
+class NetworkOptions(NetworkSettings):
+    """What can be said of a network: its settings, and which nodes and fibres it has."""
 
     topology: str = ""  # its name, or FILE.py:CLASS; empty: a script's own
-    seed: int = option(1, "of all quantum randomness (1)")
     time_scale: float | str = option(
         REAL,
         f"one second of the network takes K seconds here ({REAL}; {AUTO}: as slowly as it needs)",
         metavar="K",
         parse=scale,
     )
-    backend: str = option("chp", "simulates quantum states (chp)", choices=BACKENDS)
-    sabot: str = option("", "simulate in a Sabot server (in ed itself)", metavar="SOCKET")
-    controller: str = option("ryu", "default: ryu", choices=("ryu", "os-ken"))
-    openflow_port: int = option(OPENFLOW_PORT, "of c0 (6653)", metavar="PORT", range=(1, 65_535))
     preset: str = option("ideal", "fibres and devices (ideal)", choices=tuple(PRESETS))
     length_km: float | None = option(None, f"{EVERY} (0.01)", metavar="KM")
     loss_db_per_km: float | None = option(None, f"{EVERY} (0)", metavar="DB")
@@ -78,54 +73,10 @@ class NetworkOptions:
     )
     fibers: int | None = option(None, "between neighbouring quantum switches (2)", metavar="N")
     repeaters: int | None = option(None, "of a chain of them, 1 to 16", metavar="N")
-    switches: int | None = option(None, "quantum switches of a chain or ring", metavar="N")
+    hosts: int | None = option(None, "of a tree of switches, 2 to 1024 (16)", metavar="N")
+    switches: int | None = option(None, "quantum switches of a chain, ring or tree", metavar="N")
     leaves: int | None = option(None, "switches of leaf-spine with hosts (3)", metavar="N")
     spines: int | None = option(None, "switches of leaf-spine between leaves (2)", metavar="N")
-    copper_km: float | None = option(
-        None,
-        "length of every copper cable (that of the fibres between the same places)",
-        metavar="KM",
-        range=(0, MOST_KM),
-    )
-    control_km: float | None = option(
-        None,
-        "length of the copper between c0 and every switch (as other copper)",
-        metavar="KM",
-        range=(0, MOST_KM),
-    )
-    control_loss: float = option(
-        0.0,
-        "share of the packets between c0 and every switch that are lost (0)",
-        metavar="P",
-        range=(0, 0.9),
-    )
-    loss_budget_db: float = option(30.0, "of a light path (30)", metavar="DB", range=(0, 1_000))
-    contention: str = option("refuse", "if light is taken", choices=CONTENTION)
-    policy: Path | None = option(
-        None, "who may do what, in TOML (allow everything)", metavar="FILE"
-    )
-    rest: str = option("", "serve what c0 knows there, over HTTP", metavar="ADDRESS")
-    apps: tuple[str, ...] = option(
-        (),
-        "load a controller app beside ours, such as ryu.app.ofctl_rest (more than once)",
-        flag="--app",
-        metavar="MODULE",
-    )
-    # Where keys stay, for networks over which keys may be distributed.
-    keys: Path | None = option(
-        None,
-        "keep the keys that hosts make here, a new folder (they go with the network)",
-        metavar="DIR",
-    )
-    metrics: bool = option(False, "figures for Prometheus (docs/metrics.md)")
-    history_depth: int = option(10_000, "events kept (10000)", metavar="N", range=(0, 10_000_000))
-    per_qubit: int = option(
-        0,
-        "write an event for each of the first N photons of a block (1000), too",
-        metavar="N",
-        const=1000,
-        range=(0, 1_000_000),
-    )
 
     def __post_init__(self) -> None:
         """Take a map, if one is named, in place of the topology that a job has by default."""
@@ -145,27 +96,15 @@ def settings(
     events: bool = True,
 ) -> Runtime:
     """Return the settings of a network that leaves its logs in a folder; None: leaves none."""
+    paths = {name: getattr(options, name) for name in ("sabot", "policy", "keys")}
+    whole: dict[str, Any] = {
+        name: str(Path(path).resolve()) for name, path in paths.items() if path
+    }
     return Runtime(
-        seed=options.seed,
+        settings=replace(options, **whole),
         time_scale=time_scale,
-        backend=options.backend,
-        sabot=options.sabot and str(Path(options.sabot).resolve()),
+        log_folder=folder,
         record=record,
         qasm=qasm,
         events=events,
-        per_qubit=options.per_qubit,
-        framework=options.controller,
-        openflow_port=options.openflow_port,
-        copper_km=options.copper_km,
-        control_km=options.control_km,
-        control_loss=options.control_loss,
-        history_depth=options.history_depth,
-        loss_budget_db=options.loss_budget_db,
-        contention=options.contention,
-        log_folder=folder,
-        policy=str(options.policy.resolve()) if options.policy else "",
-        rest=options.rest,
-        apps=[*options.apps],
-        metrics=options.metrics,
-        keys=str(options.keys.resolve()) if options.keys else "",
     )

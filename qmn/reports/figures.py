@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from qmn.reports import charts, error_counts
 from qmn.reports.drawing import variable
 from qmn.reports.handshake_diagram import handshake_diagram
+from qmn.reports.key_timeline import key_timeline
 from qmn.reports.light_paths import LightPath, without_outcome
 from qmn.reports.load_diagram import MOST_FIBERS, load_diagram
 from qmn.reports.map_diagram import map_diagram
@@ -14,7 +15,7 @@ from qmn.reports.run_facts import RunFacts
 from qmn.reports.sequence import handshake, lanes
 from qmn.results.timeline import TIMELINE
 from qmn.traffic.fiber_use import fiber_use
-from topologies.runtime import OPENFLOW_PORT
+from wire.parameters.network import OPENFLOW_PORT
 
 MOST_NAMED = 12  # light paths
 NOT_WRITTEN = "what happened to qubits was not written (--no-events)."
@@ -91,6 +92,19 @@ def handshake_figure(run: RunFacts) -> str:
     return figure(
         title, handshake_diagram(steps, lanes(steps, run.network)), text, "wide handshake"
     )
+
+
+def key_figure(run: RunFacts) -> str:
+    """Return the time line of keys, for a run that has kept some."""
+    moments = run.result.get("moments")
+    if moments is None:
+        return ""
+    if not moments:
+        return missing("Keys over time", "nothing has happened to any.")
+    text = "Sessions by their error rate, above the dashed line without a key; shaded: eve listens."
+    if any(each["event"] == "key" for each in moments):
+        text += " Bars: the tunnel is open at this host; strokes: a new key."
+    return figure("Keys over time", key_timeline(moments), text, "wide")
 
 
 def chart_figures(run: RunFacts, paths: Sequence[LightPath]) -> Iterator[str]:

@@ -83,6 +83,7 @@ def _sections(run: RunFacts) -> Iterator[str]:
     yield figures.network(run, paths)
     if "load" in run.result:
         yield figures.load_figure(run)
+    yield figures.key_figure(run)
     yield figures.handshake_figure(run)
     yield '<div class="charts">'
     yield from figures.chart_figures(run, paths)

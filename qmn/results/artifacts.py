@@ -51,7 +51,5 @@ def beginning(options: NetworkOptions) -> dict[str, Any]:
         "mode": os.environ.get("QMN_MODE", "native"),
         "controller": given.pop("controller"),
         "seed": given.pop("seed"),
-        "parameters": {
-            name: str(value) if isinstance(value, Path) else value for name, value in given.items()
-        },
+        "parameters": given,
     }

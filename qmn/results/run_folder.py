@@ -46,13 +46,13 @@ def give_tree(folder: Path) -> None:
 
 
 @contextmanager
-def given_at_the_end(folder: Path | None) -> Iterator[None]:
+def given_at_the_end(folder: str) -> Iterator[None]:
     """Let the user who called sudo own a folder that is made meanwhile, whatever happens."""
     try:
         yield
     finally:
-        if folder is not None:
-            give_tree(folder)
+        if folder:
+            give_tree(Path(folder))
 
 
 def give(path: Path) -> None:

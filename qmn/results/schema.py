@@ -83,6 +83,11 @@ class RunResult(NetworkResult, total=False):
     asking: dict[str, Any]
     asked: dict[str, Any]
     load: dict[str, Any]  # of `qmn run load`: its figures, every session, the use of every fibre
+    # Of a NetQASM application
+    roles: dict[str, str]  # host of each
+    outputs: list[dict[str, Any]]  # what the program of each role has returned, round by round
+    # Of runs that keep keys: what happened to keys and tunnels, and when (at, in s since the start)
+    moments: list[dict[str, Any]]
 
 
 PLAIN = {str: "string", bool: "boolean", int: "integer", float: "number", NoneType: "null"}

@@ -215,7 +215,7 @@ def running(
                 facts["network"] = network_facts(network).to_dict()
                 early = worst(network.runtime)
                 facts["acausal"] = early.to_dict() if early else None
-                if folder is not None and runtime.metrics:
+                if folder is not None and options.metrics:
                     facts["metrics"] = announce(runtime.metrics_addresses, folder)
                 yield network
         finally:

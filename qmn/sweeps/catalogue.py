@@ -11,7 +11,7 @@ from qmn.sweeps.gated_bell import GATED_BELL
 from qmn.sweeps.interference import HOM
 from qmn.sweeps.multi_pair import MULTI_PAIR
 from qmn.sweeps.parameters import Values
-from qmn.sweeps.polarization import POLARIZATION
+from qmn.sweeps.polarization import MODES, POLARIZATION
 from qmn.sweeps.seeds import point_seed
 from qmn.sweeps.superdense import SUPERDENSE
 from qmn.sweeps.teleportation import SWAP, TELEPORT
@@ -34,6 +34,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         MULTI_PAIR,
         WEAK_PULSES,
         POLARIZATION,
+        MODES,
         TIMING,
         DELAY_LINE,
     )

@@ -29,9 +29,9 @@ from qmn.sweeps.link import FIBER, PRESET, implied
 from qmn.sweeps.parameters import Parameter, Values
 from qmn.sweeps.seeds import point_seed
 from qmn.sweeps.superdense import FEC, INTERLEAVE, LOSSES, RATE, loss_db
-from topologies.copper_link import MOST_KM
 from topologies.network import Signals
 from topologies.programs import NetworkError
+from wire.parameters.network import MOST_KM
 
 # charlie's photon for alice passes two fibres to her and two more to bob, the other one two.
 FIBERS_PASSED = 6

@@ -353,6 +353,27 @@ SHEETS = (
         ],
     ),
     Sheet(
+        "polarization-modes",
+        "polarization-modes",
+        {
+            "length_km": [1.0, 10.0, 100.0, 1000.0],
+            "pdl_db": [0.0, 3.0],
+            "pmd_ps_per_sqrt_km": [0.1],
+            "bandwidth_nm": [0.0, 0.3, 1.0],
+            "pairs": 200_000,
+        },
+        [
+            Curve(
+                "polarization-modes",
+                "Polarisation-dependent loss, mode dispersion 0.1 ps/sqrt(km)",
+                "length_km",
+                "length of the fibre (km)",
+                "error",
+                by=["bandwidth_nm", "pdl_db"],
+            )
+        ],
+    ),
+    Sheet(
         "timing",
         "timing",
         {

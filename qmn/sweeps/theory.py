@@ -175,6 +175,17 @@ def chsh(fidelity: float) -> float:
     return 2 * math.sqrt(2) * (4 * fidelity - 1) / 3
 
 
+def dependent_loss_error(loss_db: float) -> float:
+    """Return the error in any basis by polarisation-dependent loss: (1 - t)^2 / (3 (1 + t^2))."""
+    amplitude = 10 ** (-loss_db / 20)
+    return (1 - amplitude) ** 2 / (3 * (1 + amplitude**2))
+
+
+def mode_dispersion_error(mean_s: float, width_rad_per_s: float) -> float:
+    """Return the same by a Maxwell-distributed delay: (1 - (1 + pi (s D)^2 / 8)^(-3/2)) / 3."""
+    return (1 - math.pow(1 + math.pi * (width_rad_per_s * mean_s) ** 2 / 8, -1.5)) / 3
+
+
 def rad_per_s(bandwidth_nm: float) -> float:
     """Return an optical bandwidth at 193.4 THz (1550.12 nm) in rad/s: 2 pi f^2 / c for each m."""
     return 2 * math.pi * 193.4e12**2 / 299_792_458 * bandwidth_nm * 1e-9

@@ -11,8 +11,13 @@ AGES = 5  # portions by age
 SHARES = {"p50": 0.5, "p90": 0.9, "p99": 0.99}
 
 
-def figures(outcomes: Sequence[Outcome], record: Iterable[dict[str, Any]]) -> dict[str, Any]:
-    """Return all that is counted; `record` are the controller's facts (wire.controller_record)."""
+def figures(
+    outcomes: Sequence[Outcome], record: Iterable[dict[str, Any]], scale: float = 1.0
+) -> dict[str, Any]:
+    """Return all that is counted; `record` are the controller's facts (wire.controller_record).
+
+    `scale` is how long a second of the network takes on their clock.
+    """
     accepted = [each for each in outcomes if each.outcome == ACCEPTED]
     span_s = max((each.ended_s for each in outcomes), default=0.0)
     pairs = sum(int(each.summary.get("pairs", 0)) for each in accepted)
@@ -24,7 +29,7 @@ def figures(outcomes: Sequence[Outcome], record: Iterable[dict[str, Any]]) -> di
         "broken": reasons(outcomes, BROKEN),
         "forgotten": sum(not each.outcome for each in outcomes),
         "setup_s": shares([each.setup_s for each in outcomes if each.setup_s is not None]),
-        **light_times(list(record)),
+        **light_times(list(record), scale),
         "span_s": span_s,
         "pairs": pairs,
         "pairs_per_s": pairs / span_s if span_s else 0.0,
@@ -48,11 +53,8 @@ def shares(values: Sequence[float]) -> dict[str, float | int | None]:
     return {**found, "n": len(in_order)}
 
 
-def light_times(record: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Return how many waited for light and how long, and how long light was held, in s.
-
-    Times are of the wall.
-    """
+def light_times(record: Sequence[dict[str, Any]], scale: float) -> dict[str, Any]:
+    """Return how many waited for light and how long, and how long light was held, in s."""
     first: dict[tuple[str, str], int] = {}
     for line in record:
         if "session" in line:
@@ -63,10 +65,10 @@ def light_times(record: Sequence[dict[str, Any]]) -> dict[str, Any]:
         if event == "queued":
             queued += 1
             ready = first.get((session, "path_ready"))
-            waits += [(ready - time_ns) / 1e9] if ready is not None else []
+            waits += [(ready - time_ns) / 1e9 / scale] if ready is not None else []
         if event == "path_ready":
             end = first.get((session, "torn_down"))
-            held += [(end - time_ns) / 1e9] if end is not None else []
+            held += [(end - time_ns) / 1e9 / scale] if end is not None else []
     return {"queued": queued, "waited_s": shares(waits), "light_s": mean(held)}
 
 

@@ -11,11 +11,13 @@ from typing import Any
 from qmn.live.metrics_targets import urls
 from qmn.network.checks import check_network
 from qmn.network.custom_topology import BadTopology, short_name
+from qmn.network.key_options import KeyServiceOptions, key_service
 from qmn.network.options import NetworkOptions
-from qmn.network.topologies import TOPOLOGIES, topology, topology_name
+from qmn.network.topologies import TOPOLOGIES, quantum_hosts, topology, topology_name
 from qmn.options import BadInput, add_options, read
 from qmn.results.run_folder import give_to_invoker, make_folder, point_latest
 from qmn.scripting.network import QuantumNetwork, running
+from topologies.key_managers import start_key_managers
 from topologies.network import Interrupted, require_root
 from topologies.programs import NetworkError
 
@@ -30,6 +32,7 @@ def add_parser(verbs: Any) -> None:
     words = {"nargs": "?", "metavar": "TOPOLOGY"}  # a map is one, too
     parser.add_argument("topology", type=topology_name, help=text, **words)
     add_options(parser, NetworkOptions)  # keys, too: a program on a host may distribute some
+    add_options(parser, KeyServiceOptions)
     add = parser.add_argument
     add("--runs", type=Path, default=Path("runs"), metavar="DIR", help="where logs go (runs)")
     add("--capture", action="store_true", help="capture packets, as `qmn run` does")
@@ -39,7 +42,8 @@ def add_parser(verbs: Any) -> None:
 def call(arguments: argparse.Namespace) -> int:
     """Start, obey, clean up; turn every fault into one line and an exit status."""
     try:
-        return start_and_obey(read(NetworkOptions, arguments), arguments.runs, arguments.capture)
+        options, keys = read(NetworkOptions, arguments), read(KeyServiceOptions, arguments)
+        return start_and_obey(options, keys, arguments.runs, arguments.capture)
     except (BadInput, BadTopology, NetworkError) as error:
         print(f"qmn: {error}", file=sys.stderr)
         return 1
@@ -51,12 +55,15 @@ def call(arguments: argparse.Namespace) -> int:
         return INTERRUPTED
 
 
-def start_and_obey(options: NetworkOptions, runs: Path, capture: bool) -> int:
+def start_and_obey(
+    options: NetworkOptions, keys: KeyServiceOptions, runs: Path, capture: bool
+) -> int:
     """Return the exit status: of a script 1 if a command has failed."""
     if not options.topology:
         raise BadInput(f"over which network? Name one of {', '.join(TOPOLOGIES)}, or FILE.py:CLASS")
     check_network(options)
     topo = topology(options)
+    service = key_service(keys, quantum_hosts(topo()))
     require_root()
     try:
         folder = make_folder(runs, short_name(options.topology))
@@ -70,6 +77,9 @@ def start_and_obey(options: NetworkOptions, runs: Path, capture: bool) -> int:
                 print(f"figures of {program}: {url}", flush=True)
             if capture:
                 network.capture("s1", openflow=True)
+            if service is not None:
+                for host, url in start_key_managers(network, service).urls.items():
+                    print(f"keys of {host}: {url}", flush=True)
             return obey(network)
     finally:
         give_to_invoker(folder)

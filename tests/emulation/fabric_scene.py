@@ -6,6 +6,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from mininet.topo import Topo
 
@@ -13,14 +14,15 @@ from hosts.quantum_socket import QuantumSocket
 from topologies.network import Network, Signals
 from topologies.runtime import Runtime
 from wire.controller_record import read_record
+from wire.parameters.network import NetworkSettings
 
 TIMEOUT_S = 40.0
 
 
 @contextmanager
-def running(topo: Callable[[], Topo], folder: Path, **settings: object) -> Iterator[Network]:
+def running(topo: Callable[[], Topo], folder: Path, **settings: Any) -> Iterator[Network]:
     """Run a network in this process."""
-    runtime = Runtime(log_folder=folder / "run", **settings)  # type: ignore[arg-type]
+    runtime = Runtime(NetworkSettings(**settings), log_folder=folder / "run")
     with Signals() as signals, Network(topo, runtime, signals) as network:
         yield network
 

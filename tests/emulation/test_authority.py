@@ -47,7 +47,7 @@ with socket.create_connection((sys.argv[1], int(sys.argv[2])), 5) as connection:
 
 def spoken(network: Network, host: str, data: bytes, to: str = BOB) -> Message | None:
     """Let a host say something to a stack in one write; return what it hears, None for silence."""
-    script, said = network.runtime.logs / "speak.py", network.runtime.logs / "said"
+    script, said = network.runtime.logs.parent / "speak.py", network.runtime.logs.parent / "said"
     script.write_text(SPEAK)
     said.write_bytes(data)
     told = network.host(host).cmd(f"{sys.executable} {script} {to} {METADATA_PORT} {said}")
@@ -98,7 +98,7 @@ FOREIGN = (b"foreign MAC", b"foreign IP", b"foreign ARP", b"foreign ARP MAC", b"
 def pose_as_alice(network: Network) -> bytes:
     """Let charlie send frames as alice, then one of his own; return what bob's link has carried."""
     capture = next(path for path in network.capture("s1") if path.name == "s1-eth2.pcap")
-    script = network.runtime.logs / "send.py"
+    script = network.runtime.logs.parent / "send.py"
     script.write_text(SEND)
     charlie, alice = network.host("charlie"), network.host("alice")
     words = f"{charlie.defaultIntf()} {charlie.MAC()} {alice.MAC()}"
@@ -132,7 +132,7 @@ channel.send(bytes.fromhex(sys.argv[2]))
 def test_a_host_cannot_announce_the_fibre_of_another(network: Network) -> None:
     log = network.runtime.logs / "c0.log"
     frame = announcement("bob", "bob-q0", BOB, bytes(6), 30, Abilities(EVERYTHING, 8))
-    script = network.runtime.logs / "announce.py"
+    script = network.runtime.logs.parent / "announce.py"
     script.write_text(ANNOUNCE)
     said = network.host("charlie").cmd(f"{sys.executable} {script} charlie-q0 {frame.hex()}")
     assert said == ""
@@ -164,7 +164,7 @@ def pose(network: Network, dpid: int, user: int) -> str:
     """Connect to c0 as a switch, as a process of a user beside it; return what becomes of it."""
     (c0,) = network.net.controllers
     command = ["mnexec", "-a", str(c0.pid), sys.executable, "-c", IMPOSTOR]
-    words = [str(network.runtime.openflow_port), f"{dpid:x}", str(user)]
+    words = [str(network.runtime.settings.openflow_port), f"{dpid:x}", str(user)]
     done = subprocess.run(
         [*command, *words], capture_output=True, text=True, check=False, timeout=30
     )

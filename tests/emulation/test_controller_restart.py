@@ -84,7 +84,7 @@ class Watch:
 def test_a_framed_session_outlives_the_controller_in_full_light(
     tmp_path: Path, framework: str
 ) -> None:
-    with running(SdcTopo, tmp_path, framework=framework) as network:
+    with running(SdcTopo, tmp_path, controller=framework) as network:
         with session(network, "alice", "bob") as opened:
             opened.start(DATA)
             wait_until(lambda: len(bypasses(network)) == 2, "data has followed the set-up")
@@ -119,7 +119,7 @@ def test_a_framed_session_outlives_the_controller_in_full_light(
 @RYU
 def test_light_over_several_switches_stays_where_it_is(tmp_path: Path, framework: str) -> None:
     with (
-        running(RingTopo, tmp_path, framework=framework) as network,
+        running(RingTopo, tmp_path, controller=framework) as network,
         session(network, "alice", "bob") as opened,
     ):
         assert opened.carry(LESS) == LESS
@@ -133,7 +133,7 @@ def test_light_over_several_switches_stays_where_it_is(tmp_path: Path, framework
 
 @BOTH
 def test_a_per_pair_session_outlives_the_controller(tmp_path: Path, framework: str) -> None:
-    with running(SdcTopo, tmp_path, framework=framework) as network:
+    with running(SdcTopo, tmp_path, controller=framework) as network:
         with session(network, "alice", "bob", handshake="per-pair") as opened:
             opened.start(LESS[:128])
             wait_until(lambda: len(facts(network, "path_ready")) > 50, "pairs are on their way")
@@ -152,7 +152,7 @@ def test_a_per_pair_session_outlives_the_controller(tmp_path: Path, framework: s
 @RYU
 def test_a_framed_session_outlives_an_agent_that_is_killed(tmp_path: Path, framework: str) -> None:
     with (
-        running(SdcTopo, tmp_path, framework=framework) as network,
+        running(SdcTopo, tmp_path, controller=framework) as network,
         session(network, "alice", "bob") as opened,
     ):
         agent, before = network.net.get("q1").program, light_paths("q1")
@@ -171,7 +171,7 @@ def test_a_framed_session_outlives_an_agent_that_is_killed(tmp_path: Path, frame
 
 @RYU
 def test_between_two_sessions_a_controller_may_be_away(tmp_path: Path, framework: str) -> None:
-    with running(SdcTopo, tmp_path, framework=framework) as network:
+    with running(SdcTopo, tmp_path, controller=framework) as network:
         with session(network, "alice", "bob") as first:
             assert first.carry(LESS) == LESS
         wait_until(lambda: facts(network, "torn_down"), "the first is over")
@@ -186,7 +186,7 @@ def test_between_two_sessions_a_controller_may_be_away(tmp_path: Path, framework
 
 @RYU
 def test_a_session_that_ends_unseen_ends_by_silence(tmp_path: Path, framework: str) -> None:
-    with running(SdcTopo, tmp_path, framework=framework) as network:
+    with running(SdcTopo, tmp_path, controller=framework) as network:
         with session(network, "alice", "bob") as opened:
             assert opened.carry(LESS) == LESS
             kill(network)

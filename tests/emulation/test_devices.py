@@ -15,6 +15,7 @@ from topologies.network import Network, Signals
 from topologies.runtime import Runtime
 from topologies.sdc import SdcTopo
 from wire.metadata import Reason
+from wire.parameters.network import NetworkSettings
 
 FRAMEWORKS = ("ryu", "os-ken")
 
@@ -22,7 +23,7 @@ FRAMEWORKS = ("ryu", "os-ken")
 @pytest.fixture(params=FRAMEWORKS)
 def either(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Network]:
     """The network under each controller framework."""
-    settings = Runtime(framework=request.param, log_folder=tmp_path / "run")
+    settings = Runtime(NetworkSettings(controller=request.param), log_folder=tmp_path / "run")
     with Signals() as signals, Network(SdcTopo, settings, signals) as running:
         yield running
 
@@ -152,7 +153,9 @@ def connect(network: Network, sender: str, receiver: str) -> None:
 def test_the_policy_decides_until_it_is_changed(tmp_path: Path, framework: str) -> None:
     policy = tmp_path / "policy.toml"
     policy.write_text((ROOT / "controller_apps/policy/deny.toml").read_text())
-    settings = Runtime(framework=framework, log_folder=tmp_path / "run", policy=str(policy))
+    settings = Runtime(
+        NetworkSettings(controller=framework, policy=str(policy)), log_folder=tmp_path / "run"
+    )
     with Signals() as signals, Network(SdcTopo, settings, signals) as network:
         connect(network, "alice", "bob")
         with pytest.raises(QuantumSocketError, match="policy does not allow") as caught:

@@ -56,7 +56,7 @@ class UnevenRingTopo(TurningRingTopo):
 def test_bytes_cross_several_switches(
     tmp_path: Path, topo: Callable[[], Topo], links: int, way: list[str], framework: str
 ) -> None:
-    with running(topo, tmp_path, framework=framework) as network:
+    with running(topo, tmp_path, controller=framework) as network:
         assert len(facts(network, "link")) == links
         with session(network, "alice", "bob") as opened:
             # The set-up is answered: every switch on the way is ready.
@@ -73,7 +73,7 @@ def test_a_session_goes_the_other_way_round_when_its_fibre_is_cut(
 ) -> None:
     data = DATA * 64
     with (
-        running(TurningRingTopo, tmp_path, framework=framework) as network,
+        running(TurningRingTopo, tmp_path, controller=framework) as network,
         session(network, "alice", "bob") as opened,
     ):
         before = switches_on_the_way(network, "alice-q0")
@@ -107,7 +107,7 @@ def test_light_is_not_moved_to_where_it_is_turned_differently(tmp_path: Path) ->
 @pytest.mark.parametrize("framework", ["ryu", "os-ken"])
 def test_a_session_outlives_the_agent_of_its_switch(tmp_path: Path, framework: str) -> None:
     with (
-        running(SdcTopo, tmp_path, framework=framework) as network,
+        running(SdcTopo, tmp_path, controller=framework) as network,
         session(network, "alice", "bob") as opened,
     ):
         agent = network.net.get("q1").program
@@ -141,7 +141,7 @@ def test_the_loss_of_a_path_is_measured_and_kept_within_the_budget(
 def test_a_port_of_another_wavelength_is_tuned_before_light_comes(
     tmp_path: Path, framework: str
 ) -> None:
-    with running(SdcTopo, tmp_path, framework=framework) as network:
+    with running(SdcTopo, tmp_path, controller=framework) as network:
         tune(network, "q1", "alice-q0", 194_000_000)
         wait_until(lambda: tuned(network)[-1] == 194_000_000, "the controller knows")
         with session(network, "alice", "bob") as opened:

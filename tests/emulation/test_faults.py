@@ -39,17 +39,21 @@ def read_until(process: subprocess.Popen[str], text: str) -> None:
 
 
 def child(process: subprocess.Popen[str], module: str) -> int:
-    """Return the process id of a program that the run has started."""
+    """Return the process id of a program that the run has started, or a keeper of shells has."""
+    parents, commands = {}, {}
     for folder in Path("/proc").iterdir():
         if not folder.name.isdigit():
             continue
         try:
-            command = (folder / "cmdline").read_bytes().split(b"\0")
+            commands[int(folder.name)] = (folder / "cmdline").read_bytes().split(b"\0")
             parent = re.search(r"PPid:\t(\d+)", (folder / "status").read_text())
         except OSError:
             continue
-        if parent and int(parent[1]) == process.pid and module.encode() in command:
-            return int(folder.name)
+        parents[int(folder.name)] = int(parent[1]) if parent else 0
+    for pid, parent_pid in parents.items():
+        above = {parent_pid, parents.get(parent_pid)}
+        if process.pid in above and module.encode() in commands[pid]:
+            return pid
     raise AssertionError(f"no child runs {module}")
 
 

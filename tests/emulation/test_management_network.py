@@ -11,7 +11,7 @@ from scapy.utils import rdpcap
 
 from qmn.jobs.transfer import TransferError
 from qmn.scripting.network import QuantumNetwork, start
-from topologies.runtime import OPENFLOW_PORT
+from wire.parameters.network import OPENFLOW_PORT
 
 OPENFLOW_1_4 = b"\x05"
 ONE_WAY_S = 2000e3 / 2.04e8

@@ -98,7 +98,7 @@ def test_when_either_application_goes_in_mid_session_nothing_stays(network: Netw
 
 def spoken(network: Network, data: bytes, to: str = BOB, wait_s: float = 2.0) -> Message | None:
     """Let alice say something to a stack; return what she hears, None for silence."""
-    script = network.runtime.logs / "speak.py"
+    script = network.runtime.logs.parent / "speak.py"
     script.write_text(SPEAK)
     words = f"{sys.executable} {script} {to} {METADATA_PORT} {data.hex()} {wait_s}"
     said = network.host("alice").cmd(words)

@@ -58,7 +58,7 @@ def network(tmp_path_factory: pytest.TempPathFactory, _open_vswitch: None) -> It
 @pytest.fixture
 def http(network: Network) -> Http:
     """The HTTP server of its controller."""
-    return Http(network.runtime.rest, network.runtime.rest_token())
+    return Http(network.runtime.settings.rest, network.runtime.rest_token())
 
 
 def test_stock_apps_read_and_program_the_switch(http: Http, network: Network) -> None:

@@ -54,6 +54,10 @@ class FiberOptics:
     # length, and how long it lasts. Qubits of other encodings do not see it.
     polarization_drift_rad_per_sqrt_km: float = parameter(0.0, 0.0, 100.0)
     polarization_drift_time_s: float = parameter(100.0, 1e-9, 1e9)
+    # Of two polarisations one is lost more, by so much, or comes later, by so much on average; the
+    # axis is any, and which is later changes within the same time.
+    pdl_db: float = parameter(0.0, 0.0, 100.0)
+    pmd_ps_per_sqrt_km: float = parameter(0.0, 0.0, 1_000.0)
     # The same of the phase between time bins, a turn about Z.
     phase_drift_rad_per_sqrt_km: float = parameter(0.0, 0.0, 100.0)
     phase_drift_time_s: float = parameter(100.0, 1e-9, 1e9)

@@ -1,6 +1,7 @@
 """The abilities of both ends of a session, compared with those that its service needs."""
 
 from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.lifetimes import NUMBERS, Lifetimes
 from hosts.middleware.session.service import ConnectionEnd, OpenerEnd
 from wire.features import STORE, Abilities, Feature, names
 from wire.metadata import MalformedPacket, Reason, Service, Setup, Topic
@@ -34,21 +35,21 @@ def are_told(service: Service) -> bool:
     return STORE in needs(service, Role.ACCEPTOR)
 
 
-def say(end: ConnectionEnd, ours: Abilities) -> None:
+def say(end: ConnectionEnd, ours: Abilities, lifetimes: Lifetimes) -> None:
     """Tell the opener, and how large blocks may be: the controller may have granted less."""
-    numbers = end.setup.pairs, ours.features.value, ours.memory_qubits
+    numbers = [end.setup.pairs, ours.features.value, ours.memory_qubits, *lifetimes.numbers()]
     end.say(Topic.ABILITIES, 0, numbers, 32)
 
 
-async def hear(end: ConnectionEnd) -> tuple[int, Abilities]:
-    """Return how large blocks may be, and the acceptor's abilities; or raise SessionError."""
-    numbers = await end.hear(Topic.ABILITIES, 0, 3, MAX_NUMBER)
-    pairs, bits, memory_qubits = numbers.tolist()
+async def hear(end: ConnectionEnd) -> tuple[int, Abilities, Lifetimes]:
+    """Return how large blocks may be, and what the acceptor can do; or raise SessionError."""
+    numbers = await end.hear(Topic.ABILITIES, 0, 3 + NUMBERS, MAX_NUMBER)
+    pairs, bits, memory_qubits, *rest = numbers.tolist()
     if not 0 < pairs <= end.setup.pairs:
         text = f"blocks of {pairs} pairs, {end.setup.pairs} were asked for"
         raise SessionError(Reason.PROTOCOL, text)
     try:
-        return pairs, Abilities.checked(bits, memory_qubits)
+        return pairs, Abilities.checked(bits, memory_qubits), Lifetimes.of(rest, end.channel.peer)
     except MalformedPacket as error:
         raise SessionError(Reason.PROTOCOL, f"{end.channel.peer}: {error}") from error
 

@@ -7,6 +7,7 @@ import numpy as np
 from hosts.hardware.qnic import Qnic
 from hosts.middleware.qkd.keyring import Keyring
 from hosts.middleware.session.encoding import DISTINGUISHABLE_STATES
+from hosts.middleware.session.lifetimes import Lifetimes
 from hosts.middleware.session.swap_orders import Swaps
 from wire.features import Abilities
 from wire.metadata import Pauli
@@ -24,6 +25,7 @@ class HostResources:
     swaps: Swaps  # the chains of repeaters that it is part of
     abilities: Abilities
     multi_photon: float  # how likely a pulse of its source has several photons
+    lifetimes: Lifetimes  # of its memory
 
     @property
     def distinguishable_states(self) -> frozenset[int]:

@@ -25,6 +25,7 @@ from hosts.hardware.qnic import BlockName, NoLight, Qnic, Stored
 from hosts.middleware.session.arrangement import Arrangement
 from hosts.middleware.session.channel import MetadataChannel, SessionError, unexpected
 from hosts.middleware.session.host_resources import HostResources
+from hosts.middleware.session.lifetimes import Lifetimes
 from hosts.middleware.session.values import Numbers, expect, values
 from hosts.timeouts import ANSWER_TIMEOUT_S, GRACE_S, LIGHT_TIMEOUT_S
 from wire.features import Abilities
@@ -134,6 +135,7 @@ class OpenerEnd(End):
     arrangement: Arrangement = field(kw_only=True)
     answer: Answer = field(kw_only=True)  # of the other end, to the set-up
     theirs: Abilities = field(kw_only=True)  # of the other end; nothing where it does not tell
+    lifetimes: Lifetimes = field(kw_only=True)  # of its memory, likewise
     is_source: bool = field(kw_only=True)  # this host makes the pairs, and keeps half of each
     sent: tuple[int, bytes] = NO_BYTES  # how many bytes, and their SHA-256: what Finish says
 

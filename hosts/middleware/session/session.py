@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from math import inf
 from typing import Any, Protocol
 
 from hosts.hardware.qnic import HardwareError, Qnic, release
@@ -14,6 +15,7 @@ from hosts.middleware.session.channel import (
     unexpected,
 )
 from hosts.middleware.session.host_resources import HostResources
+from hosts.middleware.session.lifetimes import Lifetimes
 from hosts.middleware.session.offers import check_light
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS
 from hosts.middleware.session.service import (
@@ -29,7 +31,7 @@ from hosts.middleware.session.service_options import SessionOptions
 from hosts.timeouts import IDLE_TIMEOUT_S, REPORT_TIMEOUT_S
 from wire.features import NOTHING, Abilities
 from wire.metadata import Answer, Finish, Handshake, Reason, Service, Setup
-from wire.services import Role, beams, fibers_needed
+from wire.services import Role, fibers_needed, uses_source
 
 CERTAIN_PPM = 1_000_000
 
@@ -95,13 +97,12 @@ class OpeningSession:
 
     async def _arranged(self, answer: Answer, channel: MetadataChannel, tell: Tell) -> OpenerEnd:
         """Return this end, once it is known what the other can, and the source is there."""
-        theirs = Abilities(NOTHING, 0)
+        theirs, lifetimes = Abilities(NOTHING, 0), Lifetimes(inf, inf)
         if abilities.are_told(self._kind.service):
             connection = ConnectionEnd(self._means.qnic, self._setup, channel)
-            pairs, theirs = await abilities.hear(connection)
+            pairs, theirs, lifetimes = await abilities.hear(connection)
             self._setup = replace(self._setup, pairs=pairs)
-        light = beams(self._kind.service, self._is_source)
-        if any(end.role == Role.SOURCE for beam in light for end in beam):
+        if uses_source(self._kind.service, self._is_source):
             await self._arrangement.engage_source()
         return OpenerEnd(
             self._means.qnic,
@@ -113,6 +114,7 @@ class OpeningSession:
             arrangement=self._arrangement,
             answer=answer,
             theirs=theirs,
+            lifetimes=lifetimes,
             is_source=self._is_source,
         )
 
@@ -180,7 +182,7 @@ class AcceptingSession:
         )
         self._channel.send(self._accepted)
         if abilities.are_told(self._kind.service):
-            abilities.say(end, means.abilities)
+            abilities.say(end, means.abilities, means.lifetimes)
         self.answer = await self._kind.accept(end)
 
     async def join(self, channel: MetadataChannel, setup: Setup) -> None:
@@ -207,8 +209,7 @@ class AcceptingSession:
 
 def require_source(service: Service, source: str, is_source: bool, peer: str) -> None:
     """Raise SessionError for a source of pairs that cannot be the one of this service."""
-    used = any(end.role == Role.SOURCE for beam in beams(service, is_source) for end in beam)
-    if used and (is_source or source == peer):
+    if uses_source(service, is_source) and (is_source or source == peer):
         name = service.name.lower()
         text = f"{name} with pairs of {source}, one of its ends: name another host as source"
         raise SessionError(Reason.UNSUPPORTED, text)

@@ -15,7 +15,7 @@ from dispatcher.sabot.dense import Dense
 from dispatcher.sabot.draws import PhotonDraws
 from dispatcher.sabot.stim_state import StimState
 from dispatcher.sabot.tableau import Tableau
-from wire import config
+from wire.parameters import network
 
 Stabilizers: TypeAlias = type[Tableau] | type[BitColumns] | type[StimState]
 STABILIZERS = [Tableau, BitColumns, StimState]
@@ -170,5 +170,5 @@ def test_one_member_is_held_as_bit_columns_and_a_block_as_a_tableau() -> None:
 
 
 def test_every_backend_that_can_be_configured_is_there_under_its_name() -> None:
-    assert tuple(BACKENDS) == config.BACKENDS
+    assert tuple(BACKENDS) == network.BACKENDS
     assert all(name == begin(1, 3).NAME for name, begin in BACKENDS.items())

@@ -7,11 +7,13 @@ from math import exp, sqrt
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from chain_scene import chain
 from stacks_scene import RELAYED, ask, grant, network, refusal, requested
 from test_distribution_sessions import failed, inside
 
+from hosts.middleware.session.lifetimes import Lifetimes
 from hosts.middleware.session.values import values
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
@@ -20,6 +22,7 @@ from wire.features import EMIT, GATE, MEASURE, STORE
 from wire.metadata import Message, Reason, Setup, Topic, Values, Verdict
 from wire.parameters.physics import Detectors, Device, Gates, Memory, PairSource
 
+LASTING = Lifetimes(float("inf"), float("inf")).numbers()
 IONS = replace(  # a faster one, and worse gates, so that a test is short and sees them
     ION_TRAP,
     source=replace(ION_TRAP.source, max_rate_hz=1e9),
@@ -180,6 +183,22 @@ def test_few_pairs_cost_few_more_than_their_sample(tmp_path: Path, capacity: int
     assert 42 <= alice["emitted"] <= 42 * 1.05 + 4
     for end in (alice, bob):
         assert 0 <= end["fidelity_age_s"] <= end["elapsed_s"]
+        # Of ions that keep for hours.
+        assert end["fidelity_expected"] == pytest.approx(end["fidelity"], rel=1e-6)
+
+
+def test_the_fidelity_at_delivery_is_that_of_the_sample_decayed_since(tmp_path: Path) -> None:
+    """T2 alone, of perfect pairs: 1/2 + (F - 1/2) e^(-t/T2) e^(-t/T2') after the age t."""
+    ions, more = (
+        replace(IONS, memory=replace(IONS.memory, t1_s=np.inf, t2_s=t2_s)) for t2_s in (2.0, 5.0)
+    )
+    physics = scene(OWN, alice=ions, bob=more)
+    ends = ask(tmp_path, "distribute", physics=physics, count=200, source="alice")
+    for end in ends:
+        kept = np.exp(-end["fidelity_age_s"] * (1 / 2.0 + 1 / 5.0))
+        expected = 0.5 + (end["fidelity"] - 0.5) * kept
+        assert end["fidelity_expected"] == pytest.approx(expected, rel=1e-6)
+        assert end["fidelity_expected"] < end["fidelity"]
 
 
 def test_the_last_places_of_a_memory_are_enough_to_purify_and_to_estimate(tmp_path: Path) -> None:
@@ -222,12 +241,14 @@ def told(folder: Path, physics: dict[str, Any], **options: Any) -> str:
 @pytest.mark.parametrize(
     ("numbers", "words"),
     [
-        ([0, 15, 100], "blocks of 0 pairs, 16384 were asked for"),
-        ([16_385, 15, 100], "blocks of 16385 pairs"),
-        ([100, 16, 100], "features 0x10, of which 0x0f exist"),
-        ([100, 1 << 20, 100], "features 0x100000"),
-        ([100, 13, 100], "emit, gate, measure with a memory of 100 qubits"),
-        ([100, 15, 0], "with a memory of 0 qubits"),
+        ([0, 15, 100, *LASTING], "blocks of 0 pairs, 16384 were asked for"),
+        ([16_385, 15, 100, *LASTING], "blocks of 16385 pairs"),
+        ([100, 16, 100, *LASTING], "features 0x10, of which 0x0f exist"),
+        ([100, 1 << 20, 100, *LASTING], "features 0x100000"),
+        ([100, 13, 100, *LASTING], "emit, gate, measure with a memory of 100 qubits"),
+        ([100, 15, 0, *LASTING], "with a memory of 0 qubits"),
+        ([100, 15, 100, 0, 0], "memory with T1 = 0.0 s"),
+        ([100, 15, 100, 0x7FC0_0000, LASTING[1]], "memory with T1 = nan s"),
         ([100, 15], f"2 values of topic {Topic.ABILITIES}"),
     ],
 )

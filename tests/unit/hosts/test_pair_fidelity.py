@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 from hosts.middleware.services.distribution.fidelity import Estimate
+from hosts.middleware.session.lifetimes import Lifetimes
 
 Z, X, Y = 0, 1, 2
 NO_CLICK = 3
+PAULI = {Z: np.diag([1, -1]), X: np.array([[0, 1], [1, 0]]), Y: np.array([[0, -1j], [1j, 0]])}
 
 
 def estimate(bases: list[int], ours: list[int], theirs: list[int]) -> Estimate:
@@ -76,3 +78,32 @@ def test_the_interval_is_safe_where_one_basis_has_all_errors() -> None:
         low, high = Estimate(np.full(3, 100), right).interval or (0.0, 0.0)
         held += low <= 0.5 <= high
     assert held / samples > 0.95
+
+
+def waited(state: np.ndarray, half: int, t1_s: float, t2_s: float, time_s: float) -> np.ndarray:
+    """Return a density matrix of two qubits one of which has been damped and dephased."""
+    gone = 1 - np.exp(-time_s / t1_s)
+    flip = (1 - np.exp(time_s / (2 * t1_s) - time_s / t2_s)) / 2
+    damping = [np.diag([1, np.sqrt(1 - gone)]), np.array([[0, np.sqrt(gone)], [0, 0]])]
+    for kraus in (damping, [np.sqrt(1 - flip) * np.eye(2), np.sqrt(flip) * PAULI[Z]]):
+        both = [np.kron(*((each, np.eye(2)) if half == 0 else (np.eye(2), each))) for each in kraus]
+        state = np.sum([each @ state @ each.conj().T for each in both], axis=0)
+    return state
+
+
+@pytest.mark.parametrize("time_s", [0.0, 0.1, 0.7])
+def test_what_waits_on_decays_as_its_density_matrix(time_s: float) -> None:
+    """<ZZ> = .8, <XX> = .6, <YY> = -.4; T1 and T2 of 1 and .5 s, and of 2 and 3 s."""
+    wrong = [int(letter) for letter in "100000000011000000000001111111"]
+    found = estimate([Z] * 10 + [X] * 10 + [Y] * 10, [0] * 30, wrong)
+    terms = [(PAULI[Z], 0.8), (PAULI[X], 0.6), (PAULI[Y], -0.4)]
+    state = sum((c * np.kron(p, p) for p, c in terms), start=np.eye(4, dtype=complex)) / 4
+    for half, (t1_s, t2_s) in enumerate(((1.0, 0.5), (2.0, 3.0))):
+        state = waited(state, half, t1_s, t2_s, time_s)
+    phi = np.array([1, 0, 0, 1]) / np.sqrt(2)
+    told = found.after(time_s, (Lifetimes(1.0, 0.5), Lifetimes(2.0, 3.0)))
+    assert told == pytest.approx((phi @ state @ phi).real)
+
+
+def test_nothing_is_expected_of_pairs_that_nobody_has_measured() -> None:
+    assert Estimate().after(1.0, (Lifetimes(1.0, 1.0),) * 2) is None

@@ -67,7 +67,7 @@ def test_keys_go_into_a_new_folder_only(tmp_path: Path) -> None:
 def test_what_makes_no_keys_is_not_told_where_to_keep_them(
     verb: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert parse(verb).network.keys is None
+    assert parse(verb).network.keys == ""
     with pytest.raises(SystemExit):
         parse(verb, "--keys", "keys")
     assert "unrecognized arguments: --keys" in capsys.readouterr().err

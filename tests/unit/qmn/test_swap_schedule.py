@@ -25,8 +25,7 @@ def test_the_controller_reads_it_beside_what_the_default_policy_says(
 ) -> None:
     request = checked(parse("swap", "--schedule", name))
     network = with_policy(request, topology(request.network)(), tmp_path)
-    assert network.policy is not None
-    policy = read_policy(network.policy)
+    policy = read_policy(Path(network.policy))
     assert policy.schedule == name
     assert policy.reporting == read_policy(DEFAULT).reporting
 
@@ -34,7 +33,7 @@ def test_the_controller_reads_it_beside_what_the_default_policy_says(
 def test_without_it_no_policy_is_made(tmp_path: Path) -> None:
     request = checked(parse("swap"))
     assert with_policy(request, topology(request.network)(), tmp_path) == request.network
-    assert request.network.policy is None
+    assert request.network.policy == ""
     assert list(tmp_path.iterdir()) == []
 
 

@@ -28,7 +28,7 @@ SLIP = {"insertion_los_db": 9.0}
         (OpticalSwitch, SLIP, "q1 has no insertion_los_db: did you mean insertion_loss_db?"),
         (OpticalSwitch, {"hardwear": "scpi://h"}, "q1 has no hardwear: did you mean hardware?"),
         (QuantumHost, {"detector": 1}, "q1 has no detector: did you mean detectors?"),
-        (QuantumHost, {"gate": 1}, "choose of analyser, detectors, device, gates"),
+        (QuantumHost, {"gate": 1}, "choose of analyser, confined, detectors, device"),
         (ClassicalHost, {"defaultroute": "x"}, "q1 has no defaultroute: did you mean defaultRoute"),
         (DispatcherHost, {"memory": 1}, "q1 has no memory: "),
         (ClassicalSwitch, {"fail_mode": "secure"}, "did you mean failMode"),

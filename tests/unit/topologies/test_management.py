@@ -9,6 +9,7 @@ from topologies.copper_link import CopperLink, delay_s
 from topologies.management import lengths_to
 from topologies.runtime import Runtime
 from wire.config import QuantumSwitch
+from wire.parameters.network import NetworkSettings
 from wire.parameters.physics import BadParameter
 
 SWITCHES: dict[str, Any] = dict.fromkeys(("q1", "q2", "s1"))
@@ -30,7 +31,7 @@ def test_the_controller_is_at_the_classical_switch(network: Runtime) -> None:
 
 
 def test_one_length_can_be_said_of_all(network: Runtime) -> None:
-    network.control_km = 500.0
+    network.settings = NetworkSettings(control_km=500.0)
     assert lengths_to(SWITCHES, network) == {"q1": 500.0, "q2": 500.0, "s1": 500.0}
 
 

@@ -17,7 +17,7 @@ PAGE = Path(__file__).resolve().parents[3] / "docs" / "physical-layer.md"
     ("given", "text"),
     [
         ({"length_km": -1}, "length_km -1 is not 0 to 2000"),
-        ({"length_km": 2001.0}, "length_km 2001.0 is not 0 to 2000"),
+        ({"length_km": 20001.0}, "length_km 20001.0 is not 0 to 20000"),
         ({"length_km": float("nan")}, "length_km nan is not"),
         ({"length_km": "far"}, "length_km 'far' is not 0 to 2000"),
         ({"loss_db_per_km": -0.2}, "loss_db_per_km -0.2 is not 0 to 1000"),

@@ -17,7 +17,7 @@ from math import ceil
 
 import numpy as np
 
-from hosts.middleware.services.distribution.distribute_options import MAX_COUNT, MAX_ROUNDS
+from hosts.middleware.services.distribution.distribute_options import MAX_ROUNDS
 from hosts.middleware.services.distribution.distribute_options import (
     DistributeOptions as DistributeOptions,
 )
@@ -26,6 +26,7 @@ from hosts.middleware.services.distribution.purification import PHOTONS, Protoco
 from hosts.middleware.session import abilities
 from hosts.middleware.session.blocks import store
 from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.lifetimes import NUMBERS, Lifetimes
 from hosts.middleware.session.service import AcceptorEnd, Answerer, OpenerEnd, ServiceKind
 from hosts.middleware.session.values import expect, values
 from hosts.timeouts import MAX_BLOCK_S
@@ -69,10 +70,11 @@ class Opening:
             else:
                 await self._acquire()
             await self._tell(min(pairs.available, count))
+        ours = self._end.means.lifetimes
         await self._end.channel.request(
-            values(self._end.setup.session, Topic.DELIVER, 0, [count], 32)
+            values(self._end.setup.session, Topic.DELIVER, 0, [count, *ours.numbers()], 32)
         )
-        await pairs.deliver(count)
+        await pairs.deliver(count, self._end.lifetimes)
         await self._tell(count)
         return pairs.answer
 
@@ -251,8 +253,8 @@ async def follow(end: AcceptorEnd, share: Share) -> Answerer:
             bases = await end.hear(Topic.BASES, number, count, 2)
             await pairs.sample(number, chosen, bases.astype(np.uint8))
         else:
-            (count,) = expect(message, Topic.DELIVER, 0, 1, MAX_COUNT).tolist()
-            await pairs.deliver(count)
+            told = expect(message, Topic.DELIVER, 0, 1 + NUMBERS, MAX_NUMBER).tolist()
+            await pairs.deliver(told[0], Lifetimes.of(told[1:], end.channel.peer))
             end.agree()
             end.summary = pairs.summary()
             return pairs.answer

@@ -4,12 +4,13 @@ F = (1 + <XX> - <YY> + <ZZ>) / 4: of Phi+ the outcomes agree in X and Z and diff
 """
 
 from dataclasses import dataclass, field
-from math import sqrt
+from math import exp, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hosts.hardware.qnic import Symbols
+from hosts.middleware.session.lifetimes import Lifetimes
 
 DIFFER = 2  # the basis in which the halves of Phi+ give different outcomes
 NORMAL_95 = 1.959964  # 95 % of a normal distribution is within so many standard deviations
@@ -58,6 +59,21 @@ class Estimate:
         half = NORMAL_95 * sqrt(share * (1 - share) / count + square / (4 * count**2))
         low, high = ((middle + side) / (1 + square / count) for side in (-half, half))
         return _of_share(low), _of_share(high)
+
+    def after(self, waited_s: float, both: tuple[Lifetimes, Lifetimes]) -> float | None:
+        """Return the fidelity after a further wait of both halves; None while none is known.
+
+        Coherence decays with T2 at either end, relaxation to |0> turns <ZZ> into
+        e e' <ZZ> + (1 - e)(1 - e'), e = exp(-t / T1): so for halves that are 0 as often as 1 now.
+        """
+        if not self.measured.all():
+            return None
+        z, x, y = (2 * self.right / self.measured - 1).tolist()  # signs as of Phi+
+        kept = [exp(-waited_s / memory.t1_s) for memory in both]
+        coherent = exp(-sum(waited_s / memory.t2_s for memory in both))
+        relaxed = kept[0] * kept[1] * z + (1 - kept[0]) * (1 - kept[1])
+        fidelity: float = (1 + coherent * (x + y) + relaxed) / 4
+        return min(max(fidelity, 0.0), 1.0)
 
     @property
     def _right_share(self) -> float:

@@ -23,6 +23,7 @@ from hosts.middleware.session.blocks import (
     take,
 )
 from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.lifetimes import Lifetimes
 from hosts.middleware.session.service import End
 from hosts.network_loop import now_s
 from wire.metadata import Reason, Topic
@@ -133,7 +134,7 @@ class Pairs:
         portion.size = await keep(self._end.qnic, name, ~chosen)
         self._forget_empty(number)
 
-    async def deliver(self, count: int) -> None:
+    async def deliver(self, count: int, theirs: Lifetimes) -> None:
         """Number so many pairs from 0, and let go of all others; SessionError if too few."""
         if not 0 < count <= self.available:
             raise SessionError(Reason.PROTOCOL, f"{count} of {self.available} pairs to deliver")
@@ -144,7 +145,11 @@ class Pairs:
             left -= min(left, portion.size)
         await take(self._end.qnic, self._name(PAIRS), picks)
         self.blocks = {PAIRS: Portion(count, self.rounds)}
-        self.facts["fidelity_age_s"] = self._age_s()
+        self.facts["fidelity_age_s"] = age_s = self._age_s()
+        both = self._end.means.lifetimes, theirs
+        self.facts["fidelity_expected"] = (
+            None if age_s is None else self.estimate.after(age_s, both)
+        )
         self._used = np.zeros(count, dtype=bool)
 
     async def answer(self, question: dict[str, Any]) -> dict[str, Any]:

@@ -1,0 +1,119 @@
+"""qmn run keys: hosts keep their key stores filled, and deliver keys by ETSI GS QKD 014."""
+
+import time
+from dataclasses import dataclass, replace
+from functools import partial
+
+from mininet.topo import Topo
+from rich.console import Console
+
+from qmn.jobs import eavesdropping, moments
+from qmn.jobs.moments import Moments
+from qmn.jobs.passing_eavesdropper import PassingEavesdropper, PassingEve
+from qmn.jobs.run_context import RunContext, begin_folder, ending, known_facts, running_network
+from qmn.jobs.run_options import RunOptions
+from qmn.network.checks import check_network
+from qmn.network.key_options import KeyServiceOptions, key_service
+from qmn.network.options import NetworkOptions
+from qmn.network.topologies import quantum_hosts, topology
+from qmn.options import check_ranges
+from qmn.results import result
+from topologies.key_managers import KeyManagers, KeyService, application_name, start_key_managers
+from topologies.network import Interrupted, Network, Signals, require_root
+from topologies.programs import POLL_S
+from wire.parameters.option import option
+
+NAME = "keys"
+PAIR = "alice:bob"  # that keeps keys if none is named
+PARAMETERS = ("key_pair", "low_mark", "high_mark", "session_bits", "key_protocol", "keys_per_s")
+
+
+@dataclass(frozen=True, kw_only=True)
+class KeysRequest:
+    """Which keys are to be kept, for how long, and who comes meanwhile."""
+
+    keys: KeyServiceOptions
+    eve: PassingEve
+    network: NetworkOptions
+    run: RunOptions
+    seconds: float | None = option(
+        None, "end after so long (when Ctrl-C comes)", metavar="S", range=(0.1, 30 * 86_400)
+    )
+
+
+def checked(request: KeysRequest) -> KeysRequest:
+    """Return the request with what follows from it; raise BadInput before anything is started."""
+    if request.eve.eve is not None:
+        request = replace(request, network=eavesdropping.with_eve(request.network))
+    if not request.keys.key_pair:
+        request = replace(request, keys=replace(request.keys, key_pair=(PAIR,)))
+    topo = topology(request.network)()
+    check_network(request.network)
+    check_ranges(request.run)
+    check_ranges(request)
+    request.eve.check(service_of(request, topo).pairs[0], request.network, topo)
+    return request
+
+
+def service_of(request: KeysRequest, topo: Topo) -> KeyService:
+    """Return what key managers are to do; raise BadInput for what they cannot."""
+    service = key_service(request.keys, quantum_hosts(topo))
+    assert service is not None  # there is a pair
+    return service
+
+
+def run(request: KeysRequest, signals: Signals, console: Console) -> int:
+    """Do the whole run and return its exit status."""
+    request = checked(request)
+    require_root()
+    topo, folder = topology(request.network)(), begin_folder(request.run.runs, NAME)
+    service = service_of(request, topo)
+    opener, acceptor = service.pairs[0]
+    light_from = eavesdropping.sender_of_light(service.link.protocol, opener, topo)
+    eve = PassingEavesdropper(request.eve, light_from, acceptor, folder)
+    network_options = eve.with_policy(request.network)
+    context = RunContext(network_options, request.run, folder, signals, console)
+    own = {name: getattr(request.keys, name) for name in PARAMETERS}
+    own |= vars(request.eve) if request.eve.eve is not None else {}
+    facts = {"service": NAME, **known_facts(context, own), "delivered": False}
+    with ending(folder, facts, result.complete):
+        with running_network(context, facts) as network:
+            managers = start_key_managers(network, service)
+            introduce(console, managers)
+            noted = Moments(managers.programs, network.runtime.time, partial(show, console))
+            facts["moments"] = noted.all
+            watch(network, noted, eve, request.seconds)
+            facts["asking"] = moments.summary(noted.all, noted.now_s)
+        facts["delivered"] = facts["asking"]["keys"] > 0
+    result.show(console, facts, folder)
+    return 0 if facts["delivered"] else 1
+
+
+def watch(
+    network: Network, noted: Moments, eve: PassingEavesdropper, seconds: float | None
+) -> None:
+    """Gather what happens until the time is over, or somebody ends a run that has no end."""
+    try:
+        while seconds is None or noted.now_s < seconds:
+            network.check()
+            noted.gather()
+            eve.look(network, noted)
+            time.sleep(POLL_S)
+    except Interrupted:
+        if seconds is not None:
+            raise
+    finally:
+        noted.finish()
+
+
+def introduce(console: Console, managers: KeyManagers) -> None:
+    """Say where keys are to be had, and how."""
+    for host, url in managers.urls.items():
+        console.print(f"{host}: {url}/api/v1/keys/..., as {application_name(host)}")
+    console.print(f"certificates: {managers.authority.parent}", soft_wrap=True)
+
+
+def show(console: Console, moment: moments.Moment) -> None:
+    """Print what an opener of sessions or the run itself has said."""
+    if moment.get("opened", True):
+        console.print(moments.words(moment), soft_wrap=True, markup=False)

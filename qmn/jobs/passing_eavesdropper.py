@@ -1,0 +1,93 @@
+"""--eve FRACTION --at S --until S: an eavesdropper who comes to the fibre of a run, and leaves.
+
+The policy of the controller puts her on the fibre and takes her off again, as `qmn policy reload`
+would; sessions that are open stay as they are.
+"""
+
+import math
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from mininet.topo import Topo
+
+from controller_apps.policy.policy import DEFAULT
+from qmn.jobs import eavesdropping
+from qmn.jobs.moments import Moments
+from qmn.jobs.transfer import START_TIMEOUT_S
+from qmn.live.controller_console import ask
+from qmn.network.options import NetworkOptions
+from qmn.options import BadInput, check_ranges
+from topologies.network import Network
+from topologies.programs import Program, python
+from wire.parameters.option import option
+
+MOST_S = 86_400.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class PassingEve:
+    """Whether she comes, and when."""
+
+    eve: float | None = option(
+        None,
+        "put eve on the fibre, who measures this fraction of the photons and resends them",
+        metavar="FRACTION",
+        range=(0, 1),
+    )
+    at: float = option(10.0, "when eve comes (10)", metavar="S", range=(0, MOST_S))
+    until: float | None = option(None, "when she leaves (never)", metavar="S", range=(0, MOST_S))
+
+    def check(self, ends: Collection[str], network: NetworkOptions, topo: Topo) -> None:
+        """Raise BadInput if she cannot come so."""
+        check_ranges(self)
+        if self.eve is None:
+            return
+        eavesdropping.check(ends, network, topo)
+        if self.until is not None and self.until <= self.at:
+            raise BadInput(f"--until {self.until:g} is not after --at {self.at:g}")
+
+
+class PassingEavesdropper:
+    """Comes and leaves when it is time."""
+
+    def __init__(self, options: PassingEve, begin: str, end: str, folder: Path) -> None:
+        """Let her come to the light from the one to the other; her policy is in the folder."""
+        self._options, self._begin, self._end = options, begin, end
+        self._folder = folder
+        self._eve: Program | None = None
+        self._gone = options.eve is None
+
+    def with_policy(self, network: NetworkOptions) -> NetworkOptions:
+        """Return the network with a policy that can change; she is not in it yet."""
+        if self._gone:
+            return network
+        return replace(network, policy=str(self._write()))
+
+    def _write(self) -> Path:
+        policy = self._folder / eavesdropping.POLICY
+        policy.write_text(DEFAULT.read_text())
+        return policy
+
+    def look(self, network: Network, moments: Moments) -> None:
+        """Do what it is time for."""
+        if self._gone:
+            return
+        if self._eve is None and moments.now_s >= self._options.at:
+            self._eve = self._come(network)
+            moments.add("eve_comes", fraction=self._options.eve)
+        elif self._eve and moments.now_s >= (self._options.until or math.inf):
+            self._write()
+            ask("reload-policy")
+            self._eve.stop()
+            self._gone = True
+            moments.add("eve_leaves", **eavesdropping.summary_of(self._eve))
+
+    def _come(self, network: Network) -> Program:
+        name, socket = eavesdropping.EVE, network.runtime.socket(eavesdropping.EVE)
+        command = [python(), "-m", "hosts.applications.intercept", "--stack", socket]
+        eve = network.run_on(name, "eve-intercepts", [*command, str(self._options.eve)])
+        eve.wait_for("intercepting", START_TIMEOUT_S)
+        eavesdropping.tapping_policy(self._begin, self._end, self._folder)
+        ask("reload-policy")
+        return eve

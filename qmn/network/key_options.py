@@ -1,0 +1,89 @@
+"""Options of key managers: which hosts keep keys with each other, how many, and for whom."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from hosts.middleware.services.key_distribution.options import MAX_COUNT
+from qmn.options import BadInput, check_range, check_ranges
+from topologies.key_managers import KeyService
+from wire.key_manager import KeyLink
+from wire.parameters.option import option
+
+PROTOCOLS = ("bb84", "bbm92")
+MOST_MARK = 16_384
+
+
+@dataclass(frozen=True, kw_only=True)
+class KeyServiceOptions:
+    """What key managers are told; without a pair there are none."""
+
+    key_pair: tuple[str, ...] = option(
+        (), "hosts that keep keys, who opens sessions first (repeatable)", metavar="A:B"
+    )
+    low_mark: int = option(32, "keys: with fewer, more (32)", metavar="N", range=(1, MOST_MARK))
+    high_mark: int = option(
+        128,
+        "keys of either direction, until there are so many (128)",
+        metavar="N",
+        range=(1, MOST_MARK),
+    )
+    session_bits: int = option(
+        40_000,
+        "sifted bits of a session that fills stores (40000)",
+        metavar="N",
+        range=(1, MAX_COUNT),
+    )
+    key_protocol: str = option("bb84", "by which stores are filled (bb84)", choices=PROTOCOLS)
+    sae: tuple[str, ...] = option(
+        (),
+        "another application that may ask for keys (repeatable; each host has sae-HOST)",
+        metavar="ID=HOST",
+    )
+    keys_per_s: float = option(
+        0.0,
+        "keys of 256 bits that one application gets in the long run (0: no limit)",
+        metavar="R",
+        range=(0, 1e6),
+    )
+    withhold: bool = option(False, "give out no key while the last session had too many errors")
+    certificates: Path | None = option(
+        None, "ca.pem, NAME.pem and NAME.key of all (made for the run)", metavar="DIR"
+    )
+
+
+def key_service(options: KeyServiceOptions, hosts: Sequence[str]) -> KeyService | None:
+    """Return what key managers are to do, None if there are none; BadInput for what cannot be."""
+    check_ranges(options)
+    check_range("high_mark", options.high_mark, options.low_mark, MOST_MARK)
+    pairs = [pair_of(text, hosts) for text in options.key_pair]
+    saes = dict(sae_of(text, hosts) for text in options.sae)
+    if options.certificates is not None and not options.certificates.is_dir():
+        raise BadInput(f"--certificates {options.certificates} is no folder")
+    if not pairs:
+        return None
+    link = KeyLink(
+        peer="",
+        opens=True,
+        low=options.low_mark,
+        high=options.high_mark,
+        protocol=options.key_protocol,
+        options={"count": options.session_bits},
+    )
+    return KeyService(pairs, link, saes, options.keys_per_s, options.withhold, options.certificates)
+
+
+def pair_of(text: str, hosts: Sequence[str]) -> tuple[str, str]:
+    """Return the two hosts of A:B."""
+    one, colon, other = text.partition(":")
+    if not colon or one == other or not {one, other} <= set(hosts):
+        raise BadInput(f"--key-pair {text}: write A:B, two of {', '.join(hosts)}")
+    return one, other
+
+
+def sae_of(text: str, hosts: Sequence[str]) -> tuple[str, str]:
+    """Return SAE ID and host of ID=HOST."""
+    name, equals, host = text.partition("=")
+    if not equals or not name or host not in hosts:
+        raise BadInput(f"--sae {text}: write ID=HOST, with one of {', '.join(hosts)}")
+    return name, host

@@ -1,0 +1,111 @@
+"""A program on one host that looks for another's secrets and processes, and what it finds."""
+
+import re
+import signal
+import sys
+from subprocess import DEVNULL
+
+from conftest import ROOT, wait_until
+
+from topologies import openvswitch
+from topologies.network import Network
+
+SEARCH = """
+import os, socket, sys
+folders, sockets, words = (each.split(",") for each in sys.argv[1:])
+found = []
+for top in folders:
+    for path, _folders, files in os.walk(top):
+        for name in files:
+            try:
+                with open(os.path.join(path, name), "rb") as file:
+                    data = file.read()
+                found += [f"{name} holds {word}" for word in words if word.encode() in data]
+            except OSError:
+                pass
+for each in sockets:
+    try:
+        socket.socket(socket.AF_UNIX).connect(each)
+        found.append(f"connected to {each}")
+    except OSError:
+        pass
+for pid in os.listdir("/proc"):
+    if pid.isdigit():
+        with open(f"/proc/{pid}/cmdline") as command:
+            if any(word in command.read() for word in ("hosts", "dispatcher", "qswitch_agent")):
+                found.append(f"sees process {pid}")
+print("found=" + "; ".join(found))
+"""
+
+
+def searched(network: Network, host: str) -> str:
+    """Let a host look for what is alice's, and for what programs the switches."""
+    runtime = network.runtime
+    script = runtime.logs.parent / "search.py"
+    script.write_text(SEARCH)
+    sockets = [runtime.socket(name) for name in ("alice", "dispatcher", "console", "q1-bridge")]
+    sockets += [str(openvswitch.RUN_FOLDER / "db.sock")]
+    words = [runtime.token("alice"), runtime.device_key("alice"), runtime.token("ed")]
+    folders = [str(runtime.folder), str(runtime.logs)]
+    given = (",".join(each) for each in (folders, sockets, words))
+    said = network.host(host).cmd(f"{sys.executable} {script} {' '.join(given)}")
+    found = re.search(r"found=(.*)", said)
+    assert found, said
+    return found[1].strip()
+
+
+def test_a_program_on_one_host_finds_nothing_of_another(shared_network: Network) -> None:
+    assert searched(shared_network, "charlie") == ""
+
+
+def test_signals_to_everybody_reach_only_ones_own(shared_network: Network) -> None:
+    charlie = shared_network.host("charlie")
+    asleep = charlie.popen(["sleep", "60"], stdout=None, stderr=None)
+    charlie.cmd("kill -STOP -1; kill -KILL -1")
+    assert asleep.wait(5) == -signal.SIGKILL
+    assert not any(program.stopped for program in shared_network.runtime.programs)
+    shared_network.check()  # all run
+
+
+def test_nothing_takes_the_covers_off(shared_network: Network) -> None:
+    """Mounting needs a capability that is gone; in a user namespace of one's own, locks hold."""
+    charlie, folder = shared_network.host("charlie"), shared_network.runtime.folder
+    own = sorted(path.name for path in folder.iterdir())
+    assert "alice.json" in own
+    for command in (
+        "umount /run/qmn",
+        "unshare --map-root-user --mount umount /run/qmn",
+        "unshare --map-root-user --mount bash -c 'mount --bind / /mnt && cd /mnt'",
+        "nsenter --target 1 --mount true",
+        "touch /run/qmn/mine",
+    ):
+        assert charlie.cmd(f"{command}; echo status=$?").strip()[-1] != "0", command
+        assert charlie.cmd(f"ls {folder}").split() == ["charlie", "keys"]
+
+
+def test_root_stays_root_and_tools_work(shared_network: Network) -> None:
+    charlie, alice = (shared_network.host(name) for name in ("charlie", "alice"))
+    server = charlie.popen(
+        [sys.executable, "-m", "http.server", "8000"],
+        cwd=ROOT / "docs",
+        stdout=DEVNULL,
+        stderr=DEVNULL,
+    )
+    try:
+        wait_until(lambda: ":8000" in charlie.cmd("ss -ltn"), "the server listens")
+        assert "1 received" in alice.cmd(f"ping -c 1 {charlie.IP()}")
+        assert "openflow.md" in alice.cmd(f"curl -s http://{charlie.IP()}:8000/")
+        assert str(server.pid) not in charlie.cmd("ps -eo pid=").split()
+        assert "http.server" in charlie.cmd("ps -eo args=")
+    finally:
+        server.terminate()
+    assert server.wait(5) == -signal.SIGTERM
+    assert charlie.cmd("id -u").strip() == "0"
+    file = shared_network.runtime.logs.parent / "one.pcap"
+    charlie.cmd(f"tcpdump -U -i charlie-eth0 -c 1 -w {file} icmp 2>/dev/null &")
+    wait_until(lambda: file.exists() and file.stat().st_size >= 24, "the capture has begun")
+    alice.cmd(f"ping -c 1 {charlie.IP()}")
+    wait_until(lambda: file.stat().st_size > 24, "a packet is captured")
+    assert charlie.cmd("sysctl -n net.ipv4.ip_forward=1").strip() == "1"
+    charlie.cmd("ip link add some type veth peer name other && ip link del some")
+    assert charlie.cmd("echo $?").strip() == "0"

@@ -1,0 +1,109 @@
+"""qmn run keys: stores stay filled over cuts and eavesdroppers, and say what happened when."""
+
+import json
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from conftest import ROOT, wait_until
+from fabric_scene import running
+from test_results_fit_schema import require_schema
+
+from hosts.middleware.qkd.key_store import KeyStore
+from hosts.middleware.qkd.keyring import CAPACITY
+from qmn.jobs.transfer import Lines
+from topologies.certificates import CertificateAuthority
+from topologies.key_managers import KeyService, start_key_managers
+from topologies.sdc import SdcTopo
+from wire.key_manager import KeyLink
+
+
+def run_keys(runs: Path, *words: str) -> tuple[subprocess.CompletedProcess[str], dict[str, Any]]:
+    """Keep keys for a while; return what was said, and the result."""
+    command = [sys.executable, "-m", "qmn", "run", "keys", *words, "--runs", str(runs)]
+    done = subprocess.run(
+        command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=90
+    )
+    return done, json.loads((runs / "latest" / "result.json").read_text())
+
+
+def test_an_eavesdropper_comes_and_leaves_on_one_time_line(tmp_path: Path) -> None:
+    # The marks are never reached, so that sessions follow one another.
+    marks = ("--low-mark", "4000", "--high-mark", "4000", "--session-bits", "12000")
+    eve = ("--eve", "1", "--at", "2", "--until", "4")
+    done, result = run_keys(tmp_path, "--seconds", "10", "--withhold", "--no-events", *marks, *eve)
+    assert done.returncode == 0, done.stdout + done.stderr
+    moments = result["moments"]
+    at = {each["event"]: each["at"] for each in moments if each["event"].startswith("eve")}
+    opened = [each for each in moments if each.get("opened")]
+    for moment in opened:  # a quarter is wrong when she measures everything, nothing else is
+        if moment["event"] == "alarm":
+            assert moment["withheld"]
+            assert at["eve_comes"] < moment["at"] < at["eve_leaves"] + 2.0
+            assert abs(moment["qber"] - 0.25) < 5 * (0.25 * 0.75 / 1200) ** 0.5
+        elif moment["event"] == "session":
+            assert (moment["qber"], moment["withheld"]) == (0, False)
+    kinds = [each["event"] for each in opened]
+    assert "alarm" in kinds
+    assert kinds[-1] == "session"
+    assert [each["at"] for each in moments] == sorted(each["at"] for each in moments)
+    assert result["asking"]["keys"] == sum(each["keys"] for each in opened)
+    require_schema(tmp_path / "latest")
+    policy = tomllib.loads((tmp_path / "latest" / "policy.toml").read_text())
+    assert "tap" not in policy
+
+
+def test_several_pairs_keep_keys_and_sessions_come_back_after_a_cut(tmp_path: Path) -> None:
+    link = KeyLink("", True, low=4, high=8, options={"count": 12_000})
+    pairs = [("alice", "bob"), ("charlie", "alice")]
+    with running(SdcTopo, tmp_path, contention="queue") as network:
+        managers = start_key_managers(network, KeyService(pairs, link))
+        said = Lines(managers.programs["alice"])
+        for one, other in pairs:
+            mine = KeyStore(Path(network.runtime.key_folder(one)) / other, CAPACITY)
+            theirs = KeyStore(Path(network.runtime.key_folder(other)) / one, CAPACITY)
+            for count in ("mine", "theirs"):
+                wait_until(lambda: getattr(mine, count) >= 8, f"{one}, {other}: {count}", 30.0)  # noqa: B023
+            assert (mine.mine, mine.theirs) == (theirs.theirs, theirs.mine)
+        network.net.configLinkStatus("alice", "q1", "down")
+        store = KeyStore(Path(network.runtime.key_folder("alice")) / "bob", CAPACITY)
+        store.take_oldest(store.mine)
+
+        def failed() -> bool:
+            return any("cut" in each.get("text", "") for each in said.new())
+
+        wait_until(failed, "a session fails for the cut", 20.0)
+        assert store.mine == 0
+        network.net.configLinkStatus("alice", "q1", "up")
+        wait_until(lambda: store.mine >= 8, "alice has keys again", 30.0)
+
+
+def test_hosts_of_the_command_line_find_their_keys_with_certificates_that_were_given(
+    tmp_path: Path,
+) -> None:
+    folder, hosts = tmp_path / "certificates", ("alice", "bob", "charlie")
+    authority = CertificateAuthority(folder, "somebody else's")
+    for number, host in enumerate(hosts, start=1):
+        authority.issue(f"kme-{host}", {host: f"10.0.0.{number}"})
+        authority.issue(f"sae-{host}")
+    authority.issue("web")
+    curl = "curl -sS --cert $SAE_CERT --key $SAE_KEY --cacert $KME_CA $KME/api/v1/keys"
+    words = ["--key-pair", "alice:bob", "--sae", "web=bob", "--certificates", str(folder)]
+    command = [sys.executable, "-m", "qmn", "cli", "sdc", *words, "--runs", str(tmp_path / "runs")]
+    done = subprocess.run(
+        command,
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+        input=f"alice {curl}/web/status\nbob {curl}/sae-alice/status\n",
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "keys of alice: https://10.0.0.1:8443" in done.stdout
+    said = [json.loads(each) for each in re.findall(r"\{.*?\}", done.stdout)]
+    names = [(each["master_SAE_ID"], each["slave_SAE_ID"], each["key_size"]) for each in said]
+    assert names == [("sae-alice", "web", 256), ("sae-bob", "sae-alice", 256)]

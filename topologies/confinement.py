@@ -1,0 +1,124 @@
+"""The confinement of a host: its shell, and what that starts, see nothing else of the run.
+
+Until it is confined, a host's shell is as Mininet's. Then that becomes the keeper of another:
+
+    keeper (node.shell)      the host's network, this machine's files and processes
+     `- shell                the host's network, and processes and covered files of its own
+
+Our programs of a host are started beside the keeper: those of the host cannot reach them.
+"""
+
+import ctypes
+import shlex
+import signal
+import subprocess
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from topologies.owners import Owner, owner
+from topologies.programs import ROOT
+from topologies.shells import END_TIMEOUT_S, ShellWatcher
+
+SHELL = ROOT / "topologies" / "confined_shell"
+# What could take covers off: mounting, opening files by their numbers, the kernel's memory.
+GIVEN_UP = "-sys_admin,-dac_read_search,-sys_module,-sys_rawio,-sys_boot,-perfmon"
+CLONE_NEWPID = 0x20000000
+POLL_S = 0.02
+LIBC = ctypes.CDLL(None, use_errno=True)
+
+
+class ConfinedNode(ShellWatcher):
+    """A node whose shell can be confined, and with it all that people start on the node."""
+
+    shell: "subprocess.Popen[bytes]"
+    pid: int
+    _confined = 0  # process id of the confined shell
+
+    def confine(self, shown: Sequence[Path], covered: Sequence[Path]) -> None:
+        """Let the shell, in which nothing runs, see no folder that is covered but those shown.
+
+        Raise NetworkError, with the kernel's words, where it cannot be.
+        """
+        folders = [path for path in covered if not set(path.parents) & set(covered)]
+        apart = ["unshare", "--pid", "--fork", "--kill-child", "unshare", "--mount"]
+        words = [*apart, SHELL, self.name, GIVEN_UP, *shown, "--", *folders]
+        self.write(f"exec {shlex.join(map(str, words))}\n")  # type: ignore[attr-defined]
+        self._await_prompt()
+        self.cmd("unset HISTFILE; set +m")
+        (self._confined,) = children(self.shell.pid)
+
+    @property
+    def shell_stopped(self) -> bool:
+        """Whether a signal has stopped the shell, or its keeper."""
+        process = owner(self._confined) if self._confined else None
+        return super().shell_stopped or (process is not None and process.stopped)
+
+    def popen(self, *arguments: Any, **options: Any) -> "subprocess.Popen[Any]":
+        """Start a program where the shell is, as Mininet does."""
+        if self._confined:
+            enter = ["mnexec", "-da", str(self._confined)]
+            options.setdefault("mncmd", [*enter, "setpriv", f"--bounding-set={GIVEN_UP}"])
+        started: subprocess.Popen[Any] = super().popen(*arguments, **options)  # type: ignore[misc]
+        return started
+
+    def _popen(self, command: Sequence[str], **options: Any) -> "subprocess.Popen[Any]":
+        with children_beside(self._confined):
+            return subprocess.Popen(command, **options)
+
+    def hang_up(self) -> None:
+        """Tell all programs on the node, and its shell, that the terminal has gone."""
+        if self._confined and not self.shell_ended:
+            programs = [each for pid in descendants(self._confined) if (each := owner(pid))]
+            end_by_hanging_up(programs)
+        super().hang_up()
+
+
+def end_by_hanging_up(programs: Sequence[Owner]) -> None:
+    """Let programs end as their terminal goes; whatever is left then ends with the shell."""
+    for program in programs:
+        program.signal(signal.SIGHUP)
+        program.signal(signal.SIGCONT)
+    deadline = time.monotonic() + END_TIMEOUT_S
+    while any(program.alive for program in programs) and time.monotonic() < deadline:
+        time.sleep(POLL_S)
+
+
+def children(pid: int) -> list[int]:
+    """Return the processes that a process without threads has started, or has taken in."""
+    try:
+        return [int(each) for each in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+    except (FileNotFoundError, ProcessLookupError):
+        return []  # it has ended
+
+
+def descendants(pid: int) -> Iterator[int]:
+    """Yield the processes that a process has started, and those that these have."""
+    for child in children(pid):
+        yield child
+        yield from descendants(child)
+
+
+@contextmanager
+def children_beside(pid: int) -> Iterator[None]:
+    """Let what this thread starts meanwhile be born among the processes that a process sees.
+
+    It is nevertheless a child of this process, known here by a process id of here. 0 is nobody.
+    """
+    if not pid:
+        yield
+        return
+    enter_processes_of(f"/proc/{pid}/ns/pid")
+    try:
+        yield
+    finally:
+        enter_processes_of("/proc/thread-self/ns/pid")
+
+
+def enter_processes_of(namespace: str) -> None:
+    """Let this thread's further children be born in a namespace of processes."""
+    with open(namespace) as file:
+        if LIBC.setns(file.fileno(), CLONE_NEWPID):
+            raise OSError(ctypes.get_errno(), f"setns to {namespace}")

@@ -1,0 +1,90 @@
+"""What a user can set of a network and its programs: each setting is declared here alone.
+
+A program's configuration has the settings of its class here; the command line and scripts have all
+of them as options, with these words, kinds, defaults and ranges.
+"""
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+from wire.parameters.option import option
+
+BACKENDS = ("chp", "stim", "dense")
+OPENFLOW_PORT = 6653
+MOST_KM = 100_000.0  # of copper
+
+
+@dataclass(frozen=True, kw_only=True)
+class DispatcherSettings:
+    """What a user can set of the dispatcher."""
+
+    backend: str = option("chp", "simulates quantum states (chp)", choices=BACKENDS)
+    # Path of a Sabot server's socket; empty: the dispatcher simulates by itself.
+    sabot: str = option("", "simulate in a Sabot server (in ed itself)", metavar="SOCKET")
+    history_depth: int = option(10_000, "events kept (10000)", metavar="N", range=(0, 10_000_000))
+    # These have events of their own in log and capture.
+    per_qubit: int = option(
+        0,
+        "write an event for each of the first N photons of a block (1000), too",
+        metavar="N",
+        const=1000,
+        range=(0, 1_000_000),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ControllerSettings:
+    """What a user can set of the controller."""
+
+    loss_budget_db: float = option(30.0, "of a light path (30)", metavar="DB", range=(0.0, 1_000.0))
+    # What becomes of a request for light that is taken.
+    contention: str = option("refuse", "if light is taken", choices=("refuse", "queue"))
+    # Path of its file; empty: the shipped one.
+    policy: str = option("", "who may do what, in TOML (allow everything)", metavar="FILE")
+    # Empty: nowhere.
+    rest: str = option("", "serve what c0 knows there, over HTTP", metavar="ADDRESS")
+    apps: tuple[str, ...] = option(
+        (),
+        "load a controller app beside ours, such as ryu.app.ofctl_rest (more than once)",
+        flag="--app",
+        metavar="MODULE",
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class NetworkSettings(DispatcherSettings, ControllerSettings):
+    """What a user can set of a network whose nodes and fibres are described already."""
+
+    seed: int = option(1, "of all quantum randomness (1)")
+    controller: str = option("ryu", "default: ryu", choices=("ryu", "os-ken"))
+    openflow_port: int = option(OPENFLOW_PORT, "of c0 (6653)", metavar="PORT", range=(1, 65_535))
+    copper_km: float | None = option(
+        None,
+        "length of every copper cable (that of the fibres between the same places)",
+        metavar="KM",
+        range=(0.0, MOST_KM),
+    )
+    control_km: float | None = option(
+        None,
+        "length of the copper between c0 and every switch (as other copper)",
+        metavar="KM",
+        range=(0.0, MOST_KM),
+    )
+    control_loss: float = option(
+        0.0,
+        "share of the packets between c0 and every switch that are lost (0)",
+        metavar="P",
+        range=(0.0, 0.9),
+    )
+    # Path of a folder for keys that hosts distribute; empty: they go with the network.
+    keys: str = option(
+        "",
+        "keep the keys that hosts make here, a new folder (they go with the network)",
+        metavar="DIR",
+    )
+    metrics: bool = option(False, "figures for Prometheus (docs/metrics.md)")
+
+
+def part(kind: type[Any], settings: NetworkSettings) -> dict[str, Any]:
+    """Return the settings that a class of them has, as keywords of a program's configuration."""
+    return {each.name: getattr(settings, each.name) for each in fields(kind)}

@@ -1,0 +1,36 @@
+"""A field of a dataclass that a user can set: on the command line, in scripts, or in both.
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    loss_budget_db: float = option(30.0, "of a light path (30)", metavar="DB", range=(0.0, 1_000.0))
+"""
+
+from dataclasses import field, fields
+from typing import Any
+
+
+def option(default: Any, help: str, **words: Any) -> Any:  # noqa: A002 (argparse's word)
+    """Return a field that is an option.
+
+    Its kind is that of the annotation: a number, text, a path, a bool, or a tuple of texts, for
+    which it is said several times. Words are argparse's `metavar` and `choices`; `flag`, its name
+    on the command line if that is another; `parse`, what reads its text; `const`, what it is if it
+    is named without a value; `range`, the least and the most that a number may be; `instead_of`,
+    a name that options share of which only one may be given.
+    """
+    return field(default=default, metadata={"help": help, **words})
+
+
+def check_options(options: Any) -> None:
+    """Raise ValueError for a field of a dataclass that is outside its range or its choices."""
+    for each in fields(options):
+        value, words = getattr(options, each.name), each.metadata
+        if value is None and each.default is None:
+            continue
+        if "choices" in words and value not in words["choices"]:
+            names = ", ".join(words["choices"])
+            raise ValueError(f"{each.name} {value!r}: choose one of {names}")
+        if "range" in words:
+            least, most = words["range"]
+            if not least <= value <= most:
+                raise ValueError(f"{each.name} {value}: choose {least:g} to {most:g}")
