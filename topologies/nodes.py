@@ -276,6 +276,7 @@ class QuantumHost(ClassicalHost):
             features=network.devices[self.name].features.value,
             memory_qubits=network.devices[self.name].memory.capacity,
             multi_photon=network.devices[self.name].source.multi_photon,
+            intensities=list(network.devices[self.name].source.intensities),
             t1_s=network.devices[self.name].memory.t1_s,
             t2_s=network.devices[self.name].memory.t2_s,
             pair_secrets=network.secrets_of(self.name),
