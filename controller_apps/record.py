@@ -1,20 +1,38 @@
 """The file of the controller's record (wire/controller_record.py)."""
 
 import os
+import threading
 from typing import Any
 
-from wire.controller_record import fact_line
+from wire.controller_record import EARLIER, fact_line
+
+MOST_BYTES = 32 << 20  # twice: in the file, and before that in the one with the earlier facts
 
 
 class Record:
-    """Appends to a file; each line is one write, so that lines of two threads stay whole."""
+    """Appends to a file; each line is one write, so that lines of two threads stay whole.
 
-    def __init__(self, path: str) -> None:
+    A full file becomes that of the earlier facts, and those before them go: hosts that ask
+    without end do not fill the disk.
+    """
+
+    def __init__(self, path: str, most_bytes: int = MOST_BYTES) -> None:
         """Open the file; an empty path records nothing."""
-        flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT
-        self._file = os.open(path, flags, 0o644) if path else None
+        self._path, self._most_bytes = path, most_bytes
+        self._lock = threading.Lock()
+        self._file = self._opened() if path else None
+
+    def _opened(self) -> int:
+        return os.open(self._path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
 
     def write(self, event: str, **fields: Any) -> None:
         """Append one fact."""
-        if self._file is not None:
-            os.write(self._file, fact_line(event, **fields))
+        if self._file is None:
+            return
+        line = fact_line(event, **fields)
+        with self._lock:
+            if os.fstat(self._file).st_size + len(line) > self._most_bytes:
+                os.close(self._file)
+                os.replace(self._path, self._path + EARLIER)
+                self._file = self._opened()
+            os.write(self._file, line)

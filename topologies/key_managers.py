@@ -1,5 +1,6 @@
 """Starts a key manager on hosts of a running network, with certificates for all that ask it."""
 
+import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -144,12 +145,20 @@ def given(folder: Path, names: Sequence[str]) -> dict[str, CertificateFiles]:
 
 
 def tell_shell(node: QuantumHost, managers: KeyManagers, host: str) -> None:
-    """Let commands in a host's shell find its key manager, and prove who they are."""
-    own = managers.files[application_name(host)]
+    """Let commands in a host's shell find its key manager, and prove who they are.
+
+    Certificates and private keys of the host's applications are in the folder that it is shown.
+    """
+    folder = node.network.own_folder(host)
+    for sae in (sae for sae, place in managers.saes.items() if place == host):
+        shutil.copy(managers.files[sae].certificate, folder / f"{sae}.pem")
+        shutil.copy(managers.files[sae].private_key, folder / f"{sae}.key")
+    shutil.copy(managers.authority, folder / AUTHORITY)
+    own = application_name(host)
     words = {
         "KME": managers.urls[host],
-        "SAE_CERT": own.certificate,
-        "SAE_KEY": own.private_key,
-        "KME_CA": managers.authority,
+        "SAE_CERT": folder / f"{own}.pem",
+        "SAE_KEY": folder / f"{own}.key",
+        "KME_CA": folder / AUTHORITY,
     }
     node.cmd("export " + " ".join(f'{name}="{value}"' for name, value in words.items()))

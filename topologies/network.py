@@ -3,7 +3,7 @@
 import os
 import shutil
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
@@ -16,6 +16,7 @@ from mininet.topo import Topo
 from topologies import openvswitch, owners, runtime
 from topologies.captures import Captures
 from topologies.copper_lengths import assign_copper_lengths
+from topologies.discovery import Discovery
 from topologies.disk import DiskKeeper
 from topologies.management import bridge_of
 from topologies.nodes import COPPER, READY_TIMEOUT_S, QuantumController
@@ -26,11 +27,7 @@ from topologies.runtime import DISPATCHER, Runtime, folders_of_gone, only_run
 from topologies.shells import ShellWatcher
 from topologies.signals import Interrupted as Interrupted
 from topologies.signals import Signals as Signals
-from wire.config import Fiber
-from wire.controller_record import read_record
 
-DISCOVERY_TIMEOUT_S = 20.0
-MESSAGES_OF_A_START = 40
 END_S = 1.0  # that a program takes to end once its sockets are closed
 DAEMON_END_S = 2.0  # the same, of a daemon that may write its memory to the disk first
 LOOK_S = 0.5  # between looks for what is stopped
@@ -158,45 +155,7 @@ class Network:
         for program in list(self.runtime.programs):
             program.wait_for("ready", READY_TIMEOUT_S, self.check)
             self._signals.check()
-        # Each of some messages may wait for the one before it, over the management network.
-        way_s = max(self.runtime.copper.values(), default=0.0)
-        limit_s = DISCOVERY_TIMEOUT_S + MESSAGES_OF_A_START * self.runtime.time.wall_s(way_s)
-        limit_s /= (1 - self.runtime.settings.control_loss) ** 4  # TCP waits longer after each loss
-        deadline = time.monotonic() + limit_s
-        while unknown := self._expected() - self._discovered():
-            self.check()
-            if time.monotonic() > deadline:
-                raise NetworkError(
-                    f"the controller did not find {', '.join(sorted(unknown))} in "
-                    f"{limit_s:g} s; its log: {self.runtime.logs}/c0.log"
-                )
-            time.sleep(POLL_S)
-
-    def _expected(self) -> set[str]:
-        """Return what the controller must know before light can be asked for."""
-        others = self.runtime.programmed_elsewhere
-        switches = [switch for switch in self.net.switches if switch.name not in others]
-        fibers = [f for f in self.runtime.fibers if not others & {f.a.node, f.b.node}]
-        return {
-            *(f"switch {int(switch.dpid, 16):#x}" for switch in switches),
-            *(self._named(fiber) for fiber in fibers),
-        }
-
-    def _named(self, fiber: Fiber) -> str:
-        """Return a fibre's name: the host's interface, or both ends between switches."""
-        dpids = self.runtime.datapath_ids
-        for end in (fiber.a, fiber.b):
-            if end.node not in dpids:
-                return end.port
-        return link_name((dpids[end.node], int(end.port)) for end in (fiber.a, fiber.b))
-
-    def _discovered(self) -> set[str]:
-        """Return the switches and fibres in the controller's record."""
-        facts = read_record(self.runtime.logs)
-        switches = {f"switch {fact['dpid']:#x}" for fact in facts if fact["event"] == "switch"}
-        hosts = {fact["port"] for fact in facts if fact["event"] == "fiber"}
-        links = {link_name(fact["ends"]) for fact in facts if fact["event"] == "link"}
-        return switches | hosts | links
+        Discovery(self.net, self.runtime).wait(self.check)
 
     def host(self, name: str) -> Host:
         """Return a host; raise NetworkError if there is none of that name."""
@@ -295,11 +254,6 @@ class Network:
                     f"{name} does not answer: a signal has stopped it (SIGSTOP); `kill -CONT` "
                     f"within {STOPPED_S:g} s lets such a process go on"
                 )
-
-
-def link_name(ends: Iterable[Sequence[int]]) -> str:
-    """Return the name of a fibre between two switches, by datapath id and port of each end."""
-    return " to ".join(f"{dpid:#x}:{port}" for dpid, port in sorted(map(tuple, ends)))
 
 
 def require_root() -> None:

@@ -8,6 +8,8 @@ Rates work where `netem`, with its fixed delays, is missing. What the simulation
 the same copper is not slowed down: it is not what is measured.
 """
 
+import subprocess
+
 from mininet.node import Host
 
 from topologies.programs import NetworkError
@@ -17,6 +19,7 @@ LEAST_MBPS, MOST_MBPS = 0.001, 10_000.0
 # Room for one packet: what TCP hands over as one of 64 KiB is cut, and none goes on saved tokens.
 BURST_BYTES = 1600
 LIMIT_BYTES = 16 << 20  # that may wait
+COMMAND_TIMEOUT_S = 10.0
 ALL_ELSE, METADATA = "1:1", "1:2"
 
 
@@ -44,9 +47,16 @@ def slow_metadata(host: Host, rate_mbps: float) -> None:
 
 
 def _run(host: Host, command: list[str]) -> None:
-    _output, told, status = host.pexec(command)
-    if status:
+    with host.popen(command) as program:
+        try:
+            _output, told = program.communicate(timeout=COMMAND_TIMEOUT_S)
+        except subprocess.TimeoutExpired as error:
+            program.kill()
+            raise NetworkError(
+                f"{host.name}: {' '.join(command)}: no end in {COMMAND_TIMEOUT_S:g} s"
+            ) from error
+    if program.returncode:
         raise NetworkError(
-            f"{host.name}: {' '.join(command)}: {told.strip()}; a slow classical channel needs a "
-            "kernel with sch_htb, sch_tbf and cls_u32: load them, or leave it out"
+            f"{host.name}: {' '.join(command)}: {told.decode().strip()}; a slow classical channel "
+            "needs a kernel with sch_htb, sch_tbf and cls_u32: load them, or leave it out"
         )

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 RECORD = "controller.jsonl"
+EARLIER = ".1"  # behind the name: what was before, if there has been much
 
 
 def fact_line(event: str, **fields: Any) -> bytes:
@@ -14,7 +15,7 @@ def fact_line(event: str, **fields: Any) -> bytes:
 
 
 def read_record(folder: Path) -> list[dict[str, Any]]:
-    """Return the facts so far, oldest first; a line still being written is left out."""
-    file = folder / RECORD
-    text = file.read_text() if file.exists() else ""
+    """Return the facts that are kept, oldest first; a line still being written is left out."""
+    files = (folder / f"{RECORD}{EARLIER}", folder / RECORD)
+    text = "".join(file.read_text() for file in files if file.exists())
     return [json.loads(line) for line in text[: text.rfind("\n") + 1].splitlines()]

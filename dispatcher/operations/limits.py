@@ -13,8 +13,8 @@ from dispatcher.sabot.gates import ROTATIONS
 from dispatcher.sabot.limits import packed
 from dispatcher.switch.optical_switch import MAX_POWER_DBM
 from dispatcher.timeouts import MAX_TIMEOUT_S
-from wire.config import TEMPERATURE_C, QuantumSwitch
 from wire.dispatcher_pb2 import Connection, CreateRequest, Gate, TunePortRequest
+from wire.parameters.switch import TEMPERATURE_C, QuantumSwitch
 
 MAX_BLOCKS = 100_000
 MAX_ANGLE_RAD = 1e6

@@ -36,7 +36,7 @@ class ProcessingUnit:
         self._name, self._seed, self._qnic = config.name, config.seed, qnic
         self.nodes: Mapping[str, str] = dict(sorted(config.hosts.items()))
         self._new_session = new_session
-        self.pairs = PairMaking(config.name, self.nodes, config.source, qnic, sessions)
+        self.pairs = PairMaking(config, self.nodes, qnic, sessions)
 
     def connect(self) -> "Connection":
         """Return what serves one connection of an application."""

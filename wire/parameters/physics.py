@@ -22,9 +22,12 @@ class BadParameter(ValueError):
     """A parameter that cannot be; the message names where, which, its value and its range."""
 
 
-def parameter(default: Any, least: float, most: float) -> Any:
-    """Return a dataclass field with the range of its values; NaN is in none."""
-    return field(default=default, metadata={"range": (least, most)})
+def parameter(default: Any, least: float, most: float, meaning: str = "") -> Any:
+    """Return a dataclass field with the range of its values, and what they mean if that is said.
+
+    NaN is in no range.
+    """
+    return field(default=default, metadata={"range": (least, most), "meaning": meaning})
 
 
 def choice(default: str, *others: str) -> Any:
@@ -42,15 +45,18 @@ def check(where: str, parameters: Any) -> None:
             names = ", ".join(each.metadata["choices"])
             raise BadParameter(f"{where}: {each.name} {value!r} is unknown; choose {names}")
         if "range" in each.metadata:
-            _check_range(f"{where}: {each.name}", value, *each.metadata["range"])
+            least, most = each.metadata["range"]
+            meaning = each.metadata["meaning"]
+            _check_range(f"{where}: {each.name}", value, least, most, meaning)
 
 
-def _check_range(what: str, value: object, least: float, most: float) -> None:
+def _check_range(what: str, value: object, least: float, most: float, meaning: str) -> None:
     whole = isinstance(least, int)
     kinds = int if whole else (int, float)
     if isinstance(value, bool) or not isinstance(value, kinds) or not least <= value <= most:
-        number = " (a whole number)" if whole else ""
-        raise BadParameter(f"{what} {value!r} is not {least:g} to {most:g}{number}")
+        meaning = meaning or ("a whole number" if whole else "")
+        words = f" ({meaning})" if meaning else ""
+        raise BadParameter(f"{what} {value!r} is not {least:g} to {most:g}{words}")
 
 
 @dataclass(frozen=True)

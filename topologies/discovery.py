@@ -1,0 +1,97 @@
+"""The wait for a controller that has just started to find all switches and fibres."""
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+
+from mininet.net import Mininet
+from mininet.node import Switch
+
+from topologies.programs import POLL_S, NetworkError
+from topologies.runtime import Runtime
+from wire.config import Fiber
+from wire.controller_record import read_record
+
+TIMEOUT_S = 20.0
+MESSAGES_OF_A_START = 40
+CUT_S = 2.0  # that a fibre which nobody has found is seen cut before that is the cause
+INTERFACES = Path("/sys/class/net")
+
+
+class Discovery:
+    """What a controller is to find, and what it has found."""
+
+    def __init__(self, net: Mininet, network: Runtime) -> None:
+        self._net, self._runtime = net, network
+        others = network.programmed_elsewhere
+        mine = [each for each in network.fibers if not others & {each.a.node, each.b.node}]
+        self._fibers = {self._named(fiber): fiber for fiber in mine}
+        switches = [switch for switch in net.switches if switch.name not in others]
+        self._switches = {f"switch {int(switch.dpid, 16):#x}" for switch in switches}
+
+    def wait(self, check: Callable[[], None]) -> None:
+        """Wait until all is found; meanwhile `check` raises if something makes that useless.
+
+        Raise NetworkError if it is not found in time, or cannot be: a fibre that is cut.
+        """
+        # Each of some messages may wait for the one before it, over the management network.
+        way_s = max(self._runtime.copper.values(), default=0.0)
+        limit_s = TIMEOUT_S + MESSAGES_OF_A_START * self._runtime.time.wall_s(way_s)
+        limit_s /= (
+            1 - self._runtime.settings.control_loss
+        ) ** 4  # TCP waits longer after each loss
+        deadline = time.monotonic() + limit_s
+        cut_since: dict[str, float] = {}
+        while unknown := (self._switches | self._fibers.keys()) - self._discovered():
+            check()
+            now = time.monotonic()
+            cut_since = {name: cut_since.get(name, now) for name in self._cut(unknown)}
+            for name, since in cut_since.items():
+                if now - since > CUT_S:
+                    raise NetworkError(f"the fibre {name} was cut before the controller found it")
+            if now > deadline:
+                raise NetworkError(
+                    f"the controller did not find {', '.join(sorted(unknown))} in "
+                    f"{limit_s:g} s; its log: {self._runtime.logs}/c0.log"
+                )
+            time.sleep(POLL_S)
+
+    def _named(self, fiber: Fiber) -> str:
+        """Return a fibre's name: the host's interface, or both ends between switches."""
+        dpids = self._runtime.datapath_ids
+        for end in (fiber.a, fiber.b):
+            if end.node not in dpids:
+                return end.port
+        return link_name((dpids[end.node], int(end.port)) for end in (fiber.a, fiber.b))
+
+    def _discovered(self) -> set[str]:
+        """Return the switches and fibres in the controller's record."""
+        facts = read_record(self._runtime.logs)
+        switches = {f"switch {fact['dpid']:#x}" for fact in facts if fact["event"] == "switch"}
+        hosts = {fact["port"] for fact in facts if fact["event"] == "fiber"}
+        links = {link_name(fact["ends"]) for fact in facts if fact["event"] == "link"}
+        return switches | hosts | links
+
+    def _cut(self, names: set[str]) -> Iterator[str]:
+        """Yield those of the names whose fibre is down at a switch of it, by the port, too."""
+        for name in names & self._fibers.keys():
+            for end in (self._fibers[name].a, self._fibers[name].b):
+                node = self._net.get(end.node)
+                if not isinstance(node, Switch):
+                    continue
+                port = str(node.intfs[int(end.port)])
+                if not up(port):
+                    yield f"{name} at {port}"
+
+
+def up(interface: str) -> bool:
+    """Whether an interface of this machine has light, or a carrier."""
+    try:
+        return (INTERFACES / interface / "operstate").read_text().strip() == "up"
+    except FileNotFoundError:
+        return False
+
+
+def link_name(ends: Iterable[Sequence[int]]) -> str:
+    """Return the name of a fibre between two switches, by datapath id and port of each end."""
+    return " to ".join(f"{dpid:#x}:{port}" for dpid, port in sorted(map(tuple, ends)))
