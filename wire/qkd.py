@@ -26,7 +26,7 @@ TAG_BYTES = 16
 MAX_PHOTONS = 1_000_000  # in one block
 MAX_KEY_BITS = 1 << 20  # sifted bits in one session
 MAX_LENGTH = 1 << 21
-MAX_MEAN = 10.0  # photons in a pulse
+MAX_MEAN = 10  # photons in a pulse
 MAX_TEXT = 1000  # bytes
 START_BYTES, WIDTH_BYTES = 4, 2  # of an interval in AskIntervals
 
