@@ -8,7 +8,7 @@ from dispatcher.operations.looking import density
 
 
 def test_a_qubit_of_a_bell_pair_is_mixed_and_the_pair_is_not() -> None:
-    pair = np.array([1, 0, 0, 1]) / sqrt(2)
+    pair = np.array([1, 0, 0, 1], dtype=np.complex128) / sqrt(2)
     assert np.allclose(density(pair, 0, entangled=False), np.eye(2) / 2)
     assert np.allclose(density(pair, 1, entangled=True), np.outer(pair, pair))
 

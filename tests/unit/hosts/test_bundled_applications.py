@@ -133,7 +133,11 @@ def test_blind_grover_finds_what_the_client_has_hidden(tmp_path: Path) -> None:
 
 def test_a_blind_rotation_is_what_the_client_asked_for(tmp_path: Path) -> None:
     """Of a linear cluster: Z^m3 X^s2 Z^s1 (H Rz(phi2)) (H Rz(phi1)) (H Rz(phi0)) |+>."""
-    asked = {"phi": [0.4, 1.9, 5.1], "theta": [0.0, 0.5, 1.0, 0.0], "r": [0, 1, 1]}
+    asked: dict[str, list[Any]] = {
+        "phi": [0.4, 1.9, 5.1],
+        "theta": [0.0, 0.5, 1.0, 0.0],
+        "r": [0, 1, 1],
+    }
     inputs = [{"client": {name: list(value) for name, value in asked.items()}} for _ in range(6)]
     told = outputs(tmp_path, EXAMPLES / "blind_rotation", TWO, inputs, looking=True)
     for each in told:
