@@ -14,6 +14,7 @@ signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 VERBS = (  # each a module of qmn.verbs
     "run",
+    "netqasm",
     "cli",
     "script",
     "sweep",

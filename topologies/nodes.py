@@ -3,7 +3,7 @@
 import os
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,16 +11,16 @@ from mininet.node import Controller, Host, OVSSwitch
 
 from topologies import openvswitch, runtime
 from topologies.addresses import broadcast, free_address
-from topologies.causality import news_s
+from topologies.causality import ways_of_news
 from topologies.confinement import ConfinedNode
 from topologies.fiber import python_file, qnics
+from topologies.interfaces import finish_checksums, network_of, switch_ipv6_off
 from topologies.keywords import refuse_unknown
 from topologies.launching import EarlyStart, launch
 from topologies.management import lay_management
 from topologies.programs import ROOT, Program, python
 from topologies.runtime import CONSOLE, DISPATCHER, EVENT_CAPTURE, EVENT_LOG, Runtime
 from topologies.shells import ShellWatcher
-from wire import switch_check
 from wire.config import (
     CONTROLLER,
     DISPATCHER_PORT,
@@ -36,6 +36,7 @@ from wire.config import (
     Station,
 )
 from wire.controller_record import RECORD
+from wire.features import EMIT
 from wire.parameters.network import ControllerSettings, DispatcherSettings, part
 from wire.parameters.physics import (
     BadParameter,
@@ -46,9 +47,9 @@ from wire.parameters.physics import (
     Memory,
     PairSource,
 )
+from wire.parameters.switch import OPTICS
 
 READY_TIMEOUT_S = 20.0
-OPTICS = {each.name for each in fields(QuantumSwitch)} - {"name"}
 COPPER = "copper"  # the program that holds packets back
 STATE = "state"  # folder in which the controller keeps what its successor must know
 DEFAULT_PREFIX_LENGTH = 8  # Mininet's
@@ -79,6 +80,12 @@ class QuantumNode(ShellWatcher):
     def hurried(self) -> bool:  # type: ignore[override]
         """Whether the network starts or ends just now."""
         return self.network.hurried
+
+    def startShell(self, mnopts: str | None = None) -> None:  # noqa: N802 (Mininet's name)
+        """Start the shell; in a network of its own IPv6 is off from the beginning."""
+        super().startShell(mnopts)
+        if self.inNamespace:
+            switch_ipv6_off(self, "all", "default")
 
     def find_our_programs(self) -> None:
         """Let `qmn spy`, and `python` with our packages, work in the node's shell."""
@@ -128,9 +135,9 @@ class ClassicalHost(QuantumNode, ConfinedNode, Host):
     def config(self, **params: object) -> dict[str, object]:
         """Configure the interfaces."""
         result: dict[str, object] = super().config(**params)
-        self.cmd("sysctl -qw net.ipv6.conf.all.disable_ipv6=1")
         if openvswitch.datapath() == "user":
-            self.cmd(f"ethtool -K {self.defaultIntf()} tx off rx off")
+            with network_of(self):
+                finish_checksums(str(self.defaultIntf()))
         if self.confined:
             self.confine(self.shown_folders(), covered_folders(self.network))
         self.find_our_programs()
@@ -173,7 +180,7 @@ class DispatcherHost(ClassicalHost):
             qasm=str(network.private_file("quantum.qasm")) if network.qasm else "",
             devices=network.devices,
             event_capture=str(network.private_file(EVENT_CAPTURE)) if network.events else "",
-            news_s=news_s(network),
+            news_s=ways_of_news(network),
             **part(DispatcherSettings, network.settings),
         )
         self.program = launch(network, DISPATCHER, "dispatcher", config, self)
@@ -189,6 +196,7 @@ class DispatcherHost(ClassicalHost):
         super().terminate()
 
 
+MOST_PAIR_RATE_HZ = 50_000_000
 PARTS = ("source", "memory", "detectors", "analyser", "gates")
 
 
@@ -265,7 +273,7 @@ class QuantumHost(ClassicalHost):
             dispatcher=network.dispatcher,
             token=network.token(self.name),
             socket=network.socket(self.name),
-            hosts=network.addresses,
+            hosts_file=network.hosts_file(),
             source=self.pairs_from or network.source,
             seed=network.settings.seed,
             report_to=broadcast(network.addresses.values(), network.prefix_length),
@@ -276,9 +284,11 @@ class QuantumHost(ClassicalHost):
             features=network.devices[self.name].features.value,
             memory_qubits=network.devices[self.name].memory.capacity,
             multi_photon=network.devices[self.name].source.multi_photon,
+            intensities=list(network.devices[self.name].source.intensities),
+            pair_secrets=network.secrets_folder(),
+            pair_rate_hz=pair_rate_hz(network.devices.values()),
             t1_s=network.devices[self.name].memory.t1_s,
             t2_s=network.devices[self.name].memory.t2_s,
-            pair_secrets=network.secrets_of(self.name),
             keys=network.key_folder(self.name),
             light=self.light,
         )
@@ -287,6 +297,12 @@ class QuantumHost(ClassicalHost):
         self.program = launch(network, self.name, "hosts", config, self)
         self.cmd(f'export QMN_STACK="{config.socket}"')
         return result
+
+
+def pair_rate_hz(devices: Iterable[Device]) -> int:
+    """Return the rate at which every source of a network can make pairs."""
+    rates = [device.source.max_rate_hz for device in devices if EMIT in device.features]
+    return max(1, int(min([MOST_PAIR_RATE_HZ, *rates])))
 
 
 def require_unrotated(switches: Iterable[QuantumSwitch]) -> None:
@@ -382,8 +398,8 @@ class ClassicalSwitch(QuantumNode, OVSSwitch):
 class OpticalSwitch(ClassicalSwitch):
     """A quantum switch: a bridge with its agent between it and the controller.
 
-    Optics go by keyword, as the fields of wire.config.QuantumSwitch; paths that differ from
-    the others are wire.config.PathOptics. Raise BadConfig for what no switch can have.
+    Optics go by keyword, as the fields of wire.parameters.switch.QuantumSwitch; paths that
+    differ from the others are PathOptics there. Raise BadParameter for what no switch can have.
     `hardware` is "" for the simulated switch, or names an instrument, as scpi://192.0.2.7:5025;
     `hardware_ports` are the instrument's [ingress, egress] of each port that is a fibre's.
     `controller_port` names another controller than c0, at this TCP port of 127.0.0.1, that
@@ -401,9 +417,9 @@ class OpticalSwitch(ClassicalSwitch):
         given = {each: params.pop(each) for each in OPTICS & params.keys()}
         refuse_unknown(name, params, type(self), also=sorted(OPTICS))
         optics = QuantumSwitch(name, **{**given, "paths": list(given.get("paths", ()))})
-        switch_check.check(optics)
+        optics.check()
         if controller_port is not None and not 0 < controller_port < 1 << 16:
-            raise BadConfig(f"{name}: controller_port {controller_port} is not 1 to 65535")
+            raise BadParameter(f"{name}: controller_port {controller_port} is not 1 to 65535")
         super().__init__(name, **params)
         self.network.switches[name] = optics
         self.network.datapath_ids[name] = int(self.dpid, 16)
@@ -443,7 +459,7 @@ class OpticalSwitch(ClassicalSwitch):
         # Who asks for the bridge by name, as ovs-ofctl does, comes to the agent.
         Path(config.programs).replace(config.management)
         self._targets = [f"unix:{config.listening(number)}" for number in range(len(commanding))]
-        self.cmd(f"sysctl -qw net.ipv6.conf.{self.name}.disable_ipv6=1")
+        switch_ipv6_off(self, self.name)
         for program in network.programs:
             if program.name == DISPATCHER:  # the agent asks it at once
                 program.wait_for("ready", READY_TIMEOUT_S)

@@ -5,6 +5,7 @@ The runner writes them, readable by root alone, because they hold the node token
 
 import json
 from dataclasses import asdict, dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
@@ -13,7 +14,8 @@ from wire.network_time import NetworkTime
 from wire.parameters.fiber import Fiber, FiberEnd
 from wire.parameters.network import ControllerSettings, DispatcherSettings
 from wire.parameters.option import check_options
-from wire.parameters.physics import ANALYSERS, Device, parameter
+from wire.parameters.physics import ANALYSERS, Device
+from wire.parameters.switch import PathOptics, QuantumSwitch
 
 __all__ = [
     "DISPATCHER_PORT",
@@ -34,12 +36,6 @@ __all__ = [
 ]
 
 DISPATCHER_PORT = 50051
-
-
-# Ranges of the optics of quantum switches
-TEMPERATURE_C = (-100.0, 300.0)
-LOSS_DB = (0.0, 100.0)
-FREQUENCY_MHZ = (1, 2**32 - 1)
 
 
 class BadConfig(ValueError):
@@ -88,45 +84,6 @@ class MeasuredConfig(Config):
 
 
 @dataclass(frozen=True)
-class PathOptics:
-    """A path of a quantum switch whose optics differ from those of the others."""
-
-    in_port: int
-    out_port: int
-    insertion_loss_db: float = parameter(0.0, *LOSS_DB)
-    rotation: int = parameter(0, 0, 3)  # wire.metadata.Pauli
-
-
-@dataclass(frozen=True)
-class QuantumSwitch:
-    """The optics of a quantum switch: every parameter, its range and default, declared here alone.
-
-    The dispatcher models them; a topology gives them as keywords of OpticalSwitch.
-    """
-
-    name: str
-    switching_time_s: float = parameter(100e-9, 0.0, 60.0)
-    insertion_loss_db: float = parameter(0.0, *LOSS_DB)
-    rotation: int = parameter(0, 0, 3)  # wire.metadata.Pauli that every path applies
-    paths: list[PathOptics] = field(default_factory=list)  # that differ from the rest
-    # None: none; else a photon strays with 10^(-dB/10).
-    crosstalk_db: float | None = parameter(None, *LOSS_DB)
-    temperature_c: float = parameter(25.0, *TEMPERATURE_C)
-    max_temperature_c: float = parameter(60.0, *TEMPERATURE_C)
-    hot_loss_db: float = parameter(3.0, *LOSS_DB)  # more on every path while it is hotter than that
-    min_frequency_mhz: int = parameter(191_350_000, *FREQUENCY_MHZ)  # C band
-    max_frequency_mhz: int = parameter(196_100_000, *FREQUENCY_MHZ)
-    grid_mhz: int = parameter(50_000, *FREQUENCY_MHZ)
-    min_power_dbm: float = parameter(-20.0, -100.0, 0.0)
-
-    @classmethod
-    def from_dict(cls, fields: dict[str, Any]) -> "QuantumSwitch":
-        """Build the switch from decoded JSON."""
-        paths = [PathOptics(**path) for path in fields.get("paths", [])]
-        return cls(**{**fields, "paths": paths})
-
-
-@dataclass(frozen=True)
 class DispatcherConfig(MeasuredConfig, DispatcherSettings):
     """The physical network and who may act for which node."""
 
@@ -142,7 +99,7 @@ class DispatcherConfig(MeasuredConfig, DispatcherSettings):
     max_live_qubits: int = 8_000_000
     record: str = ""  # path of a private record to replay, which must not exist; empty: none
     qasm: str = ""  # path of a dump of what is done to qubits (OpenQASM 2.0); empty: none
-    # How long (s) news takes from each host to each other at least; none: no time at all.
+    # How long (s) news takes from each node to its neighbours at least; none: no time at all.
     news_s: dict[str, dict[str, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -173,12 +130,13 @@ class HostConfig(Config):
     dispatcher: str  # "10.0.0.4:50051"
     token: str
     socket: str  # unix socket on which applications reach the stack
-    hosts: dict[str, str]  # name to address, as /etc/hosts would have it
+    hosts_file: str  # path of a file of all hosts, name to address in JSON, as /etc/hosts has them
     source: str  # name of the host that makes pairs
     seed: int
     report_to: str = ""  # address that the node agent reports to (the subnet's broadcast)
     device_key: str = ""  # that the node agent shares with the controller; empty: no node agent
-    pair_secrets: dict[str, str] = field(default_factory=dict)  # shared with each other host, hex
+    # Path of a private folder of all secrets that two hosts each share; empty: there are none.
+    pair_secrets: str = ""
     keys: str = ""  # path of the folder for keys that it distributes; empty: it keeps none
     analyser: str = "complete"  # its Bell analyser (wire.parameters.physics.BellAnalyser.kind)
     qnic: str = ""  # "path/to/file.py:ClassName" of its hardware; empty: it is simulated
@@ -187,6 +145,8 @@ class HostConfig(Config):
     memory_qubits: int = Device().memory.capacity
     light: str = CONTROLLER  # who grants it
     multi_photon: float = 0.0  # how likely a pulse of its source has several photons
+    intensities: list[float] = field(default_factory=lambda: [1.0])  # means: signal, then decoys
+    pair_rate_hz: int = 50_000_000  # that every source of the network can make
     t1_s: float = Device().memory.t1_s
     t2_s: float = Device().memory.t2_s
 
@@ -196,6 +156,18 @@ class HostConfig(Config):
         if self.analyser not in ANALYSERS:
             raise ValueError(f"analyser {self.analyser!r}: choose one of {', '.join(ANALYSERS)}")
         _ = self.abilities
+
+    @cached_property
+    def hosts(self) -> dict[str, str]:
+        """The addresses of all hosts by name, read when somebody asks for one; or raise BadConfig.
+
+        Most hosts of a large network never do.
+        """
+        try:
+            found: dict[str, str] = json.loads(Path(self.hosts_file).read_text())
+        except (OSError, ValueError) as error:
+            raise BadConfig(f"{self.hosts_file}, the file of all hosts: {error}") from error
+        return found
 
     @property
     def abilities(self) -> Abilities:

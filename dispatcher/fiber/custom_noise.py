@@ -1,12 +1,6 @@
-"""Noise models of a user's own, from a file that the topology names: "path/to/file.py:ClassName".
+"""Noise models of a user's own, from a file that the topology names: "dir/file.py:ClassName"."""
 
-The file is on this machine's disk and its path comes from whoever starts the network, as the
-topology itself does; nothing that comes over the network ever names one.
-"""
-
-import importlib.util
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +8,7 @@ from numpy.typing import NDArray
 
 from dispatcher.fiber.noise import Effect, NoiseModel, Passage
 from wire.config import BadConfig
+from wire.custom_class import load_class
 
 LARGEST_PAULI = 3
 
@@ -64,23 +59,12 @@ def load(reference: str, parameters: Mapping[str, Any]) -> OwnNoise:
 
     Raise BadConfig where that does not work.
     """
-    file, _, name = reference.rpartition(":")
-    model_class: Any = getattr(_module(reference, Path(file)), name, None)
-    if not callable(getattr(model_class, "effect", None)):
-        raise BadConfig(f"noise {reference}: {file} has no class {name} with a method effect")
+    kind = load_class("noise", reference, "with a method effect", _has_effect)
     try:
-        return OwnNoise(reference, model_class(**parameters))
+        return OwnNoise(reference, kind(**parameters))
     except (TypeError, ValueError) as error:
         raise BadConfig(f"noise {reference} with {dict(parameters)}: {error}") from error
 
 
-def _module(reference: str, file: Path) -> object:
-    spec = importlib.util.spec_from_file_location(f"custom_noise_{file.stem}", file)
-    if spec is None or spec.loader is None or not file.is_file():
-        raise BadConfig(f"noise {reference}: {file} is not a Python file on this machine")
-    module = importlib.util.module_from_spec(spec)
-    try:
-        spec.loader.exec_module(module)
-    except (ImportError, SyntaxError, NameError, OSError) as error:
-        raise BadConfig(f"noise {reference}: {file} cannot be loaded: {error}") from error
-    return module
+def _has_effect(kind: type[Any]) -> bool:
+    return callable(getattr(kind, "effect", None))

@@ -6,7 +6,6 @@ from dispatcher.fiber import fiber_noise
 from dispatcher.fiber.noise import NoiseModel
 from dispatcher.refusal import denied, not_found
 from dispatcher.switch.optical_switch import OpticalSwitch
-from wire import switch_check
 from wire.config import BadConfig, Fiber, FiberEnd, QuantumSwitch
 from wire.parameters.physics import BadParameter
 
@@ -30,7 +29,7 @@ class Network:
     """Where each port's fibre leads to."""
 
     def __init__(self, fibers: list[Fiber], switches: list[QuantumSwitch]) -> None:
-        """Lay the fibres; raise BadConfig where they cannot be."""
+        """Lay the fibres; raise BadConfig or BadParameter for what cannot be."""
         self._lines: dict[FiberEnd, Line] = {}
         names = {switch.name for switch in switches}
         for fiber in fibers:
@@ -86,9 +85,9 @@ class Network:
             self._lines[near] = Line(near, far, fiber, noise)
 
     def _switch(self, config: QuantumSwitch) -> OpticalSwitch:
-        switch_check.check(config)
+        config.check()
         ports = {int(end.port) for end in self._lines if end.node == config.name}
-        switch_check.check_ports(config, ports)
+        config.check_ports(ports)
         return OpticalSwitch(config, ports)
 
 

@@ -13,8 +13,8 @@ from dispatcher.sabot.gates import ROTATIONS
 from dispatcher.sabot.limits import packed
 from dispatcher.switch.optical_switch import MAX_POWER_DBM
 from dispatcher.timeouts import MAX_TIMEOUT_S
-from wire.config import TEMPERATURE_C, QuantumSwitch
 from wire.dispatcher_pb2 import Connection, CreateRequest, Gate, TunePortRequest
+from wire.parameters.switch import TEMPERATURE_C, QuantumSwitch
 
 MAX_BLOCKS = 100_000
 MAX_ANGLE_RAD = 1e6
@@ -33,6 +33,19 @@ def states(request: CreateRequest) -> Bytes | None:
         name = CreateRequest.State.Name(request.state)
         raise invalid(f"{len(request.states)} states for a block of {name}; only PREPARED has any")
     return None
+
+
+def levels(request: CreateRequest, intensities: int) -> Bytes | None:
+    """Return with which of so many intensities each pulse is prepared, None if all with the first.
+
+    Refuse those of a block that is not prepared, and what the source cannot make.
+    """
+    if not request.levels:
+        return None
+    if request.state != CreateRequest.PREPARED:
+        name = CreateRequest.State.Name(request.state)
+        raise invalid(f"{len(request.levels)} levels for a block of {name}; only PREPARED has any")
+    return packed("levels", request.levels, request.count, intensities - 1)
 
 
 def angle(name: str, gate: Gate, photons: int, backend: str) -> Angle:

@@ -61,13 +61,14 @@ def main() -> int:
     )
     parser.add_argument("folder", type=Path, help="of the application")
     parser.add_argument("role", help="app_ROLE.py is run")
+    parser.add_argument("--stack", help="socket of this host's stack (QMN_STACK)")
     parser.add_argument("--placement", type=json.loads, help="hosts and addresses by role")
     parser.add_argument("--inputs", type=json.loads, default={}, help="of the program, as JSON")
     parser.add_argument("--rounds", type=int, default=1, metavar="N", help="times to run it (1)")
     parser.add_argument("--logs", type=Path, required=True, help="folder for what the SDK logs")
     arguments = parser.parse_args()
     role = arguments.role
-    placement = Placement(**arguments.placement, stacks={role: None})
+    placement = Placement(**arguments.placement, stacks={role: arguments.stack})
     os.chdir(arguments.folder)
 
     def work() -> None:

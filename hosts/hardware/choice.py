@@ -2,17 +2,14 @@
 
 Such a class is made with what SimulatedQnic takes (the dispatcher's address, the host's token, the
 names of its fibres' interfaces) and keywords of its own, and has every method of Qnic, and close.
-Its file comes from whoever starts the network, as the topology does; nothing that comes over the
-network ever names one.
 """
 
-import importlib.util
-from pathlib import Path
-from typing import Any, Protocol, cast
+from typing import Protocol, cast
 
 from hosts.hardware.qnic import Qnic
 from hosts.hardware.simulated import SimulatedQnic
 from wire.config import BadConfig, HostConfig
+from wire.custom_class import load_class
 
 
 class ClosableQnic(Qnic, Protocol):
@@ -29,27 +26,12 @@ def chosen_qnic(config: HostConfig) -> ClosableQnic:
         if config.qnic_parameters:
             raise BadConfig("qnic_parameters are given without qnic; name the class, too")
         return SimulatedQnic(*made_with)
-    file, _, name = config.qnic.rpartition(":")
-    kind: Any = getattr(_module(config.qnic, Path(file)), name, None)
-    if not isinstance(kind, type):
-        raise BadConfig(f"qnic {config.qnic}: {file} has no class {name}")
+    kind = load_class("qnic", config.qnic)
     needed = {each for each in vars(Qnic) if not each.startswith("_")} | {"close"}
     if missing := sorted(each for each in needed if not hasattr(kind, each)):
-        text = f"qnic {config.qnic}: {name} has no {', '.join(missing)}"
+        text = f"qnic {config.qnic}: {kind.__name__} has no {', '.join(missing)}"
         raise BadConfig(f"{text}; see hosts/hardware/qnic.py")
     try:
         return cast(ClosableQnic, kind(*made_with, **config.qnic_parameters))
     except (TypeError, ValueError) as error:
         raise BadConfig(f"qnic {config.qnic} with {config.qnic_parameters}: {error}") from error
-
-
-def _module(reference: str, file: Path) -> object:
-    spec = importlib.util.spec_from_file_location(f"qnic_{file.stem}", file)
-    if spec is None or spec.loader is None or not file.is_file():
-        raise BadConfig(f"qnic {reference}: {file} is not a Python file on this machine")
-    module = importlib.util.module_from_spec(spec)
-    try:
-        spec.loader.exec_module(module)
-    except (ImportError, SyntaxError, NameError, OSError) as error:
-        raise BadConfig(f"qnic {reference}: {file} cannot be loaded: {error}") from error
-    return module

@@ -28,9 +28,11 @@ from hosts.timeouts import (
     ANSWER_TIMEOUT_S,
     CONNECT_TIMEOUT_S,
     FREE_TIMEOUT_S,
+    MAX_BLOCK_S,
     RETRY_PAUSE_S,
     WANTED_TIMEOUT_S,
 )
+from wire.config import HostConfig
 from wire.metadata import MalformedPacket, Reason
 from wire.netqasm.pair_requests import (
     ANSWER,
@@ -47,6 +49,7 @@ from wire.netqasm.pair_requests import (
 log = logging.getLogger("pairs")
 
 SERVICE = "distribute"
+BLOCK_PAIRS = 16_384
 FIRST_PORT, LAST_PORT = 49_152, 65_535  # of sessions with pairs
 MOST_WAITING = 64  # units that want something of this one, at a time
 CREATOR, RECEIVER = 0, 1  # halves of the pairs
@@ -130,10 +133,11 @@ class PairMaking:
     """All pairs between the applications of this unit and those of others."""
 
     def __init__(
-        self, node: str, nodes: Mapping[str, str], source: str, qnic: Qnic, sessions: Sessions
+        self, config: HostConfig, nodes: Mapping[str, str], qnic: Qnic, sessions: Sessions
     ) -> None:
-        """Nodes: name to address; source: the host that makes pairs for others."""
-        self.node, self._nodes, self._source = node, nodes, source
+        """Nodes: name to address."""
+        self.node, self._nodes, self._source = config.name, nodes, config.source
+        self._rate_hz = config.pair_rate_hz
         self._qnic, self._sessions = qnic, sessions
         self._wanted: defaultdict[Key, deque[Wanted]] = defaultdict(deque)
         self._changed = asyncio.Condition()
@@ -255,6 +259,8 @@ class PairMaking:
             "port": port,
             "count": request.pairs,
             "sample": 0.0,
+            "rate_hz": self._rate_hz,
+            "block_pairs": max(1, min(BLOCK_PAIRS, int(self._rate_hz * MAX_BLOCK_S))),
             "source": self.node if self._source in ends else self._source,
         }
         session = self._sessions.request(fields)

@@ -49,6 +49,11 @@ class Moments:
         for moment in sorted(said, key=lambda each: each["at"]):
             self._note(moment)
 
+    def finish(self) -> None:
+        """Gather what is left, and put all into the order of its times."""
+        self.gather()
+        self.all.sort(key=lambda moment: float(moment["at"]))
+
     def _note(self, moment: Moment) -> None:
         self.all.append({**moment, "at": round(moment["at"], 3)})
         self._tell(moment)
@@ -78,14 +83,15 @@ def summary(moments: Iterable[Moment], elapsed_s: float) -> dict[str, Any]:
 def words(moment: Moment) -> str:
     """Return a moment as people read it."""
     host = f"{moment['host']}: " if "host" in moment else ""
-    known = {"at", "host", "event", "text"}
+    known = {"at", "host", "event", "text", "opened", "withheld"}
     rest = ", ".join(
         f"{name.replace('_', ' ')} {_figure(value)}"
         for name, value in moment.items()
         if name not in known and value is not None
     )
     text = f" ({moment['text']})" if moment.get("text") else ""
-    return f"{moment['at']:8.2f} s  {host}{moment['event'].replace('_', ' ')}: {rest}{text}"
+    said = f"{host}{moment['event'].replace('_', ' ')}"
+    return f"{moment['at']:8.2f} s  {said}{': ' if rest else ''}{rest}{text}"
 
 
 def _figure(value: Any) -> str:

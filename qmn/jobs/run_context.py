@@ -45,6 +45,7 @@ NETWORK_PARAMETERS = (
     "sources_at",
     "repeaters_at",
     "fibers",
+    "hosts",
     "switches",
     "leaves",
     "repeaters",

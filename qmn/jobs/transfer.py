@@ -2,7 +2,7 @@
 
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from topologies.network import Network
@@ -40,27 +40,50 @@ def follow(
     network: Network, program: Program, progress: Callable[[dict[str, Any]], None]
 ) -> dict[str, Any]:
     """Read a program's lines of JSON until its last; every wait here has a deadline."""
-    limit_s = network.runtime.time.wall_s(STALL_TIMEOUT_S)
-    lines, deadline = Lines(program), time.monotonic() + limit_s
-    while True:
-        ended = not program.running  # asked first, so that no line after it is missed
-        for fields in lines.new():
-            deadline = time.monotonic() + limit_s
-            if fields.get("event") == "failed":
-                raise TransferError(with_elements(network, str(fields["text"])))
-            if fields.get("event") == "done":
-                return fields
-            if fields:
-                progress(fields)
+    last = follow_all(network, [program], lambda _program, fields: progress(fields))
+    return last[program.name]
+
+
+def follow_all(
+    network: Network,
+    programs: Sequence[Program],
+    progress: Callable[[Program, dict[str, Any]], None],
+    stall_s: float = STALL_TIMEOUT_S,
+) -> dict[str, dict[str, Any]]:
+    """Read what programs say until the last line of each; return these by the programs' names.
+
+    In `stall_s` seconds of the network at least one of them must say something.
+    """
+    limit_s = network.runtime.time.wall_s(stall_s)
+    deadline = time.monotonic() + limit_s
+    going = {program.name: Lines(program) for program in programs}
+    last: dict[str, dict[str, Any]] = {}
+    while going:
+        for name, lines in list(going.items()):
+            ended = not lines.program.running  # asked first, so that no line after it is missed
+            for fields in lines.new():
+                deadline = time.monotonic() + limit_s
+                if fields.get("event") == "failed":
+                    raise TransferError(with_elements(network, str(fields["text"])))
+                if fields.get("event") == "done":
+                    last[name] = fields
+                    break
+                if fields:
+                    progress(lines.program, fields)
+            if name in last:
+                del going[name]
+            elif ended:
+                network.check()
+                raise TransferError(f"{name} ended: {lines.program.end()}")
         network.check()
-        if ended:
-            raise TransferError(f"{program.name} ended: {program.end()}")
-        if time.monotonic() > deadline:
+        if going and time.monotonic() > deadline:
             raise NetworkError(
-                f"{program.name} made no progress for {limit_s:g} s; "
+                f"{', '.join(going)} made no progress for {limit_s:g} s; "
                 "is the loss of the fibres too high?"
             )
-        time.sleep(POLL_S)
+        if going:
+            time.sleep(POLL_S)
+    return last
 
 
 def with_elements(network: Network, text: str) -> str:

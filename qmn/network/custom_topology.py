@@ -3,14 +3,15 @@
 The file is this machine's, and runs as root, like any script that starts a network.
 """
 
-import importlib.util
 import inspect
 from collections.abc import Callable, Mapping
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 from mininet.topo import Topo
+
+from wire.config import BadConfig
+from wire.custom_class import load_class
 
 
 class BadTopology(Exception):
@@ -33,18 +34,17 @@ def load(name: str, given: Mapping[str, Any]) -> Callable[[], Topo]:
     Raise BadTopology for a file, class or parameter that there is not.
     """
     path, _, class_name = name.rpartition(":")
-    file = Path(path)
-    if not file.is_file():
-        raise BadTopology(f"topology {name}: there is no file {path}; write FILE.py:CLASS")
-    topo_class = getattr(_module(name, file), class_name, None)
-    if not (isinstance(topo_class, type) and issubclass(topo_class, Topo)):
-        raise BadTopology(f"topology {name}: {path} has no class {class_name} of mininet.topo.Topo")
+    try:
+        topo_class = load_class("topology", name, "of mininet.topo.Topo", _is_topology)
+    except BadConfig as error:
+        raise BadTopology(str(error)) from error
     for option in sorted(given.keys() - _takes(topo_class, given)):
         words = f"--{option.replace('_', '-')}"
         raise BadTopology(
             f"{words}: build of {class_name} takes no {option}; say it in {path}, or leave it out"
         )
-    return partial(topo_class, **given)
+    build: Callable[..., Topo] = topo_class
+    return partial(build, **given)
 
 
 def _takes(topo_class: type[Topo], given: Mapping[str, Any]) -> set[str]:
@@ -55,13 +55,5 @@ def _takes(topo_class: type[Topo], given: Mapping[str, Any]) -> set[str]:
     return set(parameters)
 
 
-def _module(name: str, file: Path) -> object:
-    spec = importlib.util.spec_from_file_location(f"custom_topology_{file.stem}", file)
-    if spec is None or spec.loader is None:
-        raise BadTopology(f"topology {name}: {file} is not a Python file; write FILE.py:CLASS")
-    module = importlib.util.module_from_spec(spec)
-    try:
-        spec.loader.exec_module(module)
-    except (ImportError, SyntaxError, NameError, OSError) as error:
-        raise BadTopology(f"topology {name}: {file} cannot be loaded: {error}") from error
-    return module
+def _is_topology(kind: type[Any]) -> bool:
+    return issubclass(kind, Topo)

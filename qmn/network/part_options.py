@@ -16,13 +16,12 @@ from qmn.network.device_options import devices, nodes
 from topologies.copper_lengths import assign_copper_lengths
 from topologies.fiber import OPTICS as FIBER_OPTICS
 from topologies.fiber import FiberLink, resolved
-from topologies.nodes import OPTICS as SWITCH_OPTICS
 from topologies.nodes import PARTS as DEVICE_PARTS
 from topologies.nodes import OpticalSwitch, QuantumHost, device_of
-from wire import switch_check
-from wire.config import QuantumSwitch
 from wire.parameters.fiber import KINDS, FiberOptics, optics
 from wire.parameters.physics import Device
+from wire.parameters.switch import OPTICS as SWITCH_OPTICS
+from wire.parameters.switch import QuantumSwitch
 
 Info = dict[str, Any]  # keywords of a node or link, as Mininet keeps them
 FIBER = {each.name: getattr(FiberOptics(), each.name) for each in fields(FiberOptics)}
@@ -103,9 +102,8 @@ class PartOptions:
                 topo.nodeInfo(switch)[name] = value
         for switch in switches:
             info = topo.nodeInfo(switch)
-            switch_check.check(
-                QuantumSwitch(switch, **{each: info[each] for each in SWITCH.keys() & info.keys()})
-            )
+            given = {each: info[each] for each in SWITCH.keys() & info.keys()}
+            QuantumSwitch(switch, **given).check()
 
 
 def _set_device(info: Info, device: Device) -> None:

@@ -25,6 +25,7 @@ from topologies.repeaters import RepeatersTopo
 from topologies.ring import RingTopo
 from topologies.sdc import SdcTopo
 from topologies.tapped import TappedTopo
+from topologies.tree import TreeTopo
 from wire.parameters.fiber import FiberOptics, optics
 from wire.parameters.physics import Device
 
@@ -34,6 +35,7 @@ TOPOLOGIES: dict[str, tuple[Callable[..., Topo], str]] = {
     "ring": (RingTopo, "quantum switches in a ring"),
     "leaf-spine": (LeafSpineTopo, "two stages of quantum switches"),
     "repeaters": (RepeatersTopo, "repeaters in a line, a quantum switch between neighbours"),
+    "tree": (TreeTopo, "quantum switches in a tree, with up to 1,024 hosts"),
     "tapped": (TappedTopo, "one quantum switch, with eve, who can be put on a fibre"),
     MAP: (MapTopo, "a quantum switch and a host at each place of a map"),
 }
@@ -43,6 +45,7 @@ SIZES = {
     "ring": ("switches", "fibers"),
     "leaf-spine": ("leaves", "spines", "fibers"),
     "repeaters": ("repeaters",),
+    "tree": ("hosts", "switches"),
     "tapped": (),
     MAP: ("map", "fibers", "hosts_at", "sources_at", "repeaters_at"),
 }

@@ -82,6 +82,9 @@ class RunResult(NetworkResult, total=False):
     # Of every other: the last words of the host that asks, and of the one that is asked
     asking: dict[str, Any]
     asked: dict[str, Any]
+    # Of a NetQASM application
+    roles: dict[str, str]  # host of each
+    outputs: list[dict[str, Any]]  # what the program of each role has returned, round by round
     # Of runs that keep keys: what happened to keys and tunnels, and when (at, in s since the start)
     moments: list[dict[str, Any]]
 

@@ -22,9 +22,12 @@ class BadParameter(ValueError):
     """A parameter that cannot be; the message names where, which, its value and its range."""
 
 
-def parameter(default: Any, least: float, most: float) -> Any:
-    """Return a dataclass field with the range of its values; NaN is in none."""
-    return field(default=default, metadata={"range": (least, most)})
+def parameter(default: Any, least: float, most: float, meaning: str = "") -> Any:
+    """Return a dataclass field with the range of its values, and what they mean if that is said.
+
+    NaN is in no range.
+    """
+    return field(default=default, metadata={"range": (least, most), "meaning": meaning})
 
 
 def choice(default: str, *others: str) -> Any:
@@ -42,15 +45,18 @@ def check(where: str, parameters: Any) -> None:
             names = ", ".join(each.metadata["choices"])
             raise BadParameter(f"{where}: {each.name} {value!r} is unknown; choose {names}")
         if "range" in each.metadata:
-            _check_range(f"{where}: {each.name}", value, *each.metadata["range"])
+            least, most = each.metadata["range"]
+            meaning = each.metadata["meaning"]
+            _check_range(f"{where}: {each.name}", value, least, most, meaning)
 
 
-def _check_range(what: str, value: object, least: float, most: float) -> None:
+def _check_range(what: str, value: object, least: float, most: float, meaning: str) -> None:
     whole = isinstance(least, int)
     kinds = int if whole else (int, float)
     if isinstance(value, bool) or not isinstance(value, kinds) or not least <= value <= most:
-        number = " (a whole number)" if whole else ""
-        raise BadParameter(f"{what} {value!r} is not {least:g} to {most:g}{number}")
+        meaning = meaning or ("a whole number" if whole else "")
+        words = f" ({meaning})" if meaning else ""
+        raise BadParameter(f"{what} {value!r} is not {least:g} to {most:g}{words}")
 
 
 @dataclass(frozen=True)
@@ -67,10 +73,14 @@ class PairSource:
     max_rate_hz: float = parameter(4e9, 1.0, 1e12)  # pulses; more are refused
     encoding: str = choice(*ENCODINGS)  # of its qubits in light
     bandwidth_nm: float = parameter(0.0, 0.0, 100.0)  # rms of its spectrum, which fibres disperse
+    # Two weaker means that its modulator can make for decoy states, of a laser (poisson): weak,
+    # vacuum. mean_pairs is the signal's.
+    decoys: tuple[float, ...] | None = None
 
     def check(self, where: str) -> None:
         """Raise BadParameter for what no source is like."""
         check(where, self)
+        self._check_decoys(where)
         given = self.bell_diagonal
         if given is None:
             return
@@ -84,6 +94,29 @@ class PairSource:
                 f"{where}: fidelity {self.fidelity!r} and bell_diagonal {given!r} are both given; "
                 "name one of them"
             )
+
+    def _check_decoys(self, where: str) -> None:
+        given = self.decoys
+        if given is None:
+            return
+        numbers = isinstance(given, tuple) and all(isinstance(m, (int, float)) for m in given)
+        if not numbers or len(given) != 2 or not self._can_tell(*given):
+            raise BadParameter(
+                f"{where}: decoys {given!r} are not a weak mean and a still weaker one, together "
+                f"below mean_pairs {self.mean_pairs!r}"
+            )
+        if self.statistics != "poisson":
+            raise BadParameter(
+                f"{where}: decoys with statistics {self.statistics!r}; choose poisson, a laser"
+            )
+
+    def _can_tell(self, weak: float, vacuum: float) -> bool:
+        return 0 <= vacuum < weak and weak + vacuum < self.mean_pairs
+
+    @property
+    def intensities(self) -> tuple[float, ...]:
+        """Return the mean photon numbers that it can make: the signal's, then those of decoys."""
+        return self.mean_pairs, *(self.decoys or ())
 
     @property
     def multi_photon(self) -> float:
@@ -214,6 +247,8 @@ class Device:
         if unknown := given.keys() - {part.name for part in fields(cls)}:
             raise BadParameter(f"a device has no {', '.join(sorted(unknown))}")
         source = dict(given.get("source", {}))
+        if source.get("decoys") is not None:
+            source["decoys"] = tuple(source["decoys"])
         if source.get("bell_diagonal") is not None:
             source["bell_diagonal"] = tuple(source["bell_diagonal"])
         return cls(

@@ -57,7 +57,7 @@ def test_a_model_of_the_user_s_own_is_named_when_it_cannot_be_made(tmp_path: Pat
         (noise, {}, "flip"),
         (noise, {"flop": 1}, "flop"),
         (noise + "s", {"flip": 0.1}, "no class Flickers with a method effect"),
-        (f"{tmp_path}/nowhere.py:Flicker", {}, "not a Python file on this machine"),
+        (f"{tmp_path}/nowhere.py:Flicker", {}, "there is no file"),
         (EXAMPLE.replace("Flicker", "np"), {}, "no class np with a method effect"),
     ):
         with pytest.raises(BadConfig, match=text):

@@ -11,7 +11,6 @@ from dispatcher_network import Bench, JumpingClock, configuration, running
 
 from dispatcher.layer.network import Network
 from dispatcher.refusal import Refusal
-from wire.config import BadConfig, PathOptics, QuantumSwitch
 from wire.dispatcher_pb2 import (
     Connection,
     InjectFaultRequest,
@@ -19,6 +18,8 @@ from wire.dispatcher_pb2 import (
     TunePortRequest,
     WatchSwitchRequest,
 )
+from wire.parameters.physics import BadParameter
+from wire.parameters.switch import PathOptics, QuantumSwitch
 
 Code = grpc.StatusCode
 NAN = float("nan")
@@ -199,6 +200,6 @@ def test_a_host_may_not_watch_a_switch(tmp_path: Path) -> None:
 def test_a_path_between_ports_without_fibres_is_refused(tmp_path: Path) -> None:
     switch = QuantumSwitch("q1", paths=[PathOptics(1, 9)])
     with pytest.raises(
-        BadConfig, match=r"path 1 -> 9: no fibre ends in port 9; fibres end in 1, 2"
+        BadParameter, match=r"path 1 -> 9: no fibre ends in port 9; fibres end in 1, 2"
     ):
         Network(configuration(tmp_path).fibers, [switch])

@@ -17,7 +17,7 @@ CONFIG = HostConfig(
     dispatcher="10.0.0.4:50051",
     token="secret",
     socket="/nowhere",
-    hosts={"alice": "10.0.0.1"},
+    hosts_file="",
     source="charlie",
     seed=1,
 )
@@ -94,7 +94,7 @@ def test_keywords_that_the_class_does_not_take_are_refused(
 
 
 def test_what_names_no_file_or_no_class_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(BadConfig, match="is not a Python file on this machine"):
+    with pytest.raises(BadConfig, match="there is no file"):
         chosen_qnic(replace(CONFIG, qnic=f"{tmp_path}/nowhere.py:Dimmed"))
     with pytest.raises(BadConfig, match="given without qnic"):
         chosen_qnic(replace(CONFIG, qnic_parameters={"by_db": 1.0}))

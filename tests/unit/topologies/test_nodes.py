@@ -8,7 +8,6 @@ import pytest
 from topologies import runtime
 from topologies.nodes import OpticalSwitch, QuantumHost
 from topologies.runtime import Runtime
-from wire.config import BadConfig, PathOptics
 from wire.parameters.physics import (
     BadParameter,
     BellAnalyser,
@@ -18,6 +17,7 @@ from wire.parameters.physics import (
     Memory,
     PairSource,
 )
+from wire.parameters.switch import PathOptics
 
 
 @pytest.mark.parametrize(
@@ -35,7 +35,7 @@ from wire.parameters.physics import (
 def test_optics_that_cannot_be_are_refused_before_a_switch_is_made(
     optics: dict[str, Any], message: str
 ) -> None:
-    with pytest.raises(BadConfig, match=message):
+    with pytest.raises(BadParameter, match=message):
         OpticalSwitch("q1", **optics)
 
 

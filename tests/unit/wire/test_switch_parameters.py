@@ -5,13 +5,14 @@ from typing import Any
 
 import pytest
 
-from wire.config import BadConfig, PathOptics, QuantumSwitch
-from wire.switch_check import check
+from wire.parameters.physics import BadParameter
+from wire.parameters.switch import PathOptics, QuantumSwitch
 
 
 def test_the_optics_of_a_good_switch_are_accepted() -> None:
-    check(QuantumSwitch("q1"))
-    check(QuantumSwitch("q1", crosstalk_db=40, paths=[PathOptics(1, 2, 0.5, 3), PathOptics(2, 1)]))
+    QuantumSwitch("q1").check()
+    paths = [PathOptics(1, 2, 0.5, 3), PathOptics(2, 1)]
+    QuantumSwitch("q1", crosstalk_db=40, paths=paths).check()
 
 
 @pytest.mark.parametrize(
@@ -37,5 +38,5 @@ def test_the_optics_of_a_good_switch_are_accepted() -> None:
 def test_optics_that_cannot_be_are_refused_with_the_value(
     changes: dict[str, Any], message: str
 ) -> None:
-    with pytest.raises(BadConfig, match=f"q1.*{message}"):
-        check(replace(QuantumSwitch("q1"), **changes))
+    with pytest.raises(BadParameter, match=f"q1.*{message}"):
+        replace(QuantumSwitch("q1"), **changes).check()

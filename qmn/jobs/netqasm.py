@@ -1,0 +1,223 @@
+"""The job of a NetQASM application: its programs run on hosts, as they are, and return something.
+
+A folder has a program app_ROLE.py for each role, and perhaps its inputs in ROLE.yaml and the host
+of each role in roles.yaml, as NetQASM's own `netqasm simulate` wants it.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import yaml
+from rich.console import Console
+
+from qmn.jobs.run_context import (
+    RunContext,
+    begin_folder,
+    ending,
+    known_facts,
+    running_network,
+)
+from qmn.jobs.run_options import RunOptions
+from qmn.jobs.transfer import TransferError, follow_all
+from qmn.network.checks import check_network
+from qmn.network.options import NetworkOptions
+from qmn.network.topologies import quantum_hosts, topology
+from qmn.options import BadInput, check_ranges
+from qmn.results import result
+from topologies.network import Network, Signals, require_root
+from topologies.programs import NetworkError, Program, python
+from wire.parameters.option import option
+
+PREFIX, SUFFIX = "app_", ".py"
+# Longer than what units wait for each other, so that they can say what is missing.
+STALL_TIMEOUT_S = 180.0
+MOST_SHOWN = 3  # rounds
+
+
+@dataclass(frozen=True, kw_only=True)
+class NetqasmRequest:
+    """An application, where its roles are, and what they are given."""
+
+    folder: Path
+    place: tuple[str, ...] = option(
+        (),
+        "put a role on a host (repeatable; the host of its name, or the next that is free)",
+        metavar="ROLE=HOST",
+    )
+    input: tuple[str, ...] = option(
+        (),
+        "what a program is given, as alice.x=1, beside what ROLE.yaml says (repeatable)",
+        metavar="ROLE.NAME=VALUE",
+    )
+    rounds: int = option(
+        1, "run it so many times, one after the other (1)", metavar="N", range=(1, 1_000_000)
+    )
+    looking: bool = option(True, "programs may not look at states (get_qubit_state)")
+    network: NetworkOptions
+    run: RunOptions
+
+
+@dataclass(frozen=True)
+class Application:
+    """What is to run: hosts and inputs by role."""
+
+    folder: Path
+    hosts: Mapping[str, str]
+    inputs: Mapping[str, Mapping[str, Any]]
+    rounds: int
+
+
+def run(request: NetqasmRequest, signals: Signals, console: Console) -> int:
+    """Do the whole run and return its exit status."""
+    application = checked(request)
+    require_root()
+    folder = begin_folder(request.run.runs, "netqasm")
+    options = replace(request.network, looking=request.looking)
+    context = RunContext(options, request.run, folder, signals, console)
+    own = {"application": str(application.folder), "rounds": application.rounds}
+    facts = {
+        "service": "netqasm",
+        **known_facts(context, {**own, "input": list(request.input) or None}),
+        "delivered": False,
+        "roles": dict(application.hosts),
+        "outputs": [],
+    }
+    with ending(folder, facts, result.complete), running_network(context, facts) as network:
+        console.print(f"{application.folder.name}: {told(application.hosts)}")
+        play(application, network, folder, facts["outputs"])
+        facts["delivered"] = True
+    result.print_rows(console, {**rows(facts), **result.rows_of_every_run(facts, folder)})
+    return 0
+
+
+def checked(request: NetqasmRequest) -> Application:
+    """Return the application; raise BadInput before anything is started."""
+    hosts = quantum_hosts(topology(request.network)())
+    check_network(request.network)
+    check_ranges(request.run)
+    check_ranges(request)
+    roles = roles_of(request.folder)
+    inputs = {role: read_yaml(request.folder / f"{role}.yaml") for role in roles}
+    for role, name, value in map(_input, request.input):
+        _require(role, roles, "--input")
+        inputs[role][name] = value
+    placed = {**read_yaml(request.folder / "roles.yaml"), **dict(map(_placed, request.place))}
+    folder = request.folder.resolve()
+    return Application(folder, placement(roles, placed, hosts), inputs, request.rounds)
+
+
+def roles_of(folder: Path) -> list[str]:
+    """Return the roles of the application in a folder; raise BadInput if there is none."""
+    files = sorted(folder.glob(f"{PREFIX}*{SUFFIX}"))
+    if not files:
+        raise BadInput(f"{folder} has no {PREFIX}ROLE{SUFFIX}: name a NetQASM application's folder")
+    return [file.name[len(PREFIX) : -len(SUFFIX)] for file in files]
+
+
+def placement(
+    roles: Sequence[str], placed: Mapping[str, Any], hosts: Sequence[str]
+) -> dict[str, str]:
+    """Return the host of each role: the one that is named, of its own name, or free."""
+    for role, host in placed.items():
+        _require(role, roles, "roles.yaml or --place")
+        if host not in hosts:
+            raise BadInput(f"{role} on {host}: choose one of {', '.join(hosts)} (--place)")
+    chosen = {role: role for role in roles if role in hosts} | dict(placed)
+    free = [host for host in hosts if host not in chosen.values()]
+    for role in roles:
+        if role not in chosen:
+            if not free:
+                text = f"{len(roles)} roles and {len(hosts)} hosts: choose a larger --topology"
+                raise BadInput(text)
+            chosen[role] = free.pop(0)
+    if len(set(chosen.values())) < len(chosen):
+        raise BadInput(f"two roles on one host: {told(chosen)}; give each its own (--place)")
+    return {role: chosen[role] for role in roles}
+
+
+def read_yaml(file: Path) -> dict[str, Any]:
+    """Return what a file says by name; nothing if there is no file."""
+    try:
+        fields = yaml.safe_load(file.read_text()) if file.exists() else None
+    except (yaml.YAMLError, OSError) as error:
+        raise BadInput(f"cannot read {file}: {error}") from error
+    if fields is not None and not isinstance(fields, dict):
+        raise BadInput(f"{file} does not say values by name")
+    return fields or {}
+
+
+def play(
+    application: Application, network: Network, folder: Path, outputs: list[dict[str, Any]]
+) -> None:
+    """Start the programs, and note what they return until all have ended."""
+    logs = folder / "netqasm"
+    logs.mkdir(exist_ok=True)
+    addresses = {role: network.runtime.addresses[host] for role, host in application.hosts.items()}
+    placed = json.dumps({"hosts": dict(application.hosts), "addresses": addresses})
+    programs = {role: _start(role, application, network, placed, logs) for role in addresses}
+    roles = {program.name: role for role, program in programs.items()}
+
+    def note(program: Program, fields: dict[str, Any]) -> None:
+        if fields.get("event") == "result":
+            number = fields["round"]
+            outputs.extend({} for _ in range(number + 1 - len(outputs)))
+            outputs[number][roles[program.name]] = fields["output"]
+
+    try:
+        follow_all(network, list(programs.values()), note, STALL_TIMEOUT_S)
+    except (TransferError, NetworkError):
+        network.explain()
+        raise
+
+
+def _start(
+    role: str, application: Application, network: Network, placed: str, logs: Path
+) -> Program:
+    command = [python(), "-m", "hosts.applications.netqasm_program", str(application.folder), role]
+    command += ["--stack", network.runtime.socket(application.hosts[role]), "--placement", placed]
+    command += ["--inputs", json.dumps(application.inputs[role]), "--logs", str(logs.resolve())]
+    command += ["--rounds", str(application.rounds)]
+    return network.run_on(application.hosts[role], f"netqasm-{role}", command)
+
+
+def rows(facts: Mapping[str, Any]) -> dict[str, str]:
+    """Return what a person is told of the outputs: those of the last rounds."""
+    outputs = facts["outputs"]
+    shown = {}
+    for number in range(max(0, len(outputs) - MOST_SHOWN), len(outputs)):
+        for role, output in outputs[number].items():
+            name = role if len(outputs) == 1 else f"{role}, round {number + 1}"
+            shown[name] = json.dumps(output)
+    return shown
+
+
+def told(hosts: Mapping[str, str]) -> str:
+    """Return where roles are, as people read it."""
+    return ", ".join(f"{role} on {host}" for role, host in hosts.items())
+
+
+def _placed(word: str) -> tuple[str, str]:
+    role, equals, host = word.partition("=")
+    if not equals:
+        raise BadInput(f"--place {word}: write ROLE=HOST")
+    return role, host
+
+
+def _input(word: str) -> tuple[str, str, Any]:
+    """Return role, name and value of an input; the value is read as YAML."""
+    place, equals, text = word.partition("=")
+    role, dot, name = place.partition(".")
+    if not (equals and dot and name.isidentifier()):
+        raise BadInput(f"--input {word}: write ROLE.NAME=VALUE, as alice.x=1")
+    try:
+        return role, name, yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise BadInput(f"--input {word}: {error}") from error
+
+
+def _require(role: str, roles: Sequence[str], what: str) -> None:
+    if role not in roles:
+        raise BadInput(f"{what} {role}: the application has {', '.join(roles)}")

@@ -1,0 +1,43 @@
+"""qmn netqasm APP_DIR: run a NetQASM application on the hosts of a network (docs/netqasm.md)."""
+
+import argparse
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from qmn.jobs import netqasm
+from qmn.jobs.netqasm import NetqasmRequest
+from qmn.jobs.run_context import guarded
+from qmn.jobs.run_options import RunOptions
+from qmn.network.options import KEYS, NetworkOptions
+from qmn.network.topologies import TOPOLOGIES, topology_name
+from qmn.options import add_options, read
+
+
+def add_parser(verbs: Any) -> None:
+    """Describe the verb."""
+    text = "run a NetQASM application on hosts"
+    parser = verbs.add_parser("netqasm", help=text, description=__doc__)
+    text = "of the application, with app_ROLE.py for each of its roles"
+    parser.add_argument("folder", type=Path, metavar="APP_DIR", help=text)
+    names = f"{', '.join(TOPOLOGIES)}, or FILE.py:CLASS"
+    text = f"over this network ({names}; default: sdc)"
+    parser.add_argument("--topology", type=topology_name, default="sdc", metavar="NAME", help=text)
+    add_options(parser, NetqasmRequest)
+    add_options(parser, NetworkOptions, leave_out=KEYS)
+    add_options(parser, RunOptions)
+    parser.set_defaults(call=_call, needs_root=True)
+
+
+def _call(arguments: argparse.Namespace) -> int:
+    return guarded(partial(netqasm.run, request_of(arguments)))
+
+
+def request_of(arguments: argparse.Namespace) -> NetqasmRequest:
+    """Return what the command line asks for."""
+    return read(
+        NetqasmRequest,
+        arguments,
+        network=read(NetworkOptions, arguments),
+        run=read(RunOptions, arguments),
+    )

@@ -1,0 +1,75 @@
+"""What `qmn netqasm` takes of a folder and of the command line, before anything is started."""
+
+import argparse
+from pathlib import Path
+
+import netqasm.examples.apps
+import pytest
+
+from qmn.jobs.netqasm import checked, placement
+from qmn.options import BadInput
+from qmn.verbs.netqasm import add_parser, request_of
+
+APPS = Path(netqasm.examples.apps.__file__).parent
+HOSTS = ["alice", "bob", "charlie"]
+
+
+def application(folder: Path, *words: str) -> object:
+    """Return what the command line asks for, checked."""
+    parser = argparse.ArgumentParser()
+    add_parser(parser.add_subparsers())
+    arguments = parser.parse_args(["netqasm", str(folder), *words])
+    return checked(request_of(arguments))
+
+
+def test_roles_are_at_the_hosts_of_their_names_and_others_where_there_is_room() -> None:
+    assert placement(["bob", "client", "server"], {}, HOSTS) == {
+        "bob": "bob",
+        "client": "alice",
+        "server": "charlie",
+    }
+    assert placement(["alice", "bob"], {"alice": "bob", "bob": "alice"}, HOSTS) == {
+        "alice": "bob",
+        "bob": "alice",
+    }
+
+
+def test_inputs_come_from_files_and_the_command_line_which_goes_first(tmp_path: Path) -> None:
+    for role in ("alice", "bob"):
+        (tmp_path / f"app_{role}.py").write_text("")
+    (tmp_path / "alice.yaml").write_text("x: 1\nname: left\n")
+    (tmp_path / "roles.yaml").write_text("alice: bob\nbob: charlie\n")
+    words = ["--input", "alice.x=0.5", "--place", "bob=alice", "--rounds", "3"]
+    found = application(tmp_path, *words)
+    assert found.inputs == {"alice": {"x": 0.5, "name": "left"}, "bob": {}}  # type: ignore[attr-defined]
+    assert found.hosts == {"alice": "bob", "bob": "alice"}  # type: ignore[attr-defined]
+    assert found.rounds == 3  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["--place", "eve=alice"], "eve: the application has receiver, sender"),
+        (["--place", "sender=eve"], "sender on eve: choose one of alice, bob, charlie"),
+        (["--place", "sender"], "write ROLE=HOST"),
+        (["--place", "sender=bob", "--place", "receiver=bob"], "two roles on one host"),
+        (["--input", "phi=1"], "write ROLE.NAME=VALUE"),
+        (["--input", "sender.phi=["], "--input sender.phi=["),
+        (["--rounds", "0"], "--rounds 0: choose 1 to"),
+    ],
+)
+def test_what_cannot_be_is_refused_by_name(words: list[str], text: str) -> None:
+    with pytest.raises(BadInput) as refused:
+        application(APPS / "teleport", *words)
+    assert text in str(refused.value)
+
+
+def test_what_is_no_application_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match=r"has no app_ROLE\.py"):
+        application(tmp_path)
+    with pytest.raises(BadInput, match="4 roles and 3 hosts: choose a larger --topology"):
+        application(APPS / "anonymous_transmission")
+    (tmp_path / "app_alice.py").write_text("")
+    (tmp_path / "alice.yaml").write_text("- 1\n")
+    with pytest.raises(BadInput, match="does not say values by name"):
+        application(tmp_path)

@@ -1,0 +1,87 @@
+"""The optics of a quantum switch: each parameter with unit, range and default, declared here alone.
+
+The default loses nothing and takes 100 ns to switch.
+"""
+
+from collections.abc import Collection
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+from wire.parameters.physics import BadParameter, check, parameter
+
+TEMPERATURE_C = (-100.0, 300.0)
+LOSS_DB = (0.0, 100.0)
+FREQUENCY_MHZ = (1, 2**32 - 1)
+PAULIS = "I, X, Z, XZ"
+
+
+@dataclass(frozen=True)
+class PathOptics:
+    """A path of a quantum switch whose optics differ from those of the others."""
+
+    in_port: int
+    out_port: int
+    insertion_loss_db: float = parameter(0.0, *LOSS_DB)
+    rotation: int = parameter(0, 0, 3, PAULIS)  # wire.metadata.Pauli
+
+
+@dataclass(frozen=True)
+class QuantumSwitch:
+    """The optics of a quantum switch.
+
+    The dispatcher models them; a topology gives them as keywords of OpticalSwitch.
+    """
+
+    name: str
+    switching_time_s: float = parameter(100e-9, 0.0, 60.0)
+    insertion_loss_db: float = parameter(0.0, *LOSS_DB)
+    rotation: int = parameter(0, 0, 3, PAULIS)  # wire.metadata.Pauli that every path applies
+    paths: list[PathOptics] = field(default_factory=list)  # that differ from the rest
+    # None: none; else a photon strays with 10^(-dB/10).
+    crosstalk_db: float | None = parameter(None, *LOSS_DB)
+    temperature_c: float = parameter(25.0, *TEMPERATURE_C)
+    max_temperature_c: float = parameter(60.0, *TEMPERATURE_C)
+    hot_loss_db: float = parameter(3.0, *LOSS_DB)  # more on every path while it is hotter than that
+    min_frequency_mhz: int = parameter(191_350_000, *FREQUENCY_MHZ)  # C band
+    max_frequency_mhz: int = parameter(196_100_000, *FREQUENCY_MHZ)
+    grid_mhz: int = parameter(50_000, *FREQUENCY_MHZ)
+    min_power_dbm: float = parameter(-20.0, -100.0, 0.0)
+
+    @classmethod
+    def from_dict(cls, fields: dict[str, Any]) -> "QuantumSwitch":
+        """Build the switch from decoded JSON."""
+        paths = [PathOptics(**path) for path in fields.get("paths", [])]
+        return cls(**{**fields, "paths": paths})
+
+    def check(self) -> None:
+        """Raise BadParameter for optics that cannot be, whatever the switch's ports are."""
+        check(self.name, self)
+        if self.min_frequency_mhz > self.max_frequency_mhz:
+            raise BadParameter(
+                f"{self.name}: min_frequency_mhz {self.min_frequency_mhz} is above "
+                f"max_frequency_mhz {self.max_frequency_mhz}; name the lower one first"
+            )
+        named = set()
+        for path in self.paths:
+            ports, where = (path.in_port, path.out_port), self._where(path)
+            if ports in named:
+                raise BadParameter(f"{where} is named twice; name each path once")
+            named.add(ports)
+            check(where, path)
+
+    def check_ports(self, ports: Collection[int]) -> None:
+        """Raise BadParameter for a path whose ports no fibre ends in."""
+        for path in self.paths:
+            for port in (path.in_port, path.out_port):
+                if port not in ports:
+                    known = ", ".join(map(str, sorted(ports))) or "none"
+                    raise BadParameter(
+                        f"{self._where(path)}: no fibre ends in port {port!r}; "
+                        f"fibres end in {known}"
+                    )
+
+    def _where(self, path: PathOptics) -> str:
+        return f"{self.name}, path {path.in_port} -> {path.out_port}"
+
+
+OPTICS = frozenset(each.name for each in fields(QuantumSwitch)) - {"name"}  # what can be set
