@@ -221,6 +221,12 @@ class Qnic(Protocol):
         fails, what was done before it is done, and what comes behind it is not.
         """
 
+    async def look(self, block: BlockName, entangled: bool) -> "NDArray[np.complex128]":
+        """Return the density matrix of a qubit here, perhaps with all it is entangled with.
+
+        Only where states are simulated, and may be looked at; raise HardwareError otherwise.
+        """
+
     async def discard_block(self, session: int, number: int) -> None:
         """Let go of what has come of both halves of a block."""
 
