@@ -15,6 +15,7 @@ from hosts.hardware.ports import read_ports
 from hosts.hardware.qnic import HardwareError, Qnic
 from hosts.middleware.device import Device
 from hosts.middleware.qkd.keyring import Keyring
+from hosts.middleware.qkd.pair_secrets import PairSecrets
 from hosts.middleware.services import KINDS, NAMES
 from hosts.middleware.services.interception import Interception, InterceptionOptions
 from hosts.middleware.services.source import serve_pairs
@@ -51,12 +52,13 @@ class Stack:
         self._verdicts = Verdicts(config.device_key, config.light == STANDING)
         self._light = Light()
         self.swaps = Swaps(config.address)
+        shared = PairSecrets(config.name, config.pair_secrets, lambda: config.hosts)
         self._means = HostResources(
             config.name,
             config.seed,
             qnic,
             config.analyser,
-            Keyring(config.name, config.pair_secrets, config.keys),
+            Keyring(config.name, shared, config.keys),
             self.swaps,
             config.abilities,
             config.multi_photon,

@@ -2,9 +2,9 @@
 
 from typing import Any, NamedTuple
 
-from topologies.copper_lengths import Ways, shortest
 from topologies.copper_link import LEAST_DELAY_S
 from topologies.runtime import Runtime
+from wire.ways import Ways, shortest
 
 
 class Early(NamedTuple):
@@ -36,12 +36,6 @@ def worst(network: Runtime) -> Early | None:
         if light_s - news_s >= least_s
     ]
     return max(found, key=lambda each: each.early_s, default=None)
-
-
-def news_s(network: Runtime) -> dict[str, dict[str, float]]:
-    """Return how long news takes at least between any two nodes that news can reach."""
-    ways = ways_of_news(network)
-    return {node: _others(ways, node) for node in ways}
 
 
 def ways_of_light(network: Runtime) -> Ways:

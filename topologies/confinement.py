@@ -47,7 +47,7 @@ class ConfinedNode(ShellWatcher):
         words = [*apart, SHELL, self.name, GIVEN_UP, *shown, "--", *folders]
         self.write(f"exec {shlex.join(map(str, words))}\n")  # type: ignore[attr-defined]
         self._await_prompt()
-        self.cmd("unset HISTFILE; stty -echo; set +m")
+        self.cmd("unset HISTFILE; set +m")
         (self._confined,) = children(self.shell.pid)
 
     @property

@@ -7,7 +7,6 @@ A classical switch is where the farthest of its nodes is nearest. Whatever goes 
 takes at least as long as light does between the same two nodes.
 """
 
-import heapq
 from collections import defaultdict
 from math import inf
 from typing import Any
@@ -17,8 +16,7 @@ from mininet.topo import Topo
 from topologies.copper_link import CopperLink
 from topologies.fiber import FiberLink
 from wire.parameters.fiber import FiberOptics
-
-Ways = dict[str, dict[str, float]]  # from each node to its neighbours: lengths, or times
+from wire.ways import Ways, shortest
 
 
 def assign_copper_lengths(topo: Topo, copper_km: float | None = None) -> None:
@@ -84,16 +82,3 @@ def centre(fibers: Ways, nodes: list[str]) -> str | None:
         return max(reached.get(node, inf) for node in nodes)
 
     return min(sorted(fibers), key=farthest)
-
-
-def shortest(ways: Ways, start: str) -> dict[str, float]:
-    """Return how far it is from a node to itself and all that it reaches (Dijkstra)."""
-    reached: dict[str, float] = {}
-    queue = [(0.0, start)]
-    while queue:
-        so_far, node = heapq.heappop(queue)
-        if node not in reached:
-            reached[node] = so_far
-            for far, more in ways.get(node, {}).items():
-                heapq.heappush(queue, (so_far + more, far))
-    return reached

@@ -15,6 +15,7 @@ from mininet.link import Intf, Link
 from mininet.node import Node, Switch
 
 from topologies import runtime
+from topologies.interfaces import make_pair, quick
 from topologies.keywords import refuse_unknown
 from topologies.programs import NetworkError
 from wire.config import Cable
@@ -63,7 +64,7 @@ class CopperLink(Link):
         if not isinstance(loss, int | float) or not 0 <= loss < 1:
             raise BadParameter(f"{where}: loss {loss!r} is not 0 to below 1")
         self.length_km, self.loss = float(length_km), float(loss)
-        super().__init__(node1, node2, **params)
+        super().__init__(node1, node2, **quick(params))
         network = runtime.current()
         network.copper[frozenset((node1.name, node2.name))] = delay_s(self.length_km)
         if self._is_held:
@@ -89,7 +90,9 @@ class CopperLink(Link):
     ) -> None:
         """Make both ends; only an object knows how long it is."""
         if not self._is_held:
-            super().makeIntfPair(intfname1, intfname2, addr1, addr2, node1, node2, deleteIntfs)
+            assert node1 is not None  # Mininet's `fast` links name them
+            assert node2 is not None
+            make_pair([(intfname1, addr1, node1), (intfname2, addr2, node2)])
             return
         ends = (intfname1, node1), (intfname2, node2)
         one, other = (tap(name, node) for name, node in ends)

@@ -7,6 +7,7 @@ from mininet.link import Intf, Link
 from mininet.node import Node, Switch
 
 from topologies import runtime
+from topologies.interfaces import make_pair, quick, switch_ipv6_off
 from topologies.keywords import refuse_unknown
 from wire.parameters.fiber import Fiber, FiberEnd, FiberOptics, optics
 from wire.parameters.physics import BadParameter
@@ -33,9 +34,7 @@ class FiberLink(Link):
         for key, node in (("intfName1", node1), ("intfName2", node2)):
             if not isinstance(node, Switch):
                 params[key] = qnic_name(node)
-        super().__init__(node1, node2, **params)
-        for end in (self.intf1, self.intf2):
-            _silence(end)
+        super().__init__(node1, node2, **quick(params))
         network.fibers.append(Fiber.joining(_end(self.intf1), _end(self.intf2), described))
 
     @classmethod
@@ -49,11 +48,15 @@ class FiberLink(Link):
         node2: Node | None = None,
         deleteIntfs: bool = True,  # noqa: N803
     ) -> None:
-        """Make the veth pair, and silence IPv6 before an end is up: on a fibre is LLDP alone."""
-        super().makeIntfPair(intfname1, intfname2, addr1, addr2, node1, node2, deleteIntfs)
+        """Make the veth pair, and silence IPv6 before an end is up: on a fibre is LLDP alone.
+
+        Its chatter would count as packets of the light's flow entry.
+        """
+        assert node1 is not None  # Mininet's `fast` links name them
+        assert node2 is not None
+        make_pair([(intfname1, addr1, node1), (intfname2, addr2, node2)])
         for node, name in ((node1, intfname1), (node2, intfname2)):
-            assert node is not None  # Mininet's `fast` links name them
-            node.cmd(f"sysctl -qw net.ipv6.conf.{name}.disable_ipv6=1")
+            switch_ipv6_off(node, name)
 
 
 def qnic_name(host: Node) -> str:
@@ -71,12 +74,6 @@ def _end(interface: object) -> FiberEnd:
     node = interface.node  # type: ignore[attr-defined]
     port = str(node.ports[interface]) if isinstance(node, Switch) else str(interface)
     return FiberEnd(node.name, port)
-
-
-def _silence(interface: object) -> None:
-    """Switch IPv6 off, whose chatter would count as packets of the light's flow entry."""
-    node = interface.node  # type: ignore[attr-defined]
-    node.cmd(f"sysctl -qw net.ipv6.conf.{interface}.disable_ipv6=1")
 
 
 def resolved(described: FiberOptics) -> FiberOptics:

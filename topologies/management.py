@@ -9,15 +9,18 @@ it: `link c0 q1 down` cuts q1 off from its controller. q1 keeps its copper to s1
 """
 
 from collections.abc import Mapping
+from ipaddress import IPv4Address
 
 from mininet.node import Node
 
-from topologies.copper_lengths import shortest
 from topologies.copper_link import CopperLink, delay_s, length_km
+from topologies.interfaces import network_of, switch_ipv6_off
+from topologies.openvswitch import ip
 from topologies.runtime import Runtime
+from wire.ways import shortest
 
 BRIDGE_ADDRESS = "02:71:6d:6e:63:30"
-NETWORK = "198.18"  # of RFC 2544, which no host on the Internet has
+NETWORK = IPv4Address("198.18.0.0")  # /15, of RFC 2544, which no host on the Internet has
 
 
 def bridge_of(controller: str) -> str:
@@ -30,16 +33,16 @@ def lay_management(
 ) -> dict[str, str]:
     """Join a controller with switches; return its address for each of them, by name."""
     bridge = bridge_of(controller.name)
-    controller.cmd("ip link set lo up")
-    controller.cmd(
-        "sysctl -qw net.ipv6.conf.all.disable_ipv6=1 net.ipv6.conf.default.disable_ipv6=1"
-    )
-    controller.cmd(f"ip link add {bridge} address {BRIDGE_ADDRESS} type bridge")
-    controller.cmd(f"ip link set {bridge} up")
+    inside = [
+        "link set lo up",
+        f"link add {bridge} address {BRIDGE_ADDRESS} type bridge",
+        f"link set {bridge} up",
+    ]
+    outside = []
     lengths = lengths_to(switches, network)
     addresses = {}
     for number, (name, switch) in enumerate(switches.items(), 1):
-        ours, theirs = (f"{NETWORK}.{number}.{host}" for host in (1, 2))
+        ours, theirs = (str(NETWORK + 256 * number + host) for host in (1, 2))
         link = CopperLink(
             controller,
             switch,
@@ -50,22 +53,18 @@ def lay_management(
             params2={"ip": f"{theirs}/30"},  # with an address it is no port of the bridge
         )
         near, far = link.intf1, link.intf2
-        for command in (
-            f"ip link set {near} master {bridge}",
-            f"ip link set {near} up",
-            f"ip addr add {ours}/30 dev {bridge}",
-            f"ip neigh replace {theirs} lladdr {far.updateMAC()} dev {bridge} nud permanent",
-        ):
-            controller.cmd(command)
-        for command in (
-            f"sysctl -qw net.ipv6.conf.{far}.disable_ipv6=1",
-            f"ip addr replace {theirs}/30 dev {far}",
-            f"ip link set {far} up",
-            f"ip neigh replace {ours} lladdr {BRIDGE_ADDRESS} dev {far} nud permanent",
-        ):
-            switch.cmd(command)
+        inside += [
+            f"link set {near} master {bridge}",
+            f"addr add {ours}/30 dev {bridge}",
+            f"neigh replace {theirs} lladdr {far.updateMAC()} dev {bridge} nud permanent",
+        ]
+        switch_ipv6_off(switch, str(far))
+        outside.append(f"neigh replace {ours} lladdr {BRIDGE_ADDRESS} dev {far} nud permanent")
         network.management.add(str(far))
         addresses[name] = ours
+    with network_of(controller):
+        ip(inside)
+    ip(outside)
     return addresses
 
 

@@ -10,10 +10,11 @@ sudo PYTHONPATH=. mn --custom topologies/mapped.py --topo map,map=abilene
 from collections.abc import Sequence
 from typing import Any
 
-from topologies.copper_lengths import Ways, centre, shortest
+from topologies.copper_lengths import centre
 from topologies.fabric import FabricTopo, Mininet, controllers, findController
 from topologies.maps import Map, Place, Position, positions, read_map
 from topologies.node_kinds import node_device
+from wire.ways import Ways, shortest
 
 __all__ = ["MapTopo", "Mininet", "controllers", "findController", "topos"]
 

@@ -11,9 +11,10 @@ from mininet.node import Controller, Host, OVSSwitch
 
 from topologies import openvswitch, runtime
 from topologies.addresses import broadcast, free_address
-from topologies.causality import news_s
+from topologies.causality import ways_of_news
 from topologies.confinement import ConfinedNode
 from topologies.fiber import python_file, qnics
+from topologies.interfaces import finish_checksums, network_of, switch_ipv6_off
 from topologies.keywords import refuse_unknown
 from topologies.launching import EarlyStart, launch
 from topologies.management import lay_management
@@ -80,6 +81,12 @@ class QuantumNode(ShellWatcher):
         """Whether the network starts or ends just now."""
         return self.network.hurried
 
+    def startShell(self, mnopts: str | None = None) -> None:  # noqa: N802 (Mininet's name)
+        """Start the shell; in a network of its own IPv6 is off from the beginning."""
+        super().startShell(mnopts)
+        if self.inNamespace:
+            switch_ipv6_off(self, "all", "default")
+
     def find_our_programs(self) -> None:
         """Let `qmn spy`, and `python` with our packages, work in the node's shell."""
         folders = f"{ROOT / 'bin'}:{Path(python()).parent}"
@@ -128,9 +135,9 @@ class ClassicalHost(QuantumNode, ConfinedNode, Host):
     def config(self, **params: object) -> dict[str, object]:
         """Configure the interfaces."""
         result: dict[str, object] = super().config(**params)
-        self.cmd("sysctl -qw net.ipv6.conf.all.disable_ipv6=1")
         if openvswitch.datapath() == "user":
-            self.cmd(f"ethtool -K {self.defaultIntf()} tx off rx off")
+            with network_of(self):
+                finish_checksums(str(self.defaultIntf()))
         if self.confined:
             self.confine(self.shown_folders(), covered_folders(self.network))
         self.find_our_programs()
@@ -173,7 +180,7 @@ class DispatcherHost(ClassicalHost):
             qasm=str(network.private_file("quantum.qasm")) if network.qasm else "",
             devices=network.devices,
             event_capture=str(network.private_file(EVENT_CAPTURE)) if network.events else "",
-            news_s=news_s(network),
+            news_s=ways_of_news(network),
             **part(DispatcherSettings, network.settings),
         )
         self.program = launch(network, DISPATCHER, "dispatcher", config, self)
@@ -266,7 +273,7 @@ class QuantumHost(ClassicalHost):
             dispatcher=network.dispatcher,
             token=network.token(self.name),
             socket=network.socket(self.name),
-            hosts=network.addresses,
+            hosts_file=network.hosts_file(),
             source=self.pairs_from or network.source,
             seed=network.settings.seed,
             report_to=broadcast(network.addresses.values(), network.prefix_length),
@@ -277,10 +284,10 @@ class QuantumHost(ClassicalHost):
             features=network.devices[self.name].features.value,
             memory_qubits=network.devices[self.name].memory.capacity,
             multi_photon=network.devices[self.name].source.multi_photon,
+            pair_secrets=network.secrets_folder(),
             pair_rate_hz=pair_rate_hz(network.devices.values()),
             t1_s=network.devices[self.name].memory.t1_s,
             t2_s=network.devices[self.name].memory.t2_s,
-            pair_secrets=network.secrets_of(self.name),
             keys=network.key_folder(self.name),
             light=self.light,
         )
@@ -451,7 +458,7 @@ class OpticalSwitch(ClassicalSwitch):
         # Who asks for the bridge by name, as ovs-ofctl does, comes to the agent.
         Path(config.programs).replace(config.management)
         self._targets = [f"unix:{config.listening(number)}" for number in range(len(commanding))]
-        self.cmd(f"sysctl -qw net.ipv6.conf.{self.name}.disable_ipv6=1")
+        switch_ipv6_off(self, self.name)
         for program in network.programs:
             if program.name == DISPATCHER:  # the agent asks it at once
                 program.wait_for("ready", READY_TIMEOUT_S)

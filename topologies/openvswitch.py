@@ -234,8 +234,14 @@ def delete_interface(name: str) -> None:
 def delete_interfaces(names: Iterable[str]) -> None:
     """Delete interfaces of ours by one command; what is gone already is no fault."""
     if found := there(names):
-        lines = "".join(f"link delete {name}\n" for name in found)
-        _run("ip", "-force", "-batch", "-", given=lines, fails=True, timeout_s=START_TIMEOUT_S)
+        ip([f"link delete {name}" for name in found], fails=True)
+
+
+def ip(commands: Iterable[str], fails: bool = False) -> None:
+    """Run commands of ip(8) together; raise NetworkError for the first that fails, or go on."""
+    lines = "".join(f"{command}\n" for command in commands)
+    force = ["-force"] if fails else []
+    _run("ip", *force, "-batch", "-", given=lines, fails=fails, timeout_s=START_TIMEOUT_S)
 
 
 def await_end_of_interfaces(names: Iterable[str]) -> None:

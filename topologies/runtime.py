@@ -6,6 +6,7 @@ each fibre registers here as it is made, and the programs learn the rest from he
 
 import atexit
 import fcntl
+import json
 import os
 import secrets
 import shutil
@@ -64,11 +65,11 @@ class Runtime:
     tokens: dict[str, str] = field(default_factory=dict)
     prefix_length: int = 24  # of the hosts' network
     device_keys: dict[str, str] = field(default_factory=dict)  # of the hosts' node agents
-    pair_secrets: dict[frozenset[str], str] = field(default_factory=dict)  # of two hosts each
     hurried: bool = False  # whether commands in nodes' shells have a deadline
     metrics_addresses: dict[str, str] = field(default_factory=dict)  # by program: where
 
     def __post_init__(self) -> None:
+        self._hosts_written = 0
         self.time = NetworkTime(self.time_scale, time.time_ns())
         self.name = str(this_process())
         self.folder = RUNTIME_ROOT / self.name
@@ -93,13 +94,21 @@ class Runtime:
         """Return the secret that a host's node agent shares with the controller."""
         return self.device_keys.setdefault(host, secrets.token_hex(16))
 
-    def secrets_of(self, host: str) -> dict[str, str]:
-        """Return the secrets that a host shares with each other host, to authenticate by."""
-        return {
-            other: self.pair_secrets.setdefault(frozenset((host, other)), secrets.token_hex(32))
-            for other in self.devices
-            if other != host
-        }
+    def secrets_folder(self) -> str:
+        """Return the path of the private folder of what two hosts share, to authenticate by."""
+        folder = self.folder / "pair-secrets"
+        folder.mkdir(mode=0o700, exist_ok=True)
+        return str(folder)
+
+    def hosts_file(self) -> str:
+        """Return the path of the file of all hosts that there are now, one for all of them."""
+        file = self.folder / "hosts.json"
+        if len(self.addresses) != self._hosts_written:
+            self._hosts_written = len(self.addresses)
+            unfinished = file.with_suffix(".new")
+            unfinished.write_text(json.dumps(self.addresses))
+            unfinished.replace(file)
+        return str(file)
 
     def key_folder(self, host: str) -> str:
         """Return the path of the folder for the keys of a host; it is private."""

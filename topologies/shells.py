@@ -6,6 +6,7 @@ import select
 import shutil
 import signal
 import subprocess
+import termios
 import time
 from collections.abc import Callable
 from typing import Any
@@ -19,6 +20,7 @@ START_TIMEOUT_S = 20.0
 COMMAND_TIMEOUT_S = 20.0  # of one that sets the node up
 END_TIMEOUT_S = 1.0
 POLL_MS = 50
+LOCAL_FLAGS = 3  # of the settings of a terminal
 
 
 class ShellWatcher:
@@ -67,6 +69,9 @@ class ShellWatcher:
         bash = ["bash", "--norc", "--noediting", "-is", f"mininet:{self.name}"]
         namespace = "-cn" if self.inNamespace else "-c"
         self.master, self.slave = pty.openpty()
+        settings = termios.tcgetattr(self.slave)
+        settings[LOCAL_FLAGS] &= ~termios.ECHO
+        termios.tcsetattr(self.slave, termios.TCSANOW, settings)
         self.shell: subprocess.Popen[bytes] = subprocess.Popen(
             ["mnexec", namespace, "env", *marked, *bash],
             stdin=self.slave,
@@ -84,7 +89,7 @@ class ShellWatcher:
         self.execed, self.waiting, self.readbuf = False, False, ""
         self.lastCmd = self.lastPid = None
         self._await_prompt()
-        self.cmd("unset HISTFILE; stty -echo; set +m")
+        self.cmd("unset HISTFILE; set +m")
 
     def _await_prompt(self) -> None:
         deadline, said = time.monotonic() + START_TIMEOUT_S, ""

@@ -5,6 +5,7 @@ The runner writes them, readable by root alone, because they hold the node token
 
 import json
 from dataclasses import asdict, dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
@@ -98,7 +99,7 @@ class DispatcherConfig(MeasuredConfig, DispatcherSettings):
     max_live_qubits: int = 8_000_000
     record: str = ""  # path of a private record to replay, which must not exist; empty: none
     qasm: str = ""  # path of a dump of what is done to qubits (OpenQASM 2.0); empty: none
-    # How long (s) news takes from each host to each other at least; none: no time at all.
+    # How long (s) news takes from each node to its neighbours at least; none: no time at all.
     news_s: dict[str, dict[str, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -129,12 +130,13 @@ class HostConfig(Config):
     dispatcher: str  # "10.0.0.4:50051"
     token: str
     socket: str  # unix socket on which applications reach the stack
-    hosts: dict[str, str]  # name to address, as /etc/hosts would have it
+    hosts_file: str  # path of a file of all hosts, name to address in JSON, as /etc/hosts has them
     source: str  # name of the host that makes pairs
     seed: int
     report_to: str = ""  # address that the node agent reports to (the subnet's broadcast)
     device_key: str = ""  # that the node agent shares with the controller; empty: no node agent
-    pair_secrets: dict[str, str] = field(default_factory=dict)  # shared with each other host, hex
+    # Path of a private folder of all secrets that two hosts each share; empty: there are none.
+    pair_secrets: str = ""
     keys: str = ""  # path of the folder for keys that it distributes; empty: it keeps none
     analyser: str = "complete"  # its Bell analyser (wire.parameters.physics.BellAnalyser.kind)
     qnic: str = ""  # "path/to/file.py:ClassName" of its hardware; empty: it is simulated
@@ -153,6 +155,18 @@ class HostConfig(Config):
         if self.analyser not in ANALYSERS:
             raise ValueError(f"analyser {self.analyser!r}: choose one of {', '.join(ANALYSERS)}")
         _ = self.abilities
+
+    @cached_property
+    def hosts(self) -> dict[str, str]:
+        """The addresses of all hosts by name, read when somebody asks for one; or raise BadConfig.
+
+        Most hosts of a large network never do.
+        """
+        try:
+            found: dict[str, str] = json.loads(Path(self.hosts_file).read_text())
+        except (OSError, ValueError) as error:
+            raise BadConfig(f"{self.hosts_file}, the file of all hosts: {error}") from error
+        return found
 
     @property
     def abilities(self) -> Abilities:

@@ -101,6 +101,21 @@ def decode_key_ids(body: bytes) -> tuple[UUID, ...]:
     )
 
 
+def encode_request(request: KeyRequest) -> bytes:
+    """Return the body of a request that has no extensions."""
+    fields: dict[str, Any] = {"number": request.number}
+    if request.size is not None:
+        fields["size"] = request.size
+    if request.additional:
+        fields["additional_slave_SAE_IDs"] = request.additional
+    return json.dumps(fields).encode()
+
+
+def encode_key_ids(ids: Sequence[UUID]) -> bytes:
+    """Return the body that asks for keys by their ids."""
+    return json.dumps({"key_IDs": [{"key_ID": str(each)} for each in ids]}).encode()
+
+
 def decode_id_query(query: Mapping[str, Sequence[bytes]]) -> tuple[UUID, ...]:
     """Return the id of a GET of dec_keys, which has one; or raise MalformedPacket."""
     if query.keys() != {"key_ID"}:

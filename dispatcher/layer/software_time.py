@@ -18,6 +18,7 @@ from types import MappingProxyType
 from typing import NamedTuple, TypeVar
 
 from wire import dispatcher_pb2 as messages
+from wire.ways import shortest
 
 MOST_INTERVALS = 100_000  # that are remembered; of waits that began before, less is known
 MOST_DEEDS = 100_000  # of a node, likewise
@@ -83,12 +84,10 @@ class SoftwareTime:
     """The largest share of a wait that was software, and the share of the whole run."""
 
     def __init__(self, news_s: Mapping[str, Mapping[str, float]] = MappingProxyType({})) -> None:
-        """Begin with no waits; news takes so long from one node to another."""
+        """Begin with no waits; news takes so long from each node to its neighbours."""
         self._activity = Activity()
-        self._news_ns = {
-            node: {other: round(each * 1e9) for other, each in others.items()}
-            for node, others in news_s.items()
-        }
+        self._news_s = news_s
+        self._news_ns: dict[str, dict[str, int]] = {}  # from all others, of nodes where it counted
         self._deeds_ns: defaultdict[str, list[int]] = defaultdict(list)  # that others hear of
         self._light: defaultdict[str, list[Cause]] = defaultdict(list)  # by where it came to
         self.longest_ns = 0  # software in one wait
@@ -150,11 +149,18 @@ class SoftwareTime:
         place = bisect_right(light, before_ns, key=lambda each: each.came_ns)
         if place and light[place - 1].began_ns < before_ns:
             yield light[place - 1]
-        delays_ns = self._news_ns.get(node, {})
+        delays_ns = self._delays_ns(node)
         for other, deeds_ns in self._deeds_ns.items():
             delay_ns = delays_ns.get(other, 0)
             if other != node and (place := bisect_left(deeds_ns, before_ns - delay_ns)):
                 yield Cause(deeds_ns[place - 1] + delay_ns, other, deeds_ns[place - 1])
+
+    def _delays_ns(self, node: str) -> dict[str, int]:
+        """Return how long news takes to a node from each that it can come from."""
+        if node not in self._news_ns:
+            reached = shortest(self._news_s, node)
+            self._news_ns[node] = {other: round(each * 1e9) for other, each in reached.items()}
+        return self._news_ns[node]
 
 
 def _forgetting(remembered: list[T]) -> list[T]:

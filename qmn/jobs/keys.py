@@ -73,8 +73,7 @@ def run(request: KeysRequest, signals: Signals, console: Console) -> int:
     opener, acceptor = service.pairs[0]
     light_from = eavesdropping.sender_of_light(service.link.protocol, opener, description)
     eve = PassingEavesdropper(request.eve, light_from, acceptor, folder)
-    description = eve.with_policy(description)
-    context = RunContext(description, request.run, folder, signals, console)
+    context = RunContext(eve.with_policy(description), request.run, folder, signals, console)
     own = {name: getattr(request.keys, name) for name in PARAMETERS}
     own |= vars(request.eve) if request.eve.eve is not None else {}
     facts = {"service": NAME, **known_facts(context, own), "delivered": False}

@@ -78,14 +78,15 @@ def summary(moments: Iterable[Moment], elapsed_s: float) -> dict[str, Any]:
 def words(moment: Moment) -> str:
     """Return a moment as people read it."""
     host = f"{moment['host']}: " if "host" in moment else ""
-    known = {"at", "host", "event", "text"}
+    known = {"at", "host", "event", "text", "opened", "withheld"}
     rest = ", ".join(
         f"{name.replace('_', ' ')} {_figure(value)}"
         for name, value in moment.items()
         if name not in known and value is not None
     )
     text = f" ({moment['text']})" if moment.get("text") else ""
-    return f"{moment['at']:8.2f} s  {host}{moment['event'].replace('_', ' ')}: {rest}{text}"
+    said = f"{host}{moment['event'].replace('_', ' ')}"
+    return f"{moment['at']:8.2f} s  {said}{': ' if rest else ''}{rest}{text}"
 
 
 def _figure(value: Any) -> str:

@@ -18,6 +18,7 @@ from topologies.repeaters import RepeatersTopo
 from topologies.ring import RingTopo
 from topologies.sdc import SdcTopo
 from topologies.tapped import TappedTopo
+from topologies.tree import TreeTopo
 
 TOPOLOGIES: dict[str, tuple[Callable[..., Topo], str]] = {
     "sdc": (SdcTopo, "one quantum switch"),
@@ -25,6 +26,7 @@ TOPOLOGIES: dict[str, tuple[Callable[..., Topo], str]] = {
     "ring": (RingTopo, "quantum switches in a ring"),
     "leaf-spine": (LeafSpineTopo, "two stages of quantum switches"),
     "repeaters": (RepeatersTopo, "repeaters in a line, a quantum switch between neighbours"),
+    "tree": (TreeTopo, "quantum switches in a tree, with up to 1,024 hosts"),
     "tapped": (TappedTopo, "one quantum switch, with eve, who can be put on a fibre"),
     MAP: (MapTopo, "a quantum switch and a host at each place of a map"),
 }
@@ -34,6 +36,7 @@ SIZES = {
     "ring": ("switches", "fibers"),
     "leaf-spine": ("leaves", "spines", "fibers"),
     "repeaters": ("repeaters",),
+    "tree": ("hosts", "switches"),
     "tapped": (),
     MAP: ("map", "fibers", "hosts_at", "sources_at", "repeaters_at"),
 }

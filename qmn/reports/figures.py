@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from qmn.reports import charts, error_counts
 from qmn.reports.drawing import variable
 from qmn.reports.handshake_diagram import handshake_diagram
+from qmn.reports.key_timeline import key_timeline
 from qmn.reports.light_paths import LightPath, without_outcome
 from qmn.reports.map_diagram import map_diagram
 from qmn.reports.markup import figure, missing
@@ -67,6 +68,19 @@ def handshake_figure(run: RunFacts) -> str:
     return figure(
         title, handshake_diagram(steps, lanes(steps, run.network)), text, "wide handshake"
     )
+
+
+def key_figure(run: RunFacts) -> str:
+    """Return the time line of keys, for a run that has kept some."""
+    moments = run.result.get("moments")
+    if moments is None:
+        return ""
+    if not moments:
+        return missing("Keys over time", "nothing has happened to any.")
+    text = "Sessions by their error rate, above the dashed line without a key; shaded: eve listens."
+    if any(each["event"] == "key" for each in moments):
+        text += " Bars: the tunnel is open at this host; strokes: a new key."
+    return figure("Keys over time", key_timeline(moments), text, "wide")
 
 
 def chart_figures(run: RunFacts, paths: Sequence[LightPath]) -> Iterator[str]:

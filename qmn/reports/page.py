@@ -81,6 +81,7 @@ def _transfer_figures(result: Mapping[str, Any]) -> dict[str, str]:
 def _sections(run: RunFacts) -> Iterator[str]:
     paths = light_paths(run.network, run.events)
     yield figures.network(run, paths)
+    yield figures.key_figure(run)
     yield figures.handshake_figure(run)
     yield '<div class="charts">'
     yield from figures.chart_figures(run, paths)

@@ -7,7 +7,7 @@ from typing import Any
 from hosts.middleware.services import NAMES
 from hosts.middleware.services.superdense.options import SuperdenseOptions
 from hosts.timeouts import MAX_BLOCK_S
-from qmn.jobs import keys, service, superdense
+from qmn.jobs import keys, service, superdense, vpn
 from qmn.jobs.keys import KeysRequest
 from qmn.jobs.passing_eavesdropper import PassingEve
 from qmn.jobs.run_context import guarded
@@ -16,6 +16,7 @@ from qmn.jobs.service import ServiceRequest
 from qmn.jobs.service_verbs import SERVICE_PORT, VERBS, Verb
 from qmn.jobs.superdense import SuperdenseRequest
 from qmn.jobs.transfer import APPLICATION_PORT
+from qmn.jobs.vpn import VpnRequest
 from qmn.network.key_options import KeyServiceOptions
 from qmn.network.options import KEYS, NetworkOptions
 from qmn.network.topologies import TOPOLOGIES, topology_name
@@ -33,6 +34,7 @@ def add_parser(verbs: Any) -> None:
     for name, verb in VERBS.items():
         _add_service(jobs, name, verb)
     _add_keys(jobs)
+    _add_vpn(jobs)
 
 
 def _add_superdense(jobs: Any, name: str, what: str) -> None:
@@ -133,8 +135,7 @@ def _add_keys(jobs: Any) -> None:
     text = "keep keys of hosts, and deliver them to programs (ETSI GS QKD 014)"
     parser = jobs.add_parser(keys.NAME, help=text, description=text)
     parser.set_defaults(call=_call_keys)
-    text = f"over this network ({', '.join(TOPOLOGIES)}, or FILE.py:CLASS; default: sdc)"
-    parser.add_argument("--topology", type=topology_name, default="sdc", metavar="NAME", help=text)
+    _add_topology(parser)
     for kind in (KeysRequest, KeyServiceOptions, PassingEve, NetworkOptions, RunOptions):
         add_options(parser, kind)
 
@@ -149,6 +150,37 @@ def keys_request(arguments: argparse.Namespace) -> KeysRequest:
         KeysRequest,
         arguments,
         keys=read(KeyServiceOptions, arguments),
+        eve=read(PassingEve, arguments),
+        network=read(NetworkOptions, arguments),
+        run=read(RunOptions, arguments),
+    )
+
+
+def _add_vpn(jobs: Any) -> None:
+    """Describe the VPN."""
+    text = "a VPN whose keys are of light, with a file moving through it"
+    parser = jobs.add_parser(vpn.NAME, help=text, description=text)
+    parser.set_defaults(call=_call_vpn)
+    _add_topology(parser)
+    for kind in (VpnRequest, PassingEve, NetworkOptions, RunOptions):
+        add_options(parser, kind)
+
+
+def _add_topology(parser: argparse.ArgumentParser) -> None:
+    """Describe the choice of a network; that of superdense coding is the default."""
+    text = f"over this network ({', '.join(TOPOLOGIES)}, or FILE.py:CLASS; default: sdc)"
+    parser.add_argument("--topology", type=topology_name, default="sdc", metavar="NAME", help=text)
+
+
+def _call_vpn(arguments: argparse.Namespace) -> int:
+    return guarded(partial(vpn.run, vpn_request(arguments)))
+
+
+def vpn_request(arguments: argparse.Namespace) -> VpnRequest:
+    """Return what the command line asks for."""
+    return read(
+        VpnRequest,
+        arguments,
         eve=read(PassingEve, arguments),
         network=read(NetworkOptions, arguments),
         run=read(RunOptions, arguments),

@@ -6,6 +6,7 @@ once, by hand.
 """
 
 import asyncio
+import json
 import os
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -314,7 +315,7 @@ async def start_host(
         dispatcher=f"unix:{dispatcher}",
         token=f"token of {name}",
         socket=str(folder / f"{name}.sock"),
-        hosts=RELAYED,
+        hosts_file=str(hosts_file(folder)),
         source="charlie",
         seed=1,
         analyser=analyser,
@@ -323,7 +324,7 @@ async def start_host(
         multi_photon=device.source.multi_photon,
         t1_s=device.memory.t1_s,
         t2_s=device.memory.t2_s,
-        pair_secrets={other: pair_secret(name, other) for other in QNICS if other != name},
+        pair_secrets=str(pair_secrets(folder)),
         keys=str(folder / "keys" / name),
         device_key=device_key(name),
     )
@@ -341,9 +342,18 @@ async def start_host(
     return host
 
 
-def pair_secret(*pair: str) -> str:
-    """Return what two hosts share, whichever of them is named first."""
-    return " and ".join(sorted(pair)).encode().hex()
+def hosts_file(folder: Path) -> Path:
+    """Return the file of all hosts' addresses."""
+    file = folder / "hosts.json"
+    file.write_text(json.dumps(RELAYED))
+    return file
+
+
+def pair_secrets(folder: Path) -> Path:
+    """Return the folder of what hosts share."""
+    made = folder / "pair-secrets"
+    made.mkdir(exist_ok=True)
+    return made
 
 
 async def live_qubits(folder: Path) -> int:

@@ -17,7 +17,7 @@ CONFIG = HostConfig(
     dispatcher="10.0.0.4:50051",
     token="secret",
     socket="/nowhere",
-    hosts={"alice": "10.0.0.1"},
+    hosts_file="",
     source="charlie",
     seed=1,
 )

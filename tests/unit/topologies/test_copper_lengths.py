@@ -7,7 +7,7 @@ import pytest
 from mininet.topo import Topo
 
 from topologies.chain import ChainTopo
-from topologies.copper_lengths import assign_copper_lengths, shortest
+from topologies.copper_lengths import assign_copper_lengths
 from topologies.copper_link import CopperLink
 from topologies.fiber import FiberLink
 from topologies.leaf_spine import LeafSpineTopo
@@ -15,6 +15,7 @@ from topologies.nodes import ClassicalSwitch, OpticalSwitch, QuantumHost
 from topologies.repeaters import RepeatersTopo
 from topologies.ring import RingTopo
 from topologies.sdc import SdcTopo
+from wire.ways import shortest
 
 
 def lengths(topo: Topo) -> dict[str, float]:

@@ -15,8 +15,10 @@ from wire.key_delivery import (
     decode_query,
     decode_refusal,
     decode_request,
+    encode_key_ids,
     encode_keys,
     encode_refusal,
+    encode_request,
 )
 from wire.metadata import MalformedPacket
 
@@ -66,6 +68,12 @@ def test_a_request_is_read() -> None:
 def test_a_request_that_is_none_is_refused(fields: dict[str, object]) -> None:
     with pytest.raises(MalformedPacket):
         decode_request(json.dumps(fields).encode())
+
+
+def test_what_a_client_asks_is_read_as_it_was() -> None:
+    for request in (KeyRequest(), KeyRequest(3, 1024, ("ABC", "DEF"))):
+        assert decode_request(encode_request(request)) == request
+    assert decode_key_ids(encode_key_ids([UUID(ONE), UUID(OTHER)])) == (UUID(ONE), UUID(OTHER))
 
 
 def test_a_query_has_number_and_size() -> None:

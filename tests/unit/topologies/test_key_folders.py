@@ -1,5 +1,6 @@
-"""What every two hosts of a network share, and where their keys go."""
+"""Where hosts find each other, what they share, and where their keys go."""
 
+import json
 from pathlib import Path
 
 import pytest
@@ -16,16 +17,15 @@ def network(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Runtime:
     return Runtime(devices={name: Device() for name in ("alice", "bob", "charlie")})
 
 
-def test_two_hosts_have_a_secret_of_their_own_and_both_are_told_it(network: Runtime) -> None:
-    told = {host: network.secrets_of(host) for host in network.devices}
-    assert told["alice"].keys() == {"bob", "charlie"}
-    secrets = set()
-    for host, others in told.items():
-        for other, secret in others.items():
-            assert told[other][host] == secret
-            assert len(bytes.fromhex(secret)) == 32
-            secrets.add(secret)
-    assert len(secrets) == 3
+def test_all_hosts_are_in_one_file_with_those_that_came_later(network: Runtime) -> None:
+    network.addresses["alice"] = "10.0.0.1"
+    assert json.loads(Path(network.hosts_file()).read_text()) == {"alice": "10.0.0.1"}
+    network.addresses["bob"] = "10.0.0.2"
+    assert json.loads(Path(network.hosts_file()).read_text())["bob"] == "10.0.0.2"
+
+
+def test_what_hosts_share_is_in_a_private_folder(network: Runtime) -> None:
+    assert Path(network.secrets_folder()).stat().st_mode & 0o777 == 0o700
 
 
 def test_keys_go_with_the_network_unless_they_are_to_stay(network: Runtime, tmp_path: Path) -> None:

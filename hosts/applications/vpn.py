@@ -1,0 +1,179 @@
+"""One end of a VPN whose preshared key comes from the host's key manager, and is changed often.
+
+    master                                            slave
+    a new key of its key manager (enc_keys)
+    the key's id, a line over TCP  --------------->   the same key of its own (dec_keys)
+                                   <---------------   uses it, says the id again
+    uses it; WireGuard holds a handshake
+
+No key older than its lifetime is used: the end whose key is closes the tunnel by itself, and it
+opens with the next key. Prints a line of JSON for whatever changes.
+"""
+
+import argparse
+import json
+import socket
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from uuid import UUID
+
+from hosts.applications.key_client import KeyClient, NoKey
+from hosts.applications.wireguard import POLL_S, Tunnel, TunnelError
+from wire.config import BadConfig
+from wire.key_delivery import KeyRequest, decode_key_ids, encode_key_ids
+from wire.metadata import MalformedPacket
+from wire.vpn import AGREEMENT_PORT, VpnConfig
+
+ANSWER_TIMEOUT_S = 10.0
+MAX_LINE = 256
+AGAIN_S = 0.25  # when no key could be had
+HANDSHAKE_S = 15.0
+
+
+def say(event: str, **fields: Any) -> None:
+    """Print one line of JSON."""
+    print(json.dumps({"event": event, "at": time.time(), **fields}), flush=True)
+
+
+@dataclass
+class KeyInUse:
+    """The tunnel, and how old its key is."""
+
+    tunnel: Tunnel
+    lifetime_s: float
+    since_s: float | None = None  # None: it is closed
+
+    def change(self, key_id: UUID, key: bytes) -> None:
+        """Use a key from now on."""
+        self.tunnel.use(key)
+        opened, self.since_s = self.since_s is None, time.monotonic()
+        say("key", key_ID=str(key_id))
+        if opened:
+            say("tunnel_opened")
+
+    def look(self) -> None:
+        """Close the tunnel if its key is too old."""
+        if self.since_s is not None and time.monotonic() - self.since_s > self.lifetime_s:
+            self.tunnel.close()
+            say("tunnel_closed", key_age_s=round(time.monotonic() - self.since_s, 3))
+            self.since_s = None
+
+
+class NoAgreement(Exception):
+    """The other end has not taken a key; the text says why."""
+
+
+def lead(config: VpnConfig, keys: KeyClient, in_use: KeyInUse) -> None:
+    """Change the key as often as it should be, for ever."""
+    next_s, wanting = time.monotonic(), False
+    while True:
+        in_use.look()
+        if time.monotonic() >= next_s:
+            next_s = time.monotonic() + config.rotate_s
+            try:
+                change(config, keys, in_use)
+                wanting = False
+            except (NoKey, NoAgreement) as error:
+                if not wanting:
+                    say("no_key", text=str(error))
+                wanting, next_s = True, time.monotonic() + AGAIN_S
+        time.sleep(POLL_S)
+
+
+def change(config: VpnConfig, keys: KeyClient, in_use: KeyInUse) -> None:
+    """Use a new key at both ends, and wait for the handshake that shows that it is the same."""
+    (key,) = keys.get(config.other_sae, KeyRequest(size=256))
+    agree(config.other, key.key_id)
+    in_use.change(key.key_id, key.key)
+    begun = time.monotonic()
+    while not in_use.tunnel.handshake_done():
+        if time.monotonic() - begun > min(HANDSHAKE_S, in_use.lifetime_s):
+            raise NoAgreement("no handshake with the new key")
+        time.sleep(POLL_S)
+    say("handshake", key_ID=str(key.key_id), seconds=round(time.monotonic() - begun, 3))
+
+
+def agree(other: str, key_id: UUID) -> None:
+    """Tell the other end an id; return when it uses the key, or raise NoAgreement."""
+    line = encode_key_ids([key_id]) + b"\n"
+    try:
+        with socket.create_connection((other, AGREEMENT_PORT), ANSWER_TIMEOUT_S) as connection:
+            connection.sendall(line)
+            if read_line(connection) != line:
+                raise NoAgreement("the other end has not taken the key")
+    except (OSError, MalformedPacket) as error:
+        raise NoAgreement(f"{other} has not taken the key: {error}") from error
+
+
+def follow(config: VpnConfig, keys: KeyClient, in_use: KeyInUse) -> None:
+    """Take the keys whose ids the other end says, for ever."""
+    with socket.create_server((config.address, AGREEMENT_PORT)) as door:
+        door.settimeout(POLL_S)
+        while True:
+            in_use.look()
+            try:
+                connection, (address, _port) = door.accept()
+            except TimeoutError:
+                continue
+            with connection:
+                if address == config.other:
+                    take(config, keys, in_use, connection)
+
+
+def take(config: VpnConfig, keys: KeyClient, in_use: KeyInUse, connection: socket.socket) -> None:
+    """Use the key of the id that a connection says; say the id again."""
+    connection.settimeout(ANSWER_TIMEOUT_S)
+    try:
+        line = read_line(connection)
+        (key_id,) = decode_key_ids(line)
+        (key,) = keys.fetch(config.other_sae, [key_id])
+        in_use.change(key.key_id, key.key)
+        connection.sendall(line)
+    except (OSError, ValueError, NoKey) as error:  # MalformedPacket is a ValueError
+        say("no_key", text=str(error))
+
+
+def read_line(connection: socket.socket) -> bytes:
+    """Return one line; raise MalformedPacket for one that is too long or has no end."""
+    line = b""
+    while not line.endswith(b"\n"):
+        part = connection.recv(MAX_LINE + 1 - len(line))
+        line += part
+        if not part or len(line) > MAX_LINE:
+            raise MalformedPacket(f"a line of {len(line)} bytes without an end")
+    return line
+
+
+def main() -> int:
+    """Read the configuration, keep the tunnel, and turn faults into one line and a status."""
+    parser = argparse.ArgumentParser(prog="python -m hosts.applications.vpn", description=__doc__)
+    parser.add_argument("--config", type=Path, required=True, help="JSON file (wire.vpn)")
+    arguments = parser.parse_args()
+    try:
+        config = VpnConfig.read(arguments.config)
+        tunnel = Tunnel(
+            config.interface,
+            config.private_key,
+            config.inside,
+            config.peer,
+            config.other_inside,
+            config.other if config.leads else "",
+        )
+        tunnel.set_up()
+        print("ready", flush=True)
+        keys = KeyClient(
+            config.address, config.port, config.certificate, config.key_file, config.authority
+        )
+        in_use = KeyInUse(tunnel, config.lifetime_s)
+        (lead if config.leads else follow)(config, keys, in_use)
+    except (BadConfig, TunnelError, OSError) as error:
+        print(f"vpn: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,87 @@
+"""WireGuard as any program drives it: by `wg` and `ip`, whoever wrote what carries the packets.
+
+A preshared key acts at the next handshake only, which WireGuard holds every two minutes. So the
+peer is removed and added with the new key by one command: its session ends, and a handshake with
+the new key begins.
+"""
+
+import base64
+import subprocess
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+PORT = 51_820
+MTU = 1420
+KEEPALIVE_S = 1  # the end that knows the other's address begins the handshake at once
+COMMAND_TIMEOUT_S = 10.0
+READY_TIMEOUT_S = 10.0
+POLL_S = 0.02
+KEY_BYTES = 32
+
+
+class TunnelError(Exception):
+    """A command of the tunnel has failed; the text has its words."""
+
+
+def command(words: Sequence[str], given: bytes = b"") -> str:
+    """Run a command; return what it says, or raise TunnelError."""
+    try:
+        done = subprocess.run(
+            words, input=given, capture_output=True, check=False, timeout=COMMAND_TIMEOUT_S
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise TunnelError(f"{' '.join(words)}: {error}") from error
+    if done.returncode:
+        raise TunnelError(f"{' '.join(words)}: {done.stderr.decode(errors='replace').strip()}")
+    return done.stdout.decode(errors="replace")
+
+
+@dataclass(frozen=True)
+class Tunnel:
+    """One end of a tunnel between two hosts."""
+
+    interface: str
+    private_key: str  # base64, X25519
+    address: str  # inside, with prefix length
+    peer: str  # public key of the other end, base64
+    inside: str  # the other end's address inside
+    endpoint: str  # its address outside; "": it is learned from its handshake
+
+    def set_up(self) -> None:
+        """Give the interface its address and key, once the program that makes it answers."""
+        deadline = time.monotonic() + READY_TIMEOUT_S
+        while True:
+            try:
+                command(["wg", "show", self.interface])
+                break
+            except TunnelError:
+                if time.monotonic() > deadline:
+                    raise
+            time.sleep(POLL_S)
+        words = ["wg", "set", self.interface, "listen-port", str(PORT), "private-key", "/dev/stdin"]
+        command(words, self.private_key.encode())
+        command(["ip", "address", "add", self.address, "dev", self.interface])
+        command(["ip", "link", "set", self.interface, "mtu", str(MTU), "up"])
+
+    def use(self, key: bytes) -> None:
+        """Let packets pass with this preshared key, as soon as both ends have it."""
+        if len(key) != KEY_BYTES:
+            raise TunnelError(f"a preshared key has {KEY_BYTES} bytes, not {len(key)}")
+        reached = []
+        if self.endpoint:
+            reached = ["endpoint", f"{self.endpoint}:{PORT}"]
+            reached += ["persistent-keepalive", str(KEEPALIVE_S)]
+        peer = ["peer", self.peer]
+        added = ["preshared-key", "/dev/stdin", "allowed-ips", f"{self.inside}/32", *reached]
+        words = ["wg", "set", self.interface, *peer, "remove", *peer, *added]
+        command(words, base64.b64encode(key))
+
+    def close(self) -> None:
+        """Let no packet pass."""
+        command(["wg", "set", self.interface, "peer", self.peer, "remove"])
+
+    def handshake_done(self) -> bool:
+        """Return whether there was a handshake with the key that is in use."""
+        said = command(["wg", "show", self.interface, "latest-handshakes"]).split()
+        return dict(zip(said[::2], said[1::2], strict=True)).get(self.peer, "0") != "0"

@@ -1,0 +1,143 @@
+"""WireGuard, which nobody here wrote, keyed by photons: a file passes while its keys change."""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from conftest import ROOT, wait_until
+from fabric_scene import running
+from scapy.layers.inet import UDP
+from scapy.utils import PcapReader
+from test_results_fit_schema import require_schema
+
+from hosts.applications.wireguard import PORT
+from qmn.jobs.tunnel import SOCKETS, start_tunnel
+from topologies.key_managers import KeyService, start_key_managers
+from topologies.network import Network
+from topologies.sdc import SdcTopo
+from wire.key_manager import KeyLink
+
+ROTATE_S, LIFETIME_S = 1.0, 2.0
+SLACK_S = 1.0  # of a busy machine
+# The first byte of WireGuard's messages (its paper, section 5.4).
+INITIATION, RESPONSE, DATA = 1, 2, 4
+
+
+@pytest.fixture(autouse=True)
+def _no_socket_is_left() -> Iterator[None]:
+    yield
+    assert list(SOCKETS.glob("*.sock")) == []
+
+
+def lines_of(log: Path) -> list[dict[str, Any]]:
+    """Return what a program has said, by the clock of this machine."""
+    return [json.loads(line) for line in log.read_text().splitlines() if line.startswith("{")]
+
+
+def wireguard_messages(capture: Path) -> list[tuple[float, int, int]]:
+    """Return when alice's link has seen which kind of message, and how long it was."""
+    with PcapReader(str(capture)) as packets:
+        return [
+            (float(packet.time), bytes(packet[UDP].payload)[0], len(packet[UDP].payload))
+            for packet in packets
+            if UDP in packet and PORT in (packet[UDP].sport, packet[UDP].dport)
+        ]
+
+
+def test_the_tunnel_closes_while_eve_listens_and_the_file_arrives(tmp_path: Path) -> None:
+    file = tmp_path / "file"
+    file.write_bytes(os.urandom(1_500_000))
+    words = ["--with", "wireguard", "--file", str(file), "--rotate", str(ROTATE_S)]
+    words += ["--key-lifetime", str(LIFETIME_S), "--no-events", "--runs", str(tmp_path / "runs")]
+    words += ["--eve", "0.5", "--at", "2", "--until", "4"]
+    command = [sys.executable, "-m", "qmn", "run", "vpn", *words]
+    done = subprocess.run(
+        command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=110
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    folder = tmp_path / "runs" / "latest"
+    assert (folder / "received").read_bytes() == file.read_bytes()
+    require_schema(folder)
+    alice, bob = (lines_of(folder / f"vpn-{host}.log") for host in ("alice", "bob"))
+    keys = {
+        host: [each["key_ID"] for each in said if each["event"] == "key"]
+        for host, said in (("alice", alice), ("bob", bob))
+    }
+    assert keys["alice"] == keys["bob"]
+    assert len(set(keys["alice"])) == len(keys["alice"]) >= 3
+    packets = (folder / "s1-eth1.pcap").read_bytes()
+    assert file.read_bytes()[1000:1032] not in packets
+    alarm_comes_before_the_end(folder, alice)
+    nothing_passes_while_it_is_closed(folder, alice, bob)
+
+
+def alarm_comes_before_the_end(folder: Path, alice: list[dict[str, Any]]) -> None:
+    """Fail unless eve is found, no key comes after that, and the last one ends in its time."""
+    managed = lines_of(folder / "kme-alice.log")
+    alarm = next(each for each in managed if each["event"] == "alarm")
+    assert abs(alarm["qber"] - 0.125) < 5 * (0.125 * 0.875 / 1200) ** 0.5  # a quarter of a half
+    again = next(
+        each["at"] for each in managed if each["event"] == "session" and each["at"] > alarm["at"]
+    )
+    closed = next(each for each in alice if each["event"] == "tunnel_closed")
+    used = [each["at"] for each in alice if each["event"] == "key"]
+    # One may have been given out already when the alarm came.
+    assert not [at for at in used if alarm["at"] + SLACK_S < at < again]
+    last = max(at for at in used if at < closed["at"])
+    assert last + LIFETIME_S <= closed["at"] < last + LIFETIME_S + SLACK_S
+    assert closed["at"] < alarm["at"] + LIFETIME_S + SLACK_S
+
+
+def nothing_passes_while_it_is_closed(
+    folder: Path, alice: list[dict[str, Any]], bob: list[dict[str, Any]]
+) -> None:
+    """Fail unless packets of the tunnel are in the capture while it is open, and only then."""
+    events = sorted((each["at"], each["event"]) for each in (*alice, *bob))
+    closed = max(at for at, event in events if event == "tunnel_closed")
+    opened = min(at for at, event in events if event == "tunnel_opened" and at > closed)
+    assert opened > closed
+    messages = wireguard_messages(folder / "s1-eth1.pcap")
+    passed = [at for at, kind, length in messages if kind == DATA and length > 1000]
+    assert [at for at in passed if at < closed]
+    assert [at for at in passed if at > opened]
+    assert not [at for at in passed if closed + SLACK_S < at < opened]
+    handshakes = [each for each in alice if each["event"] == "handshake"]
+    kinds = [kind for _at, kind, _length in messages]
+    assert kinds.count(INITIATION) >= kinds.count(RESPONSE) >= len(handshakes)
+
+
+@pytest.fixture
+def tunnelled(tmp_path: Path) -> Iterator[Network]:
+    """Start a tunnel whose key stays as it is."""
+    pairs, link = [("alice", "bob")], KeyLink("", True, low=2, high=4, options={"count": 12_000})
+    with running(SdcTopo, tmp_path) as network:
+        managers = start_key_managers(network, KeyService(pairs, link))
+        tunnel = start_tunnel(network, managers, ("alice", "bob"), 500.0, 600.0)
+        log = tunnel.programs[0].log
+        wait_until(lambda: '"handshake"' in log.read_text(), "the first handshake", 30.0)
+        yield network
+
+
+def test_without_the_same_key_at_both_ends_nothing_passes(tunnelled: Network) -> None:
+    alice = tunnelled.host("alice")
+    ping = "ping -c1 -W2 192.168.77.2"
+
+    def use(key: str) -> None:
+        peer, endpoint = "peer $PEER", "endpoint 10.0.0.2:51820 allowed-ips 192.168.77.2/32"
+        alice.cmd("PEER=$(wg show wg-alice peers)")
+        given = f"{peer} remove {peer} preshared-key /dev/stdin {endpoint}"
+        said = alice.cmd(f"echo {key} | wg set wg-alice {given}")
+        assert said.strip() == "", said
+
+    assert " 0% packet loss" in alice.cmd(ping)
+    _peer, right = alice.cmd("wg show wg-alice preshared-keys").split()
+    assert right == tunnelled.host("bob").cmd("wg show wg-bob preshared-keys").split()[1]
+    use("AAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAA=")
+    assert "100% packet loss" in alice.cmd(ping)
+    use(right)
+    assert " 0% packet loss" in alice.cmd(ping)
