@@ -284,6 +284,7 @@ class QuantumHost(ClassicalHost):
             features=network.devices[self.name].features.value,
             memory_qubits=network.devices[self.name].memory.capacity,
             multi_photon=network.devices[self.name].source.multi_photon,
+            intensities=list(network.devices[self.name].source.intensities),
             pair_secrets=network.secrets_folder(),
             pair_rate_hz=pair_rate_hz(network.devices.values()),
             t1_s=network.devices[self.name].memory.t1_s,

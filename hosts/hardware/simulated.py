@@ -1,5 +1,6 @@
 """The simulated QNIC: every call is a request to the dispatcher, over the host's own CNIC."""
 
+import math
 import time
 from collections.abc import AsyncIterator, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -7,6 +8,7 @@ from itertools import islice
 
 import grpc
 import numpy as np
+from numpy.typing import NDArray
 
 from hosts.hardware.operations import OUTCOMES, Operation
 from hosts.hardware.orders import NotHere, Orders, proved
@@ -23,6 +25,7 @@ from hosts.hardware.qnic import (
     Symbols,
 )
 from hosts.hardware.steps import steps_of
+from hosts.timeouts import DISPATCHER_TIMEOUT_S
 from wire.dispatcher_pb2 import (
     ApplyRequest,
     BellMeasureRequest,
@@ -33,6 +36,7 @@ from wire.dispatcher_pb2 import (
     Gate,
     GatherRequest,
     Launch,
+    LookRequest,
     MeasureRequest,
     Pick,
     ReceiveRequest,
@@ -129,7 +133,9 @@ class SimulatedQnic:
         outcomes = np.frombuffer(feedback.outcomes, dtype=np.uint8)
         return Coincidences(outcomes, feedback.clicks, feedback.time_ns)
 
-    async def prepare(self, session: int, number: int, states: Symbols) -> BlockName:
+    async def prepare(
+        self, session: int, number: int, states: Symbols, levels: Symbols | None = None
+    ) -> BlockName:
         """Make a photon in each of these states, at this host."""
         create = CreateRequest(
             session=session,
@@ -137,6 +143,7 @@ class SimulatedQnic:
             count=states.size,
             state=CreateRequest.PREPARED,
             states=states.tobytes(),
+            levels=b"" if levels is None else levels.tobytes(),
         )
         await self._orders.perform(Step(create=create))
         return BlockName(session, number, 0)
@@ -269,6 +276,18 @@ class SimulatedQnic:
             outcomes += b"".join(feedback.outcomes for feedback in feedbacks)
         assert len(outcomes) == sum(each.kind in OUTCOMES for each in operations)
         return list(outcomes)
+
+    async def look(self, block: BlockName, entangled: bool) -> NDArray[np.complex128]:
+        """Return the density matrix of a qubit at this host."""
+        try:
+            proof = await proved(self._stub, self._token, "Look")
+            request = LookRequest(block=_named(block), entangled=entangled)
+            reply = await self._stub.Look(request, metadata=proof, timeout=DISPATCHER_TIMEOUT_S)
+        except grpc.aio.AioRpcError as error:
+            raise HardwareError(f"dispatcher: {error.details()}") from error
+        flat = np.array(reply.real) + 1j * np.array(reply.imaginary)
+        size = math.isqrt(flat.size)
+        return flat.reshape(size, size)
 
     async def watch(self, session: int, history: bool, follow: bool) -> AsyncIterator[bytes]:
         """Yield what happens at this host; the dispatcher tells a host nothing else."""

@@ -12,6 +12,7 @@ from hosts import network_loop
 from hosts.key_delivery.delivery import KeyDelivery
 from hosts.key_delivery.filling import fill, open_to_others
 from hosts.key_delivery.other_managers import OtherManagers
+from hosts.key_delivery.sessions import StackGone
 from hosts.key_delivery.web import serve
 from hosts.middleware.qkd.key_store import KeyStoreError
 from wire.config import BadConfig
@@ -49,7 +50,7 @@ def main() -> int:
     try:
         config = KeyManagerConfig.read(arguments.config)
         network_loop.run(run(config), config.time)
-    except (BadConfig, KeyStoreError, OSError) as error:  # ssl.SSLError is an OSError
+    except (BadConfig, KeyStoreError, StackGone, OSError) as error:  # ssl.SSLError is an OSError
         print(f"key manager: {error}", file=sys.stderr)
         return 1
     return 0

@@ -19,7 +19,7 @@ from contextlib import AsyncExitStack, asynccontextmanager
 from functools import partial
 
 from hosts.key_delivery.delivery import KeyDelivery
-from hosts.key_delivery.sessions import Outcome, hold, listening, offered
+from hosts.key_delivery.sessions import Outcome, StackGone, hold, listening, offered
 from hosts.middleware.services.key_distribution.options import KeyOptions
 from hosts.network_loop import wall_sleep
 from hosts.timeouts import CHECK_PERIOD_S
@@ -31,13 +31,19 @@ PORTS = {"bb84": KEY_LINK_PORT, "bbm92": KEY_LINK_PORT + 1}
 
 async def fill(config: KeyManagerConfig, delivery: KeyDelivery) -> None:
     """Keep all stores filled; StackGone when the host's stack has ended."""
-    async with asyncio.TaskGroup() as group:
-        for link in config.links:
-            if link.opens:
-                group.create_task(_keep(config, delivery, link))
-        for protocol in taken_part_in(config):
-            group.create_task(_take_part(config, delivery, protocol))
-        group.create_task(asyncio.Event().wait())  # without links there is nothing to end
+    try:
+        async with asyncio.TaskGroup() as group:
+            for link in config.links:
+                if link.opens:
+                    group.create_task(_keep(config, delivery, link))
+            for protocol in taken_part_in(config):
+                group.create_task(_take_part(config, delivery, protocol))
+            group.create_task(asyncio.Event().wait())  # without links there is nothing to end
+    except ExceptionGroup as faults:
+        gone, others = faults.split(StackGone)
+        if others is not None or gone is None:
+            raise
+        raise StackGone(str(gone.exceptions[0])) from faults
 
 
 def taken_part_in(config: KeyManagerConfig) -> set[str]:

@@ -103,7 +103,8 @@ def watch(
     except Interrupted:
         if seconds is not None:
             raise
-    noted.gather()
+    finally:
+        noted.finish()
 
 
 def introduce(console: Console, managers: KeyManagers) -> None:

@@ -49,6 +49,11 @@ class Moments:
         for moment in sorted(said, key=lambda each: each["at"]):
             self._note(moment)
 
+    def finish(self) -> None:
+        """Gather what is left, and put all into the order of its times."""
+        self.gather()
+        self.all.sort(key=lambda moment: float(moment["at"]))
+
     def _note(self, moment: Moment) -> None:
         self.all.append({**moment, "at": round(moment["at"], 3)})
         self._tell(moment)

@@ -6,7 +6,7 @@ of each role in roles.yaml, as NetQASM's own `netqasm simulate` wants it.
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -55,6 +55,7 @@ class NetqasmRequest:
     rounds: int = option(
         1, "run it so many times, one after the other (1)", metavar="N", range=(1, 1_000_000)
     )
+    looking: bool = option(True, "programs may not look at states (get_qubit_state)")
     network: NetworkOptions
     run: RunOptions
 
@@ -71,7 +72,7 @@ class Application:
 
 def run(request: NetqasmRequest, signals: Signals, console: Console) -> int:
     """Do the whole run and return its exit status."""
-    description = describe_network(request.network)
+    description = describe_network(replace(request.network, looking=request.looking))
     application = checked(request, description.hosts)
     require_root()
     folder = begin_folder(request.run.runs, "netqasm")

@@ -17,7 +17,7 @@ from qmn.live.metrics_targets import announce
 from qmn.network.custom_topology import BadTopology, short_name
 from qmn.network.description import NetworkDescription
 from qmn.network.options import settings
-from qmn.options import BadInput
+from qmn.options import BadInput, option_names
 from qmn.reports.report_file import begin_loading, report_of_run
 from qmn.results.network_facts import network_facts
 from qmn.results.run_folder import give_to_invoker, given_at_the_end, make_folder, point_latest
@@ -30,7 +30,6 @@ from topologies.slow_copper import slow_metadata
 
 # Options that a result tells elsewhere, or that do not change what comes out.
 NO_PARAMETERS = {
-    "topology",
     "controller",
     "seed",
     "backend",
@@ -91,7 +90,8 @@ def begin_folder(runs: Path, name: str) -> Path:
 def known_facts(context: RunContext, own: Mapping[str, Any]) -> dict[str, Any]:
     """Return the facts that are known before the start; `own` are the job's parameters."""
     options, run = context.network.options, context.options
-    said = {name: value for name, value in vars(options).items() if name not in NO_PARAMETERS}
+    said = {name: getattr(options, name) for name in option_names(options)}
+    said = {name: value for name, value in said.items() if name not in NO_PARAMETERS}
     said = {**own, **said, "classical_mbps": run.classical_mbps}
     return {
         "topology": options.topology,

@@ -157,6 +157,7 @@ def use_network(
     try:
         watch(network, noted, eve, [*tunnel.programs, moved.server], moved, request.seconds)
     finally:
+        noted.finish()
         facts["asking"] = figures(noted, moved, file)
 
 

@@ -1,7 +1,7 @@
 """qmn share RUN COPY: a copy of a run's folder that can be given away.
 
 A run's folder can be read by its owner alone. Captures and event logs show what every qubit was: of
-a run that distributed keys, the keys come of that, and the copy holds none of it. Everything else
+a run that may have made keys, the keys come of that, and the copy holds none of it. Everything else
 is copied, readable by all. Keys that a run keeps are never in its folder.
 """
 
@@ -15,7 +15,11 @@ from typing import Any
 from qmn.live.event_sources import RESULT
 from wire.metadata import Service
 
-KEYS = {service.name.lower() for service in (Service.BB84, Service.BBM92)}
+# Services that make no keys; in a network of `qmn cli` or a script anybody may have made some.
+WITHOUT_KEYS = {
+    service.name.lower()
+    for service in (Service.SDC, Service.TELEPORT, Service.DISTRIBUTE, Service.SWAP)
+}
 QUBITS = ("*.pcap", "*.pcapng", "quantum.*", "dispatcher.record")  # what shows what qubits were
 FILE_MODE, FOLDER_MODE = 0o644, 0o755
 
@@ -52,7 +56,8 @@ def share(run: Path, copy: Path) -> list[str]:
         facts = json.loads((run / RESULT).read_text())
     except (OSError, ValueError) as error:
         raise CannotShare(f"{run} has no {RESULT} of a run that has ended: {error}") from error
-    secret = QUBITS if not isinstance(facts, dict) or facts.get("service") in KEYS else ()
+    without = isinstance(facts, dict) and facts.get("service") in WITHOUT_KEYS
+    secret = () if without else QUBITS
     try:
         copy.mkdir(mode=FOLDER_MODE)
     except OSError as error:

@@ -103,6 +103,35 @@ def test_who_has_no_certificate_of_the_authority_gets_no_answer(scene: Scene) ->
     assert said.split()[-1] == "35", said  # of curl: no TLS connection
 
 
+def test_what_no_client_would_say_is_refused_and_the_next_one_is_served(
+    scene: Scene, tmp_path: Path
+) -> None:
+    body = tmp_path / "body"
+    for content, status in (
+        (b"[" * 60_000, 400),
+        (b'{"number": ' + b"9" * 5_000 + b"}", 400),
+        (b"{" + b" " * 70_000 + b"}", 400),
+        (b"\xff\xfe", 400),
+        (b" " * (1 << 21), 400),
+    ):
+        body.write_bytes(content)
+        said = scene.run(
+            "alice",
+            f'{CURL} --data-binary @{body} -o {tmp_path}/said -w "%{{http_code}}" '
+            '"$KME/api/v1/keys/sae-bob/enc_keys"',
+        )
+        assert said.strip().endswith(str(status)), (content[:20], said)
+    for words, status in (("-X DELETE", 405), ("-X PATCH", 405)):
+        assert scene.curl("alice", "sae-bob/enc_keys", words)[0] == status
+    assert scene.curl("alice", "%ff/status")[0] == 400
+    assert scene.curl("alice", "../../qmn/assignments", "--path-as-is")[0] == 404
+    assignment = f'{CURL} -d "{{}}" -w "%{{http_code}}" "$KME/qmn/assignments"'
+    assert scene.run("alice", assignment).endswith("400")
+    noise = "head -c 5000 /dev/urandom > /dev/tcp/10.0.0.1/8443; echo done"
+    assert "done" in scene.run("bob", noise)
+    assert scene.curl("alice", "sae-bob/status")[0] == 200
+
+
 def test_no_key_is_in_the_packets(scene: Scene) -> None:
     _status, got = scene.curl("alice", "sae-bob/enc_keys?number=3")
     ids = [{"key_ID": key["key_ID"]} for key in got["keys"]]

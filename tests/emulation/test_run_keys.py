@@ -1,6 +1,7 @@
 """qmn run keys: stores stay filled over cuts and eavesdroppers, and say what happened when."""
 
 import json
+import re
 import subprocess
 import sys
 import tomllib
@@ -14,6 +15,7 @@ from test_results_fit_schema import require_schema
 from hosts.middleware.qkd.key_store import KeyStore
 from hosts.middleware.qkd.keyring import CAPACITY
 from qmn.jobs.transfer import Lines
+from topologies.certificates import CertificateAuthority
 from topologies.key_managers import KeyService, start_key_managers
 from topologies.sdc import SdcTopo
 from wire.key_manager import KeyLink
@@ -77,3 +79,31 @@ def test_several_pairs_keep_keys_and_sessions_come_back_after_a_cut(tmp_path: Pa
         assert store.mine == 0
         network.net.configLinkStatus("alice", "q1", "up")
         wait_until(lambda: store.mine >= 8, "alice has keys again", 30.0)
+
+
+def test_hosts_of_the_command_line_find_their_keys_with_certificates_that_were_given(
+    tmp_path: Path,
+) -> None:
+    folder, hosts = tmp_path / "certificates", ("alice", "bob", "charlie")
+    authority = CertificateAuthority(folder, "somebody else's")
+    for number, host in enumerate(hosts, start=1):
+        authority.issue(f"kme-{host}", {host: f"10.0.0.{number}"})
+        authority.issue(f"sae-{host}")
+    authority.issue("web")
+    curl = "curl -sS --cert $SAE_CERT --key $SAE_KEY --cacert $KME_CA $KME/api/v1/keys"
+    words = ["--key-pair", "alice:bob", "--sae", "web=bob", "--certificates", str(folder)]
+    command = [sys.executable, "-m", "qmn", "cli", "sdc", *words, "--runs", str(tmp_path / "runs")]
+    done = subprocess.run(
+        command,
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+        input=f"alice {curl}/web/status\nbob {curl}/sae-alice/status\n",
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "keys of alice: https://10.0.0.1:8443" in done.stdout
+    said = [json.loads(each) for each in re.findall(r"\{.*?\}", done.stdout)]
+    names = [(each["master_SAE_ID"], each["slave_SAE_ID"], each["key_size"]) for each in said]
+    assert names == [("sae-alice", "web", 256), ("sae-bob", "sae-alice", 256)]

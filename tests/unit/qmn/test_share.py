@@ -36,7 +36,7 @@ def test_a_run_is_its_owners(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("service", "shared"),
-    [("sdc", FILES), ("bb84", FILES[:3]), ("bbm92", FILES[:3])],
+    [("sdc", FILES), ("bb84", FILES[:3]), ("bbm92", FILES[:3]), ("keys", FILES[:3])],
 )
 def test_a_copy_can_be_read_and_shows_no_key(
     tmp_path: Path, service: str, shared: tuple[str, ...]

@@ -44,3 +44,12 @@ def test_if_one_id_is_not_here_none_goes_out(tmp_path: Path) -> None:
     with pytest.raises(MissingKey):
         store.take_all([keys[0].key_id, uuid4()])
     assert store.theirs == 5
+
+
+def test_if_another_process_is_faster_what_was_taken_goes_back(tmp_path: Path) -> None:
+    store, keys = filled(tmp_path / "keys", first=True, count=2)
+    # A name whose file is gone when it is opened, as of a key that another has taken just now.
+    (tmp_path / "keys" / "first" / str(uuid4())).symlink_to(tmp_path / "nowhere")
+    with pytest.raises(MissingKey):
+        store.take_oldest(3)
+    assert {key.key_id for key in store.take_oldest(2)} == {key.key_id for key in keys}

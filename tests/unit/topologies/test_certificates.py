@@ -1,0 +1,67 @@
+"""Certificates of a run, as a verifier that is not ours judges them, by the rules of browsers."""
+
+import ipaddress
+import stat
+from pathlib import Path
+
+import pytest
+from cryptography import x509
+from cryptography.x509.verification import PolicyBuilder, Store, VerificationError
+
+from topologies.certificates import CertificateAuthority, CertificateFiles
+from topologies.key_managers import given
+from topologies.programs import NetworkError
+
+ADDRESS = ipaddress.ip_address("10.0.0.1")
+
+
+def loaded(path: Path) -> x509.Certificate:
+    return x509.load_pem_x509_certificate(path.read_bytes())
+
+
+def verify(authority: Path, files: CertificateFiles, subject: x509.GeneralName) -> None:
+    """Raise VerificationError unless this is a server of that name, by that authority."""
+    assert isinstance(subject, x509.DNSName | x509.IPAddress)
+    store = Store([loaded(authority)])
+    PolicyBuilder().store(store).build_server_verifier(subject).verify(
+        loaded(files.certificate), []
+    )
+
+
+def test_a_key_managers_certificate_is_good_for_its_host_alone(tmp_path: Path) -> None:
+    authority = CertificateAuthority(tmp_path / "certificates", "ours")
+    files = authority.issue("kme-alice", {"alice": str(ADDRESS)})
+    verify(authority.certificate, files, x509.DNSName("alice"))
+    verify(authority.certificate, files, x509.IPAddress(ADDRESS))
+    for other in (x509.DNSName("bob"), x509.IPAddress(ipaddress.ip_address("10.0.0.2"))):
+        with pytest.raises(VerificationError):
+            verify(authority.certificate, files, other)
+    stranger = CertificateAuthority(tmp_path / "others", "ours")
+    with pytest.raises(VerificationError):
+        verify(stranger.certificate, files, x509.DNSName("alice"))
+
+
+def test_an_applications_certificate_is_no_servers(tmp_path: Path) -> None:
+    authority = CertificateAuthority(tmp_path / "certificates", "ours")
+    files = authority.issue("sae-alice")
+    with pytest.raises(VerificationError):
+        verify(authority.certificate, files, x509.DNSName("sae-alice"))
+    usage = loaded(files.certificate).extensions.get_extension_for_class(x509.ExtendedKeyUsage)
+    assert list(usage.value) == [x509.oid.ExtendedKeyUsageOID.CLIENT_AUTH]
+
+
+def test_private_keys_are_their_owners(tmp_path: Path) -> None:
+    authority = CertificateAuthority(tmp_path / "certificates", "ours")
+    files = authority.issue("sae-alice")
+    modes = [
+        stat.S_IMODE(path.stat().st_mode) for path in (tmp_path / "certificates", files.private_key)
+    ]
+    assert modes == [0o700, 0o600]
+
+
+def test_a_folder_of_certificates_that_lacks_one_is_refused_by_name(tmp_path: Path) -> None:
+    authority = CertificateAuthority(tmp_path / "certificates", "ours")
+    made = authority.issue("sae-alice")
+    assert given(tmp_path / "certificates", ["sae-alice"]) == {"sae-alice": made}
+    with pytest.raises(NetworkError, match=r"sae-bob.pem is missing"):
+        given(tmp_path / "certificates", ["sae-alice", "sae-bob"])
