@@ -6,7 +6,8 @@ import shutil
 import signal
 import subprocess
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
 from topologies import owners
@@ -36,6 +37,32 @@ def vsctl(*arguments: str) -> str:
         if found and (silent := [name for name in DAEMONS if not _answers(found, name)]):
             raise NetworkError(f"{silent[0]} {_silence(found, silent[0])}") from error
         raise
+
+
+_put_off: list[str] | None = None  # words of changes, within one_transaction
+
+
+@contextmanager
+def one_transaction() -> Iterator[None]:
+    """Make all changes together at the end: Open vSwitch goes through all its ports for each."""
+    global _put_off
+    _put_off = []
+    try:
+        yield
+        words = _put_off
+    finally:
+        _put_off = None
+    if words:
+        vsctl(*words)
+
+
+def change(*arguments: str) -> str:
+    """Run ovs-vsctl; in a transaction, when all that it does is known, and without its words."""
+    words = list(arguments[1:] if arguments[:1] == ("--",) else arguments)
+    if _put_off is None:
+        return vsctl(*words)
+    _put_off.extend(["--", *words] if _put_off else words)
+    return ""
 
 
 def _answers(found: Mapping[str, Owner], name: str) -> bool:

@@ -21,11 +21,22 @@ class ParallelMininet(IperfMininet):
         super().configHosts()
 
     def start(self) -> None:
-        """Start all agents, then wait for everything."""
-        for switch in self.switches:
+        """Make all bridges together and start all agents, then wait for everything."""
+        ours = [switch for switch in self.switches if isinstance(switch, ClassicalSwitch)]
+        with openvswitch.one_transaction():
+            for switch in ours:
+                switch.lay()
+        for switch in ours:
             if isinstance(switch, OpticalSwitch):
                 switch.launch(self.controllers)
-        super().start()
+        for controller in self.controllers:
+            controller.start()
+        with openvswitch.one_transaction():
+            for switch in self.switches:
+                switch.start(self.controllers)
+        for switch in self.switches:
+            if switch not in ours and hasattr(switch, "batchStartup"):
+                switch.batchStartup([switch])  # what it has put off, as Mininet would
 
     def stop(self) -> None:
         """Stop everything; go on where one thing fails, and raise that at the end.

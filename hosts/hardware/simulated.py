@@ -133,7 +133,9 @@ class SimulatedQnic:
         outcomes = np.frombuffer(feedback.outcomes, dtype=np.uint8)
         return Coincidences(outcomes, feedback.clicks, feedback.time_ns)
 
-    async def prepare(self, session: int, number: int, states: Symbols) -> BlockName:
+    async def prepare(
+        self, session: int, number: int, states: Symbols, levels: Symbols | None = None
+    ) -> BlockName:
         """Make a photon in each of these states, at this host."""
         create = CreateRequest(
             session=session,
@@ -141,6 +143,7 @@ class SimulatedQnic:
             count=states.size,
             state=CreateRequest.PREPARED,
             states=states.tobytes(),
+            levels=b"" if levels is None else levels.tobytes(),
         )
         await self._orders.perform(Step(create=create))
         return BlockName(session, number, 0)

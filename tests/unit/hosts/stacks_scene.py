@@ -324,6 +324,7 @@ async def start_host(
         features=device.features.value,
         memory_qubits=device.memory.capacity,
         multi_photon=device.source.multi_photon,
+        intensities=list(device.source.intensities),
         t1_s=device.memory.t1_s,
         t2_s=device.memory.t2_s,
         pair_secrets=str(pair_secrets(folder)),

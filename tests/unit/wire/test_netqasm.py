@@ -227,6 +227,9 @@ def test_answers_to_requests_for_pairs() -> None:
     assert decode_answer(data) == (Verdict.READY, 49_152)
     with pytest.raises(MalformedPacket):
         decode_answer(bytes.fromhex("5145 01 09 c000"))
+    for wrong in (data[:-1], data + b"\0", b""):
+        with pytest.raises(MalformedPacket):
+            decode_answer(wrong)
 
 
 def test_greetings_and_texts_come_back_and_nothing_else_does() -> None:
