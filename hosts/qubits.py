@@ -30,8 +30,6 @@ NUMBERS, WORDS, TOLD = range(3)  # addresses of arrays: of qubits, of a request,
 TOLD_OF_A_PAIR, WORDS_OF_A_REQUEST = 10, 22
 KEEP = 0
 
-Step = tuple[str, *tuple[int, ...]]
-
 
 class Qubit:
     """A qubit of this host; used up when it is measured or freed."""
@@ -69,23 +67,27 @@ class Qubit:
 
     def cnot(self, target: "Qubit") -> None:
         """Flip another qubit of this host where this one is 1."""
-        self._processor.do(("set", QUBIT, self.number), ("set", OTHER, target.number))
-        self._processor.do(("cnot", QUBIT, OTHER))
+        self._processor.do("set", QUBIT, self.number)
+        self._processor.do("set", OTHER, target.number)
+        self._processor.do("cnot", QUBIT, OTHER)
 
     def cz(self, other: "Qubit") -> None:
         """Flip the phase where this one and another qubit of this host are 1."""
-        self._processor.do(("set", QUBIT, self.number), ("set", OTHER, other.number))
-        self._processor.do(("cphase", QUBIT, OTHER))
+        self._processor.do("set", QUBIT, self.number)
+        self._processor.do("set", OTHER, other.number)
+        self._processor.do("cphase", QUBIT, OTHER)
 
     def measure(self) -> int:
         """Return 0 or 1, as found along Z; the qubit is used up."""
-        self._processor.do(("set", QUBIT, self.number), ("meas", QUBIT, OUTCOME))
-        self._processor.do(("qfree", QUBIT), ("ret_reg", OUTCOME))
+        self._processor.do("set", QUBIT, self.number)
+        self._processor.do("meas", QUBIT, OUTCOME)
+        self._processor.do("qfree", QUBIT)
+        self._processor.do("ret_reg", OUTCOME)
         return self._processor.flush_and_release(self)
 
     def _gate(self, name: str, *operands: int) -> None:
-        step: Step = name, QUBIT, *operands
-        self._processor.do(("set", QUBIT, self.number), step)
+        self._processor.do("set", QUBIT, self.number)
+        self._processor.do(name, QUBIT, *operands)
 
 
 class Processor:
@@ -104,7 +106,9 @@ class Processor:
     def qubit(self) -> Qubit:
         """Return a new qubit in |0>."""
         (qubit,) = self._new(1)
-        self.do(("set", QUBIT, qubit.number), ("qalloc", QUBIT), ("init", QUBIT))
+        self.do("set", QUBIT, qubit.number)
+        self.do("qalloc", QUBIT)
+        self.do("init", QUBIT)
         return qubit
 
     def create_pairs(self, host: str, count: int = 1, channel: int = 0) -> list[Qubit]:
@@ -133,9 +137,9 @@ class Processor:
         self._free.append(qubit.number)
         return outcome
 
-    def do(self, *steps: Step) -> None:
-        """Gather instructions, each a name and its operands."""
-        self._instructions += [Instruction(step[0], step[1:]) for step in steps]
+    def do(self, name: str, *operands: int) -> None:
+        """Gather an instruction."""
+        self._instructions.append(Instruction(name, operands))
 
     def close(self) -> None:
         """Let go of everything."""
@@ -159,19 +163,27 @@ class Processor:
         self._array(TOLD, count * TOLD_OF_A_PAIR, ())
         if words:
             self._array(WORDS, WORDS_OF_A_REQUEST, words)
-        self.do(("set", R[0], node), ("set", R[1], channel), ("set", R[2], NUMBERS))
-        self.do(("set", R[3], WORDS), ("set", R[4], TOLD))
+        self.do("set", R[0], node)
+        self.do("set", R[1], channel)
+        self.do("set", R[2], NUMBERS)
+        self.do("set", R[3], WORDS)
+        self.do("set", R[4], TOLD)
         asked = R[:5] if words else (*R[:3], R[4])
-        self.do((name, *asked), ("set", R[5], 0), ("set", R[6], count * TOLD_OF_A_PAIR))
-        self.do(("wait_all", TOLD, R[5], R[6]))
+        self.do(name, *asked)
+        self.do("set", R[5], 0)
+        self.do("set", R[6], count * TOLD_OF_A_PAIR)
+        self.do("wait_all", TOLD, R[5], R[6])
         self.flush()
         return qubits
 
     def _array(self, address: int, length: int, values: Iterable[tuple[int, int]]) -> None:
         """Make an array, with these values at these places."""
-        self.do(("set", R[0], length), ("array", R[0], address))
+        self.do("set", R[0], length)
+        self.do("array", R[0], address)
         for place, value in values:
-            self.do(("set", R[1], value), ("set", R[2], place), ("store", R[1], address, R[2]))
+            self.do("set", R[1], value)
+            self.do("set", R[2], place)
+            self.do("store", R[1], address, R[2])
 
     def __enter__(self) -> Self:
         return self
