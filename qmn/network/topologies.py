@@ -40,13 +40,13 @@ TOPOLOGIES: dict[str, tuple[Callable[..., Topo], str]] = {
     MAP: (MapTopo, "a quantum switch and a host at each place of a map"),
 }
 SIZES = {
-    "sdc": (),
-    "chain": ("switches", "fibers"),
-    "ring": ("switches", "fibers"),
-    "leaf-spine": ("leaves", "spines", "fibers"),
+    "sdc": ("both_ways",),
+    "chain": ("switches", "fibers", "both_ways"),
+    "ring": ("switches", "fibers", "both_ways"),
+    "leaf-spine": ("leaves", "spines", "fibers", "both_ways"),
     "repeaters": ("repeaters",),
     "tree": ("hosts", "switches"),
-    "tapped": (),
+    "tapped": ("both_ways",),
     MAP: ("map", "fibers", "hosts_at", "sources_at", "repeaters_at"),
 }
 FIBER = ("length_km", "loss_db_per_km", "depolarizing", "kind")
@@ -70,7 +70,9 @@ def topology(options: NetworkOptions) -> Callable[[], Topo]:
     name = options.topology
     every = {size for sizes in SIZES.values() for size in sizes}
     sizes = {size: getattr(options, size) for size in every}
-    given = {size: value for size, value in sizes.items() if value is not None}
+    given = {
+        size: value for size, value in sizes.items() if value is not None and value is not False
+    }
     own = custom_topology.is_custom(name)
     for size in sorted(given.keys() - (given.keys() if own else set(SIZES[name]))):
         fitting = ", ".join(topo for topo, own in SIZES.items() if size in own)
