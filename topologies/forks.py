@@ -7,9 +7,10 @@ import select
 import signal
 import socket
 import subprocess
+import time
 from collections.abc import Sequence
 
-from topologies.programs import ROOT, NetworkError, Program, python
+from topologies.programs import POLL_S, ROOT, NetworkError, Program, python
 
 MODULES = (
     "dispatcher",
@@ -21,6 +22,7 @@ MODULES = (
 PADDING = " " * 400  # where the commands of its children will be for `ps` to see
 ANSWER_TIMEOUT_S = 20.0
 ANSWER_BYTES = 64
+END_S = 1.0  # that it takes to end once its socket is closed
 PR_SET_CHILD_SUBREAPER = 36
 LIBC = ctypes.CDLL(None, use_errno=True)
 
@@ -116,9 +118,15 @@ class ForkServer:
         finally:
             adopt_orphans(False)
         if not answer:
-            self._program.stop()  # its socket closes a moment before it has ended
+            self._await_end()
             raise NetworkError(f"{self._program.name} died in mid-run: {self._program.end()}")
         return Forked(int(answer))
+
+    def _await_end(self) -> None:
+        """Wait until the server has ended: its socket closes a moment before."""
+        deadline = time.monotonic() + END_S
+        while self._program.running and time.monotonic() < deadline:
+            time.sleep(POLL_S)
 
 
 def adopt_orphans(yes: bool) -> None:
