@@ -9,6 +9,7 @@ import socket
 import subprocess
 import time
 from collections.abc import Sequence
+from threading import Lock
 
 from topologies.programs import POLL_S, ROOT, NetworkError, Program, python
 
@@ -70,6 +71,7 @@ class ForkServer:
 
     def __init__(self, program: Program) -> None:
         self._program = program
+        self._one_at_a_time = Lock()
         self._channel, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._channel.settimeout(ANSWER_TIMEOUT_S)
         command = [python(), "-m", "topologies.fork_server", str(theirs.fileno())]
@@ -106,17 +108,18 @@ class ForkServer:
             "namespace_pid": namespace_pid,
             "descriptors": list(descriptors),
         }
-        adopt_orphans(True)
-        try:
-            socket.send_fds(self._channel, [json.dumps(request).encode()], [log, *descriptors])
-            answer = self._channel.recv(ANSWER_BYTES)
-        except TimeoutError as error:
-            text = f"{self._program.name} did not start {name} in {ANSWER_TIMEOUT_S:g} s"
-            raise NetworkError(text) from error
-        except ConnectionError:
-            answer = b""
-        finally:
-            adopt_orphans(False)
+        with self._one_at_a_time:
+            adopt_orphans(True)
+            try:
+                socket.send_fds(self._channel, [json.dumps(request).encode()], [log, *descriptors])
+                answer = self._channel.recv(ANSWER_BYTES)
+            except TimeoutError as error:
+                text = f"{self._program.name} did not start {name} in {ANSWER_TIMEOUT_S:g} s"
+                raise NetworkError(text) from error
+            except ConnectionError:
+                answer = b""
+            finally:
+                adopt_orphans(False)
         if not answer:
             self._await_end()
             raise NetworkError(f"{self._program.name} died in mid-run: {self._program.end()}")
