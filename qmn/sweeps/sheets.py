@@ -333,6 +333,27 @@ SHEETS = (
         ],
     ),
     Sheet(
+        "decoy-states",
+        "decoy-states",
+        {"length_km": "0:40:5", "mean_photons": [0.3, 0.5], "pairs": 8_000_000},
+        [
+            Curve(
+                f"decoy-states-{measure}",
+                f"BB84 with decoy states (arXiv:1311.7129): {text}",
+                "length_km",
+                "length of the fibre (km)",
+                measure,
+                by=["mean_photons"],
+                logarithmic=measure != "qber",
+            )
+            for measure, text in (
+                ("key", "key of endless blocks"),
+                ("gain", "signal pulses seen"),
+                ("qber", "errors of the signal"),
+            )
+        ],
+    ),
+    Sheet(
         "polarization",
         "polarization",
         {
