@@ -16,6 +16,7 @@ MODULES = (
     "hosts",
     "hosts.applications.intercept",
     "hosts.applications.service",
+    "hosts.ip_over_light",
     "qswitch_agent",
 )
 PADDING = " " * 400  # where the commands of its children will be for `ps` to see

@@ -181,7 +181,9 @@ class Sender:
         if now_s() - self._lit_at_s > DARK_LIMIT_S:
             raise SessionError(
                 Reason.NO_LIGHT,
-                f"{what} for {DARK_LIMIT_S:g} s; is a fibre cut, or its loss too high?",
+                f"{what} for {DARK_LIMIT_S:g} s; is a fibre cut, or its loss too high, or do the "
+                f"halves of a pair come to {self._peer} further apart than its delay line is long "
+                "(analyser.delay_line_km; `qmn spy RUN --kind bell-measure` tells)?",
             )
 
     def _note(self, block: OutgoingBlock, report: Report) -> None:
