@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mininet.topo import Topo
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -15,8 +14,8 @@ from hosts.middleware.session.channel import SessionError
 from qmn.jobs.run_context import RunContext, begin_folder, ending, known_facts, running_network
 from qmn.jobs.run_options import RunOptions
 from qmn.network.checks import check_network
+from qmn.network.description import NetworkDescription, describe_network
 from qmn.network.options import NetworkOptions
-from qmn.network.topologies import quantum_hosts, topology
 from qmn.options import BadInput, check_ranges
 from qmn.traffic import result
 from qmn.traffic.driver import Driver
@@ -89,10 +88,11 @@ OWN_OPTIONS = (
 
 def run(request: LoadRequest, signals: Signals, console: Console) -> int:
     """Do the whole run and return its exit status: 0 if every session has been answered."""
-    traffic, planned, wanted = checked(request)
+    network = describe_network(request.network)
+    traffic, planned, wanted = checked(request, network)
     require_root()
     folder = begin_folder(request.run.runs, "load")
-    context = RunContext(request.network, request.run, folder, signals, console)
+    context = RunContext(network, request.run, folder, signals, console)
     own = {name: getattr(request, name) for name in OWN_OPTIONS}
     own["file"] = str(request.file) if request.file else None
     facts = {"service": request.service, **known_facts(context, own), "delivered": False}
@@ -102,24 +102,25 @@ def run(request: LoadRequest, signals: Signals, console: Console) -> int:
     return 0 if facts["delivered"] else 1
 
 
-def checked(request: LoadRequest) -> tuple[Traffic, list[Planned], Wanted]:
+def checked(
+    request: LoadRequest, network: NetworkDescription
+) -> tuple[Traffic, list[Planned], Wanted]:
     """Return what will be asked for; raise BadInput before anything is started."""
-    topo = topology(request.network)()
     check_network(request.network)
     check_ranges(request.run)
     check_ranges(request)
-    traffic = traffic_of(request, topo)
+    traffic = traffic_of(request, network)
     try:
         planned = plan(request.traffic, traffic, request.network.seed, request.sessions)
     except BadTraffic as error:
         raise BadInput(str(error)) from error
-    return traffic, planned, wanted_of(request, quantum_hosts(topo))
+    return traffic, planned, wanted_of(request, network.hosts)
 
 
-def traffic_of(request: LoadRequest, topo: Topo) -> Traffic:
+def traffic_of(request: LoadRequest, network: NetworkDescription) -> Traffic:
     """Return the model's parameters; raise BadInput for hosts there are not."""
-    hosts = quantum_hosts(topo)
-    others = [host for host in hosts if not topo.nodeInfo(host).get("source")]
+    hosts = network.hosts
+    others = [host for host in hosts if host not in network.parts.sources]
     openers = chosen("--from", request.senders, hosts) or others
     acceptors = chosen("--to", request.receivers, hosts) or others
     if len({*openers, *acceptors}) < 2 or any(acceptors == [host] for host in openers):

@@ -23,8 +23,8 @@ from qmn.jobs.run_context import (
 from qmn.jobs.run_options import RunOptions
 from qmn.jobs.transfer import TransferError, follow_all
 from qmn.network.checks import check_network
+from qmn.network.description import describe_network
 from qmn.network.options import NetworkOptions
-from qmn.network.topologies import quantum_hosts, topology
 from qmn.options import BadInput, check_ranges
 from qmn.results import result
 from topologies.network import Network, Signals, require_root
@@ -72,11 +72,11 @@ class Application:
 
 def run(request: NetqasmRequest, signals: Signals, console: Console) -> int:
     """Do the whole run and return its exit status."""
-    application = checked(request)
+    description = describe_network(replace(request.network, looking=request.looking))
+    application = checked(request, description.hosts)
     require_root()
     folder = begin_folder(request.run.runs, "netqasm")
-    options = replace(request.network, looking=request.looking)
-    context = RunContext(options, request.run, folder, signals, console)
+    context = RunContext(description, request.run, folder, signals, console)
     own = {"application": str(application.folder), "rounds": application.rounds}
     facts = {
         "service": "netqasm",
@@ -93,9 +93,8 @@ def run(request: NetqasmRequest, signals: Signals, console: Console) -> int:
     return 0
 
 
-def checked(request: NetqasmRequest) -> Application:
-    """Return the application; raise BadInput before anything is started."""
-    hosts = quantum_hosts(topology(request.network)())
+def checked(request: NetqasmRequest, hosts: Sequence[str]) -> Application:
+    """Return the application on some of these hosts; raise BadInput before anything is started."""
     check_network(request.network)
     check_ranges(request.run)
     check_ranges(request)

@@ -11,10 +11,11 @@ from typing import Any
 from qmn.live.metrics_targets import urls
 from qmn.network.checks import check_network
 from qmn.network.custom_topology import BadTopology, short_name
+from qmn.network.description import describe_network
 from qmn.network.key_options import KeyServiceOptions, key_service
 from qmn.network.options import NetworkOptions
 from qmn.network.q0_options import Q0Options, ip_over_light, with_both_ways
-from qmn.network.topologies import TOPOLOGIES, quantum_hosts, topology, topology_name
+from qmn.network.topologies import TOPOLOGIES, topology_name
 from qmn.options import BadInput, add_options, read
 from qmn.results.run_folder import give_to_invoker, make_folder, point_latest
 from qmn.scripting.network import QuantumNetwork, running
@@ -69,8 +70,8 @@ def start_and_obey(
     if interface is not None:
         options = with_both_ways(options)
     check_network(options)
-    topo = topology(options)
-    service = key_service(keys, quantum_hosts(topo()))
+    description = describe_network(options)
+    service = key_service(keys, description.hosts)
     require_root()
     try:
         folder = make_folder(runs, short_name(options.topology))
@@ -79,7 +80,7 @@ def start_and_obey(
     point_latest(folder)
     try:
         print(f"starting the network; its logs and quantum events: {folder}", flush=True)
-        with running(topo, options, folder) as network:
+        with running(description, folder) as network:
             for program, url in urls(network.runtime.metrics_addresses).items():
                 print(f"figures of {program}: {url}", flush=True)
             if capture:

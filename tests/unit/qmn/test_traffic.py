@@ -1,6 +1,5 @@
 """Heavy traffic: its models, the closed forms of its theory, and what is counted of it."""
 
-import argparse
 from itertools import pairwise
 from math import factorial, sqrt
 from pathlib import Path
@@ -11,13 +10,14 @@ import pytest
 
 from qmn.__main__ import described
 from qmn.jobs.load import checked
+from qmn.network.description import describe_network
 from qmn.options import BadInput
 from qmn.results.network_facts import NetworkFacts
 from qmn.traffic.erlang import erlang_b, erlang_c, mean_wait, waits_longer
 from qmn.traffic.fiber_use import fiber_use, shares, span_of
 from qmn.traffic.figures import fairness, fidelity_by_age, figures, light_times
 from qmn.traffic.plan import BadTraffic, Planned, Traffic, plan
-from qmn.traffic.session import ACCEPTED, BLOCKED, Outcome
+from qmn.traffic.session import ACCEPTED, BLOCKED, Outcome, Wanted
 from qmn.verbs.run import load_request
 from wire.config import QuantumSwitch
 from wire.dispatcher_pb2 import Event
@@ -193,16 +193,18 @@ def test_a_fibre_is_in_use_in_the_direction_of_its_light() -> None:
     assert shares(use, 100, 500)["q1:2 → q2:1"] == 0.5
 
 
-def parse(*words: str) -> argparse.Namespace:
+def asked(*words: str) -> tuple[Traffic, list[Planned], Wanted]:
+    """Return what the command line asks for."""
     whole = ["run", "load", *words]
-    return described(whole).parse_args(whole)
+    request = load_request(described(whole).parse_args(whole))
+    return checked(request, describe_network(request.network))
 
 
 def test_sources_neither_ask_nor_are_asked_unless_they_are_named() -> None:
-    traffic, planned, wanted = checked(load_request(parse("--sessions", "7")))
+    traffic, planned, wanted = asked("--sessions", "7")
     assert (traffic.openers, traffic.acceptors) == (["alice", "bob"], ["alice", "bob"])
     assert (len(planned), wanted.service, wanted.measures) == (7, "distribute", True)
-    named, _planned, _wanted = checked(load_request(parse("--from", "charlie,bob")))
+    named, _planned, _wanted = asked("--from", "charlie,bob")
     assert named.openers == ["charlie", "bob"]
 
 
@@ -221,5 +223,5 @@ def test_sources_neither_ask_nor_are_asked_unless_they_are_named() -> None:
 )
 def test_traffic_that_cannot_be_is_refused(words: list[str], text: str) -> None:
     with pytest.raises(BadInput) as caught:
-        checked(load_request(parse(*words)))
+        asked(*words)
     assert text in str(caught.value)
