@@ -129,14 +129,20 @@ class LaboratoryHost:
         request = CreateRequest(session=SESSION, number=number, count=count, state=state)
         return await self._act("create", request)
 
-    async def prepare(self, states: Bytes, number: int = 0) -> Feedback:
-        """Make a block of photons in these states (dispatcher.operations.preparation.STATES)."""
+    async def prepare(
+        self, states: Bytes, number: int = 0, levels: Bytes | None = None
+    ) -> Feedback:
+        """Make a block of photons in these states (dispatcher.operations.preparation.STATES).
+
+        Levels say with which intensity of its source each pulse is made.
+        """
         request = CreateRequest(
             session=SESSION,
             number=number,
             count=states.size,
             state=CreateRequest.PREPARED,
             states=states.tobytes(),
+            levels=b"" if levels is None else levels.tobytes(),
         )
         return await self._act("create", request)
 

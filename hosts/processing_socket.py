@@ -1,6 +1,9 @@
 """A socket to the processing unit of a host: NetQASM's messages there, its answers back."""
 
-from hosts.stack_socket import QuantumSocketError, StackSocket
+import numpy as np
+from numpy.typing import NDArray
+
+from hosts.stack_socket import QuantumSocketError, StackSocket, not_refused
 from wire.netqasm.messages import Finished, UnitMessage, decode_unit_message
 from wire.socket_calls import Call, decode_fields, encode, encode_fields
 
@@ -33,3 +36,12 @@ class ProcessingSocket(StackSocket):
             if isinstance(answer, Finished):
                 return answers
             answers.append(answer)
+
+    def look(self, qubit: int, entangled: bool) -> NDArray[np.complex128]:
+        """Return the density matrix of a qubit, perhaps with all that it is entangled with.
+
+        Raise QuantumSocketError where states may not be looked at, as in none of hardware.
+        """
+        self._socket.sendall(encode_fields(Call.ASK, look=qubit, entangled=entangled))
+        fields = not_refused(self._done())
+        return np.array(fields["real"]) + 1j * np.array(fields["imaginary"])

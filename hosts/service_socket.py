@@ -19,8 +19,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from hosts.stack_socket import QuantumSocketError, StackSocket
-from wire.metadata import Reason
+from hosts.stack_socket import QuantumSocketError, StackSocket, not_refused
 from wire.socket_calls import Call, decode_fields, encode, encode_fields
 
 
@@ -80,7 +79,7 @@ class ServiceSocket(StackSocket):
             self._socket.sendall(encode_fields(Call.ASK, **question))
             call, payload = self._read()
             if call == Call.DONE:
-                return _not_refused(decode_fields(payload))
+                return not_refused(decode_fields(payload))
             if call != Call.CLOSE:
                 raise QuantumSocketError(f"the stack answered {call.name} to a question")
             self.summary, self.over = decode_fields(payload), True
@@ -91,9 +90,3 @@ class ServiceSocket(StackSocket):
         if not self.over:
             self._socket.sendall(encode(Call.CLOSE))
             list(self.results())
-
-
-def _not_refused(answer: dict[str, Any]) -> dict[str, Any]:
-    if "refused" in answer:
-        raise QuantumSocketError(answer["refused"], Reason(answer["reason"]))
-    return answer

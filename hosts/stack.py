@@ -62,6 +62,7 @@ class Stack:
             self.swaps,
             config.abilities,
             config.multi_photon,
+            tuple(config.intensities),
             Lifetimes(config.t1_s, config.t2_s),
         )
         self.active_sessions = ActiveSessions(self.swaps.opens)

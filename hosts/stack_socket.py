@@ -140,3 +140,10 @@ class StackSocket:
         trace: TracebackType | None,
     ) -> None:
         self.close()
+
+
+def not_refused(answer: dict[str, Any]) -> dict[str, Any]:
+    """Return an answer; raise QuantumSocketError with the reason if it is a refusal."""
+    if "refused" in answer:
+        raise QuantumSocketError(answer["refused"], Reason(answer["reason"]))
+    return answer

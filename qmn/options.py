@@ -62,6 +62,11 @@ def from_keywords(kind: type[Kind], given: Mapping[str, Any]) -> Kind:
     return kind(**{name: _value(known[name], hints, value) for name, value in given.items()})
 
 
+def option_names(options: "DataclassInstance") -> list[str]:
+    """Return the names of the options of a dataclass, among its fields."""
+    return [each.name for each in fields(options) if "help" in each.metadata]
+
+
 def check_ranges(options: "DataclassInstance") -> None:
     """Raise BadInput for a number outside the range that is declared with it."""
     for each in fields(options):

@@ -18,6 +18,8 @@ from topologies.fiber import FiberLink
 from wire.parameters.fiber import FiberOptics
 from wire.ways import Ways, shortest
 
+ROUNDING = 1e-9  # more than sums of lengths are off by
+
 
 def assign_copper_lengths(topo: Topo, copper_km: float | None = None) -> None:
     """Give copper of no length one: this, or that of the fibres between its places.
@@ -29,13 +31,17 @@ def assign_copper_lengths(topo: Topo, copper_km: float | None = None) -> None:
     places = places_of(topo, fibers, copper)
     # Those of an earlier call, which do not hold any more if fibres have changed.
     beside_fibers: set[int] = vars(topo).setdefault("copper_beside_fibers", set())
+    reached: dict[str, dict[str, float]] = {}  # from the places of classical switches
     for one, other, info in copper:
         info["cls"] = CopperLink
         if copper_km is not None:
             info["length_km"] = copper_km
         elif "length_km" not in info or id(info) in beside_fibers:
             beside_fibers.add(id(info))
-            info["length_km"] = shortest(fibers, places[one]).get(places[other], 0.0)
+            far, near = (other, one) if other in fibers else (one, other)  # s1 has no fibres
+            if places[near] not in reached:
+                reached[places[near]] = shortest(fibers, places[near])
+            info["length_km"] = reached[places[near]].get(places[far], 0.0)
 
 
 def fibers_of(topo: Topo) -> Ways:
@@ -73,12 +79,24 @@ def places_of(
 
 
 def centre(fibers: Ways, nodes: list[str]) -> str | None:
-    """Return the node from which the farthest of these is nearest, None if there are none."""
+    """Return the node from which the farthest of these is nearest, None if there are none.
+
+    Few need be looked at: from each it is known how far the others have to go at least, to itself
+    and, less the way to it, to the farthest.
+    """
     if not nodes:
         return None
-
-    def farthest(place: str) -> float:
+    wanted = set(nodes)
+    farthest: dict[str, float] = {}  # of those that were looked at
+    least = dict.fromkeys(sorted(fibers), 0.0)  # that it can be, of the others
+    while least:
+        place = min(least, key=least.__getitem__)
+        if least.pop(place) > min(farthest.values(), default=inf):
+            break
         reached = shortest(fibers, place)
-        return max(reached.get(node, inf) for node in nodes)
-
-    return min(sorted(fibers), key=farthest)
+        farthest[place] = max(reached.get(node, inf) for node in nodes)
+        for other in least.keys() & reached.keys():
+            way = reached[other]
+            bound = max(farthest[place] - way, way if place in wanted else 0.0)
+            least[other] = max(least[other], bound * (1 - ROUNDING))
+    return min(sorted(farthest), key=farthest.__getitem__)

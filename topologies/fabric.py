@@ -62,6 +62,7 @@ class FabricTopo(Topo):
         node: str = "",
         light: str = CONTROLLER,
         hosts: int = SMALL,
+        both_ways: bool = False,
         **fiber: Any,
     ) -> None:
         """Add s1, and note what every fibre and host will be like.
@@ -70,8 +71,9 @@ class FabricTopo(Topo):
         (wire.parameters.fiber.FiberOptics); raise BadParameter for what cannot be. Hosts have the
         preset's device, that of a kind of `node` (topologies/node_kinds.py), or their own of
         `devices`. `light` says who grants it to them (wire.config.LIGHT). There are addresses
-        for so many hosts.
+        for so many hosts. `both_ways` gives alice a second fibre, so that she can receive, too.
         """
+        self._alice_fibers = 2 if both_ways else 1
         self._light = light
         self._fiber = {"cls": FiberLink, **fiber_of(preset, fiber)}
         self._device = presets.preset(preset).device
@@ -114,7 +116,7 @@ class FabricTopo(Topo):
 
     def place(self, alice_at: str, bob_at: str, charlie_at: str) -> None:
         """Lay the fibres of sender, receiver and pair source to their switches."""
-        self.join("alice", alice_at, 1)
+        self.join("alice", alice_at, self._alice_fibers)
         self.join("bob", bob_at, 2)
         self.join("charlie", charlie_at, 2)
 

@@ -12,7 +12,7 @@ from topologies.keywords import refuse_unknown
 from wire.parameters.fiber import Fiber, FiberEnd, FiberOptics, optics
 from wire.parameters.physics import BadParameter
 
-OPTICS = {each.name for each in fields(FiberOptics)}
+OPTICS = frozenset(each.name for each in fields(FiberOptics))
 
 
 class FiberLink(Link):

@@ -284,6 +284,7 @@ class QuantumHost(ClassicalHost):
             features=network.devices[self.name].features.value,
             memory_qubits=network.devices[self.name].memory.capacity,
             multi_photon=network.devices[self.name].source.multi_photon,
+            intensities=list(network.devices[self.name].source.intensities),
             pair_secrets=network.secrets_folder(),
             pair_rate_hz=pair_rate_hz(network.devices.values()),
             t1_s=network.devices[self.name].memory.t1_s,
@@ -327,6 +328,7 @@ class ClassicalSwitch(QuantumNode, OVSSwitch):
             "reconnectms": RECONNECT_MS,
         }
         super().__init__(name, **{**params, **settings})
+        self._laid = False
         self.network.bridges[name] = self
 
     @classmethod
@@ -353,27 +355,52 @@ class ClassicalSwitch(QuantumNode, OVSSwitch):
         """Return the bridge's options; the one that marks it as ours comes with its birth."""
         return f"{super().bridgeOpts()} {openvswitch.OWNER}={self.network.name}"
 
+    @classmethod
+    def batchStartup(  # noqa: N802 (Mininet's name)
+        cls, switches: Sequence["ClassicalSwitch"], run: object = None
+    ) -> Sequence["ClassicalSwitch"]:
+        """Have all of them started already, where Mininet would run what they have put off."""
+        del run
+        return switches
+
     def start(self, controllers: list[Controller]) -> None:
         """Start the bridge; whichever the controller is, copper has its length by then.
 
         It looks for our own controller on the management network.
         """
         connect_copper(self.network)
-        super().start([_reached(controller, self.name) for controller in controllers])
-        for controller in controllers:
-            self._be_patient(controller.name)
+        self.lay()
+        reached = [_reached(controller, self.name) for controller in controllers]
+        self._obey(
+            {
+                f"{each.protocol}:{each.IP()}:{each.port}": self._patience(each.name)
+                for each in reached
+            }
+        )
         self.find_our_programs()
 
-    def _be_patient(self, controller: str) -> None:
+    def lay(self) -> None:
+        """Make the bridge with its ports, which nobody programs yet."""
+        if not self._laid:
+            super().start([])
+            self._laid = True
+
+    def _obey(self, targets: Mapping[str, Mapping[str, int]]) -> None:
+        """Let controllers program the bridge, each with its own settings in Open vSwitch."""
+        words: list[str] = []
+        for number, (target, settings) in enumerate(targets.items()):
+            words += ["--", f"--id=@{self.name}c{number}", "create", "Controller"]
+            words += [f'target="{target}"', *(f"{key}={value}" for key, value in settings.items())]
+        rows = ",".join(f"@{self.name}c{number}" for number in range(len(targets)))
+        openvswitch.change(*words, "--", "set", "bridge", self.name, f"controller=[{rows}]")
+
+    def _patience(self, controller: str) -> dict[str, int]:
         """Let Open vSwitch wait as long for a controller as the way there takes."""
         way_s = self.network.copper.get(frozenset((controller, self.name)), 0.0)
         wait_ms = round(1e3 * PATIENCE * self.network.time.wall_s(way_s))
         if wait_ms < RECONNECT_MS:
-            return
-        rows = openvswitch.vsctl("get", "bridge", self.name, "controller").strip(" []\n")
-        for row in filter(None, rows.split(", ")):
-            settings = f"inactivity_probe={wait_ms}", f"max_backoff={wait_ms}"
-            openvswitch.vsctl("set", "controller", row, *settings)
+            return {"max_backoff": RECONNECT_MS}  # Open vSwitch's own is 8 s
+        return {"max_backoff": wait_ms, "inactivity_probe": wait_ms}
 
     def stop(self, deleteIntfs: bool = True) -> None:  # noqa: N803 (Mininet's name)
         """Take the bridge away, as `switch s1 stop` does; `start` brings it back.
@@ -381,6 +408,7 @@ class ClassicalSwitch(QuantumNode, OVSSwitch):
         Mininet would end the node's shell, too, and could not start it again.
         """
         openvswitch.delete(self.name)
+        self._laid = False
         if deleteIntfs:
             self.deleteIntfs()
 
@@ -391,7 +419,7 @@ class ClassicalSwitch(QuantumNode, OVSSwitch):
 
     def vsctl(self, *arguments: str, **_options: object) -> str:
         """Run ovs-vsctl; unlike Mininet's own, say so if it fails."""
-        return openvswitch.vsctl(*shlex.split(" ".join(map(str, arguments))))
+        return openvswitch.change(*shlex.split(" ".join(map(str, arguments))))
 
 
 class OpticalSwitch(ClassicalSwitch):
@@ -454,7 +482,7 @@ class OpticalSwitch(ClassicalSwitch):
             hardware=self.hardware,
             hardware_ports=self.hardware_ports,
         )
-        super().start([])
+        self.lay()
         # Who asks for the bridge by name, as ovs-ofctl does, comes to the agent.
         Path(config.programs).replace(config.management)
         self._targets = [f"unix:{config.listening(number)}" for number in range(len(commanding))]
@@ -473,17 +501,7 @@ class OpticalSwitch(ClassicalSwitch):
         self.launch(controllers)
         assert self.program is not None
         self.program.wait_for("ready", READY_TIMEOUT_S)
-        create = [
-            word
-            for number, target in enumerate(self._targets)
-            for word in (
-                *("--", f"--id=@c{number}", "create", "Controller"),
-                f'target="{target}"',
-                f"max_backoff={RECONNECT_MS}",  # Open vSwitch's own is 8 s
-            )
-        ]
-        rows = ",".join(f"@c{number}" for number in range(len(self._targets)))
-        openvswitch.vsctl(*create[1:], "--", "set", "bridge", self.name, f"controller=[{rows}]")
+        self._obey({target: {"max_backoff": RECONNECT_MS} for target in self._targets})
 
     def _controllers(self, given: list[Controller]) -> list[str]:
         if self.controller_port is not None:
@@ -565,6 +583,11 @@ class QuantumController(QuantumNode, Controller):
 
     def checkListening(self) -> None:  # noqa: N802 (Mininet's name)
         """Let the controller itself find out whether its port is free."""
+
+    @property
+    def program(self) -> Program | None:
+        """The controller's program, if it was started."""
+        return self._early.program if self._early else None
 
     def _begin(self) -> EarlyStart:
         """Let the controller load its framework, which takes longest of all."""

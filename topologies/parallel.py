@@ -1,13 +1,16 @@
 """Mininet that does beside each other what it would do one after the other."""
 
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 
-from mininet.node import Switch
+from mininet.node import Host, Switch
 
 from topologies import openvswitch, runtime
 from topologies.iperf import IperfMininet
 from topologies.nodes import ClassicalSwitch, OpticalSwitch, QuantumController
 from topologies.shells import ShellWatcher
+
+AT_ONCE = 4  # hosts: their shells do most of it, and wait for the kernel
 
 
 class ParallelMininet(IperfMininet):
@@ -18,14 +21,35 @@ class ParallelMininet(IperfMininet):
         for controller in self.controllers:
             if isinstance(controller, QuantumController):
                 controller.launch()
-        super().configHosts()
+        pool = ThreadPoolExecutor(AT_ONCE, thread_name_prefix="configure")
+        try:
+            for configured in [pool.submit(self._configure, host) for host in self.hosts]:
+                configured.result()
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+    @staticmethod
+    def _configure(host: Host) -> None:
+        """Configure a host as Mininet does."""
+        host.configDefault(**({} if host.defaultIntf() else {"ip": None, "mac": None}))
 
     def start(self) -> None:
-        """Start all agents, then wait for everything."""
-        for switch in self.switches:
+        """Make all bridges together and start all agents, then wait for everything."""
+        ours = [switch for switch in self.switches if isinstance(switch, ClassicalSwitch)]
+        with openvswitch.one_transaction():
+            for switch in ours:
+                switch.lay()
+        for switch in ours:
             if isinstance(switch, OpticalSwitch):
                 switch.launch(self.controllers)
-        super().start()
+        for controller in self.controllers:
+            controller.start()
+        with openvswitch.one_transaction():
+            for switch in self.switches:
+                switch.start(self.controllers)
+        for switch in self.switches:
+            if switch not in ours and hasattr(switch, "batchStartup"):
+                switch.batchStartup([switch])  # what it has put off, as Mininet would
 
     def stop(self) -> None:
         """Stop everything; go on where one thing fails, and raise that at the end.

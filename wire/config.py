@@ -145,6 +145,7 @@ class HostConfig(Config):
     memory_qubits: int = Device().memory.capacity
     light: str = CONTROLLER  # who grants it
     multi_photon: float = 0.0  # how likely a pulse of its source has several photons
+    intensities: list[float] = field(default_factory=lambda: [1.0])  # means: signal, then decoys
     pair_rate_hz: int = 50_000_000  # that every source of the network can make
     t1_s: float = Device().memory.t1_s
     t2_s: float = Device().memory.t2_s

@@ -184,9 +184,12 @@ def decode_id(text: object) -> UUID:
 
 def decode_name(text: object) -> str:
     """Return a SAE ID; raise MalformedPacket for what is none."""
-    if not isinstance(text, str) or not 0 < len(text.encode()) <= MAX_NAME:
-        raise MalformedPacket(f"a SAE ID is a string of 1 to {MAX_NAME} bytes")
-    return text
+    try:
+        if isinstance(text, str) and 0 < len(text.encode()) <= MAX_NAME:
+            return text
+    except UnicodeEncodeError:  # half a character, which JSON can write
+        pass
+    raise MalformedPacket(f"a SAE ID is a string of 1 to {MAX_NAME} bytes")
 
 
 def _ids(texts: Sequence[object]) -> tuple[UUID, ...]:

@@ -46,6 +46,7 @@ class Service(IntEnum):
     BB84 = 6  # by single photons that the opener prepares
     SWAP = 7  # entanglement swapping, by way of repeaters
     LINK = 8  # between neighbours of such a chain: the opener makes pairs and keeps half of each
+    SDC_RETURN = 9  # superdense coding back to the opener of a session of it, with its light
 
 
 class Topic(IntEnum):

@@ -26,6 +26,7 @@ TAG_BYTES = 16
 MAX_PHOTONS = 1_000_000  # in one block
 MAX_KEY_BITS = 1 << 20  # sifted bits in one session
 MAX_LENGTH = 1 << 21
+MAX_MEAN = 10  # photons in a pulse
 MAX_TEXT = 1000  # bytes
 START_BYTES, WIDTH_BYTES = 4, 2  # of an interval in AskIntervals
 
@@ -318,6 +319,48 @@ class Abort(QkdMessage):
             raise MalformedPacket(f"Abort: text is not UTF-8: {error}") from error
 
 
+@dataclass(frozen=True)
+class Intensities(QkdMessage):
+    """Decoy states, before the sample: how many photons pulses had on average, and who had which.
+
+    The sample is then all bits of the basis Z, and the key those of the basis X.
+    """
+
+    KIND = 14
+    FIELDS = struct.Struct("!ddddddI")
+    RANGES = MappingProxyType({"count": (1, MAX_KEY_BITS)})
+    PACKED = (Packed("levels", "count", 2),)
+
+    signal_mean: float
+    weak_mean: float
+    vacuum_mean: float
+    signal_share: float  # of the pulses
+    weak_share: float
+    vacuum_share: float
+    count: int
+    levels: bytes  # of each sifted bit: 0 signal, 1 weak, 2 vacuum
+
+    @property
+    def means(self) -> tuple[float, ...]:
+        """Return the three mean numbers of photons."""
+        return self.signal_mean, self.weak_mean, self.vacuum_mean
+
+    @property
+    def shares(self) -> tuple[float, ...]:
+        """Return how much of the pulses has each."""
+        return self.signal_share, self.weak_share, self.vacuum_share
+
+    def check(self) -> None:
+        """Raise MalformedPacket for fields that cannot be."""
+        signal, weak, vacuum = self.means
+        if not (0 <= vacuum < weak and weak + vacuum < signal <= MAX_MEAN):
+            raise MalformedPacket(f"Intensities: {self.means} are no signal and decoys")
+        if not all(0 < share < 1 for share in self.shares) or abs(sum(self.shares) - 1) > 1e-9:
+            raise MalformedPacket(f"Intensities: {self.shares} are no shares of the pulses")
+        if any(byte & byte >> 1 & 0x55 for byte in self.levels):
+            raise MalformedPacket("Intensities: a level is 3")
+
+
 KINDS: dict[int, type[QkdMessage]] = {
     kind.KIND: kind
     for kind in (
@@ -334,6 +377,7 @@ KINDS: dict[int, type[QkdMessage]] = {
         Amplify,
         Confirm,
         Abort,
+        Intensities,
     )
 }
 

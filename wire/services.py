@@ -57,8 +57,14 @@ LIGHT: Mapping[Service, tuple[Beam, ...]] = MappingProxyType(
         Service.BB84: (Beam(FiberOf(OPENER, 0), FiberOf(ACCEPTOR, 0)),),
         Service.SWAP: (),  # its links have it
         Service.LINK: (Beam(FiberOf(OPENER, -1), FiberOf(ACCEPTOR, 0)),),
+        # Its pairs come by the light of the session that it goes back on: either half of them
+        # is at hand at either host, and who sends passes its own on.
+        Service.SDC_RETURN: (Beam(FiberOf(OPENER, 0), FiberOf(ACCEPTOR, 1)),),
     }
 )
+# Services whose pairs come by light of a session that stands between the same hosts, and was
+# opened by the other one: of this service, with the same source and the same wavelength.
+RETURNS: Mapping[Service, Service] = MappingProxyType({Service.SDC_RETURN: Service.SDC})
 
 
 # Where the opener is the source, of services that can do with that: it keeps half of each pair.
@@ -69,6 +75,7 @@ OWN_LIGHT: Mapping[Service, tuple[Beam, ...]] = MappingProxyType(
 NEEDS: Mapping[Service, Mapping[Role, Feature]] = MappingProxyType(
     {
         Service.SDC: {SOURCE: EMIT, ACCEPTOR: MEASURE},
+        Service.SDC_RETURN: {SOURCE: EMIT, ACCEPTOR: MEASURE},
         Service.DISTRIBUTE: {SOURCE: EMIT, OPENER: STORE, ACCEPTOR: STORE},
         Service.TELEPORT: {SOURCE: EMIT, OPENER: STORE | MEASURE, ACCEPTOR: STORE | MEASURE},
         Service.BBM92: {SOURCE: EMIT, OPENER: MEASURE, ACCEPTOR: MEASURE},
@@ -96,6 +103,11 @@ WANT_OF: Mapping[Feature, Reason] = MappingProxyType(
 def beams(service: Service, own_source: bool = False) -> tuple[Beam, ...]:
     """Return the light of a service; own_source: the opener is the source of its pairs."""
     return OWN_LIGHT.get(service, LIGHT[service]) if own_source else LIGHT[service]
+
+
+def uses_source(service: Service, own_source: bool = False) -> bool:
+    """Return whether a third host makes pairs for a session."""
+    return SOURCE in NEEDS.get(service, {}) and not (own_source and service in OWN_LIGHT)
 
 
 def needs(service: Service, role: Role) -> Feature:

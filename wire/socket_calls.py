@@ -41,6 +41,8 @@ PROCESS                 ->
                         <-  DONE {node, nodes}: name of this host, addresses of all by name
 DATA message            ->  of NetQASM (wire.netqasm.messages), as often as wanted
                         <-  DATA messages of NetQASM, the last of which says that it is done
+ASK {look, entangled}   ->  for the state of a qubit, where it is simulated
+                        <-  DONE {real, imaginary}, or DONE {refused, reason}
 CLOSE                   ->
                         <-  CLOSE
 """

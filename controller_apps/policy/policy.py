@@ -43,13 +43,14 @@ from typing import Any, TypeVar
 from controller_apps.policy.schedules import PARALLEL, SCHEDULES
 from wire.device import MAX_SHARE, PERIODS_S, DeviceSettings, check_settings, setting_number
 from wire.metadata import Service
-from wire.services import LIGHT
+from wire.services import LIGHT, RETURNS
 
 SHIPPED = Path(__file__).parent
 DEFAULT = SHIPPED / "demo.toml"
 ACTIONS = ("allow", "deny")
-# A link belongs to a swap, and is allowed with it.
-SERVICES = ("*", *(service.name.lower() for service in LIGHT if service != Service.LINK))
+# A link belongs to a swap, and is allowed with it; a return is allowed as what it is a return of.
+PARTS = (Service.LINK, *RETURNS)
+SERVICES = ("*", *(service.name.lower() for service in LIGHT if service not in PARTS))
 WHO = {"from": "sender", "to": "receiver", "source": "source"}
 LIMITS = {
     "max_sessions": (1, 4096),

@@ -13,10 +13,11 @@ from controller_apps.packets.segments import FiveTuple
 from controller_apps.policy.policy import Tap
 from controller_apps.sessions.abilities import Want, block_pairs, first_want, want_of_repeater
 from controller_apps.sessions.chains import find_chain, ordered_link, repeaters_of
+from controller_apps.sessions.returns import returned_on
 from controller_apps.sessions.sessions import Chain, Session, Sessions
 from wire.metadata import Handshake, Reason, Service, Setup
 from wire.optical import frequency_mhz
-from wire.services import Role, beams, fibers_needed
+from wire.services import RETURNS, Role, beams, fibers_needed
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ def admit(
     if setup.handshake == Handshake.ONE_PAIR:
         if not _same_session(setup, five_tuple, registered):
             return Admission(Reason.UNKNOWN_SESSION)
-    elif setup.service == Service.LINK and ordered_link(setup, five_tuple, sessions) is None:
+    elif not _has_its_whole(setup, five_tuple, sessions):
         return Admission(Reason.UNKNOWN_SESSION)
     elif registered is not None or len(sessions.by_number) >= sessions.max_sessions:
         return Admission(Reason.BUSY)
@@ -69,6 +70,13 @@ def _pair_source(five_tuple: FiveTuple, registered: Session | None) -> Admission
         and registered.setup.source == five_tuple.destination
     )
     return Admission() if belongs else Admission(Reason.UNKNOWN_SESSION)
+
+
+def _has_its_whole(setup: Setup, five_tuple: FiveTuple, sessions: Sessions) -> bool:
+    """Tell whether what a session is part of stands, if it is part of anything."""
+    if setup.service == Service.LINK:
+        return ordered_link(setup, five_tuple, sessions) is not None
+    return setup.service not in RETURNS or returned_on(setup, five_tuple, sessions) is not None
 
 
 def _same_session(setup: Setup, five_tuple: FiveTuple, registered: Session | None) -> bool:

@@ -16,6 +16,7 @@ from controller_apps.light.paths import Hop, Network, switches
 from controller_apps.light.routing import LightPath, rotation_of, route
 from controller_apps.sessions.actions import Action, ClosePaths, Note, OpenPaths
 from controller_apps.sessions.admission import limits_of
+from controller_apps.sessions.returns import borrowed_rotation
 from controller_apps.sessions.sessions import Request, Session, Sessions
 from controller_apps.sessions.snapshot import keep
 
@@ -49,7 +50,8 @@ class Light:
         self.sessions.occupy(session, paths, request.five_tuple)
         self.hold(request)
         request.waiting = set(switches(hops))
-        request.rotation = rotation_of(paths)
+        borrowed = request.setup, request.five_tuple, self.sessions, self.network
+        request.rotation = rotation_of(paths) ^ borrowed_rotation(*borrowed)
         return [*stale, *self._program(session, (), hops, request.transaction)]
 
     def hold(self, request: Request) -> None:

@@ -8,6 +8,7 @@ from controller_apps.packets.segments import FiveTuple
 from controller_apps.policy.policy import Host, Policy, SessionRequest
 from controller_apps.sessions.sessions import Sessions
 from wire.metadata import Handshake, Service, Setup
+from wire.services import RETURNS
 
 PARTS = (Service.PAIR_SOURCE, Service.LINK)  # of sessions that were asked for before
 
@@ -44,9 +45,10 @@ class Permission:
         if sender is None or receiver is None or source is None:
             return None
         pairs = 1 if setup.handshake == Handshake.PER_PAIR else setup.pairs
-        service = Service(setup.service).name.lower()
+        service = Service(setup.service)
+        name = RETURNS.get(service, service).name.lower()
         return SessionRequest(
-            service, sender, receiver, source, setup.rate_hz, pairs, setup.frame_bytes
+            name, sender, receiver, source, setup.rate_hz, pairs, setup.frame_bytes
         )
 
     def _party(self, address: str) -> Host | None:

@@ -1,12 +1,13 @@
 """The outcomes of requests and sessions (granted, refused, over) and their consequences."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 from controller_apps.packets.segments import FiveTuple
 from controller_apps.sessions.actions import Action, Forget, Forward, Note, RemoveBypass
 from controller_apps.sessions.chains import links_of
 from controller_apps.sessions.light_paths import Light
+from controller_apps.sessions.returns import returns_of
 from controller_apps.sessions.sessions import Arrival, Request, Session, Sessions
 from controller_apps.sessions.snapshot import keep
 from wire.metadata import Reason, Verdict
@@ -95,6 +96,7 @@ class Verdicts:
 
     def _end(self, session: Session, now: float) -> list[Action]:
         # Forgotten first: nothing may be opened again for what has ended.
+        returns = returns_of(session, self.sessions)
         forgotten = [Forget(session.number)] if session.kept else []
         actions = [*forgotten, *self.light.close(session)]
         members = list(session.requests.values())
@@ -104,17 +106,19 @@ class Verdicts:
             if request.held is not None and request.five_tuple != session.owner:
                 actions += self.answer(request, Verdict.REFUSED, Reason.UNKNOWN_SESSION)
             self.sessions.retire(request, now)
-        return [*actions, *self._end_links(session, now)]
+        links = links_of(session, self.sessions)
+        actions += self._end_parts(links, "its chain is over", now)
+        return [*actions, *self._end_parts(returns, "the session of its light is over", now)]
 
-    def _end_links(self, chain: Session, now: float) -> list[Action]:
-        """End the links of a chain that has ended."""
+    def _end_parts(self, parts: Iterable[Session], cause: str, now: float) -> list[Action]:
+        """End the links of a chain, or the returns of a session, that has ended."""
         actions: list[Action] = []
-        for link in links_of(chain, self.sessions):
-            request = link.requests[link.owner]
+        for part in parts:
+            request = part.requests[part.owner]
             if request.held is not None:
                 actions += self.refuse(request, Reason.UNKNOWN_SESSION, now)
             else:
-                actions += self.tear_down(link, "its chain is over", now)
+                actions += self.tear_down(part, cause, now)
         return actions
 
     def _punt_again(self, request: Request) -> list[Action]:

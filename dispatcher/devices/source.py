@@ -29,9 +29,13 @@ class Emission(NamedTuple):
     exact: bool
 
 
-def emit(source: PairSource, random: PhotonRandom) -> Emission:
-    """Draw what a source emits, one pulse for each photon of a half."""
+def emit(
+    source: PairSource, random: PhotonRandom, levels: NDArray[np.uint8] | None = None
+) -> Emission:
+    """Draw what a source emits, one pulse for each photon of a half, with these intensities."""
     pairs = None if source.statistics == "single" else _pairs(source, random)
+    if pairs is not None and levels is not None:
+        pairs = _weakened(pairs, levels, source.intensities, random)
     return Emission(
         paulis=bell_states(source, random),
         pairs=pairs,
@@ -78,6 +82,21 @@ def _pairs(source: PairSource, random: PhotonRandom) -> NDArray[np.uint8]:
     pairs = np.zeros(random.photons, dtype=np.uint8)
     pairs[some] = 1 + random.which("pairs", some.size, probabilities[1:])
     return pairs
+
+
+def _weakened(
+    pairs: NDArray[np.uint8],
+    levels: NDArray[np.uint8],
+    intensities: tuple[float, ...],
+    random: PhotonRandom,
+) -> NDArray[np.uint8]:
+    """Let of each pulse's photons as many pass as its intensity says: that is Poisson again."""
+    shares = np.array(intensities) / intensities[0] if intensities[0] else np.ones(len(intensities))
+    some = np.flatnonzero((pairs > 0) & (levels > 0))
+    passed = random.generator("modulator").binomial(pairs[some], shares[levels[some]])
+    weakened = pairs.copy()
+    weakened[some] = passed.astype(np.uint8)
+    return weakened
 
 
 def _delays_ps(

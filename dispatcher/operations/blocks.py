@@ -101,6 +101,7 @@ class Operations:
         source = layer.devices.of(node).source
         self._require_room(node, names, request.count, most_further(source, request.count))
         states = limits.states(request)
+        levels = limits.levels(request, len(source.intensities))
         registers = self._make(request, states)
         lineage = layer.ownership.used_names.use(request.session, request.number)
         now_ns = layer.clock.now_ns()
@@ -116,7 +117,7 @@ class Operations:
             pairs, told = emit_into(blocks[0], blocks[1], layer)
             self.pairs_created += pairs
         else:
-            told = emit_prepared(blocks[0], states, layer)
+            told = emit_prepared(blocks[0], states, levels, layer)
         text += told
         if states is not None:
             text += f": {tally(states, preparation.STATES)}"

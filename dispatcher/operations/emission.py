@@ -37,16 +37,19 @@ def emit_into(first: Block, second: Block, layer: PhysicalLayer) -> tuple[int, s
     return int(emission.pairs.sum(dtype=np.int64)), told
 
 
-def emit_prepared(block: Block, states: Bytes | None, layer: PhysicalLayer) -> str:
+def emit_prepared(
+    block: Block, states: Bytes | None, levels: Bytes | None, layer: PhysicalLayer
+) -> str:
     """Let new photons in given states (None: |0>) be what a source emits; return a description.
 
-    All photons of a pulse are in the same state. A host without a source keeps what it prepares.
+    All photons of a pulse are in the same state; levels choose its intensity. A host without a
+    source keeps what it prepares.
     """
     source = layer.devices.of(block.node).source
     if source.statistics == "none":
         return ""
     random = PhotonRandom(layer.draws, block.name, block.draws_for("source"), block.register.size)
-    emission = emit(source, random)
+    emission = emit(source, random, levels)
     block.pulses.delays_ps = emission.delays_ps
     if emission.pairs is None:
         return ""

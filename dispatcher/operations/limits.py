@@ -35,6 +35,19 @@ def states(request: CreateRequest) -> Bytes | None:
     return None
 
 
+def levels(request: CreateRequest, intensities: int) -> Bytes | None:
+    """Return with which of so many intensities each pulse is prepared, None if all with the first.
+
+    Refuse those of a block that is not prepared, and what the source cannot make.
+    """
+    if not request.levels:
+        return None
+    if request.state != CreateRequest.PREPARED:
+        name = CreateRequest.State.Name(request.state)
+        raise invalid(f"{len(request.levels)} levels for a block of {name}; only PREPARED has any")
+    return packed("levels", request.levels, request.count, intensities - 1)
+
+
 def angle(name: str, gate: Gate, photons: int, backend: str) -> Angle:
     """Return a gate's angle, or that of each photon; 0 of a gate that has none.
 

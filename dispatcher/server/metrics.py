@@ -16,9 +16,11 @@ from wire.prometheus.metrics import SECONDS
 class MeasuredService(Service):
     """A service that also measures how long its calls take."""
 
-    def __init__(self, layer: PhysicalLayer, callers: Callers, failed: Failed) -> None:
+    def __init__(
+        self, layer: PhysicalLayer, callers: Callers, failed: Failed, looking: bool = False
+    ) -> None:
         """Serve this layer, and keep its figures in `registry`."""
-        super().__init__(layer, callers, failed)
+        super().__init__(layer, callers, failed, looking)
         self.registry = CollectorRegistry()
         self.registry.register(Figures(self))
         self._seconds = Histogram(

@@ -8,6 +8,7 @@ from typing import Any
 
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.operations.adjustment import adjust
+from dispatcher.operations.looking import look
 from dispatcher.operations.switching import Switching
 from wire import dispatcher_pb2 as messages
 
@@ -25,6 +26,7 @@ REQUESTS: dict[str, type[Any]] = {
     "discard": messages.DiscardRequest,
     "gather": messages.GatherRequest,
     "resend": messages.ResendRequest,
+    "look": messages.LookRequest,
     "cross_connect": messages.CrossConnectRequest,
     "tune_port": messages.TunePortRequest,
     "inject_fault": messages.InjectFaultRequest,
@@ -44,6 +46,9 @@ def changes(layer: PhysicalLayer, switching: Switching) -> dict[str, Change]:
     async def inject_fault(_node: str, request: messages.InjectFaultRequest) -> None:
         await switching.inject(request)
 
+    async def looked(node: str, request: messages.LookRequest) -> messages.LookReply:
+        return look(layer, node, request)
+
     async def adjust_fiber(_node: str, request: messages.AdjustFiberRequest) -> int:
         return adjust(layer, request)
 
@@ -52,4 +57,5 @@ def changes(layer: PhysicalLayer, switching: Switching) -> dict[str, Change]:
         "cross_connect": cross_connect,
         "tune_port": tune_port,
         "inject_fault": inject_fault,
+        "look": looked,
     }

@@ -31,10 +31,10 @@ def build_service(config: DispatcherConfig, layer: PhysicalLayer, failed: Failed
     """Return the service for the layer; it calls `failed` with unexpected errors."""
     callers = Callers(config.tokens, layer.network.switches.keys())
     if config.metrics_fd is None:
-        return Service(layer, callers, failed)
+        return Service(layer, callers, failed, config.looking)
     from dispatcher.server.metrics import MeasuredService
 
-    return MeasuredService(layer, callers, failed)
+    return MeasuredService(layer, callers, failed, config.looking)
 
 
 @asynccontextmanager

@@ -18,7 +18,7 @@ from dispatcher.operations.operation_handlers import acts
 from dispatcher.operations.resending import Resending
 from dispatcher.operations.switching import Switching
 from dispatcher.operations.transport import Transport
-from dispatcher.refusal import Refusal, exhausted
+from dispatcher.refusal import Refusal, denied, exhausted
 from dispatcher.sabot.dense import TooLarge
 from dispatcher.server.callers import Callers
 from dispatcher.server.orders import Orders
@@ -55,8 +55,11 @@ def call(
 class Service(DispatcherServicer):
     """Serves the nodes, the switches' agents and the runner."""
 
-    def __init__(self, layer: PhysicalLayer, callers: Callers, failed: Failed) -> None:
+    def __init__(
+        self, layer: PhysicalLayer, callers: Callers, failed: Failed, looking: bool = False
+    ) -> None:
         """Serve this layer; call `failed` with any error that is not a refusal."""
+        self.looking = looking
         self.callers, self.failed = callers, failed
         self.layer = layer
         self.transport = Transport(layer, failed)
@@ -149,6 +152,16 @@ class Service(DispatcherServicer):
         """Do what a host orders, until it goes away."""
         self.callers.require_host(node)
         await Orders(functools.partial(self._act, node), context.write).run(orders)
+
+    @call
+    async def Look(
+        self, request: messages.LookRequest, node: str, _context: Context
+    ) -> messages.LookReply:
+        """Tell the state of a qubit, where that is allowed."""
+        self.callers.require_host(node)
+        if not self.looking:
+            raise denied("no state can be looked at in this network, as in none of hardware")
+        return cast(messages.LookReply, await self.change(node, "look", request))
 
     async def _act(self, node: str, kind: str, request: Any) -> messages.Feedback:
         self.callers.require_host(node)

@@ -126,10 +126,13 @@ class Qnic(Protocol):
         Raise NoLight if no photon of a half arrives; what came of the other is let go.
         """
 
-    async def prepare(self, session: int, number: int, states: Symbols) -> BlockName:
+    async def prepare(
+        self, session: int, number: int, states: Symbols, levels: Symbols | None = None
+    ) -> BlockName:
         """Make a photon in each of these states (half 0), at this host; shape (k,).
 
-        States: 0 |0>, 1 |1>, 2 |+>, 3 |->, 4 |+i>, 5 |-i>.
+        States: 0 |0>, 1 |1>, 2 |+>, 3 |->, 4 |+i>, 5 |-i>. Levels, shape (k,): the intensity of
+        each pulse, 0 the source's mean, 1 and 2 its decoys; None: 0 for all.
         """
 
     async def prepare_along(self, session: int, number: int, directions: Directions) -> BlockName:
@@ -219,6 +222,12 @@ class Qnic(Protocol):
 
         Return the outcome of each measurement: 0 or 1, 255 where no detector clicked. If one
         fails, what was done before it is done, and what comes behind it is not.
+        """
+
+    async def look(self, block: BlockName, entangled: bool) -> "NDArray[np.complex128]":
+        """Return the density matrix of a qubit here, perhaps with all it is entangled with.
+
+        Only where states are simulated, and may be looked at; raise HardwareError otherwise.
         """
 
     async def discard_block(self, session: int, number: int) -> None:

@@ -1,12 +1,15 @@
 """The simulated QNIC: every call is a request to the dispatcher, over the host's own CNIC."""
 
+import math
 import time
 from collections.abc import AsyncIterator, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from functools import cached_property
 from itertools import islice
 
 import grpc
 import numpy as np
+from numpy.typing import NDArray
 
 from hosts.hardware.operations import OUTCOMES, Operation
 from hosts.hardware.orders import NotHere, Orders, proved
@@ -23,6 +26,7 @@ from hosts.hardware.qnic import (
     Symbols,
 )
 from hosts.hardware.steps import steps_of
+from hosts.timeouts import DISPATCHER_TIMEOUT_S
 from wire.dispatcher_pb2 import (
     ApplyRequest,
     BellMeasureRequest,
@@ -33,6 +37,7 @@ from wire.dispatcher_pb2 import (
     Gate,
     GatherRequest,
     Launch,
+    LookRequest,
     MeasureRequest,
     Pick,
     ReceiveRequest,
@@ -54,11 +59,18 @@ class SimulatedQnic:
     """A QNIC whose photons live in the dispatcher."""
 
     def __init__(self, dispatcher: str, token: str, ports: list[str]) -> None:
-        self._channel = grpc.aio.insecure_channel(dispatcher, CHANNEL_OPTIONS)
-        self._stub = DispatcherStub(self._channel)  # type: ignore[no-untyped-call]
-        self._token = token
-        self._orders = Orders(self._stub, token)
-        self._ports = ports
+        self._dispatcher, self._token, self._ports = dispatcher, token, ports
+        self._channel: grpc.aio.Channel | None = None
+
+    @cached_property
+    def _stub(self) -> DispatcherStub:
+        """The dispatcher, from the first order on: who waits for light needs no threads for it."""
+        self._channel = grpc.aio.insecure_channel(self._dispatcher, CHANNEL_OPTIONS)
+        return DispatcherStub(self._channel)  # type: ignore[no-untyped-call]
+
+    @cached_property
+    def _orders(self) -> Orders:
+        return Orders(self._stub, self._token)
 
     @property
     def ports(self) -> list[str]:
@@ -129,7 +141,9 @@ class SimulatedQnic:
         outcomes = np.frombuffer(feedback.outcomes, dtype=np.uint8)
         return Coincidences(outcomes, feedback.clicks, feedback.time_ns)
 
-    async def prepare(self, session: int, number: int, states: Symbols) -> BlockName:
+    async def prepare(
+        self, session: int, number: int, states: Symbols, levels: Symbols | None = None
+    ) -> BlockName:
         """Make a photon in each of these states, at this host."""
         create = CreateRequest(
             session=session,
@@ -137,6 +151,7 @@ class SimulatedQnic:
             count=states.size,
             state=CreateRequest.PREPARED,
             states=states.tobytes(),
+            levels=b"" if levels is None else levels.tobytes(),
         )
         await self._orders.perform(Step(create=create))
         return BlockName(session, number, 0)
@@ -270,6 +285,18 @@ class SimulatedQnic:
         assert len(outcomes) == sum(each.kind in OUTCOMES for each in operations)
         return list(outcomes)
 
+    async def look(self, block: BlockName, entangled: bool) -> NDArray[np.complex128]:
+        """Return the density matrix of a qubit at this host."""
+        try:
+            proof = await proved(self._stub, self._token, "Look")
+            request = LookRequest(block=_named(block), entangled=entangled)
+            reply = await self._stub.Look(request, metadata=proof, timeout=DISPATCHER_TIMEOUT_S)
+        except grpc.aio.AioRpcError as error:
+            raise HardwareError(f"dispatcher: {error.details()}") from error
+        flat = np.array(reply.real) + 1j * np.array(reply.imaginary)
+        size = math.isqrt(flat.size)
+        return flat.reshape(size, size)
+
     async def watch(self, session: int, history: bool, follow: bool) -> AsyncIterator[bytes]:
         """Yield what happens at this host; the dispatcher tells a host nothing else."""
         request = WatchRequest(session=session, history=history, until_now=not follow)
@@ -299,7 +326,8 @@ class SimulatedQnic:
     async def close(self) -> None:
         """Close the connection to the dispatcher."""
         await self._orders.close()
-        await self._channel.close(None)
+        if self._channel is not None:
+            await self._channel.close(None)
 
 
 def _orders(steps: Iterable[Step]) -> Iterator[tuple[Step, ...]]:

@@ -3,11 +3,13 @@
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 from netqasm.lang.encoding import RegisterName
 from netqasm.lang.operand import Register
 from netqasm.sdk.connection import BaseNetQASMConnection
 from netqasm.sdk.network import NetworkInfo
 from netqasm.sdk.shared_memory import SharedMemory
+from numpy.typing import NDArray
 
 from hosts.netqasm_sdk.placement import Placement
 from hosts.processing_socket import ProcessingSocket
@@ -47,6 +49,10 @@ class Connection(BaseNetQASMConnection):
 
     def block(self) -> None:
         """Return at once: a subroutine is done when it has been sent."""
+
+    def look(self, qubit: int, entangled: bool) -> NDArray[np.complex128]:
+        """Return the density matrix of a qubit, as simulators do."""
+        return self._unit.look(qubit, entangled)
 
     def _commit_serialized_message(
         self, raw_msg: bytes, block: bool = True, callback: Callable[[], Any] | None = None
@@ -99,3 +105,12 @@ class Connection(BaseNetQASMConnection):
 def _register(number: int) -> Register:
     bank, index = divmod(number, REGISTERS_IN_A_BANK)
     return Register(RegisterName(bank), index)
+
+
+def get_qubit_state(qubit: Any, reduced_dm: bool = True) -> NDArray[np.complex128]:
+    """Return the density matrix of a qubit; not reduced: of all that it is entangled with, too.
+
+    The qubit is the first of these. Raise QuantumSocketError where nobody may look.
+    """
+    matrix: NDArray[np.complex128] = qubit.connection.look(qubit.qubit_id, not reduced_dm)
+    return matrix

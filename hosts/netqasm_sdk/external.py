@@ -1,13 +1,15 @@
 """Our connection and sockets in the place of netqasm.sdk.external."""
 
+import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import ModuleType
 
 import netqasm.sdk
+from netqasm.runtime.settings import SIMULATOR_ENV, Simulator
 
-from hosts.netqasm_sdk.connection import Connection
+from hosts.netqasm_sdk.connection import Connection, get_qubit_state
 from hosts.netqasm_sdk.placement import Placement
 from hosts.netqasm_sdk.texts import BroadcastChannel, Exchange, Socket
 from wire.netqasm.texts import NAME_BYTES
@@ -29,6 +31,9 @@ def installed(placement: Placement) -> Iterator[None]:
     module.Socket = own = type("Socket", (Socket,), sockets)  # type: ignore[attr-defined]
     channel = type("BroadcastChannel", (BroadcastChannel,), {"_socket_class": own})
     module.BroadcastChannel = channel  # type: ignore[attr-defined]
+    module.get_qubit_state = get_qubit_state  # type: ignore[attr-defined]
+    # Of the simulators that the SDK knows, the one whose own parts it never imports.
+    os.environ.setdefault(SIMULATOR_ENV, Simulator.SIMULAQRON.value)
     before = sys.modules.get(NAME)
     sys.modules[NAME] = netqasm.sdk.external = module
     try:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hosts.hardware.qnic import BlockName, Qnic, release
 from hosts.middleware.session.channel import SessionError
@@ -74,6 +75,10 @@ class Application:
         """Execute a subroutine; return what it returns."""
         self._settle()
         return await self._machine.run(subroutine)
+
+    async def look(self, qubit: int, entangled: bool) -> NDArray[np.complex128]:
+        """Return the density matrix of a qubit, where states are simulated."""
+        return await self._qubits.look(qubit, entangled)
 
     async def close(self) -> None:
         """Let go of requests and photons."""

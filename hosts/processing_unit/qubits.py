@@ -7,6 +7,9 @@ know an outcome, or at the end of a subroutine. Between two calls they wait in t
 from itertools import count
 from math import pi
 
+import numpy as np
+from numpy.typing import NDArray
+
 from hosts.hardware.operations import OUTCOMES, Kind, Operation
 from hosts.hardware.qnic import BlockName, Qnic
 from hosts.middleware.session.channel import SessionError
@@ -141,6 +144,11 @@ class Qubits:
             )
         for outcome, bit in zip(outcomes, bits, strict=True):
             outcome.value = bit
+
+    async def look(self, qubit: int, entangled: bool) -> NDArray[np.complex128]:
+        """Return the density matrix of a qubit, where states are simulated."""
+        await self.flush()
+        return await self._qnic.look(self._block(qubit), entangled)
 
     def _block(self, qubit: int) -> BlockName:
         if qubit not in self._blocks:

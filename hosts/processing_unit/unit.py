@@ -6,6 +6,7 @@ An application says PROCESS, is told which nodes there are, and then sends NetQA
 
 import asyncio
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -76,6 +77,21 @@ class Connection:
         answers.append(Finished(self._messages))
         self._messages += 1
         return answers
+
+    async def answer(self, question: dict[str, Any]) -> dict[str, Any]:
+        """Tell the state of a qubit, where states are simulated: {"look": number, "entangled"}.
+
+        Return the parts of its density matrix: {"real": rows, "imaginary": rows}.
+        """
+        if self._application is None:
+            raise SessionError(Reason.PROTOCOL, "no application has begun on this connection")
+        qubit, entangled = question.get("look"), question.get("entangled")
+        if question.keys() != {"look", "entangled"} or not isinstance(entangled, bool):
+            raise SessionError(Reason.UNSUPPORTED, "ask to look at a qubit, entangled or not")
+        if not isinstance(qubit, int):
+            raise SessionError(Reason.UNSUPPORTED, f"qubit {qubit!r} is not a number")
+        matrix = await self._application.look(qubit, entangled)
+        return {"real": matrix.real.tolist(), "imaginary": matrix.imag.tolist()}
 
     async def close(self) -> None:
         """Let go of everything of the application."""

@@ -4,6 +4,7 @@ import asyncio
 
 from hosts.middleware.session.channel import SessionError
 from hosts.processing_unit.unit import Connection, ProcessingUnit
+from hosts.serving.answering import reply
 from hosts.serving.opened_session import read_call, stopped, unless_gone
 from wire.metadata import Reason
 from wire.netqasm.messages import decode_host_message, encode_unit_message
@@ -22,10 +23,11 @@ async def serve_processing(
             call, payload = await coming
             if call == Call.CLOSE:
                 break
-            if call != Call.DATA:
+            if call not in (Call.DATA, Call.ASK):
                 raise SessionError(Reason.PROTOCOL, f"{call.name} to a processing unit")
             coming = asyncio.create_task(read_call(reader))
-            await unless_gone(_handle(connection, payload, writer), coming)
+            work = _handle if call == Call.DATA else _answer
+            await unless_gone(work(connection, payload, writer), coming)
     finally:
         await stopped(coming)
         await connection.close()
@@ -36,3 +38,8 @@ async def _handle(connection: Connection, payload: bytes, writer: asyncio.Stream
     for answer in await connection.handle(decode_host_message(payload)):
         writer.write(encode(Call.DATA, encode_unit_message(answer)))
         await writer.drain()
+
+
+async def _answer(connection: Connection, question: bytes, writer: asyncio.StreamWriter) -> None:
+    writer.write(await reply(connection.answer, question))
+    await writer.drain()

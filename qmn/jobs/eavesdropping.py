@@ -7,12 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from mininet.topo import Topo
-
 from controller_apps.policy.policy import DEFAULT
 from qmn.jobs.transfer import START_TIMEOUT_S
+from qmn.network.description import NetworkDescription
 from qmn.network.options import NetworkOptions
-from qmn.network.topologies import quantum_hosts
 from qmn.options import BadInput
 from topologies.network import Network
 from topologies.programs import Program, python
@@ -27,13 +25,14 @@ def with_eve(network: NetworkOptions) -> NetworkOptions:
     return replace(network, topology=TOPOLOGY) if network.topology == "sdc" else network
 
 
-def check(ends: Collection[str], network: NetworkOptions, topo: Topo) -> None:
+def check(ends: Collection[str], network: NetworkDescription) -> None:
     """Raise BadInput if eve cannot be put on the fibre between these ends."""
-    if EVE not in quantum_hosts(topo):
-        raise BadInput(f"--eve: {network.topology} has no host eve; use --topology {TOPOLOGY}")
+    options = network.options
+    if EVE not in network.hosts:
+        raise BadInput(f"--eve: {options.topology} has no host eve; use --topology {TOPOLOGY}")
     if EVE in ends:
         raise BadInput("--eve: eve is sender or receiver; choose two others")
-    if network.policy:
+    if options.policy:
         raise BadInput("--eve makes a policy of its own: leave out --policy")
 
 
@@ -45,11 +44,9 @@ def tapping_policy(begin: str, end: str, folder: Path) -> Path:
     return policy
 
 
-def sender_of_light(service: str, sender: str, topo: Topo) -> str:
+def sender_of_light(service: str, sender: str, network: NetworkDescription) -> str:
     """Return whose light the receiver measures: the sender's, or the pair source's."""
-    if service == "bb84":
-        return sender
-    return next(str(host) for host in topo.hosts() if topo.nodeInfo(host).get("source"))
+    return sender if service == "bb84" else network.parts.sources[0]
 
 
 @contextmanager

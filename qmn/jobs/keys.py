@@ -4,7 +4,6 @@ import time
 from dataclasses import dataclass, replace
 from functools import partial
 
-from mininet.topo import Topo
 from rich.console import Console
 
 from qmn.jobs import eavesdropping, moments
@@ -13,9 +12,9 @@ from qmn.jobs.passing_eavesdropper import PassingEavesdropper, PassingEve
 from qmn.jobs.run_context import RunContext, begin_folder, ending, known_facts, running_network
 from qmn.jobs.run_options import RunOptions
 from qmn.network.checks import check_network
+from qmn.network.description import NetworkDescription, describe_network
 from qmn.network.key_options import KeyServiceOptions, key_service
 from qmn.network.options import NetworkOptions
-from qmn.network.topologies import quantum_hosts, topology
 from qmn.options import check_ranges
 from qmn.results import result
 from topologies.key_managers import KeyManagers, KeyService, application_name, start_key_managers
@@ -41,38 +40,40 @@ class KeysRequest:
     )
 
 
-def checked(request: KeysRequest) -> KeysRequest:
-    """Return the request with what follows from it; raise BadInput before anything is started."""
+def checked(request: KeysRequest) -> tuple[KeysRequest, NetworkDescription]:
+    """Return the request with what follows from it, and its network.
+
+    Raise BadInput or BadTopology before anything is started.
+    """
     if request.eve.eve is not None:
         request = replace(request, network=eavesdropping.with_eve(request.network))
     if not request.keys.key_pair:
         request = replace(request, keys=replace(request.keys, key_pair=(PAIR,)))
-    topo = topology(request.network)()
+    network = describe_network(request.network)
     check_network(request.network)
     check_ranges(request.run)
     check_ranges(request)
-    request.eve.check(service_of(request, topo).pairs[0], request.network, topo)
-    return request
+    request.eve.check(service_of(request, network).pairs[0], network)
+    return request, network
 
 
-def service_of(request: KeysRequest, topo: Topo) -> KeyService:
+def service_of(request: KeysRequest, network: NetworkDescription) -> KeyService:
     """Return what key managers are to do; raise BadInput for what they cannot."""
-    service = key_service(request.keys, quantum_hosts(topo))
+    service = key_service(request.keys, network.hosts)
     assert service is not None  # there is a pair
     return service
 
 
 def run(request: KeysRequest, signals: Signals, console: Console) -> int:
     """Do the whole run and return its exit status."""
-    request = checked(request)
+    request, description = checked(request)
     require_root()
-    topo, folder = topology(request.network)(), begin_folder(request.run.runs, NAME)
-    service = service_of(request, topo)
+    folder = begin_folder(request.run.runs, NAME)
+    service = service_of(request, description)
     opener, acceptor = service.pairs[0]
-    light_from = eavesdropping.sender_of_light(service.link.protocol, opener, topo)
+    light_from = eavesdropping.sender_of_light(service.link.protocol, opener, description)
     eve = PassingEavesdropper(request.eve, light_from, acceptor, folder)
-    network_options = eve.with_policy(request.network)
-    context = RunContext(network_options, request.run, folder, signals, console)
+    context = RunContext(eve.with_policy(description), request.run, folder, signals, console)
     own = {name: getattr(request.keys, name) for name in PARAMETERS}
     own |= vars(request.eve) if request.eve.eve is not None else {}
     facts = {"service": NAME, **known_facts(context, own), "delivered": False}

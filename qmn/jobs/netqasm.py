@@ -6,7 +6,7 @@ of each role in roles.yaml, as NetQASM's own `netqasm simulate` wants it.
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +23,8 @@ from qmn.jobs.run_context import (
 from qmn.jobs.run_options import RunOptions
 from qmn.jobs.transfer import TransferError, follow_all
 from qmn.network.checks import check_network
+from qmn.network.description import describe_network
 from qmn.network.options import NetworkOptions
-from qmn.network.topologies import quantum_hosts, topology
 from qmn.options import BadInput, check_ranges
 from qmn.results import result
 from topologies.network import Network, Signals, require_root
@@ -55,6 +55,7 @@ class NetqasmRequest:
     rounds: int = option(
         1, "run it so many times, one after the other (1)", metavar="N", range=(1, 1_000_000)
     )
+    looking: bool = option(True, "programs may not look at states (get_qubit_state)")
     network: NetworkOptions
     run: RunOptions
 
@@ -71,10 +72,11 @@ class Application:
 
 def run(request: NetqasmRequest, signals: Signals, console: Console) -> int:
     """Do the whole run and return its exit status."""
-    application = checked(request)
+    description = describe_network(replace(request.network, looking=request.looking))
+    application = checked(request, description.hosts)
     require_root()
     folder = begin_folder(request.run.runs, "netqasm")
-    context = RunContext(request.network, request.run, folder, signals, console)
+    context = RunContext(description, request.run, folder, signals, console)
     own = {"application": str(application.folder), "rounds": application.rounds}
     facts = {
         "service": "netqasm",
@@ -91,9 +93,8 @@ def run(request: NetqasmRequest, signals: Signals, console: Console) -> int:
     return 0
 
 
-def checked(request: NetqasmRequest) -> Application:
-    """Return the application; raise BadInput before anything is started."""
-    hosts = quantum_hosts(topology(request.network)())
+def checked(request: NetqasmRequest, hosts: Sequence[str]) -> Application:
+    """Return the application on some of these hosts; raise BadInput before anything is started."""
     check_network(request.network)
     check_ranges(request.run)
     check_ranges(request)

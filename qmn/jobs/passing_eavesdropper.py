@@ -6,17 +6,15 @@ would; sessions that are open stay as they are.
 
 import math
 from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-
-from mininet.topo import Topo
 
 from controller_apps.policy.policy import DEFAULT
 from qmn.jobs import eavesdropping
 from qmn.jobs.moments import Moments
 from qmn.jobs.transfer import START_TIMEOUT_S
 from qmn.live.controller_console import ask
-from qmn.network.options import NetworkOptions
+from qmn.network.description import NetworkDescription
 from qmn.options import BadInput, check_ranges
 from topologies.network import Network
 from topologies.programs import Program, python
@@ -38,12 +36,12 @@ class PassingEve:
     at: float = option(10.0, "when eve comes (10)", metavar="S", range=(0, MOST_S))
     until: float | None = option(None, "when she leaves (never)", metavar="S", range=(0, MOST_S))
 
-    def check(self, ends: Collection[str], network: NetworkOptions, topo: Topo) -> None:
+    def check(self, ends: Collection[str], network: NetworkDescription) -> None:
         """Raise BadInput if she cannot come so."""
         check_ranges(self)
         if self.eve is None:
             return
-        eavesdropping.check(ends, network, topo)
+        eavesdropping.check(ends, network)
         if self.until is not None and self.until <= self.at:
             raise BadInput(f"--until {self.until:g} is not after --at {self.at:g}")
 
@@ -58,11 +56,11 @@ class PassingEavesdropper:
         self._eve: Program | None = None
         self._gone = options.eve is None
 
-    def with_policy(self, network: NetworkOptions) -> NetworkOptions:
+    def with_policy(self, network: NetworkDescription) -> NetworkDescription:
         """Return the network with a policy that can change; she is not in it yet."""
         if self._gone:
             return network
-        return replace(network, policy=str(self._write()))
+        return network.with_policy(self._write())
 
     def _write(self) -> Path:
         policy = self._folder / eavesdropping.POLICY

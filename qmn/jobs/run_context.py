@@ -15,11 +15,9 @@ from qmn.jobs.transfer import TransferError
 from qmn.live.dispatcher_calls import status
 from qmn.live.metrics_targets import announce
 from qmn.network.custom_topology import BadTopology, short_name
-from qmn.network.device_options import differences
-from qmn.network.options import NetworkOptions, settings
-from qmn.network.time_scale import scale_of
-from qmn.network.topologies import quantum_hosts, stated_devices, stated_optics, topology
-from qmn.options import BadInput
+from qmn.network.description import NetworkDescription
+from qmn.network.options import settings
+from qmn.options import BadInput, option_names
 from qmn.reports.report_file import begin_loading, report_of_run
 from qmn.results.network_facts import network_facts
 from qmn.results.run_folder import give_to_invoker, given_at_the_end, make_folder, point_latest
@@ -30,33 +28,21 @@ from topologies.network import Interrupted, Network, Signals
 from topologies.programs import NetworkError
 from topologies.slow_copper import slow_metadata
 
-NETWORK_PARAMETERS = (
-    "preset",
-    "length_km",
-    "loss_db_per_km",
-    "depolarizing",
-    "kind",
-    "fiber",
-    "switch",
-    "node",
-    "device",
-    "map",
-    "hosts_at",
-    "sources_at",
-    "repeaters_at",
-    "fibers",
-    "hosts",
-    "switches",
-    "leaves",
-    "repeaters",
-    "spines",
-    "copper_km",
-    "control_km",
-    "control_loss",
-    "loss_budget_db",
-    "contention",
-    "openflow_port",
-)
+# Options that a result tells elsewhere, or that do not change what comes out.
+NO_PARAMETERS = {
+    "controller",
+    "seed",
+    "backend",
+    "time_scale",
+    "sabot",
+    "policy",
+    "rest",
+    "apps",
+    "keys",
+    "metrics",
+    "history_depth",
+    "per_qubit",
+}
 
 Work = Callable[[Signals, Console], int]
 Complete = Callable[[dict[str, Any], Path], None]
@@ -84,7 +70,7 @@ def tell(words: str, error: Exception) -> None:
 class RunContext:
     """A run that begins: its network, what it leaves and where, and who follows it."""
 
-    network: NetworkOptions
+    network: NetworkDescription
     options: RunOptions
     folder: Path
     signals: Signals
@@ -103,8 +89,9 @@ def begin_folder(runs: Path, name: str) -> Path:
 
 def known_facts(context: RunContext, own: Mapping[str, Any]) -> dict[str, Any]:
     """Return the facts that are known before the start; `own` are the job's parameters."""
-    options, run = context.network, context.options
-    said = {name: getattr(options, name) for name in NETWORK_PARAMETERS}
+    options, run = context.network.options, context.options
+    said = {name: getattr(options, name) for name in option_names(options)}
+    said = {name: value for name, value in said.items() if name not in NO_PARAMETERS}
     said = {**own, **said, "classical_mbps": run.classical_mbps}
     return {
         "topology": options.topology,
@@ -112,8 +99,7 @@ def known_facts(context: RunContext, own: Mapping[str, Any]) -> dict[str, Any]:
         "controller": options.controller,
         "seed": options.seed,
         "parameters": {name: value for name, value in said.items() if value is not None},
-        "optics": stated_optics(options),
-        "devices": {host: differences(device) for host, device in stated_devices(options).items()},
+        **context.network.facts(),
         "captures": [],
         "events": run.events,
         "backend": options.backend,
@@ -124,9 +110,8 @@ def known_facts(context: RunContext, own: Mapping[str, Any]) -> dict[str, Any]:
 @contextmanager
 def running_network(context: RunContext, facts: dict[str, Any]) -> Iterator[Network]:
     """Run a network with its captures, and add to the facts."""
-    options, run, console = context.network, context.options, context.console
-    topo = topology(options)
-    chosen = scale_of(options.time_scale, topo)
+    description, run, console = context.network, context.options, context.console
+    options, chosen = description.options, description.scale
     runtime = settings(
         options,
         context.folder,
@@ -142,7 +127,7 @@ def running_network(context: RunContext, facts: dict[str, Any]) -> Iterator[Netw
     with (
         given_at_the_end(options.keys),
         Network(
-            topo,
+            description.build,
             runtime,
             context.signals,
             lambda cause: console.print(f"ending: {cause}", soft_wrap=True),
@@ -151,7 +136,7 @@ def running_network(context: RunContext, facts: dict[str, Any]) -> Iterator[Netw
         facts["network"] = network_facts(network).to_dict()
         facts["backend"] = status(network).backend
         if run.classical_mbps is not None:
-            for host in quantum_hosts(network.net.topo):
+            for host in description.hosts:
                 slow_metadata(network.host(host), run.classical_mbps / chosen.scale)
         if options.metrics:
             facts["metrics"] = urls = announce(runtime.metrics_addresses, context.folder)

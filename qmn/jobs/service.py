@@ -4,7 +4,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from mininet.topo import Topo
 from rich.console import Console
 
 from controller_apps.policy.schedules import PARALLEL, SCHEDULES
@@ -18,8 +17,8 @@ from qmn.jobs.run_options import RunOptions
 from qmn.jobs.service_verbs import verb_of
 from qmn.jobs.swap_schedule import scheduling_policy
 from qmn.network.checks import check_network, check_two_hosts
+from qmn.network.description import NetworkDescription, describe_network
 from qmn.network.options import NetworkOptions
-from qmn.network.topologies import devices_of, quantum_hosts, topology
 from qmn.options import BadInput, check_ranges
 from topologies.network import Signals, require_root
 from wire.features import EMIT
@@ -59,24 +58,24 @@ class ServiceRequest:
 
 def run(request: ServiceRequest, signals: Signals, console: Console) -> int:
     """Do the whole run and return its exit status."""
-    request = checked(request)
+    request, network = checked(request)
     require_root()
     folder = begin_folder(request.run.runs, request.service)
-    network = with_policy(request, topology(request.network)(), folder)
+    network = with_policy(request, network, folder)
     context = RunContext(network, request.run, folder, signals, console)
     return runner.run(job(request), context)
 
 
-def with_policy(request: ServiceRequest, topo: Topo, folder: Path) -> NetworkOptions:
+def with_policy(
+    request: ServiceRequest, network: NetworkDescription, folder: Path
+) -> NetworkDescription:
     """Return the network with the policy that eve or a schedule need, written into the folder."""
     if request.eve is not None:
-        begin = eavesdropping.sender_of_light(request.service, request.sender, topo)
-        policy = eavesdropping.tapping_policy(begin, request.receiver, folder)
-        return replace(request.network, policy=str(policy))
+        begin = eavesdropping.sender_of_light(request.service, request.sender, network)
+        return network.with_policy(eavesdropping.tapping_policy(begin, request.receiver, folder))
     if request.schedule is not None:
-        policy = scheduling_policy(request.schedule, folder)
-        return replace(request.network, policy=str(policy))
-    return request.network
+        return network.with_policy(scheduling_policy(request.schedule, folder))
+    return network
 
 
 def job(request: ServiceRequest) -> runner.Job:
@@ -104,24 +103,26 @@ def job(request: ServiceRequest) -> runner.Job:
     )
 
 
-def checked(request: ServiceRequest) -> ServiceRequest:
-    """Return the request with what follows from it; raise BadInput before anything is started."""
+def checked(request: ServiceRequest) -> tuple[ServiceRequest, NetworkDescription]:
+    """Return the request with what follows from it, and its network.
+
+    Raise BadInput or BadTopology before anything is started.
+    """
     if request.eve is not None:
         request = replace(request, network=eavesdropping.with_eve(request.network))
-    topo = topology(request.network)()
-    ends, hosts = (request.sender, request.receiver), quantum_hosts(topo)
-    check_two_hosts(*ends, hosts)
-    check_source(request.options, hosts)
+    network, ends = describe_network(request.network), (request.sender, request.receiver)
+    check_two_hosts(*ends, network.hosts)
+    check_source(request.options, network.hosts)
     check_network(request.network)
     check_ranges(request.run)
     check_ranges(request)
     if request.eve is not None:
-        eavesdropping.check(ends, request.network, topo)
+        eavesdropping.check(ends, network)
     if request.schedule is not None and request.network.policy:
         raise BadInput("--schedule makes a policy of its own: write [swap] schedule into --policy")
-    options = fitting_light(request, devices_of(topo).values())
+    options = fitting_light(request, network.parts.hosts.values())
     check_options(options, request.network.backend)
-    return replace(request, options=options)
+    return replace(request, options=options), network
 
 
 def check_source(options: ServiceOptions, hosts: Sequence[str]) -> None:

@@ -1,7 +1,7 @@
 """The job of sending a message by superdense coding."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -17,8 +17,8 @@ from qmn.jobs import runner
 from qmn.jobs.run_context import RunContext, begin_folder
 from qmn.jobs.run_options import RunOptions
 from qmn.network.checks import check_network, check_two_hosts
+from qmn.network.description import describe_network
 from qmn.network.options import NetworkOptions
-from qmn.network.topologies import quantum_hosts, topology
 from qmn.options import BadInput, Words, check_range, check_ranges
 from qmn.results.timeline import MERGE_AT_MOST_BYTES
 from topologies.network import Signals, require_root
@@ -80,11 +80,12 @@ SESSION: Mapping[str, Words] = MappingProxyType(
 
 def run(request: SuperdenseRequest, signals: Signals, console: Console) -> int:
     """Do the whole run and return its exit status."""
-    size = check_input(request)
+    network = describe_network(request.network)
+    size = check_input(request, network.hosts)
     require_root()
     tell_estimate(request, size, console)
     folder = begin_folder(request.run.runs, request.network.topology)
-    context = RunContext(request.network, request.run, folder, signals, console)
+    context = RunContext(network, request.run, folder, signals, console)
     return runner.run(job(request, message_file(request, folder)), context)
 
 
@@ -119,10 +120,9 @@ def job(request: SuperdenseRequest, file: Path) -> runner.Job:
     )
 
 
-def check_input(request: SuperdenseRequest) -> int:
+def check_input(request: SuperdenseRequest, hosts: Sequence[str]) -> int:
     """Return the size of the message; raise BadInput before anything is started."""
     options = request.options
-    hosts = quantum_hosts(topology(request.network)())
     check_two_hosts(request.sender, request.receiver, hosts)
     size = message_size(request)
     limit = SIZE_LIMIT[options.handshake]

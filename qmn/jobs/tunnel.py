@@ -28,7 +28,7 @@ CHARON = (
     "charon-systemd {{\n"
     f"  load = {PLUGINS}\n"
     "  plugins {{ vici {{ socket = unix://{socket}\n }} }}\n"
-    "  filelog {{ stdout {{ default = 1\n flush_line = yes\n }} }}\n"
+    "  filelog {{ log {{ path = /dev/stdout\n default = 1\n flush_line = yes\n }} }}\n"
     "  journal {{ default = -1\n }}\n"
     "}}\n"
 )

@@ -9,7 +9,6 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-from mininet.topo import Topo
 from rich.console import Console
 
 from hosts.middleware.services.key_distribution.options import MAX_COUNT
@@ -21,9 +20,9 @@ from qmn.jobs.run_context import RunContext, begin_folder, ending, known_facts, 
 from qmn.jobs.run_options import RunOptions
 from qmn.jobs.tunnel import MovedFile, serve_and_download, start_tunnel
 from qmn.network.checks import check_network, check_two_hosts
+from qmn.network.description import NetworkDescription, describe_network
 from qmn.network.options import NetworkOptions
 from qmn.network.time_scale import REAL
-from qmn.network.topologies import quantum_hosts, topology
 from qmn.options import BadInput, check_ranges
 from qmn.results import result
 from topologies.key_managers import KeyService, start_key_managers
@@ -81,16 +80,19 @@ class VpnRequest:
     run: RunOptions
 
 
-def checked(request: VpnRequest) -> VpnRequest:
-    """Return the request with what follows from it; raise BadInput before anything is started."""
+def checked(request: VpnRequest) -> tuple[VpnRequest, NetworkDescription]:
+    """Return the request with what follows from it, and its network.
+
+    Raise BadInput or BadTopology before anything is started.
+    """
     if request.eve.eve is not None:
         request = replace(request, network=eavesdropping.with_eve(request.network))
-    topo, ends = topology(request.network)(), (request.sender, request.receiver)
-    check_two_hosts(*ends, quantum_hosts(topo))
+    network, ends = describe_network(request.network), (request.sender, request.receiver)
+    check_two_hosts(*ends, network.hosts)
     check_network(request.network)
     check_ranges(request.run)
     check_ranges(request)
-    request.eve.check(ends, request.network, topo)
+    request.eve.check(ends, network)
     if request.network.time_scale != REAL:
         raise BadInput("--time-scale: a VPN's clock is the wall's; leave it out")
     if request.lifetime <= request.rotate:
@@ -103,17 +105,16 @@ def checked(request: VpnRequest) -> VpnRequest:
     missing = [name for name in names if shutil.which(name) is None]
     if missing:
         raise BadInput(f"{missing[0]} is not installed: apt-get install {packages}")
-    return request
+    return request, network
 
 
 def run(request: VpnRequest, signals: Signals, console: Console) -> int:
     """Do the whole run and return its exit status."""
-    request = checked(request)
+    request, description = checked(request)
     require_root()
-    topo, folder = topology(request.network)(), begin_folder(request.run.runs, NAME)
-    eve = passing_eve(request, topo, folder)
-    network_options = eve.with_policy(request.network)
-    context = RunContext(network_options, request.run, folder, signals, console)
+    folder = begin_folder(request.run.runs, NAME)
+    eve = passing_eve(request, description, folder)
+    context = RunContext(eve.with_policy(description), request.run, folder, signals, console)
     facts = {"service": NAME, **known_facts(context, parameters(request)), "delivered": False}
     with ending(folder, facts, result.complete):
         with running_network(context, facts) as network:
@@ -123,9 +124,11 @@ def run(request: VpnRequest, signals: Signals, console: Console) -> int:
     return 0 if facts["delivered"] else 1
 
 
-def passing_eve(request: VpnRequest, topo: Topo, folder: Path) -> PassingEavesdropper:
+def passing_eve(
+    request: VpnRequest, network: NetworkDescription, folder: Path
+) -> PassingEavesdropper:
     """Return who may come to the light."""
-    begin = eavesdropping.sender_of_light("bb84", request.sender, topo)
+    begin = eavesdropping.sender_of_light("bb84", request.sender, network)
     return PassingEavesdropper(request.eve, begin, request.receiver, folder)
 
 

@@ -77,6 +77,7 @@ class NetworkOptions(NetworkSettings):
     switches: int | None = option(None, "quantum switches of a chain, ring or tree", metavar="N")
     leaves: int | None = option(None, "switches of leaf-spine with hosts (3)", metavar="N")
     spines: int | None = option(None, "switches of leaf-spine between leaves (2)", metavar="N")
+    both_ways: bool = option(False, "alice has two fibres, so that she can receive, too")
 
     def __post_init__(self) -> None:
         """Take a map, if one is named, in place of the topology that a job has by default."""

@@ -5,8 +5,9 @@
 
 import json
 from collections import defaultdict
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from functools import cached_property
 from typing import Any
 
 from mininet.topo import Topo
@@ -14,6 +15,7 @@ from mininet.topo import Topo
 from qmn.network.custom_topology import BadTopology
 from qmn.network.device_options import devices, nodes
 from topologies.copper_lengths import assign_copper_lengths
+from topologies.description import is_made, switch_of
 from topologies.fiber import OPTICS as FIBER_OPTICS
 from topologies.fiber import FiberLink, resolved
 from topologies.nodes import PARTS as DEVICE_PARTS
@@ -50,41 +52,44 @@ class PartOptions:
 
     def of_every_fiber(self) -> dict[str, Any]:
         """Return what is said of all fibres; raise BadTopology for no such parameter."""
-        return {
-            name: _value("fiber", word, text, FIBER[name])
-            for word, place, name, text in _said("fiber", self.fiber, FIBER)
-            if not place
-        }
+        return {name: value for _word, place, name, value in self._fibers if not place}
+
+    @cached_property
+    def _fibers(self) -> list[tuple[str, str, str, Any]]:
+        return list(_said("fiber", self.fiber, FIBER))
+
+    @property
+    def named_hosts(self) -> list[str]:
+        """The hosts that something is said of."""
+        kinds = [word.partition("=")[0] for word in self.node if "=" in word]
+        return list(dict.fromkeys([*kinds, *(word.partition(".")[0] for word in self.device)]))
 
     def built(self, build: Callable[[], Topo]) -> Topo:
         """Return a topology with what is said of its parts; raise BadTopology, or ValueError."""
         topo = build()
         self._set_fibers(topo)
         self._set_switches(topo)
-        for host, device in self.devices(topo).items():
-            _set_device(topo.nodeInfo(host), device)
+        self._set_devices(topo)
         assign_copper_lengths(topo)
         return topo
 
-    def devices(self, topo: Topo) -> dict[str, Device]:
-        """Return the devices of the hosts that are named; raise as `built` does."""
+    def _set_devices(self, topo: Topo) -> None:
+        hosts = [name for name in topo.hosts() if is_made(topo.nodeInfo(name), QuantumHost)]
         named = nodes(self.node, self.preset)
-        hosts = _hosts(topo)
-        mentioned = dict.fromkeys([*named, *(word.partition(".")[0] for word in self.device)])
         others = {host: device_of(host, topo.nodeInfo(host)) for host in hosts}
         given = devices(self.device, Device(), others | named)
-        for host in mentioned:
+        for host in self.named_hosts:
             _require("--node or --device", host, hosts)
-        return {host: given[host] for host in mentioned}
+            _set_device(topo.nodeInfo(host), given[host])
 
     def _set_fibers(self, topo: Topo) -> None:
-        by_place = _fibers(topo)
+        by_place = _fibers_by_place(topo)
         given: defaultdict[str, Info] = defaultdict(dict)
-        for word, place, name, text in _said("fiber", self.fiber, FIBER):
+        for word, place, name, value in self._fibers:
             if place:
                 place = place if place in by_place else _in_order(place, by_place)
                 _require(f"--fiber {word}: no fibre", place, by_place)
-                given[place][name] = _value("fiber", word, text, FIBER[name])
+                given[place][name] = value
         for place, changed in given.items():
             for info in by_place[place]:
                 kind = KINDS.get(str(changed.get("kind", "")), {})
@@ -93,17 +98,14 @@ class PartOptions:
                 resolved(optics(f"fibre {place}", **own))
 
     def _set_switches(self, topo: Topo) -> None:
-        switches = [name for name in topo.switches() if _is(topo.nodeInfo(name), OpticalSwitch)]
-        for word, place, name, text in _said("switch", self.switch, SWITCH):
+        switches = [name for name in topo.switches() if is_made(topo.nodeInfo(name), OpticalSwitch)]
+        for word, place, name, value in _said("switch", self.switch, SWITCH):
             if place:
                 _require(f"--switch {word}: no quantum switch", place, switches)
-            value = _value("switch", word, text, SWITCH[name])
             for switch in [place] if place else switches:
                 topo.nodeInfo(switch)[name] = value
         for switch in switches:
-            info = topo.nodeInfo(switch)
-            given = {each: info[each] for each in SWITCH.keys() & info.keys()}
-            QuantumSwitch(switch, **given).check()
+            switch_of(switch, topo.nodeInfo(switch))
 
 
 def _set_device(info: Info, device: Device) -> None:
@@ -116,9 +118,12 @@ def _set_device(info: Info, device: Device) -> None:
 
 
 def _said(
-    option: str, words: Sequence[str], known: Collection[str]
-) -> Iterator[tuple[str, str, str, str]]:
-    """Yield each word with its place, which may be "", name and value; raise BadTopology."""
+    option: str, words: Sequence[str], known: Mapping[str, Any]
+) -> Iterator[tuple[str, str, str, Any]]:
+    """Yield each word with its place, which may be "", name and value; raise BadTopology.
+
+    Names are known with their defaults.
+    """
     for word in words:
         where, equals, text = word.partition("=")
         place, _dot, name = where.rpartition(".")
@@ -127,7 +132,7 @@ def _said(
                 f"--{option} {word}: write NAME=VALUE or PLACE.NAME=VALUE, "
                 f"where NAME is of {', '.join(known)}"
             )
-        yield word, place, name, text
+        yield word, place, name, _value(option, word, text, known[name])
 
 
 def _value(option: str, word: str, text: str, default: Any) -> Any:
@@ -139,11 +144,11 @@ def _value(option: str, word: str, text: str, default: Any) -> Any:
         raise BadTopology(f"--{option} {word}: {error}") from error
 
 
-def _fibers(topo: Topo) -> dict[str, list[Info]]:
+def _fibers_by_place(topo: Topo) -> dict[str, list[Info]]:
     """Return the fibres between two nodes by A-B, names in order."""
     found: defaultdict[str, list[Info]] = defaultdict(list)
     for one, other, info in topo.links(withInfo=True):
-        if _is(info, FiberLink):
+        if is_made(info, FiberLink):
             found["-".join(sorted((one, other)))].append(info)
     return dict(sorted(found.items()))
 
@@ -156,15 +161,6 @@ def _in_order(place: str, by_place: Collection[str]) -> str:
         if other in by_place:
             return other
     return place
-
-
-def _hosts(topo: Topo) -> list[str]:
-    return [host for host in topo.hosts() if _is(topo.nodeInfo(host), QuantumHost)]
-
-
-def _is(info: Info, kind: type) -> bool:
-    made = info.get("cls")
-    return isinstance(made, type) and issubclass(made, kind)
 
 
 def _require(what: str, name: str, known: Collection[str]) -> None:

@@ -2,15 +2,11 @@
 
 import argparse
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
-from mininet.topo import Topo
-
-from topologies.fiber import OPTICS, FiberLink
-from topologies.nodes import QuantumHost, device_of
+from topologies.description import Description
 from wire.network_time import NetworkTime
-from wire.parameters.fiber import optics
 
 REAL, AUTO = 1.0, "auto"
 # What programs need from the arrival of a photon to what a host does next with it, and the bits
@@ -37,11 +33,11 @@ def scale(text: str) -> float | str:
         raise argparse.ArgumentTypeError(f"{text}: {error}, or {AUTO}") from error
 
 
-def scale_of(given: float | str, topo: Callable[[], Topo]) -> Scale:
+def scale_of(given: float | str, network: Description) -> Scale:
     """Return the time scale of a network; `auto` goes by the shortest of its times."""
     if isinstance(given, float):
         return Scale(given)
-    name, shortest_s = min(times(topo()), key=lambda each: each[1], default=("", float("inf")))
+    name, shortest_s = min(times(network), key=lambda each: each[1], default=("", float("inf")))
     if shortest_s == float("inf"):
         return Scale(REAL, "nothing in this network has a time of its own")
     busy = max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
@@ -53,17 +49,11 @@ def scale_of(given: float | str, topo: Callable[[], Topo]) -> Scale:
     return Scale(float(f"{needed:.3g}"), reason)
 
 
-def times(topo: Topo) -> Iterator[tuple[str, float]]:
+def times(network: Description) -> Iterator[tuple[str, float]]:
     """Yield T1 and T2 of the memories and the delays of the fibres, each with its name."""
-    for host in topo.hosts():
-        info = topo.nodeInfo(host)
-        if issubclass(info.get("cls") or object, QuantumHost):
-            device = device_of(host, info)
-            yield f"T1 of {host}", device.memory.t1_s
-            yield f"T2 of {host}", device.memory.t2_s
-    for one, other, info in topo.links(withInfo=True):
-        if info.get("cls") is FiberLink:
-            given = {name: value for name, value in info.items() if name in OPTICS}
-            delay_s = optics(f"fibre {one} to {other}", **given).delay_s
-            if delay_s:
-                yield f"the fibre from {one} to {other}", delay_s
+    for host, device in network.hosts.items():
+        yield f"T1 of {host}", device.memory.t1_s
+        yield f"T2 of {host}", device.memory.t2_s
+    for fiber in network.fibers:
+        if fiber.optics.delay_s:
+            yield f"the fibre from {fiber.a} to {fiber.b}", fiber.optics.delay_s

@@ -7,14 +7,17 @@ from qmn.reports.drawing import variable
 from qmn.reports.handshake_diagram import handshake_diagram
 from qmn.reports.key_timeline import key_timeline
 from qmn.reports.light_paths import LightPath, without_outcome
+from qmn.reports.load_diagram import MOST_FIBERS, load_diagram
 from qmn.reports.map_diagram import map_diagram
 from qmn.reports.markup import figure, missing
 from qmn.reports.network_diagram import network_diagram, path_colour
 from qmn.reports.run_facts import RunFacts
 from qmn.reports.sequence import handshake, lanes
 from qmn.results.timeline import TIMELINE
+from qmn.traffic.fiber_use import fiber_use
 from wire.parameters.network import OPENFLOW_PORT
 
+MOST_NAMED = 12  # light paths
 NOT_WRITTEN = "what happened to qubits was not written (--no-events)."
 METADATA = (
     '<span class="metadata">quantum metadata</span> as it leaves one host and reaches another'
@@ -36,11 +39,32 @@ def _legend(run: RunFacts, paths: Sequence[LightPath]) -> str:
         return f"Light paths are not shown: {NOT_WRITTEN}"
     if not paths:
         return "No light path stood."
+    if len(paths) > MOST_NAMED:
+        return f"{len(paths)} different light paths stood."
     named = (
         f'<b style="color: {variable(path_colour(number))}">{path.begin} → {path.end}</b>'
         for number, path in enumerate(paths)
     )
     return f"Light paths: {', '.join(named)}."
+
+
+def load_figure(run: RunFacts) -> str:
+    """Return the picture of heavy traffic."""
+    title = "Sessions over time, and the use of every fibre"
+    load = run.result["load"]
+    if not load.get("sessions"):
+        return missing(title, "no session was asked for.")
+    use = fiber_use(run.network, run.events)
+    drawn = load_diagram(load, use, run.result["time_scale"])
+    idle = sum(not intervals for intervals in use.values())
+    text = f"Each row is a fibre in one direction; {idle} were never in use. "
+    if not run.has_events:
+        text = f"The use of fibres is not shown: {NOT_WRITTEN} "
+    elif len(use) - idle > MOST_FIBERS:
+        text += f"The {MOST_FIBERS} that were in use longest are shown. "
+    reasons = {**load["blocked"], **load["broken"]}
+    said = ", ".join(f"{count} {reason}" for reason, count in reasons.items())
+    return figure(title, drawn, text + (f"Refused or broken: {said}." if said else ""), "wide")
 
 
 def handshake_figure(run: RunFacts) -> str:

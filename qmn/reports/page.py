@@ -81,6 +81,8 @@ def _transfer_figures(result: Mapping[str, Any]) -> dict[str, str]:
 def _sections(run: RunFacts) -> Iterator[str]:
     paths = light_paths(run.network, run.events)
     yield figures.network(run, paths)
+    if "load" in run.result:
+        yield figures.load_figure(run)
     yield figures.key_figure(run)
     yield figures.handshake_figure(run)
     yield '<div class="charts">'

@@ -17,17 +17,15 @@ from qmn.live.controller_console import ask
 from qmn.live.dispatcher_calls import held_blocks, switch_conditions, switch_statistics
 from qmn.live.metrics_targets import announce
 from qmn.network.checks import check_network, check_two_hosts
-from qmn.network.options import NetworkOptions, settings
-from qmn.network.time_scale import scale_of
-from qmn.network.topologies import (
+from qmn.network.description import (
     FIBER,
-    SIZES,
-    TOPOLOGIES,
-    is_known,
+    NetworkDescription,
+    describe_network,
+    describe_own,
     part_options,
-    topology,
-    with_parts,
 )
+from qmn.network.options import NetworkOptions, settings
+from qmn.network.topologies import SIZES, TOPOLOGIES, is_known
 from qmn.options import BadInput, from_keywords
 from qmn.results.artifacts import left_behind
 from qmn.results.network_facts import network_facts
@@ -182,34 +180,31 @@ def start(
         if not is_known(topo):
             known = f"{', '.join(TOPOLOGIES)}, or FILE.py:CLASS"
             raise BadInput(f"unknown topology {topo!r}: choose one of {known}")
-        asked = replace(asked, topology=topo)
-        topo = topology(asked)
+        description = describe_network(replace(asked, topology=topo))
     elif unused := sorted(options.keys() & NAMED_ONLY):
         raise BadInput(f"{unused[0]} is of the topologies of qmn: say it in your own, or leave it")
     else:
         for word in (*asked.fiber, *asked.node):
             if part_options(asked).is_of_all(word):
                 raise BadInput(f"{word} is of the topologies of qmn: say of which part it is")
-        topo = with_parts(topo, asked)
+        description = describe_own(topo, asked)
     check_network(asked)
-    with running(topo, asked, Path(folder) if folder is not None else None) as network:
+    with running(description, Path(folder) if folder is not None else None) as network:
         yield network
 
 
 @contextmanager
-def running(
-    topo: Callable[[], Topo], options: NetworkOptions, folder: Path | None
-) -> Iterator[QuantumNetwork]:
+def running(description: NetworkDescription, folder: Path | None) -> Iterator[QuantumNetwork]:
     """Run a network; a signal that comes while it starts is raised as Interrupted."""
+    options, chosen = description.options, description.scale
     with (
         Signals() as signals,
         given_at_the_end(options.keys),
         left_behind(options, folder) as facts,
     ):
-        chosen = scale_of(options.time_scale, topo)
         facts["time_scale"], facts["time_scale_because"] = chosen.scale, chosen.reason or None
         runtime = settings(options, folder, chosen.scale)
-        network = QuantumNetwork(topo, runtime, signals)
+        network = QuantumNetwork(description.build, runtime, signals)
         try:
             with network, signals.at_once():
                 facts["network"] = network_facts(network).to_dict()

@@ -3,7 +3,9 @@
 import asyncio
 
 from qmn.sweeps.bell_test import CHSH
+from qmn.sweeps.contention import LIGHT
 from qmn.sweeps.dead_time import DEAD
+from qmn.sweeps.decoy_states import DECOY_STATES
 from qmn.sweeps.delay_line import DELAY_LINE
 from qmn.sweeps.experiment import Experiment, Outcome
 from qmn.sweeps.fresh_outcomes import FRESH_OUTCOMES
@@ -33,10 +35,12 @@ EXPERIMENTS: dict[str, Experiment] = {
         FRESH_OUTCOMES,
         MULTI_PAIR,
         WEAK_PULSES,
+        DECOY_STATES,
         POLARIZATION,
         MODES,
         TIMING,
         DELAY_LINE,
+        LIGHT,
     )
 }
 

@@ -333,6 +333,27 @@ SHEETS = (
         ],
     ),
     Sheet(
+        "decoy-states",
+        "decoy-states",
+        {"length_km": "0:40:5", "mean_photons": [0.3, 0.5], "pairs": 8_000_000},
+        [
+            Curve(
+                f"decoy-states-{measure}",
+                f"BB84 with decoy states (arXiv:1311.7129): {text}",
+                "length_km",
+                "length of the fibre (km)",
+                measure,
+                by=["mean_photons"],
+                logarithmic=measure != "qber",
+            )
+            for measure, text in (
+                ("key", "key of endless blocks"),
+                ("gain", "signal pulses seen"),
+                ("qber", "errors of the signal"),
+            )
+        ],
+    ),
+    Sheet(
         "polarization",
         "polarization",
         {
@@ -411,5 +432,48 @@ SHEETS = (
                 by=["delay_line_db_per_km"],
             )
         ],
+    ),
+    Sheet(
+        "blocking",
+        "light",
+        {
+            "load": [0.5, 1.0, 2.0, 4.0, 6.0, 8.0],
+            "channels": [1, 4],
+            "holding": ["exponential", "constant"],
+            "sessions": 5_000,
+        },
+        [
+            Curve(
+                "erlang-b",
+                "Sessions refused on a trunk of fibres: Erlang B",
+                "load",
+                "arrivals in a mean holding time (erlang)",
+                "blocked",
+                by=["channels", "holding"],
+            )
+        ],
+    ),
+    *(
+        Sheet(
+            f"queueing-{channels}",
+            "light",
+            {
+                "load": [channels * share for share in (0.2, 0.4, 0.6, 0.7, 0.8)],
+                "channels": [channels],
+                "contention": ["queue"],
+                "sessions": 10_000,
+            },
+            [
+                Curve(
+                    f"erlang-c-{measure}-{channels}",
+                    f"{text} on a trunk of {channels} fibres: Erlang C",
+                    "load",
+                    "arrivals in a mean holding time (erlang)",
+                    measure,
+                )
+                for measure, text in (("waited", "Sessions that wait"), ("wait", "Mean wait"))
+            ],
+        )
+        for channels in (1, 4)
     ),
 )

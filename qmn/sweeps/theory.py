@@ -175,6 +175,40 @@ def chsh(fidelity: float) -> float:
     return 2 * math.sqrt(2) * (4 * fidelity - 1) / 3
 
 
+def weak_pulse(mean: float, dark: float, error: float) -> tuple[float, float]:
+    """Return how likely a Poisson pulse of this mean at two detectors is seen, and told wrongly.
+
+    Each photon is wrong with `error`, each detector has a dark count with `dark`; both at once are
+    taken at random. To first order dark + error (1 - e^-mean), as in arXiv:1311.7129.
+    """
+    right, wrong = (1 - (1 - dark) * math.exp(-mean * share) for share in (1 - error, error))
+    return right + wrong - right * wrong, wrong - right * wrong / 2
+
+
+def decoy_key(
+    means: Sequence[float],
+    shares: Sequence[float],
+    seen: Sequence[tuple[float, float]],
+    correction: float,
+) -> float:
+    """Return secret bits a pulse of endless keys with decoys: equations A4 to A6 of 1311.7129.
+
+    Signal, weak and vacuum pulses are seen, and wrong, so likely; bases are chosen evenly, and the
+    key is of one of them, a quarter of all pulses.
+    """
+    m1, m2, m3 = means
+    q1, q2, q3 = (math.exp(mean) * gain for mean, (gain, _wrong) in zip(means, seen, strict=True))
+    none = max(0.0, (m2 * q3 - m3 * q2) / (m2 - m3))  # yield of pulses without a photon
+    single = q2 - q3 - (m2**2 - m3**2) / m1**2 * (q1 - none)
+    single *= m1 / (m1 * (m2 - m3) - m2**2 + m3**2)  # yield of one photon
+    errors = (math.exp(m2) * seen[1][1] - math.exp(m3) * seen[2][1]) / (m2 - m3)
+    tau0 = sum(p * math.exp(-m) for p, m in zip(shares, means, strict=True))
+    tau1 = sum(p * m * math.exp(-m) for p, m in zip(shares, means, strict=True))
+    gain, wrong = (sum(p * s[i] for p, s in zip(shares, seen, strict=True)) for i in (0, 1))
+    secret = tau0 * none + tau1 * single * (1 - entropy([errors / single, 1 - errors / single]))
+    return max(0.0, secret - correction * gain * entropy([wrong / gain, 1 - wrong / gain])) / 4
+
+
 def dependent_loss_error(loss_db: float) -> float:
     """Return the error in any basis by polarisation-dependent loss: (1 - t)^2 / (3 (1 + t^2))."""
     amplitude = 10 ** (-loss_db / 20)

@@ -11,12 +11,15 @@ from typing import Any
 from qmn.live.metrics_targets import urls
 from qmn.network.checks import check_network
 from qmn.network.custom_topology import BadTopology, short_name
+from qmn.network.description import describe_network
 from qmn.network.key_options import KeyServiceOptions, key_service
 from qmn.network.options import NetworkOptions
-from qmn.network.topologies import TOPOLOGIES, quantum_hosts, topology, topology_name
+from qmn.network.q0_options import Q0Options, ip_over_light, with_both_ways
+from qmn.network.topologies import TOPOLOGIES, topology_name
 from qmn.options import BadInput, add_options, read
 from qmn.results.run_folder import give_to_invoker, make_folder, point_latest
 from qmn.scripting.network import QuantumNetwork, running
+from topologies.ip_over_light import start_ip_over_light
 from topologies.key_managers import start_key_managers
 from topologies.network import Interrupted, require_root
 from topologies.programs import NetworkError
@@ -33,6 +36,7 @@ def add_parser(verbs: Any) -> None:
     parser.add_argument("topology", type=topology_name, help=text, **words)
     add_options(parser, NetworkOptions)  # keys, too: a program on a host may distribute some
     add_options(parser, KeyServiceOptions)
+    add_options(parser, Q0Options)
     add = parser.add_argument
     add("--runs", type=Path, default=Path("runs"), metavar="DIR", help="where logs go (runs)")
     add("--capture", action="store_true", help="capture packets, as `qmn run` does")
@@ -43,7 +47,8 @@ def call(arguments: argparse.Namespace) -> int:
     """Start, obey, clean up; turn every fault into one line and an exit status."""
     try:
         options, keys = read(NetworkOptions, arguments), read(KeyServiceOptions, arguments)
-        return start_and_obey(options, keys, arguments.runs, arguments.capture)
+        q0 = read(Q0Options, arguments)
+        return start_and_obey(options, keys, q0, arguments.runs, arguments.capture)
     except (BadInput, BadTopology, NetworkError) as error:
         print(f"qmn: {error}", file=sys.stderr)
         return 1
@@ -56,14 +61,17 @@ def call(arguments: argparse.Namespace) -> int:
 
 
 def start_and_obey(
-    options: NetworkOptions, keys: KeyServiceOptions, runs: Path, capture: bool
+    options: NetworkOptions, keys: KeyServiceOptions, q0: Q0Options, runs: Path, capture: bool
 ) -> int:
     """Return the exit status: of a script 1 if a command has failed."""
     if not options.topology:
         raise BadInput(f"over which network? Name one of {', '.join(TOPOLOGIES)}, or FILE.py:CLASS")
+    interface = ip_over_light(q0)
+    if interface is not None:
+        options = with_both_ways(options)
     check_network(options)
-    topo = topology(options)
-    service = key_service(keys, quantum_hosts(topo()))
+    description = describe_network(options)
+    service = key_service(keys, description.hosts)
     require_root()
     try:
         folder = make_folder(runs, short_name(options.topology))
@@ -72,7 +80,7 @@ def start_and_obey(
     point_latest(folder)
     try:
         print(f"starting the network; its logs and quantum events: {folder}", flush=True)
-        with running(topo, options, folder) as network:
+        with running(description, folder) as network:
             for program, url in urls(network.runtime.metrics_addresses).items():
                 print(f"figures of {program}: {url}", flush=True)
             if capture:
@@ -80,6 +88,9 @@ def start_and_obey(
             if service is not None:
                 for host, url in start_key_managers(network, service).urls.items():
                     print(f"keys of {host}: {url}", flush=True)
+            if interface is not None:
+                for host, address in start_ip_over_light(network, interface).items():
+                    print(f"q0 of {host}: {address}", flush=True)
             return obey(network)
     finally:
         give_to_invoker(folder)

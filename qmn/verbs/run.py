@@ -7,8 +7,9 @@ from typing import Any
 from hosts.middleware.services import NAMES
 from hosts.middleware.services.superdense.options import SuperdenseOptions
 from hosts.timeouts import MAX_BLOCK_S
-from qmn.jobs import keys, service, superdense, vpn
+from qmn.jobs import keys, load, service, superdense, vpn
 from qmn.jobs.keys import KeysRequest
+from qmn.jobs.load import LoadRequest
 from qmn.jobs.passing_eavesdropper import PassingEve
 from qmn.jobs.run_context import guarded
 from qmn.jobs.run_options import RunOptions
@@ -33,8 +34,32 @@ def add_parser(verbs: Any) -> None:
         _add_superdense(jobs, name, what)
     for name, verb in VERBS.items():
         _add_service(jobs, name, verb)
+    _add_load(jobs)
     _add_keys(jobs)
     _add_vpn(jobs)
+
+
+def _add_load(jobs: Any) -> None:
+    """Describe heavy traffic."""
+    text = "heavy traffic: many sessions of many hosts"
+    parser = jobs.add_parser("load", help=text, description=text)
+    add_options(parser, LoadRequest)
+    names = f"{', '.join(TOPOLOGIES)}, or FILE.py:CLASS"
+    text = f"over this network ({names}; default: ring)"
+    parser.add_argument("--topology", type=topology_name, default="ring", metavar="NAME", help=text)
+    add_options(parser, NetworkOptions, leave_out=KEYS)
+    add_options(parser, RunOptions)
+    parser.set_defaults(call=_call_load)
+
+
+def _call_load(arguments: argparse.Namespace) -> int:
+    return guarded(partial(load.run, load_request(arguments)))
+
+
+def load_request(arguments: argparse.Namespace) -> LoadRequest:
+    """Return what the command line asks for."""
+    network, run = read(NetworkOptions, arguments), read(RunOptions, arguments)
+    return read(LoadRequest, arguments, network=network, run=run)
 
 
 def _add_superdense(jobs: Any, name: str, what: str) -> None:

@@ -74,6 +74,18 @@ def test_a_socket_says_hello(tmp_path: Path) -> None:
     assert log.read_text() == "listening\n10.0.0.1: how are you?\n"
 
 
+def test_three_hosts_find_what_a_ghz_state_says(tmp_path: Path) -> None:
+    """The same along Z, an even number of ones along X, in turns."""
+    ghz, logs = f"python {EXAMPLES}/ghz.py", [tmp_path / name for name in ("bob", "charlie")]
+    commands = "".join(f"{log.name} {ghz} > {log} &\n" for log in reversed(logs))
+    printed = said(f"{commands}alice {ghz}\nbob wait\ncharlie wait\n", tmp_path / "runs")
+    told = printed + "".join(log.read_text() for log in logs)
+    found = dict(re.findall(r"^(alice|bob|charlie) ([01]{12})\r?$", told, re.MULTILINE))
+    states = list(zip(*(found[host] for host in ("alice", "bob", "charlie")), strict=True))
+    assert all(len(set(state)) == 1 for state in states[::2]), states
+    assert all(state.count("1") % 2 == 0 for state in states[1::2]), states
+
+
 def test_where_nobody_listens_the_example_says_so_in_a_line(tmp_path: Path) -> None:
     commands = f"alice python {EXAMPLES}/hello.py bob hello || echo status $?\n"
     printed = said(commands, tmp_path)

@@ -1,8 +1,11 @@
 """`qmn netqasm` from outside: applications of NetQASM's SDK, as they are, over real components."""
 
+import cmath
 import json
+import re
 import subprocess
 import sys
+from math import cos, sin, sqrt
 from pathlib import Path
 from typing import Any
 
@@ -42,21 +45,69 @@ def asked(captures: list[str]) -> set[PairRequest]:
                 if TCP in packet and packet[TCP].dport == PAIRS_PORT:
                     payload = bytes(packet[TCP].payload)
                     if len(payload) == REQUEST.size:
-                        assert packet[IP].dst == "10.0.0.2"
+                        assert packet[IP].dst == "10.0.0.2"  # bob
                         found.add(decode_request(payload))
     return found
 
 
-def test_pairs_are_measured_at_both_ends_of_the_network(tmp_path: Path) -> None:
-    """The application measures ten pairs along Y, where the outcomes of Phi+ differ."""
-    result = run(tmp_path, "link_layer_md", "--place", "client=alice", "--place", "server=bob")
-    told = {}
+def agreements(runs: Path) -> list[bool]:
+    """Return whether the two programs of the application have found the same, pair by pair."""
+    told = []
     for role in ("client", "server"):
-        lines = (tmp_path / "latest" / f"netqasm-{role}.log").read_text().splitlines()
-        words = f"{role.capitalize()}: "
-        told[role] = [int(line[len(words) :]) for line in lines if line.startswith(words)]
-    assert len(told["client"]) == 10
-    assert [1 - outcome for outcome in told["client"]] == told["server"]
+        lines = (runs / "latest" / f"netqasm-{role}.log").read_text().splitlines()
+        begin = f"{role.capitalize()}: "
+        told.append([int(line[len(begin) :]) for line in lines if line.startswith(begin)])
+    return [ours == theirs for ours, theirs in zip(*told, strict=True)]
+
+
+def test_pairs_come_by_repeaters_where_no_light_does(tmp_path: Path) -> None:
+    places = ["--place", "client=alice", "--place", "server=bob"]
+    run(tmp_path, "link_layer_md", "--topology", "repeaters", *places)
+    assert agreements(tmp_path) == [False] * 10  # of Phi+ the outcomes along Y differ
+    log = (tmp_path / "latest" / "quantum.log").read_text()
+    assert re.search(r" r1 +bell-measure ", log)
+
+
+def test_pairs_are_measured_at_both_ends_of_a_noisy_network(tmp_path: Path) -> None:
+    """The application measures ten pairs along Y, where the outcomes of Phi+ differ.
+
+    Each half passes two fibres that depolarise with p: they agree with (1 - (1 - p)^4) / 2.
+    """
+    p, rounds = 0.15, 12
+    words = ["--rounds", str(rounds), "--depolarizing", str(p)]
+    places = ["--place", "client=alice", "--place", "server=bob"]
+    result = run(tmp_path, "link_layer_md", *places, *words)
+    alike = agreements(tmp_path)
+    assert len(alike) == 10 * rounds
+    wrong = (1 - (1 - p) ** 4) / 2
+    assert abs(sum(alike) / len(alike) - wrong) < 5 * sqrt(wrong * (1 - wrong) / len(alike))
     (request,) = asked(result["captures"])
     assert (request.creator, request.pairs, request.use) == ("alice", 10, Use.MEASURE)
-    assert result["path_setup_ms"]["n"] == 1  # light, as the controller grants it
+    assert result["path_setup_ms"]["n"] == rounds  # light, as the controller grants it
+
+
+def test_the_teleport_of_the_sdk_runs_as_it_is(tmp_path: Path) -> None:
+    words = ["--input", "sender.theta=1.1", "--rounds", "4"]
+    result = run(tmp_path, "teleport", *words)
+    assert result["roles"] == {"receiver": "alice", "sender": "bob"}
+    assert len(result["outputs"]) == 4
+    for each in result["outputs"]:
+        sent, done = each["sender"], each["receiver"]
+        assert done["correction1"] == ("Z" if sent["m1"] else "None")
+        assert done["correction2"] == ("X" if sent["m2"] else "None")
+
+
+def test_a_state_comes_over_and_nobody_knows_from_whom(tmp_path: Path) -> None:
+    """Anonymous transmission by four hosts: GHZ states that they make, and one teleportation."""
+    phi, theta = 0.7, 1.1
+    words = ["--topology", "tapped", "--place", "david=eve"]
+    for given in ("alice.sender=true", f"alice.phi={phi}", f"alice.theta={theta}"):
+        words += ["--input", given]
+    result = run(tmp_path, "anonymous_transmission", *words, "--input", "charlie.receiver=true")
+    (outputs,) = result["outputs"]
+    state = cos(theta / 2), cmath.exp(1j * phi) * sin(theta / 2)
+    rows = outputs["charlie"]["qubit_state"]
+    fidelity = sum(
+        state[i].conjugate() * complex(*rows[i][j]) * state[j] for i in (0, 1) for j in (0, 1)
+    )
+    assert abs(fidelity - 1) < 1e-6  # the SDK meets an angle to 1e-4 of pi

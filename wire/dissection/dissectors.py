@@ -79,6 +79,7 @@ def tables() -> dict[str, Any]:
             "tag": qkd.TAG_BYTES,
             "max_length": qkd.MAX_LENGTH,
             "max_text": qkd.MAX_TEXT,
+            "max_mean": qkd.MAX_MEAN,
             "ranges": {
                 kind.__name__: {
                     name: {"least": least, "most": most}

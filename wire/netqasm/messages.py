@@ -19,6 +19,7 @@ from wire.netqasm.subroutine import (
     decode_register,
     decode_subroutine,
     encode_register,
+    encode_subroutine,
 )
 
 INIT, OPEN_SOCKET, SUBROUTINE, STOP, SIGNAL = range(5)
@@ -32,6 +33,7 @@ ARRAY = struct.Struct("<Bii")
 ENTRY = struct.Struct("<B3xi")
 REGISTER = struct.Struct("<BB2xi")
 MAX_ENTRIES = 65_536
+ANY_FIDELITY = 100  # what the SDK says where nobody asks for one
 
 
 class InitApplication(NamedTuple):
@@ -100,6 +102,21 @@ def decode_host_message(data: bytes) -> HostMessage:
     if kind == SIGNAL and not any(_fields(SIGNALLING, data)):
         return StopUnit()
     raise MalformedPacket(f"no message of NetQASM to a processing unit: {data[:8].hex()}")
+
+
+def encode_host_message(message: HostMessage) -> bytes:
+    """Return what an application says."""
+    match message:
+        case InitApplication(application, qubits):
+            return INITIAL.pack(INIT, application, qubits)
+        case OpenSocket(application, socket, node, remote_socket):
+            return SOCKET.pack(OPEN_SOCKET, application, socket, node, remote_socket, ANY_FIDELITY)
+        case Subroutine():
+            return bytes([SUBROUTINE]) + encode_subroutine(message)
+        case StopApplication(application):
+            return STOPPING.pack(STOP, application)
+        case StopUnit():
+            return SIGNALLING.pack(SIGNAL, 0)
 
 
 def encode_unit_message(message: UnitMessage) -> bytes:

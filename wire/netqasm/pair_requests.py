@@ -98,6 +98,8 @@ def encode_answer(verdict: Verdict, port: int = 0) -> bytes:
 
 def decode_answer(data: bytes) -> tuple[Verdict, int]:
     """Return verdict and port; raise MalformedPacket for anything else."""
+    if len(data) != ANSWER.size:
+        raise MalformedPacket(f"an answer of {len(data)} bytes, not {ANSWER.size}")
     magic, version, verdict, port = ANSWER.unpack(data)
     if (magic, version) != (MAGIC, VERSION) or verdict not in Verdict.__members__.values():
         raise MalformedPacket(f"no answer to a request for pairs: {data.hex()}")

@@ -14,6 +14,7 @@ from typing import NamedTuple
 from wire.metadata import MalformedPacket
 
 METADATA = struct.Struct("<BBH")
+LANGUAGE = 0, 10  # version of NetQASM that the SDK says it writes
 INSTRUCTION_BYTES = 7
 MAX_INSTRUCTIONS = 100_000
 REGISTER_BANKS = "RCQM"
@@ -91,6 +92,7 @@ class Instruction(NamedTuple):
 
 
 KINDS = dict(INSTRUCTIONS.values())
+NUMBERS = {name: number for number, (name, _kinds) in INSTRUCTIONS.items()}
 
 
 class Subroutine(NamedTuple):
@@ -104,6 +106,21 @@ def register_name(number: int) -> str:
     """Return R0 to M15."""
     bank, index = divmod(number, REGISTERS_IN_A_BANK)
     return f"{REGISTER_BANKS[bank]}{index}"
+
+
+def encode_subroutine(subroutine: Subroutine) -> bytes:
+    """Return the bytes of a subroutine."""
+    encoded = map(_encode, subroutine.instructions)
+    return METADATA.pack(*LANGUAGE, subroutine.application) + b"".join(encoded)
+
+
+def _encode(instruction: Instruction) -> bytes:
+    number, kinds = NUMBERS[instruction.name], KINDS[instruction.name]
+    operands = (
+        encode_register(operand) if kind == "r" else operand
+        for kind, operand in zip(kinds, instruction.operands, strict=True)
+    )
+    return LAYOUTS[number].pack(number, *operands).ljust(INSTRUCTION_BYTES, b"\0")
 
 
 def decode_subroutine(data: bytes) -> Subroutine:

@@ -30,6 +30,7 @@ class DispatcherSettings:
         const=1000,
         range=(0, 1_000_000),
     )
+    looking: bool = False  # whether hosts may look at states, which no hardware lets them do
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -73,10 +73,14 @@ class PairSource:
     max_rate_hz: float = parameter(4e9, 1.0, 1e12)  # pulses; more are refused
     encoding: str = choice(*ENCODINGS)  # of its qubits in light
     bandwidth_nm: float = parameter(0.0, 0.0, 100.0)  # rms of its spectrum, which fibres disperse
+    # Two weaker means that its modulator can make for decoy states, of a laser (poisson): weak,
+    # vacuum. mean_pairs is the signal's.
+    decoys: tuple[float, ...] | None = None
 
     def check(self, where: str) -> None:
         """Raise BadParameter for what no source is like."""
         check(where, self)
+        self._check_decoys(where)
         given = self.bell_diagonal
         if given is None:
             return
@@ -90,6 +94,29 @@ class PairSource:
                 f"{where}: fidelity {self.fidelity!r} and bell_diagonal {given!r} are both given; "
                 "name one of them"
             )
+
+    def _check_decoys(self, where: str) -> None:
+        given = self.decoys
+        if given is None:
+            return
+        numbers = isinstance(given, tuple) and all(isinstance(m, (int, float)) for m in given)
+        if not numbers or len(given) != 2 or not self._can_tell(*given):
+            raise BadParameter(
+                f"{where}: decoys {given!r} are not a weak mean and a still weaker one, together "
+                f"below mean_pairs {self.mean_pairs!r}"
+            )
+        if self.statistics != "poisson":
+            raise BadParameter(
+                f"{where}: decoys with statistics {self.statistics!r}; choose poisson, a laser"
+            )
+
+    def _can_tell(self, weak: float, vacuum: float) -> bool:
+        return 0 <= vacuum < weak and weak + vacuum < self.mean_pairs
+
+    @property
+    def intensities(self) -> tuple[float, ...]:
+        """Return the mean photon numbers that it can make: the signal's, then those of decoys."""
+        return self.mean_pairs, *(self.decoys or ())
 
     @property
     def multi_photon(self) -> float:
@@ -220,6 +247,8 @@ class Device:
         if unknown := given.keys() - {part.name for part in fields(cls)}:
             raise BadParameter(f"a device has no {', '.join(sorted(unknown))}")
         source = dict(given.get("source", {}))
+        if source.get("decoys") is not None:
+            source["decoys"] = tuple(source["decoys"])
         if source.get("bell_diagonal") is not None:
             source["bell_diagonal"] = tuple(source["bell_diagonal"])
         return cls(

@@ -13,10 +13,13 @@ In BB84 she prepared the light. What travels from bob is on the left of each lin
 import hmac
 from collections import deque
 
+import numpy as np
+
 from hosts.middleware.qkd.amplification import seed_bits, toeplitz
-from hosts.middleware.qkd.bits import pack, unpack
+from hosts.middleware.qkd.bits import pack, pack_levels, unpack
+from hosts.middleware.qkd.decoy import Decoys
 from hosts.middleware.qkd.end import End, SessionFailed, State, Terms, out_of_place
-from hosts.middleware.qkd.estimation import compare, sample_mask, sample_size
+from hosts.middleware.qkd.estimation import compare
 from hosts.middleware.qkd.parities import ReferenceKey
 from hosts.middleware.qkd.public_randomness import SEED_BYTES
 from hosts.middleware.qkd.questions import to_query
@@ -46,8 +49,9 @@ class Alice(End):
 
     _reference: ReferenceKey
 
-    def __init__(self, terms: Terms) -> None:
+    def __init__(self, terms: Terms, decoys: Decoys | None = None) -> None:
         super().__init__(terms)
+        self._decoys = decoys
         self._records: deque[Record] = deque()
         self._early: deque[Detections] = deque()
         self._enough = False
@@ -60,6 +64,8 @@ class Alice(End):
         """Take what was prepared or measured of the next block."""
         if self.state is State.ABORTED:
             return []
+        if (record.levels is None) is not (self._decoys is None):
+            raise ValueError("levels are for decoys, and decoys need them: give both or none")
         if self.state is not State.SIFTING or self._enough:
             raise ValueError("a block after distil(): open a new session for it")
         self._records.append(record)
@@ -100,7 +106,7 @@ class Alice(End):
         while self._records and self._early:
             answers.append(self._sift_block(self._records.popleft(), self._early.popleft()))
         if self._enough and not self._records:
-            answers.append(self._disclose())
+            answers += self._disclose()
         return answers
 
     def _sift_block(self, record: Record, detections: Detections) -> Sifted:
@@ -112,26 +118,37 @@ class Alice(End):
         clicked = unpack(detections.clicked, record.photons).astype(bool)
         clicks = int(clicked.sum())
         kept = choose(record, clicked, unpack(detections.bases, clicks))
-        self._add_sifted(sifted(record, clicked, kept), clicks, record.photons)
+        bases = record.bases[clicked][kept]
+        if record.levels is not None:
+            self._levels = np.append(self._levels, record.levels[clicked][kept])
+        self._add_sifted(sifted(record, clicked, kept), bases, clicks, record.photons)
         return Sifted(detections.block, clicks, pack(kept))
 
-    def _disclose(self) -> Sample:
-        whole = self._whole()
-        size = sample_size(whole.size, self._parameters.test_fraction)
+    def _disclose(self) -> list[QkdMessage]:
+        whole, size = self._whole(), self._sample_size()
         if size == 0:
             raise SessionFailed(AbortReason.TOO_SHORT, f"{whole.size} sifted bits are too few")
         self._seed = self._random_bytes(SEED_BYTES)
-        mask = sample_mask(self._seed, whole.size, size)
+        mask = self._sample_of(size, self._seed)
         self._sample, self._raw = whole[mask], whole[~mask]
         self.state = State.ESTIMATING
-        return Sample(whole.size, size, self._seed, pack(self._sample))
+        sample = Sample(whole.size, size, self._seed, pack(self._sample))
+        if self._decoys is None:
+            return [sample]
+        levels = pack_levels(self._levels)
+        return [
+            self._decoys.message(whole.size, levels),
+            sample,
+        ]
 
     def _compare(self, message: Disclosed) -> list[QkdMessage]:
         if message.count != self._sample.size:
             raise SessionFailed(
                 AbortReason.PROTOCOL, f"{message.count} test bits, not {self._sample.size}"
             )
-        self._judge(compare(self._sample, unpack(message.bits, message.count)))
+        theirs = unpack(message.bits, message.count)
+        self._count_levels(self._sample, theirs)
+        self._judge(compare(self._sample, theirs))
         self._reference = ReferenceKey(self._raw, self._seed)
         self.state = State.RECONCILING
         return []

@@ -20,3 +20,14 @@ def unpack(data: bytes, count: int) -> Bits:
     if len(data) != (count + 7) // 8:
         raise ValueError(f"{count} bits are packed in {(count + 7) // 8} bytes, not {len(data)}")
     return np.unpackbits(np.frombuffer(data, dtype=np.uint8), count=count)
+
+
+def pack_levels(levels: Bits) -> bytes:
+    """Return numbers from 0 to 3 as bytes, two bits each."""
+    return pack(np.stack([levels >> 1, levels & 1], axis=1).reshape(-1))
+
+
+def unpack_levels(data: bytes, count: int) -> Bits:
+    """Return the first count numbers from 0 to 3; ValueError if data is of another length."""
+    bits = unpack(data, 2 * count)
+    return bits[::2] << np.uint8(1) | bits[1::2]

@@ -12,10 +12,11 @@ What travels to alice is on the left of an arrow, what comes from her on the rig
 from collections import deque
 
 from hosts.middleware.qkd.amplification import seed_bits, toeplitz
-from hosts.middleware.qkd.bits import Bits, pack, unpack
+from hosts.middleware.qkd.bits import Bits, pack, unpack, unpack_levels
 from hosts.middleware.qkd.cascade import Cascade
+from hosts.middleware.qkd.decoy import Decoys
 from hosts.middleware.qkd.end import End, SessionFailed, State, Terms, out_of_place
-from hosts.middleware.qkd.estimation import compare, sample_mask, sample_size
+from hosts.middleware.qkd.estimation import compare
 from hosts.middleware.qkd.ldpc_decoding import LdpcDecoding
 from hosts.middleware.qkd.questions import to_message
 from hosts.middleware.qkd.sifting import Record, sifted
@@ -26,6 +27,7 @@ from wire.qkd import (
     Confirm,
     Detections,
     Disclosed,
+    Intensities,
     Parities,
     Proposal,
     QkdMessage,
@@ -59,6 +61,8 @@ class Bob(End):
                 return self._agree(message)
             case State.SIFTING, Sifted():
                 return self._sift(message)
+            case State.SIFTING, Intensities():
+                return self._learn_levels(message)
             case State.SIFTING, Sample():
                 return self._compare(message)
             case State.RECONCILING, Parities():
@@ -92,21 +96,33 @@ class Bob(End):
         if message.clicks != clicks:
             raise SessionFailed(AbortReason.PROTOCOL, f"{message.clicks} clicks, not {clicks}")
         kept = unpack(message.kept, clicks).astype(bool)
-        self._add_sifted(sifted(record, record.clicked, kept), clicks, record.photons)
+        bits, bases = sifted(record, record.clicked, kept), record.bases[record.clicked][kept]
+        self._add_sifted(bits, bases, clicks, record.photons)
+        return []
+
+    def _learn_levels(self, message: Intensities) -> list[QkdMessage]:
+        if self._records or message.count != self.sifted_bits:
+            raise SessionFailed(
+                AbortReason.PROTOCOL, f"{message.count} intensities, not {self.sifted_bits}"
+            )
+        self._decoys = Decoys.told(message)
+        self._levels = unpack_levels(message.levels, message.count)
         return []
 
     def _compare(self, message: Sample) -> list[QkdMessage]:
         whole = self._whole()
-        size = sample_size(whole.size, self._parameters.test_fraction)
+        size = self._sample_size()
         if self._records or (message.sifted, message.size) != (whole.size, size):
             raise SessionFailed(
                 AbortReason.PROTOCOL,
                 f"a sample of {message.size} of {message.sifted} bits, not {size} of {whole.size}",
             )
-        mask = sample_mask(message.seed, whole.size, size)
+        mask = self._sample_of(size, message.seed)
         self._raw = whole[~mask]
         disclosed = Disclosed(size, pack(whole[mask]))
-        self._judge(compare(unpack(message.bits, size), whole[mask]), disclosed)
+        theirs = unpack(message.bits, size)
+        self._count_levels(whole[mask], theirs)
+        self._judge(compare(theirs, whole[mask]), disclosed)
         return [disclosed, *self._begin(message.seed)]
 
     def _begin(self, seed: bytes) -> list[QkdMessage]:

@@ -19,8 +19,9 @@ from hosts.middleware.qkd.authentication import (
     KeyPool,
     KeyPoolExhausted,
 )
-from hosts.middleware.qkd.bits import NO_BITS, Bits
-from hosts.middleware.qkd.estimation import Estimate
+from hosts.middleware.qkd.bits import NO_BITS, Bits, Mask
+from hosts.middleware.qkd.decoy import TEST_BASIS, Decoys, Sifted, bounds
+from hosts.middleware.qkd.estimation import Estimate, sample_mask, sample_size
 from hosts.middleware.qkd.key_length import binary_entropy
 from hosts.middleware.qkd.parameters import Parameters
 from hosts.middleware.qkd.parities import ReconciliationError
@@ -107,6 +108,10 @@ class End(ABC):
         self._random_bytes = terms.random_bytes
         self._clicks = self._pulses = 0
         self._parts: list[Bits] = []  # sifted, block by block
+        self._bases: list[Bits] = []  # that they were measured in, likewise
+        self._decoys: Decoys | None = None
+        self._levels: Bits = NO_BITS  # intensities of the pulses of all sifted bits
+        self._counts: Sifted | None = None  # of those, once the sample is disclosed
         self._raw: Bits = NO_BITS  # what is left of them to make a key of
         self._estimate: Estimate | None = None
         self._errors = self._leaked = 0
@@ -132,7 +137,21 @@ class End(ABC):
     @property
     def single_share(self) -> float:
         """The share of the sifted bits that single photons have brought at least."""
+        if self._decoys is not None:
+            return self._single_share_by_decoys
         return self._parameters.single_share(self._pulses, self.sifted_bits)
+
+    @property
+    def decoys(self) -> Decoys | None:
+        """The intensities of alice's pulses, if there are several and they have been told."""
+        return self._decoys
+
+    @property
+    def _single_share_by_decoys(self) -> float:
+        if self._decoys is None or self._counts is None:
+            return 0.0
+        found = bounds(self._decoys, self._counts, self._parameters.eps_of_counts)
+        return found.single / max(1, int(self._counts.key.sum()))
 
     @property
     def estimate(self) -> Estimate | None:
@@ -195,8 +214,9 @@ class End(ABC):
             sealed += self._abort(AbortReason.PROTOCOL, str(error))
         return sealed
 
-    def _add_sifted(self, part: Bits, clicks: int, pulses: int) -> None:
+    def _add_sifted(self, part: Bits, bases: Bits, clicks: int, pulses: int) -> None:
         self._parts.append(part)
+        self._bases.append(bases)
         self._clicks += clicks
         self._pulses += pulses
         if self.sifted_bits > MAX_KEY_BITS:
@@ -208,6 +228,26 @@ class End(ABC):
 
     def _whole(self) -> Bits:
         return np.concatenate([NO_BITS, *self._parts])
+
+    def _sample_of(self, size: int, seed: bytes) -> Mask:
+        """Return which sifted bits are disclosed: so many, or with decoys those of the basis Z."""
+        if self._decoys is None:
+            return sample_mask(seed, self.sifted_bits, size)
+        mask: Mask = np.concatenate(self._bases) == TEST_BASIS
+        return mask
+
+    def _sample_size(self) -> int:
+        """Return how many sifted bits are disclosed; 0 if that would leave none."""
+        if self._decoys is None:
+            return sample_size(self.sifted_bits, self._parameters.test_fraction)
+        size = int(np.count_nonzero(np.concatenate(self._bases) == TEST_BASIS))
+        return size if size < self.sifted_bits else 0
+
+    def _count_levels(self, mine: Bits, theirs: Bits) -> None:
+        """Count bits and errors by intensity, now that the test bits of both ends are known."""
+        if self._decoys is not None:
+            bases = np.concatenate(self._bases)
+            self._counts = Sifted.counted(self._levels, bases, mine != theirs)
 
     def _judge(self, estimate: Estimate, *first: QkdMessage) -> None:
         """Note the error rate; raise SessionFailed if no key can come of it."""
@@ -226,6 +266,8 @@ class End(ABC):
     def _key_length(self, leaked_bits: int) -> int:
         assert self._estimate
         estimate = self._estimate
+        if self._decoys is not None and self._counts is not None:
+            return self._parameters.decoy_key_length(self._decoys, self._counts, leaked_bits)
         return self._parameters.key_length(
             self._raw.size, estimate.sample, estimate.qber, leaked_bits, self._pulses
         )
@@ -233,6 +275,11 @@ class End(ABC):
     def _too_short(self) -> str:
         assert self._estimate
         text = f"no secret bit in {self._raw.size} bits at a QBER of {self._estimate.qber:.4f}"
+        if self._decoys is not None:
+            return (
+                f"{text}, of which {self.single_share:.1%} are of single photons as decoys say: "
+                "lose less of the light, sift more in one session, or look for an eavesdropper"
+            )
         if not self._parameters.multi_photon:
             return f"{text}: sift more photons in one session"
         tagged = round((1 - self.single_share) * self.sifted_bits)

@@ -1,7 +1,9 @@
 """Parameters of a session that must be alike at both ends."""
 
 from dataclasses import dataclass
+from math import floor
 
+from hosts.middleware.qkd.decoy import Decoys, Sifted, bounds, key_length
 from hosts.middleware.qkd.key_length import (
     ZERO_RATE_QBER,
     asymptotic_key_length,
@@ -60,6 +62,18 @@ class Parameters:
             eps = self.eps_sec / 2
             tagged = most_tagged(pulses, self.multi_photon, eps)
         return finite_key_length(key_bits, sample_bits, qber, leaked, eps, self.eps_cor, tagged)
+
+    @property
+    def eps_of_counts(self) -> float | None:
+        """Return eps_sec; None if nothing is bounded."""
+        return None if self.bound is Bound.ASYMPTOTIC else self.eps_sec
+
+    def decoy_key_length(self, decoys: Decoys, counts: Sifted, leaked_bits: int) -> int:
+        """Return the same of pulses of three intensities."""
+        leaked = leaked_bits + TAG_BITS
+        if self.bound is Bound.ASYMPTOTIC:
+            return max(0, floor(bounds(decoys, counts, None).secret - leaked))
+        return key_length(decoys, counts, leaked, self.eps_sec, self.eps_cor)
 
     def single_share(self, pulses: int, sifted: int) -> float:
         """Return the share of sifted bits that is of single photons at least, of long keys."""

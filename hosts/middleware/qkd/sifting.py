@@ -23,6 +23,7 @@ class Record:
 
     bases: Bits
     outcomes: NDArray[np.uint8]
+    levels: Bits | None = None  # of an end that prepared light of several intensities: which
 
     def __post_init__(self) -> None:
         if self.bases.shape != self.outcomes.shape or self.bases.ndim != 1:

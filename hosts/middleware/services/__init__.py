@@ -16,6 +16,7 @@ KINDS: Mapping[Service, ServiceKind] = MappingProxyType(
         kind.service: kind
         for kind in (
             superdense.KIND,
+            superdense.RETURN_KIND,
             bb84.KIND,
             bbm92.KIND,
             distribute.KIND,

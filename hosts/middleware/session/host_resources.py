@@ -25,6 +25,7 @@ class HostResources:
     swaps: Swaps  # the chains of repeaters that it is part of
     abilities: Abilities
     multi_photon: float  # how likely a pulse of its source has several photons
+    intensities: tuple[float, ...]  # mean photon numbers of its pulses: signal, then decoys
     lifetimes: Lifetimes  # of its memory
 
     @property

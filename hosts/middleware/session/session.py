@@ -31,7 +31,7 @@ from hosts.middleware.session.service_options import SessionOptions
 from hosts.timeouts import IDLE_TIMEOUT_S, REPORT_TIMEOUT_S
 from wire.features import NOTHING, Abilities
 from wire.metadata import Answer, Finish, Handshake, Reason, Service, Setup
-from wire.services import Role, beams, fibers_needed
+from wire.services import Role, fibers_needed, uses_source
 
 CERTAIN_PPM = 1_000_000
 
@@ -102,8 +102,7 @@ class OpeningSession:
             connection = ConnectionEnd(self._means.qnic, self._setup, channel)
             pairs, theirs, lifetimes = await abilities.hear(connection)
             self._setup = replace(self._setup, pairs=pairs)
-        light = beams(self._kind.service, self._is_source)
-        if any(end.role == Role.SOURCE for beam in light for end in beam):
+        if uses_source(self._kind.service, self._is_source):
             await self._arrangement.engage_source()
         return OpenerEnd(
             self._means.qnic,
@@ -210,8 +209,7 @@ class AcceptingSession:
 
 def require_source(service: Service, source: str, is_source: bool, peer: str) -> None:
     """Raise SessionError for a source of pairs that cannot be the one of this service."""
-    used = any(end.role == Role.SOURCE for beam in beams(service, is_source) for end in beam)
-    if used and (is_source or source == peer):
+    if uses_source(service, is_source) and (is_source or source == peer):
         name = service.name.lower()
         text = f"{name} with pairs of {source}, one of its ends: name another host as source"
         raise SessionError(Reason.UNSUPPORTED, text)

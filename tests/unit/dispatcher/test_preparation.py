@@ -4,7 +4,7 @@ import asyncio
 import io
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -14,10 +14,12 @@ from dispatcher.build import build_layer
 from dispatcher.laboratory import JumpingClock, Laboratory, LaboratoryHost
 from dispatcher.operations.blocks import Operations
 from dispatcher.operations.preparation import STATES
+from dispatcher.refusal import Refusal
 from dispatcher.sabot.backend import Bytes
 from wire.config import DispatcherConfig, Fiber, FiberEnd
 from wire.dispatcher_pb2 import CreateRequest, Gate
 from wire.outcomes import NO_CLICK
+from wire.parameters.physics import BadParameter, Device, PairSource
 
 Backend = Literal["chp", "stim", "dense"]
 COUNT = 6_000
@@ -101,3 +103,56 @@ def test_the_event_says_which_states_there_are_and_which_a_photon_has() -> None:
     whole, *photons = log.getvalue().splitlines()
     assert whole.endswith("prepared: |0>=3 |+>=1 |-i>=1")
     assert [line.split()[-1] for line in photons] == ["|0>", "|-i>", "|+>"]
+
+
+def test_pulses_have_as_many_photons_as_their_intensity_says() -> None:
+    """Seen are 1 - e^-m of them, as of any Poisson number; signal, weak decoy and vacuum."""
+    means, count = (0.6, 0.2, 0.0), 90_000
+
+    async def run() -> list[int]:
+        laser = Device(PairSource("poisson", means[0], decoys=means[1:]))
+        tokens = {"alice": ""}
+        config = DispatcherConfig("", "", 1, tokens, [], [], devices={"alice": laser})
+        alice = Laboratory(config).host("alice")
+        levels = (np.arange(count) % 3).astype(np.uint8)
+        await alice.prepare(np.zeros(count, np.uint8), levels=levels)
+        seen = await alice.measure((0, 0)) != NO_CLICK
+        return [int(seen[levels == level].sum()) for level in range(3)]
+
+    for mean, seen in zip(means, asyncio.run(run()), strict=True):
+        assert within(seen, count // 3, -np.expm1(-mean))
+
+
+@pytest.mark.parametrize(
+    ("levels", "decoys", "says"),
+    [
+        (b"\0\1\3", (0.2, 0.0), "levels"),
+        (b"\0\1", (0.2, 0.0), "2 bytes for 3"),
+        (b"\0\1\0", None, "levels"),
+    ],
+)
+def test_levels_that_a_source_does_not_have_are_refused(
+    levels: bytes, decoys: tuple[float, ...] | None, says: str
+) -> None:
+    async def run() -> None:
+        laser = Device(PairSource("poisson", 0.6, decoys=decoys))
+        config = DispatcherConfig("", "", 1, {"alice": ""}, [], [], devices={"alice": laser})
+        alice = Laboratory(config).host("alice")
+        await alice.prepare(np.zeros(3, np.uint8), levels=np.frombuffer(levels, np.uint8))
+
+    with pytest.raises(Refusal, match=says):
+        asyncio.run(run())
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"decoys": (0.2, 0.0)}, "choose poisson"),
+        ({"statistics": "poisson", "mean_pairs": 0.5, "decoys": (0.3, 0.2)}, "together below"),
+        ({"statistics": "poisson", "mean_pairs": 0.5, "decoys": (0.1, 0.1)}, "still weaker"),
+        ({"statistics": "poisson", "mean_pairs": 0.5, "decoys": (0.1,)}, "decoys"),
+    ],
+)
+def test_decoys_that_tell_nothing_are_refused(given: dict[str, Any], says: str) -> None:
+    with pytest.raises(BadParameter, match=says):
+        PairSource(**given).check("alice, source")

@@ -2,7 +2,7 @@
 
 import asyncio
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -32,19 +32,22 @@ def outputs(
     folder: Path,
     programs: Mapping[str, Program] | Path,
     hosts: Mapping[str, str],
-    inputs: Mapping[str, Mapping[str, Any]] | None = None,
+    inputs: Sequence[Mapping[str, Mapping[str, Any]]] = ({},),
     rounds: int = 1,
     **physics: Any,
 ) -> list[dict[str, Any]]:
     """Run the programs of all roles; return what each has returned, for each round.
 
-    A path is the folder of an application. In the end no photon may be left.
+    A path is the folder of an application; inputs are given one after the other, by role, each
+    for so many rounds. In the end no photon may be left.
     """
-    given = inputs or {}
 
     def play(role: str, main: Program) -> list[Any]:
-        words = dict(given.get(role, {}))
-        return [begin(main, role, hosts[role], words, folder) for _ in range(rounds)]
+        return [
+            begin(main, role, hosts[role], dict(given.get(role, {})), folder)
+            for given in inputs
+            for _ in range(rounds)
+        ]
 
     def perform() -> list[dict[str, Any]]:
         forget_modules()

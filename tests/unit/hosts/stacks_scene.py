@@ -237,6 +237,7 @@ async def network(
     ports: dict[str, int] = PORTS,
     stacks: dict[str, Stack] | None = None,
     told: bool = True,
+    looking: bool = False,
     **fiber: Any,
 ) -> AsyncIterator[Path]:
     """Run everything; the sockets of the stacks are in the folder, the stacks in `stacks`.
@@ -255,6 +256,7 @@ async def network(
         switches=[QuantumSwitch("q1", rotation=rotation, paths=list(optics))],
         devices={"bob": Device(analyser=BellAnalyser(analyser)), **(devices or {})},
         backend=backend,
+        looking=looking,
     )
     errors: list[BaseException] = []
     cut = Cut()
@@ -322,6 +324,7 @@ async def start_host(
         features=device.features.value,
         memory_qubits=device.memory.capacity,
         multi_photon=device.source.multi_photon,
+        intensities=list(device.source.intensities),
         t1_s=device.memory.t1_s,
         t2_s=device.memory.t2_s,
         pair_secrets=str(pair_secrets(folder)),

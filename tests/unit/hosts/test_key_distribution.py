@@ -372,3 +372,25 @@ def test_weak_pulses_behind_much_loss_bring_no_key(tmp_path: Path) -> None:
     physics = weak(0.5) | {"connectors_db": 5.0}  # two fibres
     failed = failure(tmp_path, "bb84", physics=physics, bound="asymptotic", count=5_000)
     assert "several photons, which an eavesdropper can divide" in failed.alice + failed.bob
+
+
+def test_decoys_bring_a_key_where_weak_pulses_alone_bring_none(tmp_path: Path) -> None:
+    """The same means and loss: each 20th signal is seen. The key is of the basis X alone."""
+    laser = PairSource("poisson", 0.5, decoys=(0.1, 0.0))
+    physics = {"devices": {"alice": Device(laser)}, "connectors_db": 5.0}
+    options: dict[str, Any] = {"bound": "asymptotic", "count": 40_000}
+    alice, bob = distribute(tmp_path, "bb84", physics=physics, **options)
+    assert alice["intensities"] == bob["intensities"] == [0.5, 0.1, 0.0]
+    assert alice["qber"] == 0
+    assert alice["key_bits"] == bob["key_bits"]
+    sifted, tested = alice["sifted_bits"], alice["disclosed_bits"]
+    assert abs(tested - sifted / 2) < 5 * sqrt(sifted / 4)
+    # Of 90 % transmission lost, pulses of one photon: tau_1 .1 / sum of p (1 - e^(-.1 m)).
+    means, shares = (0.5, 0.1, 0.0), (0.5, 0.35, 0.15)
+    pairs = list(zip(means, shares, strict=True))
+    ones = 0.1 * sum(p * m * exp(-m) for m, p in pairs)
+    single = ones / sum(p * (1 - exp(-0.1 * m)) for m, p in pairs)
+    assert 0.8 * single < alice["single_photon_fraction"] < 1.25 * single
+    secret = alice["single_photon_fraction"] * (sifted - tested)
+    assert 0 < alice["key_bits"] <= secret - alice["leaked_bits"] - 128 + 1
+    assert "intensities nobody knows" in alice["assumed"]

@@ -6,11 +6,10 @@ import pytest
 
 from qmn.__main__ import described
 from qmn.network.custom_topology import BadTopology
+from qmn.network.description import describe_network
 from qmn.network.options import NetworkOptions
 from qmn.network.time_scale import times
-from qmn.network.topologies import devices_of, quantum_hosts, topology
 from qmn.verbs.run import service_request
-from topologies.fiber import FiberLink
 from wire.parameters.physics import Memory
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -37,23 +36,19 @@ def parse(*words: str) -> NetworkOptions:
 
 
 def test_the_example_is_built_and_told_how_long_its_fibres_are() -> None:
-    topo = topology(parse("--topology", MY_NET, "--length-km", "7"))()
-    assert quantum_hosts(topo) == ["h1", "h2", "src"]
-    lengths = {
-        (one, other): info.get("length_km")
-        for one, other, info in topo.links(withInfo=True)
-        if info.get("cls") is FiberLink
-    }
+    network = describe_network(parse("--topology", MY_NET, "--length-km", "7"))
+    assert network.hosts == ["h1", "h2", "src"]
+    lengths = {(fiber.a, fiber.b): fiber.optics.length_km for fiber in network.parts.fibers}
     assert lengths["q1", "q2"] == 7
     assert set(lengths) == {("h1", "q1"), ("h2", "q2"), ("src", "q2"), ("q1", "q2")}
 
 
 def test_parts_of_a_device_are_seen_where_devices_are_asked_for(tmp_path: Path) -> None:
     (tmp_path / "parts.py").write_text(PARTS)
-    topo = topology(parse("--topology", f"{tmp_path}/parts.py:Parts"))()
-    assert quantum_hosts(topo) == ["h1"]
-    assert devices_of(topo)["h1"].memory == Memory(t2_s=0.5)
-    assert ("T2 of h1", 0.5) in list(times(topo))
+    network = describe_network(parse("--topology", f"{tmp_path}/parts.py:Parts"))
+    assert network.hosts == ["h1"]
+    assert network.parts.hosts["h1"].memory == Memory(t2_s=0.5)
+    assert ("T2 of h1", 0.5) in list(times(network.parts))
 
 
 @pytest.mark.parametrize(
@@ -76,7 +71,7 @@ def test_what_there_is_not_is_refused(
         (tmp_path / file).write_text(PARTS)
     (tmp_path / "broken.py").write_text("import nowhere\n")
     with pytest.raises(BadTopology, match=refusal):
-        topology(parse("--topology", f"{tmp_path}/{name}", *options))
+        describe_network(parse("--topology", f"{tmp_path}/{name}", *options))
 
 
 def test_a_name_that_is_neither_is_refused_with_those_there_are(

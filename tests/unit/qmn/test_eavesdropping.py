@@ -7,7 +7,6 @@ import pytest
 from controller_apps.policy.policy import DEFAULT, Tap, read_policy
 from qmn.__main__ import described
 from qmn.jobs.service import ServiceRequest, checked, with_policy
-from qmn.network.topologies import topology
 from qmn.options import BadInput
 from qmn.verbs.run import service_request
 
@@ -20,9 +19,8 @@ def parse(*words: str) -> ServiceRequest:
 
 def tap_of(folder: Path, *words: str) -> Tap:
     """Return the tap that a run makes, beside what the default policy says."""
-    request = checked(parse("qkd", "--eve", "0.1", *words))
-    network = with_policy(request, topology(request.network)(), folder)
-    policy = read_policy(Path(network.policy))
+    request, network = checked(parse("qkd", "--eve", "0.1", *words))
+    policy = read_policy(Path(with_policy(request, network, folder).options.policy))
     assert policy.reporting == read_policy(DEFAULT).reporting
     (tap,) = policy.taps
     return tap
@@ -35,15 +33,17 @@ def test_she_is_between_the_light_and_who_measures_it(tmp_path: Path) -> None:
 
 
 def test_the_network_that_has_her_is_taken() -> None:
-    assert checked(parse("qkd", "--eve", "0.5")).network.topology == "tapped"
-    without = checked(parse("qkd"))
-    assert (without.network.topology, without.eve) == ("sdc", None)
+    _request, network = checked(parse("qkd", "--eve", "0.5"))
+    assert network.options.topology == "tapped"
+    assert "eve" in network.hosts
+    request, network = checked(parse("qkd"))
+    assert (network.options.topology, request.eve) == ("sdc", None)
 
 
 def test_without_her_no_policy_is_made(tmp_path: Path) -> None:
-    request = checked(parse("qkd"))
-    assert with_policy(request, topology(request.network)(), tmp_path) == request.network
-    assert request.network.policy == ""
+    request, network = checked(parse("qkd"))
+    assert with_policy(request, network, tmp_path) is network
+    assert network.options.policy == ""
     assert list(tmp_path.iterdir()) == []
 
 

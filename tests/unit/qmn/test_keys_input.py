@@ -4,7 +4,6 @@ import pytest
 
 from qmn.__main__ import described
 from qmn.jobs.keys import checked, service_of
-from qmn.network.topologies import topology
 from qmn.options import BadInput
 from qmn.verbs.run import keys_request
 from topologies.key_managers import KeyService
@@ -14,8 +13,7 @@ from wire.key_manager import KeyLink
 def asked(*words: str) -> KeyService:
     """Return what the command line asks of key managers."""
     whole = ["run", "keys", *words]
-    request = checked(keys_request(described(whole).parse_args(whole)))
-    return service_of(request, topology(request.network)())
+    return service_of(*checked(keys_request(described(whole).parse_args(whole))))
 
 
 def test_options_reach_the_key_managers() -> None:

@@ -19,7 +19,7 @@ def application(folder: Path, *words: str) -> object:
     parser = argparse.ArgumentParser()
     add_parser(parser.add_subparsers())
     arguments = parser.parse_args(["netqasm", str(folder), *words])
-    return checked(request_of(arguments))
+    return checked(request_of(arguments), HOSTS)
 
 
 def test_roles_are_at_the_hosts_of_their_names_and_others_where_there_is_room() -> None:

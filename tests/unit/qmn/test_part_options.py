@@ -8,8 +8,8 @@ from mininet.topo import Topo
 
 from qmn.__main__ import described
 from qmn.network.custom_topology import BadTopology
+from qmn.network.description import describe_network
 from qmn.network.options import NetworkOptions
-from qmn.network.topologies import devices_of, stated_devices, topology
 from qmn.options import BadInput, read
 from qmn.scripting.network import start
 from topologies.copper_link import CopperLink
@@ -39,7 +39,7 @@ def parse(*words: str) -> NetworkOptions:
 
 def own(*words: str) -> Topo:
     """Return the network of the example with options."""
-    return topology(parse("teleport", "--topology", MY_NET, *words))()
+    return describe_network(parse("teleport", "--topology", MY_NET, *words)).topo
 
 
 def of_links(topo: Topo, kind: type, name: str) -> dict[str, list[Any]]:
@@ -69,7 +69,7 @@ def test_a_kind_of_one_fibre_brings_its_loss_along() -> None:
 
 def test_copper_is_as_long_as_the_fibres_that_were_changed() -> None:
     """h1 -- q1 == q2 -- h2: s1 is where the farthest is nearest, at q1 or q2."""
-    topo = topology(parse("chain", "--switches", "2", "--fiber", "q1-q2.length_km=40"))()
+    topo = describe_network(parse("chain", "--switches", "2", "--fiber", "q1-q2.length_km=40")).topo
     copper = of_links(topo, CopperLink, "length_km")
     assert copper["alice-s1"][0] + copper["bob-s1"][0] == pytest.approx(40.02)
 
@@ -85,13 +85,13 @@ def test_a_device_is_the_host_s_own_but_for_what_is_said(tmp_path: Path) -> None
     (tmp_path / "own.py").write_text(WITH_MEMORY)
     words = ["teleport", "--topology", f"{tmp_path}/own.py:WithMemory"]
     words += ["--device", "h1.detectors.efficiency=0.8", "--device", "h2.memory.capacity=9"]
-    topo = topology(parse(*words))()
-    devices = devices_of(topo)
+    network = describe_network(parse(*words))
+    devices = network.parts.hosts
     assert devices["h1"].memory == Memory(t2_s=0.5)
     assert devices["h1"].detectors.efficiency == 0.8
     assert (devices["h2"].memory.capacity, devices["h2"].source.fidelity) == (9, 0.9)
-    assert topo.nodeInfo("h2")["source"] is True
-    assert stated_devices(parse(*words)) == devices
+    assert network.parts.sources == ("h2",)
+    assert network.stated_devices == devices
 
 
 @pytest.mark.parametrize(

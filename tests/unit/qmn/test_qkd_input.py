@@ -22,15 +22,15 @@ def parse(*words: str) -> ServiceRequest:
     [((), "bb84"), (("--protocol", "bb84"), "bb84"), (("--protocol", "bbm92"), "bbm92")],
 )
 def test_a_protocol_of_key_distribution_is_a_service(words: tuple[str, ...], service: str) -> None:
-    request = checked(parse("qkd", *words))
+    request, _network = checked(parse("qkd", *words))
     assert request.service == service
     assert request.options == KeyOptions(host="bob", port=9)
 
 
 def test_options_reach_the_service() -> None:
     words = "--count 5000 --correction ldpc --max-qber 0.05 --test-fraction 0.2 --epsilon 1e-9"
-    options = checked(parse("qkd", *words.split(), "--bound", "asymptotic")).options
-    assert options == KeyOptions(
+    request, _network = checked(parse("qkd", *words.split(), "--bound", "asymptotic"))
+    assert request.options == KeyOptions(
         host="bob",
         port=9,
         count=5000,

@@ -10,9 +10,9 @@ from qmn.__main__ import described
 from qmn.jobs import superdense
 from qmn.jobs.superdense import SuperdenseRequest
 from qmn.network.custom_topology import BadTopology
+from qmn.network.description import NetworkDescription, describe_network
 from qmn.network.device_options import differences
-from qmn.network.options import NetworkOptions
-from qmn.network.topologies import TOPOLOGIES, every_fiber, stated_devices, topology
+from qmn.network.topologies import TOPOLOGIES
 from qmn.options import BadInput
 from qmn.results.run_folder import make_folder, point_latest
 from qmn.verbs.run import superdense_request
@@ -30,9 +30,14 @@ def parse(*words: str) -> SuperdenseRequest:
     return superdense_request(described(whole).parse_args(whole))
 
 
-def network(*words: str) -> NetworkOptions:
-    """Return what the command line says of the network."""
-    return parse(*words).network
+def network(*words: str) -> NetworkDescription:
+    """Return the network that the command line describes."""
+    return describe_network(parse(*words).network)
+
+
+def checked(*words: str) -> int:
+    """Return the size of the message."""
+    return superdense.check_input(parse(*words), network(*words).hosts)
 
 
 @pytest.mark.parametrize(
@@ -109,13 +114,13 @@ def network(*words: str) -> NetworkOptions:
 )
 def test_bad_input_names_the_value_and_what_to_choose(words: list[str], text: str) -> None:
     with pytest.raises((BadInput, BadTopology)) as caught:
-        superdense.check_input(parse(*words))
+        checked(*words)
     assert text in str(caught.value)
 
 
 @pytest.mark.parametrize(("words", "size"), [(["--message", ""], 0), (["--message", "ä"], 2)])
 def test_the_size_is_that_of_the_bytes(words: list[str], size: int) -> None:
-    assert superdense.check_input(parse(*words)) == size
+    assert checked(*words) == size
 
 
 @pytest.mark.parametrize(
@@ -132,11 +137,11 @@ def test_the_pairs_that_a_message_needs_follow_from_its_code(words: list[str], p
 
 
 def test_there_is_a_message_without_being_asked() -> None:
-    assert superdense.check_input(parse()) > 0
+    assert checked() > 0
 
 
 def test_sizes_reach_the_topology() -> None:
-    chain = topology(network("chain", "--switches", "5", "--length-km", "2"))()
+    chain = network("chain", "--switches", "5", "--length-km", "2").topo
     assert len([name for name in chain.switches() if name.startswith("q")]) == 5
     fibers = [info for *_, info in chain.links(withInfo=True) if info["cls"] is FiberLink]
     assert {info["length_km"] for info in fibers} == {2.0}
@@ -144,10 +149,11 @@ def test_sizes_reach_the_topology() -> None:
 
 def test_parameters_of_fibres_reach_the_topology() -> None:
     words = ["--preset", "metro", "--kind", "pm", "--fiber", "dephasing=0.1", "--length-km", "2"]
-    fibre = every_fiber(network(*words))
+    fibre = network(*words).every_fiber
+    assert fibre is not None
     assert (fibre.kind, fibre.length_km, fibre.dephasing) == ("pm", 2.0, 0.1)
     assert (fibre.connectors_db, fibre.loss_db_per_km) == (0.5, 0.5)
-    assert every_fiber(network()) == FiberOptics()
+    assert network().every_fiber == FiberOptics()
 
 
 def test_two_runs_in_one_second_have_folders_of_their_own(tmp_path: Path) -> None:
@@ -162,21 +168,21 @@ def test_devices_are_those_of_the_preset_but_for_what_is_said() -> None:
     words = ["--preset", "lab", "--device", "bob.analyser.kind=linear"]
     words += ["--device", "charlie.source.bell_diagonal=[0.97, 0.01, 0.01, 0.01]"]
     words += ["--device", "charlie.source.fidelity=1"]
-    said = stated_devices(network(*words))
-    preset = topology(network("--preset", "lab"))().nodeInfo("bob")["device"]
+    said = network(*words).stated_devices
+    preset = network("--preset", "lab").topo.nodeInfo("bob")["device"]
     assert said["bob"].detectors == preset.detectors
     assert said["bob"].analyser.kind == "linear"
     assert differences(said["charlie"])["source"] == {"bell_diagonal": (0.97, 0.01, 0.01, 0.01)}
-    built = topology(network(*words))()
+    built = network(*words).topo
     assert built.nodeInfo("bob")["device"] == said["bob"]
     assert built.nodeInfo("alice")["device"] == preset
-    assert stated_devices(network()) == {"every": Device()}
+    assert network().stated_devices == {"every": Device()}
 
 
 def test_hosts_are_of_the_kinds_that_are_named_but_for_what_is_said_of_them() -> None:
     words = ["--preset", "metro", "--node", "ion-trap", "--node", "bob=photonic"]
     words += ["--device", "alice.memory.capacity=7"]
-    built = topology(network(*words))()
+    built = network(*words).topo
     alice, bob, charlie = (built.nodeInfo(host)["device"] for host in ("alice", "bob", "charlie"))
     assert charlie == ION_TRAP
     assert alice == replace(ION_TRAP, memory=replace(ION_TRAP.memory, capacity=7))

@@ -8,7 +8,6 @@ from hosts.middleware.session.service_options import ServiceOptions
 from qmn.__main__ import described
 from qmn.jobs.service import ServiceRequest, checked
 from qmn.network.custom_topology import BadTopology
-from qmn.network.topologies import quantum_hosts, topology
 from qmn.options import BadInput
 from qmn.verbs.run import service_request
 
@@ -21,7 +20,8 @@ def parse(*words: str) -> ServiceRequest:
 
 def options_of(*words: str) -> ServiceOptions:
     """Return what the service is told."""
-    return checked(parse(*words)).options
+    request, _network = checked(parse(*words))
+    return request.options
 
 
 @pytest.mark.parametrize(
@@ -49,9 +49,9 @@ def test_the_words_of_the_command_line_reach_the_service() -> None:
 
 
 def test_a_swap_goes_over_as_many_repeaters_as_are_wanted() -> None:
-    request = checked(parse("swap", "--repeaters", "3", "--count", "7"))
+    request, network = checked(parse("swap", "--repeaters", "3", "--count", "7"))
     assert request.options == DistributeOptions("bob", 9, count=7)
-    assert quantum_hosts(topology(request.network)()) == ["alice", "bob", "r1", "r2", "r3"]
+    assert network.hosts == ["alice", "bob", "r1", "r2", "r3"]
 
 
 def test_more_repeaters_than_a_chain_may_have_are_refused() -> None:

@@ -8,7 +8,6 @@ from controller_apps.policy.policy import DEFAULT, read_policy
 from controller_apps.policy.schedules import SCHEDULES
 from qmn.__main__ import described
 from qmn.jobs.service import ServiceRequest, checked, with_policy
-from qmn.network.topologies import topology
 from qmn.options import BadInput
 from qmn.verbs.run import service_request
 
@@ -23,17 +22,16 @@ def parse(*words: str) -> ServiceRequest:
 def test_the_controller_reads_it_beside_what_the_default_policy_says(
     tmp_path: Path, name: str
 ) -> None:
-    request = checked(parse("swap", "--schedule", name))
-    network = with_policy(request, topology(request.network)(), tmp_path)
-    policy = read_policy(Path(network.policy))
+    request, network = checked(parse("swap", "--schedule", name))
+    policy = read_policy(Path(with_policy(request, network, tmp_path).options.policy))
     assert policy.schedule == name
     assert policy.reporting == read_policy(DEFAULT).reporting
 
 
 def test_without_it_no_policy_is_made(tmp_path: Path) -> None:
-    request = checked(parse("swap"))
-    assert with_policy(request, topology(request.network)(), tmp_path) == request.network
-    assert request.network.policy == ""
+    request, network = checked(parse("swap"))
+    assert with_policy(request, network, tmp_path) is network
+    assert network.options.policy == ""
     assert list(tmp_path.iterdir()) == []
 
 

@@ -109,7 +109,7 @@ def test_a_point_is_what_qmn_run_can_be_told(tmp_path: Path, state: str, backend
     network = asked.network
     assert (asked.run.classical_mbps, network.backend, network.seed) == (0.5, backend, 7)
     assert network.device == ("bob.memory.t1_s=inf", f"bob.memory.t2_s={T2_S}")
-    options = service.checked(asked).options
+    options = service.checked(asked)[0].options
     assert options.count == options.block_pairs  # all in one block
 
 

@@ -1,5 +1,7 @@
 """The closed forms give the numbers that the literature gives."""
 
+import math
+
 import pytest
 
 from qmn.sweeps import theory
@@ -83,3 +85,20 @@ def test_several_pairs_give_the_error_rate_of_an_enumeration(
 ) -> None:
     """Figures of tests/unit/dispatcher/test_further_pairs.py, which goes through all cases."""
     assert theory.several_pairs(statistics, mean, arrives)[0] == pytest.approx(figure, abs=6e-5)
+
+
+@pytest.mark.parametrize("mean", [1e-4, 1e-3, 1e-2])
+def test_weak_pulses_are_seen_and_wrong_as_the_paper_says_to_first_order(mean: float) -> None:
+    """arXiv:1311.7129, section IV: D = 1 - (1 - 2 p) e^-m, e = p + e_mis (1 - e^-m)."""
+    dark, error = 6e-7, 5e-3
+    seen, wrong = theory.weak_pulse(mean, dark, error)
+    assert seen == pytest.approx(1 - (1 - 2 * dark) * math.exp(-mean), rel=1e-3)
+    assert wrong == pytest.approx(dark + error * (1 - math.exp(-mean)), rel=1e-2)
+
+
+def test_a_key_of_decoys_is_below_that_of_photons_told_one_by_one() -> None:
+    """Of Poisson pulses, exactly: yields of n photons are known, and bound the estimate closely."""
+    means, shares, arrives = (0.5, 0.05, 0.0), (0.5, 0.35, 0.15), 0.01
+    seen = [theory.weak_pulse(mean * arrives, 0.0, 0.0) for mean in means]
+    ones = arrives * sum(p * m * math.exp(-m) for p, m in zip(shares, means, strict=True)) / 4
+    assert 0.93 * ones < theory.decoy_key(means, shares, seen, 1.0) < ones

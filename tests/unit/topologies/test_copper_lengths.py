@@ -1,13 +1,15 @@
 """Copper is as long as the fibres between the same places, unless somebody says otherwise."""
 
+import random
 from itertools import combinations
+from math import inf
 from typing import Any
 
 import pytest
 from mininet.topo import Topo
 
 from topologies.chain import ChainTopo
-from topologies.copper_lengths import assign_copper_lengths
+from topologies.copper_lengths import assign_copper_lengths, centre
 from topologies.copper_link import CopperLink
 from topologies.fiber import FiberLink
 from topologies.leaf_spine import LeafSpineTopo
@@ -95,3 +97,23 @@ def test_a_network_without_fibres_has_copper_of_no_length() -> None:
     topo.addLink("a", "s1")
     assign_copper_lengths(topo)
     assert lengths(topo) == {"a s1": 0.0}
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_the_centre_is_that_of_looking_at_every_place(seed: int) -> None:
+    drawn = random.Random(seed)
+    names = [f"n{number}" for number in range(drawn.randint(2, 25))]
+    fibers: dict[str, dict[str, float]] = {name: {} for name in names}
+    for _ in range(drawn.randint(1, 3 * len(names))):  # some fall apart into several
+        one, other = drawn.sample(names, 2)
+        fibers[one][other] = fibers[other][one] = drawn.choice([0.1, 0.2, 0.3, 1.0])
+    wanted = drawn.sample(names, drawn.randint(1, len(names)))
+
+    def farthest(place: str) -> float:
+        reached = shortest(fibers, place)
+        return max(reached.get(node, inf) for node in wanted)
+
+    found = centre(fibers, wanted)
+    assert found is not None
+    assert farthest(found) == min(map(farthest, names))
+    assert found == min(name for name in names if farthest(name) == farthest(found))

@@ -59,6 +59,7 @@ def test_a_request_is_read() -> None:
         {"additional_slave_SAE_IDs": "ABC"},
         {"additional_slave_SAE_IDs": ["ABC", "ABC"]},
         {"additional_slave_SAE_IDs": ["A" * 65]},
+        {"additional_slave_SAE_IDs": ["\ud800"]},  # half a character
         {"additional_slave_SAE_IDs": [str(each) for each in range(17)]},
         {"extension_mandatory": {"abc": 1}},
         {"extension_optional": ["abc"]},

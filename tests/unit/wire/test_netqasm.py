@@ -21,6 +21,7 @@ from wire.netqasm.messages import (
     StopUnit,
     decode_host_message,
     decode_unit_message,
+    encode_host_message,
     encode_unit_message,
 )
 from wire.netqasm.pair_requests import (
@@ -33,7 +34,12 @@ from wire.netqasm.pair_requests import (
     decode_request,
     encode_answer,
 )
-from wire.netqasm.subroutine import INSTRUCTIONS, decode_subroutine
+from wire.netqasm.subroutine import (
+    INSTRUCTIONS,
+    Subroutine,
+    decode_subroutine,
+    encode_subroutine,
+)
 from wire.netqasm.texts import (
     Greeting,
     decode_greeting,
@@ -121,6 +127,7 @@ def test_instructions_that_the_sdk_writes_are_read(kind: type) -> None:
         (read,) = decode_subroutine(data).instructions
         assert read.name == name
         assert read.operands == tuple(n for each in operands for n in numbers(each))
+        assert encode_subroutine(Subroutine(7, (read,))) == data
 
 
 def test_a_subroutine_is_read_and_told_as_people_write_it() -> None:
@@ -170,6 +177,7 @@ def test_what_is_no_netqasm_is_refused(data: bytes) -> None:
 def test_what_applications_say_is_read_and_no_part_of_it(theirs: object, ours: object) -> None:
     data = bytes(theirs)  # type: ignore[call-overload]
     assert decode_host_message(data) == ours
+    assert encode_host_message(ours) == data
     for wrong in (*(data[:length] for length in range(len(data))), data + b"\0"):
         with pytest.raises(MalformedPacket):
             decode_host_message(wrong)
@@ -219,6 +227,9 @@ def test_answers_to_requests_for_pairs() -> None:
     assert decode_answer(data) == (Verdict.READY, 49_152)
     with pytest.raises(MalformedPacket):
         decode_answer(bytes.fromhex("5145 01 09 c000"))
+    for wrong in (data[:-1], data + b"\0", b""):
+        with pytest.raises(MalformedPacket):
+            decode_answer(wrong)
 
 
 def test_greetings_and_texts_come_back_and_nothing_else_does() -> None:

@@ -23,6 +23,7 @@ from wire.qkd import (
     Confirm,
     Detections,
     Disclosed,
+    Intensities,
     Parities,
     Proposal,
     QkdMessage,
@@ -70,6 +71,12 @@ GOLDEN: list[tuple[QkdMessage, str]] = [
     (
         Amplify(786, 12, b"\xab\xc0"),
         "514b010b0000002e010203040506070800000009 00000312 0000000c abc0",
+    ),
+    (
+        Intensities(0.5, 0.25, 0.125, 0.5, 0.25, 0.25, 5, b"\x18\x40"),
+        "514b010e0000005a010203040506070800000009"
+        "3fe0000000000000 3fd0000000000000 3fc0000000000000"
+        "3fe0000000000000 3fd0000000000000 3fd0000000000000 00000005 1840",
     ),
     (Confirm(786), "514b010c00000028010203040506070800000009 00000312"),
     (
@@ -138,7 +145,7 @@ HEADERS = [
     (0x514D, 1, 1, 70, "not key distribution"),
     (0x514B, 2, 1, 70, "version 2"),
     (0x514B, 1, 0, 70, "unknown kind 0"),
-    (0x514B, 1, 14, 70, "unknown kind 14"),
+    (0x514B, 1, 15, 70, "unknown kind 15"),
     (0x514B, 1, 1, HEADER.size + TAG_BYTES - 1, "bytes in a message"),
     (0x514B, 1, 1, MAX_LENGTH + 1, "bytes in a message"),
 ]
@@ -162,6 +169,16 @@ WRONG: list[QkdMessage] = [
     Proposal(0.1, 0.1, 0.1, 0.1, 1, 1, 1.0),
     Proposal(0.1, 0.1, 0.1, 0.1, 1, 1, -0.1),
     Proposal(0.1, 0.1, 0.1, 0.1, 1, 1, float("nan")),
+    Intensities(0.5, 0.25, 0.25, 0.5, 0.25, 0.25, 1, b"\x00"),  # decoys alike
+    Intensities(0.5, 0.4, 0.2, 0.5, 0.25, 0.25, 1, b"\x00"),
+    Intensities(0.5, 0.25, -0.1, 0.5, 0.25, 0.25, 1, b"\x00"),
+    Intensities(11.0, 0.25, 0.0, 0.5, 0.25, 0.25, 1, b"\x00"),
+    Intensities(float("nan"), 0.25, 0.0, 0.5, 0.25, 0.25, 1, b"\x00"),
+    Intensities(0.5, 0.25, 0.0, 0.5, 0.25, 0.2, 1, b"\x00"),
+    Intensities(0.5, 0.25, 0.0, 0.5, 0.5, 0.0, 1, b"\x00"),
+    Intensities(0.5, 0.25, 0.0, 0.5, 0.25, 0.25, 1, b"\xc0"),  # level 3
+    Intensities(0.5, 0.25, 0.0, 0.5, 0.25, 0.25, 1, b"\x08"),  # padding
+    Intensities(0.5, 0.25, 0.0, 0.5, 0.25, 0.25, 0, b""),
     Detections(0, 0, b"", b""),
     Detections(0, MAX_PHOTONS + 1, b"", b""),
     Detections(0, 10, b"\xc0\x01", b"\xa0"),  # padding

@@ -56,7 +56,36 @@ local function check_sample(values)
     return nil
 end
 
-local checks = { Proposal = check_proposal, Sample = check_sample }
+local function check_intensities(values)
+    local signal, weak, vacuum = values.signal_mean, values.weak_mean, values.vacuum_mean
+    if not (vacuum >= 0 and vacuum < weak and weak + vacuum < signal
+            and signal <= format.max_mean) then
+        return "means are no signal and decoys"
+    end
+    local sum = 0
+    for _, name in ipairs({ "signal_share", "weak_share", "vacuum_share" }) do
+        if not (values[name] > 0 and values[name] < 1) then return name .. " is no share" end
+        sum = sum + values[name]
+    end
+    if math.abs(sum - 1) > 1e-9 then return "shares are no whole" end
+    return nil
+end
+
+local checks = {
+    Proposal = check_proposal, Sample = check_sample, Intensities = check_intensities
+}
+
+-- Returns whether one of the numbers of two bits each is 3.
+local function has_three(bytes)
+    for place = 1, #bytes do
+        local byte = bytes:byte(place)
+        for _ = 1, 4 do
+            if byte % 4 == 3 then return true end
+            byte = math.floor(byte / 4)
+        end
+    end
+    return false
+end
 
 -- Returns why a number is out of its range, or nil.
 local function out_of_range(kind, values)
@@ -82,6 +111,7 @@ local function add_packed(tree, tail, values, range)
     if bits % 8 > 0 and bytes:byte(size) % 2 ^ (8 - bits % 8) > 0 then
         return nil, "padding of " .. tail.name
     end
+    if tail.name == "levels" and has_three(bytes) then return nil, "a level is 3" end
     values[tail.name] = count_ones(bytes)
     return size
 end

@@ -2,9 +2,13 @@
 
 Each pulse carries a random bit in Z (0, 1) or X (+, -); the acceptor measures it, as it arrives,
 in a basis of its own choice. How often its source emits several photons is told by the opener, and
-shortens the key (hosts.middleware.qkd.key_length).
+shortens the key (hosts.middleware.qkd.key_length), unless the source can make decoy states
+(hosts.middleware.qkd.decoy).
 """
 
+import numpy as np
+
+from hosts.middleware.qkd.decoy import LEVELS, SHARES, Decoys
 from hosts.middleware.qkd.sifting import Record
 from hosts.middleware.services.key_distribution.acceptor import AcceptorOfKeys
 from hosts.middleware.services.key_distribution.light import random_bases
@@ -18,14 +22,24 @@ async def prepare_and_send(end: OpenerEnd, number: int, photons: int) -> Record:
     """Send a block of random states; return their bases and bits when it has arrived."""
     setup, bases = end.setup, random_bases(end, photons)
     bits = end.draws.integers(0, 2, photons, dtype=bases.dtype)
-    block = await end.qnic.prepare(setup.session, number, 2 * bases + bits)
+    levels = None
+    if decoys_of(end) is not None:
+        levels = end.draws.choice(LEVELS, photons, p=SHARES).astype(np.uint8)
+    block = await end.qnic.prepare(setup.session, number, 2 * bases + bits, levels)
     await end.qnic.send(block, end.qnic.ports[0], setup.rate_hz, setup.wavelength_pm)
-    return Record(bases, bits)
+    return Record(bases, bits, levels)
+
+
+def decoys_of(end: OpenerEnd) -> Decoys | None:
+    """Return the decoy states that this host's source can make; None: none."""
+    means = end.means.intensities
+    return Decoys(means) if len(means) == LEVELS else None
 
 
 async def open_bb84(end: OpenerEnd, options: KeyOptions) -> None:
     """Make a key with the acceptor."""
-    await OpenerOfKeys(end, options, prepare_and_send, end.means.multi_photon).run()
+    source = end.means.multi_photon, decoys_of(end)
+    await OpenerOfKeys(end, options, prepare_and_send, *source).run()
 
 
 async def accept_bb84(end: AcceptorEnd) -> None:

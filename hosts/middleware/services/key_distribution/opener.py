@@ -5,6 +5,7 @@ from dataclasses import replace
 from uuid import UUID
 
 from hosts.middleware.qkd.alice import Alice
+from hosts.middleware.qkd.decoy import Decoys
 from hosts.middleware.qkd.end import State, Terms
 from hosts.middleware.qkd.sifting import Record
 from hosts.middleware.services.key_distribution.light import next_photons
@@ -25,16 +26,21 @@ class OpenerOfKeys:
     """The end that asked for keys; `light` makes a block and tells what this end knows of it."""
 
     def __init__(
-        self, end: OpenerEnd, options: KeyOptions, light: Light, multi_photon: float = 0.0
+        self,
+        end: OpenerEnd,
+        options: KeyOptions,
+        light: Light,
+        multi_photon: float = 0.0,
+        decoys: Decoys | None = None,
     ) -> None:
-        """Make keys of this light, whose pulses have several photons so likely."""
+        """Make keys of this light, whose pulses have several photons so likely, or are decoys."""
         self._end, self._options, self._light = end, options, light
         self._peer = end.arrangement.peer
         self._progress = Progress()
         outgoing, incoming = pools(end, end.means.keyring.host, self._peer)
         parameters = replace(options.parameters(), multi_photon=multi_photon)
         terms = Terms(end.setup.session, parameters, outgoing, incoming, end.draws.bytes)
-        self._alice = Alice(terms)
+        self._alice = Alice(terms, decoys)
         self._messages = KeyMessages(end, self._alice, self._store)
         self._sizes: list[int] = []  # of the blocks that were announced
         self._ids: list[UUID] = []

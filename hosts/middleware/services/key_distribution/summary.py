@@ -10,6 +10,7 @@ from hosts.middleware.qkd.key_store import KEY_BITS
 from hosts.network_loop import now_s
 
 CONFIDENCE = 0.95
+DECOYS = "pulses without a fixed phase, whose intensities nobody knows before they are measured"
 SOURCES = {
     False: "pulses of one photon or pair at most, or pairs of a source that nobody trusts",
     True: "pulses without a fixed phase; those of several photons are known to an eavesdropper",
@@ -49,7 +50,9 @@ def summary(progress: Progress, keys: End, ids: list[UUID]) -> dict[str, Any]:
     light_s = progress.light_s or elapsed_s  # nothing was sifted
     low, high = estimate.interval(CONFIDENCE) if estimate else (None, None)
     qber = estimate.qber if estimate else None
-    limit = None if qber is None else asymptotic_fraction(qber, keys.single_share)
+    limit = None
+    if qber is not None and keys.decoys is None:
+        limit = asymptotic_fraction(qber, keys.single_share)
     return {
         **so_far(progress, keys),
         "qber": qber,
@@ -62,7 +65,8 @@ def summary(progress: Progress, keys: End, ids: list[UUID]) -> dict[str, Any]:
         "key_fraction_limit": limit,
         "multi_photon": keys.multi_photon,
         "single_photon_fraction": keys.single_share if report.sifted else None,
-        "assumed": SOURCES[keys.multi_photon > 0],
+        "assumed": DECOYS if keys.decoys else SOURCES[keys.multi_photon > 0],
+        "intensities": list(keys.decoys.means) if keys.decoys else None,
         "keys": len(ids),
         "bits_of_a_key": KEY_BITS,
         "first_key_id": str(ids[0]) if ids else None,

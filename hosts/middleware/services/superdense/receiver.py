@@ -10,6 +10,7 @@ import numpy as np
 from hosts.hardware.qnic import NoLight, Symbols
 from hosts.middleware.services.superdense.frame_format import FrameFormat, agreed_format
 from hosts.middleware.services.superdense.framing import FramingError
+from hosts.middleware.services.superdense.halves import arrival_ports
 from hosts.middleware.services.superdense.inbox import Inbox
 from hosts.middleware.session.channel import MetadataChannel, SessionError, unexpected
 from hosts.middleware.session.encoding import (
@@ -151,7 +152,7 @@ class Receiver:
             found = await self._qnic.detect_pairs(
                 self._setup.session,
                 number,
-                (self._qnic.ports[1], self._qnic.ports[0]),
+                arrival_ports(self._setup, self._qnic.ports),
                 ARRIVED_TIMEOUT_S,
             )
         except NoLight:

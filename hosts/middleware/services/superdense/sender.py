@@ -22,6 +22,7 @@ from hashlib import sha256
 from hosts.hardware.qnic import BlockName, NoLight, Symbols
 from hosts.middleware.services.superdense.frame_format import agreed_format
 from hosts.middleware.services.superdense.framing import FramingError
+from hosts.middleware.services.superdense.halves import sent_half
 from hosts.middleware.services.superdense.options import SuperdenseOptions
 from hosts.middleware.services.superdense.outbox import Outbox, OutgoingBlock
 from hosts.middleware.services.superdense.per_pair import Agreed, OneByOne
@@ -138,7 +139,7 @@ class Sender:
 
     async def _light(self, number: int, paulis: Symbols) -> int:
         """Have pairs made, modulate this host's halves and send them on."""
-        half = BlockName(self._setup.session, number, 0)
+        half = BlockName(self._setup.session, number, sent_half(self._setup))
         rate_hz, wavelength_pm = self._setup.rate_hz, self._setup.wavelength_pm
         port = self._qnic.ports[0]
         light = asyncio.create_task(
@@ -180,7 +181,9 @@ class Sender:
         if now_s() - self._lit_at_s > DARK_LIMIT_S:
             raise SessionError(
                 Reason.NO_LIGHT,
-                f"{what} for {DARK_LIMIT_S:g} s; is a fibre cut, or its loss too high?",
+                f"{what} for {DARK_LIMIT_S:g} s; is a fibre cut, or its loss too high, or do the "
+                f"halves of a pair come to {self._peer} further apart than its delay line is long "
+                "(analyser.delay_line_km; `qmn spy RUN --kind bell-measure` tells)?",
             )
 
     def _note(self, block: OutgoingBlock, report: Report) -> None:

@@ -1,4 +1,14 @@
-"""Superdense coding as a service: bytes from the host that opens to the one that accepts."""
+"""Superdense coding as a service: bytes from the host that opens to the one that accepts.
+
+    alice                        charlie                          bob
+      | <------ half 0 ------------ | ------------ half 1 -------> |
+      | Pauli operators, then half 0 ----------------------------> |    SDC
+      | <---------------------------- Pauli operators, then half 1 |    SDC_RETURN
+
+A return goes back on the light of a session that stands: only the last way of light is its own.
+"""
+
+from dataclasses import replace
 
 from hosts.middleware.services.superdense.options import SuperdenseOptions
 from hosts.middleware.services.superdense.receiver import accept_bytes, accepted
@@ -15,3 +25,4 @@ KIND = ServiceKind(
     check=check_frames,
     handshakes=(Handshake.FRAMED, Handshake.PER_PAIR, Handshake.ONE_PAIR),
 )
+RETURN_KIND = replace(KIND, service=Service.SDC_RETURN, handshakes=(Handshake.FRAMED,))

@@ -11,6 +11,7 @@ from hosts.middleware.qkd.alice import Alice
 from hosts.middleware.qkd.authentication import KeyPool, pool_bytes
 from hosts.middleware.qkd.bits import Bits
 from hosts.middleware.qkd.bob import Bob
+from hosts.middleware.qkd.decoy import Decoys
 from hosts.middleware.qkd.end import Terms
 from hosts.middleware.qkd.parameters import Parameters
 from hosts.middleware.qkd.sifting import Record
@@ -91,9 +92,10 @@ def make_ends(
     parameters: Parameters = SHORT,
     bobs: Parameters | None = None,
     messages: int = 1000,
+    decoys: Decoys | None = None,
 ) -> Ends:
     """Return two ends that share enough key for so many messages in either direction."""
     there, back = (rng.bytes(pool_bytes(messages)) for _ in range(2))
     alice = Terms(SESSION, parameters, KeyPool(there), KeyPool(back), rng.bytes)
     bob = Terms(SESSION, bobs or parameters, KeyPool(back), KeyPool(there), rng.bytes)
-    return Ends(Alice(alice), Bob(bob))
+    return Ends(Alice(alice, decoys), Bob(bob))

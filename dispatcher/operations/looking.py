@@ -1,0 +1,51 @@
+"""A look at the state of a qubit, as only a simulation can give it: nothing happens to it.
+
+A state is pure here, whatever noise there was: that has been drawn. A qubit that is entangled with
+others is in a mixed state by itself.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dispatcher.layer import drift
+from dispatcher.layer.layer import PhysicalLayer, block_name
+from dispatcher.refusal import exhausted, invalid, precondition
+from dispatcher.sabot.dense import Dense
+from wire.dispatcher_pb2 import LookReply, LookRequest
+
+MOST_QUBITS = 8  # of a state that is told
+
+Matrix = NDArray[np.complex128]
+
+
+def look(layer: PhysicalLayer, node: str, request: LookRequest) -> LookReply:
+    """Return the density matrix of a qubit, perhaps with all that it is entangled with."""
+    block = layer.ownership.require(block_name(request.block), node)
+    if block.register.size != 1 or not block.register.remaining:
+        raise invalid(f"{block.name} is not one qubit; gather one, and look at that")
+    if layer.memories.holds(block):
+        layer.memories.look_in(block)
+    drift.twirl(block, layer.sabot, layer.draws)
+    if not block.register.shares:
+        raise precondition("states are in a Sabot server: start the network without --sabot")
+    (share,) = block.register.shares
+    component = share.component
+    (places,) = np.nonzero(np.arange(block.register.size)[share.positions] == 0)
+    state = component.state.take(places)
+    if state.qubits > MOST_QUBITS:
+        raise exhausted(f"{state.qubits} qubits are entangled here; a look is at {MOST_QUBITS}")
+    vector = (state if isinstance(state, Dense) else Dense.from_stabilizers(state)).amplitudes[0]
+    matrix = density(vector, component.shares.index(share), request.entangled)
+    layer.record(node, "look", block, detail="as no hardware could")
+    return LookReply(real=matrix.real.ravel(), imaginary=matrix.imag.ravel())
+
+
+def density(vector: Matrix, qubit: int, entangled: bool) -> Matrix:
+    """Return the density matrix of a qubit of a state vector, or of all, that qubit first."""
+    qubits = vector.size.bit_length() - 1
+    # Qubit 0 is the least significant bit of the vector's index, and so the last axis.
+    axes = vector.reshape((2,) * qubits)
+    first = np.moveaxis(axes, qubits - 1 - qubit, 0)
+    rows = first.reshape(-1, 1) if entangled else first.reshape(2, -1)
+    matrix: Matrix = rows @ rows.conj().T
+    return matrix

@@ -1,0 +1,1 @@
+"""IP over light: an interface whose packets travel by superdense coding."""

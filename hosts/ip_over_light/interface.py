@@ -1,0 +1,135 @@
+"""q0 of one host: packets from the kernel to the other hosts' light, and from theirs back.
+
+kernel --q0--> reader --> Outgoing of a host (a thread each) --> its light
+kernel <--q0-- a thread for each session of another host    <-- its light
+"""
+
+import logging
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from ipaddress import IPv4Address, IPv4Network
+
+from hosts.ip_over_light.outgoing import PORTS, Outgoing, Wishes
+from hosts.ip_over_light.tun import Tun
+from hosts.quantum_socket import QuantumSocket
+from hosts.stack_socket import QuantumSocketError, StackEnded
+from wire.ip_over_light import IpOverLightConfig
+from wire.ipv4 import Packet, PacketStream, Unreachable, decode, unreachable
+from wire.metadata import MalformedPacket
+
+log = logging.getLogger("q0")
+
+READ_BYTES = 1 << 16
+
+
+class Interface:
+    """The packets of one host; `start` begins, `failed` is called with what ends it."""
+
+    def __init__(
+        self, config: IpOverLightConfig, tun: Tun, failed: Callable[[BaseException], None]
+    ) -> None:
+        self._config, self._tun, self._failed = config, tun, failed
+        self._address = IPv4Address(config.address)
+        self._router = IPv4Address(config.router)
+        self._network = IPv4Network((config.address, config.prefix_length), strict=False)
+        self._listeners: list[QuantumSocket] = []
+        wishes = Wishes()
+        outgoing = [
+            Outgoing(
+                config.stack,
+                neighbor,
+                config.options,
+                config.idle_s,
+                config.patience_s,
+                self.refuse,
+                wishes,
+            )
+            for neighbor in config.neighbors
+        ]
+        self._by_address = {IPv4Address(each.neighbor.address): each for each in outgoing}
+        self._by_copper = {each.neighbor.copper: each for each in outgoing}
+
+    def start(self) -> None:
+        """Listen for others, and begin to carry; QuantumSocketError if others listen there."""
+        for service, port in PORTS.items():
+            listener = QuantumSocket(self._config.stack)
+            listener.listen(port, service)
+            self._listeners.append(listener)
+            self._begin(self._accept, listener, service)
+        for outgoing in self._by_address.values():
+            self._begin(outgoing.run)
+        self._begin(self._read)
+
+    def _begin(self, work: Callable[..., None], *arguments: object) -> None:
+        """Do something in a thread; its fault is that of all."""
+
+        def watched() -> None:
+            try:
+                work(*arguments)
+            except (QuantumSocketError, OSError) as error:
+                self._failed(error)
+
+        threading.Thread(target=watched, daemon=True, name=work.__qualname__).start()
+
+    def _read(self) -> None:
+        """Read what the kernel sends."""
+        while True:
+            data = self._tun.read()
+            try:
+                self.send(decode(data, self._config.mtu))
+            except MalformedPacket as error:  # IPv6 that somebody has switched on, perhaps
+                log.warning("not sent: %s", error)
+
+    def send(self, packet: Packet) -> None:
+        """Let a packet go to whom it is for, or tell its sender why it cannot."""
+        outgoing = self._by_address.get(packet.destination)
+        if outgoing is not None:
+            outgoing.offer(packet)
+        else:
+            self.refuse(packet, Unreachable.HOST_UNKNOWN)
+
+    def refuse(self, packet: Packet, why: Unreachable) -> None:
+        """Tell this host's kernel that a packet is lost, if anybody may be told."""
+        if packet.may_be_answered and packet.destination != self._network.broadcast_address:
+            self._tun.write(unreachable(packet, why, self._router))
+
+    def _accept(self, listener: QuantumSocket, service: str) -> None:
+        while True:
+            connection, peer = listener.accept()
+            outgoing = self._by_copper.get(peer)
+            if outgoing is None:
+                log.warning("light of %s, which has no q0 here, is not taken", peer)
+                connection.close()
+                continue
+            outgoing.incoming(service, 1)
+            self._begin(self._receive, connection, outgoing, service)
+
+    def _receive(self, connection: QuantumSocket, outgoing: Outgoing, service: str) -> None:
+        """Pass on what one session of another host brings, until its end."""
+        stream = PacketStream(self._config.mtu)
+        source = IPv4Address(outgoing.neighbor.address)
+        try:
+            with connection:
+                while data := connection.recv(READ_BYTES):
+                    for packet in stream.feed(data):
+                        self.deliver(packet, source)
+        except StackEnded:
+            raise
+        except (QuantumSocketError, MalformedPacket) as error:
+            log.warning("from %s: %s", outgoing.neighbor.host, error)
+        finally:
+            outgoing.incoming(service, -1)
+
+    def deliver(self, packet: Packet, source: IPv4Address) -> None:
+        """Hand a packet to the kernel, if it is what the host that it came from may send here."""
+        if (packet.source, packet.destination) == (source, self._address):
+            self._tun.write(packet.data)
+        else:
+            log.warning("from %s: a packet of %s for %s", source, packet.source, packet.destination)
+
+    def close(self) -> None:
+        """Take no more."""
+        for listener in self._listeners:
+            with suppress(OSError):
+                listener.close()

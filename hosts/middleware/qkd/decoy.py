@@ -1,0 +1,130 @@
+"""Decoy states: what pulses of three intensities tell about those of one photon.
+
+Lim, Curty, Walenta, Xu, Zbinden, "Concise security bounds for practical decoy-state quantum key
+distribution", Phys. Rev. A 89, 022307 (2014), arXiv:1311.7129. Key comes of the basis X, what
+an eavesdropper knows of it is bounded by the errors of the basis Z. Who divides photon numbers
+cannot know of a pulse which intensity it was made with, and so changes how often those of each are
+seen (Hwang 2003; Lo, Ma, Chen 2005).
+"""
+
+from dataclasses import dataclass
+from math import exp, factorial, floor, log, log2, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hosts.middleware.qkd.bits import Bits, Mask
+from hosts.middleware.qkd.key_length import binary_entropy
+from wire.qkd import Intensities
+
+LEVELS = 3
+TERMS = 21  # of which eps_sec is the sum (their equation B5)
+TEST_BASIS = 0  # Z
+SHARES = (0.5, 0.35, 0.15)  # of signal, weak and vacuum pulses
+
+Counts = NDArray[np.int64]  # by intensity, shape (3,)
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Decoys:
+    """Mean photon numbers, m1 > m2 + m3, m2 > m3 >= 0, and which share of the pulses has each."""
+
+    means: tuple[float, ...]
+    shares: tuple[float, ...] = SHARES
+
+    @classmethod
+    def told(cls, message: Intensities) -> "Decoys":
+        """Return those of a message."""
+        return cls(message.means, message.shares)
+
+    def message(self, count: int, levels: bytes) -> Intensities:
+        """Return the message that tells them, and the packed levels of so many bits."""
+        signal, weak, vacuum = self.means
+        shares = self.shares
+        return Intensities(signal, weak, vacuum, shares[0], shares[1], shares[2], count, levels)
+
+    def photons(self, count: int) -> float:
+        """Return how likely a pulse has so many photons (tau_n)."""
+        pairs = zip(self.shares, self.means, strict=True)
+        return sum(share * exp(-mean) * mean**count for share, mean in pairs) / factorial(count)
+
+
+@dataclass(frozen=True)
+class Sifted:
+    """How many sifted bits there are of each basis, and errors in Z, by intensity."""
+
+    key: Counts
+    test: Counts
+    errors: Counts
+
+    @classmethod
+    def counted(cls, levels: Bits, bases: Bits, wrong: Mask) -> "Sifted":
+        """Count bits; `wrong` has one element for each bit of the test basis."""
+        test = bases == TEST_BASIS
+        chosen = levels[~test], levels[test], levels[test][wrong]
+        return cls(*(np.bincount(each, minlength=LEVELS) for each in chosen))
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Of the key: bits of pulses without a photon and with one at least, and their phase error."""
+
+    vacuum: float
+    single: float
+    phase_error: float
+
+    @property
+    def secret(self) -> float:
+        """Return the bits of which an eavesdropper knows nothing."""
+        return self.vacuum + self.single * (1 - binary_entropy(self.phase_error))
+
+
+def bounds(decoys: Decoys, sifted: Sifted, eps_sec: float | None) -> Bounds:
+    """Return what counts say; eps_sec None: as if there were endlessly many."""
+    vacuum, single = _numbers(decoys, sifted.key, eps_sec)
+    _vacuum, tested = _numbers(decoys, sifted.test, eps_sec)
+    _m1, m2, m3 = decoys.means
+    low, high = _scaled(decoys, sifted.errors, eps_sec)
+    wrong = max(0.0, decoys.photons(1) * (high[1] - low[2]) / (m2 - m3))
+    if single <= 0 or tested <= 0:
+        return Bounds(vacuum, 0.0, 0.5)
+    rate = min(0.5, wrong / tested)
+    if eps_sec is not None:
+        rate += _deviation(eps_sec, rate, tested, single)
+    return Bounds(vacuum, single, min(0.5, rate))
+
+
+def key_length(
+    decoys: Decoys, sifted: Sifted, leaked_bits: int, eps_sec: float, eps_cor: float
+) -> int:
+    """Return the length of an eps_sec-secret and eps_cor-correct key, their equation 1."""
+    secret = bounds(decoys, sifted, eps_sec).secret
+    cost = 6 * log2(TERMS / eps_sec) + log2(2 / eps_cor)
+    return max(0, floor(secret - leaked_bits - cost))
+
+
+def _scaled(decoys: Decoys, counts: Counts, eps_sec: float | None) -> tuple[Floats, Floats]:
+    """Return e^m / p times the least and the most counts, by intensity (Hoeffding 1963)."""
+    spread = 0.0 if eps_sec is None else sqrt(int(counts.sum()) / 2 * log(TERMS / eps_sec))
+    scale = np.exp(decoys.means) / np.array(decoys.shares)
+    return scale * np.maximum(counts - spread, 0.0), scale * (counts + spread)
+
+
+def _numbers(decoys: Decoys, counts: Counts, eps_sec: float | None) -> tuple[float, float]:
+    """Return how many of these bits are of no photon, and of one, at least."""
+    (_low1, low2, low3), (high1, high2, high3) = _scaled(decoys, counts, eps_sec)
+    m1, m2, m3 = decoys.means
+    none = max(0.0, decoys.photons(0) * (m2 * low3 - m3 * high2) / (m2 - m3))
+    several = (m2**2 - m3**2) / m1**2 * (high1 - none / decoys.photons(0))
+    one = decoys.photons(1) * m1 * (low2 - high3 - several) / (m1 * (m2 - m3) - m2**2 + m3**2)
+    return float(none), max(0.0, float(one))
+
+
+def _deviation(eps: float, rate: float, tested: float, single: float) -> float:
+    """Return by how much the phase errors of the key may exceed the errors of the test (gamma)."""
+    if not 0 < rate < 1:
+        rate = min(max(rate, 1 / tested), 0.5)
+    spread = (tested + single) * (1 - rate) * rate / (tested * single * log(2))
+    odds = (tested + single) / (tested * single * (1 - rate) * rate) * TERMS**2 / eps**2
+    return sqrt(max(0.0, spread * log2(odds)))

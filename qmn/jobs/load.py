@@ -1,0 +1,214 @@
+"""The job of heavy traffic: qmn run load. Many hosts ask for many sessions at a time."""
+
+import asyncio
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from hosts.middleware.services import NAMES
+from hosts.middleware.session.channel import SessionError
+from qmn.jobs.run_context import RunContext, begin_folder, ending, known_facts, running_network
+from qmn.jobs.run_options import RunOptions
+from qmn.network.checks import check_network
+from qmn.network.description import NetworkDescription, describe_network
+from qmn.network.options import NetworkOptions
+from qmn.options import BadInput, check_ranges
+from qmn.traffic import result
+from qmn.traffic.driver import Driver
+from qmn.traffic.figures import figures, listed
+from qmn.traffic.plan import MODELS, MOST_SESSIONS, BadTraffic, Planned, Traffic, plan
+from qmn.traffic.session import ACCEPTED, Wanted
+from topologies.network import Network, Signals, require_root
+from wire.controller_record import read_record
+from wire.parameters.option import option
+
+BYTES = "sdc"  # the service that carries some
+OWN = "own"
+MEASURED = ("distribute", "swap")  # services that leave pairs at both ends
+UNFIT = ("link", "pair_source")
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoadRequest:
+    """What traffic there is, and in which network."""
+
+    service: str = option("distribute", "that sessions are of (distribute)", choices=sorted(NAMES))
+    count: int = option(
+        30,
+        "of pairs, states or bits of a session; bytes of sdc (30)",
+        metavar="N",
+        range=(1, 1 << 20),
+    )
+    source: str = option(
+        "", f"host that makes the pairs; {OWN}: the one that asks (the network's)", metavar="HOST"
+    )
+    traffic: str = option("poisson", "model of who asks when (poisson)", choices=tuple(MODELS))
+    sessions: int = option(
+        100, "that are asked for (100); of a trace at most", metavar="N", range=(1, MOST_SESSIONS)
+    )
+    rate_per_s: float = option(
+        5.0, "sessions that are asked for in a second (5)", metavar="R", range=(1e-6, 1e6)
+    )
+    holding_s: float = option(
+        0.2,
+        "mean time that a session holds its light, when it has it (0.2)",
+        metavar="S",
+        range=(0, 600),
+    )
+    constant: bool = option(False, "holding times are all alike, not exponential")
+    deadline_s: float | None = option(
+        None,
+        "sessions without light so long after their request are given up (none)",
+        metavar="S",
+        range=(1e-6, 600),
+    )
+    senders: str = option(
+        "", "hosts that ask, with commas (all but sources)", flag="--from", metavar="HOSTS"
+    )
+    receivers: str = option("", "hosts that are asked (the same)", flag="--to", metavar="HOSTS")
+    idle: bool = option(False, "choose two hosts that are idle for each session")
+    on_s: float = option(
+        1.0, "mean time that a host asks, of on-off (1)", metavar="S", range=(1e-3, 1e6)
+    )
+    off_s: float = option(1.0, "mean time that it does not (1)", metavar="S", range=(1e-3, 1e6))
+    file: Path | None = option(None, "of a matrix or trace, CSV (docs/traffic.md)", metavar="FILE")
+    network: NetworkOptions
+    run: RunOptions
+
+
+OWN_OPTIONS = (
+    *("service", "count", "source", "traffic", "sessions", "rate_per_s", "holding_s", "constant"),
+    *("deadline_s", "senders", "receivers", "idle", "on_s", "off_s"),
+)
+
+
+def run(request: LoadRequest, signals: Signals, console: Console) -> int:
+    """Do the whole run and return its exit status: 0 if every session has been answered."""
+    network = describe_network(request.network)
+    traffic, planned, wanted = checked(request, network)
+    require_root()
+    folder = begin_folder(request.run.runs, "load")
+    context = RunContext(network, request.run, folder, signals, console)
+    own = {name: getattr(request, name) for name in OWN_OPTIONS}
+    own["file"] = str(request.file) if request.file else None
+    facts = {"service": request.service, **known_facts(context, own), "delivered": False}
+    with ending(folder, facts, result.complete):
+        _drive(request, traffic, planned, wanted, context, facts)
+    result.show(console, facts, folder)
+    return 0 if facts["delivered"] else 1
+
+
+def checked(
+    request: LoadRequest, network: NetworkDescription
+) -> tuple[Traffic, list[Planned], Wanted]:
+    """Return what will be asked for; raise BadInput before anything is started."""
+    check_network(request.network)
+    check_ranges(request.run)
+    check_ranges(request)
+    traffic = traffic_of(request, network)
+    try:
+        planned = plan(request.traffic, traffic, request.network.seed, request.sessions)
+    except BadTraffic as error:
+        raise BadInput(str(error)) from error
+    return traffic, planned, wanted_of(request, network.hosts)
+
+
+def traffic_of(request: LoadRequest, network: NetworkDescription) -> Traffic:
+    """Return the model's parameters; raise BadInput for hosts there are not."""
+    hosts = network.hosts
+    others = [host for host in hosts if host not in network.parts.sources]
+    openers = chosen("--from", request.senders, hosts) or others
+    acceptors = chosen("--to", request.receivers, hosts) or others
+    if len({*openers, *acceptors}) < 2 or any(acceptors == [host] for host in openers):
+        raise BadInput(f"--from {','.join(openers)} --to {','.join(acceptors)}: name more hosts")
+    if request.file is not None and request.traffic not in ("matrix", "trace"):
+        raise BadInput(f"--file is of --traffic matrix or trace, not of {request.traffic}")
+    if request.idle and request.traffic != "poisson":
+        raise BadInput("--idle is of --traffic poisson: the others say who asks")
+    times = request.rate_per_s, request.holding_s, request.constant, request.deadline_s
+    bursts = request.on_s, request.off_s, request.file
+    return Traffic(openers, acceptors, *times, request.idle, *bursts)
+
+
+def chosen(option_name: str, named: str, hosts: Sequence[str]) -> list[str]:
+    """Return the hosts that are named with commas; raise BadInput for one there is not."""
+    found = [name for name in named.split(",") if name]
+    for name in found:
+        if name not in hosts:
+            raise BadInput(f"{option_name} {name}: choose of {', '.join(hosts)}")
+    return found
+
+
+def wanted_of(request: LoadRequest, hosts: Sequence[str]) -> Wanted:
+    """Return what each session asks for; raise BadInput for what its service does not take."""
+    own = request.source == OWN
+    if request.source and not own and request.source not in hosts:
+        raise BadInput(f"--source {request.source}: choose {OWN} or one of {', '.join(hosts)}")
+    options: dict[str, Any] = {} if own or not request.source else {"source": request.source}
+    data = bytes(n % 256 for n in range(request.count)) if request.service == BYTES else b""
+    if not data:
+        options |= {"count": request.count}
+    measures = request.service in MEASURED
+    if measures:
+        options["sample"] = 0.0
+    try:
+        NAMES[request.service].options.from_fields({"host": hosts[0], "port": 1, **options})
+    except SessionError as error:
+        raise BadInput(f"--service {request.service}: {error}") from error
+    return Wanted(request.service, options, data, own, measures)
+
+
+def _drive(
+    request: LoadRequest,
+    traffic: Traffic,
+    planned: Sequence[Planned],
+    wanted: Wanted,
+    context: RunContext,
+    facts: dict[str, Any],
+) -> None:
+    """Start the network, drive the traffic, and add to the facts."""
+    with running_network(context, facts) as network:
+        context.console.print(
+            f"{len(planned):,} sessions of {request.service} ({request.traffic}) in "
+            f"{planned[-1].at_s:.3g} s"
+        )
+        driver = Driver(
+            planned,
+            wanted,
+            {host: network.runtime.socket(host) for host in network.runtime.devices},
+            (traffic.openers, traffic.acceptors),
+            request.network.seed,
+            network.runtime.time.scale,
+        )
+        try:
+            _follow(driver, len(planned), network, context.console)
+        finally:
+            facts["load"] = {
+                **figures(
+                    driver.outcomes, read_record(network.runtime.logs), network.runtime.time.scale
+                ),
+                "began_ns": driver.began_ns,
+                "sessions": listed(driver.outcomes),
+            }
+        facts["delivered"] = len(driver.outcomes) == len(planned) and not driver.under_way
+
+
+def _follow(driver: Driver, total: int, network: Network, console: Console) -> None:
+    """Show meanwhile how many sessions are over, hold or wait, and are refused."""
+    words = "{task.fields[held]} under way, {task.fields[refused]} refused"
+    columns = TextColumn("sessions"), BarColumn(), MofNCompleteColumn(), TextColumn(words)
+    with Progress(*columns, TimeElapsedColumn(), console=console) as bar:
+        task = bar.add_task("sessions", total=total, held=0, refused=0)
+
+        def check() -> None:
+            network.check()
+            over = [each for each in driver.outcomes if each.outcome]
+            refused = sum(each.outcome != ACCEPTED for each in over)
+            bar.update(task, completed=len(over), held=driver.under_way, refused=refused)
+
+        asyncio.run(driver.run(check))
+        check()

@@ -1,0 +1,115 @@
+"""A network as it is to be: what a user has said of it, resolved once. This is what travels.
+
+A topology of ours, one of FILE.py:CLASS and one that a script makes become the same; what
+`mn --custom` is given is the same Topo.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from mininet.topo import Topo
+
+from dispatcher.fiber import fiber_noise
+from qmn.network.custom_topology import BadTopology, is_custom
+from qmn.network.device_options import base_device, differences
+from qmn.network.options import MAP, NetworkOptions
+from qmn.network.part_options import PartOptions
+from qmn.network.time_scale import Scale, scale_of
+from qmn.network.topologies import builder
+from topologies.description import Description, describe
+from topologies.fabric import fiber_of
+from topologies.fiber import resolved
+from topologies.presets import preset
+from wire.parameters.fiber import FiberOptics, optics
+from wire.parameters.physics import Device
+
+FIBER = ("length_km", "loss_db_per_km", "depolarizing", "kind")  # options of every fibre
+
+
+@dataclass(frozen=True)
+class NetworkDescription:
+    """Nodes and fibres of a network, the settings of its programs, and how slowly it runs."""
+
+    options: NetworkOptions  # with the settings and the policy
+    topo: Topo  # every node and link, as Mininet takes them
+    parts: Description  # hosts with light, quantum switches, fibres
+    scale: Scale
+    every_fiber: FiberOptics | None  # what all fibres are like; None: the topology says it itself
+    stated_devices: Mapping[str, Device]  # of hosts that are named, and of "every" other one
+
+    @property
+    def hosts(self) -> list[str]:
+        """The hosts that have light."""
+        return list(self.parts.hosts)
+
+    def with_policy(self, policy: Path) -> "NetworkDescription":
+        """Return the same with another policy in force."""
+        return replace(self, options=replace(self.options, policy=str(policy)))
+
+    def build(self) -> Topo:
+        """Return what Mininet builds."""
+        return self.topo
+
+    def facts(self) -> dict[str, Any]:
+        """Return what fibres and hosts are like, for the result."""
+        return {
+            "optics": asdict(self.every_fiber) if self.every_fiber else {},
+            "devices": {host: differences(device) for host, device in self.stated_devices.items()},
+        }
+
+
+def describe_network(options: NetworkOptions) -> NetworkDescription:
+    """Return the network that options name; raise BadTopology for what cannot be."""
+    words = part_options(options)
+    try:
+        named = {name: getattr(options, name) for name in FIBER}
+        given = {name: value for name, value in named.items() if value is not None}
+        given |= words.of_every_fiber()
+        every = optics("every fibre", **fiber_of(options.preset, given))
+        # So that what cannot be is refused here, and not in the midst of a start.
+        fiber_noise.models(resolved(every))
+        return _described(builder(options, given), options, words, every)
+    except ValueError as error:
+        raise BadTopology(str(error)) from error
+
+
+def describe_own(build: Callable[[], Topo], options: NetworkOptions) -> NetworkDescription:
+    """Return the network that a script's own topology makes; raise BadTopology."""
+    try:
+        return _described(build, options, part_options(options), None)
+    except ValueError as error:
+        raise BadTopology(str(error)) from error
+
+
+def _described(
+    build: Callable[[], Topo],
+    options: NetworkOptions,
+    words: PartOptions,
+    every: FiberOptics | None,
+) -> NetworkDescription:
+    topo = words.built(build)
+    parts = describe(topo)
+    own = every is None or is_custom(options.topology)
+    base = base_device(options.node, words.preset)
+    named = {host: parts.hosts[host] for host in words.named_hosts}
+    return NetworkDescription(
+        options,
+        topo,
+        parts,
+        scale_of(options.time_scale, parts),
+        None if own or options.topology == MAP else every,
+        parts.hosts if own else {"every": base, **named},
+    )
+
+
+def part_options(options: NetworkOptions) -> PartOptions:
+    """Return what is said of single parts."""
+    return PartOptions(
+        options.fiber,
+        options.switch,
+        options.node,
+        options.device,
+        preset(options.preset).device,
+    )

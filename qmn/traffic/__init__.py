@@ -1,0 +1,1 @@
+"""Heavy traffic: sessions of many hosts, planned by a model, driven, and counted."""

@@ -1,0 +1,143 @@
+"""The figures of heavy traffic: what became of the sessions, and what the controller did."""
+
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Sequence
+from math import sqrt
+from typing import Any
+
+from qmn.traffic.session import ACCEPTED, BLOCKED, BROKEN, LATE, Outcome
+
+AGES = 5  # portions by age
+SHARES = {"p50": 0.5, "p90": 0.9, "p99": 0.99}
+
+
+def figures(
+    outcomes: Sequence[Outcome], record: Iterable[dict[str, Any]], scale: float = 1.0
+) -> dict[str, Any]:
+    """Return all that is counted; `record` are the controller's facts (wire.controller_record).
+
+    `scale` is how long a second of the network takes on their clock.
+    """
+    accepted = [each for each in outcomes if each.outcome == ACCEPTED]
+    span_s = max((each.ended_s for each in outcomes), default=0.0)
+    pairs = sum(int(each.summary.get("pairs", 0)) for each in accepted)
+    return {
+        "offered": len(outcomes),
+        "accepted": len(accepted),
+        "blocked": reasons(outcomes, BLOCKED),
+        "late": sum(each.outcome == LATE for each in outcomes),
+        "broken": reasons(outcomes, BROKEN),
+        "forgotten": sum(not each.outcome for each in outcomes),
+        "setup_s": shares([each.setup_s for each in outcomes if each.setup_s is not None]),
+        **light_times(list(record), scale),
+        "span_s": span_s,
+        "pairs": pairs,
+        "pairs_per_s": pairs / span_s if span_s else 0.0,
+        "fidelity_by_age": fidelity_by_age(accepted),
+        "fairness": fairness(outcomes),
+    }
+
+
+def reasons(outcomes: Iterable[Outcome], kind: str) -> dict[str, int]:
+    """Return how many sessions have ended in a way, by their reasons."""
+    return dict(Counter(each.reason for each in outcomes if each.outcome == kind).most_common())
+
+
+def shares(values: Sequence[float]) -> dict[str, float | int | None]:
+    """Return the values that a half, 90 % and 99 % do not exceed, and how many there are."""
+    in_order = sorted(values)
+    found = {
+        name: in_order[min(int(share * len(in_order)), len(in_order) - 1)] if in_order else None
+        for name, share in SHARES.items()
+    }
+    return {**found, "n": len(in_order)}
+
+
+def light_times(record: Sequence[dict[str, Any]], scale: float) -> dict[str, Any]:
+    """Return how many waited for light and how long, and how long light was held, in s."""
+    first: dict[tuple[str, str], int] = {}
+    for line in record:
+        if "session" in line:
+            first.setdefault((line["session"], line["event"]), line["time_ns"])
+    waits, held = [], []
+    queued = 0
+    for (session, event), time_ns in first.items():
+        if event == "queued":
+            queued += 1
+            ready = first.get((session, "path_ready"))
+            waits += [(ready - time_ns) / 1e9 / scale] if ready is not None else []
+        if event == "path_ready":
+            end = first.get((session, "torn_down"))
+            held += [(end - time_ns) / 1e9 / scale] if end is not None else []
+    return {"queued": queued, "waited_s": shares(waits), "light_s": mean(held)}
+
+
+def mean(values: Sequence[float]) -> float | None:
+    """Return the mean, None of nothing."""
+    return sum(values) / len(values) if values else None
+
+
+def fidelity_by_age(outcomes: Iterable[Outcome]) -> list[dict[str, float]]:
+    """Return the fidelity to Phi+ of pairs by how long ago they were handed over.
+
+    F = (1 + XX - YY + ZZ) / 4, of outcomes at both ends, a third of the pairs in each basis.
+    """
+    measured = sorted(
+        (each for each in outcomes if len(each.measured) == 3), key=lambda each: each.age_s
+    )
+    size = -(-len(measured) // AGES)
+    return [_estimate(measured[at : at + size]) for at in range(0, len(measured), size or 1)]
+
+
+def _estimate(portion: Sequence[Outcome]) -> dict[str, float]:
+    right: defaultdict[str, int] = defaultdict(int)
+    count: defaultdict[str, int] = defaultdict(int)
+    for each in portion:
+        for basis, number in each.measured.items():
+            count[basis] += number
+            right[basis] += each.right[basis]
+    share = {basis: right[basis] / count[basis] if count[basis] else 0.5 for basis in count}
+    variance = sum(s * (1 - s) / max(count[basis], 1) for basis, s in share.items())
+    return {
+        "age_s": sum(each.age_s for each in portion) / len(portion),
+        "fidelity": (1 + sum(2 * s - 1 for s in share.values())) / 4,
+        "standard_error": sqrt(variance) / 2,
+        "pairs": sum(count.values()),
+    }
+
+
+def fairness(outcomes: Iterable[Outcome]) -> float | None:
+    """Return Jain's index of the openers' accepted shares: 1 if all fare alike, 1/n if one has all.
+
+    R. Jain, D. Chiu, W. Hawe, DEC-TR-301 (1984).
+    """
+    offered: Counter[str] = Counter()
+    accepted: Counter[str] = Counter()
+    for each in outcomes:
+        if each.opener:
+            offered[each.opener] += 1
+            accepted[each.opener] += each.outcome == ACCEPTED
+    got = [accepted[host] / offered[host] for host in offered]
+    squares = sum(share * share for share in got)
+    return sum(got) ** 2 / (len(got) * squares) if squares else None
+
+
+def listed(outcomes: Iterable[Outcome]) -> list[dict[str, Any]]:
+    """Return every session for result.json."""
+    return [
+        {
+            "at_s": each.planned.at_s,
+            "asked_s": each.asked_s,
+            "opener": each.opener,
+            "acceptor": each.acceptor,
+            "outcome": each.outcome,
+            "reason": each.reason,
+            "text": each.text,
+            "setup_s": each.setup_s,
+            "ended_s": each.ended_s,
+            "holding_s": each.planned.holding_s,
+            "pairs": each.summary.get("pairs"),
+            "session": each.summary.get("session"),
+        }
+        for each in outcomes
+    ]

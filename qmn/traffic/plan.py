@@ -1,0 +1,185 @@
+"""The sessions of a traffic model: when who asks whom, and how long it holds what it gets.
+
+Times are seconds of the network. Every choice follows from the seed.
+"""
+
+import csv
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from heapq import merge
+from itertools import islice
+from math import inf
+from pathlib import Path
+from random import Random
+
+COLUMNS = {"at_s", "opener", "acceptor", "holding_s", "deadline_s"}  # of a trace file
+OF_MATRIX = {"opener", "acceptor", "rate_per_s"}
+MOST_SESSIONS = 100_000
+
+
+class BadTraffic(ValueError):
+    """A model or file that no sessions follow from; the message names value and remedy."""
+
+
+@dataclass(frozen=True)
+class Planned:
+    """A session that will be asked for; opener and acceptor "": two that are idle then."""
+
+    at_s: float
+    opener: str
+    acceptor: str
+    holding_s: float
+    deadline_s: float | None = None  # until it must have light; None: it waits as it is told to
+
+
+@dataclass(frozen=True)
+class Traffic:
+    """What a model needs."""
+
+    openers: Sequence[str]
+    acceptors: Sequence[str]
+    rate_per_s: float
+    holding_s: float
+    constant: bool = False  # holding times, else exponential
+    deadline_s: float | None = None
+    idle: bool = False  # whether hosts are chosen that are idle then
+    on_s: float = 1.0  # mean, of on-off
+    off_s: float = 1.0
+    file: Path | None = None
+
+
+def poisson(traffic: Traffic, random: Random) -> Iterator[Planned]:
+    """Yield sessions of a Poisson process; the two hosts are any, all alike."""
+    now = 0.0
+    while True:
+        now += random.expovariate(traffic.rate_per_s)
+        yield planned(traffic, random, now, *ends(traffic, random))
+
+
+def on_off(traffic: Traffic, random: Random) -> Iterator[Planned]:
+    """Yield sessions of openers that ask in bursts; the mean rate is as without them.
+
+    On and off times are exponential, and each opener begins off.
+    """
+    share = traffic.on_s / (traffic.on_s + traffic.off_s)
+    rate = traffic.rate_per_s / len(traffic.openers) / share
+
+    def bursts(opener: str, own: Random) -> Iterator[tuple[float, str]]:
+        now = 0.0
+        while True:
+            now += own.expovariate(1 / traffic.off_s)
+            end = now + own.expovariate(1 / traffic.on_s)
+            while (now := now + own.expovariate(rate)) < end:
+                yield now, opener
+            now = end
+
+    asked = merge(*(bursts(opener, Random(random.random())) for opener in traffic.openers))  # noqa: S311
+    for at_s, opener in asked:
+        yield planned(traffic, random, at_s, opener, other(traffic, random, opener))
+
+
+def matrix(traffic: Traffic, random: Random) -> Iterator[Planned]:
+    """Yield sessions of a Poisson process for each two hosts of a file, by its rates."""
+    rows = list(rows_of(traffic, OF_MATRIX, OF_MATRIX))
+    rates = [number(traffic, row, "rate_per_s", 0.0) for row in rows]
+    if not sum(rates):
+        raise BadTraffic(f"{traffic.file} names no rate above 0")
+    now = 0.0
+    while True:
+        now += random.expovariate(sum(rates))
+        (row,) = random.choices(rows, rates)
+        yield planned(traffic, random, now, row["opener"], row["acceptor"])
+
+
+def trace(traffic: Traffic, random: Random) -> Iterator[Planned]:
+    """Yield the sessions of a file, in its order of time."""
+    needed = {"at_s", "opener", "acceptor"}
+    rows = sorted(
+        rows_of(traffic, needed, COLUMNS), key=lambda row: number(traffic, row, "at_s", 0.0)
+    )
+    for row in rows:
+        told = planned(
+            traffic, random, number(traffic, row, "at_s", 0.0), row["opener"], row["acceptor"]
+        )
+        holding_s = number(traffic, row, "holding_s", told.holding_s)
+        deadline_s = number(traffic, row, "deadline_s", told.deadline_s or inf)
+        deadline = None if deadline_s == inf else deadline_s
+        yield Planned(told.at_s, told.opener, told.acceptor, holding_s, deadline)
+
+
+MODELS: dict[str, Callable[[Traffic, Random], Iterator[Planned]]] = {
+    "poisson": poisson,
+    "on-off": on_off,
+    "matrix": matrix,
+    "trace": trace,
+}
+
+
+def plan(model: str, traffic: Traffic, seed: int, sessions: int) -> list[Planned]:
+    """Return so many sessions, or as many as a trace has; raise BadTraffic for none."""
+    found = list(islice(MODELS[model](traffic, Random(seed)), sessions))  # noqa: S311
+    if not found:
+        raise BadTraffic(f"{traffic.file} names no sessions")
+    for each in found:
+        if each.opener and each.opener == each.acceptor:
+            raise BadTraffic(f"{traffic.file}: {each.opener} asks itself; name two hosts")
+    return found
+
+
+def planned(traffic: Traffic, random: Random, at_s: float, opener: str, acceptor: str) -> Planned:
+    """Return a session with a holding time."""
+    mean_s = traffic.holding_s
+    held = mean_s if traffic.constant or not mean_s else random.expovariate(1 / mean_s)
+    return Planned(at_s, opener, acceptor, held, traffic.deadline_s)
+
+
+def ends(traffic: Traffic, random: Random) -> tuple[str, str]:
+    """Return an opener and an acceptor, or none of either if they are chosen later."""
+    if traffic.idle:
+        return "", ""
+    opener = random.choice(traffic.openers)
+    return opener, other(traffic, random, opener)
+
+
+def other(traffic: Traffic, random: Random, opener: str) -> str:
+    """Return an acceptor that is not the opener."""
+    return random.choice([host for host in traffic.acceptors if host != opener])
+
+
+def rows_of(traffic: Traffic, needed: set[str], known: set[str]) -> list[dict[str, str]]:
+    """Return the rows of the CSV file; raise BadTraffic for columns or hosts there are not."""
+    if traffic.file is None:
+        raise BadTraffic(f"name a file with the columns {', '.join(sorted(needed))}")
+    try:
+        with traffic.file.open(newline="") as file:
+            rows = list(csv.DictReader(file, strict=True))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise BadTraffic(f"cannot read {traffic.file}: {error}") from error
+    columns = set(rows[0]) if rows else needed
+    if not needed <= columns <= known:
+        more = ", ".join(sorted(known - needed)) or "no more"
+        raise BadTraffic(
+            f"{traffic.file} has the columns {', '.join(map(str, rows[0]))}: it needs "
+            f"{', '.join(sorted(needed))}, and may have {more}"
+        )
+    for row in rows:
+        for end, hosts in (("opener", traffic.openers), ("acceptor", traffic.acceptors)):
+            if row[end] not in hosts:
+                raise BadTraffic(
+                    f"{traffic.file}: {end} {row[end]!r} is not one of {', '.join(hosts)}"
+                )
+    return rows
+
+
+def number(traffic: Traffic, row: dict[str, str], column: str, default: float) -> float:
+    """Return a number of a row that is not below 0; raise BadTraffic for another."""
+    text = row.get(column)
+    if text is None or text == "":
+        return default
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0 <= value < inf:
+        raise BadTraffic(f"{traffic.file}: {column} {text!r} is not a number from 0 on")
+    return value

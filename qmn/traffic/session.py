@@ -1,0 +1,159 @@
+"""One session of the traffic, from its request to its end, as its two hosts see it."""
+
+import asyncio
+from collections.abc import Mapping
+from contextlib import AsyncExitStack
+from dataclasses import dataclass, field
+from typing import Any
+
+from qmn.traffic.plan import Planned
+from qmn.traffic.stack_calls import Refused, StackCalls, calls
+from wire.socket_calls import Call
+
+ACCEPTED, BLOCKED, LATE, BROKEN = "accepted", "blocked", "late", "broken"
+NO_IDLE_HOST, NO_END = "NO_IDLE_HOST", "NO_END"  # reasons of our own, beside wire.metadata.Reason
+LIMIT_S = 120.0  # of the network, for a session beside its holding time
+BASES = ("X", "Y", "Z")
+AGREE = {"X": True, "Y": False, "Z": True}  # whether both halves of Phi+ tell the same
+
+
+@dataclass
+class Outcome:
+    """What has become of a session; times are seconds of the network from the beginning."""
+
+    planned: Planned
+    opener: str
+    acceptor: str
+    asked_s: float
+    outcome: str = ""
+    reason: str = ""  # of what is not accepted
+    text: str = ""
+    setup_s: float | None = None  # from the request until the opener could use its light
+    ended_s: float = 0.0
+    age_s: float = 0.0  # of what it was given, when it was measured
+    right: dict[str, int] = field(default_factory=dict)  # outcomes as Phi+ has them, by basis
+    measured: dict[str, int] = field(default_factory=dict)
+    summary: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What every session asks for."""
+
+    service: str
+    options: Mapping[str, Any]  # of the service's session
+    data: bytes = b""  # to send, of a service that carries bytes
+    own_source: bool = False  # whether the opener makes the pairs
+    measures: bool = False  # whether pairs are measured at the end of the holding time
+
+
+class SessionRun:
+    """A session that is under way."""
+
+    def __init__(
+        self, outcome: Outcome, wanted: Wanted, stacks: Mapping[str, str], port: int, scale: float
+    ) -> None:
+        """`scale` is how long a second of the network takes here."""
+        self._outcome, self._wanted = outcome, wanted
+        self._stacks, self._port, self._scale = stacks, port, scale
+        self._loop = asyncio.get_running_loop()
+        self._began = self._loop.time()
+
+    async def run(self) -> None:
+        """Ask, hold, end; the outcome says how that went, whatever it was."""
+        planned, told = self._outcome.planned, self._outcome
+        try:
+            async with asyncio.timeout((planned.holding_s + LIMIT_S) * self._scale):
+                await self._take_part()
+            told.outcome = ACCEPTED
+        except Refused as error:
+            told.outcome = BLOCKED if told.setup_s is None else BROKEN
+            told.reason, told.text = error.reason, str(error)
+        except _TooLateError:
+            told.outcome, told.reason = LATE, "DEADLINE"
+        except TimeoutError:
+            told.outcome, told.reason = BROKEN, NO_END
+
+    async def _take_part(self) -> None:
+        wanted, told = self._wanted, self._outcome
+        async with AsyncExitStack() as stack:
+            listener = await stack.enter_async_context(calls(self._stacks[told.acceptor]))
+            listener.say(Call.LISTEN, port=self._port, service=wanted.service)
+            await listener.read()
+            asked = await stack.enter_async_context(calls(self._stacks[told.acceptor]))
+            asked.say(Call.ACCEPT, port=self._port)
+            asking = await stack.enter_async_context(calls(self._stacks[told.opener]))
+            options = dict(wanted.options)
+            if wanted.own_source:
+                options["source"] = told.opener
+            where = {"service": wanted.service, "host": told.acceptor, "port": self._port}
+            asking.say(Call.REQUEST, **where, **options)
+            hearing = asyncio.create_task(_there(asked))
+            try:
+                await self._use(asking, hearing)
+            finally:
+                hearing.cancel()
+                await asyncio.gather(hearing, return_exceptions=True)
+
+    async def _use(self, asking: StackCalls, hearing: "asyncio.Task[StackCalls]") -> None:
+        planned, told, wanted = self._outcome.planned, self._outcome, self._wanted
+        try:
+            async with asyncio.timeout(
+                None if planned.deadline_s is None else planned.deadline_s * self._scale
+            ) as deadline:
+                call, fields = await asking.read()
+        except TimeoutError:
+            if deadline.expired():
+                raise _TooLateError from None
+            raise
+        told.setup_s = self._since()
+        while call == Call.RESULT:
+            call, fields = await asking.read()
+        if call != Call.CLOSE:
+            if wanted.data:
+                asking.send(wanted.data)
+                call, fields = await asking.read()
+            there = self._loop.time()
+            await asyncio.sleep(planned.holding_s * self._scale)
+            if wanted.measures:
+                both = asking, await hearing
+                told.age_s = (self._loop.time() - there) / self._scale
+                await _measure(told, both, int(fields["pairs"]))
+            asking.say(Call.CLOSE)
+            while call != Call.CLOSE:
+                call, fields = await asking.read()
+        told.summary = fields
+
+    def _since(self) -> float:
+        return (self._loop.time() - self._began) / self._scale
+
+
+class _TooLateError(Exception):
+    """The session has no light by its deadline."""
+
+
+async def _there(asked: StackCalls) -> StackCalls:
+    """Read what the accepting end is told; return when it may ask."""
+    await asked.read()
+    call = Call.RESULT
+    while call != Call.DONE:
+        call, _fields = await asked.read()
+    return asked
+
+
+async def _measure(told: Outcome, both: tuple[StackCalls, StackCalls], pairs: int) -> None:
+    """Measure all pairs at both ends, a third of them in each basis; count those as Phi+ has."""
+    for place, basis in enumerate(BASES):
+        numbers = list(range(place, pairs, len(BASES)))
+        if not numbers:
+            continue
+        ours, theirs = await asyncio.gather(
+            *(end.ask(measure=numbers, basis=basis) for end in both)
+        )
+        seen = [
+            (one, other)
+            for one, other in zip(ours["outcomes"], theirs["outcomes"], strict=True)
+            if None not in (one, other)
+        ]
+        told.measured[basis] = len(seen)
+        told.right[basis] = sum((one == other) == AGREE[basis] for one, other in seen)

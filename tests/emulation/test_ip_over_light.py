@@ -1,0 +1,123 @@
+"""q0: programs that nobody here wrote talk by light, and copper carries none of what they say."""
+
+import re
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+import pytest
+from conftest import nothing_left, wait_until
+from fabric_scene import light_paths, running
+from scapy.layers.inet import IP, TCP
+from scapy.packet import Packet
+from scapy.utils import rdpcap
+
+from topologies.ip_over_light import IpOverLight, start_ip_over_light
+from topologies.network import Network
+from topologies.sdc import SdcTopo
+from wire.metadata import METADATA_PORT
+
+MARK = b"by light"  # in the packets of a test, and nowhere else
+DARK_S = 15.0
+
+
+@pytest.fixture(scope="module")
+def _scene(tmp_path_factory: pytest.TempPathFactory, _open_vswitch: None) -> Iterator[Network]:
+    folder = tmp_path_factory.mktemp("run")
+    with nothing_left(), running(partial(SdcTopo, both_ways=True), folder) as network:
+        network.capture("s1")
+        addresses = start_ip_over_light(network, IpOverLight(idle_s=0.5))
+        assert addresses == {"alice": "10.1.0.1", "bob": "10.1.0.2", "charlie": "10.1.0.3"}
+        yield network
+
+
+@pytest.fixture
+def network(_scene: Network) -> Network:
+    """Give the network of the module, all its light given back."""
+    wait_until(lambda: not light_paths("q1"), "all light given back", DARK_S)
+    _scene.check()
+    return _scene
+
+
+def run(network: Network, host: str, command: str) -> str:
+    """Run a command on a host; return what it says."""
+    return str(network.host(host).cmd(command)).replace("\r", "")
+
+
+def pinged(network: Network, host: str, words: str) -> str:
+    """Return what ping says to its end."""
+    return run(network, host, f"ping -W 10 {words}")
+
+
+def copper(network: Network, host: str) -> list[Packet]:
+    """Return what a host's copper has carried."""
+    ends = [(str(link.intf1), str(link.intf2)) for link in network.net.links]
+    (port,) = (far for near, far in ends if near.startswith(f"{host}-") and far.startswith("s1-"))
+    return list(rdpcap(str(network.runtime.logs / f"{port}.pcap")))
+
+
+def test_hosts_ping_each_other_by_light_alone(network: Network) -> None:
+    pattern = f"-p {MARK.hex()} -s 64"
+    assert "3 received" in pinged(network, "alice", f"-c 3 -i 0.2 {pattern} 10.1.0.2")
+    # The light of both directions: three ways there, and one more back.
+    assert len(light_paths("q1")) == 4
+    run(network, "alice", "ping -c 1 -p 636f70706572 -s 64 10.0.0.2")
+
+    def seen() -> bytes:
+        return b"".join(bytes(packet) for packet in copper(network, "bob"))
+
+    wait_until(lambda: b"coppercopper" in seen(), "the capture of what did go over copper")
+    assert MARK not in seen()
+    packets = [packet[IP] for packet in copper(network, "bob") if IP in packet]
+    assert not any(str(end).startswith("10.1.") for p in packets for end in (p.src, p.dst))
+    between = [p for p in packets if {p.src, p.dst} == {"10.0.0.1", "10.0.0.2"} and TCP in p]
+    assert between
+    assert all(METADATA_PORT in (p[TCP].sport, p[TCP].dport) for p in between)
+
+
+def test_a_file_comes_by_http_and_light_is_given_back(network: Network, tmp_path: Path) -> None:
+    content = bytes(range(256)) * 400
+    (tmp_path / "file").write_bytes(content)
+    serve = ["-m", "http.server", "8080", "--bind", "10.1.0.2", "--directory", str(tmp_path)]
+    server = network.run_on("bob", "web", ["python3", "-u", *serve])
+    try:
+        server.wait_for("Serving", 10.0)
+        got = tmp_path / "got"
+        said = run(network, "alice", f"curl -sS -m 60 -o {got} http://10.1.0.2:8080/file; echo $?")
+    finally:
+        server.stop()
+    assert said.split()[-1] == "0", said
+    assert got.read_bytes() == content
+    wait_until(lambda: not light_paths("q1"), "light given back", DARK_S)
+    assert not any(content[:64] in bytes(packet) for packet in copper(network, "alice"))
+    given_back = re.compile(r"given back \(sdc_return\).*; (\d+) bytes")
+    log = (network.runtime.logs / "q0-bob.log").read_text()
+    assert sum(map(int, given_back.findall(log))) > len(content)
+
+
+def test_who_makes_pairs_has_those_of_another(network: Network) -> None:
+    assert "2 received" in pinged(network, "alice", "-c 2 -i 0.2 10.1.0.3")
+
+
+def test_two_that_begin_at_once_share_the_light_of_one(network: Network) -> None:
+    network.host("bob").sendCmd("ping -W 10 -c 3 -i 0.2 10.1.0.1")
+    assert "3 received" in pinged(network, "alice", "-c 3 -i 0.2 10.1.0.2")
+    assert "3 received" in network.host("bob").waitOutput()
+
+
+def test_an_address_that_nobody_has_is_answered(network: Network) -> None:
+    said = pinged(network, "alice", "-c 1 10.1.0.77")
+    assert "From 10.1.255.254 icmp_seq=1 Destination Host Unknown" in said
+
+
+def test_a_cut_fibre_is_answered_and_mended_light_is_used_again(network: Network) -> None:
+    network.net.configLinkStatus("bob", "q1", "down")
+    try:
+        wait_until(
+            lambda: "Unreachable" in pinged(network, "alice", "-c 1 10.1.0.2"), "an error", DARK_S
+        )
+    finally:
+        network.net.configLinkStatus("bob", "q1", "up")
+    wait_until(
+        lambda: "1 received" in pinged(network, "alice", "-c 1 10.1.0.2"), "light after mending"
+    )

@@ -1,0 +1,44 @@
+"""Heavy traffic over a trunk of two fibres: every session is answered, as often as theory says."""
+
+import json
+import subprocess
+from math import sqrt
+from pathlib import Path
+
+from conftest import ROOT
+
+from qmn.traffic.erlang import erlang_b
+
+SESSIONS, FIBERS = 70, 2
+SIDES = [",".join(f"{side}{n}" for n in range(1, 7)) for side in "ab"]
+
+
+def test_two_fibres_are_busy_as_often_as_erlang_says(tmp_path: Path) -> None:
+    words = ["run", "load", "--topology", f"{ROOT}/examples/trunk.py:Trunk", "--seed", "1"]
+    words += ["--from", SIDES[0], "--to", SIDES[1], "--source", "own", "--idle", "--no-capture"]
+    words += ["--sessions", f"{SESSIONS}", "--rate-per-s", "12", "--holding-s", "0.15"]
+    done = subprocess.run(
+        [ROOT / "bin" / "qmn", *words, "--runs", str(tmp_path)],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=110,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    result = json.loads((tmp_path / "latest" / "result.json").read_text())
+    load = result["load"]
+    assert (load["offered"], load["forgotten"], load["broken"]) == (SESSIONS, 0, {})
+    assert set(load["blocked"]) <= {"BUSY", "NO_IDLE_HOST"}
+    assert load["accepted"] + sum(load["blocked"].values()) == SESSIONS
+    assert load["accepted"] == result["path_setup_ms"]["n"]  # the controller's own count
+    # Of the sessions that came as far as the controller, as long as light was really held.
+    asked = [each for each in load["sessions"] if each["reason"] != "NO_IDLE_HOST"]
+    busy = load["blocked"].get("BUSY", 0) / len(asked)
+    erlangs = len(asked) / asked[-1]["asked_s"] * load["light_s"]
+    wanted = erlang_b(erlangs, FIBERS)
+    assert abs(busy - wanted) < 5 * sqrt(wanted * (1 - wanted) / len(asked))
+    used = {name for name, share in load["fibers"].items() if share and name.startswith("q1:")}
+    assert used <= {"q1:8 → q2:8", "q1:9 → q2:9"}  # light goes from a to b alone
+    assert [each["fidelity"] for each in load["fidelity_by_age"]] == [1.0] * 5  # ideal memories
+    report = (tmp_path / "latest" / "report.html").read_text()
+    assert "Sessions over time, and the use of every fibre" in report

@@ -1,0 +1,347 @@
+"""Every decoder of bytes that come from elsewhere, with messages that are right and what must hold.
+
+What a decoder takes has a meaning: written again and read again, it is the same. Where a format has
+one way to say a thing (`canonical`), the bytes written are those that were read. What it does not
+take it refuses with the error named, and no other.
+"""
+
+import asyncio
+import io
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from random import Random
+from typing import Any
+from uuid import UUID
+
+import netqasm_samples
+import test_device_messages
+import test_metadata
+import test_pcapng
+import test_qkd
+from spoiling import spoiled, spoiled_json
+
+from controller_apps.openflow import discovery
+from controller_apps.packets import datagrams, segments
+from hosts.hardware.lldp import announcement
+from hosts.middleware.services.key_distribution.messages import Cutter
+from wire import (
+    announcement as host_seal,
+)
+from wire import (
+    console,
+    device,
+    events,
+    frames,
+    key_assignment,
+    key_delivery,
+    metadata,
+    optical,
+    pcapng,
+    qkd,
+    record,
+    record_pb2,
+    socket_calls,
+    verdict,
+)
+from wire.dispatcher_pb2 import BlockId, Event
+from wire.features import EVERYTHING, Abilities
+from wire.metadata import MalformedPacket
+from wire.netqasm import messages, pair_requests, subroutine, texts
+
+KEY = "0f" * 16
+CONNECTION = ("10.0.0.1", 4711, "10.0.0.2", 9010)
+IDS = [UUID(int=number) for number in (1, 2, 3)]
+
+
+class Fault(AssertionError):
+    """A decoder has taken what does not mean what it says."""
+
+
+@dataclass(frozen=True)
+class Target:
+    """One decoder, and how it is held to account."""
+
+    samples: Sequence[bytes]
+    decode: Callable[[bytes], Any]
+    encode: Callable[[Any], bytes] | None = None  # None: nothing writes it
+    canonical: bool = True
+    spoil: Callable[[bytes, Random], bytes] = spoiled
+    refusals: tuple[type[Exception], ...] = (MalformedPacket,)
+    means: Callable[[Any], Any] = repr  # what of a value is to stay
+
+    def try_once(self, random: Random) -> bool:
+        """Feed it one spoiled sample; return whether it took it. Raise what it should not."""
+        return self.take(self.spoil(random.choice(self.samples), random))
+
+    def take(self, data: bytes) -> bool:
+        """Decode, and compare what was read with what is written of it; return whether it is."""
+        try:
+            value = self.decode(data)
+        except self.refusals:
+            return False
+        if self.encode is None:
+            return True
+        again = self.encode(value)
+        if self.canonical and again != data:
+            raise Fault(f"reads {value!r}, which is written {again.hex()}")
+        if self.means(self.decode(again)) != self.means(value):
+            raise Fault(f"reads {value!r}, but what it writes of that as another")
+        return True
+
+
+def _golden(pairs: Any) -> list[bytes]:
+    every = pairs.items() if isinstance(pairs, dict) else pairs
+    return [bytes.fromhex(golden.replace(" ", "")) for _message, golden in every]
+
+
+def _sealed(data: bytes, random: Random) -> bytes:
+    """Spoil a datagram and seal it again, as a host of bad intent can."""
+    changed = spoiled(data, random)
+    return changed + device._tag(KEY, device.Datagram.FROM_HOST, changed)
+
+
+def _open(data: bytes) -> device.Datagram:
+    return device.open_sealed(data, KEY, device.Datagram.FROM_HOST)
+
+
+def _entries(data: bytes) -> list[record_pb2.Entry]:
+    return list(record.read(io.BytesIO(data)))
+
+
+def _packets(data: bytes) -> list[pcapng.Packet]:
+    return list(pcapng.Reader(io.BytesIO(data)).packets())
+
+
+def _pcap_packets(data: bytes) -> list[pcapng.Packet]:
+    return list(pcapng.PcapReader(io.BytesIO(data)).packets())
+
+
+def _query(data: bytes) -> dict[str, list[bytes]]:
+    """Return what a web server makes of the query of a request."""
+    pairs = [each.partition(b"=") for each in data.split(b"&")]
+    found: dict[str, list[bytes]] = {}
+    for name, _, value in pairs:
+        found.setdefault(name.decode("latin-1"), []).append(value)
+    return found
+
+
+def _frame(data: bytes) -> bytes:
+    async def read() -> bytes:
+        stream = asyncio.StreamReader()
+        stream.feed_data(data)
+        stream.feed_eof()
+        return await frames.read(stream)
+
+    return asyncio.run(read())
+
+
+def _call(data: bytes) -> tuple[socket_calls.Call, int]:
+    return socket_calls.decode_header(data[:5].ljust(5, b"\0"))
+
+
+def _genuine(data: bytes) -> bytes:
+    if not verdict.is_sealed(data, KEY, CONNECTION):
+        raise MalformedPacket("not the controller's")
+    return data
+
+
+def _cut(data: bytes) -> list[bytes]:
+    return list(Cutter().feed(data))
+
+
+def _text(data: bytes) -> str | None:
+    return texts.take_text(bytearray(data))
+
+
+def _written_record() -> bytes:
+    file = io.BytesIO()
+    record.begin(file)
+    record.write(file, record_pb2.Entry(header=record_pb2.Header()))
+    return file.getvalue()
+
+
+def _key_texts(*values: Any) -> list[bytes]:
+    return [json.dumps(value).encode() for value in values]
+
+
+SEGMENT = bytes(
+    netqasm_samples.Ether(src="02:00:00:00:00:01", dst="02:00:00:00:00:02")
+    / netqasm_samples.IP(src=CONNECTION[0], dst=CONNECTION[2])
+    / netqasm_samples.TCP(sport=4711, dport=9010)
+    / b"payload"
+)
+VERDICT = verdict.seal(test_metadata.SETUP.encode(), KEY, CONNECTION)
+LLDP = announcement("alice", "alice-q0", "10.0.0.1", b"\2" * 6, 3, Abilities(EVERYTHING, 9), KEY, 7)
+KEYS = key_delivery.encode_keys([key_delivery.DeliveredKey(each, b"k" * 32) for each in IDS])
+ASSIGNMENT = key_assignment.Assignment(
+    "sae-alice",
+    ("sae-bob",),
+    (
+        key_assignment.AssignedKey(IDS[0], 256, (IDS[1],)),
+        key_assignment.AssignedKey(IDS[2], 8, (), b"k"),
+    ),
+)
+EVENT = Event(time_ns=5, node="bob", kind="receive", block=BlockId(session=7), photons=9)
+DATAGRAMS = [
+    device.Datagram(message, "alice", 9).seal(KEY, device.Datagram.FROM_HOST)[: -device.TAG_BYTES]
+    for message in test_device_messages.GOLDEN
+]
+PROPERTIES: dict[str, tuple[type[optical.OpticalProperty], int]] = {
+    "optical port description": (optical.PortOptics, 9),
+    "optical PORT_MOD": (optical.PortTuning, 5),
+    "optical port statistics": (optical.PortLight, 11),
+}
+
+TARGETS: dict[str, Target] = {
+    "metadata": Target(_golden(test_metadata.GOLDEN), metadata.decode, lambda m: m.encode()),
+    "key distribution": Target(
+        [test_qkd.whole(message) for message, _golden in test_qkd.GOLDEN],
+        lambda data: (sealed := qkd.unframe(data), sealed.open()),
+        lambda both: qkd.unsealed(both[1], both[0].session, both[0].sequence) + both[0].tag,
+    ),
+    "key distribution, cut": Target(
+        [b"".join(test_qkd.whole(message) for message, _golden in test_qkd.GOLDEN)],
+        _cut,
+        b"".join,
+        canonical=False,  # what is not whole yet waits
+    ),
+    "device": Target(
+        DATAGRAMS,
+        _open,
+        lambda d: d.seal(KEY, device.Datagram.FROM_HOST),
+        spoil=_sealed,
+        canonical=False,  # names are padded
+    ),
+    "device, of another": Target(
+        [data + bytes(device.TAG_BYTES) for data in DATAGRAMS], _open, lambda _d: b"forged"
+    ),
+    "seal of a fibre": Target(
+        [host_seal.seal(b"tlvs", KEY, 9)],
+        lambda data: host_seal.open_seal(data, b"tlvs", KEY),
+        lambda number: host_seal.seal(b"tlvs", KEY, number),
+    ),
+    "verdict": Target([VERDICT], _genuine, lambda _genuine: VERDICT),
+    "LLDP": Target([LLDP], discovery.parse),
+    "features": Target([Abilities(EVERYTHING, 9).encode()], Abilities.decode, lambda a: a.encode()),
+    "segment": Target([SEGMENT], segments.parse, lambda s: s.frame),
+    "segment, rewritten": Target(
+        [SEGMENT],
+        segments.parse,
+        lambda s: s.with_payload(s.payload),
+        canonical=False,  # checksums, and padding
+        means=lambda s: (s.five_tuple, s.sequence, s.flags, s.payload, s.after),
+    ),
+    "datagram": Target([test_pcapng.FRAME], datagrams.Frame.decode, lambda f: f.encode(), False),
+    "path optics": Target(
+        [optical.PathOptics(1, 2, 1500, 3, True).encode() * 3],
+        optical.decode_path_optics,
+        optical.encode_path_optics,
+        canonical=False,  # padding
+    ),
+    "event": Target(
+        [events.encode_record(EVENT)], events.decode_record, events.encode_record, canonical=False
+    ),
+    "event, shown": Target(
+        [events.encode_record(EVENT)],
+        lambda data: (
+            events.format_line(event := events.decode_record(data))
+            + json.dumps(events.to_json(event))
+        ),
+    ),
+    "record": Target([_written_record()], _entries, refusals=(record.BadRecord,)),
+    "pcapng": Target([test_pcapng.written()], _packets),
+    "pcap": Target([netqasm_samples.pcap(SEGMENT)], _pcap_packets),
+    "frame": Target(
+        [frames.encode(b"message")],
+        _frame,
+        frames.encode,
+        False,
+        refusals=(MalformedPacket, EOFError),
+    ),
+    "socket call": Target([socket_calls.encode(call, b"") for call in socket_calls.Call], _call),
+    "socket call's fields": Target(
+        _key_texts({"service": "sdc", "host": "bob", "options": {"port": 7}}),
+        socket_calls.decode_fields,
+        lambda fields: json.dumps(fields).encode(),
+        False,
+        spoiled_json,
+    ),
+    "console": Target(
+        [console.encode_request("set", device="alice", settings={"rate_hz": 1})],
+        console.decode_request,
+        spoil=lambda data, random: spoiled_json(data, random) + b"\n",
+    ),
+    "console's answer": Target(
+        [console.encode_result([1]), console.encode_error("no")],
+        console.decode_answer,
+        spoil=spoiled_json,
+        refusals=(MalformedPacket, console.ConsoleError),
+    ),
+    "request for keys": Target(
+        _key_texts(
+            {"number": 3, "size": 256, "additional_slave_SAE_IDs": ["sae-a", "sae-b"]},
+            {"extension_mandatory": [{"a": 1}], "extension_optional": [{"b": None}]},
+        ),
+        key_delivery.decode_request,
+        spoil=spoiled_json,
+    ),
+    "ids of keys": Target(
+        _key_texts({"key_IDs": [{"key_ID": str(each)} for each in IDS]}),
+        key_delivery.decode_key_ids,
+        spoil=spoiled_json,
+    ),
+    "container of keys": Target(
+        [KEYS], key_delivery.decode_keys, key_delivery.encode_keys, False, spoiled_json
+    ),
+    "refusal of keys": Target(
+        [key_delivery.encode_refusal("no", [{"a": "b"}])],
+        key_delivery.decode_refusal,
+        key_delivery.encode_refusal,
+        False,
+        spoiled_json,
+    ),
+    "query for keys": Target(
+        [b"number=3&size=64"], lambda data: key_delivery.decode_query(_query(data))
+    ),
+    "query by id": Target(
+        [b"key_ID=" + str(IDS[0]).encode()],
+        lambda data: key_delivery.decode_id_query(_query(data)),
+    ),
+    "assignment of keys": Target(
+        [ASSIGNMENT.encode()],
+        key_assignment.Assignment.decode,
+        lambda a: a.encode(),
+        False,
+        spoiled_json,
+    ),
+    "NetQASM, application": Target(netqasm_samples.HOST_MESSAGES, messages.decode_host_message),
+    "NetQASM, unit": Target(
+        netqasm_samples.UNIT_MESSAGES,
+        messages.decode_unit_message,
+        messages.encode_unit_message,
+        canonical=False,  # padding, and values of entries that are not defined
+    ),
+    "NetQASM, subroutine": Target(netqasm_samples.SUBROUTINES, subroutine.decode_subroutine),
+    "NetQASM, greeting": Target(
+        [texts.encode_greeting(texts.Greeting("alice", "bob", 3))],
+        texts.decode_greeting,
+        texts.encode_greeting,
+    ),
+    "NetQASM, text": Target([texts.encode_text("später")], _text),
+    "NetQASM, pairs wanted": Target(
+        [netqasm_samples.PAIRS.encode()],
+        pair_requests.decode_request,
+        lambda r: r.encode(),
+    ),
+    "NetQASM, pairs granted": Target(
+        [pair_requests.encode_answer(pair_requests.Verdict.READY, 7)],
+        pair_requests.decode_answer,
+        lambda both: pair_requests.encode_answer(*both),
+    ),
+} | {
+    name: Target(
+        [kind(*range(1, count + 1)).encode()], kind.decode, lambda p: p.encode(), canonical=False
+    )
+    for name, (kind, count) in PROPERTIES.items()
+}

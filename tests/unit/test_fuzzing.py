@@ -1,0 +1,67 @@
+"""A few of the inputs of `make fuzz`, and whether it would notice."""
+
+from random import Random
+
+import pytest
+from decoders import TARGETS, Fault, Target
+from feed import DISPATCHER, Piece, pieces, run
+from requests_to_dispatcher import Dispatcher
+
+from dispatcher.layer.ownership import Ownership
+from dispatcher.refusal import invalid
+from wire.metadata import MalformedPacket
+
+INPUTS = 400  # of each decoder
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_spoiled_messages_are_refused_or_mean_what_they_say(name: str) -> None:
+    result = run(Piece(name, 7, INPUTS))
+    assert (result.inputs, result.fault) == (INPUTS, "")
+
+
+def test_spoiled_requests_change_nothing_of_others() -> None:
+    done, fault = Dispatcher(Random(7)).feed(500)
+    assert fault == ""
+    assert 50 < done < 450
+
+
+def test_every_input_is_fed_once() -> None:
+    work = pieces(1_000_000, 1, [*TARGETS, DISPATCHER])
+    assert len(set(work)) == len(work)
+    assert 999_000 < sum(piece.inputs for piece in work) <= 1_000_000
+
+
+def broken(data: bytes) -> bytes:
+    """A decoder that falls over what is not UTF-8, and does not see the last byte."""
+    if not data:
+        raise MalformedPacket("nothing")
+    data.decode()
+    return data[:-1]
+
+
+def test_a_foreign_error_is_a_fault() -> None:
+    target = Target([b"message"], broken)
+    with pytest.raises(UnicodeDecodeError):
+        target.take(b"\xff")
+    assert not target.take(b"")
+
+
+def test_what_is_read_as_another_is_a_fault() -> None:
+    with pytest.raises(Fault, match="which is written"):
+        Target([b"a"], broken, lambda value: value).take(b"ab")
+    with pytest.raises(Fault, match="as another"):
+        Target([b"a"], broken, lambda value: value, canonical=False).take(b"ab")
+
+
+def test_a_refusal_that_has_changed_something_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
+    add = Ownership.add
+
+    def add_and_refuse(self: Ownership, block: object) -> None:
+        add(self, block)  # type: ignore[arg-type]
+        if self.count > 8:  # more than the scene begins with
+            raise invalid("too late")
+
+    monkeypatch.setattr(Ownership, "add", add_and_refuse)
+    _done, fault = Dispatcher(Random(7)).feed(500)
+    assert "a refusal has changed" in fault

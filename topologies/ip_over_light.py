@@ -1,0 +1,87 @@
+"""Starts q0, the interface whose packets travel by light, on all hosts of a running network."""
+
+from dataclasses import dataclass, field
+from ipaddress import IPv4Address, IPv4Network
+from typing import Any
+
+from topologies.addresses import free_address
+from topologies.fiber import qnics
+from topologies.launching import launch
+from topologies.network import Network
+from topologies.nodes import READY_TIMEOUT_S, QuantumHost
+from topologies.programs import NetworkError
+from wire.features import EMIT
+from wire.ip_over_light import DEFAULT_MTU, INTERFACE, IpOverLightConfig, Neighbor
+
+MODULE = "hosts.ip_over_light"
+NETWORK = IPv4Network("10.1.0.0/16")
+BLOCK_PAIRS = 1 << 18  # a batch of packets in one block: each block costs the same work
+FIBERS = 2  # that a host needs to receive, or to make pairs
+
+
+@dataclass(frozen=True)
+class IpOverLight:
+    """What every q0 is like."""
+
+    mtu: int = DEFAULT_MTU
+    idle_s: float = 2.0  # without a packet: then light is given back
+    patience_s: float = 3.0  # that a packet waits for light which others have
+    sessions: dict[str, Any] = field(default_factory=dict)  # options of theirs
+
+
+def light_address(address: str) -> str:
+    """Return the address of a host's q0: in a network of its own, with the host's own number."""
+    mask = int(NETWORK.hostmask)
+    return str(IPv4Address(int(NETWORK.network_address) | int(IPv4Address(address)) & mask))
+
+
+def start_ip_over_light(network: Network, wanted: IpOverLight | None = None) -> dict[str, str]:
+    """Start q0 on every host that can receive; it is up when this returns.
+
+    Return the addresses by host; raise NetworkError if one cannot start.
+    """
+    wanted, runtime = wanted or IpOverLight(), network.runtime
+    hosts = [node for node in runtime.hosts if isinstance(node, QuantumHost)]
+    able = {node.name: node for node in hosts if len(qnics(node)) >= FIBERS}
+    if len(able) < 2:
+        raise NetworkError(
+            f"q0 needs two hosts with {FIBERS} fibres each, and {len(able)} of "
+            f"{', '.join(node.name for node in hosts)} have them: take another topology"
+        )
+    copper = {name: runtime.addresses[name] for name in able}
+    light = {name: light_address(address) for name, address in copper.items()}
+    if len(set(light.values())) < len(light):
+        raise NetworkError("two hosts have the same number: q0 takes the last 16 bits of each")
+    programs = []
+    for name, node in able.items():
+        config = IpOverLightConfig(
+            host=name,
+            stack=runtime.socket(name),
+            address=light[name],
+            prefix_length=NETWORK.prefixlen,
+            router=free_address(light.values(), NETWORK.prefixlen),
+            neighbors=[
+                Neighbor(other, copper[other], light[other], source_of(network, able, name, other))
+                for other in able
+                if other != name
+            ],
+            mtu=wanted.mtu,
+            idle_s=wanted.idle_s,
+            patience_s=wanted.patience_s,
+            options={"block_pairs": BLOCK_PAIRS, **wanted.sessions},
+        )
+        programs.append(launch(runtime, f"{INTERFACE}-{name}", MODULE, config, node))
+    for program in programs:
+        program.wait_for("ready", READY_TIMEOUT_S, network.check)
+    return light
+
+
+def source_of(network: Network, able: dict[str, QuantumHost], one: str, other: str) -> str:
+    """Return the host that makes the pairs of two others: the network's, or else any that can.
+
+    It is "" where there is none: the stacks then say so.
+    """
+    devices = network.runtime.devices
+    sources = [network.runtime.source, *able]
+    free = [name for name in sources if name not in (one, other, "")]
+    return next((name for name in free if EMIT in devices[name].features), "")

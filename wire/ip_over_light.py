@@ -1,0 +1,50 @@
+"""The configuration of a host's q0: the interface whose packets travel by light."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from wire.config import Config
+
+INTERFACE = "q0"
+# At the stacks: where each host waits for the packets of others. What comes on a session's own
+# light comes to the second one.
+PACKETS_PORT = 15
+RETURNED_PACKETS_PORT = 16
+MIN_MTU = 576  # of IPv4
+DEFAULT_MTU = 9000  # every packet is read and written by a program: few large ones are cheaper
+
+
+@dataclass(frozen=True)
+class Neighbor:
+    """Another host that has a q0."""
+
+    host: str
+    copper: str  # its address there, by which sessions name it
+    address: str  # of its q0
+    source: str = ""  # host that makes the pairs of both; "": the network's
+
+
+@dataclass(frozen=True)
+class IpOverLightConfig(Config):
+    """One host's q0."""
+
+    host: str
+    stack: str  # path of the Unix socket of the host's stack
+    address: str  # of q0
+    prefix_length: int  # of the network of all q0
+    router: str  # address in it that ICMP errors come from: no host has it
+    neighbors: list[Neighbor] = field(default_factory=list)
+    mtu: int = DEFAULT_MTU
+    idle_s: float = 2.0  # without a packet: then light is given back
+    patience_s: float = 3.0  # that a packet waits for light which others have
+    options: dict[str, Any] = field(default_factory=dict)  # of the sessions
+
+    def __post_init__(self) -> None:
+        if not MIN_MTU <= self.mtu <= 65_535:
+            raise ValueError(f"MTU {self.mtu}: choose {MIN_MTU} to 65535")
+
+    @classmethod
+    def from_dict(cls, fields: dict[str, Any]) -> "IpOverLightConfig":
+        """Build the configuration from decoded JSON."""
+        neighbors = [Neighbor(**each) for each in fields.get("neighbors", [])]
+        return cls(**{**fields, "neighbors": neighbors})
