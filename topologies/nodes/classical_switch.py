@@ -9,7 +9,7 @@ from topologies import openvswitch, runtime
 from topologies.keywords import refuse_unknown
 from topologies.nodes.copper import connect_copper
 from topologies.nodes.node import QuantumNode
-from topologies.nodes.reached import reached
+from topologies.nodes.reached import as_reached
 
 PATIENCE = 8  # times the way to the controller
 RECONNECT_MS = 1000  # between a bridge's attempts to find its controller, at most
@@ -70,7 +70,7 @@ class ClassicalSwitch(QuantumNode, OVSSwitch):
         """
         connect_copper(self.network)
         self.lay()
-        reached = [reached(controller, self.name) for controller in controllers]
+        reached = [as_reached(controller, self.name) for controller in controllers]
         self._obey(
             {
                 f"{each.protocol}:{each.IP()}:{each.port}": self._patience(each.name)

@@ -12,7 +12,7 @@ from topologies.keywords import refuse_unknown
 from topologies.launching import launch
 from topologies.nodes.classical_switch import RECONNECT_MS, ClassicalSwitch
 from topologies.nodes.node import READY_TIMEOUT_S
-from topologies.nodes.reached import reached
+from topologies.nodes.reached import as_reached
 from topologies.programs import Program
 from topologies.runtime import DISPATCHER
 from wire.config import AgentConfig, QuantumSwitch
@@ -104,7 +104,7 @@ class OpticalSwitch(ClassicalSwitch):
     def _controllers(self, given: list[Controller]) -> list[str]:
         if self.controller_port is not None:
             return [f"127.0.0.1:{self.controller_port}"]
-        reached = [reached(controller, self.name) for controller in given]
+        reached = [as_reached(controller, self.name) for controller in given]
         return [f"{controller.IP()}:{controller.port}" for controller in reached]
 
     def stop(self, deleteIntfs: bool = True) -> None:  # noqa: N803 (Mininet's name)

@@ -26,7 +26,7 @@ class ManagedController(Controller):
     addresses: dict[str, str]  # by switch
 
 
-def reached(controller: Controller, switch: str) -> Any:
+def as_reached(controller: Controller, switch: str) -> Any:
     """Return a controller as a switch reaches it: ours is on the management network."""
     if not isinstance(controller, ManagedController):
         return controller
