@@ -26,6 +26,7 @@ VERBS = (  # each a module of qmn.verbs
     "set",
     "policy",
     "fault",
+    "attack",
     "calibrate",
     "classical",
     "sabot",

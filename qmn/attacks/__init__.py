@@ -1,0 +1,1 @@
+"""Attacks on an emulated network, each with its figure, its defence off and on."""

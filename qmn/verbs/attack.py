@@ -1,0 +1,64 @@
+"""qmn attack NAME: try an attack on an emulated network, without its defence and with it.
+
+The network is made for each trial, and nothing else is attacked. See docs/attacks.md.
+"""
+
+import argparse
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+EVERY = "all"
+OFF, ON = "off", "on"
+
+
+def add_parser(verbs: Any) -> None:
+    """Describe the verb."""
+    from qmn.attacks.laboratory import ATTACKS
+
+    text = "try an attack on an emulated network"
+    parser = verbs.add_parser("attack", help=text, description=__doc__)
+    parser.add_argument("name", choices=[*ATTACKS, EVERY], help="which")
+    parser.add_argument("--attempts", type=int, help="how often it is tried (default: its own)")
+    parser.add_argument("--defence", choices=[OFF, ON], help="only without it, or only with it")
+    parser.set_defaults(call=call, needs_root=True)
+
+
+def call(arguments: argparse.Namespace) -> int:
+    """Try it; print what came of it."""
+    from qmn.attacks.laboratory import ATTACKS
+    from topologies.programs import NetworkError
+    from topologies.signals import Interrupted
+
+    if arguments.attempts is not None and not 0 < arguments.attempts <= 10_000:
+        print(f"qmn: {arguments.attempts} attempts: choose 1 to 10000", file=sys.stderr)
+        return 1
+    names = ATTACKS if arguments.name == EVERY else [arguments.name]
+    try:
+        for name in names:
+            for defence in [arguments.defence] if arguments.defence else [OFF, ON]:
+                print(trial(name, defence, arguments.attempts), flush=True)
+    except NetworkError as error:
+        print(f"qmn: {error}", file=sys.stderr)
+        return 1
+    except Interrupted as error:
+        print(f"qmn: {error}", file=sys.stderr)
+        return error.status
+    return 0
+
+
+def trial(name: str, defence: str, attempts: int | None) -> str:
+    """Try an attack once, in a network of its own; return its figure in words."""
+    from qmn.attacks.laboratory import ATTACKS
+    from qmn.scripting.network import start
+
+    attack = ATTACKS[name]
+    attempts = attempts or attack.attempts
+    with tempfile.TemporaryDirectory(prefix="qmn-attack-") as folder:
+        policy = Path(folder) / "policy.toml"
+        policy.write_text(f"[filter]\n{attack.defence} = {'true' if defence == ON else 'false'}\n")
+        with start("sdc", folder=Path(folder) / "run", policy=str(policy)) as network:
+            reached = attack.conduct(network, attempts)
+    switch = f"{attack.defence} {defence}"
+    return f"{name:20} {switch:15} {reached:6} of {attempts} {attack.counted}"
