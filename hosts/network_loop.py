@@ -48,9 +48,17 @@ def now_s() -> float:
 
 async def wall_sleep(seconds: float) -> None:
     """Pause for seconds of the wall clock."""
+    await asyncio.sleep(_network_s(seconds))
+
+
+def wall_timeout(seconds: float) -> asyncio.Timeout:
+    """Return a time-out of seconds of the wall clock."""
+    return asyncio.timeout(_network_s(seconds))
+
+
+def _network_s(wall_s: float) -> float:
     loop = asyncio.get_running_loop()
-    network_s = loop.network_time.network_s if isinstance(loop, NetworkLoop) else float
-    await asyncio.sleep(network_s(seconds))
+    return loop.network_time.network_s(wall_s) if isinstance(loop, NetworkLoop) else wall_s
 
 
 def run(main: Coroutine[Any, Any, None], network_time: NetworkTime) -> None:

@@ -6,14 +6,17 @@ it: it knows the device key, and the classical switch passes nobody else's datag
 
 import asyncio
 import logging
+import socket
 import time
+from contextlib import suppress
 from typing import cast
 
+from hosts.hardware.ports import link_changes, take_notices
 from hosts.middleware.device import Device, changed
 from hosts.middleware.session.channel import SessionError
 from hosts.middleware.session.swap_orders import Swaps
-from hosts.network_loop import wall_sleep
-from hosts.timeouts import CHECK_PERIOD_S, UNSUBSCRIBED_PERIOD_S
+from hosts.network_loop import wall_sleep, wall_timeout
+from hosts.timeouts import CHECK_PERIOD_S, IDLE_CHECK_PERIOD_S, UNSUBSCRIBED_PERIOD_S
 from wire.config import HostConfig
 from wire.device import (
     DEVICE_PORT,
@@ -43,6 +46,8 @@ class NodeAgent(asyncio.DatagramProtocol):
         self._heard = 0  # number of the last datagram that was taken
         self._number = 0
         self._last = device.report()
+        self._changed = asyncio.Event()
+        device.changed = self._changed.set
         self._sent_s = self._asked_s = 0.0
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -95,14 +100,47 @@ class NodeAgent(asyncio.DatagramProtocol):
 
     async def run(self) -> None:
         """Report what changes or alarms, for ever; and now and then if nobody asks."""
-        while True:
+        loop = asyncio.get_running_loop()
+        with link_changes() as links:
+            loop.add_reader(links.fileno(), self._take_notices, links)
+            try:
+                while True:
+                    self._look()
+                    await self._pause()
+            finally:
+                loop.remove_reader(links.fileno())
+
+    def _take_notices(self, links: socket.socket) -> None:
+        take_notices(links)
+        self._changed.set()
+
+    def _look(self) -> None:
+        """Report if something has changed or alarms, or if nobody asks."""
+        now, report = time.monotonic(), self._device.report()
+        alone = now > self._alone_s
+        if changed(self._last, report) or alone or self._alarms(report, now - self._period_s):
+            self._report()
+
+    async def _pause(self) -> None:
+        """Wait for the next look: for that of a device at work, or until something happens."""
+        if self._device.at_work:
             await wall_sleep(CHECK_PERIOD_S)
-            now = time.monotonic()
-            period_s = self._device.subscription.period_ms / 1e3 or UNSUBSCRIBED_PERIOD_S
-            report = self._device.report()
-            alone = now - max(self._asked_s + UNASKED_AFTER * period_s, self._sent_s + period_s) > 0
-            if changed(self._last, report) or alone or self._alarms(report, now - period_s):
-                self._report()
+            return
+        alone_s = max(self._alone_s - time.monotonic(), CHECK_PERIOD_S)
+        with suppress(TimeoutError):
+            async with wall_timeout(min(alone_s, IDLE_CHECK_PERIOD_S)):
+                await self._changed.wait()
+        self._changed.clear()
+
+    @property
+    def _period_s(self) -> float:
+        return self._device.subscription.period_ms / 1e3 or UNSUBSCRIBED_PERIOD_S
+
+    @property
+    def _alone_s(self) -> float:
+        """When to report although nobody has asked."""
+        asked_s = self._asked_s + UNASKED_AFTER * self._period_s
+        return max(asked_s, self._sent_s + self._period_s)
 
     def _alarms(self, report: DeviceReport, since: float) -> bool:
         return self._sent_s <= since and self._device.alarming(self._last, report)

@@ -38,7 +38,9 @@ UNUSED_S = 30.0  # an order that nobody has asked for so long is of a session th
 
 # Beside the sessions, by the wall
 DISPATCHER_TIMEOUT_S = 20.0  # until the dispatcher answers an order
+FASTEST_ANNOUNCEMENTS_S = 0.2  # between two at first
 ANNOUNCEMENT_PERIOD_S = 5.0  # between two announcements on a fibre
 ANNOUNCEMENT_TTL_S = 30  # until who hears one may forget it
-CHECK_PERIOD_S = 0.2  # between two looks at the device, whose changes are reported then
+CHECK_PERIOD_S = 0.2  # between two looks at a device at work, whose changes are reported then
+IDLE_CHECK_PERIOD_S = 5.0  # the same, of one that says itself when something changes
 UNSUBSCRIBED_PERIOD_S = 1.0  # between two reports to a controller that has not said how often

@@ -14,6 +14,7 @@ from wire.controller_record import read_record
 
 TIMEOUT_S = 20.0
 MESSAGES_OF_A_START = 40
+LEAST_FIBERS_PER_S = 20  # that a controller finds beside the first
 CUT_S = 2.0  # that a fibre which nobody has found is seen cut before that is the cause
 INTERFACES = Path("/sys/class/net")
 
@@ -37,6 +38,7 @@ class Discovery:
         # Each of some messages may wait for the one before it, over the management network.
         way_s = max(self._runtime.copper.values(), default=0.0)
         limit_s = TIMEOUT_S + MESSAGES_OF_A_START * self._runtime.time.wall_s(way_s)
+        limit_s += len(self._fibers) / LEAST_FIBERS_PER_S
         limit_s /= (
             1 - self._runtime.settings.control_loss
         ) ** 4  # TCP waits longer after each loss
@@ -54,7 +56,7 @@ class Discovery:
                     f"the controller did not find {', '.join(sorted(unknown))} in "
                     f"{limit_s:g} s; its log: {self._runtime.logs}/c0.log"
                 )
-            time.sleep(POLL_S)
+            time.sleep(max(POLL_S, time.monotonic() - now))  # half of the time is the controller's
 
     def _named(self, fiber: Fiber) -> str:
         """Return a fibre's name: the host's interface, or both ends between switches."""

@@ -7,9 +7,11 @@ import select
 import signal
 import socket
 import subprocess
+import time
 from collections.abc import Sequence
+from threading import Lock
 
-from topologies.programs import ROOT, NetworkError, Program, python
+from topologies.programs import POLL_S, ROOT, NetworkError, Program, python
 
 MODULES = (
     "dispatcher",
@@ -22,6 +24,7 @@ MODULES = (
 PADDING = " " * 400  # where the commands of its children will be for `ps` to see
 ANSWER_TIMEOUT_S = 20.0
 ANSWER_BYTES = 64
+END_S = 1.0  # that it takes to end once its socket is closed
 PR_SET_CHILD_SUBREAPER = 36
 LIBC = ctypes.CDLL(None, use_errno=True)
 
@@ -69,6 +72,7 @@ class ForkServer:
 
     def __init__(self, program: Program) -> None:
         self._program = program
+        self._one_at_a_time = Lock()
         self._channel, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._channel.settimeout(ANSWER_TIMEOUT_S)
         command = [python(), "-m", "topologies.fork_server", str(theirs.fileno())]
@@ -105,21 +109,28 @@ class ForkServer:
             "namespace_pid": namespace_pid,
             "descriptors": list(descriptors),
         }
-        adopt_orphans(True)
-        try:
-            socket.send_fds(self._channel, [json.dumps(request).encode()], [log, *descriptors])
-            answer = self._channel.recv(ANSWER_BYTES)
-        except TimeoutError as error:
-            text = f"{self._program.name} did not start {name} in {ANSWER_TIMEOUT_S:g} s"
-            raise NetworkError(text) from error
-        except ConnectionError:
-            answer = b""
-        finally:
-            adopt_orphans(False)
+        with self._one_at_a_time:
+            adopt_orphans(True)
+            try:
+                socket.send_fds(self._channel, [json.dumps(request).encode()], [log, *descriptors])
+                answer = self._channel.recv(ANSWER_BYTES)
+            except TimeoutError as error:
+                text = f"{self._program.name} did not start {name} in {ANSWER_TIMEOUT_S:g} s"
+                raise NetworkError(text) from error
+            except ConnectionError:
+                answer = b""
+            finally:
+                adopt_orphans(False)
         if not answer:
-            self._program.stop()  # its socket closes a moment before it has ended
+            self._await_end()
             raise NetworkError(f"{self._program.name} died in mid-run: {self._program.end()}")
         return Forked(int(answer))
+
+    def _await_end(self) -> None:
+        """Wait until the server has ended: its socket closes a moment before."""
+        deadline = time.monotonic() + END_S
+        while self._program.running and time.monotonic() < deadline:
+            time.sleep(POLL_S)
 
 
 def adopt_orphans(yes: bool) -> None:

@@ -1,6 +1,7 @@
 """One emulated network from start to end: check, start, watch, always clean up."""
 
 import os
+import resource
 import shutil
 import time
 from collections.abc import Callable, Iterator
@@ -32,6 +33,7 @@ END_S = 1.0  # that a program takes to end once its sockets are closed
 DAEMON_END_S = 2.0  # the same, of a daemon that may write its memory to the disk first
 LOOK_S = 0.5  # between looks for what is stopped
 STOPPED_S = 10.0
+MOST_FILES = 65_536
 SWITCHES = "switches"  # file in the private folder: what this run has made or will make
 
 
@@ -91,6 +93,7 @@ class Network:
 
     def _start(self) -> None:
         require_root()
+        allow_files()
         self._cleanup.enter_context(only_run())
         self._cleanup.callback(self._stop_programs)
         self.runtime.forks()  # what it loads takes longest
@@ -254,6 +257,14 @@ class Network:
                     f"{name} does not answer: a signal has stopped it (SIGSTOP); `kill -CONT` "
                     f"within {STOPPED_S:g} s lets such a process go on"
                 )
+
+
+def allow_files() -> None:
+    """Let this process have files open for the terminals of a thousand nodes, if it may."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    most = MOST_FILES if hard == resource.RLIM_INFINITY else min(hard, MOST_FILES)
+    if soft < most:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
 
 
 def require_root() -> None:

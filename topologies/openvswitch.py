@@ -22,6 +22,10 @@ DATABASE, SWITCH_DAEMON = "ovsdb-server", "ovs-vswitchd"
 DAEMONS = (DATABASE, SWITCH_DAEMON)
 STARTED = "open-vswitch"  # file: the run that has started the daemons, then the daemons
 START_TIMEOUT_S = 30.0
+VSCTL_TIMEOUT_S = 10.0
+PORT_S = 0.1  # more, of each interface that it may add or take away: in quiet it takes 0.02 s
+GRACE_S = 5.0  # after the time-out of a program's own
+INTERFACES = Path("/sys/class/net")
 LAST_WORDS_TIMEOUT_S = 0.5  # that a daemon's monitor takes to write how it ended
 STAY_S = 0.5  # that no interface has gone in: the others stay until they are deleted
 OWNER = "external_ids:qmn"  # which run has made a bridge
@@ -30,8 +34,10 @@ RESTART = "restart Open vSwitch, as by `systemctl restart openvswitch-switch`"
 
 def vsctl(*arguments: str) -> str:
     """Run ovs-vsctl; raise NetworkError with its words, or those of a daemon, if it fails."""
+    limit_s = VSCTL_TIMEOUT_S + PORT_S * len(os.listdir(INTERFACES))
     try:
-        return _run("ovs-vsctl", "--timeout=10", *arguments)
+        timeout = f"--timeout={limit_s:.0f}"
+        return _run("ovs-vsctl", timeout, *arguments, timeout_s=limit_s + GRACE_S)
     except NetworkError as error:
         found = daemons()
         if found and (silent := [name for name in DAEMONS if not _answers(found, name)]):
@@ -268,7 +274,8 @@ def ip(commands: Iterable[str], fails: bool = False) -> None:
     """Run commands of ip(8) together; raise NetworkError for the first that fails, or go on."""
     lines = "".join(f"{command}\n" for command in commands)
     force = ["-force"] if fails else []
-    _run("ip", *force, "-batch", "-", given=lines, fails=fails, timeout_s=START_TIMEOUT_S)
+    limit_s = START_TIMEOUT_S + PORT_S * len(os.listdir(INTERFACES))
+    _run("ip", *force, "-batch", "-", given=lines, fails=fails, timeout_s=limit_s)
 
 
 def await_end_of_interfaces(names: Iterable[str]) -> None:
@@ -287,7 +294,7 @@ def await_end_of_interfaces(names: Iterable[str]) -> None:
 
 def there(names: Iterable[str]) -> list[str]:
     """Return which of these interfaces this machine has."""
-    return sorted(set(names) & set(os.listdir("/sys/class/net")))
+    return sorted(set(names) & set(os.listdir(INTERFACES)))
 
 
 def datapath() -> str:

@@ -1,13 +1,16 @@
 """Mininet that does beside each other what it would do one after the other."""
 
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 
-from mininet.node import Switch
+from mininet.node import Host, Switch
 
 from topologies import openvswitch, runtime
 from topologies.iperf import IperfMininet
 from topologies.nodes import ClassicalSwitch, OpticalSwitch, QuantumController
 from topologies.shells import ShellWatcher
+
+AT_ONCE = 4  # hosts: their shells do most of it, and wait for the kernel
 
 
 class ParallelMininet(IperfMininet):
@@ -18,7 +21,17 @@ class ParallelMininet(IperfMininet):
         for controller in self.controllers:
             if isinstance(controller, QuantumController):
                 controller.launch()
-        super().configHosts()
+        pool = ThreadPoolExecutor(AT_ONCE, thread_name_prefix="configure")
+        try:
+            for configured in [pool.submit(self._configure, host) for host in self.hosts]:
+                configured.result()
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+    @staticmethod
+    def _configure(host: Host) -> None:
+        """Configure a host as Mininet does."""
+        host.configDefault(**({} if host.defaultIntf() else {"ip": None, "mac": None}))
 
     def start(self) -> None:
         """Make all bridges together and start all agents, then wait for everything."""

@@ -15,6 +15,7 @@ import time
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
+from threading import Lock
 from typing import IO, Any
 
 from topologies.forks import ForkServer
@@ -69,7 +70,7 @@ class Runtime:
     metrics_addresses: dict[str, str] = field(default_factory=dict)  # by program: where
 
     def __post_init__(self) -> None:
-        self._hosts_written = 0
+        self._hosts_written, self._writing_hosts = 0, Lock()
         self.time = NetworkTime(self.time_scale, time.time_ns())
         self.name = str(this_process())
         self.folder = RUNTIME_ROOT / self.name
@@ -103,11 +104,12 @@ class Runtime:
     def hosts_file(self) -> str:
         """Return the path of the file of all hosts that there are now, one for all of them."""
         file = self.folder / "hosts.json"
-        if len(self.addresses) != self._hosts_written:
-            self._hosts_written = len(self.addresses)
-            unfinished = file.with_suffix(".new")
-            unfinished.write_text(json.dumps(self.addresses))
-            unfinished.replace(file)
+        with self._writing_hosts:
+            if len(self.addresses) != self._hosts_written:
+                self._hosts_written = len(self.addresses)
+                unfinished = file.with_suffix(".new")
+                unfinished.write_text(json.dumps(self.addresses))
+                unfinished.replace(file)
         return str(file)
 
     def key_folder(self, host: str) -> str:

@@ -13,6 +13,7 @@ a fragment may, lacks the HMAC. All state belongs to this app's own thread.
 
 import time
 from dataclasses import dataclass, fields, replace
+from math import ceil, inf
 from typing import Any
 
 from controller_apps.apps.swap_orders import EventNodeAnswered, EventSwapsOrdered, SwapOrders
@@ -38,9 +39,11 @@ from controller_apps.record import Record
 from controller_apps.sessions.chains import orders
 from controller_apps.timeouts import DEVICE_TICK_S, SET_TIMEOUT_S
 from wire.config import ControllerConfig
-from wire.device import DEVICE_PORT, DeviceQuery, DeviceSettings, check_settings
+from wire.device import DEVICE_PORT, PERIODS_S, DeviceQuery, DeviceSettings, check_settings
 from wire.metadata import Answer, MalformedPacket, Message, Reason
 
+POLLS_PER_S = 100  # at most, of all devices: what they do meanwhile they report by themselves
+LEAST_AT_ONCE = 4  # that are due
 METADATA = "QuantumMetadata"  # the app that asks for orders
 
 
@@ -73,7 +76,7 @@ class DeviceMonitor(App):
         self.hosts = Hosts(config.device_keys)
         self._take_policy(read_policy(config.policy))
         self._number = 0
-        self._next_poll = 0.0
+        self._polled: dict[int | str, float] = {}  # when each device was last
         self._waiting: list[Waiting] = []
         self._orders = SwapOrders()
         self._silent: set[str] = set()
@@ -94,15 +97,23 @@ class DeviceMonitor(App):
         now = time.monotonic()
         self._give_up_waiting(now)
         self._repeat_orders(self._now())
-        if now < self._next_poll:
-            return
-        self._next_poll = now + self.hosts.reporting.period_s
-        for dpid in self.switches:
-            if dpid in self.datapaths:
-                self._poll_switch(self.datapaths[dpid])
-        for host in self.hosts.states:
-            self._send(host, DeviceQuery(self._next_number()))
-            self._note_silence(host, now)
+        for device in self._due(now):
+            self._polled[device] = now
+            if isinstance(device, int):
+                self._poll_switch(self.datapaths[device])
+                continue
+            self._send(device, DeviceQuery(self._next_number()))
+            self._note_silence(device, now)
+
+    def _due(self, now: float) -> list[int | str]:
+        """Return whom to poll now: switches and hosts, never all of a large network at once."""
+        period_s = self.hosts.reporting.period_s
+        switches = [dpid for dpid in self.switches if dpid in self.datapaths]
+        devices: list[int | str] = [*switches, *self.hosts.states]
+        polled = {device: self._polled.get(device, -inf) for device in devices}
+        due = [device for device in devices if now - polled[device] >= period_s]
+        due.sort(key=polled.__getitem__)
+        return due[: LEAST_AT_ONCE + ceil(len(devices) * DEVICE_TICK_S / period_s)]
 
     def _now(self) -> float:
         """Return the time of the network, by which orders go; reports and polls go by the wall."""
@@ -322,7 +333,9 @@ class DeviceMonitor(App):
                 known = ", ".join(sorted(self.hosts.keys)) or "none"
                 raise BadPolicy(f"policy: device {name!r} is not a host; hosts are {known}")
         self.hosts.wanted = dict(policy.devices)
-        self.hosts.reporting = policy.reporting
+        devices = len(self.hosts.keys) + len(self.quantum_switches)
+        period_s = max(policy.reporting.period_s, devices / POLLS_PER_S)
+        self.hosts.reporting = replace(policy.reporting, period_s=min(period_s, PERIODS_S[1]))
 
     def _send(self, host: str, message: Message) -> None:
         place = self.hosts.states[host].place

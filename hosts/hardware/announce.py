@@ -2,14 +2,15 @@
 
 import socket
 import time
+from collections.abc import Iterator
 from contextlib import suppress
 
 from hosts.hardware.lldp import announcement
 from hosts.network_loop import wall_sleep
-from hosts.timeouts import ANNOUNCEMENT_PERIOD_S, ANNOUNCEMENT_TTL_S
+from hosts.timeouts import ANNOUNCEMENT_PERIOD_S, ANNOUNCEMENT_TTL_S, FASTEST_ANNOUNCEMENTS_S
 from wire.features import Abilities
 
-FAST_START = (0.2,) * 50  # pauses before the period begins, while the network starts
+SLOWER = 0.25  # a pause to the time that has passed, while the network starts
 
 
 async def announce(
@@ -18,18 +19,29 @@ async def announce(
     """Announce every fibre port for ever, quickly at first (802.1AB fast start)."""
     channels = {port: _open(port) for port in ports}
     try:
-        pauses = iter(FAST_START)
-        while True:
+        for pause in pauses():
             for port, channel in channels.items():
                 mac = channel.getsockname()[4]
                 told = name, port, address, mac, ANNOUNCEMENT_TTL_S, abilities, key, time.time_ns()
                 frame = announcement(*told)
                 with suppress(OSError):  # a fibre that is set down says nothing
                     channel.send(frame)
-            await wall_sleep(next(pauses, ANNOUNCEMENT_PERIOD_S))
+            await wall_sleep(pause)
     finally:
         for channel in channels.values():
             channel.close()
+
+
+def pauses() -> Iterator[float]:
+    """Yield the pauses between announcements: short at first, and longer the longer it takes.
+
+    So the fibres of a large network, which starts for minutes, do not all speak all the time.
+    """
+    passed_s = 0.0
+    while True:
+        pause_s = min(max(FASTEST_ANNOUNCEMENTS_S, SLOWER * passed_s), ANNOUNCEMENT_PERIOD_S)
+        passed_s += pause_s
+        yield pause_s
 
 
 def _open(port: str) -> socket.socket:

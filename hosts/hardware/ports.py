@@ -1,11 +1,15 @@
 """The fibre ports of a host as its kernel sees them."""
 
+import errno
+import socket
 from collections.abc import Iterable
 from pathlib import Path
 
 from wire.device import DevicePort
 
 INTERFACES = Path("/sys/class/net")
+RTMGRP_LINK = 1  # of rtnetlink(7)
+NOTICE_BYTES = 1 << 16
 
 
 def read_ports(names: Iterable[str]) -> tuple[DevicePort, ...]:
@@ -18,3 +22,23 @@ def _is_up(name: str) -> bool:
         return (INTERFACES / name / "operstate").read_text().strip() == "up"
     except OSError:
         return False
+
+
+def link_changes() -> socket.socket:
+    """Return a socket that can be read when a link of this network namespace has changed."""
+    kind = socket.SOCK_RAW | socket.SOCK_NONBLOCK
+    changes = socket.socket(socket.AF_NETLINK, kind, socket.NETLINK_ROUTE)
+    changes.bind((0, RTMGRP_LINK))
+    return changes
+
+
+def take_notices(changes: socket.socket) -> None:
+    """Read what has come, of which it counts alone that something has."""
+    while True:
+        try:
+            changes.recv(NOTICE_BYTES)
+        except BlockingIOError:
+            return
+        except OSError as error:
+            if error.errno != errno.ENOBUFS:  # there were too many, and some are lost
+                raise

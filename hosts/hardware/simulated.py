@@ -4,6 +4,7 @@ import math
 import time
 from collections.abc import AsyncIterator, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from functools import cached_property
 from itertools import islice
 
 import grpc
@@ -58,11 +59,18 @@ class SimulatedQnic:
     """A QNIC whose photons live in the dispatcher."""
 
     def __init__(self, dispatcher: str, token: str, ports: list[str]) -> None:
-        self._channel = grpc.aio.insecure_channel(dispatcher, CHANNEL_OPTIONS)
-        self._stub = DispatcherStub(self._channel)  # type: ignore[no-untyped-call]
-        self._token = token
-        self._orders = Orders(self._stub, token)
-        self._ports = ports
+        self._dispatcher, self._token, self._ports = dispatcher, token, ports
+        self._channel: grpc.aio.Channel | None = None
+
+    @cached_property
+    def _stub(self) -> DispatcherStub:
+        """The dispatcher, from the first order on: who waits for light needs no threads for it."""
+        self._channel = grpc.aio.insecure_channel(self._dispatcher, CHANNEL_OPTIONS)
+        return DispatcherStub(self._channel)  # type: ignore[no-untyped-call]
+
+    @cached_property
+    def _orders(self) -> Orders:
+        return Orders(self._stub, self._token)
 
     @property
     def ports(self) -> list[str]:
@@ -318,7 +326,8 @@ class SimulatedQnic:
     async def close(self) -> None:
         """Close the connection to the dispatcher."""
         await self._orders.close()
-        await self._channel.close(None)
+        if self._channel is not None:
+            await self._channel.close(None)
 
 
 def _orders(steps: Iterable[Step]) -> Iterator[tuple[Step, ...]]:

@@ -40,11 +40,17 @@ class Device:
     read_ports: Callable[[], tuple[DevicePort, ...]]
     settings: DeviceSettings = field(default_factory=DeviceSettings)
     subscription: Subscribe = field(default_factory=lambda: Subscribe(0, 0, 0, 0))
+    changed: Callable[[], None] = lambda: None  # called when more than counts may have changed
     _opened: list[Counted] = field(default_factory=list)
     _accepted: list[Counted] = field(default_factory=list)
     _serving: int = 0
     _ended: Counter[str] = field(default_factory=Counter)
     _in_use: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def at_work(self) -> bool:
+        """Whether there is a session whose counts may rise."""
+        return bool(self._opened or self._accepted or self._serving)
 
     def set(self, settings: DeviceSettings) -> None:
         """Override what sessions use that begin from now on; SessionError if it cannot be had."""
@@ -82,21 +88,25 @@ class Device:
     @contextmanager
     def _counting(self, session: Counted, among: list[Counted]) -> Iterator[None]:
         among.append(session)
+        self.changed()
         try:
             yield
         finally:
             among.remove(session)
             self._ended.update(session.counts)
+            self.changed()
 
     @contextmanager
     def serves(self, setup: Setup) -> Iterator[None]:
         """Count a session that this host makes pairs for."""
         self._note(setup)
         self._serving += 1
+        self.changed()
         try:
             yield
         finally:
             self._serving -= 1
+            self.changed()
 
     def made(self, pairs: int) -> None:
         """Count pairs that this host has made."""

@@ -3,6 +3,7 @@
 import asyncio
 
 from qmn.sweeps.bell_test import CHSH
+from qmn.sweeps.contention import LIGHT
 from qmn.sweeps.dead_time import DEAD
 from qmn.sweeps.decoy_states import DECOY_STATES
 from qmn.sweeps.delay_line import DELAY_LINE
@@ -39,6 +40,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         MODES,
         TIMING,
         DELAY_LINE,
+        LIGHT,
     )
 }
 

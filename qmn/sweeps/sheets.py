@@ -433,4 +433,47 @@ SHEETS = (
             )
         ],
     ),
+    Sheet(
+        "blocking",
+        "light",
+        {
+            "load": [0.5, 1.0, 2.0, 4.0, 6.0, 8.0],
+            "channels": [1, 4],
+            "holding": ["exponential", "constant"],
+            "sessions": 5_000,
+        },
+        [
+            Curve(
+                "erlang-b",
+                "Sessions refused on a trunk of fibres: Erlang B",
+                "load",
+                "arrivals in a mean holding time (erlang)",
+                "blocked",
+                by=["channels", "holding"],
+            )
+        ],
+    ),
+    *(
+        Sheet(
+            f"queueing-{channels}",
+            "light",
+            {
+                "load": [channels * share for share in (0.2, 0.4, 0.6, 0.7, 0.8)],
+                "channels": [channels],
+                "contention": ["queue"],
+                "sessions": 10_000,
+            },
+            [
+                Curve(
+                    f"erlang-c-{measure}-{channels}",
+                    f"{text} on a trunk of {channels} fibres: Erlang C",
+                    "load",
+                    "arrivals in a mean holding time (erlang)",
+                    measure,
+                )
+                for measure, text in (("waited", "Sessions that wait"), ("wait", "Mean wait"))
+            ],
+        )
+        for channels in (1, 4)
+    ),
 )

@@ -7,7 +7,7 @@ from statistics import NormalDist
 import numpy as np
 
 from hosts.middleware.qkd.bits import Bits, Mask
-from hosts.middleware.qkd.public_randomness import permutation
+from hosts.middleware.qkd.public_randomness import subset
 
 
 @dataclass(frozen=True)
@@ -39,9 +39,7 @@ def sample_size(sifted: int, fraction: float) -> int:
 
 def sample_mask(seed: bytes, sifted: int, sample: int) -> Mask:
     """Return which sifted bits are disclosed, every subset of the size being as likely."""
-    mask = np.zeros(sifted, dtype=np.bool_)
-    mask[permutation(seed, "sample", sifted)[:sample]] = True
-    return mask
+    return subset(seed, "sample", sifted, sample)
 
 
 def compare(mine: Bits, theirs: Bits) -> Estimate:

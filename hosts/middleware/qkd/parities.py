@@ -11,7 +11,7 @@ import numpy as np
 
 from hosts.middleware.qkd.bits import Bits, Indices
 from hosts.middleware.qkd.ldpc_code import LEAST_CHECKS, rows, syndrome
-from hosts.middleware.qkd.public_randomness import permutation
+from hosts.middleware.qkd.public_randomness import mixed
 
 MAX_PASSES = 64
 
@@ -53,7 +53,7 @@ Query = Blocks | Intervals | Syndrome
 
 def shuffled(seed: bytes, number: int, bits: int) -> Indices:
     """Return the order of a pass: element i is the place in the key of its i-th bit."""
-    return permutation(seed, f"cascade {number}", bits)
+    return mixed(seed, f"cascade {number}", bits)
 
 
 def prefix_parities(bits: Bits) -> Bits:

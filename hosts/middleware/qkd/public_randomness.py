@@ -9,14 +9,52 @@ import hashlib
 
 import numpy as np
 
-from hosts.middleware.qkd.bits import Indices
+from hosts.middleware.qkd.bits import Indices, Mask
 
 SEED_BYTES = 32
+ROUNDS = 8
+
+
+def mixed(seed: bytes, purpose: str, size: int) -> Indices:
+    """Return a permutation of range(size) that mixes well, at a sixth of the time of a uniform one.
+
+    A Feistel network of random tables (Luby and Rackoff 1988), of which the numbers from size on
+    are left out. Not every permutation is as likely: no sample may be drawn by it.
+    """
+    bits = max(2, (size - 1).bit_length())
+    low = bits // 2
+    widths = low, bits - low  # of what a round looks up
+    sizes = [2 << widths[number % 2] for number in range(ROUNDS)]  # bytes
+    words = np.frombuffer(_stream(seed, purpose, sum(sizes)), dtype="<u2")
+    tables = np.split(words, np.cumsum(sizes)[:-1] // 2)
+    right = np.tile(np.arange(1 << low, dtype=np.uint16), 1 << bits - low)
+    left = np.repeat(np.arange(1 << bits - low, dtype=np.uint16), 1 << low)
+    for number, table in enumerate(tables):
+        if number % 2:
+            right ^= (table & ((1 << low) - 1)).take(left)
+        else:
+            left ^= (table & ((1 << bits - low) - 1)).take(right)
+    found = left.astype(np.uint32) << low | right
+    return np.compress(found < size, found).astype(np.int64)
+
+
+def subset(seed: bytes, purpose: str, size: int, count: int) -> Mask:
+    """Return which of range(size) are the first `count` of its permutation: any are as likely."""
+    words = np.frombuffer(_stream(seed, purpose, 8 * size), dtype="<u8")
+    chosen: Mask = words <= np.partition(words, count - 1)[count - 1]
+    if np.count_nonzero(chosen) > count:  # two words are alike: 1 in 10**7 times for 10**6
+        chosen = np.zeros(size, dtype=np.bool_)
+        chosen[permutation(seed, purpose, size)[:count]] = True
+    return chosen
+
+
+def _stream(seed: bytes, purpose: str, size: int) -> bytes:
+    if len(seed) != SEED_BYTES:
+        raise ValueError(f"a seed has {SEED_BYTES} bytes, not {len(seed)}")
+    return hashlib.shake_256(seed + purpose.encode()).digest(size)
 
 
 def permutation(seed: bytes, purpose: str, size: int) -> Indices:
     """Return a permutation of range(size), uniform for a uniform seed, one for each purpose."""
-    if len(seed) != SEED_BYTES:
-        raise ValueError(f"a seed has {SEED_BYTES} bytes, not {len(seed)}")
-    words = hashlib.shake_256(seed + purpose.encode()).digest(8 * size)
+    words = _stream(seed, purpose, 8 * size)
     return np.argsort(np.frombuffer(words, dtype="<u8"), kind="stable").astype(np.int64)

@@ -222,6 +222,7 @@ def test_the_agent_answers_is_set_and_reports_changes() -> None:
             assert device.settings == DeviceSettings(rate_hz=1000)
             assert await peer.silent()
             fibers.up = False
+            device.changed()  # as the kernel would say
             cut = await peer.next()
             assert isinstance(cut, DeviceReport)
             assert cut.ports == (DevicePort("bob-q0", False),)

@@ -57,7 +57,7 @@ def test_whole_numbers_stay_whole() -> None:
         ("pairs", "1000.5", "pairs '1000.5': choose 1000 to 1e+08 (a whole number)"),
         ("pairs", "10", "pairs '10': choose 1000"),
         ("fec", "turbo", "fec 'turbo': choose none, repetition, hamming, golay"),
-        ("length_km", "-1", "length_km '-1': choose 0 to 2000 km"),
+        ("length_km", "-1", "length_km '-1': choose 0 to 20000 km"),
         ("detectors_efficiency", "1.1", "detectors_efficiency '1.1': choose 0 to 1"),
         ("kind", "glass", "kind 'glass': choose ideal, smf, pm"),
     ],

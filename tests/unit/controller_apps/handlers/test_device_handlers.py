@@ -1,6 +1,7 @@
 """The device monitor on one framework: hosts, switches, orders and overrides."""
 
 import json
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -18,6 +19,7 @@ from controller_apps.console.questions import EventQuestion, Refused
 from controller_apps.openflow import framework
 from controller_apps.openflow.framework import ofp_event, ofproto, parser
 from controller_apps.packets.datagrams import Frame
+from controller_apps.policy.policy import Policy
 from controller_apps.record import Record
 from controller_apps.sessions.actions import SwapsOrdered
 from controller_apps.sessions.sessions import Stop
@@ -33,6 +35,7 @@ from wire.device import (
     SetDevice,
     Subscribe,
     SwapOrder,
+    host_of,
     open_sealed,
 )
 from wire.metadata import Answer, Message, Reason
@@ -399,3 +402,22 @@ def test_the_frame_that_is_sent_can_be_read_back() -> None:
     out.set_xid(1)
     out.serialize()
     assert Frame.decode(bytes(packet_out(bytes(out.buf), 1).frame)) == frame
+
+
+def test_a_thousand_hosts_are_polled_one_after_the_other_each_once_a_period(scene: Scene) -> None:
+    """At most 100 devices a second, whatever the policy asks: 1,000 and q1 take 10.01 s."""
+    scene.says(SET)
+    scene.s1.take()
+    state = scene.monitor.hosts.states["alice"]
+    names = [f"h{number}" for number in range(1000)]
+    scene.monitor.hosts.keys = dict.fromkeys(names, KEYS["alice"])
+    scene.monitor.hosts.states = dict.fromkeys(names, state)
+    scene.monitor._take_policy(Policy())
+    assert scene.monitor.hosts.reporting.period_s == pytest.approx(10.01)
+    polled: Counter[str] = Counter()
+    for _tick in range(100):
+        scene.tick(0.1)
+        sent = scene.s1.take()
+        assert len(sent) <= 15
+        polled.update(host_of(bytes(Ether(each.frame)[UDP].payload)) for each in sent)
+    assert polled == Counter(names)

@@ -18,7 +18,7 @@ from hosts.middleware.qkd.key_length import (
     most_tagged,
     sampling_deviation,
 )
-from hosts.middleware.qkd.public_randomness import permutation
+from hosts.middleware.qkd.public_randomness import mixed, permutation, subset
 from hosts.middleware.qkd.sifting import Record, choose, sifted
 from hosts.middleware.qkd.verification import collision_probability, key_tag
 from wire.outcomes import NO_CLICK
@@ -224,3 +224,45 @@ def test_a_permutation_is_the_same_on_every_machine() -> None:
 def test_a_photon_that_did_not_click_says_nothing() -> None:
     record = Record(np.zeros(2, dtype=np.uint8), np.array([NO_CLICK, 1], dtype=np.uint8))
     assert record.clicked.tolist() == [False, True]
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 5, 8, 1000, 1024, 1025, 40_000])
+def test_orders_of_cascade_are_permutations(size: int) -> None:
+    orders = [mixed(bytes(32), f"cascade {number}", size) for number in range(3)]
+    for order in orders:
+        assert np.array_equal(np.sort(order), np.arange(size))
+    if size > 100:
+        assert not np.array_equal(orders[0], orders[1])
+
+
+def test_bits_of_one_block_are_parted_by_the_next_order_as_by_chance() -> None:
+    """Of two orders: pairs in a block of 16 of both, n (15/2) 15/(n - 1) of all; 100 orders."""
+    size, block, orders = 32_768, 16, 100
+    places = np.zeros((2, size), np.int64)
+    together = 0
+    for number in range(orders):
+        for which in (0, 1):
+            order = mixed(bytes(32), f"cascade {2 * number + which}", size)
+            places[which, order] = np.arange(size) // block
+        both = places[0] * size + places[1]
+        _values, counts = np.unique(both, return_counts=True)
+        together += int((counts * (counts - 1) // 2).sum())
+    expected = orders * size * (block - 1) / 2 * (block - 1) / (size - 1)
+    assert abs(together - expected) < 5 * expected**0.5
+
+
+def test_every_place_is_taken_by_any_bit() -> None:
+    """Where bit 0 comes to, of 4,000 orders of 16: each place within 5 sigma of its share."""
+    places = [
+        int(np.flatnonzero(mixed(bytes(32), f"cascade {number}", 16) == 0)[0])
+        for number in range(4_000)
+    ]
+    counts = np.bincount(places, minlength=16)
+    assert (abs(counts - 250) < 5 * (250 * 15 / 16) ** 0.5).all()
+
+
+def test_a_sample_is_the_beginning_of_a_permutation() -> None:
+    for size, count in ((10, 1), (10, 10), (1000, 137)):
+        first = permutation(bytes(32), "sample", size)[:count]
+        chosen = subset(bytes(32), "sample", size, count)
+        assert np.array_equal(np.sort(first), np.flatnonzero(chosen))
