@@ -124,6 +124,13 @@ class Program:
             )
 
     @property
+    def pid(self) -> int:
+        """The process id; raise NetworkError for a program that was not started."""
+        if self._process is None:
+            raise NetworkError(f"{self.name} was not started")
+        return self._process.pid
+
+    @property
     def status(self) -> int | None:
         """The exit status, None while it runs."""
         return self._process.poll() if self._process else None

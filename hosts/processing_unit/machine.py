@@ -15,7 +15,7 @@ from wire.metadata import Reason
 from wire.netqasm.messages import ReturnedArray, ReturnedRegister
 from wire.netqasm.subroutine import Instruction, Subroutine
 
-MOST_EXECUTED = 10_000_000  # instructions of a subroutine
+MOST_EXECUTED = 1_000_000  # instructions of a subroutine
 BREATH = 1000  # instructions after which others on this host have their turn
 
 Jump = int | None

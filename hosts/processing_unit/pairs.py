@@ -3,7 +3,8 @@
 creator's unit                                     receiver's unit
 PairRequest ------------------------------------->  waits until its application wants them
    <------------------------------------ READY, port
-session of `distribute`, to that port <---------->  light, by way of the controller
+session of `distribute`, to that port <---------->  light, as the controller grants it
+(or of `swap`, where repeaters are between them)
 both take the pairs out of the session, which ends then
 """
 
@@ -48,7 +49,7 @@ from wire.netqasm.pair_requests import (
 
 log = logging.getLogger("pairs")
 
-SERVICE = "distribute"
+SERVICES = DIRECT, SWAPPED = "distribute", "swap"
 BLOCK_PAIRS = 16_384
 FIRST_PORT, LAST_PORT = 49_152, 65_535  # of sessions with pairs
 MOST_WAITING = 64  # units that want something of this one, at a time
@@ -101,7 +102,7 @@ class Sessions:
 
     request: Callable[[dict[str, Any]], OpeningSession]
     opening: Callable[[OpeningSession], AbstractContextManager[None]]
-    expecting: Callable[[int, str, Arriving], AbstractContextManager[None]]
+    expecting: Callable[[int, Arriving], AbstractContextManager[None]]
 
 
 @dataclass(eq=False)
@@ -143,6 +144,7 @@ class PairMaking:
         self._changed = asyncio.Condition()
         self._ports = count()
         self._waiting = 0
+        self._ways: dict[str, str] = {}  # services by node, of those that light does not reach
 
     async def create(self, request: PairRequest, remote: str, qubits: Qubits) -> list[BlockName]:
         """Return this end's halves of new pairs with a node; raise SessionError if there are none.
@@ -244,17 +246,30 @@ class PairMaking:
             return await self._take(session, RECEIVER, request.pairs, wanted.qubits)
 
         arriving = Arriving(request.creator, take)
-        with self._sessions.expecting(port, SERVICE, arriving):
+        with self._sessions.expecting(port, arriving):
             writer.write(encode_answer(Verdict.READY, port))
             return await arriving.blocks
 
     async def _distribute(
         self, request: PairRequest, remote: str, port: int, qubits: Qubits
     ) -> list[BlockName]:
-        """Have pairs distributed, and take this end's halves."""
+        """Have pairs made, by repeaters where no light goes there; take this end's halves."""
+        try:
+            return await self._make(self._ways.get(remote, DIRECT), request, remote, port, qubits)
+        except SessionError as error:
+            if error.reason != Reason.NO_PATH or remote in self._ways:
+                raise
+        blocks = await self._make(SWAPPED, request, remote, port, qubits)
+        self._ways[remote] = SWAPPED
+        return blocks
+
+    async def _make(
+        self, service: str, request: PairRequest, remote: str, port: int, qubits: Qubits
+    ) -> list[BlockName]:
+        """Have pairs made by a service, and take this end's halves."""
         ends = self.node, remote
         fields = {
-            "service": SERVICE,
+            "service": service,
             "host": remote,
             "port": port,
             "count": request.pairs,

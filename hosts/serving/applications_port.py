@@ -11,7 +11,7 @@ from hosts.hardware.qnic import HardwareError
 from hosts.middleware.services.interception import Interception
 from hosts.middleware.session.channel import SessionError
 from hosts.middleware.session.session import OpeningSession
-from hosts.processing_unit.pairs import Arriving
+from hosts.processing_unit.pairs import SERVICES, Arriving
 from hosts.processing_unit.unit import ProcessingUnit
 from hosts.serving.answering import reply
 from hosts.serving.event_watching import Watch, tell_events
@@ -51,13 +51,13 @@ class ApplicationsPort:
         self._watch, self._intercept = watch, intercept
         self._listening: dict[int, Listening] = {}
         self._name = name
-        self._expected: dict[int, tuple[str, Arriving]] = {}  # by port, with the service
+        self._expected: dict[int, Arriving] = {}  # by port
         self.unit: ProcessingUnit | None = None
 
     @contextmanager
-    def expecting(self, port: int, service: str, arriving: Arriving) -> Iterator[None]:
+    def expecting(self, port: int, arriving: Arriving) -> Iterator[None]:
         """Let pairs for the processing unit come to a port."""
-        self._expected[port] = service, arriving
+        self._expected[port] = arriving
         try:
             yield
         finally:
@@ -65,8 +65,8 @@ class ApplicationsPort:
 
     def incoming(self, port: int, peer: str, service: str) -> Incoming | Arriving:
         """Queue a connection from a host for the application on a port."""
-        if self._expected.get(port, ("",))[0] == service:
-            return self._expected.pop(port)[1]
+        if service in SERVICES and port in self._expected:
+            return self._expected.pop(port)
         listening = self._listening.get(port)
         if listening is None:
             raise SessionError(

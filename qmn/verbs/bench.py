@@ -16,6 +16,7 @@ from typing import Any
 from hosts.quantum_socket import QuantumSocket
 from qmn.benchmarks.key_rates import key_figures
 from qmn.benchmarks.live_pairs import BLOCK_PAIRS, cost_by_live_pairs
+from qmn.benchmarks.many_hosts import many_hosts_figures
 from qmn.benchmarks.measurement import seconds_of
 from qmn.benchmarks.overhead import overhead_figures
 from qmn.benchmarks.path_figures import path_figures
@@ -27,6 +28,7 @@ from topologies.network import Interrupted, Network, Signals, require_root
 from topologies.programs import NetworkError, python
 from topologies.runtime import Runtime
 from topologies.sdc import SdcTopo
+from topologies.tree import LEAST_HOSTS, MOST_HOSTS
 
 MEBIBYTE = 1 << 20
 PAIRS_PER_BYTE = 4
@@ -41,7 +43,19 @@ def add_parser(verbs: Any) -> None:
     parser = verbs.add_parser("bench", help="measure this machine", description=__doc__)
     parser.add_argument("--pairs", type=int, default=256, help="of the per-pair handshake (256)")
     parser.add_argument("--setups", type=int, default=500, help="light paths to set up (500)")
+    text = "sizes of networks to start, 3 to 1024, with commas (4,16,64)"
+    parser.add_argument("--hosts", type=sizes, default=(4, 16, 64), metavar="N,N", help=text)
     parser.set_defaults(call=call, needs_root=True)
+
+
+def sizes(text: str) -> tuple[int, ...]:
+    """Return sizes of networks; raise ArgumentTypeError for what is none."""
+    words = text.split(",")
+    if not all(word.isdecimal() and LEAST_HOSTS <= int(word) <= MOST_HOSTS for word in words):
+        raise argparse.ArgumentTypeError(
+            f"{text!r}: numbers of hosts are {LEAST_HOSTS} to {MOST_HOSTS}, as 4,16,64"
+        )
+    return tuple(map(int, words))
 
 
 def call(arguments: argparse.Namespace) -> int:
@@ -61,6 +75,8 @@ def call(arguments: argparse.Namespace) -> int:
             for name, figure in swap_figures(Path(folder), signals):
                 show(name, figure)
             for name, figure in path_figures(Path(folder), arguments.setups, signals):
+                show(name, figure)
+            for name, figure in many_hosts_figures(Path(folder), arguments.hosts, signals):
                 show(name, figure)
     except Interrupted as error:
         print(f"qmn: {error}; everything is cleaned up", file=sys.stderr)

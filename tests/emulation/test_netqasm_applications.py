@@ -2,6 +2,7 @@
 
 import cmath
 import json
+import re
 import subprocess
 import sys
 from math import cos, sin, sqrt
@@ -49,6 +50,24 @@ def asked(captures: list[str]) -> set[PairRequest]:
     return found
 
 
+def agreements(runs: Path) -> list[bool]:
+    """Return whether the two programs of the application have found the same, pair by pair."""
+    told = []
+    for role in ("client", "server"):
+        lines = (runs / "latest" / f"netqasm-{role}.log").read_text().splitlines()
+        begin = f"{role.capitalize()}: "
+        told.append([int(line[len(begin) :]) for line in lines if line.startswith(begin)])
+    return [ours == theirs for ours, theirs in zip(*told, strict=True)]
+
+
+def test_pairs_come_by_repeaters_where_no_light_does(tmp_path: Path) -> None:
+    places = ["--place", "client=alice", "--place", "server=bob"]
+    run(tmp_path, "link_layer_md", "--topology", "repeaters", *places)
+    assert agreements(tmp_path) == [False] * 10  # of Phi+ the outcomes along Y differ
+    log = (tmp_path / "latest" / "quantum.log").read_text()
+    assert re.search(r" r1 +bell-measure ", log)
+
+
 def test_pairs_are_measured_at_both_ends_of_a_noisy_network(tmp_path: Path) -> None:
     """The application measures ten pairs along Y, where the outcomes of Phi+ differ.
 
@@ -58,12 +77,7 @@ def test_pairs_are_measured_at_both_ends_of_a_noisy_network(tmp_path: Path) -> N
     words = ["--rounds", str(rounds), "--depolarizing", str(p)]
     places = ["--place", "client=alice", "--place", "server=bob"]
     result = run(tmp_path, "link_layer_md", *places, *words)
-    told = []
-    for role in ("client", "server"):
-        lines = (tmp_path / "latest" / f"netqasm-{role}.log").read_text().splitlines()
-        begin = f"{role.capitalize()}: "
-        told.append([int(line[len(begin) :]) for line in lines if line.startswith(begin)])
-    alike = [ours == theirs for ours, theirs in zip(*told, strict=True)]
+    alike = agreements(tmp_path)
     assert len(alike) == 10 * rounds
     wrong = (1 - (1 - p) ** 4) / 2
     assert abs(sum(alike) / len(alike) - wrong) < 5 * sqrt(wrong * (1 - wrong) / len(alike))

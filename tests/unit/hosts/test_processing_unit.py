@@ -178,6 +178,35 @@ def test_pairs_that_are_measured_at_once_are_phi_plus(tmp_path: Path, basis: Epr
         assert {0, 1} == set(crossed)  # 40 coins are alike once in 5e11 times
 
 
+@pytest.mark.parametrize("basis", EprMeasBasis)
+def test_what_the_creator_finds_is_what_the_receiver_has(
+    tmp_path: Path, basis: EprMeasBasis
+) -> None:
+    """Remote state preparation: of Phi+ the other half has the state found, conjugated."""
+    axis, opposite = basis.name[-1], basis.name.startswith("M")
+
+    def alice(app_config: Any = None) -> list[int]:
+        pairs = EPRSocket("bob")
+        with connection("alice", app_config, epr_sockets=[pairs]):
+            told = pairs.create_rsp(20, basis_local=basis)
+        return [int(each.raw_measurement_outcome) for each in told]
+
+    def bob(app_config: Any = None) -> list[int]:
+        pairs = EPRSocket("alice")
+        with connection("bob", app_config, epr_sockets=[pairs], max_qubits=20) as unit:
+            outcomes = []
+            for half in pairs.recv_rsp(20):
+                for name in TO_BASIS[axis]:
+                    getattr(half, name)()
+                outcomes.append(half.measure())
+            unit.flush()
+            return [int(each) for each in outcomes]
+
+    (told,) = outputs(tmp_path, {"alice": alice, "bob": bob}, TWO)
+    flip = (axis == "Y") ^ opposite
+    assert told["bob"] == [outcome ^ flip for outcome in told["alice"]]
+
+
 def test_programs_run_again_and_again(tmp_path: Path) -> None:
     programs = {
         "alice": keep("alice", "bob", True, "", 2),
@@ -280,6 +309,10 @@ def test_a_loop_without_end_keeps_nobody_waiting(tmp_path: Path) -> None:
                 qubit = Qubit(own)
                 qubit.X()
                 outcome = qubit.measure()
+            unit.setblocking(False)
+            said = unit.recv(1 << 16)
+            assert len(said) < 1000
+            assert b"never end" not in said  # the circle still turns
         return int(outcome)
 
     (told,) = outputs(tmp_path, {"alice": alice}, {"alice": "alice"})
