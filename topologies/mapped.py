@@ -8,17 +8,20 @@ sudo PYTHONPATH=. mn --custom topologies/mapped.py --topo map,map=abilene
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from topologies.copper_lengths import centre
 from topologies.fabric import FabricTopo, Mininet, controllers, findController
 from topologies.maps import Map, Place, Position, positions, read_map
 from topologies.node_kinds import node_device
+from wire.parameters.physics import BellAnalyser, Device
 from wire.ways import Ways, shortest
 
 __all__ = ["MapTopo", "Mininet", "controllers", "findController", "topos"]
 
 HOST_FIBERS = 2
+MOST_DELAY_KM = 20_000.0  # of the ideal delay line of hosts of which nothing else is said
 SOURCE = "src"
 
 
@@ -48,6 +51,7 @@ class MapTopo(FabricTopo):
         read = read_map(map)
         places = chosen(read, hosts_at) or read.places
         self.set_up(hosts=len(read.places) * 2 + 2, **fiber)
+        self._device = waiting_for_the_other_half(self._device)
         self.add_dispatcher(self.next_address())
         names = self.add_quantum_switches(len(read.places))
         switches = {place.name: q for place, q in zip(read.places, names, strict=True)}
@@ -94,6 +98,17 @@ class MapTopo(FabricTopo):
             name = place.name
             self.add_host(name, self.next_address(), pairs_from=sources[nearest], **own)
             self.join(name, switches[name], HOST_FIBERS)
+
+
+def waiting_for_the_other_half(device: Device) -> Device:
+    """Return a host's device; one with the usual analyser keeps halves that come long before.
+
+    On a map the ways of two halves differ by more than any usual delay line is long.
+    """
+    if device.analyser != BellAnalyser():
+        return device
+    endless = BellAnalyser(delay_line_db_per_km=0.0, delay_line_km=MOST_DELAY_KM)
+    return replace(device, analyser=endless)
 
 
 def chosen(read: Map, named: str) -> list[Place]:

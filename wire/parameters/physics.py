@@ -215,7 +215,7 @@ class BellAnalyser:
     coincidence_window_s: float = parameter(1e-6, 1e-12, 1.0)
     # The delay line in which light waits whose way was the shorter, where it matters: the longest
     # that there is, 0 without any, and its loss. Standard fibre has .2 dB/km.
-    delay_line_km: float = parameter(2_000.0, 0.0, 2_000.0)
+    delay_line_km: float = parameter(2_000.0, 0.0, 20_000.0)
     delay_line_db_per_km: float = parameter(0.2, 0.0, 1_000.0)
 
     def check(self, where: str) -> None:

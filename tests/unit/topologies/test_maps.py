@@ -15,6 +15,7 @@ from topologies.copper_link import CopperLink
 from topologies.fiber import FiberLink
 from topologies.mapped import MapTopo
 from topologies.maps import EARTH_KM, BadMap, great_circle_km, positions, read_map
+from wire.parameters.physics import BellAnalyser
 
 GRAPHML = """<graphml xmlns="http://graphml.graphdrawing.org/xmlns">
 <key id="d0" for="node" attr.name="label" attr.type="string"/>
@@ -192,3 +193,10 @@ def test_hosts_sources_and_repeaters_are_where_they_are_wanted() -> None:
     assert sources == {"sttlng": "src1", "losang": "src1", "nycmng": "src2"}
     gates = {host: topo.nodeInfo(host)["device"].gates.kind for host in sources}
     assert gates == {"sttlng": "paulis", "losang": "any", "nycmng": "paulis"}
+
+
+def test_halves_that_come_long_before_the_others_are_kept_unless_an_analyser_is_named() -> None:
+    """Ways of two halves over a map differ by more than the usual 2,000 km, of .2 dB each."""
+    usual = MapTopo().nodeInfo("sttlng")["device"]
+    assert usual.analyser == BellAnalyser(delay_line_db_per_km=0.0, delay_line_km=20_000.0)
+    usual.check("sttlng")
