@@ -8,7 +8,8 @@ from topologies.addresses import free_address
 from topologies.fiber import qnics
 from topologies.launching import launch
 from topologies.network import Network
-from topologies.nodes import READY_TIMEOUT_S, QuantumHost
+from topologies.nodes import QuantumHost
+from topologies.nodes.node import READY_TIMEOUT_S
 from topologies.programs import NetworkError
 from wire.features import EMIT
 from wire.ip_over_light import DEFAULT_MTU, INTERFACE, IpOverLightConfig, Neighbor
