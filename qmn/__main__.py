@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 
-from qmn.as_root import NoRoot, become_root, needs_root
+from qmn.as_root import NoRoot, become_root
 
 # Until a verb runs there is nothing to clean up: Ctrl-C just ends the program.
 signal.signal(signal.SIGINT, signal.SIG_DFL)
@@ -46,6 +46,12 @@ def described(words: Sequence[str] = ()) -> argparse.ArgumentParser:
     for name in [name for name in VERBS if name in words[:1]] or VERBS:
         import_module(f"qmn.verbs.{name}").add_parser(verbs)
     return parser
+
+
+def needs_root(arguments: argparse.Namespace) -> bool:
+    """Return whether this command needs root, as its verb says: always, or by its arguments."""
+    needed = getattr(arguments, "needs_root", False)
+    return bool(needed(arguments) if callable(needed) else needed)
 
 
 def main() -> int:

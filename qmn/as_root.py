@@ -1,6 +1,5 @@
 """Root for the verbs that need it: the same command again by sudo."""
 
-import argparse
 import os
 import shutil
 from collections.abc import Sequence
@@ -14,12 +13,6 @@ ENVIRONMENT = ("PYTHONDONTWRITEBYTECODE=1",)
 
 class NoRoot(Exception):
     """Root is needed, and there is no sudo to ask for it."""
-
-
-def needs_root(arguments: argparse.Namespace) -> bool:
-    """Return whether this command needs root, as its verb says: always, or by its arguments."""
-    needed = getattr(arguments, "needs_root", False)
-    return bool(needed(arguments) if callable(needed) else needed)
 
 
 def become_root(words: Sequence[str]) -> None:

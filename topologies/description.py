@@ -11,7 +11,8 @@ from mininet.topo import Topo
 
 from topologies.fiber import OPTICS as FIBER_OPTICS
 from topologies.fiber import FiberLink
-from topologies.nodes import OpticalSwitch, QuantumHost, device_of
+from topologies.nodes import OpticalSwitch, QuantumHost
+from topologies.nodes.quantum_host import device_of
 from wire.parameters.fiber import FiberOptics, optics
 from wire.parameters.physics import Device
 from wire.parameters.switch import OPTICS as SWITCH_OPTICS

@@ -8,7 +8,8 @@ from topologies.addresses import free_address
 from topologies.fiber import qnics
 from topologies.launching import launch
 from topologies.network import Network
-from topologies.nodes import READY_TIMEOUT_S, QuantumHost
+from topologies.nodes import QuantumHost
+from topologies.nodes.node import READY_TIMEOUT_S
 from topologies.programs import NetworkError
 from wire.features import EMIT
 from wire.ip_over_light import DEFAULT_MTU, INTERFACE, IpOverLightConfig, Neighbor
@@ -16,6 +17,7 @@ from wire.ip_over_light import DEFAULT_MTU, INTERFACE, IpOverLightConfig, Neighb
 MODULE = "hosts.ip_over_light"
 NETWORK = IPv4Network("10.1.0.0/16")
 BLOCK_PAIRS = 1 << 18  # a batch of packets in one block: each block costs the same work
+MOST_HOSTS = 64  # each has all others as neighbours
 FIBERS = 2  # that a host needs to receive, or to make pairs
 
 
@@ -48,6 +50,8 @@ def start_ip_over_light(network: Network, wanted: IpOverLight | None = None) -> 
             f"q0 needs two hosts with {FIBERS} fibres each, and {len(able)} of "
             f"{', '.join(node.name for node in hosts)} have them: take another topology"
         )
+    if len(able) > MOST_HOSTS:
+        raise NetworkError(f"q0 on {len(able)} hosts: {MOST_HOSTS} at most; take a smaller network")
     copper = {name: runtime.addresses[name] for name in able}
     light = {name: light_address(address) for name, address in copper.items()}
     if len(set(light.values())) < len(light):

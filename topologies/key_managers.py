@@ -8,7 +8,8 @@ from pathlib import Path
 from topologies.certificates import AUTHORITY, CertificateAuthority, CertificateFiles
 from topologies.launching import launch
 from topologies.network import Network
-from topologies.nodes import READY_TIMEOUT_S, QuantumHost
+from topologies.nodes import QuantumHost
+from topologies.nodes.node import READY_TIMEOUT_S
 from topologies.programs import NetworkError, Program
 from wire.key_delivery import KEY_DELIVERY_PORT
 from wire.key_manager import KeyLink, KeyManagerConfig, manager_name

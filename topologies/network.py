@@ -20,7 +20,9 @@ from topologies.copper_lengths import assign_copper_lengths
 from topologies.discovery import Discovery
 from topologies.disk import DiskKeeper
 from topologies.management import bridge_of
-from topologies.nodes import COPPER, READY_TIMEOUT_S, QuantumController
+from topologies.nodes import QuantumController
+from topologies.nodes.copper import COPPER
+from topologies.nodes.node import READY_TIMEOUT_S
 from topologies.owners import Owner
 from topologies.parallel import ParallelMininet
 from topologies.programs import POLL_S, NetworkError, Program, stop_all

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from wire.config import Config
 from wire.key_delivery import KEY_DELIVERY_PORT
 
+PROGRAMS = WIREGUARD, STRONGSWAN = "wireguard", "strongswan"
 AGREEMENT_PORT = 9414  # where the end that follows hears the ids of keys
 
 
@@ -12,13 +13,12 @@ AGREEMENT_PORT = 9414  # where the end that follows hears the ids of keys
 class VpnConfig(Config):
     """A tunnel's end, the other end, and who the host's key manager takes this program for."""
 
-    interface: str
+    program: str  # one of PROGRAMS
     leads: bool  # whether it is this end that asks for new keys
-    private_key: str  # of the tunnel's protocol; base64
-    peer: str  # public key of the other end; base64
+    private_key: str  # WireGuard: this end's, base64; strongSwan: the IKE secret of both, hex
     address: str  # of this host, where its key manager is, too
     other: str  # of the other host
-    inside: str  # this end's address in the tunnel, with prefix length
+    inside: str  # this end's address in the tunnel
     other_inside: str
     other_sae: str  # SAE ID of the other end
     certificate: str  # paths of PEM files
@@ -26,4 +26,8 @@ class VpnConfig(Config):
     authority: str
     rotate_s: float  # a new key so often
     lifetime_s: float  # no key is used for longer
+    peer: str = ""  # WireGuard: public key of the other end; base64
+    interface: str = ""  # WireGuard: its name
+    socket: str = ""  # strongSwan: path of charon's
+    prefix_length: int = 24  # of the addresses in the tunnel
     port: int = KEY_DELIVERY_PORT

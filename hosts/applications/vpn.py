@@ -4,7 +4,7 @@
     a new key of its key manager (enc_keys)
     the key's id, a line over TCP  --------------->   the same key of its own (dec_keys)
                                    <---------------   uses it, says the id again
-    uses it; WireGuard holds a handshake
+    uses it; the tunnel's own protocol holds a handshake
 
 No key older than its lifetime is used: the end whose key is closes the tunnel by itself, and it
 opens with the next key. Prints a line of JSON for whatever changes.
@@ -21,11 +21,13 @@ from typing import Any
 from uuid import UUID
 
 from hosts.applications.key_client import KeyClient, NoKey
-from hosts.applications.wireguard import POLL_S, Tunnel, TunnelError
+from hosts.applications.strongswan import StrongSwan
+from hosts.applications.tunnel_commands import POLL_S, Tunnel, TunnelError
+from hosts.applications.wireguard import WireGuard
 from wire.config import BadConfig
 from wire.key_delivery import KeyRequest, decode_key_ids, encode_key_ids
 from wire.metadata import MalformedPacket
-from wire.vpn import AGREEMENT_PORT, VpnConfig
+from wire.vpn import AGREEMENT_PORT, STRONGSWAN, VpnConfig
 
 ANSWER_TIMEOUT_S = 10.0
 MAX_LINE = 256
@@ -48,7 +50,7 @@ class KeyInUse:
 
     def change(self, key_id: UUID, key: bytes) -> None:
         """Use a key from now on."""
-        self.tunnel.use(key)
+        self.tunnel.use(key_id, key)
         opened, self.since_s = self.since_s is None, time.monotonic()
         say("key", key_ID=str(key_id))
         if opened:
@@ -147,6 +149,28 @@ def read_line(connection: socket.socket) -> bytes:
     return line
 
 
+def tunnel_of(config: VpnConfig) -> Tunnel:
+    """Return this end of the tunnel."""
+    if config.program == STRONGSWAN:
+        return StrongSwan(
+            config.socket,
+            config.private_key,
+            config.address,
+            config.other,
+            config.inside,
+            config.other_inside,
+            config.leads,
+        )
+    return WireGuard(
+        config.interface,
+        config.private_key,
+        f"{config.inside}/{config.prefix_length}",
+        config.peer,
+        config.other_inside,
+        config.other if config.leads else "",
+    )
+
+
 def main() -> int:
     """Read the configuration, keep the tunnel, and turn faults into one line and a status."""
     parser = argparse.ArgumentParser(prog="python -m hosts.applications.vpn", description=__doc__)
@@ -154,14 +178,7 @@ def main() -> int:
     arguments = parser.parse_args()
     try:
         config = VpnConfig.read(arguments.config)
-        tunnel = Tunnel(
-            config.interface,
-            config.private_key,
-            config.inside,
-            config.peer,
-            config.other_inside,
-            config.other if config.leads else "",
-        )
+        tunnel = tunnel_of(config)
         tunnel.set_up()
         print("ready", flush=True)
         keys = KeyClient(

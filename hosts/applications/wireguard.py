@@ -6,39 +6,19 @@ the new key begins.
 """
 
 import base64
-import subprocess
-import time
-from collections.abc import Sequence
 from dataclasses import dataclass
+from uuid import UUID
+
+from hosts.applications.tunnel_commands import TunnelError, command, wait_until_it_works
 
 PORT = 51_820
 MTU = 1420
 KEEPALIVE_S = 1  # the end that knows the other's address begins the handshake at once
-COMMAND_TIMEOUT_S = 10.0
-READY_TIMEOUT_S = 10.0
-POLL_S = 0.02
 KEY_BYTES = 32
 
 
-class TunnelError(Exception):
-    """A command of the tunnel has failed; the text has its words."""
-
-
-def command(words: Sequence[str], given: bytes = b"") -> str:
-    """Run a command; return what it says, or raise TunnelError."""
-    try:
-        done = subprocess.run(
-            words, input=given, capture_output=True, check=False, timeout=COMMAND_TIMEOUT_S
-        )
-    except (OSError, subprocess.TimeoutExpired) as error:
-        raise TunnelError(f"{' '.join(words)}: {error}") from error
-    if done.returncode:
-        raise TunnelError(f"{' '.join(words)}: {done.stderr.decode(errors='replace').strip()}")
-    return done.stdout.decode(errors="replace")
-
-
 @dataclass(frozen=True)
-class Tunnel:
+class WireGuard:
     """One end of a tunnel between two hosts."""
 
     interface: str
@@ -50,21 +30,13 @@ class Tunnel:
 
     def set_up(self) -> None:
         """Give the interface its address and key, once the program that makes it answers."""
-        deadline = time.monotonic() + READY_TIMEOUT_S
-        while True:
-            try:
-                command(["wg", "show", self.interface])
-                break
-            except TunnelError:
-                if time.monotonic() > deadline:
-                    raise
-            time.sleep(POLL_S)
+        wait_until_it_works(["wg", "show", self.interface])
         words = ["wg", "set", self.interface, "listen-port", str(PORT), "private-key", "/dev/stdin"]
         command(words, self.private_key.encode())
         command(["ip", "address", "add", self.address, "dev", self.interface])
         command(["ip", "link", "set", self.interface, "mtu", str(MTU), "up"])
 
-    def use(self, key: bytes) -> None:
+    def use(self, _key_id: UUID, key: bytes) -> None:
         """Let packets pass with this preshared key, as soon as both ends have it."""
         if len(key) != KEY_BYTES:
             raise TunnelError(f"a preshared key has {KEY_BYTES} bytes, not {len(key)}")

@@ -48,6 +48,7 @@ class Interface:
             for neighbor in config.neighbors
         ]
         self._by_address = {IPv4Address(each.neighbor.address): each for each in outgoing}
+        self._carrying: set[IPv4Address] = set()  # those that have a thread: all ever sent to
         self._by_copper = {each.neighbor.copper: each for each in outgoing}
 
     def start(self) -> None:
@@ -57,8 +58,6 @@ class Interface:
             listener.listen(port, service)
             self._listeners.append(listener)
             self._begin(self._accept, listener, service)
-        for outgoing in self._by_address.values():
-            self._begin(outgoing.run)
         self._begin(self._read)
 
     def _begin(self, work: Callable[..., None], *arguments: object) -> None:
@@ -84,10 +83,13 @@ class Interface:
     def send(self, packet: Packet) -> None:
         """Let a packet go to whom it is for, or tell its sender why it cannot."""
         outgoing = self._by_address.get(packet.destination)
-        if outgoing is not None:
-            outgoing.offer(packet)
-        else:
+        if outgoing is None:
             self.refuse(packet, Unreachable.HOST_UNKNOWN)
+            return
+        if packet.destination not in self._carrying:
+            self._carrying.add(packet.destination)
+            self._begin(outgoing.run)
+        outgoing.offer(packet)
 
     def refuse(self, packet: Packet, why: Unreachable) -> None:
         """Tell this host's kernel that a packet is lost, if anybody may be told."""

@@ -1,10 +1,12 @@
-"""A WireGuard tunnel between two hosts of a network, and a file that moves through it."""
+"""A tunnel between two hosts of a network, and a file that moves through it."""
 
 import base64
 import os
+import secrets
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey
 
@@ -12,13 +14,24 @@ from qmn.jobs.transfer import START_TIMEOUT_S
 from topologies.key_managers import KeyManagers, application_name
 from topologies.network import Network
 from topologies.programs import NetworkError, Program, python
-from wire.vpn import VpnConfig
+from wire.vpn import WIREGUARD, VpnConfig
 
 INSIDE = ("192.168.77.1", "192.168.77.2")
-PREFIX = 24
 SOCKETS = Path("/var/run/wireguard")  # where wireguard-go and wg meet, by the interface's name
 MOST_NAME = 15  # characters of an interface
 HTTP_PORT = 8000
+PLUGINS = (
+    "random nonce openssl aes sha1 sha2 hmac kdf gcm curve25519 pem "
+    "kernel-libipsec kernel-netlink socket-default vici"
+)
+CHARON = (
+    "charon-systemd {{\n"
+    f"  load = {PLUGINS}\n"
+    "  plugins {{ vici {{ socket = unix://{socket}\n }} }}\n"
+    "  filelog {{ log {{ path = /dev/stdout\n default = 1\n flush_line = yes\n }} }}\n"
+    "  journal {{ default = -1\n }}\n"
+    "}}\n"
+)
 RECEIVED = "received"
 
 
@@ -45,37 +58,69 @@ def start_tunnel(
     hosts: tuple[str, str],
     rotate_s: float,
     lifetime_s: float,
+    program: str = WIREGUARD,
 ) -> RunningTunnel:
     """Start both ends; the first leads. NetworkError if one cannot be."""
-    keys = [X25519PrivateKey.generate() for _ in hosts]
-    carriers = [start_carrier(network, host) for host in hosts]
+    start = start_wireguard if program == WIREGUARD else start_charon
+    carriers = [start(network, host) for host in hosts]
+    own = wireguard_words(hosts) if program == WIREGUARD else strongswan_words(network, hosts)
     ends: list[Program] = []
     for number, host in reversed(list(enumerate(hosts))):  # who follows waits for who leads
         other = 1 - number
-        own = managers.files[application_name(host)]
+        files = managers.files[application_name(host)]
         config = VpnConfig(
-            interface=interface_of(host),
+            program=program,
             leads=number == 0,
-            private_key=base64.b64encode(keys[number].private_bytes_raw()).decode(),
-            peer=base64.b64encode(keys[other].public_key().public_bytes_raw()).decode(),
             address=network.runtime.addresses[host],
             other=network.runtime.addresses[hosts[other]],
-            inside=f"{INSIDE[number]}/{PREFIX}",
+            inside=INSIDE[number],
             other_inside=INSIDE[other],
             other_sae=application_name(hosts[other]),
-            certificate=str(own.certificate),
-            key_file=str(own.private_key),
+            certificate=str(files.certificate),
+            key_file=str(files.private_key),
             authority=str(managers.authority),
             rotate_s=rotate_s,
             lifetime_s=lifetime_s,
+            **own[number],
         )
         file = network.runtime.folder / f"vpn-{host}.json"
         config.write(file)
         command = [python(), "-m", "hosts.applications.vpn", "--config", str(file)]
-        program = network.run_on(host, f"vpn-{host}", command)
-        program.wait_for("ready", START_TIMEOUT_S, network.check)
-        ends.insert(0, program)
+        end = network.run_on(host, f"vpn-{host}", command)
+        end.wait_for("ready", START_TIMEOUT_S, network.check)
+        ends.insert(0, end)
     return RunningTunnel([*ends, *carriers], hosts)
+
+
+def wireguard_words(hosts: Sequence[str]) -> list[dict[str, Any]]:
+    """Return what WireGuard's ends are told of keys and interfaces; the keys are new."""
+    keys = [X25519PrivateKey.generate() for _ in hosts]
+    private = [base64.b64encode(key.private_bytes_raw()).decode() for key in keys]
+    public = [base64.b64encode(key.public_key().public_bytes_raw()).decode() for key in keys]
+    return [
+        {"interface": interface_of(host), "private_key": mine, "peer": theirs}
+        for host, mine, theirs in zip(hosts, private, reversed(public), strict=True)
+    ]
+
+
+def strongswan_words(network: Network, hosts: Sequence[str]) -> list[dict[str, Any]]:
+    """Return what strongSwan's ends are told: where charon is, and a new secret of both."""
+    secret = secrets.token_hex(32)
+    return [{"private_key": secret, "socket": charon_socket(network, host)} for host in hosts]
+
+
+def charon_socket(network: Network, host: str) -> str:
+    """Return the path of the socket by which a host's charon is configured."""
+    return network.runtime.socket(f"charon-{host}")
+
+
+def start_charon(network: Network, host: str) -> Program:
+    """Start strongSwan's daemon on a host, with a configuration and a socket of its own."""
+    file = network.runtime.folder / f"charon-{host}.conf"
+    file.touch(mode=0o600)
+    file.write_text(CHARON.format(socket=charon_socket(network, host)))
+    command = ["env", f"STRONGSWAN_CONF={file}", "charon-systemd"]
+    return network.run_on(host, f"charon-{host}", command)
 
 
 def interface_of(host: str) -> str:
@@ -83,7 +128,7 @@ def interface_of(host: str) -> str:
     return f"wg-{host}"[:MOST_NAME]
 
 
-def start_carrier(network: Network, host: str) -> Program:
+def start_wireguard(network: Network, host: str) -> Program:
     """Start what carries a host's packets, in user space."""
     name = interface_of(host)
     if (SOCKETS / f"{name}.sock").exists():

@@ -1,4 +1,4 @@
-"""qmn run vpn: WireGuard between two hosts, keyed by their photons; a file moves through it."""
+"""qmn run vpn: a VPN between two hosts, keyed by their photons; a file moves through it."""
 
 import os
 import shutil
@@ -30,10 +30,17 @@ from topologies.network import Network, Signals, require_root
 from topologies.programs import POLL_S, NetworkError, Program
 from wire.key_manager import KeyLink
 from wire.parameters.option import option
+from wire.vpn import PROGRAMS, STRONGSWAN, WIREGUARD
 
 NAME = "vpn"
-NEEDED = {"wireguard": ("wireguard-go", "wg")}
-PACKAGES = "wireguard-go wireguard-tools"
+NEEDED = {  # programs, and the Debian packages that have them
+    WIREGUARD: (("wireguard-go", "wg"), "wireguard-go wireguard-tools"),
+    STRONGSWAN: (
+        ("charon-systemd", "swanctl"),
+        "charon-systemd strongswan-swanctl libcharon-extra-plugins "
+        "libstrongswan-standard-plugins libstrongswan-extra-plugins",
+    ),
+}
 ENOUGH = 4096  # keys that are never there: sessions follow one another, and notice who listens
 DEFAULT_S = 20.0  # that the default file takes at the rate that is asked for
 
@@ -43,7 +50,7 @@ class VpnRequest:
     """What the tunnel is made with, how often its key changes, and what goes through it."""
 
     program: str = option(
-        "wireguard", "what makes the tunnel (wireguard)", flag="--with", choices=tuple(NEEDED)
+        WIREGUARD, "what makes the tunnel (wireguard)", flag="--with", choices=PROGRAMS
     )
     sender: str = option("alice", "that asks for keys (alice)", flag="--from", metavar="HOST")
     receiver: str = option("bob", "that has the file (bob)", flag="--to", metavar="HOST")
@@ -87,16 +94,17 @@ def checked(request: VpnRequest) -> tuple[VpnRequest, NetworkDescription]:
     check_ranges(request)
     request.eve.check(ends, network)
     if request.network.time_scale != REAL:
-        raise BadInput("--time-scale: WireGuard's clock is the wall's; leave it out")
+        raise BadInput("--time-scale: a VPN's clock is the wall's; leave it out")
     if request.lifetime <= request.rotate:
         raise BadInput(
             f"--key-lifetime {request.lifetime:g}: choose more than --rotate {request.rotate:g}"
         )
     if request.file is not None and not request.file.is_file():
         raise BadInput(f"cannot read {request.file}: it is no file")
-    missing = [name for name in NEEDED[request.program] if shutil.which(name) is None]
+    names, packages = NEEDED[request.program]
+    missing = [name for name in names if shutil.which(name) is None]
     if missing:
-        raise BadInput(f"{missing[0]} is not installed: apt-get install {PACKAGES}")
+        raise BadInput(f"{missing[0]} is not installed: apt-get install {packages}")
     return request, network
 
 
@@ -148,7 +156,9 @@ def use_network(
     watched = {host: managers.programs[host] for host in ends}
     noted = Moments(watched, network.runtime.time, partial(show, context.console))
     facts["moments"] = noted.all
-    tunnel = start_tunnel(network, managers, ends, request.rotate, request.lifetime)
+    tunnel = start_tunnel(
+        network, managers, ends, request.rotate, request.lifetime, request.program
+    )
     for host, program in zip(ends, tunnel.programs[:2], strict=True):
         noted.listen(host, program)
     file = file_of(request, context.folder)

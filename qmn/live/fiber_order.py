@@ -2,7 +2,6 @@
 
 import argparse
 import sys
-from collections.abc import Callable
 from typing import Any
 
 import grpc
@@ -22,23 +21,22 @@ class BadOrder(Exception):
     """An order that these fibres cannot follow; the text names value and remedy."""
 
 
-def add_nodes(parser: argparse.ArgumentParser, call: Callable[[argparse.Namespace], int]) -> None:
-    """Describe the two nodes that the fibres join."""
+def add_nodes(parser: argparse.ArgumentParser) -> None:
+    """Describe the two nodes that the fibres join, as a and b."""
     parser.add_argument("a", metavar="NODE", help="one end of the fibres, as alice")
     parser.add_argument("b", metavar="NODE", help="their other end, as q1")
-    parser.set_defaults(call=call, needs_root=True)
 
 
-def give(arguments: argparse.Namespace, done: str, **adjustment: Any) -> int:
+def give(a: str, b: str, done: str, **adjustment: Any) -> int:
     """Adjust the fibres and say so; turn what is wrong into one line and an exit status."""
-    request = AdjustFiberRequest(a=arguments.a, b=arguments.b, **adjustment)
+    request = AdjustFiberRequest(a=a, b=b, **adjustment)
     try:
         fibers = send(dispatcher_of_running_network(), request)
     except (BadOrder, NetworkError) as error:
         print(f"qmn: {error}", file=sys.stderr)
         return 1
     count = "1 fibre" if fibers == 1 else f"{fibers} fibres"
-    print(f"{count} between {arguments.a} and {arguments.b}: {done}")
+    print(f"{count} between {a} and {b}: {done}")
     return 0
 
 

@@ -18,8 +18,9 @@ from topologies.copper_lengths import assign_copper_lengths
 from topologies.description import is_made, switch_of
 from topologies.fiber import OPTICS as FIBER_OPTICS
 from topologies.fiber import FiberLink, resolved
-from topologies.nodes import PARTS as DEVICE_PARTS
-from topologies.nodes import OpticalSwitch, QuantumHost, device_of
+from topologies.nodes import OpticalSwitch, QuantumHost
+from topologies.nodes.quantum_host import PARTS as DEVICE_PARTS
+from topologies.nodes.quantum_host import device_of
 from wire.parameters.fiber import KINDS, FiberOptics, optics
 from wire.parameters.physics import Device
 from wire.parameters.switch import OPTICS as SWITCH_OPTICS

@@ -9,9 +9,11 @@ from qmn.live.fiber_order import add_nodes, give
 def add_parser(verbs: Any) -> None:
     """Describe the verb."""
     text = "compensate the drift of fibres"
-    add_nodes(verbs.add_parser("calibrate", help=text, description=__doc__), call)
+    parser = verbs.add_parser("calibrate", help=text, description=__doc__)
+    add_nodes(parser)
+    parser.set_defaults(call=call, needs_root=True)
 
 
 def call(arguments: argparse.Namespace) -> int:
     """Calibrate."""
-    return give(arguments, "calibrated", calibrate=True)
+    return give(arguments.a, arguments.b, "calibrated", calibrate=True)

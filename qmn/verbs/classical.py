@@ -10,11 +10,13 @@ def add_parser(verbs: Any) -> None:
     """Describe the verb."""
     text = "power of classical light in fibres"
     parser = verbs.add_parser("classical", help=text, description=__doc__)
-    add_nodes(parser, call)
+    add_nodes(parser)
     parser.add_argument("power_mw", type=float, metavar="MW", help="launched into each; 0: none")
+    parser.set_defaults(call=call, needs_root=True)
 
 
 def call(arguments: argparse.Namespace) -> int:
     """Change the power."""
     power_mw = arguments.power_mw
-    return give(arguments, f"classical light of {power_mw:g} mW", classical_mw=power_mw)
+    done = f"classical light of {power_mw:g} mW"
+    return give(arguments.a, arguments.b, done, classical_mw=power_mw)

@@ -99,6 +99,14 @@ def stop_open_vswitch() -> None:
             os.kill(pid, signal.SIGKILL)
 
 
+def _until_inside(pid: int) -> None:
+    """Wait until a process is in a network namespace of its own: from then on it is seen there."""
+    deadline = time.monotonic() + COMMAND_TIMEOUT_S
+    own = os.readlink("/proc/self/ns/net")
+    while os.readlink(f"/proc/{pid}/ns/net") == own and time.monotonic() < deadline:
+        time.sleep(0.01)
+
+
 @contextmanager
 def foreign_things(mark: str) -> Iterator[None]:
     """Make what is not ours, some of it with names such as ours; check that it is still there."""
@@ -108,6 +116,7 @@ def foreign_things(mark: str) -> Iterator[None]:
     bystander = ["ip", "netns", "exec", FOREIGN_NAMESPACE, "sleep", mark]
     with subprocess.Popen(bystander) as process:
         try:
+            _until_inside(process.pid)
             yield
         finally:
             process.kill()

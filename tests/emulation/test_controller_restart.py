@@ -13,7 +13,7 @@ from fabric_scene import Session, facts, light_paths, running, session
 
 from hosts.quantum_socket import QuantumSocketError
 from topologies.network import Network
-from topologies.nodes import READY_TIMEOUT_S
+from topologies.nodes.node import READY_TIMEOUT_S
 from topologies.programs import python
 from topologies.ring import RingTopo
 from topologies.sdc import SdcTopo

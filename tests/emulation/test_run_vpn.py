@@ -1,15 +1,17 @@
-"""WireGuard, which nobody here wrote, keyed by photons: a file passes while its keys change."""
+"""VPNs that nobody here wrote, keyed by photons: a file passes while their keys change."""
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import ROOT, wait_until
+from conftest import ROOT, TSHARK, wait_until
 from fabric_scene import running
 from scapy.layers.inet import UDP
 from scapy.utils import PcapReader
@@ -25,7 +27,23 @@ from wire.key_manager import KeyLink
 ROTATE_S, LIFETIME_S = 1.0, 2.0
 SLACK_S = 1.0  # of a busy machine
 # The first byte of WireGuard's messages (its paper, section 5.4).
-INITIATION, RESPONSE, DATA = 1, 2, 4
+INITIATION, RESPONSE = 1, 2
+USE_PPK = 16_435  # RFC 8784, section 6
+# It brings a daemon that Debian starts at once, so that nobody gets it without asking for it.
+IF_THERE = pytest.mark.skipif(
+    shutil.which("charon-systemd") is None, reason="charon-systemd is not installed"
+)
+# Offers a wrong key under the id that bob knows.
+WRONG_KEY = """
+import sys
+from pathlib import Path
+from uuid import UUID
+from hosts.applications.vpn import tunnel_of
+from wire.vpn import VpnConfig
+tunnel = tunnel_of(VpnConfig.read(Path(sys.argv[1])))
+tunnel.use(UUID(sys.argv[2]), bytes(32))
+print("handshake", tunnel.handshake_done())
+"""
 
 
 @pytest.fixture(autouse=True)
@@ -39,20 +57,25 @@ def lines_of(log: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in log.read_text().splitlines() if line.startswith("{")]
 
 
-def wireguard_messages(capture: Path) -> list[tuple[float, int, int]]:
-    """Return when alice's link has seen which kind of message, and how long it was."""
+def messages_of(capture: Path, port: int) -> list[tuple[float, int, int]]:
+    """Return when alice's link has seen which first byte on a UDP port, and how long it all was."""
     with PcapReader(str(capture)) as packets:
         return [
             (float(packet.time), bytes(packet[UDP].payload)[0], len(packet[UDP].payload))
             for packet in packets
-            if UDP in packet and PORT in (packet[UDP].sport, packet[UDP].dport)
+            if UDP in packet and port in (packet[UDP].sport, packet[UDP].dport)
         ]
 
 
-def test_the_tunnel_closes_while_eve_listens_and_the_file_arrives(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("program", "port"), [("wireguard", PORT), pytest.param("strongswan", 4500, marks=IF_THERE)]
+)
+def test_the_tunnel_closes_while_eve_listens_and_the_file_arrives(
+    tmp_path: Path, program: str, port: int
+) -> None:
     file = tmp_path / "file"
     file.write_bytes(os.urandom(1_500_000))
-    words = ["--with", "wireguard", "--file", str(file), "--rotate", str(ROTATE_S)]
+    words = ["--with", program, "--file", str(file), "--rotate", str(ROTATE_S)]
     words += ["--key-lifetime", str(LIFETIME_S), "--no-events", "--runs", str(tmp_path / "runs")]
     words += ["--eve", "0.5", "--at", "2", "--until", "4"]
     command = [sys.executable, "-m", "qmn", "run", "vpn", *words]
@@ -73,7 +96,14 @@ def test_the_tunnel_closes_while_eve_listens_and_the_file_arrives(tmp_path: Path
     packets = (folder / "s1-eth1.pcap").read_bytes()
     assert file.read_bytes()[1000:1032] not in packets
     alarm_comes_before_the_end(folder, alice)
-    nothing_passes_while_it_is_closed(folder, alice, bob)
+    messages = messages_of(folder / "s1-eth1.pcap", port)
+    nothing_passes_while_it_is_closed(messages, alice, bob)
+    handshakes = sum(each["event"] == "handshake" for each in alice)
+    if program == "wireguard":
+        kinds = [kind for _at, kind, _length in messages]
+        assert kinds.count(INITIATION) >= kinds.count(RESPONSE) >= handshakes
+    else:
+        assert notifications(folder / "s1-eth1.pcap", USE_PPK) >= 2 * handshakes
 
 
 def alarm_comes_before_the_end(folder: Path, alice: list[dict[str, Any]]) -> None:
@@ -94,37 +124,46 @@ def alarm_comes_before_the_end(folder: Path, alice: list[dict[str, Any]]) -> Non
 
 
 def nothing_passes_while_it_is_closed(
-    folder: Path, alice: list[dict[str, Any]], bob: list[dict[str, Any]]
+    messages: list[tuple[float, int, int]], alice: list[dict[str, Any]], bob: list[dict[str, Any]]
 ) -> None:
     """Fail unless packets of the tunnel are in the capture while it is open, and only then."""
     events = sorted((each["at"], each["event"]) for each in (*alice, *bob))
     closed = max(at for at, event in events if event == "tunnel_closed")
     opened = min(at for at, event in events if event == "tunnel_opened" and at > closed)
     assert opened > closed
-    messages = wireguard_messages(folder / "s1-eth1.pcap")
-    passed = [at for at, kind, length in messages if kind == DATA and length > 1000]
+    passed = [at for at, _kind, length in messages if length > 1000]
     assert [at for at in passed if at < closed]
     assert [at for at in passed if at > opened]
     assert not [at for at in passed if closed + SLACK_S < at < opened]
-    handshakes = [each for each in alice if each["event"] == "handshake"]
-    kinds = [kind for _at, kind, _length in messages]
-    assert kinds.count(INITIATION) >= kinds.count(RESPONSE) >= len(handshakes)
 
 
-@pytest.fixture
-def tunnelled(tmp_path: Path) -> Iterator[Network]:
+def notifications(capture: Path, kind: int) -> int:
+    """Return how many IKE messages of a capture have a notification, by Wireshark."""
+    command = [*TSHARK, "-r", str(capture), "-Y", f"isakmp.notify.msgtype == {kind}"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    return len(done.stdout.splitlines())
+
+
+@contextmanager
+def tunnelled(tmp_path: Path, program: str) -> Iterator[Network]:
     """Start a tunnel whose key stays as it is."""
     pairs, link = [("alice", "bob")], KeyLink("", True, low=2, high=4, options={"count": 12_000})
     with running(SdcTopo, tmp_path) as network:
         managers = start_key_managers(network, KeyService(pairs, link))
-        tunnel = start_tunnel(network, managers, ("alice", "bob"), 500.0, 600.0)
+        tunnel = start_tunnel(network, managers, ("alice", "bob"), 500.0, 600.0, program)
         log = tunnel.programs[0].log
         wait_until(lambda: '"handshake"' in log.read_text(), "the first handshake", 30.0)
         yield network
 
 
-def test_without_the_same_key_at_both_ends_nothing_passes(tunnelled: Network) -> None:
-    alice = tunnelled.host("alice")
+def test_without_the_same_key_at_both_ends_nothing_passes(tmp_path: Path) -> None:
+    with tunnelled(tmp_path, "wireguard") as network:
+        wrong_key_in_wireguard(network)
+
+
+def wrong_key_in_wireguard(network: Network) -> None:
+    """Fail unless the tunnel passes packets with the key that bob has, and with no other."""
+    alice = network.host("alice")
     ping = "ping -c1 -W2 192.168.77.2"
 
     def use(key: str) -> None:
@@ -136,8 +175,28 @@ def test_without_the_same_key_at_both_ends_nothing_passes(tunnelled: Network) ->
 
     assert " 0% packet loss" in alice.cmd(ping)
     _peer, right = alice.cmd("wg show wg-alice preshared-keys").split()
-    assert right == tunnelled.host("bob").cmd("wg show wg-bob preshared-keys").split()[1]
+    assert right == network.host("bob").cmd("wg show wg-bob preshared-keys").split()[1]
     use("AAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAA=")
     assert "100% packet loss" in alice.cmd(ping)
     use(right)
     assert " 0% packet loss" in alice.cmd(ping)
+
+
+@IF_THERE
+def test_without_the_same_ppk_ike_gives_up(tmp_path: Path) -> None:
+    ping = "ping -c1 -W2 192.168.77.2"
+    with tunnelled(tmp_path, "strongswan") as network:
+        alice, runtime = network.host("alice"), network.runtime
+        assert " 0% packet loss" in alice.cmd(ping)
+        said = lines_of(runtime.logs / "vpn-alice.log")
+        key = [each for each in said if each["event"] == "handshake"][-1]
+        script = tmp_path / "wrong.py"
+        script.write_text(WRONG_KEY)
+        config = runtime.folder / "vpn-alice.json"
+        command = [sys.executable, str(script), str(config), key["key_ID"]]
+        tried = network.run_on("alice", "wrong-key", command)
+        tried.wait_for("handshake", 30.0, network.check)
+        assert tried.said().strip() == "handshake False"
+        log = runtime.logs / "charon-alice.log"
+        wait_until(lambda: "N(AUTH_FAILED)" in log.read_text(), "bob refuses the key")
+        assert "100% packet loss" in alice.cmd(ping)

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from qmn.__main__ import described
-from qmn.as_root import needs_root
+from qmn.__main__ import described, needs_root
 
 ROOT = Path(__file__).resolve().parents[3]
 QMN = ROOT / "bin" / "qmn"

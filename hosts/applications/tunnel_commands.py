@@ -1,0 +1,58 @@
+"""The commands of other people's programs that make a tunnel, and what every tunnel can do."""
+
+import subprocess
+import time
+from collections.abc import Sequence
+from typing import Protocol
+from uuid import UUID
+
+COMMAND_TIMEOUT_S = 10.0
+READY_TIMEOUT_S = 10.0
+POLL_S = 0.02
+
+
+class Tunnel(Protocol):
+    """One end of a tunnel whose key can be changed."""
+
+    def set_up(self) -> None:
+        """Make it, closed; TunnelError if it cannot be."""
+
+    def use(self, key_id: UUID, key: bytes) -> None:
+        """Let packets pass with this key, as soon as both ends have it, and with no other."""
+
+    def close(self) -> None:
+        """Let no packet pass."""
+
+    def handshake_done(self) -> bool:
+        """Return whether both ends have shown that they have the key; one of them has to ask."""
+
+
+class TunnelError(Exception):
+    """A command of the tunnel has failed; the text has its words."""
+
+
+def command(words: Sequence[str], given: bytes = b"") -> str:
+    """Run a command; return what it says, or raise TunnelError."""
+    try:
+        done = subprocess.run(
+            words, input=given, capture_output=True, check=False, timeout=COMMAND_TIMEOUT_S
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise TunnelError(f"{' '.join(words)}: {error}") from error
+    if done.returncode:
+        raise TunnelError(f"{' '.join(words)}: {done.stderr.decode(errors='replace').strip()}")
+    return done.stdout.decode(errors="replace")
+
+
+def wait_until_it_works(words: Sequence[str]) -> None:
+    """Run a command until it succeeds, as it does when a program is ready; or raise TunnelError."""
+    deadline = time.monotonic() + READY_TIMEOUT_S
+    while True:
+        try:
+            command(words)
+        except TunnelError:
+            if time.monotonic() > deadline:
+                raise
+            time.sleep(POLL_S)
+            continue
+        return

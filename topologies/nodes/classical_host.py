@@ -1,0 +1,60 @@
+"""A host with copper alone."""
+
+from pathlib import Path
+
+from mininet.node import Host
+
+from topologies import openvswitch, runtime
+from topologies.confinement import ConfinedNode
+from topologies.interfaces import finish_checksums, network_of
+from topologies.keywords import refuse_unknown
+from topologies.nodes.node import QuantumNode
+from topologies.programs import Program
+from topologies.runtime import Runtime
+
+DEFAULT_PREFIX_LENGTH = 8  # Mininet's
+
+
+def covered_folders(network: Runtime) -> list[Path]:
+    """Return the folders with what hosts are not to see of a run, or of others on this machine."""
+    kept = [Path(network.settings.keys)] if network.settings.keys else []
+    return [runtime.RUNTIME_ROOT, openvswitch.RUN_FOLDER, network.logs.resolve(), *kept]
+
+
+class ClassicalHost(QuantumNode, ConfinedNode, Host):
+    """A host whose interfaces suit a switch in user space: no IPv6, finished checksums.
+
+    What people start on it sees its own processes, and of the run its own folder; with
+    `confined=False` it sees all, and can mount, as on a host of Mininet's.
+    """
+
+    def __init__(self, name: str, confined: bool = True, **params: object) -> None:
+        refuse_unknown(name, params, type(self))
+        self.network = runtime.current()
+        self.confined = confined
+        self.program: Program | None = None
+        super().__init__(name, **params)
+        self.network.hosts.append(self)
+        self.network.addresses[name], _, bits = str(params["ip"]).partition("/")
+        self.network.prefix_length = int(bits or DEFAULT_PREFIX_LENGTH)
+
+    def config(self, **params: object) -> dict[str, object]:
+        """Configure the interfaces."""
+        result: dict[str, object] = super().config(**params)
+        if openvswitch.datapath() == "user":
+            with network_of(self):
+                finish_checksums(str(self.defaultIntf()))
+        if self.confined:
+            self.confine(self.shown_folders(), covered_folders(self.network))
+        self.find_our_programs()
+        return result
+
+    def shown_folders(self) -> list[Path]:
+        """Return the folders of the run that are this host's own."""
+        return []
+
+    def terminate(self) -> None:
+        """End the host's program, then the host."""
+        if self.program:
+            self.program.stop()
+        super().terminate()

@@ -1,0 +1,122 @@
+"""A switch of copper."""
+
+import shlex
+from collections.abc import Mapping, Sequence
+
+from mininet.node import Controller, OVSSwitch
+
+from topologies import openvswitch, runtime
+from topologies.keywords import refuse_unknown
+from topologies.nodes.copper import connect_copper
+from topologies.nodes.node import QuantumNode
+from topologies.nodes.reached import as_reached
+
+PATIENCE = 8  # times the way to the controller
+RECONNECT_MS = 1000  # between a bridge's attempts to find its controller, at most
+
+
+class ClassicalSwitch(QuantumNode, OVSSwitch):
+    """An Open vSwitch bridge that speaks OpenFlow 1.4 and forwards only what it is told."""
+
+    def __init__(self, name: str, **params: object) -> None:
+        refuse_unknown(name, params, type(self))
+        self.network = runtime.current()
+        settings = {
+            "datapath": openvswitch.datapath(),
+            "protocols": "OpenFlow14",
+            "failMode": "secure",
+            "reconnectms": RECONNECT_MS,
+        }
+        super().__init__(name, **{**params, **settings})
+        self._laid = False
+        self.network.bridges[name] = self
+
+    @classmethod
+    def isOldOVS(cls) -> bool:  # noqa: N802 (Mininet's name)
+        """Say that Open vSwitch is of this century, without asking it."""
+        return False
+
+    @classmethod
+    def batchShutdown(  # noqa: N802 (Mininet's name)
+        cls, switches: Sequence["ClassicalSwitch"], run: object = None
+    ) -> Sequence["ClassicalSwitch"]:
+        """Delete bridges together, by a command that ends also where Open vSwitch has ended."""
+        del run
+        for switch in switches:
+            switch.hang_up()
+        try:
+            openvswitch.delete(*(switch.name for switch in switches))
+        finally:
+            for switch in switches:
+                switch.terminate()
+        return switches
+
+    def bridgeOpts(self) -> str:  # noqa: N802 (Mininet's name)
+        """Return the bridge's options; the one that marks it as ours comes with its birth."""
+        return f"{super().bridgeOpts()} {openvswitch.OWNER}={self.network.name}"
+
+    @classmethod
+    def batchStartup(  # noqa: N802 (Mininet's name)
+        cls, switches: Sequence["ClassicalSwitch"], run: object = None
+    ) -> Sequence["ClassicalSwitch"]:
+        """Have all of them started already, where Mininet would run what they have put off."""
+        del run
+        return switches
+
+    def start(self, controllers: list[Controller]) -> None:
+        """Start the bridge; whichever the controller is, copper has its length by then.
+
+        It looks for our own controller on the management network.
+        """
+        connect_copper(self.network)
+        self.lay()
+        reached = [as_reached(controller, self.name) for controller in controllers]
+        self._obey(
+            {
+                f"{each.protocol}:{each.IP()}:{each.port}": self._patience(each.name)
+                for each in reached
+            }
+        )
+        self.find_our_programs()
+
+    def lay(self) -> None:
+        """Make the bridge with its ports, which nobody programs yet."""
+        if not self._laid:
+            super().start([])
+            self._laid = True
+
+    def _obey(self, targets: Mapping[str, Mapping[str, int]]) -> None:
+        """Let controllers program the bridge, each with its own settings in Open vSwitch."""
+        words: list[str] = []
+        for number, (target, settings) in enumerate(targets.items()):
+            words += ["--", f"--id=@{self.name}c{number}", "create", "Controller"]
+            words += [f'target="{target}"', *(f"{key}={value}" for key, value in settings.items())]
+        rows = ",".join(f"@{self.name}c{number}" for number in range(len(targets)))
+        openvswitch.change(*words, "--", "set", "bridge", self.name, f"controller=[{rows}]")
+
+    def _patience(self, controller: str) -> dict[str, int]:
+        """Let Open vSwitch wait as long for a controller as the way there takes."""
+        way_s = self.network.copper.get(frozenset((controller, self.name)), 0.0)
+        wait_ms = round(1e3 * PATIENCE * self.network.time.wall_s(way_s))
+        if wait_ms < RECONNECT_MS:
+            return {"max_backoff": RECONNECT_MS}  # Open vSwitch's own is 8 s
+        return {"max_backoff": wait_ms, "inactivity_probe": wait_ms}
+
+    def stop(self, deleteIntfs: bool = True) -> None:  # noqa: N803 (Mininet's name)
+        """Take the bridge away, as `switch s1 stop` does; `start` brings it back.
+
+        Mininet would end the node's shell, too, and could not start it again.
+        """
+        openvswitch.delete(self.name)
+        self._laid = False
+        if deleteIntfs:
+            self.deleteIntfs()
+
+    def dpctl(self, *arguments: str) -> str:
+        """Run ovs-ofctl in the bridge's version of OpenFlow."""
+        command, *rest = arguments
+        return self.cmd("ovs-ofctl -O OpenFlow14", command, self, *rest)
+
+    def vsctl(self, *arguments: str, **_options: object) -> str:
+        """Run ovs-vsctl; unlike Mininet's own, say so if it fails."""
+        return openvswitch.change(*shlex.split(" ".join(map(str, arguments))))

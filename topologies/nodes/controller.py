@@ -1,0 +1,111 @@
+"""Our controller."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from topologies import runtime
+from topologies.addresses import free_address
+from topologies.keywords import refuse_unknown
+from topologies.launching import EarlyStart
+from topologies.management import lay_management
+from topologies.nodes.copper import connect_copper
+from topologies.nodes.node import READY_TIMEOUT_S, QuantumNode
+from topologies.nodes.reached import ManagedController
+from topologies.nodes.stations import stations_of
+from topologies.programs import Program
+from topologies.runtime import CONSOLE
+from wire.config import ControllerConfig
+from wire.controller_record import RECORD
+from wire.parameters.network import ControllerSettings, part
+
+STATE = "state"  # folder in which the controller keeps what its successor must know
+
+
+class QuantumController(QuantumNode, ManagedController):
+    """`c0`: our controller apps on Ryu or os-ken, in a namespace of their own.
+
+    Mininet's own command line sets it up so: --controller quantum,rest=127.0.0.1:8080,
+    apps=ryu.app.ofctl_rest (further modules behind a +).
+    """
+
+    def __init__(
+        self,
+        name: str,
+        framework: str = "",
+        policy: str = "",
+        rest: str = "",
+        apps: str = "",
+        **params: object,
+    ) -> None:
+        refuse_unknown(name, params, type(self))
+        network = runtime.current()
+        policy = str(Path(policy).resolve()) if policy else ""
+        said: dict[str, Any] = {"controller": framework, "policy": policy, "rest": rest}
+        network.settings = replace(
+            network.settings,
+            apps=(*network.settings.apps, *filter(None, apps.split("+"))),
+            **{name: value for name, value in said.items() if value},
+        )
+        self.network = network
+        self.addresses: dict[str, str] = {}  # on the management network, by switch
+        settings = {"port": self.network.settings.openflow_port, "inNamespace": True}
+        super().__init__(name, **{**params, **settings})
+        self._early: EarlyStart | None = self._begin()
+        self._launched = False
+
+    def checkListening(self) -> None:  # noqa: N802 (Mininet's name)
+        """Let the controller itself find out whether its port is free."""
+
+    @property
+    def program(self) -> Program | None:
+        """The controller's program, if it was started."""
+        return self._early.program if self._early else None
+
+    def _begin(self) -> EarlyStart:
+        """Let the controller load its framework, which takes longest of all."""
+        words = ["--framework", self.network.settings.controller]
+        return EarlyStart(self.network, self.name, "controller_apps", words, self)
+
+    def launch(self) -> None:
+        """Start the controller ahead of `start`, which then only has to wait."""
+        if self._launched:
+            return
+        self._early = self._early or self._begin()
+        network = self.network
+        if not self.addresses:
+            self.addresses = lay_management(self, network.bridges, network)
+            connect_copper(network)
+        config = ControllerConfig(
+            listen=f"0.0.0.0:{self.port}",
+            framework=network.settings.controller,
+            quantum_switches=dict(network.datapath_ids),
+            record=str(network.logs / RECORD),
+            address=free_address(network.addresses.values(), network.prefix_length),
+            device_keys=network.device_keys,
+            addresses={host: network.addresses[host] for host in network.device_keys},
+            stations=[station for host in network.hosts for station in stations_of(host)],
+            console=network.socket(CONSOLE),
+            rest_token=network.rest_token() if network.settings.rest else "",
+            state=str(network.folder / STATE),
+            **part(ControllerSettings, network.settings),
+        )
+        self._early.go_on(config)
+        self._launched = True
+
+    def IP(self, intf: object = None) -> str:  # noqa: N802 (Mininet's name)
+        """Return an address on the management network, if it has one."""
+        return next(iter(self.addresses.values()), str(self.ip))
+
+    def start(self) -> None:
+        """Start the controller and wait until switches can connect."""
+        self.launch()
+        assert self._early is not None
+        self._early.program.wait_for("ready", READY_TIMEOUT_S)
+
+    def stop(self, *_args: object, **_params: object) -> None:
+        """End the controller."""
+        if self._early:
+            self._early.stop()
+            self._early, self._launched = None, False
+        self.terminate()

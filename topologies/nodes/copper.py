@@ -1,0 +1,24 @@
+"""The program that holds packets back on long copper, beside the nodes."""
+
+import os
+
+from topologies.launching import launch
+from topologies.nodes.node import READY_TIMEOUT_S
+from topologies.runtime import Runtime
+from wire.config import CopperConfig
+
+COPPER = "copper"
+
+
+def connect_copper(network: Runtime) -> None:
+    """Start what holds packets back on long copper, if there is some, before any are sent."""
+    if not network.cables:
+        return
+    files = [file for cable in network.cables for file in (cable.a_fd, cable.b_fd)]
+    simulation = network.dispatcher.partition(":")[0]
+    config = CopperConfig(list(network.cables), simulation, network.settings.seed)
+    program = launch(network, COPPER, "copper", config, descriptors=files)
+    for file in files:
+        os.close(file)  # the program has them
+    network.cables.clear()
+    program.wait_for("ready", READY_TIMEOUT_S)

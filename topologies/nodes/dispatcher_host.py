@@ -1,0 +1,51 @@
+"""The host that the dispatcher runs on."""
+
+from topologies.causality import ways_of_news
+from topologies.launching import launch
+from topologies.nodes.classical_host import ClassicalHost
+from topologies.nodes.copper import COPPER
+from topologies.runtime import DISPATCHER, EVENT_CAPTURE, EVENT_LOG
+from wire.config import DISPATCHER_PORT, DispatcherConfig
+from wire.parameters.network import DispatcherSettings, part
+
+
+class DispatcherHost(ClassicalHost):
+    """`ed`: runs the dispatcher, which holds every qubit of the network.
+
+    Who is on it sees the whole run, as `qmn spy` does there.
+    """
+
+    def __init__(self, name: str, confined: bool = False, **params: object) -> None:
+        super().__init__(name, confined, **params)
+        self.network.dispatcher = f"{self.network.addresses[name]}:{DISPATCHER_PORT}"
+
+    def config(self, **params: object) -> dict[str, object]:
+        """Configure the interfaces and start the dispatcher."""
+        result = super().config(**params)
+        network = self.network
+        config = DispatcherConfig(
+            listen=network.dispatcher,
+            socket=network.socket(DISPATCHER),
+            seed=network.settings.seed,
+            tokens=network.tokens,
+            fibers=network.fibers,
+            switches=list(network.switches.values()),
+            event_log=str(network.private_file(EVENT_LOG)) if network.events else "",
+            record=str(network.logs / "dispatcher.record") if network.record else "",
+            qasm=str(network.private_file("quantum.qasm")) if network.qasm else "",
+            devices=network.devices,
+            event_capture=str(network.private_file(EVENT_CAPTURE)) if network.events else "",
+            news_s=ways_of_news(network),
+            **part(DispatcherSettings, network.settings),
+        )
+        self.program = launch(network, DISPATCHER, "dispatcher", config, self)
+        return result
+
+    def terminate(self) -> None:
+        """End the dispatcher, then the copper to it, then the host."""
+        if self.program:
+            self.program.stop()
+        for program in self.network.programs:
+            if program.name == COPPER:
+                program.stop()
+        super().terminate()

@@ -1,0 +1,126 @@
+"""A quantum switch, with its agent."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from mininet.node import Controller
+
+from topologies import openvswitch
+from topologies.interfaces import switch_ipv6_off
+from topologies.keywords import refuse_unknown
+from topologies.launching import launch
+from topologies.nodes.classical_switch import RECONNECT_MS, ClassicalSwitch
+from topologies.nodes.node import READY_TIMEOUT_S
+from topologies.nodes.reached import as_reached
+from topologies.programs import Program
+from topologies.runtime import DISPATCHER
+from wire.config import AgentConfig, QuantumSwitch
+from wire.parameters.physics import BadParameter
+from wire.parameters.switch import OPTICS
+
+
+class OpticalSwitch(ClassicalSwitch):
+    """A quantum switch: a bridge with its agent between it and the controller.
+
+    Optics go by keyword, as the fields of wire.parameters.switch.QuantumSwitch; paths that
+    differ from the others are PathOptics there. Raise BadParameter for what no switch can have.
+    `hardware` is "" for the simulated switch, or names an instrument, as scpi://192.0.2.7:5025;
+    `hardware_ports` are the instrument's [ingress, egress] of each port that is a fibre's.
+    `controller_port` names another controller than c0, at this TCP port of 127.0.0.1, that
+    programs the switch alone; c0 does not know of it then, nor of its fibres.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        controller_port: int | None = None,
+        hardware: str = "",
+        hardware_ports: Mapping[int, Sequence[int]] | None = None,
+        **params: Any,
+    ) -> None:
+        given = {each: params.pop(each) for each in OPTICS & params.keys()}
+        refuse_unknown(name, params, type(self), also=sorted(OPTICS))
+        optics = QuantumSwitch(name, **{**given, "paths": list(given.get("paths", ()))})
+        optics.check()
+        if controller_port is not None and not 0 < controller_port < 1 << 16:
+            raise BadParameter(f"{name}: controller_port {controller_port} is not 1 to 65535")
+        super().__init__(name, **params)
+        self.network.switches[name] = optics
+        self.network.datapath_ids[name] = int(self.dpid, 16)
+        self.network.token(name)
+        self.controller_port = controller_port
+        self.hardware = hardware
+        self.hardware_ports = {str(port): [*own] for port, own in (hardware_ports or {}).items()}
+        if controller_port is not None:
+            self.network.programmed_elsewhere.add(name)
+            del self.network.bridges[name]
+        self.program: Program | None = None
+
+    def launch(self, controllers: list[Controller]) -> None:
+        """Start the bridge and its agent ahead of `start`, which then only has to wait."""
+        if self.program is not None:
+            return
+        network, commanding = self.network, self._controllers(controllers)
+        config = AgentConfig(
+            switch=self.name,
+            # Open vSwitch connects to Unix sockets of its own folder alone.
+            listen=str(openvswitch.agent_socket(self.name)),
+            controllers=commanding,
+            management=network.socket(f"{self.name}-bridge"),
+            programs=str(openvswitch.RUN_FOLDER / f"{self.name}.mgmt"),
+            dispatcher=network.socket(DISPATCHER),
+            token=network.token(self.name),
+            fiber_ports=sorted(
+                int(end.port)
+                for fiber in network.fibers
+                for end in (fiber.a, fiber.b)
+                if end.node == self.name
+            ),
+            hardware=self.hardware,
+            hardware_ports=self.hardware_ports,
+        )
+        self.lay()
+        # Who asks for the bridge by name, as ovs-ofctl does, comes to the agent.
+        Path(config.programs).replace(config.management)
+        self._targets = [f"unix:{config.listening(number)}" for number in range(len(commanding))]
+        switch_ipv6_off(self, self.name)
+        for program in network.programs:
+            if program.name == DISPATCHER:  # the agent asks it at once
+                program.wait_for("ready", READY_TIMEOUT_S)
+        self.program = launch(network, f"{self.name}-agent", "qswitch_agent", config)
+
+    def start(self, controllers: list[Controller]) -> None:
+        """Start the bridge and its agent, then let the bridge connect to the agent.
+
+        The target is set when the agent answers, because Open vSwitch would wait a second
+        before it tried again; no flow can be there earlier.
+        """
+        self.launch(controllers)
+        assert self.program is not None
+        self.program.wait_for("ready", READY_TIMEOUT_S)
+        self._obey({target: {"max_backoff": RECONNECT_MS} for target in self._targets})
+
+    def _controllers(self, given: list[Controller]) -> list[str]:
+        if self.controller_port is not None:
+            return [f"127.0.0.1:{self.controller_port}"]
+        reached = [as_reached(controller, self.name) for controller in given]
+        return [f"{controller.IP()}:{controller.port}" for controller in reached]
+
+    def stop(self, deleteIntfs: bool = True) -> None:  # noqa: N803 (Mininet's name)
+        """End the agent, then take the bridge away."""
+        self._end_agent()
+        super().stop(deleteIntfs)
+
+    def terminate(self) -> None:
+        """End the agent, then the switch."""
+        self._end_agent()
+        super().terminate()
+
+    def _end_agent(self) -> None:
+        """End the agent, whose end is no fault then."""
+        if self.program:
+            self.network.programs.remove(self.program)
+            self.program.stop()
+            self.program = None
+            openvswitch.remove_agent_sockets(self.name)

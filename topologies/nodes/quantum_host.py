@@ -1,0 +1,147 @@
+"""A host with light, and its device."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from topologies.addresses import broadcast
+from topologies.fiber import python_file, qnics
+from topologies.launching import launch
+from topologies.nodes.classical_host import ClassicalHost
+from wire.config import (
+    CONTROLLER,
+    LIGHT,
+    STANDING,
+    BadConfig,
+    HostConfig,
+    QuantumSwitch,
+)
+from wire.features import EMIT
+from wire.parameters.physics import (
+    BadParameter,
+    BellAnalyser,
+    Detectors,
+    Device,
+    Gates,
+    Memory,
+    PairSource,
+)
+
+MOST_PAIR_RATE_HZ = 50_000_000
+PARTS = ("source", "memory", "detectors", "analyser", "gates")
+
+
+def device_of(name: str, params: Mapping[str, Any]) -> Device:
+    """Return the device that the parameters of a QuantumHost describe; raise BadParameter."""
+    device = params.get("device")
+    if not isinstance(device, Device | None):
+        raise BadParameter(f"{name}: device {device!r} is not a Device")
+    parts = {part: params.get(part) for part in PARTS}
+    given = {
+        part: value
+        for part, value in parts.items()
+        if value is not None and not isinstance(value, bool)
+    }
+    described = replace(device or Device(), **given)
+    described.check(name)
+    return described
+
+
+class QuantumHost(ClassicalHost):
+    """A host with a QNIC: runs the three-layer stack.
+
+    `source=True` makes pairs, for all hosts that do not name another by `pairs_from`. What its
+    hardware is like goes by parts, as detectors=Detectors(efficiency=0.8), or as one `device`;
+    `source` may be a PairSource. `light` says who grants it (wire.config.LIGHT). Raise
+    BadParameter for what no hardware is like.
+    `qnic` is "" for simulated hardware, or "path/to/file.py:ClassName" of a class of one's own
+    (hosts/hardware/choice.py), which is made with `qnic_parameters`.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        source: bool | PairSource = False,
+        pairs_from: str = "",
+        device: Device | None = None,
+        memory: Memory | None = None,
+        detectors: Detectors | None = None,
+        analyser: BellAnalyser | None = None,
+        gates: Gates | None = None,
+        light: str = CONTROLLER,
+        qnic: str = "",
+        qnic_parameters: Mapping[str, Any] | None = None,
+        confined: bool = True,
+        **params: object,
+    ) -> None:
+        if light not in LIGHT:
+            raise BadParameter(f"{name}: light {light!r}: choose one of {', '.join(LIGHT)}")
+        parts = {"memory": memory, "detectors": detectors, "analyser": analyser, "gates": gates}
+        described = device_of(name, {"source": source, "device": device, **parts})
+        self.qnic = python_file(f"{name}: qnic", qnic)
+        self.qnic_parameters = dict(qnic_parameters or {})
+        super().__init__(name, confined, **params)
+        self.network.devices[name] = described
+        self.network.token(name)
+        self.pairs_from = pairs_from
+        self.light = light
+        self.network.device_key(name)
+        if source:
+            self.network.source = name
+
+    def shown_folders(self) -> list[Path]:
+        """Return those of its stack's socket and of its keys."""
+        return [self.network.own_folder(self.name), Path(self.network.key_folder(self.name))]
+
+    def config(self, **params: object) -> dict[str, object]:
+        """Configure the interfaces and start the stack."""
+        result = super().config(**params)
+        network = self.network
+        config = HostConfig(
+            name=self.name,
+            address=network.addresses[self.name],
+            qnics=qnics(self),
+            dispatcher=network.dispatcher,
+            token=network.token(self.name),
+            socket=network.socket(self.name),
+            hosts_file=network.hosts_file(),
+            source=self.pairs_from or network.source,
+            seed=network.settings.seed,
+            report_to=broadcast(network.addresses.values(), network.prefix_length),
+            device_key=network.device_key(self.name),
+            analyser=network.devices[self.name].analyser.kind,
+            qnic=self.qnic,
+            qnic_parameters=self.qnic_parameters,
+            features=network.devices[self.name].features.value,
+            memory_qubits=network.devices[self.name].memory.capacity,
+            multi_photon=network.devices[self.name].source.multi_photon,
+            intensities=list(network.devices[self.name].source.intensities),
+            pair_secrets=network.secrets_folder(),
+            pair_rate_hz=pair_rate_hz(network.devices.values()),
+            t1_s=network.devices[self.name].memory.t1_s,
+            t2_s=network.devices[self.name].memory.t2_s,
+            keys=network.key_folder(self.name),
+            light=self.light,
+        )
+        if self.light == STANDING:
+            require_unrotated(network.switches.values())
+        self.program = launch(network, self.name, "hosts", config, self)
+        self.cmd(f'export QMN_STACK="{config.socket}"')
+        return result
+
+
+def pair_rate_hz(devices: Iterable[Device]) -> int:
+    """Return the rate at which every source of a network can make pairs."""
+    rates = [device.source.max_rate_hz for device in devices if EMIT in device.features]
+    return max(1, int(min([MOST_PAIR_RATE_HZ, *rates])))
+
+
+def require_unrotated(switches: Iterable[QuantumSwitch]) -> None:
+    """Raise BadConfig for a switch that rotates light: only our controller tells hosts of it."""
+    for switch in switches:
+        if switch.rotation or any(path.rotation for path in switch.paths):
+            raise BadConfig(
+                f"{switch.name} rotates light, and with light=standing nobody tells the hosts; "
+                "take rotation=0 or light=controller"
+            )
