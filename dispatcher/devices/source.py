@@ -33,7 +33,8 @@ def emit(
     source: PairSource, random: PhotonRandom, levels: NDArray[np.uint8] | None = None
 ) -> Emission:
     """Draw what a source emits, one pulse for each photon of a half, with these intensities."""
-    pairs = None if source.statistics == "single" else _pairs(source, random)
+    single = source.statistics == "single" and not source.g2
+    pairs = None if single else _pairs(source, random)
     if pairs is not None and levels is not None:
         pairs = _weakened(pairs, levels, source.intensities, random)
     return Emission(
@@ -55,7 +56,10 @@ def pair_probabilities(statistics: str, mean_pairs: float) -> NDArray[np.float64
 
 def most_further(source: PairSource, pulses: int) -> int:
     """Return how many pairs beside the first of a pulse there are at most, but for one in 1e9."""
-    if source.statistics in ("single", "none"):
+    if source.statistics == "single":
+        mean = source.multi_photon
+        return math.ceil(pulses * mean + FAR_SIGMAS * math.sqrt(pulses * mean))
+    if source.statistics == "none":
         return 0
     counts = np.maximum(np.arange(MOST_PAIRS + 1) - 1, 0)
     probabilities = pair_probabilities(source.statistics, source.mean_pairs)
@@ -77,11 +81,28 @@ def bell_states(source: PairSource, random: PhotonRandom) -> NDArray[np.uint8] |
 
 def _pairs(source: PairSource, random: PhotonRandom) -> NDArray[np.uint8]:
     """Draw the number of pairs in each pulse: first where there are any, then how many."""
+    if source.statistics == "single":
+        second: NDArray[np.bool_] = random.happens("second", source.multi_photon)
+        return second.astype(np.uint8) + np.uint8(1)
     probabilities = pair_probabilities(source.statistics, source.mean_pairs)
     some = random.events("light", 1 - float(probabilities[0]))
     pairs = np.zeros(random.photons, dtype=np.uint8)
     pairs[some] = 1 + random.which("pairs", some.size, probabilities[1:])
     return pairs
+
+
+def misprepared(source: PairSource, random: PhotonRandom) -> NDArray[np.uint8] | None:
+    """Draw which Pauli each prepared state meets, so that it is wrong so often; None: none does.
+
+    X, Z and XZ alike: two of them make a state wrong.
+    """
+    if not source.preparation_error:
+        return None
+    wrong = random.events("preparation", 1.5 * source.preparation_error)
+    paulis = np.zeros(random.photons, dtype=np.uint8)
+    drawn = random.generator("preparation, which").integers(1, 4, wrong.size, dtype=np.uint8)
+    paulis[wrong] = drawn
+    return paulis
 
 
 def _weakened(

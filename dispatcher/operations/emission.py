@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from dispatcher.devices.source import Emission, bell_states, emit
+from dispatcher.devices.source import Emission, bell_states, emit, misprepared
+from dispatcher.layer import further
 from dispatcher.layer.further import owners
 from dispatcher.layer.layer import PhysicalLayer, tally
 from dispatcher.layer.ownership import Block, Further
@@ -51,15 +52,24 @@ def emit_prepared(
     random = PhotonRandom(layer.draws, block.name, block.draws_for("source"), block.register.size)
     emission = emit(source, random, levels)
     block.pulses.delays_ps = emission.delays_ps
-    if emission.pairs is None:
-        return ""
-    layer.sabot.lose(block.register, emission.pairs == 0)
-    at = owners(emission.pairs)
+    told = "" if emission.pairs is None else _emit_photons(block, states, emission.pairs, layer)
+    paulis = misprepared(source, random)
+    if paulis is not None:
+        further.pauli(layer.sabot, block, paulis)
+        told += f", errors={np.count_nonzero(paulis)}"
+    if emission.pairs is not None:
+        block.source_rate_hz = source.max_rate_hz
+    return told
+
+
+def _emit_photons(block: Block, states: Bytes | None, photons: Bytes, layer: PhysicalLayer) -> str:
+    """Let pulses have so many photons; return a description."""
+    layer.sabot.lose(block.register, photons == 0)
+    at = owners(photons)
     if at.size:
         own = np.zeros(at.size, np.uint8) if states is None else states[at]
         block.further = Further(prepare(layer.sabot, own), at)
-    block.source_rate_hz = source.max_rate_hz
-    return f", photons in pulses: {_told(emission.pairs)}"
+    return f", photons in pulses: {_told(photons)}"
 
 
 def _further_pairs(

@@ -18,15 +18,17 @@ from qmn.jobs import superdense
 from qmn.jobs.run_options import RunOptions
 from qmn.jobs.superdense import SuperdenseRequest
 from qmn.jobs.transfer import APPLICATION_PORT, TransferError
+from qmn.network.custom_topology import BadTopology
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput
-from qmn.sweeps import emulated_teleportation, theory
+from qmn.sweeps import emulated_teleportation, places, theory
 from qmn.sweeps.emulated_teleportation import TIME_SCALE
 from qmn.sweeps.estimates import Estimate, proportion
 from qmn.sweeps.experiment import Experiment, Measure, Outcome, SweepError, number
 from qmn.sweeps.grid import Grid, Measurer, Row
 from qmn.sweeps.link import FIBER, PRESET, implied
 from qmn.sweeps.parameters import Parameter, Values
+from qmn.sweeps.places import PLACES, RECEIVER, SENDER, are_plain, said_of_fibers
 from qmn.sweeps.seeds import point_seed
 from qmn.sweeps.superdense import FEC, INTERLEAVE, LOSSES, RATE, loss_db
 from topologies.network import Signals
@@ -36,7 +38,6 @@ from wire.parameters.network import MOST_KM
 # charlie's photon for alice passes two fibres to her and two more to bob, the other one two.
 FIBERS_PASSED = 6
 MESSAGE_BYTES = Parameter("message_bytes", 65_536, 1, 1 << 30)
-RECEIVER = "bob"
 FRAME_BYTES = Parameter("frame_bytes", 32, 1, 65_536)
 CONTROL = (
     Parameter("control_km", 0.0, 0.0, MOST_KM, "km"),
@@ -66,7 +67,7 @@ def measure(values: Values, seed: int, runs: Path, signals: Signals) -> Outcome:
         asked = request(values, seed, Path(message.name), runs)
         try:
             superdense.run(asked, signals, Console(quiet=True))
-        except (NetworkError, TransferError, BadInput) as error:
+        except (NetworkError, TransferError, BadInput, BadTopology) as error:
             raise SweepError(f"{EMULATED['sdc'].place(values)} failed: {error}") from error
     return outcome(json.loads((runs / "latest" / "result.json").read_text()))
 
@@ -77,13 +78,17 @@ def request(values: Values, seed: int, message: Path, runs: Path) -> SuperdenseR
     network: dict[str, Any] = {each.name: values[each.name] for each in NETWORK}
     return SuperdenseRequest(
         file=message,
+        sender=str(values[SENDER.name]),
         options=SuperdenseOptions(
-            RECEIVER, APPLICATION_PORT, interleave=values[INTERLEAVE.name] == "on", **session
+            str(values[RECEIVER.name]),
+            APPLICATION_PORT,
+            interleave=values[INTERLEAVE.name] == "on",
+            **session,
         ),
         network=NetworkOptions(
-            topology="sdc",
             seed=seed,
-            fiber=tuple(f"{each.name}={values[each.name]}" for each in FIBER),
+            fiber=said_of_fibers(values, FIBER),
+            **places.network(values),
             **network,
         ),
         run=RunOptions(runs=runs, capture=False),
@@ -123,14 +128,25 @@ def is_known(values: Values) -> bool:
     """Return whether there is no noise but loss and depolarising."""
     numbers = (each for each in FIBER if each.name not in ("kind", "depolarizing", *LOSSES))
     plain = all(values[each.name] == each.default for each in numbers)
-    return plain and values[PRESET.name] == PRESET.default
+    return plain and values[PRESET.name] == PRESET.default and are_plain(values)
 
 
 EMULATED = {
     "sdc": Experiment(
         "sdc",
         "superdense coding in the emulated network",
-        (*FIBER, PRESET, RATE, FRAME_BYTES, FEC, TIME_SCALE, *CONTROL, INTERLEAVE, MESSAGE_BYTES),
+        (
+            *FIBER,
+            PRESET,
+            RATE,
+            FRAME_BYTES,
+            FEC,
+            TIME_SCALE,
+            *CONTROL,
+            INTERLEAVE,
+            MESSAGE_BYTES,
+            *PLACES,
+        ),
         (
             Measure("dibit_error", "dibit error", dibit_error),
             Measure("arrived", "part of the pairs that arrives", arrived),

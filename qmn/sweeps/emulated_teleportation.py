@@ -20,11 +20,12 @@ from qmn.jobs.transfer import TransferError
 from qmn.network.custom_topology import BadTopology
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput
-from qmn.sweeps import theory
+from qmn.sweeps import places, theory
 from qmn.sweeps.estimates import NOTHING, Estimate, proportion
 from qmn.sweeps.experiment import Experiment, Measure, Outcome, SweepError, number
 from qmn.sweeps.link import FIBER
 from qmn.sweeps.parameters import Parameter, Values, of_dataclass
+from qmn.sweeps.places import PLACES, RECEIVER, SENDER, are_plain, said_of_fibers
 from topologies.network import Signals
 from topologies.programs import NetworkError
 from topologies.slow_copper import LEAST_MBPS, MOST_MBPS
@@ -32,7 +33,6 @@ from wire.network_time import LEAST_SCALE, MOST_SCALE
 from wire.parameters.physics import Memory
 
 FIBERS_PASSED = 4  # two by either half of a pair
-RECEIVER = "bob"
 RATE = Parameter("classical_mbps", MOST_MBPS, LEAST_MBPS, MOST_MBPS, "Mbit/s")
 (DEPOLARIZING,) = (each for each in FIBER if each.name == "depolarizing")
 T1, T2 = (each for each in of_dataclass("memory_", Memory()) if each.unit == "s")
@@ -54,18 +54,20 @@ def measure(values: Values, seed: int, runs: Path, signals: Signals) -> Outcome:
 def request(values: Values, seed: int, runs: Path) -> ServiceRequest:
     """Return what a point asks for."""
     states, state = int(values[STATES.name]), str(values[STATE.name])
+    receiver = str(values[RECEIVER.name])
     times = {time.name.removeprefix("memory_"): values[time.name] for time in (T1, T2)}
     return ServiceRequest(
         service="teleport",
-        options=TeleportOptions(RECEIVER, SERVICE_PORT, count=states, state=state),
+        sender=str(values[SENDER.name]),
+        options=TeleportOptions(receiver, SERVICE_PORT, count=states, state=state),
         block_pairs=states,
         network=NetworkOptions(
-            topology="sdc",
+            **places.network(values),
             seed=seed,
             backend="chp" if state == "random" else "dense",
-            depolarizing=number(values, DEPOLARIZING.name),
+            fiber=said_of_fibers(values, [DEPOLARIZING]),
             time_scale=number(values, TIME_SCALE.name),
-            device=tuple(f"{RECEIVER}.memory.{name}={time}" for name, time in times.items()),
+            device=tuple(f"{receiver}.memory.{name}={time}" for name, time in times.items()),
         ),
         run=RunOptions(runs=runs, classical_mbps=number(values, RATE.name), capture=False),
     )
@@ -86,7 +88,7 @@ def outcome(told: dict[str, Any]) -> Outcome:
 def teleported(values: Values) -> float | None:
     """Return the theory of teleported after the wait that was measured."""
     waited_s = number(values, WAITED.name)
-    if math.isnan(waited_s):
+    if math.isnan(waited_s) or not are_plain(values):
         return None
     p = theory.together(*[number(values, DEPOLARIZING.name)] * FIBERS_PASSED)
     return theory.waited_fidelity(waited_s, number(values, T1.name), number(values, T2.name), p)
@@ -95,7 +97,7 @@ def teleported(values: Values) -> float | None:
 TELEPORT = Experiment(
     "teleport",
     "teleportation in the emulated network with a slow classical channel",
-    (RATE, T1, T2, DEPOLARIZING, STATE, STATES, TIME_SCALE),
+    (RATE, T1, T2, DEPOLARIZING, STATE, STATES, TIME_SCALE, *PLACES),
     (
         Measure(WAITED.name, "measured wait in memory for the two bits (s)"),
         Measure("teleported", "average fidelity of the teleported state", teleported, over=WAITED),

@@ -39,7 +39,7 @@ class BadGrid(ValueError):
 
 @dataclass(frozen=True)
 class Parameter:
-    """A number from `least` to `most`, whole if these are, or one of the choices."""
+    """A number from `least` to `most`, whole if these are, one of the choices, or any text."""
 
     name: str
     default: Value
@@ -47,6 +47,7 @@ class Parameter:
     most: float = 1.0
     unit: str = ""
     choices: tuple[str, ...] = ()
+    text: str = ""  # what any text names; empty: it is no text
 
     @property
     def whole(self) -> bool:
@@ -56,6 +57,8 @@ class Parameter:
     @property
     def range(self) -> str:
         """What may be chosen, in words."""
+        if self.text:
+            return self.text
         if self.choices:
             return f"choose {', '.join(self.choices)}"
         number = " (a whole number)" if self.whole else ""
@@ -80,6 +83,8 @@ class Parameter:
 
     def value(self, given: object) -> Value:
         """Return a value of the right type; raise BadGrid for one that cannot be."""
+        if self.text and isinstance(given, str):
+            return given
         if self.choices:
             if given not in self.choices:
                 raise self._bad(given)
@@ -108,7 +113,7 @@ class Parameter:
             return self._spaced_by_table(given)
         if not isinstance(given, str) or (self.choices and ":" not in given and "," not in given):
             return [given]
-        if ":" in given and not self.choices:
+        if ":" in given and not self.choices and not self.text:
             return self._spaced(given)
         return given.split(",")
 

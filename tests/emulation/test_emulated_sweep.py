@@ -72,3 +72,20 @@ def test_a_long_way_to_the_controller_takes_set_up_time(tmp_path: Path) -> None:
     assert float(far["path_setup_s"]) >= round_trip_s
     assert float(near["path_setup_s"]) < round_trip_s  # software of 200 ms here would be as long
     assert (tmp_path / "sdc-emulated-path_setup_s.png").stat().st_size > 10_000
+
+
+def test_a_network_of_one_s_own_is_swept_between_hosts_of_any_names(tmp_path: Path) -> None:
+    """The trunk of the example loses .2 dB, and one half of each pair passes it twice.
+
+    The other half waits for it in a delay line, which loses .2 dB/km, too.
+    """
+    place = ("--topology", f"{ROOT}/examples/my_net.py:MyNet", "--from", "h1", "--to", "h2")
+    done = sweep(tmp_path, *place)
+    assert done.returncode == 0, done.stderr
+    with (tmp_path / "sdc-emulated.csv").open() as file:
+        (line,) = csv.DictReader(file)
+    assert (line["from"], line["arrived_theory"], line["dibit_error"]) == ("h1", "", "0.0")
+    longer_km = 2 * 1.0 + 2 * 0.01  # than the other way: over the trunk twice, and to h1 and back
+    lost_db = 2 * 0.2 + 0.2 * longer_km
+    distance = abs(float(line["arrived"]) - 10 ** (-lost_db / 10))
+    assert distance <= 5 * float(line["arrived_standard_error"])

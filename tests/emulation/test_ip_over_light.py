@@ -46,7 +46,7 @@ def run(network: Network, host: str, command: str) -> str:
 
 def pinged(network: Network, host: str, words: str) -> str:
     """Return what ping says to its end."""
-    return run(network, host, f"ping -W 10 {words}")
+    return run(network, host, f"ping -W 30 {words}")
 
 
 def copper(network: Network, host: str) -> list[Packet]:
@@ -100,7 +100,7 @@ def test_who_makes_pairs_has_those_of_another(network: Network) -> None:
 
 
 def test_two_that_begin_at_once_share_the_light_of_one(network: Network) -> None:
-    network.host("bob").sendCmd("ping -W 10 -c 3 -i 0.2 10.1.0.1")
+    network.host("bob").sendCmd("ping -W 30 -c 3 -i 0.2 10.1.0.1")
     assert "3 received" in pinged(network, "alice", "-c 3 -i 0.2 10.1.0.2")
     assert "3 received" in network.host("bob").waitOutput()
 

@@ -73,6 +73,10 @@ class PairSource:
     max_rate_hz: float = parameter(4e9, 1.0, 1e12)  # pulses; more are refused
     encoding: str = choice(*ENCODINGS)  # of its qubits in light
     bandwidth_nm: float = parameter(0.0, 0.0, 100.0)  # rms of its spectrum, which fibres disperse
+    # Of a single source: second-order coherence at no delay. A pulse has two photons with the p of
+    # g2 = 2 p / (1 + p)^2, else one.
+    g2: float = parameter(0.0, 0.0, 0.49)
+    preparation_error: float = parameter(0.0, 0.0, 0.5)  # of a state that the host prepares
     # Two weaker means that its modulator can make for decoy states, of a laser (poisson): weak,
     # vacuum. mean_pairs is the signal's.
     decoys: tuple[float, ...] | None = None
@@ -81,6 +85,10 @@ class PairSource:
         """Raise BadParameter for what no source is like."""
         check(where, self)
         self._check_decoys(where)
+        if self.g2 and self.statistics != "single":
+            raise BadParameter(
+                f"{where}: g2 {self.g2!r} with statistics {self.statistics!r}, which has its own"
+            )
         given = self.bell_diagonal
         if given is None:
             return
@@ -125,7 +133,7 @@ class PairSource:
             return -math.expm1(-self.mean_pairs) - self.mean_pairs * math.exp(-self.mean_pairs)
         if self.statistics == "thermal":
             return (self.mean_pairs / (1 + self.mean_pairs)) ** 2
-        return 0.0
+        return (1 - self.g2 - math.sqrt(1 - 2 * self.g2)) / self.g2 if self.g2 else 0.0
 
     def bell_probabilities(self) -> tuple[float, ...]:
         """Return how likely Phi+, Psi+, Phi- and Psi- are."""

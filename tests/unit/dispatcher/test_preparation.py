@@ -11,11 +11,14 @@ import pytest
 from five_sigma import within
 
 from dispatcher.build import build_layer
+from dispatcher.devices.source import emit, most_further
 from dispatcher.laboratory import JumpingClock, Laboratory, LaboratoryHost
 from dispatcher.operations.blocks import Operations
 from dispatcher.operations.preparation import STATES
+from dispatcher.photon_random import PhotonRandom
 from dispatcher.refusal import Refusal
 from dispatcher.sabot.backend import Bytes
+from dispatcher.sabot.draws import Draws
 from wire.config import DispatcherConfig, Fiber, FiberEnd
 from wire.dispatcher_pb2 import CreateRequest, Gate
 from wire.outcomes import NO_CLICK
@@ -156,3 +159,39 @@ def test_levels_that_a_source_does_not_have_are_refused(
 def test_decoys_that_tell_nothing_are_refused(given: dict[str, Any], says: str) -> None:
     with pytest.raises(BadParameter, match=says):
         PairSource(**given).check("alice, source")
+
+
+@pytest.mark.parametrize("g2", [0.01, 0.1, 0.49])
+def test_g2_is_that_of_the_photons_counted(g2: float) -> None:
+    """<n (n - 1)> / <n>^2 of pulses whose photons are counted; 100,000 pulses."""
+    count = 100_000
+    source = PairSource(g2=g2)
+    found = emit(source, PhotonRandom(Draws(1), (7, 0, 0), "source", count)).pairs
+    assert found is not None
+    assert set(np.unique(found).tolist()) == {1, 2}
+    photons = found.astype(float)
+    counted = (photons * (photons - 1)).mean() / photons.mean() ** 2
+    several = int((found == 2).sum())
+    assert counted == pytest.approx(g2, abs=5 * g2 / several**0.5)
+    assert several <= most_further(source, count)
+
+
+@pytest.mark.parametrize("basis", [Z, X, Y])
+def test_prepared_states_are_wrong_as_often_as_the_error_says(basis: int) -> None:
+    count, error = 60_000, 0.03
+
+    async def run() -> int:
+        device = Device(PairSource(preparation_error=error))
+        config = DispatcherConfig("", "", 1, {"alice": ""}, [], [], devices={"alice": device})
+        alice = Laboratory(config).host("alice")
+        states = (2 * basis + np.arange(count) % 2).astype(np.uint8)
+        await alice.prepare(states)
+        bits = await alice.measure((0, 0), bases=np.full(count, basis, np.uint8))
+        return int(np.count_nonzero(bits != states & 1))
+
+    assert within(asyncio.run(run()), count, error)
+
+
+def test_g2_of_light_that_is_not_single_is_refused() -> None:
+    with pytest.raises(BadParameter, match=r"g2 0\.1 with statistics"):
+        PairSource("poisson", 0.1, g2=0.1).check("alice, source")

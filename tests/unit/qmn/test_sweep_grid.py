@@ -6,8 +6,10 @@ import pytest
 
 from qmn.sweeps import grid as grids
 from qmn.sweeps.catalogue import EXPERIMENTS
+from qmn.sweeps.emulated import EMULATED
 from qmn.sweeps.grid import Grid, build
 from qmn.sweeps.parameters import BadGrid, Parameter
+from qmn.sweeps.places import SENDER, TOPOLOGY, said_of_fibers
 
 SDC = EXPERIMENTS["sdc"]
 
@@ -129,3 +131,20 @@ def test_names_are_said_with_their_unit() -> None:
     length = Parameter("loss_db_per_km", 0.2, 0.0, 1.0, "dB/km")
     assert length.said(0.2) == "loss 0.2 dB/km"
     assert length.label == "loss (dB/km)"
+
+
+def test_text_is_taken_as_it_is_also_with_colons_and_several_with_commas() -> None:
+    assert TOPOLOGY.axis("my_net.py:MyNet") == ["my_net.py:MyNet"]
+    assert SENDER.axis("h1,h2") == ["h1", "h2"]
+    with pytest.raises(BadGrid, match="from 7: the host that asks"):
+        SENDER.value(7)
+
+
+def test_of_other_networks_is_said_what_is_not_as_by_default() -> None:
+    known = EMULATED["sdc"].complete({"depolarizing": 0.5})
+    other = {**known, "topology": "my_net.py:MyNet"}
+    length, depolarizing = Parameter("length_km", 0.01), Parameter("depolarizing", 0.0)
+    words = [said_of_fibers(each, (length, depolarizing)) for each in (known, other)]
+    assert words == [("length_km=0.01", "depolarizing=0.5"), ("depolarizing=0.5",)]
+    theories = [EMULATED["sdc"].measure("arrived").theory(each) for each in (known, other)]
+    assert theories == [1.0, None]

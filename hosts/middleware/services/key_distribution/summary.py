@@ -66,7 +66,7 @@ def summary(progress: Progress, keys: End, ids: list[UUID]) -> dict[str, Any]:
         "multi_photon": keys.multi_photon,
         "single_photon_fraction": keys.single_share if report.sifted else None,
         "assumed": DECOYS if keys.decoys else SOURCES[keys.multi_photon > 0],
-        "intensities": list(keys.decoys.means) if keys.decoys else None,
+        **({"intensities": list(keys.decoys.means)} if keys.decoys else {}),
         "keys": len(ids),
         "bits_of_a_key": KEY_BITS,
         "first_key_id": str(ids[0]) if ids else None,

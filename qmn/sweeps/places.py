@@ -1,0 +1,35 @@
+"""Which network a sweep emulates, and between which of its hosts."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from qmn.sweeps.parameters import Parameter, Values
+
+TOPOLOGY = Parameter("topology", "sdc", text="a name of `qmn run`, or FILE.py:CLASS")
+MAP = Parameter("map", "", text="a known map or a file")
+SENDER = Parameter("from", "alice", text="the host that asks")
+RECEIVER = Parameter("to", "bob", text="the host that is asked")
+PLACES = (TOPOLOGY, MAP, SENDER, RECEIVER)
+
+
+def are_plain(values: Values) -> bool:
+    """Return whether it is the network that theory knows: one switch, alice and bob."""
+    return all(values[each.name] == each.default for each in PLACES)
+
+
+def network(values: Values) -> dict[str, Any]:
+    """Return the options of the network that name it."""
+    return {"topology": values[TOPOLOGY.name], "map": values[MAP.name] or None}
+
+
+def said_of_fibers(values: Values, parameters: Sequence[Parameter]) -> tuple[str, ...]:
+    """Return what is said of every fibre, of other networks only what is not as by default.
+
+    Theirs may have optics of their own, which their `build` need not let anybody change.
+    """
+    plain = are_plain(values)
+    return tuple(
+        f"{each.name}={values[each.name]}"
+        for each in parameters
+        if plain or values[each.name] != each.default
+    )
