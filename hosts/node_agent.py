@@ -16,7 +16,13 @@ from hosts.middleware.device import Device, changed
 from hosts.middleware.session.channel import SessionError
 from hosts.middleware.session.swap_orders import Swaps
 from hosts.network_loop import wall_sleep, wall_timeout
-from hosts.timeouts import CHECK_PERIOD_S, IDLE_CHECK_PERIOD_S, UNSUBSCRIBED_PERIOD_S
+from hosts.timeouts import (
+    CHECK_PERIOD_S,
+    FIRST_REPORTS_S,
+    IDLE_CHECK_PERIOD_S,
+    SLOWER,
+    UNSUBSCRIBED_PERIOD_S,
+)
 from wire.config import HostConfig
 from wire.device import (
     DEVICE_PORT,
@@ -49,6 +55,7 @@ class NodeAgent(asyncio.DatagramProtocol):
         self._changed = asyncio.Event()
         device.changed = self._changed.set
         self._sent_s = self._asked_s = 0.0
+        self._began_s = time.monotonic()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Keep what to send through; called by asyncio."""
@@ -134,7 +141,11 @@ class NodeAgent(asyncio.DatagramProtocol):
 
     @property
     def _period_s(self) -> float:
-        return self._device.subscription.period_ms / 1e3 or UNSUBSCRIBED_PERIOD_S
+        """How often to report: as the controller has said, until then ever more rarely."""
+        if self._device.subscription.period_ms:
+            return self._device.subscription.period_ms / 1e3
+        waited_s = time.monotonic() - self._began_s
+        return min(max(FIRST_REPORTS_S, SLOWER * waited_s), UNSUBSCRIBED_PERIOD_S)
 
     @property
     def _alone_s(self) -> float:

@@ -43,4 +43,6 @@ ANNOUNCEMENT_PERIOD_S = 5.0  # between two announcements on a fibre
 ANNOUNCEMENT_TTL_S = 30  # until who hears one may forget it
 CHECK_PERIOD_S = 0.2  # between two looks at a device at work, whose changes are reported then
 IDLE_CHECK_PERIOD_S = 5.0  # the same, of one that says itself when something changes
-UNSUBSCRIBED_PERIOD_S = 1.0  # between two reports to a controller that has not said how often
+FIRST_REPORTS_S = 1.0  # between two to a controller that has not said how often, at first
+UNSUBSCRIBED_PERIOD_S = 10.0  # the same, in the end
+SLOWER = 0.25  # a pause to the time that has passed, of what a host repeats until it is found

@@ -7,10 +7,13 @@ from contextlib import suppress
 
 from hosts.hardware.lldp import announcement
 from hosts.network_loop import wall_sleep
-from hosts.timeouts import ANNOUNCEMENT_PERIOD_S, ANNOUNCEMENT_TTL_S, FASTEST_ANNOUNCEMENTS_S
+from hosts.timeouts import (
+    ANNOUNCEMENT_PERIOD_S,
+    ANNOUNCEMENT_TTL_S,
+    FASTEST_ANNOUNCEMENTS_S,
+    SLOWER,
+)
 from wire.features import Abilities
-
-SLOWER = 0.25  # a pause to the time that has passed, while the network starts
 
 
 async def announce(

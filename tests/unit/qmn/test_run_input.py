@@ -8,12 +8,13 @@ import pytest
 
 from qmn.__main__ import described
 from qmn.jobs import superdense
+from qmn.jobs.run_context import NO_PARAMETERS
 from qmn.jobs.superdense import SuperdenseRequest
 from qmn.network.custom_topology import BadTopology
 from qmn.network.description import NetworkDescription, describe_network
 from qmn.network.device_options import differences
 from qmn.network.topologies import TOPOLOGIES
-from qmn.options import BadInput
+from qmn.options import BadInput, option_names
 from qmn.results.run_folder import make_folder, point_latest
 from qmn.verbs.run import superdense_request
 from topologies.fiber import FiberLink
@@ -188,3 +189,13 @@ def test_hosts_are_of_the_kinds_that_are_named_but_for_what_is_said_of_them() ->
     assert alice == replace(ION_TRAP, memory=replace(ION_TRAP.memory, capacity=7))
     metro = PRESETS["metro"].device
     assert bob == replace(metro, gates=Gates("paulis"))
+
+
+def test_a_message_and_a_file_are_not_sent_together(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        parse("--message", "hello", "--file", "letter")
+    assert "--file: not allowed with argument --message" in capsys.readouterr().err
+
+
+def test_a_result_leaves_out_only_options_that_there_are() -> None:
+    assert set(option_names(network().options)) > NO_PARAMETERS
