@@ -4,8 +4,8 @@ SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help setup packages install uninstall run-sdc test test-docker lint types unit emulation chaos \
-    fuzz bench curves picture image clean lock browser
+.PHONY: help setup packages strongswan install uninstall run-sdc test test-docker lint types unit \
+    emulation chaos fuzz bench curves picture image clean lock browser
 
 PYTHON := .venv/bin/python
 # The caches and byte code of root would be in the user's way.
@@ -76,7 +76,7 @@ unit: setup browser ## Run the unit tests (no root)
 	@echo 'unit: handlers of the controller on os-ken, too: a process loads one framework'
 	QMN_CONTROLLER_FRAMEWORK=os-ken $(PYTEST) tests/unit/controller_apps/handlers
 
-emulation: setup ## Run the emulation tests (root, Open vSwitch)
+emulation: setup strongswan ## Run the emulation tests (root, Open vSwitch)
 	@$(call in_folder,$(AS_ROOT),$(APART) tests/emulation)
 
 chaos: setup ## Strike runs at random for MINUTES (3), from SEED (1): nothing may hang or stay
@@ -109,6 +109,10 @@ packages:
 
 browser:
 	@setup/browser
+
+# Not where it would start as a service; there the tests that need it are skipped, and say so.
+strongswan: | packages
+	@[[ -d /run/systemd/system ]] || setup/packages apt-packages-strongswan.txt
 
 .venv/complete: requirements.lock ryu.lock build-constraints.txt | packages
 	@setup/environment
