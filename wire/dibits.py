@@ -49,4 +49,5 @@ def unpack(packed: bytes, count: int) -> Numbers:
 def counts(packed: bytes) -> NDArray[np.int64]:
     """Return how often each number is in bytes that are full of them, shape (4,)."""
     bytes_of_each = np.bincount(np.frombuffer(packed, dtype=np.uint8), minlength=256)
-    return bytes_of_each @ _COUNTS
+    numbers: NDArray[np.int64] = bytes_of_each @ _COUNTS
+    return numbers
