@@ -3,7 +3,7 @@
 from controller_apps.light.links import FAST_TIMES, Links
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import HostPort, Network
-from controller_apps.timeouts import LINK_EXPIRY_S, LINK_PERIOD_S
+from controller_apps.timeouts import LINK_EXPIRY_S, LINK_FAST_PERIOD_S, LINK_PERIOD_S
 
 ONE, OTHER, THIRD = SwitchPort(1, 3), SwitchPort(2, 4), SwitchPort(3, 5)
 
