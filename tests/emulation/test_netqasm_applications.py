@@ -100,7 +100,10 @@ def differing(runs: Path) -> dict[str, list[bool]]:
     }
     pairs = [("alice", "bob"), ("alice", "charlie"), ("bob", "charlie")]
     return {
-        one + other: [a != b for a, b in zip(outcomes[one, other], outcomes[other, one], strict=True)]
+        one + other: [
+            ours != theirs
+            for ours, theirs in zip(outcomes[one, other], outcomes[other, one], strict=True)
+        ]
         for one, other in pairs
     }
 
