@@ -18,7 +18,7 @@ TRY_TIMEOUT_S = 15.0  # for a command by which `qmn doctor` tries the machine
 # Sweeps
 CLUSTER_TIMEOUT_S = 10.0  # until a Dask scheduler answers
 NO_WORKER_TIMEOUT_S = 30.0  # that it may have no worker
-CLUSTER_POLL_S = 0.1  # between two looks whether the sweep shall end
+SWEEP_POLL_S = 0.1  # between two looks whether the sweep shall end
 
 # Attacks
 TOLD_TIMEOUT_S = 20.0  # until an attacker's program has said that it goes on
