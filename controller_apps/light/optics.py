@@ -146,7 +146,9 @@ class Optics:
 
 def _power(light: PortLight | None) -> tuple[int, int, int] | None:
     """Return all that losses of fibres follow from."""
-    return light and (light.flags & (VALID_TX_PWR | VALID_RX_PWR), light.tx_power, light.rx_power)
+    if light is None:
+        return None
+    return (light.flags & (VALID_TX_PWR | VALID_RX_PWR), light.tx_power, light.rx_power)
 
 
 def _in_band(frequency_mhz: int, least_mhz: int, most_mhz: int, grid_mhz: int) -> bool:
