@@ -18,6 +18,7 @@ HELD_UP_S = 10.0  # hosts wait so long for the answer to a set-up message
 
 # Fibres
 LINK_PERIOD_S = 2.0  # between two announcements of a port
+LINK_FAST_PERIOD_S = 0.2  # the same, of the first ones
 LINK_EXPIRY_S = 7.0  # three periods, and what a busy machine adds
 LINK_TTL_S = 120  # until who hears an announcement may forget it
 
