@@ -36,10 +36,11 @@ async def seal(values: Values, seed: int) -> Outcome:
     ways = [fiber("alice-q0", "eve-q0", depolarizing=noise), fiber("eve-q1", "bob-q0")]
     laboratory = Laboratory(configuration(seed, ways))
     draws = np.random.default_rng([seed, 1])
-    test, found, number_ = SequentialTest(question(values)), [], 0
+    test, block = SequentialTest(question(values)), 0
+    found: list[int] = []
     while len(found) < int(values[ALARMS.name]):
-        differ = await _block(laboratory, number_, number(values, TAPPED.name), draws)
-        number_ += 1
+        differ = await _block(laboratory, block, number(values, TAPPED.name), draws)
+        block += 1
         while differ.size and len(found) < int(values[ALARMS.name]):
             seen = test.compared
             test.add(differ)

@@ -26,7 +26,7 @@ def sealed(runs: Path, *words: str) -> dict[str, Any]:
     )
     assert done.returncode == 0, done.stdout + done.stderr
     result: dict[str, Any] = json.loads((runs / "latest" / "result.json").read_text())
-    return result["asking"] | {"eve": result.get("eve")}
+    return {**result["asking"], "eve": result.get("eve")}
 
 
 @pytest.mark.parametrize("eve", [None, 0.5])

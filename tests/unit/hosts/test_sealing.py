@@ -14,7 +14,7 @@ from hosts.middleware.services.sealing.sequential_test import Question, Sequenti
 from hosts.service_socket import ServiceSocket
 
 PAIRS, BY_EVE = [(4, 1), (5, 2)], [(4, 1), (5, 6), (7, 2)]
-QUICK = {"block_pairs": 2000, "rate_hz": 1_000_000}
+QUICK: dict[str, Any] = {"block_pairs": 2000, "rate_hz": 1_000_000}
 
 
 def alarms(question: Question, error: float, tests: int, seed: int) -> tuple[float, float]:
