@@ -73,6 +73,7 @@ class ForkServer:
     def __init__(self, program: Program) -> None:
         self._program = program
         self._one_at_a_time = Lock()
+        self._fault: str | None = None  # why it answers no more: nobody waits for it twice
         self._channel, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._channel.settimeout(ANSWER_TIMEOUT_S)
         command = [python(), "-m", "topologies.fork_server", str(theirs.fileno())]
@@ -98,7 +99,7 @@ class ForkServer:
     ) -> Forked:
         """Start a command that it serves, as Program.start says; `log` is open for writing.
 
-        Raise NetworkError if the server has ended.
+        Raise NetworkError if the server has ended, or does not answer.
         """
         request = {
             "name": name,
@@ -110,13 +111,17 @@ class ForkServer:
             "descriptors": list(descriptors),
         }
         with self._one_at_a_time:
+            if self._fault:
+                raise NetworkError(self._fault)
             adopt_orphans(True)
             try:
                 socket.send_fds(self._channel, [json.dumps(request).encode()], [log, *descriptors])
                 answer = self._channel.recv(ANSWER_BYTES)
             except TimeoutError as error:
-                text = f"{self._program.name} did not start {name} in {ANSWER_TIMEOUT_S:g} s"
-                raise NetworkError(text) from error
+                self._fault = f"{self._program.name} did not start {name} in {ANSWER_TIMEOUT_S:g} s"
+                if self._program.stopped:
+                    self._fault += ": a signal has stopped it (SIGSTOP)"
+                raise NetworkError(self._fault) from error
             except ConnectionError:
                 answer = b""
             finally:

@@ -28,6 +28,7 @@ GRACE_S = 5.0  # after the time-out of a program's own
 INTERFACES = Path("/sys/class/net")
 LAST_WORDS_TIMEOUT_S = 0.5  # that a daemon's monitor takes to write how it ended
 STAY_S = 0.5  # that no interface has gone in: the others stay until they are deleted
+UNREACHABLE = "database connection failed"  # as ovs-vsctl says it
 OWNER = "external_ids:qmn"  # which run has made a bridge
 RESTART = "restart Open vSwitch, as by `systemctl restart openvswitch-switch`"
 
@@ -42,6 +43,8 @@ def vsctl(*arguments: str) -> str:
         found = daemons()
         if found and (silent := [name for name in DAEMONS if not _answers(found, name)]):
             raise NetworkError(f"{silent[0]} {_silence(found, silent[0])}") from error
+        if UNREACHABLE in str(error):  # it is ending, and its socket has gone first
+            raise NetworkError(f"{DATABASE} does not answer: {error}") from error
         raise
 
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Protocol
 
-from topologies.owners import VARIABLE, owner, this_process
+from topologies.owners import mark, owner
 
 ROOT = Path(__file__).resolve().parent.parent
 STOP_TIMEOUT_S = 5.0
@@ -118,7 +118,7 @@ class Program:
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 cwd=ROOT,
-                env={**os.environ, **ENVIRONMENT, VARIABLE: str(this_process())},
+                env={**os.environ, **ENVIRONMENT, **mark()},
                 start_new_session=True,
                 pass_fds=descriptors,
             )

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from topologies.owners import VARIABLE, owner, this_process
+from topologies.owners import mark, owner
 from topologies.programs import NetworkError
 
 PROMPT = chr(127)  # Mininet's
@@ -65,7 +65,7 @@ class ShellWatcher:
         As Mininet does, but in a session of its own from birth, so that no Ctrl-C reaches it.
         """
         del mnopts  # of remote nodes
-        marked = [f"PS1={PROMPT}", f"{VARIABLE}={this_process()}"]
+        marked = [f"PS1={PROMPT}", *(f"{name}={value}" for name, value in mark().items())]
         bash = ["bash", "--norc", "--noediting", "-is", f"mininet:{self.name}"]
         namespace = "-cn" if self.inNamespace else "-c"
         self.master, self.slave = pty.openpty()

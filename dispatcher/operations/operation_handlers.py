@@ -31,8 +31,7 @@ def acts(
         return operations.create(node, request)
 
     async def apply(node: str, request: messages.ApplyRequest) -> messages.Feedback:
-        name = block_name(request.block)
-        return operations.apply(node, name, request.paulis, request.gates)
+        return operations.apply(node, request)
 
     async def send(node: str, request: messages.SendRequest) -> messages.Feedback:
         launches = [(block_name(launch.block), launch.port) for launch in request.launches]
@@ -49,7 +48,7 @@ def acts(
 
     async def bell_measure(node: str, request: messages.BellMeasureRequest) -> messages.Feedback:
         names = block_name(request.first), block_name(request.second)
-        return measurements.bell_measure(node, names)
+        return measurements.bell_measure(node, names, request.packed)
 
     async def store(node: str, request: messages.StoreRequest) -> messages.Feedback:
         return operations.store(node, block_name(request.block))

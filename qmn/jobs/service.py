@@ -70,12 +70,19 @@ class ServiceRequest:
 
 def run(request: ServiceRequest, signals: Signals, console: Console) -> int:
     """Do the whole run and return its exit status."""
+    return runner.run(*begun(request, signals, console))
+
+
+def begun(
+    request: ServiceRequest, signals: Signals, console: Console
+) -> tuple[runner.Job, RunContext]:
+    """Return the job and its context, with a folder; raise before there is one."""
     request, network = checked(request)
     require_root()
     folder = begin_folder(request.run.runs, request.service)
     network = with_policy(request, network, folder)
     context = RunContext(network, request.run, folder, signals, console)
-    return runner.run(job(request, network), context)
+    return job(request, network), context
 
 
 def with_policy(

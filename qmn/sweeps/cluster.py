@@ -14,8 +14,8 @@ from tempfile import TemporaryDirectory
 
 from distributed import Client, Future, LocalCluster, Security
 
-from qmn.sweeps.catalogue import EXPERIMENTS, measure
-from qmn.sweeps.experiment import SweepError
+from qmn.sweeps.catalogue import measure
+from qmn.sweeps.experiment import Experiment, SweepError
 from qmn.sweeps.parameters import Values
 
 POLL_S = 0.1
@@ -25,6 +25,7 @@ HTTP_ADDRESS = "127.0.0.1:0"  # any free port: the scheduler insists on serving 
 LOG_LEVEL = 50  # critical: what concerns the user is raised
 
 Measured = dict[str, tuple[float, float]]
+Task = Callable[[str, Values, int], Measured]  # of a name, values and a seed
 
 
 @contextmanager
@@ -71,13 +72,15 @@ def remote_client(scheduler: str) -> Iterator[Client]:
 
 def measured(
     client: Client,
-    name: str,
+    experiment: Experiment,
     points: Sequence[Values],
     seed: int,
     check: Callable[[], None],
+    measure: Task = measure,
 ) -> Iterator[tuple[Values, Measured]]:
-    """Yield points as they are measured; `check` is called often and may raise."""
+    """Yield points as workers `measure` them; `check` is called often and may raise."""
     done: queue.SimpleQueue[Future[Measured]] = queue.SimpleQueue()
+    name = experiment.name
     futures = {client.submit(measure, name, values, seed, pure=False): values for values in points}
     try:
         for future in futures:
@@ -93,7 +96,7 @@ def measured(
                 continue
             left -= 1
             values = futures[future]
-            yield values, _result(future, EXPERIMENTS[name].place(values))
+            yield values, _result(future, experiment.place(values))
     finally:
         client.cancel(list(futures), force=True)
 
@@ -105,6 +108,8 @@ def _result(future: Future[Measured], place: str) -> Measured:
     if future.status != "error":
         raise SweepError("the Dask scheduler has gone; start it and run the same command again")
     error = future.exception()
+    if isinstance(error, SweepError):
+        raise error
     if isinstance(error, (ModuleNotFoundError, RuntimeError)):  # Dask wraps the first in the second
         raise SweepError(
             "the Dask cluster cannot load qmn: start its scheduler and its workers in this folder, "

@@ -181,6 +181,27 @@ REFUSED = [
     (
         "alice",
         "Apply",
+        ApplyRequest(block=MINE, paulis=bytes(4), dibits=bytes(1)),
+        Code.INVALID_ARGUMENT,
+        "leave one of them out",
+    ),
+    (
+        "alice",
+        "Apply",
+        ApplyRequest(block=MINE, dibits=bytes(2)),
+        Code.INVALID_ARGUMENT,
+        "2 bytes for 4 numbers",
+    ),
+    (
+        "alice",
+        "Apply",
+        ApplyRequest(block=block(3), dibits=b"\0\x0f"),
+        Code.INVALID_ARGUMENT,
+        "behind the last of 5",
+    ),
+    (
+        "alice",
+        "Apply",
         ApplyRequest(block=MINE, paulis=bytes(3)),
         Code.INVALID_ARGUMENT,
         "3 bytes for 4 photons",

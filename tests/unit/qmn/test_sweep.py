@@ -123,7 +123,6 @@ def test_a_file_with_a_grid_is_swept_and_flags_come_first(tmp_path: Path) -> Non
         (["teleport", "--fidelity", "0.1"], "fidelity '0.1': choose 0.25 to 1"),
         (["teleport", "--workers", "0"], "--workers 0: choose 1 to 256"),
         (["/nowhere.toml"], "cannot read /nowhere.toml"),
-        (["sdc", "--emulate", "--scheduler", "tcp://x:1"], "leave --scheduler out"),
         (["sdc", "--emulate", "--pairs", "5000"], "pairs is not a parameter of sdc"),
     ],
 )

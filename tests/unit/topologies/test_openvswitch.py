@@ -31,3 +31,16 @@ def test_a_command_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> 
         openvswitch.running()
     with pytest.raises(NetworkError, match="ovs-vsctl is not installed"):
         openvswitch.vsctl("show")
+
+
+def test_a_database_that_is_ending_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    words = "ovs-vsctl: unix:db.sock: database connection failed (Connection refused)"
+    command = tmp_path / "ovs-vsctl"
+    command.write_text(f"#!/bin/sh\necho '{words}' >&2\nexit 1\n")
+    command.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:/bin")
+    monkeypatch.setattr(openvswitch, "daemons", dict)  # none is seen to be stopped or missing
+    with pytest.raises(NetworkError, match=r"^ovsdb-server does not answer: .*refused"):
+        openvswitch.vsctl("list-br")
