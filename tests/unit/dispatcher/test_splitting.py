@@ -72,10 +72,10 @@ def test_both_photons_of_a_pulse_tell_its_bit_and_nothing_is_disturbed(
         await eve.store((9, 0))
         await eve.send({(0, 0): "eve-q1"})
         await bob.receive((0, 0), "bob-q0")
-        found = await bob.measure((0, 0), bases=states >> 1)
+        found = await bob.measure((0, 0), bases=states >> np.uint8(1))
         np.testing.assert_array_equal(found != NO_CLICK, counts > 0)
         np.testing.assert_array_equal(found[counts > 0], states[counts > 0] & 1)
-        hers = await eve.measure((9, 0), bases=states >> 1)
+        hers = await eve.measure((9, 0), bases=states >> np.uint8(1))
         np.testing.assert_array_equal(hers != NO_CLICK, counts > 1)
         np.testing.assert_array_equal(hers[counts > 1], states[counts > 1] & 1)
         assert laboratory.layer.sabot.live_qubits == 0

@@ -62,7 +62,6 @@ def attacked(
     folder: Path, laser: Device, expected_db: float, by_eve: bool = True, **options: Any
 ) -> tuple[list[dict[str, Any]] | str, dict[str, Any]]:
     """Run BB84; return both ends' summaries, or the refusal, and what eve tells in the end."""
-    words = {"attack": "split", "expected_db": expected_db}
 
     def told() -> list[dict[str, Any]] | str:
         try:
@@ -75,14 +74,15 @@ def attacked(
             eve.settimeout(DEADLINE_S)
             if not by_eve:
                 return told(), {}
-            eve.intercept(**words)
+            eve.intercept(attack="split", expected_db=expected_db)
             ends = told()
             eve.shutdown()
             return ends, eve.summary
 
     async def run() -> tuple[list[dict[str, Any]] | str, dict[str, Any]]:
-        paths, fiber = (BY_EVE, {}) if by_eve else (PAST_EVE, {"connectors_db": expected_db / 2})
-        async with network(folder, paths=paths, devices={"alice": laser}, **fiber):
+        paths, loss_db = (BY_EVE, 0.0) if by_eve else (PAST_EVE, expected_db / 2)
+        devices = {"alice": laser}
+        async with network(folder, paths=paths, devices=devices, connectors_db=loss_db):
             ends = await asyncio.to_thread(asked)
             assert await live_qubits(folder) == 0
             return ends
@@ -142,9 +142,12 @@ def test_decoys_find_her_where_there_is_a_key_without_her(tmp_path: Path) -> Non
     spied, alone = tmp_path / "spied", tmp_path / "alone"
     for folder in (spied, alone):
         folder.mkdir()
-    options = {"count": 50_000, "bound": "asymptotic"}
-    (unspied, _bob), _nobody = attacked(alone, DECOYS, 4.0, by_eve=False, **options)
-    (found, _bob), _eve = attacked(spied, DECOYS, 4.0, **options)
+    options: dict[str, Any] = {"count": 50_000, "bound": "asymptotic"}
+    without, _nobody = attacked(alone, DECOYS, 4.0, by_eve=False, **options)
+    with_her, _eve = attacked(spied, DECOYS, 4.0, **options)
+    assert not isinstance(without, str)
+    assert not isinstance(with_her, str)
+    unspied, found = without[0], with_her[0]
     for told, share in ((unspied, 0.6887), (found, 0.5330)):
         assert abs(told["single_photon_fraction"] - share) < 0.06
     assert found["key_bits"] < 0.85 * unspied["key_bits"]
