@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from controller_apps.policy.policy import DEFAULT
-from qmn.jobs.transfer import START_TIMEOUT_S
 from qmn.network.description import NetworkDescription
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput
+from qmn.timeouts import START_TIMEOUT_S
 from topologies.description import Description
 from topologies.network import Network
 from topologies.programs import Program, python

@@ -13,8 +13,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from hosts.middleware.session.service_options import SessionOptions
 from qmn.jobs import eavesdropping
 from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
-from qmn.jobs.transfer import START_TIMEOUT_S, TransferError, follow
+from qmn.jobs.transfer import TransferError, follow
 from qmn.results import result
+from qmn.timeouts import START_TIMEOUT_S
 from topologies.network import Network
 from topologies.programs import NetworkError, Program, python
 
