@@ -9,6 +9,7 @@ STATION_TIMEOUT_S = 60  # that a switch knows a station by which nothing comes
 
 # Sessions
 SESSION_TICK_S = 0.2  # between two looks at what has waited too long
+QUEUE_LOOK_S = 1.0  # between two looks at all that wait, whether light has become free or not
 NODE_TIMEOUT_S = 3.0  # for all answers; orders are sent again meanwhile
 SWITCH_GRACE_S = 10.0  # for a switch whose agent is started again
 COUNTING_S = 1.2  # until a switch has counted what has passed; Open vSwitch does it twice a second
