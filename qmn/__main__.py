@@ -16,6 +16,7 @@ VERBS = (  # each a module of qmn.verbs
     "run",
     "netqasm",
     "cli",
+    "apart",
     "script",
     "sweep",
     "curves",

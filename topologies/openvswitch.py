@@ -11,9 +11,18 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from topologies import owners
-from topologies.owners import POLL_S, Owner
+from topologies.owners import Owner
 from topologies.programs import NetworkError
 from topologies.runtime import RUNTIME_ROOT
+from topologies.timeouts import (
+    INTERFACE_S,
+    LAST_WORDS_TIMEOUT_S,
+    OPENVSWITCH_TIMEOUT_S,
+    POLL_S,
+    STAY_S,
+    VSCTL_GRACE_S,
+    VSCTL_TIMEOUT_S,
+)
 
 CONTROL = "/usr/share/openvswitch/scripts/ovs-ctl"
 RUN_FOLDER = Path("/var/run/openvswitch")
@@ -21,13 +30,7 @@ LOG_FOLDER = Path("/var/log/openvswitch")
 DATABASE, SWITCH_DAEMON = "ovsdb-server", "ovs-vswitchd"
 DAEMONS = (DATABASE, SWITCH_DAEMON)
 STARTED = "open-vswitch"  # file: the run that has started the daemons, then the daemons
-START_TIMEOUT_S = 30.0
-VSCTL_TIMEOUT_S = 10.0
-PORT_S = 0.1  # more, of each interface that it may add or take away: in quiet it takes 0.02 s
-GRACE_S = 5.0  # after the time-out of a program's own
 INTERFACES = Path("/sys/class/net")
-LAST_WORDS_TIMEOUT_S = 0.5  # that a daemon's monitor takes to write how it ended
-STAY_S = 0.5  # that no interface has gone in: the others stay until they are deleted
 UNREACHABLE = "database connection failed"  # as ovs-vsctl says it
 OWNER = "external_ids:qmn"  # which run has made a bridge
 RESTART = "restart Open vSwitch, as by `systemctl restart openvswitch-switch`"
@@ -35,10 +38,10 @@ RESTART = "restart Open vSwitch, as by `systemctl restart openvswitch-switch`"
 
 def vsctl(*arguments: str) -> str:
     """Run ovs-vsctl; raise NetworkError with its words, or those of a daemon, if it fails."""
-    limit_s = VSCTL_TIMEOUT_S + PORT_S * len(os.listdir(INTERFACES))
+    limit_s = VSCTL_TIMEOUT_S + INTERFACE_S * len(os.listdir(INTERFACES))
     try:
         timeout = f"--timeout={limit_s:.0f}"
-        return _run("ovs-vsctl", timeout, *arguments, timeout_s=limit_s + GRACE_S)
+        return _run("ovs-vsctl", timeout, *arguments, timeout_s=limit_s + VSCTL_GRACE_S)
     except NetworkError as error:
         found = daemons()
         if found and (silent := [name for name in DAEMONS if not _answers(found, name)]):
@@ -152,11 +155,11 @@ def start(owner: str) -> None:
             daemon.signal(signal.SIGCONT)
     else:
         _refuse_half(daemons())
-    _run(CONTROL, "start", "--system-id=random", timeout_s=START_TIMEOUT_S)
-    deadline = time.monotonic() + START_TIMEOUT_S
+    _run(CONTROL, "start", "--system-id=random", timeout_s=OPENVSWITCH_TIMEOUT_S)
+    deadline = time.monotonic() + OPENVSWITCH_TIMEOUT_S
     while not running():
         if time.monotonic() > deadline:
-            raise NetworkError(f"Open vSwitch did not start in {START_TIMEOUT_S:g} s")
+            raise NetworkError(f"Open vSwitch did not start in {OPENVSWITCH_TIMEOUT_S:g} s")
         time.sleep(0.05)
     _note_starter(owner)
 
@@ -197,7 +200,7 @@ def stop_if_ours(owner: str) -> None:
     """Stop Open vSwitch if this run started it and no bridge is left in it."""
     if starter() == owner and running() and not bridges():
         (RUNTIME_ROOT / STARTED).unlink()
-        _run(CONTROL, "stop", timeout_s=START_TIMEOUT_S)
+        _run(CONTROL, "stop", timeout_s=OPENVSWITCH_TIMEOUT_S)
 
 
 def starter() -> str:
@@ -277,7 +280,7 @@ def ip(commands: Iterable[str], fails: bool = False) -> None:
     """Run commands of ip(8) together; raise NetworkError for the first that fails, or go on."""
     lines = "".join(f"{command}\n" for command in commands)
     force = ["-force"] if fails else []
-    limit_s = START_TIMEOUT_S + PORT_S * len(os.listdir(INTERFACES))
+    limit_s = OPENVSWITCH_TIMEOUT_S + INTERFACE_S * len(os.listdir(INTERFACES))
     _run("ip", *force, "-batch", "-", given=lines, fails=fails, timeout_s=limit_s)
 
 

@@ -194,7 +194,10 @@ def free_port(count: int = 1) -> int:
 
 
 def only_run() -> IO[str]:
-    """Lock this machine for one network; the lock ends with the file or the process."""
+    """Lock this machine, or what is apart on it (topologies/apart.py), for one network.
+
+    The lock ends with the file or the process.
+    """
     RUNTIME_ROOT.mkdir(mode=0o755, parents=True, exist_ok=True)
     lock = (RUNTIME_ROOT / "lock").open("a+")
     try:
@@ -202,7 +205,8 @@ def only_run() -> IO[str]:
     except BlockingIOError as error:
         lock.close()
         raise NetworkError(
-            "another qmn network is running on this machine; end it first"
+            "another qmn network is running on this machine; end it first, or run this one "
+            "beside it by `qmn apart VERB …`"
         ) from error
     return lock
 

@@ -8,6 +8,7 @@ from dispatcher.operations.blocks import Operations
 from dispatcher.operations.gathering import Gathering
 from dispatcher.operations.measurements import Measurements
 from dispatcher.operations.resending import Resending
+from dispatcher.operations.splitting import Splitting
 from dispatcher.operations.transport import Transport
 from dispatcher.refusal import invalid
 from wire import dispatcher_pb2 as messages
@@ -22,6 +23,7 @@ def acts(
     transport: Transport,
     gathering: Gathering,
     resending: Resending,
+    splitting: Splitting,
 ) -> dict[str, Act]:
     """Return the act for each operation of a Step, called with node and request."""
 
@@ -29,8 +31,7 @@ def acts(
         return operations.create(node, request)
 
     async def apply(node: str, request: messages.ApplyRequest) -> messages.Feedback:
-        name = block_name(request.block)
-        return operations.apply(node, name, request.paulis, request.gates)
+        return operations.apply(node, request)
 
     async def send(node: str, request: messages.SendRequest) -> messages.Feedback:
         launches = [(block_name(launch.block), launch.port) for launch in request.launches]
@@ -47,7 +48,7 @@ def acts(
 
     async def bell_measure(node: str, request: messages.BellMeasureRequest) -> messages.Feedback:
         names = block_name(request.first), block_name(request.second)
-        return measurements.bell_measure(node, names)
+        return measurements.bell_measure(node, names, request.packed)
 
     async def store(node: str, request: messages.StoreRequest) -> messages.Feedback:
         return operations.store(node, block_name(request.block))
@@ -66,6 +67,9 @@ def acts(
     async def resend(node: str, request: messages.ResendRequest) -> messages.Feedback:
         return resending.resend(node, block_name(request.block), request.bases)
 
+    async def split(node: str, request: messages.SplitRequest) -> messages.Feedback:
+        return splitting.split(node, block_name(request.block), block_name(request.into))
+
     return {
         "create": create,
         "apply": apply,
@@ -77,4 +81,5 @@ def acts(
         "discard": discard,
         "gather": gather,
         "resend": resend,
+        "split": split,
     }

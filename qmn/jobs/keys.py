@@ -19,7 +19,7 @@ from qmn.options import check_ranges
 from qmn.results import result
 from topologies.key_managers import KeyManagers, KeyService, application_name, start_key_managers
 from topologies.network import Interrupted, Network, Signals, require_root
-from topologies.programs import POLL_S
+from topologies.timeouts import POLL_S
 from wire.parameters.option import option
 
 NAME = "keys"

@@ -27,7 +27,8 @@ from qmn.options import BadInput, check_ranges
 from qmn.results import result
 from topologies.key_managers import KeyService, start_key_managers
 from topologies.network import Network, Signals, require_root
-from topologies.programs import POLL_S, NetworkError, Program
+from topologies.programs import NetworkError, Program
+from topologies.timeouts import POLL_S
 from wire.key_manager import KeyLink
 from wire.parameters.option import option
 from wire.vpn import PROGRAMS, STRONGSWAN, WIREGUARD

@@ -354,6 +354,45 @@ SHEETS = (
         ],
     ),
     Sheet(
+        "photon-splitting",
+        "photon-splitting",
+        {"loss_db": "0:12:5", "mean_photons": [0.2, 0.5], "eve": ["off", "on"], "pairs": 400_000},
+        [
+            Curve(
+                f"photon-splitting-{measure}",
+                f"Photon-number splitting, no decoys: {text}",
+                "loss_db",
+                "loss that alice and bob expect (dB)",
+                measure,
+                by=["eve", "mean_photons"],
+            )
+            for measure, text in (
+                ("gain", "as many pulses are seen"),
+                ("known", "what eve knows"),
+                ("key", "the key (GLLP)"),
+            )
+        ],
+    ),
+    Sheet(
+        "photon-splitting-decoys",
+        "photon-splitting",
+        {"loss_db": "0:12:5", "eve": ["off", "on"], "decoys": ["on"], "pairs": 2_000_000},
+        [
+            Curve(
+                f"photon-splitting-decoys-{measure}",
+                f"Photon-number splitting and decoy states: {text}",
+                "loss_db",
+                "loss that alice and bob expect (dB)",
+                measure,
+                by=["eve"],
+            )
+            for measure, text in (
+                ("weak", "weak pulses that are seen"),
+                ("key", "key of endless blocks"),
+            )
+        ],
+    ),
+    Sheet(
         "polarization",
         "polarization",
         {

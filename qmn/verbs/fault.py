@@ -7,13 +7,13 @@ from typing import Any
 import grpc
 
 from qmn.live.running import dispatcher_of_running_network
+from qmn.timeouts import ORDER_TIMEOUT_S
 from topologies.programs import NetworkError
 from wire.config import DispatcherConfig, QuantumSwitch
 from wire.dispatcher_pb2 import Connection, InjectFaultRequest
 from wire.dispatcher_pb2_grpc import DispatcherStub
 from wire.dispatcher_service import RUNNER, metadata
 
-DEADLINE_S = 5.0  # and what the switch takes to switch
 NO_CAUSE = (grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.DEADLINE_EXCEEDED)
 
 
@@ -53,7 +53,7 @@ def inject(config: DispatcherConfig, arguments: argparse.Namespace) -> str:
     """Ask the dispatcher for the fault; return what a person shall read."""
     switch = find_switch(config, arguments.switch)
     request = build_request(config, arguments)
-    deadline_s = DEADLINE_S + switch.switching_time_s
+    deadline_s = ORDER_TIMEOUT_S + switch.switching_time_s
     with grpc.insecure_channel(f"unix:{config.socket}") as channel:
         stub = DispatcherStub(channel)  # type: ignore[no-untyped-call]
         try:

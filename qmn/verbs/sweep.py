@@ -6,7 +6,8 @@ On the dispatcher's physical layer alone, or with --emulate in a whole network f
 import argparse
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,7 @@ from rich.progress import (
 from qmn.results.run_folder import give_tree
 from qmn.sweeps import grid as grids
 from qmn.sweeps.catalogue import EXPERIMENTS
-from qmn.sweeps.emulated import EMULATED, in_networks
+from qmn.sweeps.emulated import EMULATED
 from qmn.sweeps.experiment import Experiment, SweepError
 from qmn.sweeps.grid import Grid, Measurer
 from qmn.sweeps.parameters import BadGrid
@@ -65,14 +66,19 @@ def add_parser(verbs: Any) -> None:
     )
     add("--seed", type=int, help="of all randomness (1)")
     add("--out", type=Path, default=Path("sweeps"), metavar="FOLDER", help="(sweeps)")
-    add("--workers", type=int, metavar="N", help="processes here (as many as processors)")
+    add("--workers", type=int, metavar="N", help="processes, or networks, at a time (processors)")
     add("--scheduler", default="", metavar="tcp://…", help="a Dask cluster instead of processes")
     axes = parser.add_argument_group("the grid")
     for name, helps in _axes().items():
         axes.add_argument(
             f"--{name.replace('_', '-')}", dest=f"axis_{name}", metavar="VALUES", help=helps
         )
-    parser.set_defaults(call=call, needs_root=lambda arguments: arguments.emulate)
+    parser.set_defaults(call=call, needs_root=starts_networks)
+
+
+def starts_networks(arguments: argparse.Namespace) -> bool:
+    """Return whether networks are to be started here."""
+    return bool(arguments.emulate and not arguments.scheduler)
 
 
 def call(arguments: argparse.Namespace) -> int:
@@ -104,8 +110,6 @@ def asked(arguments: argparse.Namespace) -> tuple[Grid, int]:
         raise BadGrid(f"seed {seed!r} is not a whole number")
     if arguments.workers is not None and not 1 <= arguments.workers <= MAX_WORKERS:
         raise BadGrid(f"--workers {arguments.workers}: choose 1 to {MAX_WORKERS}")
-    if arguments.emulate and arguments.scheduler:
-        raise BadGrid("--emulate runs one network after the other here: leave --scheduler out")
     return grids.build(experiment, given), seed
 
 
@@ -127,20 +131,14 @@ def sweep(
     from qmn.sweeps.figure import draw
     from qmn.sweeps.pictures import pictures
 
-    if arguments.emulate:
+    if starts_networks(arguments):
         require_root()
     name = f"{grid.experiment.name}{'-emulated' if arguments.emulate else ''}"
     with opened(arguments.out / f"{name}.csv", grid.experiment) as table:
         _tell_beginning(console, grid, seed, table, len(running.missing(grid, seed, table)))
         if running.missing(grid, seed, table):
-            if arguments.emulate:
-                measurer = in_networks(arguments.out / "runs", signals)
+            with measuring(arguments, signals.check) as measurer:
                 _follow(console, grid, seed, table, measurer)
-            else:
-                workers = arguments.workers or os.cpu_count() or 1
-                with running.client(arguments.scheduler, workers) as client:
-                    measurer = running.on_cluster(client, signals.check)
-                    _follow(console, grid, seed, table, measurer)
         rows = running.rows(grid, seed, table)
     console.print(f"table    {table.path}", soft_wrap=True)
     for picture in pictures(grid, rows):
@@ -151,6 +149,22 @@ def sweep(
         console.print(f"further from theory than 5 standard errors: {text}", soft_wrap=True)
     give_tree(arguments.out)
     return 0
+
+
+@contextmanager
+def measuring(arguments: argparse.Namespace, check: Callable[[], None]) -> Iterator[Measurer]:
+    """Give what measures points: on the physical layer or in networks, here or on a cluster."""
+    from qmn.sweeps import beside, running
+
+    workers, runs = arguments.workers or os.cpu_count() or 1, arguments.out / "runs"
+    if arguments.emulate and not arguments.scheduler:
+        yield beside.in_networks(runs, workers, check)
+        return
+    with running.client(arguments.scheduler, workers) as client:
+        if arguments.emulate:
+            yield running.on_cluster(client, check, partial(beside.measure, str(runs)))
+        else:
+            yield running.on_cluster(client, check)
 
 
 def _tell_beginning(console: Console, grid: Grid, seed: int, table: Table, left: int) -> None:
