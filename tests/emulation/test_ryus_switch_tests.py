@@ -237,7 +237,7 @@ FLOWING = ofp.OFPIT_APPLY_ACTIONS, ofp.OFPIT_WRITE_ACTIONS
 TO_NO_PORT = ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_OUT_PORT
 
 
-def reasons(message: Any) -> set[Error]:
+def reasons(message: Any) -> set[Error | None]:
     """Return why a switch of light alone refuses a message: what docs/openflow.md says.
 
     Nothing: it concerns packets alone, of which none comes, or it is what light can do.
@@ -246,7 +246,9 @@ def reasons(message: Any) -> set[Error]:
         return {(ofp.OFPET_GROUP_MOD_FAILED, ofp.OFPGMFC_OUT_OF_GROUPS)}
     if isinstance(message, parser.OFPMeterMod):
         return {(ofp.OFPET_METER_MOD_FAILED, ofp.OFPMMFC_OUT_OF_METERS)}
-    found = {(ofp.OFPET_FLOW_MOD_FAILED, ofp.OFPFMFC_BAD_TABLE_ID)} if message.table_id else set()
+    found = set[Error | None]()
+    if message.table_id:
+        found.add((ofp.OFPET_FLOW_MOD_FAILED, ofp.OFPFMFC_BAD_TABLE_ID))
     kinds = {instruction.type for instruction in message.instructions}
     if ofp.OFPIT_GOTO_TABLE in kinds:
         found.add((ofp.OFPET_BAD_INSTRUCTION, ofp.OFPBIC_UNSUP_INST))
