@@ -19,7 +19,7 @@ NEVER_NS = 1 << 62
 
 
 class Times(Protocol):
-    """Ascending times of k photons, as an array has them; mostly the first and the last are asked."""
+    """Ascending times of k photons, as in an array; mostly the first and the last are wanted."""
 
     def __len__(self) -> int: ...
 
