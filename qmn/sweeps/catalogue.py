@@ -15,6 +15,7 @@ from qmn.sweeps.multi_pair import MULTI_PAIR
 from qmn.sweeps.parameters import Values
 from qmn.sweeps.photon_splitting import PHOTON_SPLITTING
 from qmn.sweeps.polarization import MODES, POLARIZATION
+from qmn.sweeps.seal import SEAL
 from qmn.sweeps.seeds import point_seed
 from qmn.sweeps.superdense import SUPERDENSE
 from qmn.sweeps.teleportation import SWAP, TELEPORT
@@ -43,6 +44,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         TIMING,
         DELAY_LINE,
         LIGHT,
+        SEAL,
     )
 }
 
