@@ -20,7 +20,17 @@ FIBERS = {"bb84": 2, "bbm92": 4}  # that two correlated outcomes have passed tog
 
 def run_qkd(runs: Path, *words: str) -> tuple[subprocess.CompletedProcess[str], dict[str, Any]]:
     """Distribute keys; return what was said, and the result."""
-    command = [sys.executable, "-m", "qmn", "run", "qkd", *words, "--runs", str(runs)]
+    command = [
+        sys.executable,
+        "-m",
+        "qmn",
+        "run",
+        "qkd",
+        *words,
+        "--no-report",
+        "--runs",
+        str(runs),
+    ]
     done = subprocess.run(
         command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=90
     )
