@@ -70,7 +70,7 @@ RETURNS: Mapping[Service, Service] = MappingProxyType({Service.SDC_RETURN: Servi
 
 # Where the opener is the source, of services that can do with that: it keeps half of each pair.
 OWN_LIGHT: Mapping[Service, tuple[Beam, ...]] = MappingProxyType(
-    dict.fromkeys((Service.DISTRIBUTE, Service.TELEPORT), LIGHT[Service.LINK])
+    dict.fromkeys((Service.DISTRIBUTE, Service.TELEPORT, Service.SEAL), LIGHT[Service.LINK])
 )
 # What a session comes to need besides, the hosts say: MEASURE to estimate, GATE to purify.
 NEEDS: Mapping[Service, Mapping[Role, Feature]] = MappingProxyType(

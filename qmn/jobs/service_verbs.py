@@ -128,6 +128,7 @@ VERBS: Mapping[str, Verb] = MappingProxyType(
                 },
             },
             eavesdropper=True,
+            source=True,
         ),
     }
 )
