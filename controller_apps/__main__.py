@@ -147,7 +147,7 @@ def start_apps(framework: Any, config: ControllerConfig) -> Any:
 
 
 def open_metrics(config: ControllerConfig) -> Any:
-    """Return what tells Prometheus the controller's figures; None if that is not configured."""
+    """Return what tells Prometheus the controller's metrics; None if that is not configured."""
     if config.metrics_fd is None:
         return None
     from controller_apps.console.metrics import Metrics

@@ -1,4 +1,4 @@
-"""What waits in the controller, and for how long: seconds.
+"""The waits of the controller: seconds.
 
 Those of sessions are of the network, all others of the wall clock.
 """

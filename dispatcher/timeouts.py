@@ -1,4 +1,4 @@
-"""What waits in the dispatcher, and for how long: seconds.
+"""The waits of the dispatcher: seconds.
 
 Those that wait for light are of the network, all others of the wall clock.
 """

@@ -1,4 +1,4 @@
-"""What waits in a host's stack, and for how long: seconds of the network, if nothing else is said.
+"""The waits of a host's stack and applications: seconds of the network, if nothing else is said.
 
 The same wait has the same time-out in every service. Those that build on others say so.
 """

@@ -1,4 +1,4 @@
-"""What waits in the command line, and for how long: seconds of the wall clock."""
+"""The waits of the command line: seconds of the wall clock."""
 
 # Programs of a run
 START_TIMEOUT_S = 15.0  # until an application listens

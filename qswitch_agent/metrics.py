@@ -1,4 +1,4 @@
-"""The agent's figures for Prometheus: what its hardware is asked, how long that takes."""
+"""The agent's metrics for Prometheus: what its hardware is asked, how long that takes."""
 
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -21,7 +21,7 @@ class MeasuredHardware:
     """Hardware that passes every call on to another, and measures."""
 
     def __init__(self, hardware: OpticalHardware) -> None:
-        """Keep the figures of this hardware in `registry`."""
+        """Keep the metrics of this hardware in `registry`."""
         self._hardware = hardware
         self.registry = CollectorRegistry()
         self._seconds = Histogram(

@@ -1,4 +1,4 @@
-"""What waits in a quantum switch's agent, and for how long: seconds of the wall clock."""
+"""The waits of a quantum switch's agent: seconds of the wall clock."""
 
 # Open vSwitch
 BARRIER_DEADLINE_S = 5.0  # until the bridge answers a barrier

@@ -1,4 +1,4 @@
-"""What a topology describes: hosts with light, quantum switches, fibres, and who makes pairs.
+"""The content of a topology: hosts with light, quantum switches, fibres, and who makes pairs.
 
 Ours, one of a user's own file and what `mn --custom` is given are Mininet's Topo, all alike.
 """

@@ -164,7 +164,7 @@ class Runtime:
 
 
 def metrics_listener(network: Runtime, name: str) -> socket.socket:
-    """Return a socket on this machine's loopback for the figures of a program.
+    """Return a socket on this machine's loopback for the metrics of a program.
 
     A program that is started again keeps its address.
     """

@@ -1,4 +1,4 @@
-"""What waits in the runner of a network, and for how long: seconds of the wall clock."""
+"""The waits of a network's runner: seconds of the wall clock."""
 
 # Programs
 READY_TIMEOUT_S = 20.0  # until a program is ready, or captures

@@ -77,7 +77,7 @@ class Config:
 
 @dataclass(frozen=True)
 class MeasuredConfig(Config):
-    """What a program is told that can tell Prometheus its figures."""
+    """What a program is told that can tell Prometheus its metrics."""
 
     # The listening socket that the runner has handed over for that; None: it tells nobody.
     metrics_fd: int | None = field(default=None, kw_only=True)

@@ -1,4 +1,4 @@
-"""What the master's key manager tells a slave's: which stored keys are now which delivered key.
+"""The message of a master's key manager to a slave's: which stored keys are which delivered key.
 
 No key travels where both have stored the same: the delivered key is the beginning of the stored
 keys in their order. A further slave elsewhere gets the same key masked: combined by XOR with

@@ -1,6 +1,6 @@
-"""The controller's figures for Prometheus: of light paths as recorded, of hosts when asked.
+"""The controller's metrics for Prometheus: of light paths as recorded, of hosts when asked.
 
-The hosts' figures are those of their last reports (the device monitor's polls).
+The hosts' metrics are those of their last reports (the device monitor's polls).
 """
 
 import logging
@@ -43,7 +43,7 @@ class MeasuredRecord(Record):
     """A record that also counts its facts, and measures the set-up of light paths."""
 
     def __init__(self, path: str, registry: CollectorRegistry) -> None:
-        """Open the file; keep the figures in the registry."""
+        """Open the file; keep the metrics in the registry."""
         super().__init__(path)
         self._facts = Counter(
             "qmn_controller_facts", "What has happened, by kind.", ["event"], registry=registry
@@ -63,7 +63,7 @@ class MeasuredRecord(Record):
             self._setup_seconds.observe(fields["setup_ms"] / 1e3)
 
 
-class Figures(Collector):
+class CurrentMetrics(Collector):
     """What the apps count anyway."""
 
     def __init__(self, facts: Facts) -> None:
@@ -75,7 +75,7 @@ class Figures(Collector):
         return iter(())
 
     def collect(self) -> Iterator[Metric]:
-        """Yield every figure as it is now; raise Refused if the apps do not answer."""
+        """Yield every metric as it is now; raise Refused if the apps do not answer."""
         devices = self._facts.devices()
         # A host that was never heard has no counts.
         hosts = [each for each in devices if each["kind"] == "host" and "sessions" in each]
@@ -110,7 +110,7 @@ class Metrics:
 
     def start(self, facts: Facts) -> None:
         """Serve from now on."""
-        self.registry.register(Figures(facts))
+        self.registry.register(CurrentMetrics(facts))
         hub.spawn(self.serve)
 
     def serve(self) -> None:

@@ -1,4 +1,4 @@
-"""What stands in the way of light: the elements that are cut or stuck, by name."""
+"""Obstacles to light: the elements that are cut or stuck, by name."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace

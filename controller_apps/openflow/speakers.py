@@ -1,4 +1,4 @@
-"""Which connection speaks for a switch: the first of its datapath id, for as long as it lasts.
+"""The connection that speaks for a switch: the first of its datapath id, for as long as it lasts.
 
 Whoever comes later with the same id is sent away, and does not displace it. A connection by the
 controller's own loopback has to be of a process of root's or of its own user: bridges and agents

@@ -1,4 +1,4 @@
-"""What a classical switch takes from the ports of hosts: frames from their own addresses alone.
+"""Frames that a classical switch takes from the ports of hosts: from their own addresses alone.
 
 A frame with the hardware address of another host, an IPv4 packet or an ARP message with the address
 of another goes no further. Ports that no host of ours is at are not looked at: behind those between

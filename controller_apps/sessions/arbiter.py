@@ -30,7 +30,7 @@ from controller_apps.sessions.closings import WINDOW, is_expected, position
 from controller_apps.sessions.handshakes import Handshakes
 from controller_apps.sessions.light_paths import Light
 from controller_apps.sessions.ordering import Ordering
-from controller_apps.sessions.recovery import Inheritance
+from controller_apps.sessions.recovery import Recovery
 from controller_apps.sessions.sessions import (
     Arrival,
     Request,
@@ -78,7 +78,7 @@ class Arbiter:
         self.light = Light(self.network, self.sessions, self.budget_mdb)
         self.verdicts = Verdicts(self.sessions, self.light, self.keys)
         self.ordering = Ordering(self.sessions, self.light, self.verdicts)
-        self.inheritance = Inheritance(self.sessions, self.light)
+        self.recovery = Recovery(self.sessions, self.light)
         self._looked = -inf  # at all that wait
 
     def segment_arrived(self, dpid: int, in_port: int, frame: bytes, now: float) -> list[Action]:
@@ -119,7 +119,7 @@ class Arbiter:
 
     def _has_begun(self, arrival: Arrival, now: float) -> bool:
         """Tell whether a set-up message is the first on a connection that both ends have opened."""
-        if not self.needs_handshake or self.inheritance.knows_no_handshakes(now):
+        if not self.needs_handshake or self.recovery.knows_no_handshakes(now):
             return True
         return self.handshakes.completed_by(arrival.segment, (arrival.dpid, arrival.in_port))
 
@@ -136,7 +136,7 @@ class Arbiter:
     def _asked(self, setup: Setup, arrival: Arrival, now: float) -> list[Action]:
         if setup.verdict != Verdict.PENDING:
             return [Drop("forged", f"set-up of {setup.session:016x} comes with a verdict")]
-        opened = self.needs_handshake and not self.inheritance.knows_no_handshakes(now)
+        opened = self.needs_handshake and not self.recovery.knows_no_handshakes(now)
         request = new_request(setup, arrival, now, arrival.segment.acknowledged if opened else None)
         if self.sessions.full(request.five_tuple.source):
             return self.verdicts.answer(request, Verdict.REFUSED, Reason.BUSY)
@@ -144,7 +144,7 @@ class Arbiter:
         admission = self.forbid(setup, request.five_tuple) or admit(
             setup, request.five_tuple, self.sessions, self.network, self.budget_mdb, self.taps
         )
-        if self.inheritance.is_premature(admission.reason, now):
+        if self.recovery.is_premature(admission.reason, now):
             return [Drop("premature", f"{admission.reason.name} may change soon; TCP repeats it")]
         waits = admission.waits_for_light and self.queues
         if admission.reason != Reason.OK and not waits:
@@ -347,13 +347,13 @@ class Arbiter:
 
     def resume(self, session: Session, now: float) -> None:
         """Take over what another controller has kept; raise MalformedPacket if that cannot be."""
-        self.inheritance.resume(session, now)
+        self.recovery.resume(session, now)
         for request in session.requests.values():
             self.verdicts.seal(request)
 
     def bypasses_found(self, dpid: int, entries: Iterable[tuple[int, FiveTuple]]) -> list[Action]:
         """Take what a classical switch lets pass (session and connection of each entry)."""
-        return self.inheritance.bypasses_found(dpid, entries)
+        return self.recovery.bypasses_found(dpid, entries)
 
     def bypass_expired(self, dpid: int, five_tuple: FiveTuple, now: float) -> list[Action]:
         """Note that a connection has been silent; end its session if all of it has been."""
@@ -395,4 +395,4 @@ class Arbiter:
         if now - self._looked >= QUEUE_LOOK_S:  # losses and tunings change, too
             self._looked, self.sessions.changed = now, True
         counting = self._count_doubted(now)
-        return [*actions, *counting, *self.inheritance.restored(), *self._serve_queue(now)]
+        return [*actions, *counting, *self.recovery.restored(), *self._serve_queue(now)]

@@ -25,7 +25,7 @@ def is_expected(request: Request, segment: Segment, from_opener: bool) -> bool:
 
 
 def position(request: Request, segment: Segment, from_opener: bool) -> int | None:
-    """Return where the opener is as a segment has it, in bytes from the begin of its message.
+    """Return where the opener is as a segment has it, in bytes from the beginning of its message.
 
     None if a segment of the acceptor does not say so.
     """

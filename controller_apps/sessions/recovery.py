@@ -28,7 +28,7 @@ PREMATURE = (
 
 
 @dataclass
-class Inheritance:
+class Recovery:
     """Acts on the sessions that were taken over, and on their light."""
 
     sessions: Sessions

@@ -14,7 +14,7 @@ def take_over(state: StateFolder, arbiter: Arbiter, logger: Logger, now: float) 
     What cannot be read, or cannot be beside another session, is logged and dropped.
     """
     if state.inherited:
-        arbiter.inheritance.begun = now
+        arbiter.recovery.begun = now
     try:
         for at, host_port in decode_hosts(state.hosts()).items():
             arbiter.network.attach(at, host_port)

@@ -77,7 +77,7 @@ class Request:
         return self.setup.service != Service.SDC or self.setup.handshake != Handshake.ONE_PAIR
 
     def offset(self, sequence: int) -> int:
-        """Return where a sequence number is, in bytes from the begin of the message."""
+        """Return where a sequence number is, in bytes from the beginning of the message."""
         distance = (sequence - self.sequence) & 0xFFFFFFFF
         return distance - (1 << 32) if distance >> 31 else distance
 

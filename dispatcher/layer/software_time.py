@@ -95,7 +95,7 @@ class SoftwareTime:
         self.largest_decaying_share = 0.0  # of one wait that changes qubits
 
     def message(self) -> messages.SoftwareTime:
-        """Return the figures as they go over the wire."""
+        """Return the numbers as they go over the wire."""
         return messages.SoftwareTime(
             run_share=self._activity.idle_share,
             largest_wait_share=self.largest_share,

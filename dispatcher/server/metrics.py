@@ -1,4 +1,4 @@
-"""The dispatcher's figures for Prometheus: read when asked for, but for the time of calls."""
+"""The dispatcher's metrics for Prometheus: read when asked for, but for the time of calls."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -19,10 +19,10 @@ class MeasuredService(Service):
     def __init__(
         self, layer: PhysicalLayer, callers: Callers, failed: Failed, looking: bool = False
     ) -> None:
-        """Serve this layer, and keep its figures in `registry`."""
+        """Serve this layer, and keep its metrics in `registry`."""
         super().__init__(layer, callers, failed, looking)
         self.registry = CollectorRegistry()
-        self.registry.register(Figures(self))
+        self.registry.register(CurrentMetrics(self))
         self._seconds = Histogram(
             "qmn_rpc_seconds",
             "What a request takes; send and receive wait for light.",
@@ -37,7 +37,7 @@ class MeasuredService(Service):
             return await super().change(node, kind, request)
 
 
-class Figures(Collector):
+class CurrentMetrics(Collector):
     """What the physical layer counts anyway."""
 
     def __init__(self, service: Service) -> None:
@@ -45,7 +45,7 @@ class Figures(Collector):
         self._service = service
 
     def collect(self) -> Iterator[Metric]:
-        """Yield every figure as it is now."""
+        """Yield every metric as it is now."""
         status = self._service.status()
         yield CounterMetricFamily(
             "qmn_pairs_created", "Bell pairs that sources have made.", value=status.pairs_created

@@ -39,7 +39,7 @@ def build_service(config: DispatcherConfig, layer: PhysicalLayer, failed: Failed
 
 @asynccontextmanager
 async def metrics(config: DispatcherConfig, service: Service) -> AsyncIterator[None]:
-    """Tell Prometheus the service's figures meanwhile, if it has any."""
+    """Tell Prometheus the service's metrics meanwhile, if it has any."""
     if config.metrics_fd is None:
         yield
         return

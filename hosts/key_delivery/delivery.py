@@ -1,4 +1,4 @@
-"""What a key manager delivers to whom: ETSI GS QKD 014 without the HTTP.
+"""Deliveries of a key manager, and to whom: ETSI GS QKD 014 without the HTTP.
 
     SAE a -- enc_keys --> KME of a -- assignment --> KME of b
           <-- id, key ---                              |
@@ -84,7 +84,7 @@ class KeyDelivery:
         stored_each = -(-size // KEY_BITS)
         count = request.number * stored_each
         self._require_served(slaves)
-        self._waiting.require_room(slaves.get(self._config.host, []), request.number)
+        self._waiting.require_capacity(slaves.get(self._config.host, []), request.number)
         remote = [host for host in slaves if host != self._config.host]
         for host in remote:
             if self.stores[host].mine < count:
@@ -121,7 +121,7 @@ class KeyDelivery:
             self._require_own(slave)
         for unwanted in assignment.void:
             self.stores[host].discard(unwanted)
-        self._waiting.require_room(assignment.slaves, len(assignment.keys))
+        self._waiting.require_capacity(assignment.slaves, len(assignment.keys))
         wanted = [each for key in assignment.keys for each in key.stored]
         found = dict(zip(wanted, await self._stored(host, wanted), strict=True))
         keys = [

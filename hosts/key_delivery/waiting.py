@@ -31,7 +31,7 @@ class WaitingKeys:
         self._keys: dict[UUID, _Waiting] = {}  # the oldest first
         self._counts: dict[str, int] = {}
 
-    def require_room(self, slaves: Iterable[str], count: int) -> None:
+    def require_capacity(self, slaves: Iterable[str], count: int) -> None:
         """Raise Refused if so many more keys cannot wait for these slaves."""
         self._throw_away()
         for slave in slaves:
@@ -40,7 +40,7 @@ class WaitingKeys:
 
     def add(self, master: str, slaves: Sequence[str], keys: Sequence[DeliveredKey]) -> None:
         """Let keys wait for slaves; raise Refused, and add none, if they cannot."""
-        self.require_room(slaves, len(keys))
+        self.require_capacity(slaves, len(keys))
         if any(key.key_id in self._keys for key in keys):
             raise bad_request("a key_ID is assigned already")
         until_s = self._now_s() + FETCH_S

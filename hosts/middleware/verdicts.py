@@ -1,4 +1,4 @@
-"""Which set-up messages a host takes part in: those whose verdict the controller has sealed.
+"""The set-up messages that a host takes part in: those whose verdict the controller has sealed.
 
 A host with standing light also takes those that no controller has arbitrated: the paths are
 there already, and do not rotate. A verdict that there is must be sealed all the same.

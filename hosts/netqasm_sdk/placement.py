@@ -20,5 +20,5 @@ class Placement:
         """Return a role; raise ValueError if there is none of that name."""
         if role not in self.hosts:
             known = ", ".join(sorted(self.hosts))
-            raise ValueError(f"{role!r} is no role of this application: choose one of {known}")
+            raise ValueError(f"{role!r} is not a role of this application: choose one of {known}")
         return role

@@ -1,1 +1,1 @@
-"""What the stack gives to the applications at its socket, and to hosts that call."""
+"""Serving the applications at the stack's socket, and hosts that call."""

@@ -1,1 +1,1 @@
-"""Attacks on an emulated network, each with its figure, its defence off and on."""
+"""Attacks on an emulated network, each with its count, its defence off and on."""

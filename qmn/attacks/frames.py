@@ -1,4 +1,4 @@
-"""What an attacker's program does on a host, with frames that it writes itself.
+"""The program of an attacker on a host, with frames that it writes itself.
 
 python -m qmn.attacks.frames poison INTERFACE VICTIM_IP VICTIM_MAC POSED_IP
 python -m qmn.attacks.frames stations INTERFACE COUNT TO_MAC
@@ -131,11 +131,11 @@ def main() -> None:
     arguments = parser.parse_args()
     interface, *words = arguments.words
     if arguments.what == "poison":
-        print(f"figure={poison(interface, *words)}", flush=True)
+        print(f"count={poison(interface, *words)}", flush=True)
     elif arguments.what == "stations":
-        print(f"figure={stations(interface, int(words[0]), words[1])}", flush=True)
+        print(f"count={stations(interface, int(words[0]), words[1])}", flush=True)
     else:
-        print(f"figure={set_ups(interface, int(words[0]), *words[1:])}", flush=True)
+        print(f"count={set_ups(interface, int(words[0]), *words[1:])}", flush=True)
 
 
 if __name__ == "__main__":

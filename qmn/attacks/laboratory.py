@@ -24,9 +24,9 @@ DECIDED = ("granted", "refused", "forbidden")
 
 @dataclass(frozen=True)
 class Attack:
-    """One attack; `conduct` returns the figure of one trial, with so many attempts."""
+    """One attack; `conduct` returns the count of one trial, with so many attempts."""
 
-    counted: str  # what the figure is, of so many
+    counted: str  # what the count is, of so many
     defence: str  # the switch of the policy's [filter]
     conduct: Callable[[Network, int], int]
     attempts: int
@@ -44,7 +44,7 @@ def arp_spoofing(network: Network, pings: int) -> int:
         finally:
             liar.terminate()
         said, errors = liar.communicate(timeout=ATTACK_TIMEOUT_S)
-    return figure(said + errors)
+    return told_count(said + errors)
 
 
 def flow_table_flooding(network: Network, stations: int) -> int:
@@ -90,7 +90,7 @@ def flood(network: Network, what: str, count: int, *words: str) -> None:
     command = [*FRAMES, what, str(attacker.defaultIntf()), str(count), victim.MAC(), *words]
     with attacker.popen(command, text=True) as sender:
         said, errors = sender.communicate(timeout=ATTACK_TIMEOUT_S)
-    if figure(said + errors) != count:
+    if told_count(said + errors) != count:
         raise NetworkError(f"{ATTACKER} could not send {count} frames: {said}{errors}")
 
 
@@ -106,9 +106,9 @@ def wait_for_line(network: Network, program: "subprocess.Popen[str]", line: str)
         raise NetworkError(f"{ATTACKER}'s program did not say {line!r} in {TOLD_TIMEOUT_S:g} s")
 
 
-def figure(said: str) -> int:
+def told_count(said: str) -> int:
     """Return the number that an attacker's program has printed; raise NetworkError if none."""
-    found = re.search(r"figure=(\d+)", said)
+    found = re.search(r"count=(\d+)", said)
     if found is None:
         raise NetworkError(f"{ATTACKER}'s program has failed: {said.strip()[-300:]}")
     return int(found[1])

@@ -1,4 +1,4 @@
-"""The figures of key distribution: raw, sifted and final bits/s over a real network."""
+"""Benchmarks of key distribution: raw, sifted and final bits/s over a real network."""
 
 from collections.abc import Iterator
 from functools import partial
@@ -14,8 +14,8 @@ DEPOLARIZING = 0.01  # of each fibre
 SIFTED_BITS = 1_000_000
 
 
-def key_figures(folder: Path, signals: Signals) -> Iterator[tuple[str, str]]:
-    """Yield name and text of each figure."""
+def key_benchmarks(folder: Path, signals: Signals) -> Iterator[tuple[str, str]]:
+    """Yield name and text of each benchmark."""
     runtime = Runtime(log_folder=folder / "keys")
     with Network(partial(SdcTopo, depolarizing=DEPOLARIZING), runtime, signals) as network:
         for protocol in PROTOCOLS:

@@ -1,4 +1,4 @@
-"""The figures of networks of many hosts, of which two use light and all others are idle."""
+"""Benchmarks of networks of many hosts, of which two use light and all others are idle."""
 
 import os
 import time
@@ -40,10 +40,10 @@ class ManyHosts:
         )
 
 
-def many_hosts_figures(
+def many_hosts_benchmarks(
     folder: Path, hosts: Sequence[int], signals: Signals
 ) -> Iterator[tuple[str, str]]:
-    """Yield name and text of the figure of each number of hosts."""
+    """Yield name and text of the benchmark of each number of hosts."""
     for count in hosts:
         yield (
             f"network of {count:,} hosts",

@@ -28,8 +28,8 @@ class Times:
         return len(self.each_ms) / self.seconds
 
     def __str__(self) -> str:
-        figures = percentiles(self.each_ms)
-        return f"p50 {figures['p50']:.2f} ms, p99 {figures['p99']:.2f} ms, n {figures['n']}"
+        found = percentiles(self.each_ms)
+        return f"p50 {found['p50']:.2f} ms, p99 {found['p99']:.2f} ms, n {found['n']}"
 
     def __add__(self, more: "Times") -> "Times":
         return Times(self.each_ms + more.each_ms, self.seconds + more.seconds)
@@ -49,8 +49,8 @@ def finish(network: Network, program: Program) -> str:
 
 
 def seconds_of(network: Network, program: Program) -> float:
-    """Wait for the end of a program and return the figure that it printed."""
-    name, _space, figure = finish(network, program).partition(" ")
+    """Wait for the end of a program and return the number that it printed."""
+    name, _space, number = finish(network, program).partition(" ")
     if name != "seconds":
         raise NetworkError(f"{program.name} failed: {program.end()}")
-    return float(figure)
+    return float(number)

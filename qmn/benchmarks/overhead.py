@@ -44,8 +44,8 @@ class Measured:
 Round = dict[str, Measured]  # a run of each kind
 
 
-def overhead_figures(folder: Path, signals: Signals) -> Iterator[tuple[str, str]]:
-    """Yield name and figure of each kind of run; raise NetworkError if one fails."""
+def overhead_benchmarks(folder: Path, signals: Signals) -> Iterator[tuple[str, str]]:
+    """Yield name and text for each kind of run; raise NetworkError if one fails."""
     file = folder / "message"
     file.write_bytes(os.urandom(MESSAGE_BYTES))
     rounds: list[Round] = []
@@ -57,7 +57,7 @@ def overhead_figures(folder: Path, signals: Signals) -> Iterator[tuple[str, str]
             measured[kind] = measure(file, folder / "overhead", KINDS[kind])
         rounds.append(measured)
         sampled.append(sampled_pairs_per_s())
-    yield from figures(rounds)
+    yield from compared(rounds)
     yield from beside_sampler(rounds, sampled)
 
 
@@ -66,7 +66,7 @@ def order(number: int) -> list[str]:
     return list(KINDS)[:: -1 if number % 2 else 1]
 
 
-def figures(rounds: list[Round]) -> Iterator[tuple[str, str]]:
+def compared(rounds: list[Round]) -> Iterator[tuple[str, str]]:
     """Yield each kind's median rate, and median and range of its shares of the bare run's."""
     for kind in KINDS:
         rates = [each[kind].pairs_per_s for each in rounds]

@@ -103,8 +103,8 @@ CASES = (
 )
 
 
-def physical_layer_figures() -> Iterator[tuple[str, str]]:
-    """Yield a name and a figure for each case."""
+def physical_layer_benchmarks() -> Iterator[tuple[str, str]]:
+    """Yield name and text for each case."""
     for case in CASES:
         pairs_per_s = asyncio.run(speed(case))
         yield case.name, f"{pairs_per_s / 1e6:.1f} million Bell pairs/s, blocks of {BLOCK_PAIRS:,}"
@@ -118,13 +118,13 @@ async def speed(case: Case, blocks: int = BLOCKS) -> float:
     scene = Scene(case)
     await scene.begin()
     await scene.block()
-    scene.let_go()
+    scene.discard()
     times_s = []
     for _ in range(blocks):
         started = time.perf_counter()
         await scene.block()
         times_s.append(time.perf_counter() - started)
-        scene.let_go()
+        scene.discard()
     return BLOCK_PAIRS / min(times_s)
 
 
@@ -155,7 +155,7 @@ class Scene:
         self._number += 1
         return await bob.bell_measure(first, second)
 
-    def let_go(self) -> None:
+    def discard(self) -> None:
         """Drop what of the last block has strayed to ports where nobody waits for it."""
         layer = self._laboratory.layer
         for half in (0, 1):

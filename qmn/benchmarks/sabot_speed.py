@@ -35,7 +35,7 @@ class Speed:
 
 
 def sabot_speed() -> Iterator[tuple[str, str]]:
-    """Yield name and text of each figure."""
+    """Yield name and text of each benchmark."""
     for qubits, count in CIRCUITS.items():
         circuits = [steps(np.random.default_rng(SEED + number), qubits) for number in range(count)]
         ours, theirs = Speed(), Speed()
@@ -43,8 +43,8 @@ def sabot_speed() -> Iterator[tuple[str, str]]:
             theirs.improve(*stim_turn(circuits, qubits))
             ours.improve(*chp_turn(circuits, qubits))
         yield f"chp, {qubits:,} qubits, gates", compared(ours.gates, theirs.gates)
-        figure = compared(ours.measurements, theirs.measurements)
-        yield f"chp, {qubits:,} qubits, measurements", figure
+        text = compared(ours.measurements, theirs.measurements)
+        yield f"chp, {qubits:,} qubits, measurements", text
 
 
 def steps(random: np.random.Generator, qubits: int) -> list[Step]:
@@ -101,5 +101,5 @@ def turn(
 
 
 def compared(ours: float, theirs: float) -> str:
-    """Return our figure and its ratio to stim's."""
+    """Return our rate and its ratio to stim's."""
     return f"{ours:,.0f}/s, {ours / theirs:.2f} times stim's {theirs:,.0f}/s"

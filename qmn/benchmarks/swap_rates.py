@@ -1,4 +1,4 @@
-"""The figures of entanglement swapping: pairs/s by length of the chain, over a real network."""
+"""Benchmarks of entanglement swapping: pairs/s by length of the chain, over a real network."""
 
 from collections.abc import Iterator
 from functools import partial
@@ -13,8 +13,8 @@ LENGTHS = (1, 2, 4, 8)  # repeaters
 PAIRS = 100_000
 
 
-def swap_figures(folder: Path, signals: Signals) -> Iterator[tuple[str, str]]:
-    """Yield name and text of each figure."""
+def swap_benchmarks(folder: Path, signals: Signals) -> Iterator[tuple[str, str]]:
+    """Yield name and text of each benchmark."""
     for repeaters in LENGTHS:
         topology = partial(RepeatersTopo, repeaters=repeaters)
         runtime = Runtime(log_folder=folder / f"repeaters-{repeaters}")

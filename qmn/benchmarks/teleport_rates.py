@@ -1,4 +1,4 @@
-"""The figures of teleportation: qubits/s over a real network, each with its real two bits."""
+"""Benchmarks of teleportation: qubits/s over a real network, each with its real two bits."""
 
 from collections.abc import Iterator
 from functools import partial
@@ -15,8 +15,8 @@ STATES = 1_000_000
 KINDS = (("chp", "random", "the six cardinal states"), ("dense", "haar", "states at random"))
 
 
-def teleport_figures(folder: Path, signals: Signals) -> Iterator[tuple[str, str]]:
-    """Yield name and text of each figure."""
+def teleport_benchmarks(folder: Path, signals: Signals) -> Iterator[tuple[str, str]]:
+    """Yield name and text of each benchmark."""
     for backend, state, what in KINDS:
         runtime = Runtime(
             NetworkSettings(backend=backend), log_folder=folder / f"teleport-{backend}"

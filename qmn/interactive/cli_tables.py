@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from rich.table import Table
 
-from qmn.live.tables import figure, hosts_table, table
+from qmn.live.tables import hosts_table, number_text, table
 from qmn.scripting.exchange import Exchange
 from qmn.scripting.light import FiberState, Hop, LightPath
 from qmn.scripting.network import HostState
@@ -77,7 +77,7 @@ def _fiber_row(fiber: FiberState) -> list[str]:
     up = {True: "whole", False: "cut", None: "-"}[fiber.up]
     counts = (fiber.photons_to_b, fiber.photons_to_a, fiber.lost_in_switches)
     length = f"{fiber.length_km:g} km"
-    return [fiber.a, fiber.b, length, f"{fiber.loss_db:.3g} dB", up, *map(figure, counts)]
+    return [fiber.a, fiber.b, length, f"{fiber.loss_db:.3g} dB", up, *map(number_text, counts)]
 
 
 def trace(path: LightPath) -> Table:

@@ -19,9 +19,9 @@ from qmn.network.options import NetworkOptions
 from qmn.options import BadInput, check_ranges
 from qmn.traffic import result
 from qmn.traffic.driver import Driver
-from qmn.traffic.figures import figures, listed
 from qmn.traffic.plan import MODELS, MOST_SESSIONS, BadTraffic, Planned, Traffic, plan
 from qmn.traffic.session import ACCEPTED, Wanted
+from qmn.traffic.summary import listed, summary
 from topologies.network import Network, Signals, require_root
 from wire.controller_record import read_record
 from wire.parameters.option import option
@@ -188,7 +188,7 @@ def _drive(
             _follow(driver, len(planned), network, context.console)
         finally:
             facts["load"] = {
-                **figures(
+                **summary(
                     driver.outcomes, read_record(network.runtime.logs), network.runtime.time.scale
                 ),
                 "began_ns": driver.began_ns,

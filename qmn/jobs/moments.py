@@ -1,4 +1,4 @@
-"""What key managers and tunnels have said, on one time line: seconds since the run could begin."""
+"""The words of key managers and tunnels on one time line: seconds since the run could begin."""
 
 import time
 from collections.abc import Callable, Iterable, Mapping
@@ -65,7 +65,7 @@ def sessions(moments: Iterable[Moment]) -> list[Moment]:
 
 
 def summary(moments: Iterable[Moment], elapsed_s: float) -> dict[str, Any]:
-    """Return the figures of a run that has made keys."""
+    """Return the numbers of a run that has made keys."""
     held = sessions(moments)
     rates = [each["qber"] for each in held if each["qber"] is not None]
     keys = sum(each["keys"] for each in held)
@@ -85,7 +85,7 @@ def words(moment: Moment) -> str:
     host = f"{moment['host']}: " if "host" in moment else ""
     known = {"at", "host", "event", "text", "opened", "withheld"}
     rest = ", ".join(
-        f"{name.replace('_', ' ')} {_figure(value)}"
+        f"{name.replace('_', ' ')} {_text(value)}"
         for name, value in moment.items()
         if name not in known and value is not None
     )
@@ -94,5 +94,5 @@ def words(moment: Moment) -> str:
     return f"{moment['at']:8.2f} s  {said}{': ' if rest else ''}{rest}{text}"
 
 
-def _figure(value: Any) -> str:
+def _text(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)

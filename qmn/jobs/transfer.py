@@ -1,4 +1,4 @@
-"""What the applications of a run say, followed from their first line to their last."""
+"""The words of a run's applications, followed from their first line to their last."""
 
 import json
 import time

@@ -101,7 +101,7 @@ def checked(request: VpnRequest) -> tuple[VpnRequest, NetworkDescription]:
             f"--key-lifetime {request.lifetime:g}: choose more than --rotate {request.rotate:g}"
         )
     if request.file is not None and not request.file.is_file():
-        raise BadInput(f"cannot read {request.file}: it is no file")
+        raise BadInput(f"cannot read {request.file}: it is not a file")
     names, packages = NEEDED[request.program]
     missing = [name for name in names if shutil.which(name) is None]
     if missing:
@@ -169,7 +169,7 @@ def use_network(
         watch(network, noted, eve, [*tunnel.programs, moved.server], moved, request.seconds)
     finally:
         noted.finish()
-        facts["asking"] = figures(noted, moved, file)
+        facts["asking"] = counted(noted, moved, file)
 
 
 def file_of(request: VpnRequest, folder: Path) -> Path:
@@ -208,7 +208,7 @@ def watch(
         time.sleep(POLL_S)
 
 
-def figures(noted: Moments, moved: MovedFile, file: Path) -> dict[str, Any]:
+def counted(noted: Moments, moved: MovedFile, file: Path) -> dict[str, Any]:
     """Return what the run came to."""
     elapsed_s = noted.now_s
     handshakes = [each["seconds"] for each in noted.all if each["event"] == "handshake"]

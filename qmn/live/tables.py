@@ -52,12 +52,12 @@ def switch_table(switch: dict[str, Any]) -> Table:
         table.add_column(column)
     leads_to = {path["in_port"]: path["out_port"] for path in switch["paths"]}
     for port in switch["ports"]:
-        counts = [figure(port.get(f"photons_{way}")) for way in ("in", "out", "lost")]
+        counts = [number_text(port.get(f"photons_{way}")) for way in ("in", "out", "lost")]
         light = port.get("light") or {}
-        optics = [figure(light.get(name)) for name in OPTICS]
+        optics = [number_text(light.get(name)) for name in OPTICS]
         out = leads_to.get(port["port"])
         up = "up" if port["up"] else "cut"
-        table.add_row(f"{port['port']} {port['name']}", up, *counts, *optics, figure(out))
+        table.add_row(f"{port['port']} {port['name']}", up, *counts, *optics, number_text(out))
     return table
 
 
@@ -77,16 +77,16 @@ def host_row(host: dict[str, Any]) -> list[str]:
     if "ports" not in host:
         return [host["name"], host["state"], abilities(host)]
     fibers = " ".join(f"{port['name']}{'' if port['up'] else ' (cut)'}" for port in host["ports"])
-    counts = [figure(host[f"pairs_{what}"]) for what in ("sent", "made", "received", "lost")]
+    counts = [number_text(host[f"pairs_{what}"]) for what in ("sent", "made", "received", "lost")]
     used = settings(host["in_use"]) if host["in_use"]["rate_hz"] else "-"
     return [
         host["name"],
         state(host),
         abilities(host),
         fibers,
-        figure(sum(host["sessions"].values())),
+        number_text(sum(host["sessions"].values())),
         *counts,
-        figure(host["symbol_errors"]),
+        number_text(host["symbol_errors"]),
         used,
         settings(host["overrides"]) or "-",
     ]
@@ -120,6 +120,6 @@ def settings(values: dict[str, Any]) -> str:
     return ", ".join(texts[name].format(value) for name, value in values.items())
 
 
-def figure(value: float | None) -> str:
+def number_text(value: float | None) -> str:
     """Return a number for a person, "-" where there is none."""
     return "-" if value is None else f"{value:,}"

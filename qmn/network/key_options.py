@@ -59,7 +59,7 @@ def key_service(options: KeyServiceOptions, hosts: Sequence[str]) -> KeyService 
     pairs = [pair_of(text, hosts) for text in options.key_pair]
     saes = dict(sae_of(text, hosts) for text in options.sae)
     if options.certificates is not None and not options.certificates.is_dir():
-        raise BadInput(f"--certificates {options.certificates} is no folder")
+        raise BadInput(f"--certificates {options.certificates} is not a folder")
     if not pairs:
         return None
     link = KeyLink(

@@ -10,7 +10,7 @@ from qmn.reports import figures
 from qmn.reports.light_paths import fiber_name, light_paths, photons_by_port
 from qmn.reports.markup import table
 from qmn.reports.run_facts import RunFacts, read_run
-from qmn.results.service_result import figure
+from qmn.results.service_result import number_text
 
 REPORT = "report.html"
 LAST_WORD = "Counts are the sender's last word; the figures may know more."
@@ -50,7 +50,7 @@ def _outcome(run: RunFacts) -> str:
     if not run.carries_bytes:
         words = {True: f"{run.service}: done", False: f"{run.service}: NOT DONE"}
     kind = "good" if done else "failed"
-    numbers = _transfer_figures(result) if run.carries_bytes else _figures(result)
+    numbers = _transfer_numbers(result) if run.carries_bytes else _numbers(result)
     numbers["seed"] = f"{result['seed']}"
     tiles = "".join(
         f"<div><b>{value}</b><span>{name}</span></div>" for name, value in numbers.items()
@@ -60,14 +60,14 @@ def _outcome(run: RunFacts) -> str:
     return f'<p class="{kind}">{words[done]}</p>{error}<div class="tiles">{tiles}</div>{heard}'
 
 
-def _figures(result: Mapping[str, Any]) -> dict[str, str]:
+def _numbers(result: Mapping[str, Any]) -> dict[str, str]:
     numbers = {
         name: value for name, value in result["asking"].items() if not isinstance(value, str)
     }
-    return {name.replace("_", " "): figure(value) for name, value in numbers.items()}
+    return {name.replace("_", " "): number_text(value) for name, value in numbers.items()}
 
 
-def _transfer_figures(result: Mapping[str, Any]) -> dict[str, str]:
+def _transfer_numbers(result: Mapping[str, Any]) -> dict[str, str]:
     rate = result["symbol_error_rate"]
     return {
         "Bell pairs": f"{result['bell_pairs']:,}",

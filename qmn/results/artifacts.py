@@ -20,7 +20,7 @@ from topologies.programs import NetworkError
 
 
 @contextmanager
-def left_behind(options: NetworkOptions, folder: Path | None) -> Iterator[dict[str, Any]]:
+def artifacts_of(options: NetworkOptions, folder: Path | None) -> Iterator[dict[str, Any]]:
     """Yield the facts of a network, to be added to; at its end leave them and the timeline.
 
     Without a folder nothing is left.

@@ -1,4 +1,4 @@
-"""What a run that carries bytes adds to its result: the message, and what it took."""
+"""The part of a result that a run with bytes adds: the message, and what it took."""
 
 from hashlib import file_digest
 from pathlib import Path

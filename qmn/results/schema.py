@@ -43,7 +43,7 @@ class NetworkResult(TypedDict, total=False):
 
 
 class RunResult(NetworkResult, total=False):
-    """What `qmn run` leaves; a message's figures, or what both ends of a service have said."""
+    """What `qmn run` leaves; a message's counts, or what both ends of a service have said."""
 
     service: Required[str]
     delivered: Required[bool]  # every byte is right, or the service was done
@@ -82,7 +82,7 @@ class RunResult(NetworkResult, total=False):
     # Of every other: the last words of the host that asks, and of the one that is asked
     asking: dict[str, Any]
     asked: dict[str, Any]
-    load: dict[str, Any]  # of `qmn run load`: its figures, every session, the use of every fibre
+    load: dict[str, Any]  # of `qmn run load`: a summary, every session, the use of every fibre
     # Of a NetQASM application
     roles: dict[str, str]  # host of each
     outputs: list[dict[str, Any]]  # what the program of each role has returned, round by round

@@ -1,27 +1,29 @@
-"""What a run of a service adds to its result: what both ends have said at the end."""
+"""The part of a result that a run of a service adds: what both ends said at the end."""
 
 from pathlib import Path
 from typing import Any
 
-NOT_FIGURES = ("event", "peer")
+NOT_NUMBERS = ("event", "peer")
 
 
 def complete(facts: dict[str, Any], _folder: Path) -> None:
     """Keep what both ends have said."""
     for end in ("asking", "asked"):
         told = facts.get(end, {})
-        facts[end] = {name: value for name, value in told.items() if name not in NOT_FIGURES}
+        facts[end] = {name: value for name, value in told.items() if name not in NOT_NUMBERS}
 
 
 def rows(facts: dict[str, Any]) -> dict[str, str]:
     """Return what a person is told of the service, and of who listened in."""
-    told = {name.replace("_", " "): figure(value) for name, value in facts["asking"].items()}
-    eve = {f"eve: {name.replace('_', ' ')}": figure(v) for name, v in facts.get("eve", {}).items()}
+    told = {name.replace("_", " "): number_text(value) for name, value in facts["asking"].items()}
+    eve = {
+        f"eve: {name.replace('_', ' ')}": number_text(v) for name, v in facts.get("eve", {}).items()
+    }
     return {**told, **eve}
 
 
-def figure(value: Any) -> str:
-    """Return a figure as people read it."""
+def number_text(value: Any) -> str:
+    """Return a number as people read it."""
     if value is None:
         return "not known"
     if isinstance(value, bool):

@@ -1,4 +1,4 @@
-"""What a result says of the time: its scale, and how much of it was software."""
+"""Time in a result: its scale, and how much of it was software."""
 
 from collections.abc import Iterable
 from math import inf

@@ -27,7 +27,7 @@ from qmn.network.description import (
 from qmn.network.options import NetworkOptions, settings
 from qmn.network.topologies import SIZES, TOPOLOGIES, is_known
 from qmn.options import BadInput, from_keywords
-from qmn.results.artifacts import left_behind
+from qmn.results.artifacts import artifacts_of
 from qmn.results.network_facts import network_facts
 from qmn.results.run_folder import given_at_the_end
 from qmn.scripting.exchange import Exchange, connection, exchange
@@ -200,7 +200,7 @@ def running(description: NetworkDescription, folder: Path | None) -> Iterator[Qu
     with (
         Signals() as signals,
         given_at_the_end(options.keys),
-        left_behind(options, folder) as facts,
+        artifacts_of(options, folder) as facts,
     ):
         facts["time_scale"], facts["time_scale_because"] = chosen.scale, chosen.reason or None
         runtime = settings(options, folder, chosen.scale)

@@ -1,4 +1,4 @@
-"""Which network a sweep emulates, and between which of its hosts."""
+"""The network that a sweep emulates, and the hosts between which it measures."""
 
 from collections.abc import Sequence
 from typing import Any

@@ -9,7 +9,7 @@ from rich.console import Console
 from qmn.live.event_sources import recorded
 from qmn.results.network_facts import NetworkFacts
 from qmn.results.result import controller_facts, emulation, print_rows, rows_of_every_run
-from qmn.results.service_result import figure
+from qmn.results.service_result import number_text
 from qmn.traffic.fiber_use import fiber_use, shares, span_of
 from topologies.runtime import EVENT_CAPTURE
 from wire.controller_record import read_record
@@ -32,7 +32,7 @@ def complete(facts: dict[str, Any], folder: Path) -> None:
 
 
 def summary(load: dict[str, Any]) -> dict[str, Any]:
-    """Return the figures that a person is told first."""
+    """Return the numbers that a person is told first."""
     if "offered" not in load:
         return {}
     blocked, broken = sum(load["blocked"].values()), sum(load["broken"].values())
@@ -53,9 +53,9 @@ def summary(load: dict[str, Any]) -> dict[str, Any]:
 def show(console: Console, facts: dict[str, Any], folder: Path) -> None:
     """Print the table."""
     load = facts["load"]
-    rows = {name.replace("_", " "): figure(value) for name, value in facts["asking"].items()}
+    rows = {name.replace("_", " "): number_text(value) for name, value in facts["asking"].items()}
     for kind in ("blocked", "broken"):
-        rows |= {f"{kind}: {reason}": figure(count) for reason, count in load[kind].items()}
+        rows |= {f"{kind}: {reason}": number_text(count) for reason, count in load[kind].items()}
     for each in load["fidelity_by_age"]:
         rows[f"fidelity after {each['age_s']:.3g} s"] = (
             f"{each['fidelity']:.4f} ± {each['standard_error']:.4f}"

@@ -49,7 +49,7 @@ def call(arguments: argparse.Namespace) -> int:
 
 
 def trial(name: str, defence: str, attempts: int | None) -> str:
-    """Try an attack once, in a network of its own; return its figure in words."""
+    """Try an attack once, in a network of its own; return its count in words."""
     from qmn.attacks.laboratory import ATTACKS
     from qmn.scripting.network import start
 

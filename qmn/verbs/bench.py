@@ -1,4 +1,4 @@
-"""qmn bench: measure this machine and print figures, and ratios to a baseline of the same run."""
+"""qmn bench: measure this machine; print numbers, and ratios to a baseline of the same run."""
 
 import argparse
 import os
@@ -14,16 +14,16 @@ from pathlib import Path
 from typing import Any
 
 from hosts.quantum_socket import QuantumSocket
-from qmn.benchmarks.key_rates import key_figures
+from qmn.benchmarks.key_rates import key_benchmarks
 from qmn.benchmarks.live_pairs import BLOCK_PAIRS, cost_by_live_pairs
-from qmn.benchmarks.many_hosts import many_hosts_figures
+from qmn.benchmarks.many_hosts import many_hosts_benchmarks
 from qmn.benchmarks.measurement import seconds_of
-from qmn.benchmarks.overhead import overhead_figures
-from qmn.benchmarks.path_figures import path_figures
-from qmn.benchmarks.physical_layer import physical_layer_figures
+from qmn.benchmarks.overhead import overhead_benchmarks
+from qmn.benchmarks.path_benchmarks import path_benchmarks
+from qmn.benchmarks.physical_layer import physical_layer_benchmarks
 from qmn.benchmarks.sabot_speed import sabot_speed
-from qmn.benchmarks.swap_rates import swap_figures
-from qmn.benchmarks.teleport_rates import teleport_figures
+from qmn.benchmarks.swap_rates import swap_benchmarks
+from qmn.benchmarks.teleport_rates import teleport_benchmarks
 from qmn.timeouts import MEASURE_TIMEOUT_S
 from topologies.network import Interrupted, Network, Signals, require_root
 from topologies.programs import NetworkError, python
@@ -63,21 +63,21 @@ def call(arguments: argparse.Namespace) -> int:
     try:
         require_root()
         with Signals() as signals, tempfile.TemporaryDirectory(prefix="qmn-bench-") as folder:
-            for name, figure in chain(sabot_speed(), physical_layer_figures()):
-                show(name, figure)
-            for name, figure in overhead_figures(Path(folder), signals):
-                show(name, figure)
+            for name, text in chain(sabot_speed(), physical_layer_benchmarks()):
+                show(name, text)
+            for name, text in overhead_benchmarks(Path(folder), signals):
+                show(name, text)
             run(Path(folder), arguments.pairs, signals)
-            for name, figure in key_figures(Path(folder), signals):
-                show(name, figure)
-            for name, figure in teleport_figures(Path(folder), signals):
-                show(name, figure)
-            for name, figure in swap_figures(Path(folder), signals):
-                show(name, figure)
-            for name, figure in path_figures(Path(folder), arguments.setups, signals):
-                show(name, figure)
-            for name, figure in many_hosts_figures(Path(folder), arguments.hosts, signals):
-                show(name, figure)
+            for name, text in key_benchmarks(Path(folder), signals):
+                show(name, text)
+            for name, text in teleport_benchmarks(Path(folder), signals):
+                show(name, text)
+            for name, text in swap_benchmarks(Path(folder), signals):
+                show(name, text)
+            for name, text in path_benchmarks(Path(folder), arguments.setups, signals):
+                show(name, text)
+            for name, text in many_hosts_benchmarks(Path(folder), arguments.hosts, signals):
+                show(name, text)
     except Interrupted as error:
         print(f"qmn: {error}; everything is cleaned up", file=sys.stderr)
         return error.status
@@ -88,7 +88,7 @@ def call(arguments: argparse.Namespace) -> int:
 
 
 def run(folder: Path, pairs: int, signals: Signals) -> None:
-    """Print one line a figure."""
+    """Print one line for each benchmark."""
     show("whole run, 1 KiB, native", f"{whole_run(folder):.1f} s")
     with Network(SdcTopo, Runtime(log_folder=folder / "network"), signals) as network:
         network.capture("s1")
@@ -110,9 +110,9 @@ def run(folder: Path, pairs: int, signals: Signals) -> None:
     show("per-pair to its baseline", f"{each_s / baseline_s:.2f} times {baseline_s * 1e3:.3f} ms")
 
 
-def show(name: str, figure: str) -> None:
-    """Print a figure."""
-    print(f"{name:<34}{figure}", flush=True)
+def show(name: str, text: str) -> None:
+    """Print what a benchmark has found."""
+    print(f"{name:<34}{text}", flush=True)
 
 
 def whole_run(folder: Path) -> float:
@@ -171,7 +171,7 @@ def baseline(network: Network, count: int) -> tuple[float, float]:
 
 
 def measure(network: Network, what: str, count: int, address: str) -> float:
-    """Run one measurement on alice to its end."""
+    """Run one text on alice to its end."""
     command = [python(), "-m", "qmn.benchmarks.baseline", what, str(count), address]
     program = network.run_on("alice", what, command)
     return seconds_of(network, program)

@@ -82,7 +82,7 @@ def start_and_obey(
         print(f"starting the network; its logs and quantum events: {folder}", flush=True)
         with running(description, folder) as network:
             for program, url in urls(network.runtime.metrics_addresses).items():
-                print(f"figures of {program}: {url}", flush=True)
+                print(f"metrics of {program}: {url}", flush=True)
             if capture:
                 network.capture("s1", openflow=True)
             if service is not None:

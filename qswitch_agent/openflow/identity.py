@@ -1,4 +1,4 @@
-"""What the switch says that it is: description, features, its one table, its fibres' medium.
+"""The switch's own words of itself: description, features, its one table, its fibres' medium.
 
 Open vSwitch would speak of itself: 254 tables that match and rewrite headers, groups, meters.
 Light has one table, which matches ports. What a switch with copper ports does for packets in

@@ -28,7 +28,7 @@ def test_attacks_succeed_without_their_defence_alone(tmp_path: Path, defended: b
             assert reached == 0 if defended else 0.8 * attempts <= reached <= attempts, name
 
 
-def test_the_verb_prints_the_figure() -> None:
+def test_the_verb_prints_the_count() -> None:
     said = verb("attack", "set-up-flooding", "--attempts", "5", "--defence", "on").stdout
     assert "set-up-flooding" in said
     assert "handshakes on" in said

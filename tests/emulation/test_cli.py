@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT, verb, wait_until
-from test_metrics_of_a_run import counted, figures
+from test_metrics_of_a_run import counted, metrics
 from test_timeline_of_a_run import fields
 
 from qmn.jobs.transfer import TransferError
@@ -104,7 +104,7 @@ def test_a_script_goes_on_after_failures_and_its_status_tells(tmp_path: Path) ->
 def test_ctrl_c_ends_the_verb_and_ctrl_d_the_network(tmp_path: Path) -> None:
     with Keyboard("sdc", "--metrics", "--runs", str(tmp_path)) as keyboard:
         shown = keyboard.read_until("qmn> ")
-        addresses = dict(re.findall(r"figures of (\S+): (http://\S+)", shown))
+        addresses = dict(re.findall(r"metrics of (\S+): (http://\S+)", shown))
         assert addresses.keys() == {"dispatcher", "q1-agent", "c0"}
         keyboard.type("qiperf alice bob 60\n")
         keyboard.read_until("qiperf alice bob 60")
@@ -116,8 +116,8 @@ def test_ctrl_c_ends_the_verb_and_ctrl_d_the_network(tmp_path: Path) -> None:
         keyboard.type("alice qsend bob still here\n")
         keyboard.read_until("10 bytes")
         keyboard.read_until("qmn> ")
-        assert figures(addresses["dispatcher"])["qmn_pairs_created_total"] >= 40
-        assert figures(addresses["c0"])["qmn_path_setup_seconds_count"] == 2
+        assert metrics(addresses["dispatcher"])["qmn_pairs_created_total"] >= 40
+        assert metrics(addresses["c0"])["qmn_path_setup_seconds_count"] == 2
         keyboard.type("qst\t al\t\n")
         keyboard.read_until("blocks: none")
         keyboard.read_until("qmn> ")  # Ctrl-D means the end only to who reads just then

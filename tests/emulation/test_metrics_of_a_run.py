@@ -12,7 +12,7 @@ from conftest import ROOT, qmn_command, wait_until
 from prometheus_client.parser import text_string_to_metric_families
 
 
-def figures(url: str) -> dict[str, float]:
+def metrics(url: str) -> dict[str, float]:
     """Return the samples of a program: a sum over labels for each name."""
     with urllib.request.urlopen(url, timeout=10) as response:  # noqa: S310 (our own http)
         families = text_string_to_metric_families(response.read().decode())
@@ -23,11 +23,11 @@ def figures(url: str) -> dict[str, float]:
 
 
 def counted(url: str, name: str) -> bool:
-    return figures(url).get(name, 0) > 0
+    return metrics(url).get(name, 0) > 0
 
 
 @pytest.mark.parametrize("controller", ["ryu", "os-ken"])
-def test_a_run_tells_its_figures_while_it_lasts(tmp_path: Path, controller: str) -> None:
+def test_a_run_tells_its_metrics_while_it_lasts(tmp_path: Path, controller: str) -> None:
     words = ["--metrics", "--controller", controller, "--message", "x" * 250]
     words += ["--rate-hz", "400", "--block-pairs", "200", "--frame-bytes", "8"]
     words += ["--loss-db-per-km", "10", "--depolarizing", "0.004"]
@@ -44,13 +44,13 @@ def test_a_run_tells_its_figures_while_it_lasts(tmp_path: Path, controller: str)
             }
             assert found.keys() == {"dispatcher", "q1-agent", "c0"}
             wait_until(
-                lambda: figures(found["dispatcher"])["qmn_pairs_created_total"] >= 400, "pairs"
+                lambda: metrics(found["dispatcher"])["qmn_pairs_created_total"] >= 400, "pairs"
             )
-            wait_until(lambda: figures(found["dispatcher"])["qmn_live_qubits"] >= 100, "qubits")
-            assert figures(found["dispatcher"])["qmn_photons_lost_total"] > 0
-            assert figures(found["dispatcher"])["qmn_rpc_seconds_count"] > 2
-            assert figures(found["q1-agent"])["qmn_light_paths"] == 3
-            assert figures(found["c0"])["qmn_path_setup_seconds_count"] >= 1
+            wait_until(lambda: metrics(found["dispatcher"])["qmn_live_qubits"] >= 100, "qubits")
+            assert metrics(found["dispatcher"])["qmn_photons_lost_total"] > 0
+            assert metrics(found["dispatcher"])["qmn_rpc_seconds_count"] > 2
+            assert metrics(found["q1-agent"])["qmn_light_paths"] == 3
+            assert metrics(found["c0"])["qmn_path_setup_seconds_count"] >= 1
             for name in ("pairs_made", "pairs_lost", "symbol_errors"):  # as hosts report them
                 wait_until(partial(counted, found["c0"], f"qmn_{name}_total"), name)
         finally:

@@ -102,6 +102,13 @@ def test_no_rooms_import_each_other_even_by_way_of_others() -> None:
         pytest.fail(f"a circle: {' <- '.join(error.args[1])}")
 
 
+@pytest.mark.parametrize("folder", ALL[:-1])
+def test_the_docstring_of_a_module_says_what_the_module_is(folder: str) -> None:
+    for file in sources(folder):
+        words = (ast.get_docstring(ast.parse(file.read_text())) or "").split()
+        assert not words or words[0] not in ("What", "Which"), file
+
+
 WAIT = re.compile(r"[A-Z_]*(TIMEOUT|DEADLINE|POLL|PERIOD|GRACE|PAUSE|EXPIRY|TICK)_M?S")
 
 

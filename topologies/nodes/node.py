@@ -1,4 +1,4 @@
-"""What every node of a network of ours is."""
+"""The part that all nodes of a network of ours share."""
 
 from pathlib import Path
 

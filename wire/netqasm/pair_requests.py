@@ -1,4 +1,4 @@
-"""What processing units say to each other before they ask for light: who wants which pairs.
+"""The messages of processing units before they ask for light: who wants which pairs.
 
 creator's unit                       receiver's unit, TCP port PAIRS_PORT
 PairRequest                      ->

@@ -1,4 +1,4 @@
-"""What a user can set of a network and its programs: each setting is declared here alone.
+"""Settings of a network and its programs: each is declared here alone.
 
 A program's configuration has the settings of its class here; the command line and scripts have all
 of them as options, with these words, kinds, defaults and ranges.
@@ -83,7 +83,7 @@ class NetworkSettings(DispatcherSettings, ControllerSettings):
         "keep the keys that hosts make here, a new folder (they go with the network)",
         metavar="DIR",
     )
-    metrics: bool = option(False, "figures for Prometheus (docs/metrics.md)")
+    metrics: bool = option(False, "metrics for Prometheus (docs/metrics.md)")
 
 
 def part(kind: type[Any], settings: NetworkSettings) -> dict[str, Any]:

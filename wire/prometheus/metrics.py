@@ -1,4 +1,4 @@
-"""Figures for Prometheus: what a program answers when it is asked for them over HTTP.
+"""Metrics for Prometheus: what a program answers when it is asked for them over HTTP.
 
 The runner opens the socket, in its own network namespace, and hands it over: so Prometheus on
 this machine reaches also a program that runs inside a host of the emulated network.
@@ -25,7 +25,7 @@ disable_created_metrics()  # type: ignore[no-untyped-call]  # programs live as l
 
 
 def answer(head: bytes, registry: CollectorRegistry) -> bytes:
-    """Return the response to a request's head: the figures, or what is wrong with it."""
+    """Return the response to a request's head: the metrics, or what is wrong with it."""
     words = head.partition(b"\r\n")[0].split(b" ")
     if len(words) != 3 or not words[2].startswith(b"HTTP/1.") or not head.endswith(END):
         return _response("400 Bad Request", PLAIN, b"this is not HTTP/1\n")
@@ -33,13 +33,13 @@ def answer(head: bytes, registry: CollectorRegistry) -> bytes:
     if method not in (b"GET", b"HEAD"):
         return _response("405 Method Not Allowed", PLAIN, b"use GET\n", "Allow: GET, HEAD\r\n")
     if target.partition(b"?")[0] != PATH.encode():
-        return _response("404 Not Found", PLAIN, f"the figures are at {PATH}\n".encode())
+        return _response("404 Not Found", PLAIN, f"the metrics are at {PATH}\n".encode())
     response = _response("200 OK", CONTENT_TYPE_LATEST, generate_latest(registry))
     return response if method == b"GET" else response.partition(END)[0] + END
 
 
 def unavailable(problem: str) -> bytes:
-    """Return the response of a program that cannot tell its figures now."""
+    """Return the response of a program that cannot tell its metrics now."""
     return _response("503 Service Unavailable", PLAIN, f"{problem}\n".encode())
 
 

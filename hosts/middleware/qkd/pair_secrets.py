@@ -1,4 +1,4 @@
-"""What a host shares with each other host: random bytes that both were given before."""
+"""Secrets that a host shares with each other host: random bytes that both were given before."""
 
 import os
 import secrets

@@ -105,7 +105,7 @@ def test_a_new_connection_between_the_same_ports_takes_the_place_of_the_old() ->
 
 def test_after_another_controller_handshakes_are_not_known_for_a_while() -> None:
     state = state_of()
-    state.inheritance.begun = 1000.0
+    state.recovery.begun = 1000.0
     assert causes(ask(state, now=1000.0 + HELD_UP_S)) == ["unopened"]
     assert any(isinstance(action, OpenPaths) for action in ask(state, now=1000.0))
 

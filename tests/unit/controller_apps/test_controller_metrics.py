@@ -1,4 +1,4 @@
-"""The controller, as a program of its own on each framework, tells Prometheus its figures."""
+"""The controller, as a program of its own on each framework, tells Prometheus its metrics."""
 
 import os
 import socket

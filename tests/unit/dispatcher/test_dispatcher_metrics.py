@@ -1,4 +1,4 @@
-"""The dispatcher tells Prometheus its figures, over a socket that it is handed."""
+"""The dispatcher tells Prometheus its metrics, over a socket that it is handed."""
 
 import asyncio
 import socket
@@ -13,7 +13,7 @@ from dispatcher.server.server import metrics
 from wire.dispatcher_pb2 import MeasureRequest, Order, Step
 
 
-def figures(address: str) -> dict[str, float]:
+def samples(address: str) -> dict[str, float]:
     """Return every sample by its name, and its rpc if it has one."""
     with urllib.request.urlopen(f"http://{address}/metrics", timeout=5) as response:
         families = text_string_to_metric_families(response.read().decode())
@@ -29,7 +29,7 @@ def test_pairs_losses_live_qubits_and_calls_are_told(tmp_path: Path) -> None:
         async with running(config, JumpingClock()) as bench:
             assert isinstance(bench.service, MeasuredService)
             async with metrics(config, bench.service):
-                before = await asyncio.to_thread(figures, address)
+                before = await asyncio.to_thread(samples, address)
                 await bench.charlie.create(500)
                 await bench.charlie.send((block(), "charlie-q0"))  # no path: it is lost
                 step = Step(measure=MeasureRequest(block=block(half=1)))
@@ -37,7 +37,7 @@ def test_pairs_losses_live_qubits_and_calls_are_told(tmp_path: Path) -> None:
                 metadata = bench.charlie.metadata
                 [outcome async for outcome in bench.stub.Perform(orders, metadata=metadata)]
                 await bench.alice.create(20, number=1)
-                after = await asyncio.to_thread(figures, address)
+                after = await asyncio.to_thread(samples, address)
         assert before["qmn_live_qubits"] == before["qmn_pairs_created_total"] == 0
         assert after["qmn_pairs_created_total"] == 520
         assert after["qmn_photons_lost_total"] == 500

@@ -264,7 +264,7 @@ def test_keys_that_wait_are_bounded_and_not_for_ever() -> None:
     waiting.fetch("b", "a", [keys[0].key_id])
     waiting.add("a", ["b"], more)
     now = FETCH_S + 1
-    waiting.require_room(["b"], MOST_WAITING)
+    waiting.require_capacity(["b"], MOST_WAITING)
     with pytest.raises(Refused, match=NOT_FOUND):
         waiting.fetch("b", "a", [keys[1].key_id])
 

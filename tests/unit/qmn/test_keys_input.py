@@ -41,7 +41,7 @@ def test_alice_and_bob_keep_keys_if_nobody_is_named() -> None:
         (("--keys-per-s", "-1"), "--keys-per-s -1.0: choose 0 to"),
         (("--eve", "2"), "--eve 2.0: choose 0 to 1"),
         (("--eve", "1", "--at", "5", "--until", "5"), "--until 5 is not after --at 5"),
-        (("--certificates", "/nowhere"), "/nowhere is no folder"),
+        (("--certificates", "/nowhere"), "/nowhere is not a folder"),
     ],
 )
 def test_what_cannot_be_is_refused(words: tuple[str, ...], text: str) -> None:

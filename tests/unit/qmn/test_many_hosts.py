@@ -1,4 +1,4 @@
-"""Figures of networks of many hosts: processor time and memory as the kernel counts them."""
+"""Benchmarks of networks of many hosts: processor time and memory as the kernel counts them."""
 
 import argparse
 import os

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from qmn.benchmarks.measurement import Times
-from qmn.benchmarks.path_figures import parts, ratio
+from qmn.benchmarks.path_benchmarks import parts, ratio
 from qmn.benchmarks.path_requests import NoPath, Openings, answered, wait_until_closed
 from wire.metadata import Answer, Emit, Reason
 

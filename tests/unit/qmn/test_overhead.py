@@ -10,7 +10,7 @@ from qmn.benchmarks.overhead import (
     NOTHING,
     Measured,
     beside_sampler,
-    figures,
+    compared,
     order,
 )
 
@@ -22,7 +22,7 @@ def test_a_share_is_of_the_bare_run_in_the_same_round() -> None:
         for rate, other in zip(bare, kept, strict=True)
     ]
     rounds[1][EVERYTHING] = Measured(350_000.0, packets_missed=2)
-    told = dict(figures(rounds))
+    told = dict(compared(rounds))
     assert told[f"qmn run sdc, {NOTHING}"] == "1,000,000 Bell pairs/s, 100% (100% to 100%)"
     assert told[f"qmn run sdc, {EVERYTHING}"] == "900,000 Bell pairs/s, 80% (70% to 90%)"
     assert told["  packets not captured"] == "2"

@@ -15,9 +15,9 @@ from qmn.options import BadInput
 from qmn.results.network_facts import NetworkFacts
 from qmn.traffic.erlang import erlang_b, erlang_c, mean_wait, waits_longer
 from qmn.traffic.fiber_use import fiber_use, shares, span_of
-from qmn.traffic.figures import fairness, fidelity_by_age, figures, light_times
 from qmn.traffic.plan import BadTraffic, Planned, Traffic, plan
 from qmn.traffic.session import ACCEPTED, BLOCKED, Outcome, Wanted
+from qmn.traffic.summary import fairness, fidelity_by_age, light_times, summary
 from qmn.verbs.run import load_request
 from wire.config import QuantumSwitch
 from wire.dispatcher_pb2 import Event
@@ -146,7 +146,7 @@ def test_jain_s_index_is_one_if_all_fare_alike_and_a_third_if_one_of_three_has_a
 def test_every_session_is_counted_once() -> None:
     told = [outcome("h1", setup_s=0.25, ended_s=2.0, summary={"pairs": 6}), outcome("h2", "late")]
     told += [outcome("h1", BLOCKED, "BUSY"), outcome("h3", BLOCKED, "BUSY"), outcome("h3", "")]
-    found = figures(told, [])
+    found = summary(told, [])
     assert (found["offered"], found["accepted"], found["late"], found["forgotten"]) == (5, 1, 1, 1)
     assert (found["blocked"], found["broken"]) == ({"BUSY": 2}, {})
     assert found["setup_s"] == {"p50": 0.25, "p90": 0.25, "p99": 0.25, "n": 1}

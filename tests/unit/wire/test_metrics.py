@@ -14,13 +14,13 @@ from wire.prometheus.metrics import answer
 
 @pytest.fixture
 def registry() -> CollectorRegistry:
-    """Return a registry with one figure."""
+    """Return a registry with one metric."""
     registry = CollectorRegistry()
     Counter("photons", "Light.", registry=registry).inc(7)
     return registry
 
 
-def test_the_figures_are_told_with_their_length(registry: CollectorRegistry) -> None:
+def test_the_metrics_are_told_with_their_length(registry: CollectorRegistry) -> None:
     response = answer(b"GET /metrics HTTP/1.1\r\nHost: a\r\n\r\n", registry)
     head, _, body = response.partition(metrics.END)
     assert head.startswith(b"HTTP/1.1 200 OK\r\n")
@@ -29,7 +29,7 @@ def test_the_figures_are_told_with_their_length(registry: CollectorRegistry) -> 
     assert {sample.name: sample.value for sample in family.samples}["photons_total"] == 7
 
 
-def test_head_tells_no_figures(registry: CollectorRegistry) -> None:
+def test_head_tells_no_metrics(registry: CollectorRegistry) -> None:
     response = answer(b"HEAD /metrics HTTP/1.1\r\n\r\n", registry)
     assert response.startswith(b"HTTP/1.1 200 OK\r\n")
     assert response.endswith(b"\r\n\r\n")

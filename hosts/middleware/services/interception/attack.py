@@ -1,4 +1,4 @@
-"""What every attack on light does, whichever it is."""
+"""The part that all attacks on light share."""
 
 from typing import Any, Protocol
 

@@ -22,7 +22,7 @@ from dataclasses import asdict
 from hosts.hardware.qnic import BlockName, NoLight, Symbols
 from hosts.middleware.services.superdense.halves import sent_half
 from hosts.middleware.services.superdense.options import SuperdenseOptions
-from hosts.middleware.services.superdense.per_pair import Agreed, OneByOne, cancelled
+from hosts.middleware.services.superdense.per_pair import Agreed, PerPair, cancelled
 from hosts.middleware.services.superdense.sender import Light, Sender, Singles
 from hosts.middleware.session.service import Carrier, OpenerEnd
 from hosts.network_loop import now_s
@@ -42,7 +42,7 @@ class Opener:
         """Raise SessionError if the receiver does not say what its analyser can do."""
         self._end, self._qnic, self._setup, self._channel = end, end.qnic, end.setup, end.channel
         self._sender = Sender(end.setup, end.answer, end.arrangement.peer, now_s())
-        self._one_by_one = OneByOne(self._shake_hands, self._pair)
+        self._per_pair = PerPair(self._shake_hands, self._pair)
         end.counts, end.summary = self._counts, asdict(self._sender.statistics)
         end.sent = self._sender.sent
 
@@ -83,7 +83,7 @@ class Opener:
             if isinstance(order, Light):
                 emitted_ns = await self._light_of(order, before)
             else:
-                emitted_ns = await self._one_by_one.send(order)
+                emitted_ns = await self._per_pair.send(order)
         except NoLight as error:
             message = self._sender.dark(str(error))
         else:

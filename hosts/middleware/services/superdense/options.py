@@ -1,4 +1,4 @@
-"""What an application may choose for superdense coding."""
+"""The choices of an application for superdense coding."""
 
 from dataclasses import dataclass
 from typing import Any

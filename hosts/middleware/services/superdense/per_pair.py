@@ -36,7 +36,7 @@ ShakeHands = Callable[[int], Awaitable[Agreed]]
 Light = Callable[[int, Symbols], Awaitable[int]]
 
 
-class OneByOne:
+class PerPair:
     """Sends photons each under a handshake of its own."""
 
     def __init__(self, shake_hands: ShakeHands, light: Light) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from metadata_scene import FIBERS, FRAMED, Q1
-from test_inheritance import HOPS, OWNER, SOURCE, kept
+from test_recovery import HOPS, OWNER, SOURCE, kept
 
 from controller_apps.light.optics import SwitchPort
 from controller_apps.sessions.snapshot import (

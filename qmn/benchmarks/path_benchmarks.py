@@ -1,4 +1,4 @@
-"""The figures of light paths: over one switch and more, beside baselines of the same run."""
+"""Benchmarks of light paths: over one switch and more, beside baselines of the same run."""
 
 from collections.abc import Iterator
 from functools import partial
@@ -16,8 +16,8 @@ ROUNDS = 2  # the load of a machine changes: a path and its baselines take turns
 FULL_TURNS = 100
 
 
-def path_figures(folder: Path, count: int, signals: Signals) -> Iterator[tuple[str, str]]:
-    """Yield name and text of each figure, from that many set-ups of each kind."""
+def path_benchmarks(folder: Path, count: int, signals: Signals) -> Iterator[tuple[str, str]]:
+    """Yield name and text of each benchmark, from that many set-ups of each kind."""
     medians = []
     for switches in range(1, LONGEST + 1):
         topo = partial(ChainTopo, switches=switches)

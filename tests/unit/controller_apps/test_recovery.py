@@ -79,7 +79,7 @@ def kept(setup: Setup = FRAMED, rotation: int = 0, seen: float = 0.0, source: bo
 def successor(*data: bytes, now: float = RESTART, switches: bool = True) -> Arbiter:
     """Return a new arbiter that takes over; q1 is here, but has not told its entries."""
     state = arbiter()
-    state.inheritance.begun = now
+    state.recovery.begun = now
     if not switches:
         state.network.connected.clear()
     for session in data:

@@ -10,7 +10,7 @@ from dispatcher.layer.event_capture import EventCapture
 from qmn.live.event_sources import RESULT
 from qmn.network.options import NetworkOptions
 from qmn.reports.report_file import NoReport, made_report
-from qmn.results.artifacts import left_behind
+from qmn.results.artifacts import artifacts_of
 from qmn.results.timeline import TIMELINE
 from topologies.programs import NetworkError
 from topologies.runtime import EVENT_CAPTURE
@@ -27,7 +27,7 @@ def result(folder: Path) -> dict[str, Any]:
 
 def test_parameters_seed_and_timeline_are_left(tmp_path: Path) -> None:
     folder = tmp_path / "new"
-    with left_behind(OPTIONS, folder) as facts:
+    with artifacts_of(OPTIONS, folder) as facts:
         facts["network"] = {
             "addresses": {},
             "source": "",
@@ -50,7 +50,7 @@ def test_parameters_seed_and_timeline_are_left(tmp_path: Path) -> None:
 
 
 def die_in(folder: Path) -> None:
-    with left_behind(OPTIONS, folder):
+    with artifacts_of(OPTIONS, folder):
         assert not (folder / RESULT).exists()
         raise NetworkError("q1 died in mid-run")
 
@@ -66,6 +66,6 @@ def test_the_result_of_an_earlier_network_is_gone_while_another_runs(tmp_path: P
 
 def test_without_a_folder_nothing_is_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    with left_behind(OPTIONS, None) as facts:
+    with artifacts_of(OPTIONS, None) as facts:
         facts["network"] = {}
     assert list(tmp_path.iterdir()) == []

@@ -1,4 +1,4 @@
-"""The figures of heavy traffic: what became of the sessions, and what the controller did."""
+"""A summary of heavy traffic: what became of the sessions, and what the controller did."""
 
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
@@ -11,7 +11,7 @@ AGES = 5  # portions by age
 SHARES = {"p50": 0.5, "p90": 0.9, "p99": 0.99}
 
 
-def figures(
+def summary(
     outcomes: Sequence[Outcome], record: Iterable[dict[str, Any]], scale: float = 1.0
 ) -> dict[str, Any]:
     """Return all that is counted; `record` are the controller's facts (wire.controller_record).
