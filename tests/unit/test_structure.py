@@ -102,6 +102,23 @@ def test_no_rooms_import_each_other_even_by_way_of_others() -> None:
         pytest.fail(f"a circle: {' <- '.join(error.args[1])}")
 
 
+SERVICES = ROOT / "hosts" / "middleware" / "services"
+# What an end of a session says and makes of what it hears; others carry it.
+PROTOCOLS = [
+    *(ROOT / "hosts" / "middleware" / "qkd").glob("[a-z]*.py"),
+    *(SERVICES / "superdense" / f"{name}.py" for name in ("sender", "receiver", "outbox", "inbox")),
+    *(SERVICES / "teleportation" / f"{name}.py" for name in ("protocol", "qubit_states")),
+]
+
+
+@pytest.mark.parametrize("file", PROTOCOLS, ids=lambda file: f"{file.parent.name}/{file.name}")
+def test_a_protocol_knows_no_socket_clock_or_thread(file: Path) -> None:
+    edges = {"asyncio", "socket", "time", "threading", "grpc", "hosts.network_loop"}
+    assert not edges & set(imports(file))
+    waits = ast.AsyncFunctionDef | ast.Await | ast.AsyncFor | ast.AsyncWith
+    assert not any(isinstance(node, waits) for node in ast.walk(ast.parse(file.read_text())))
+
+
 @pytest.mark.parametrize("folder", ALL[:-1])
 def test_the_docstring_of_a_module_says_what_the_module_is(folder: str) -> None:
     for file in sources(folder):

@@ -1,22 +1,24 @@
 """States of single qubits: their names, their angles, and what of them travels."""
 
-import asyncio
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
 from math import pi
-from typing import Any
 
 import numpy as np
 import pytest
 
 from hosts.middleware.services.teleportation import qubit_states
-from hosts.middleware.services.teleportation.qubit_states import TURN, Arbitrary, States, chosen
-from hosts.middleware.session.channel import MetadataChannel, SessionError
-from hosts.middleware.session.service import ConnectionEnd
+from hosts.middleware.services.teleportation.qubit_states import (
+    PART,
+    TURN,
+    Arbitrary,
+    Heard,
+    States,
+    chosen,
+)
+from hosts.middleware.session.channel import SessionError
 from hosts.middleware.session.values import values
-from wire.metadata import Handshake, Message, Reason, Service, Setup, Topic
+from wire.metadata import Reason, Topic, Values
 
-SETUP = Setup(5, Service.TELEPORT, Handshake.FRAMED, "10.0.0.3", 100, 1, 1_000_000)
+SESSION = 5
 BLOCK = 3
 
 
@@ -94,58 +96,29 @@ def test_haar_states_are_spread_evenly_over_the_sphere() -> None:
                 assert abs((one * other).mean()) < 5 * (1 / 15 / count) ** 0.5
 
 
-@asynccontextmanager
-async def ends() -> AsyncIterator[tuple[ConnectionEnd, ConnectionEnd]]:
-    """Give two ends that are connected; the one speaks, the other hears."""
-    accepted: asyncio.Queue[tuple[asyncio.StreamReader, asyncio.StreamWriter]] = asyncio.Queue()
-
-    async def accept(*connection: Any) -> None:
-        accepted.put_nowait(connection)
-
-    server = await asyncio.start_server(accept, "127.0.0.1", 0)
-    async with server:
-        one = await asyncio.open_connection(*server.sockets[0].getsockname())
-        other = await accepted.get()
-        try:
-            yield _end(MetadataChannel(*one)), _end(MetadataChannel(*other))
-        finally:
-            for _reader, writer in (one, other):
-                writer.close()
-                await writer.wait_closed()
-
-
-def _end(channel: MetadataChannel) -> ConnectionEnd:
-    nothing: Any = None  # there is no light in these tests
-    return ConnectionEnd(nothing, SETUP, channel)
-
-
-def told(*states: States | Message, size: int) -> States:
-    """Return what is heard where this is said."""
-
-    async def scene() -> States:
-        async with ends() as (one, other):
-            for each in states:
-                if isinstance(each, Message):
-                    one.channel.send(each)
-                else:
-                    each.say(one, BLOCK)
-            return await qubit_states.heard(other, BLOCK, size)
-
-    return asyncio.run(scene())
+def told(*messages: Values, size: int) -> States | None:
+    """Return what is heard where this is said, after its last message."""
+    heard, states = Heard(BLOCK, size), None
+    for message in messages:
+        assert states is None
+        states = heard.hear(message)
+    return states
 
 
 @pytest.mark.parametrize("size", [1, 20_000, 262_144])
 @pytest.mark.parametrize("name", ["random", "haar"])
 def test_what_is_told_is_what_was_prepared(name: str, size: int) -> None:
     states = chosen(name, draws(), size)
-    found = told(states, size=size)
+    messages = states.messages(SESSION, BLOCK)
+    assert all(message.count <= PART for message in messages)
+    found = told(*messages, size=size)
     assert type(found) is type(states)
     for field, array in vars(states).items():
         np.testing.assert_array_equal(getattr(found, field), array)
 
 
-def say(topic: int, numbers: list[int], width: int, block: int = BLOCK) -> Message:
-    return values(SETUP.session, topic, block, numbers, width)
+def say(topic: int, numbers: list[int], width: int, block: int = BLOCK) -> Values:
+    return values(SESSION, topic, block, numbers, width)
 
 
 @pytest.mark.parametrize(
@@ -160,7 +133,7 @@ def say(topic: int, numbers: list[int], width: int, block: int = BLOCK) -> Messa
         (say(Topic.DIRECTIONS, [0, TURN // 2 + 1, 0, 0], 32), "theta is 2147483649"),
     ],
 )
-def test_what_is_no_state_of_the_block_is_refused(message: Message, text: str) -> None:
+def test_what_is_no_state_of_the_block_is_refused(message: Values, text: str) -> None:
     with pytest.raises(SessionError, match=text) as caught:
         told(message, size=2)
     assert caught.value.reason == Reason.PROTOCOL

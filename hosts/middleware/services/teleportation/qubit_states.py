@@ -1,4 +1,4 @@
-"""States of single qubits: what an opener prepares, what it tells of them, how they are looked for.
+"""States of single qubits: their names and angles, and what an opener tells of them.
 
 Cardinal states are numbered as in wire/dispatcher.proto. Any other is a direction (theta, phi) on
 the Bloch sphere: cos(theta/2) |0> + exp(i phi) sin(theta/2) |1>. Directions travel as parts of a
@@ -8,18 +8,15 @@ full turn in 32 bits, and what is prepared is exactly what travels.
 import re
 from dataclasses import dataclass
 from math import isfinite, pi
-from typing import ClassVar, Protocol, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hosts.hardware.qnic import BlockName, Directions, Qnic, Symbols
+from hosts.hardware.qnic import Directions, Symbols
 from hosts.middleware.session.channel import SessionError
-from hosts.middleware.session.service import ConnectionEnd
-from hosts.middleware.session.values import Numbers, expect
-from hosts.timeouts import ANSWER_TIMEOUT_S
+from hosts.middleware.session.values import Numbers, expect, values
 from wire.metadata import Reason, Topic, Values
-from wire.outcomes import NO_COINCIDENCE
 
 NAMES = ("0", "1", "+", "-", "+i", "-i")  # of the cardinal states, by their numbers
 RANDOM, HAAR = "random", "haar"
@@ -28,48 +25,31 @@ PART = 1 << 14  # numbers in a message at most
 OF_PI = re.compile(r"([-+]?)(?:([0-9.]+)\*?)?pi(?:/([0-9.]+))?")  # as pi/3 or -2*pi/3
 
 
-class States(Protocol):
-    """The state of each qubit of a block."""
-
-    TOPIC: ClassVar[int]
-
-    async def prepare(self, qnic: Qnic, session: int, number: int) -> BlockName:
-        """Make a block of qubits in these states."""
-
-    def say(self, end: ConnectionEnd, number: int) -> None:
-        """Tell the other end the states of a block."""
-
-    async def measure(self, qnic: Qnic, name: BlockName) -> Symbols:
-        """Measure each qubit for its state: 0 as it should be, 1 orthogonal to it, 255 no click."""
-
-
 @dataclass(frozen=True)
 class Cardinal:
     """Eigenstates of Z, X and Y."""
 
-    TOPIC: ClassVar[int] = Topic.STATES
     symbols: Symbols  # places in NAMES, shape (k,)
 
-    async def prepare(self, qnic: Qnic, session: int, number: int) -> BlockName:
-        """Make a block of qubits in these states."""
-        return await qnic.prepare(session, number, self.symbols)
+    @property
+    def bases(self) -> Symbols:
+        """Return in which basis each qubit is of a definite value: 0 Z, 1 X, 2 Y."""
+        return self.symbols >> np.uint8(1)
 
-    def say(self, end: ConnectionEnd, number: int) -> None:
-        """Tell the other end the states of a block."""
-        _say_in_parts(end, self.TOPIC, number, self.symbols, 8)
+    @property
+    def bits(self) -> Symbols:
+        """Return these values."""
+        return self.symbols & np.uint8(1)
 
-    async def measure(self, qnic: Qnic, name: BlockName) -> Symbols:
-        """Measure each qubit in its own basis."""
-        found = await qnic.measure(name, self.symbols >> np.uint8(1))
-        expected = self.symbols & np.uint8(1)
-        return np.where(found <= 1, found ^ expected, NO_COINCIDENCE).astype(np.uint8)
+    def messages(self, session: int, block: int) -> list[Values]:
+        """Return what tells the other end the states of a block."""
+        return _in_parts(session, Topic.STATES, block, self.symbols, 8)
 
 
 @dataclass(frozen=True)
 class Arbitrary:
     """Directions on the Bloch sphere, in parts of a full turn; both of shape (k,)."""
 
-    TOPIC: ClassVar[int] = Topic.DIRECTIONS
     theta: Numbers  # up to half a turn
     phi: Numbers
 
@@ -84,17 +64,36 @@ class Arbitrary:
         unit_rad = np.float64(2 * pi / TURN)
         return Directions(self.theta * unit_rad, self.phi * unit_rad)
 
-    async def prepare(self, qnic: Qnic, session: int, number: int) -> BlockName:
-        """Make a block of qubits in these states."""
-        return await qnic.prepare_along(session, number, self.directions)
+    def messages(self, session: int, block: int) -> list[Values]:
+        """Return what tells the other end the states of a block."""
+        both = np.concatenate([self.theta, self.phi])
+        return _in_parts(session, Topic.DIRECTIONS, block, both, 32)
 
-    def say(self, end: ConnectionEnd, number: int) -> None:
-        """Tell the other end the states of a block."""
-        _say_in_parts(end, self.TOPIC, number, np.concatenate([self.theta, self.phi]), 32)
 
-    async def measure(self, qnic: Qnic, name: BlockName) -> Symbols:
-        """Measure each qubit along its direction."""
-        return await qnic.measure_along(name, self.directions)
+States = Cardinal | Arbitrary  # of each qubit of a block
+
+
+class Heard:
+    """The states of a block, as the other end tells them in one or more messages."""
+
+    def __init__(self, block: int, size: int) -> None:
+        """Hear of so many states."""
+        self._block, self._size = block, size
+        self._topic: int = Topic.STATES  # until the first message says that it is the other
+        self._parts: list[Numbers] = []
+
+    def hear(self, message: Values) -> States | None:
+        """Return the states once all are told; raise SessionError for anything else."""
+        if not self._parts and message.topic == Topic.DIRECTIONS:
+            self._topic = Topic.DIRECTIONS
+        directions = self._topic == Topic.DIRECTIONS
+        count, most = (2 * self._size, TURN - 1) if directions else (self._size, len(NAMES) - 1)
+        left = count - sum(part.size for part in self._parts)
+        self._parts.append(expect(message, self._topic, self._block, min(left, PART), most))
+        if left > PART:
+            return None
+        numbers = np.concatenate(self._parts)
+        return _arbitrary(numbers) if directions else Cardinal(numbers.astype(np.uint8))
 
 
 def check(state: object) -> None:
@@ -143,17 +142,8 @@ def angles(state: object) -> tuple[float, float]:
     return theta_rad, phi_rad
 
 
-async def heard(end: ConnectionEnd, number: int, size: int) -> States:
-    """Return what the other end tells next: the states of a block of this size.
-
-    Raise SessionError if it tells anything else.
-    """
-    message = await end.channel.receive(Values, ANSWER_TIMEOUT_S)
-    if message.topic != Topic.DIRECTIONS:
-        symbols = await _hear_parts(end, message, Topic.STATES, number, size, len(NAMES) - 1)
-        return Cardinal(symbols.astype(np.uint8))
-    both = await _hear_parts(end, message, Topic.DIRECTIONS, number, 2 * size, TURN - 1)
-    theta, phi = np.split(both, 2)
+def _arbitrary(numbers: Numbers) -> Arbitrary:
+    theta, phi = np.split(numbers, 2)
     if theta.max() > TURN // 2:
         raise SessionError(Reason.PROTOCOL, f"theta is {theta.max()}/{TURN} of a turn, over half")
     return Arbitrary(theta, phi)
@@ -178,18 +168,7 @@ def _parts(angles_rad: ArrayLike) -> Numbers:
     return (np.rint(turns * TURN) % TURN).astype(np.uint32)
 
 
-def _say_in_parts(
-    end: ConnectionEnd, topic: int, number: int, numbers: ArrayLike, width: int
-) -> None:
+def _in_parts(session: int, topic: int, block: int, numbers: ArrayLike, width: int) -> list[Values]:
     array = np.asarray(numbers)
-    for start in range(0, array.size, PART):
-        end.say(topic, number, array[start : start + PART], width)
-
-
-async def _hear_parts(
-    end: ConnectionEnd, first: Values, topic: int, number: int, count: int, most: int
-) -> Numbers:
-    parts = [expect(first, topic, number, min(count, PART), most)]
-    while left := count - sum(part.size for part in parts):
-        parts.append(await end.hear(topic, number, min(left, PART), most))
-    return np.concatenate(parts)
+    starts = range(0, array.size, PART)
+    return [values(session, topic, block, array[start : start + PART], width) for start in starts]
