@@ -16,9 +16,8 @@ from threading import Lock
 from qmn.sweeps.cluster import Measured
 from qmn.sweeps.experiment import SweepError
 from qmn.sweeps.grid import Grid, Measurer, Row
-from qmn.sweeps.parameters import Values
+from qmn.sweeps.parameters import Values, point_seed
 from qmn.sweeps.running import estimates
-from qmn.sweeps.seeds import point_seed
 from qmn.timeouts import SWEEP_POLL_S
 from topologies.apart import apart
 from topologies.network import require_root

@@ -12,11 +12,10 @@ from qmn.sweeps.fresh_outcomes import FRESH_OUTCOMES
 from qmn.sweeps.gated_bell import GATED_BELL
 from qmn.sweeps.interference import HOM
 from qmn.sweeps.multi_pair import MULTI_PAIR
-from qmn.sweeps.parameters import Values
+from qmn.sweeps.parameters import Values, point_seed
 from qmn.sweeps.photon_splitting import PHOTON_SPLITTING
 from qmn.sweeps.polarization import MODES, POLARIZATION
 from qmn.sweeps.seal import SEAL
-from qmn.sweeps.seeds import point_seed
 from qmn.sweeps.superdense import SUPERDENSE
 from qmn.sweeps.teleportation import SWAP, TELEPORT
 from qmn.sweeps.timing import TIMING

@@ -4,7 +4,9 @@ A value is typed as 0.1, several as 0.1,0.2,0.5, evenly spaced ones as from:to:c
 1e-3:1:7:log is evenly spaced on a logarithmic scale.
 """
 
+import json
 from dataclasses import dataclass, fields
+from hashlib import blake2b
 from typing import Any
 
 import numpy as np
@@ -163,3 +165,12 @@ def unit_of(name: str) -> str:
         if name.endswith(ending):
             return unit
     return ""
+
+
+def point_seed(experiment: str, values: Values, seed: int) -> int:
+    """Return the seed of one point of an experiment, 63 bits.
+
+    Points are independent, and a larger grid repeats the smaller one.
+    """
+    text = json.dumps([experiment, sorted(values.items()), seed])
+    return int.from_bytes(blake2b(text.encode(), digest_size=8).digest()) >> 1

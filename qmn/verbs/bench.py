@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 from hosts.quantum_socket import QuantumSocket
-from qmn.benchmarks.key_rates import key_benchmarks
 from qmn.benchmarks.live_pairs import BLOCK_PAIRS, cost_by_live_pairs
 from qmn.benchmarks.many_hosts import many_hosts_benchmarks
 from qmn.benchmarks.measurement import seconds_of
@@ -22,8 +21,11 @@ from qmn.benchmarks.overhead import overhead_benchmarks
 from qmn.benchmarks.path_benchmarks import path_benchmarks
 from qmn.benchmarks.physical_layer import physical_layer_benchmarks
 from qmn.benchmarks.sabot_speed import sabot_speed
-from qmn.benchmarks.swap_rates import swap_benchmarks
-from qmn.benchmarks.teleport_rates import teleport_benchmarks
+from qmn.benchmarks.service_rates import (
+    key_benchmarks,
+    swap_benchmarks,
+    teleport_benchmarks,
+)
 from qmn.timeouts import MEASURE_TIMEOUT_S
 from topologies.network import Interrupted, Network, Signals, require_root
 from topologies.programs import NetworkError, python

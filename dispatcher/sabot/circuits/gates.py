@@ -10,13 +10,14 @@ from openqasm3 import ast
 
 from dispatcher.sabot.circuits.circuit import MAX_OPERATIONS, Gate
 from dispatcher.sabot.circuits.expressions import evaluate
-from dispatcher.sabot.circuits.rotations import lowered
 from dispatcher.sabot.circuits.source import Source
 from dispatcher.sabot.circuits.syntax import parse_qasm
+from dispatcher.sabot.gates import ROTATIONS, as_clifford
 
 STANDARD_LIBRARY = Path(__file__).with_name("qelib1.inc")
 MAX_DEPTH = 64  # of definitions that use definitions
 MOST_NAMES = 60  # in an error message
+TOLERANCE_RAD = 1e-9  # as near to a multiple of pi/2 is taken for it: programs round their angles
 
 # Name in QASM: our name, qubits, parameters.
 BUILT_IN: dict[str, tuple[str, int, int]] = {
@@ -174,3 +175,17 @@ def _standard() -> Mapping[str, Primitive | Definition]:
 def standard_gates() -> Gates:
     """Return the gates that a program begins with."""
     return Gates(_standard())
+
+
+def lowered(gate: Gate) -> Iterator[Gate]:
+    """Yield Clifford gates for a rotation by a multiple of pi/2, any other gate as it is.
+
+    Global phases do not matter.
+    """
+    for rotation in ROTATIONS:
+        quarters = round(gate.angle_rad / (math.pi / 2))
+        if gate.name == rotation and abs(gate.angle_rad - quarters * math.pi / 2) < TOLERANCE_RAD:
+            names = as_clifford(rotation, quarters * math.pi / 2)
+            yield from (Gate(name, gate.qubits) for name in names or ("I",))
+            return
+    yield gate

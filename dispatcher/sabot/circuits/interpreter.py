@@ -11,6 +11,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
+from dispatcher.sabot import gates
 from dispatcher.sabot.backend import Backend, Begin, Bytes, CliffordName, GateName
 from dispatcher.sabot.capacity import require_amplitudes
 from dispatcher.sabot.circuits.circuit import (
@@ -25,11 +26,15 @@ from dispatcher.sabot.circuits.circuit import (
     Operation,
     Reset,
 )
-from dispatcher.sabot.circuits.gate_names import CLIFFORD, PAULIS, ROTATIONS
 from dispatcher.sabot.dense import MAX_QUBITS as MOST_DENSE
 from dispatcher.sabot.dense import Dense, TooLarge
 from dispatcher.sabot.draws import Draws
 from dispatcher.sabot.registers import Mask
+
+# The code of a backend's `pauli`; the phase of XZ against Y cannot be seen.
+PAULIS = {"I": 0, "X": 1, "Z": 2, "Y": 3}
+CLIFFORD = frozenset(gates.CLIFFORDS)
+ROTATIONS = frozenset(gates.ROTATIONS)
 
 MAX_RESULT_BITS = 1 << 28  # shots times classical bits
 # Shots that are simulated at once, so that a state vector of each fits into 64 MB. It depends on

@@ -18,8 +18,7 @@ from dispatcher.sabot.circuits.circuit import (
     Operation,
 )
 from dispatcher.sabot.circuits.counting import count
-from dispatcher.sabot.circuits.gate_names import PAULIS
-from dispatcher.sabot.circuits.interpreter import run_circuit
+from dispatcher.sabot.circuits.interpreter import PAULIS, run_circuit
 from dispatcher.sabot.circuits.qasm import read_qasm
 from dispatcher.sabot.circuits.source import Source
 

@@ -1,0 +1,98 @@
+"""Benchmarks of services over a real network: keys, teleported qubits, swapped pairs."""
+
+import threading
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from hosts.service_socket import ServiceSocket
+from qmn.timeouts import MEASURE_TIMEOUT_S
+from topologies.network import Network, Signals
+from topologies.repeaters import RepeatersTopo
+from topologies.runtime import Runtime
+from topologies.sdc import SdcTopo
+from wire.parameters.network import NetworkSettings
+
+PORT = 9
+DEPOLARIZING = 0.01  # of each fibre
+PROTOCOLS = ("bb84", "bbm92")
+SIFTED_BITS = 1_000_000
+STATES = 1_000_000
+KINDS = (("chp", "random", "the six cardinal states"), ("dense", "haar", "states at random"))
+LENGTHS = (1, 2, 4, 8)  # repeaters
+PAIRS = 100_000
+
+
+def key_benchmarks(folder: Path, signals: Signals) -> Iterator[tuple[str, str]]:
+    """Yield name and text of what keys take: raw, sifted and final bits/s."""
+    runtime = Runtime(log_folder=folder / "keys")
+    with Network(partial(SdcTopo, depolarizing=DEPOLARIZING), runtime, signals) as network:
+        for protocol in PROTOCOLS:
+            told = one_session(network, protocol, count=SIFTED_BITS)
+            yield (
+                f"{protocol}, QBER {told['qber']:.4f}",
+                f"raw {told['raw_bits_per_s'] / 1e6:.2f} Mbit/s, "
+                f"sifted {told['sifted_bits_per_s'] / 1e6:.2f} Mbit/s, while light is sent",
+            )
+            yield (
+                "  with error correction and all",
+                f"final key {told['key_bits_per_s'] / 1e3:.0f} kbit/s: {told['key_bits']:,} bits "
+                f"in {told['elapsed_s']:.1f} s",
+            )
+
+
+def teleport_benchmarks(folder: Path, signals: Signals) -> Iterator[tuple[str, str]]:
+    """Yield name and text of qubits/s, each with its real two bits."""
+    for backend, state, what in KINDS:
+        runtime = Runtime(
+            NetworkSettings(backend=backend), log_folder=folder / f"teleport-{backend}"
+        )
+        with Network(partial(SdcTopo, depolarizing=DEPOLARIZING), runtime, signals) as network:
+            told = one_session(network, "teleport", count=STATES, state=state)
+        yield (
+            f"teleport, {backend}",
+            f"{told['states_per_s']:,.0f} qubits/s: {told['states']:,} of {what} in "
+            f"{told['elapsed_s']:.1f} s, fidelity {told['fidelity']:.4f}, "
+            f"{told['waited_ms']:.1f} ms for their bits",
+        )
+
+
+def swap_benchmarks(folder: Path, signals: Signals) -> Iterator[tuple[str, str]]:
+    """Yield name and text of pairs/s by length of the chain."""
+    for repeaters in LENGTHS:
+        topology = partial(RepeatersTopo, repeaters=repeaters)
+        runtime = Runtime(log_folder=folder / f"repeaters-{repeaters}")
+        with Network(topology, runtime, signals) as network:
+            told = one_session(network, "swap", count=PAIRS, sample=0)
+        plural = "s" if repeaters > 1 else ""
+        yield (
+            f"swapped by {repeaters} repeater{plural}",
+            f"{told['pairs_per_s']:,.0f} pairs/s: {told['pairs']:,} in {told['elapsed_s']:.2f} s",
+        )
+
+
+def one_session(network: Network, service: str, **options: Any) -> dict[str, Any]:
+    """Have alice ask bob for a service; return what she is told at the end."""
+    with (
+        ServiceSocket(network.runtime.socket("bob")) as listener,
+        ServiceSocket(network.runtime.socket("alice")) as asking,
+    ):
+        for end in (listener, asking):
+            end.settimeout(MEASURE_TIMEOUT_S)
+        listener.listen(PORT, service)
+        accepting = threading.Thread(target=_take_part, args=(listener,))
+        accepting.start()
+        for _result in asking.request(service, ("bob", PORT), **options):
+            continue
+        asking.shutdown()  # of what it leaves, if it leaves anything
+        accepting.join(MEASURE_TIMEOUT_S)
+        return asking.summary
+
+
+def _take_part(listener: ServiceSocket) -> None:
+    connection, _peer = listener.accept()
+    with connection:
+        while not connection.over:
+            for _result in connection.results():
+                continue
