@@ -26,6 +26,8 @@ REQUESTS: dict[str, type[Any]] = {
     "discard": messages.DiscardRequest,
     "gather": messages.GatherRequest,
     "resend": messages.ResendRequest,
+    "attempt": messages.AttemptRequest,
+    "herald": messages.HeraldRequest,
     "look": messages.LookRequest,
     "cross_connect": messages.CrossConnectRequest,
     "tune_port": messages.TunePortRequest,

@@ -126,6 +126,25 @@ class OpticalSwitch:
         self._count(in_port, light, passed)
         return passed
 
+    def transmission(
+        self, in_port: int, out_port: int, times_ns: Times, frequency_mhz: int
+    ) -> NDArray[np.float64]:
+        """Return how likely a photon of this colour passes a path that is open, shape (k,)."""
+        light = Light(*(np.ones(times_ns.size, dtype=bool),) * 2, times_ns, frequency_mhz)
+        filters = self.ports[in_port].rx_mhz, self.ports[out_port].tx_mhz
+        passes = self._passes(filters[0], light) & self._passes(filters[1], light)
+        loss_db = self._loss_db(in_port, out_port, times_ns)
+        return np.broadcast_to(passes * 10 ** (-np.asarray(loss_db) / 10), times_ns.shape)
+
+    def count_through(self, in_port: int, out_port: int, came: int, left: int) -> None:
+        """Count photons that came by one port, and those of them that left by another."""
+        self.ports[in_port].photons_in += came
+        self.ports[in_port].photons_lost += came - left
+        self.ports[out_port].photons_out += left
+        circuit = self.timeline.circuit_of(in_port)
+        if circuit is not None:
+            circuit.photons += left
+
     def lose(self, in_port: int, photons: int) -> None:
         """Count photons that came by a port and go nowhere."""
         self.ports[in_port].photons_in += photons
