@@ -15,7 +15,7 @@ PYTEST := env PYTHONPATH=tests $(PYTHON) -m pytest -p no:cacheprovider -p progre
 # namespaces of their own, because a network has fixed names and addresses.
 PROCESSES := $(shell echo $$(( $$(nproc) < 8 ? $$(nproc) : 8 )))
 IN_PARALLEL := --numprocesses=$(PROCESSES) --dist=worksteal
-APART := --dist=worksteal --tx='$(PROCESSES)*popen//python=tests/emulation/own_namespaces $(PYTHON)'
+APART := --dist=worksteal --tx='$(PROCESSES)*popen//python=topologies/own_namespaces $(PYTHON)'
 # Their files are in a folder with a short path, as sockets need; it stays if a test fails.
 in_folder = folder=$$(mktemp -d /tmp/qmn.XXXX) && \
     $1 $(PYTEST) --basetemp="$$folder" $2 && $1 rm -r "$$folder"

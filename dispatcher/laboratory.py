@@ -21,6 +21,7 @@ from dispatcher.operations.heralding import Heralding
 from dispatcher.operations.measurements import Measurements
 from dispatcher.operations.operation_handlers import Act, acts
 from dispatcher.operations.resending import Resending
+from dispatcher.operations.splitting import Splitting
 from dispatcher.operations.switching import Switching
 from dispatcher.operations.transport import Transport
 from dispatcher.sabot.backend import Bytes
@@ -44,6 +45,7 @@ from wire.dispatcher_pb2 import (
     ReceiveRequest,
     ResendRequest,
     SendRequest,
+    SplitRequest,
     StoreRequest,
 )
 
@@ -65,6 +67,7 @@ Request = (
     | ResendRequest
     | AttemptRequest
     | HeraldRequest
+    | SplitRequest
 )
 
 
@@ -95,8 +98,9 @@ class Laboratory:
         self._errors: list[BaseException] = []
         transport = Transport(self.layer, self._errors.append)
         operations, measurements = Operations(self.layer), Measurements(self.layer)
-        rest = Gathering(self.layer), Resending(self.layer), Heralding(self.layer)
-        self._acts = acts(operations, measurements, transport, *rest)
+        rest = Gathering(self.layer), Resending(self.layer), Splitting(self.layer)
+        heralding = Heralding(self.layer)
+        self._acts = acts(operations, measurements, transport, *rest, heralding)
 
     def host(self, name: str) -> "LaboratoryHost":
         """Return the host of this name; it need not have fibres."""
@@ -191,6 +195,11 @@ class LaboratoryHost:
         """Measure photons and put new ones in their places; a basis of 255 leaves one alone."""
         request = ResendRequest(block=block_id(block), bases=bases.tobytes())
         return outcomes(await self._act("resend", request))
+
+    async def split(self, block: BlockKey, into: BlockKey) -> Bytes:
+        """Count photons of pulses, and take one of several into a new block; return the counts."""
+        request = SplitRequest(block=block_id(block), into=block_id(into))
+        return outcomes(await self._act("split", request))
 
     async def bell_measure(self, first: BlockKey, second: BlockKey) -> Bytes:
         """Bell-measure two blocks; return 0 Phi+, 1 Psi+, 2 Phi-, 3 Psi-, 255 none, shape (k,)."""

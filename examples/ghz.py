@@ -17,16 +17,16 @@ from hosts.qubits import Processor, Qubit
 STATES, PORT = 12, 5000
 
 
-def measured(qubits: list[Qubit]) -> str:
+def measured(processor: Processor, qubits: list[Qubit]) -> str:
     """Return what is found of each: along Z and along X in turns."""
     for qubit in qubits[1::2]:
         qubit.h()
-    return "".join(str(qubit.measure()) for qubit in qubits)
+    return "".join(map(str, processor.measure(qubits)))
 
 
 def alice(processor: Processor) -> str:
     """Share pairs with bob."""
-    return measured(processor.create_pairs("bob", STATES))
+    return measured(processor, processor.create_pairs("bob", STATES))
 
 
 def bob(processor: Processor) -> str:
@@ -35,10 +35,10 @@ def bob(processor: Processor) -> str:
     others = processor.create_pairs("charlie", STATES)
     for half, other in zip(halves, others, strict=True):
         half.cnot(other)
-    found = bytes(other.measure() for other in others)
+    found = bytes(processor.measure(others))
     with socket.create_connection((processor.nodes["charlie"], PORT), timeout=30) as charlie:
         charlie.sendall(found)
-    return measured(halves)
+    return measured(processor, halves)
 
 
 def charlie(processor: Processor) -> str:
@@ -52,7 +52,7 @@ def charlie(processor: Processor) -> str:
     for half, one in zip(halves, found, strict=True):
         if one:
             half.x()
-    return measured(halves)
+    return measured(processor, halves)
 
 
 ROLES = {"alice": alice, "bob": bob, "charlie": charlie}

@@ -9,7 +9,7 @@ At bob the same with `receive_pairs("alice")`. What programs tell each other goe
 anywhere: `processor.nodes` has the addresses. Gates are gathered until an outcome is wanted.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -79,11 +79,8 @@ class Qubit:
 
     def measure(self) -> int:
         """Return 0 or 1, as found along Z; the qubit is used up."""
-        self._processor.do("set", QUBIT, self.number)
-        self._processor.do("meas", QUBIT, OUTCOME)
-        self._processor.do("qfree", QUBIT)
-        self._processor.do("ret_reg", OUTCOME)
-        return self._processor.flush_and_release(self)
+        (outcome,) = self._processor.measure([self])
+        return outcome
 
     def _gate(self, name: str, *operands: int) -> None:
         self._processor.do("set", QUBIT, self.number)
@@ -123,6 +120,17 @@ class Processor:
         """Return this host's halves of pairs Phi+ that a program of another host creates."""
         return self._pairs(host, count, channel, "recv_epr", ())
 
+    def measure(self, qubits: Sequence[Qubit]) -> list[int]:
+        """Return 0 or 1 of each, as found along Z, all at once; the qubits are used up."""
+        for qubit in qubits:
+            self.do("set", QUBIT, qubit.number)
+            self.do("meas", QUBIT, OUTCOME)
+            self.do("qfree", QUBIT)
+            self.do("ret_reg", OUTCOME)
+        outcomes = self.flush()
+        self._free += [qubit.number for qubit in qubits]
+        return outcomes
+
     def flush(self) -> list[int]:
         """Have everything done that was asked for; return the outcomes."""
         instructions, self._instructions = tuple(self._instructions), []
@@ -130,12 +138,6 @@ class Processor:
             return []
         answers = self._socket.send(encode_host_message(Subroutine(0, instructions)))
         return [answer.value for answer in answers if isinstance(answer, ReturnedRegister)]
-
-    def flush_and_release(self, qubit: Qubit) -> int:
-        """Have everything done; return the outcome of a qubit that is used up."""
-        (outcome,) = self.flush()
-        self._free.append(qubit.number)
-        return outcome
 
     def do(self, name: str, *operands: int) -> None:
         """Gather an instruction."""

@@ -6,10 +6,8 @@ from pathlib import Path
 
 from topologies.programs import Program, stop_all
 from topologies.runtime import Runtime
+from topologies.timeouts import POLL_S, READY_TIMEOUT_S, SETTLE_S
 
-READY_TIMEOUT_S = 20.0
-SETTLE_S = 1.0
-POLL_S = 0.02
 BUFFER_KIB = 16_384  # in the kernel, for each capture
 MAX_PACKET_BYTES = 65_600  # TCP hands over up to 64 KiB at once, and its headers
 DROPPED = re.compile(r"^(\d+) packets? dropped by kernel", re.MULTILINE)

@@ -12,14 +12,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+from topologies.timeouts import END_TIMEOUT_S, POLL_S
+
 PROC = Path("/proc")
 BOOT_ID = PROC / "sys" / "kernel" / "random" / "boot_id"
 WORDS = re.compile(r"(\d+)-(\d+)-([0-9a-f]{8})")
 VARIABLE = "QMN_RUN"  # in the environment of all that a run starts in its network
+NAMESPACE = "QMN_PROCESSES"  # there, too: of whose processes the run is one
 ENDED = "ZX"  # states of a process that only waits to be asked how it ended
 STOPPED = "T"
-END_TIMEOUT_S = 1.0  # from one signal to the next
-POLL_S = 0.02
 
 
 class Owner(NamedTuple):
@@ -82,9 +83,17 @@ def gone(words: str) -> bool:
     return found is not None and not found.alive
 
 
+def mark() -> dict[str, str]:
+    """Return what this run puts into the environment of all that it starts in its network."""
+    return {VARIABLE: str(this_process()), NAMESPACE: _namespace()}
+
+
 def marked() -> Iterator[tuple[Owner, str]]:
-    """Yield all processes that runs have started in their networks, with the words of the run."""
-    variable = f"{VARIABLE}=".encode()
+    """Yield all processes that runs have started in their networks, with the words of the run.
+
+    Runs in a namespace of processes of their own are left out: their ids say nothing here.
+    """
+    here = _namespace().encode()
     for folder in PROC.iterdir():
         if not folder.name.isdigit() or (process := owner(int(folder.name))) is None:
             continue
@@ -92,10 +101,11 @@ def marked() -> Iterator[tuple[Owner, str]]:
             environment = (folder / "environ").read_bytes().split(b"\0")
         except OSError:
             continue  # it has ended, or is not ours to look into
-        for entry in environment:
-            words = entry.removeprefix(variable).decode(errors="replace")
-            if entry.startswith(variable) and from_words(words) and process.alive:
-                yield process, words
+        told = dict(entry.partition(b"=")[::2] for entry in environment)
+        words = told.get(VARIABLE.encode(), b"").decode(errors="replace")
+        is_here = told.get(NAMESPACE.encode(), here) == here
+        if is_here and from_words(words) and process.alive:
+            yield process, words
 
 
 def end(processes: list[Owner]) -> None:
@@ -117,6 +127,10 @@ def _state_and_start(pid: int) -> tuple[str | None, int]:
     except OSError:
         return None, 0
     return fields[0], int(fields[19])
+
+
+def _namespace() -> str:
+    return os.readlink(PROC / "self" / "ns" / "pid")
 
 
 def _boot() -> str:

@@ -11,11 +11,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Protocol
 
-from topologies.owners import VARIABLE, owner, this_process
+from topologies.owners import mark, owner
+from topologies.timeouts import POLL_S, STOP_TIMEOUT_S
 
 ROOT = Path(__file__).resolve().parent.parent
-STOP_TIMEOUT_S = 5.0
-POLL_S = 0.02
 ENVIRONMENT = {
     "PYTHONPATH": str(ROOT),
     "PYTHONUNBUFFERED": "1",
@@ -118,7 +117,7 @@ class Program:
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 cwd=ROOT,
-                env={**os.environ, **ENVIRONMENT, VARIABLE: str(this_process())},
+                env={**os.environ, **ENVIRONMENT, **mark()},
                 start_new_session=True,
                 pass_fds=descriptors,
             )

@@ -21,6 +21,7 @@ from typing import IO, Any
 from topologies.forks import ForkServer
 from topologies.owners import from_words, gone, this_process
 from topologies.programs import NetworkError, Program
+from topologies.timeouts import END_TIMEOUT_S
 from wire.config import Cable, Fiber, QuantumSwitch
 from wire.dispatcher_service import RUNNER
 from wire.network_time import NetworkTime
@@ -157,7 +158,9 @@ class Runtime:
             os.close(cable.a_fd)
             os.close(cable.b_fd)
         self.cables.clear()
-        shutil.rmtree(self.folder, ignore_errors=True)
+        deadline = time.monotonic() + END_TIMEOUT_S
+        while self.folder.exists() and time.monotonic() < deadline:
+            shutil.rmtree(self.folder, ignore_errors=True)  # what ends just now may make a file
 
 
 def metrics_listener(network: Runtime, name: str) -> socket.socket:
@@ -194,7 +197,10 @@ def free_port(count: int = 1) -> int:
 
 
 def only_run() -> IO[str]:
-    """Lock this machine for one network; the lock ends with the file or the process."""
+    """Lock this machine, or what is apart on it (topologies/apart.py), for one network.
+
+    The lock ends with the file or the process.
+    """
     RUNTIME_ROOT.mkdir(mode=0o755, parents=True, exist_ok=True)
     lock = (RUNTIME_ROOT / "lock").open("a+")
     try:
@@ -202,7 +208,8 @@ def only_run() -> IO[str]:
     except BlockingIOError as error:
         lock.close()
         raise NetworkError(
-            "another qmn network is running on this machine; end it first"
+            "another qmn network is running on this machine; end it first, or run this one "
+            "beside it by `qmn apart VERB …`"
         ) from error
     return lock
 

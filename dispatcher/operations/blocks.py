@@ -17,9 +17,9 @@ from dispatcher.refusal import Refusal, exhausted, invalid
 from dispatcher.sabot.backend import Angle, Bytes, GateName
 from dispatcher.sabot.capacity import GateStep
 from dispatcher.sabot.gates import ROTATIONS, TWO_QUBIT_GATES
-from dispatcher.sabot.limits import MAX_GATES, packed, require_count
+from dispatcher.sabot.limits import MAX_GATES, require_count
 from dispatcher.sabot.registers import Register
-from wire.dispatcher_pb2 import CreateRequest, Feedback, Gate
+from wire.dispatcher_pb2 import ApplyRequest, CreateRequest, Feedback, Gate
 from wire.features import EMIT, GATE, STORE
 from wire.outcomes import PAULIS
 
@@ -134,15 +134,15 @@ class Operations:
             return [sabot.zeros(request.count)]
         return sabot.bell_pairs(request.count)
 
-    def apply(self, node: str, name: BlockName, paulis: bytes, gates: Sequence[Gate]) -> Feedback:
+    def apply(self, node: str, request: ApplyRequest) -> Feedback:
         """Apply a Pauli to each photon, then gates to all of them."""
         layer = self._layer
-        block = layer.ownership.require(name, node)
-        planned = self._plan(node, block, gates)
+        block = layer.ownership.require(block_name(request.block), node)
+        planned = self._plan(node, block, request.gates)
         if planned:
             abilities.require(layer.devices, node, GATE)
         details = [gate.detail for gate in planned]
-        values = packed("paulis", paulis, block.register.size, 3) if paulis else None
+        values = limits.paulis(request, block.register.size)
         errors = 0
         layer.sabot.require_capacity(block.register, [gate.step for gate in planned])
         done_ns = layer.clock.now_ns()  # however long it takes to simulate

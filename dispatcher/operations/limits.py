@@ -13,7 +13,8 @@ from dispatcher.sabot.gates import ROTATIONS
 from dispatcher.sabot.limits import packed
 from dispatcher.switch.optical_switch import MAX_POWER_DBM
 from dispatcher.timeouts import MAX_TIMEOUT_S
-from wire.dispatcher_pb2 import Connection, CreateRequest, Gate, TunePortRequest
+from wire import dibits
+from wire.dispatcher_pb2 import ApplyRequest, Connection, CreateRequest, Gate, TunePortRequest
 from wire.parameters.switch import TEMPERATURE_C, QuantumSwitch
 
 MAX_BLOCKS = 100_000
@@ -46,6 +47,18 @@ def levels(request: CreateRequest, intensities: int) -> Bytes | None:
         name = CreateRequest.State.Name(request.state)
         raise invalid(f"{len(request.levels)} levels for a block of {name}; only PREPARED has any")
     return packed("levels", request.levels, request.count, intensities - 1)
+
+
+def paulis(request: ApplyRequest, photons: int) -> Bytes | None:
+    """Return the Pauli of each photon, however they are packed; None if there are none."""
+    if not request.dibits:
+        return packed("paulis", request.paulis, photons, 3) if request.paulis else None
+    if request.paulis:
+        raise invalid("a request with paulis and dibits; leave one of them out")
+    try:
+        return dibits.unpack(request.dibits, photons)
+    except ValueError as error:
+        raise invalid(f"dibits: {error}; send two for each photon, and fill up by 0") from error
 
 
 def angle(name: str, gate: Gate, photons: int, backend: str) -> Angle:

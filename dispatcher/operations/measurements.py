@@ -21,6 +21,7 @@ from dispatcher.sabot.capacity import GateStep
 from dispatcher.sabot.draws import PhotonDraws
 from dispatcher.sabot.limits import packed
 from dispatcher.sabot.registers import Mask
+from wire import dibits
 from wire.dispatcher_pb2 import Feedback, MeasureRequest
 from wire.features import MEASURE
 from wire.outcomes import BASES, NO_CLICK
@@ -73,8 +74,10 @@ class Measurements:
         feedback.clicks, feedback.outcomes = found.clicks, found.bits.tobytes()
         return feedback
 
-    def bell_measure(self, node: str, names: tuple[BlockName, BlockName]) -> Feedback:
-        """Measure and use up pairs of photons, in the Bell basis."""
+    def bell_measure(
+        self, node: str, names: tuple[BlockName, BlockName], packed: bool = False
+    ) -> Feedback:
+        """Measure and use up pairs of photons in the Bell basis; tell them packed or not."""
         layer = self._layer
         first, second = (layer.ownership.require(name, node) for name in names)
         require_pairs(first, second)
@@ -115,8 +118,13 @@ class Measurements:
         each = partial(outcome, found.outcomes, BELL_STATES)
         layer.record(node, "bell-measure", first, detail=told + listed(found.incidents), each=each)
         feedback.clicks = found.clicks
-        feedback.coincidences = int(np.count_nonzero(found.outcomes != NO_CLICK))
-        feedback.outcomes = found.outcomes.tobytes()
+        missed = found.outcomes == NO_CLICK
+        feedback.coincidences = missed.size - int(np.count_nonzero(missed))
+        if packed:
+            feedback.dibits = dibits.pack(found.outcomes & dibits.LARGEST)
+            feedback.missed = np.packbits(missed).tobytes() if missed.any() else b""
+        else:
+            feedback.outcomes = found.outcomes.tobytes()
         return feedback
 
     def _let_wait(

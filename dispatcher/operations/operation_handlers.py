@@ -9,6 +9,7 @@ from dispatcher.operations.gathering import Gathering
 from dispatcher.operations.heralding import Heralding
 from dispatcher.operations.measurements import Measurements
 from dispatcher.operations.resending import Resending
+from dispatcher.operations.splitting import Splitting
 from dispatcher.operations.transport import Transport
 from dispatcher.refusal import invalid
 from wire import dispatcher_pb2 as messages
@@ -23,6 +24,7 @@ def acts(
     transport: Transport,
     gathering: Gathering,
     resending: Resending,
+    splitting: Splitting,
     heralding: Heralding,
 ) -> dict[str, Act]:
     """Return the act for each operation of a Step, called with node and request."""
@@ -31,8 +33,7 @@ def acts(
         return operations.create(node, request)
 
     async def apply(node: str, request: messages.ApplyRequest) -> messages.Feedback:
-        name = block_name(request.block)
-        return operations.apply(node, name, request.paulis, request.gates)
+        return operations.apply(node, request)
 
     async def send(node: str, request: messages.SendRequest) -> messages.Feedback:
         launches = [(block_name(launch.block), launch.port) for launch in request.launches]
@@ -49,7 +50,7 @@ def acts(
 
     async def bell_measure(node: str, request: messages.BellMeasureRequest) -> messages.Feedback:
         names = block_name(request.first), block_name(request.second)
-        return measurements.bell_measure(node, names)
+        return measurements.bell_measure(node, names, request.packed)
 
     async def store(node: str, request: messages.StoreRequest) -> messages.Feedback:
         return operations.store(node, block_name(request.block))
@@ -76,6 +77,9 @@ def acts(
     async def herald(node: str, request: messages.HeraldRequest) -> messages.Feedback:
         return await heralding.herald(node, request)
 
+    async def split(node: str, request: messages.SplitRequest) -> messages.Feedback:
+        return splitting.split(node, block_name(request.block), block_name(request.into))
+
     return {
         "create": create,
         "apply": apply,
@@ -89,4 +93,5 @@ def acts(
         "resend": resend,
         "attempt": attempt,
         "herald": herald,
+        "split": split,
     }

@@ -28,6 +28,7 @@ REQUESTS: dict[str, type[Any]] = {
     "resend": messages.ResendRequest,
     "attempt": messages.AttemptRequest,
     "herald": messages.HeraldRequest,
+    "split": messages.SplitRequest,
     "look": messages.LookRequest,
     "cross_connect": messages.CrossConnectRequest,
     "tune_port": messages.TunePortRequest,

@@ -1,7 +1,7 @@
 """Run one program of a NetQASM application on this host, as it is, with NetQASM's SDK.
 
 Prints a line of JSON for what each round returns, and one at the end; what the program itself
-prints goes to stderr.
+prints, and logs by NetQASM's logger, goes to stderr.
 """
 
 import argparse
@@ -14,6 +14,7 @@ from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Any
 
+from netqasm.logging.glob import set_log_level
 from netqasm.runtime.app_config import AppConfig
 from netqasm.sdk.config import LogConfig
 
@@ -70,6 +71,7 @@ def main() -> int:
     role = arguments.role
     placement = Placement(**arguments.placement, stacks={role: arguments.stack})
     os.chdir(arguments.folder)
+    set_log_level("INFO")
 
     def work() -> None:
         with installed(placement):

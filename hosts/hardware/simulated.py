@@ -28,6 +28,7 @@ from hosts.hardware.qnic import (
 )
 from hosts.hardware.steps import steps_of
 from hosts.timeouts import DISPATCHER_TIMEOUT_S
+from wire import dibits
 from wire.dispatcher_pb2 import (
     ApplyRequest,
     AttemptRequest,
@@ -46,6 +47,7 @@ from wire.dispatcher_pb2 import (
     ReceiveRequest,
     ResendRequest,
     SendRequest,
+    SplitRequest,
     Step,
     StoreRequest,
     WatchRequest,
@@ -54,6 +56,7 @@ from wire.dispatcher_pb2_grpc import DispatcherStub
 from wire.dispatcher_service import CHANNEL_OPTIONS
 from wire.events import decode_record, encode_record
 from wire.optical import frequency_mhz
+from wire.outcomes import NO_COINCIDENCE
 
 MAX_STEPS = 64  # in one order
 
@@ -137,7 +140,7 @@ class SimulatedQnic:
         name = _named(block)
         feedbacks = await self._orders.perform(
             Step(receive=ReceiveRequest(block=name, port=port, timeout_s=timeout_s)),
-            Step(apply=ApplyRequest(block=name, paulis=paulis.tobytes())),
+            Step(apply=ApplyRequest(block=name, dibits=dibits.pack(paulis))),
             Step(send=_send([Launch(block=name, port=port)], rate_hz, wavelength_pm)),
         )
         return int(feedbacks[-1].first_ns)
@@ -151,14 +154,13 @@ class SimulatedQnic:
             Step(receive=ReceiveRequest(block=name, port=port, timeout_s=timeout_s))
             for name, port in zip(names, ports, strict=True)
         ]
-        bell = Step(bell_measure=BellMeasureRequest(first=names[0], second=names[1]))
+        measure = BellMeasureRequest(first=names[0], second=names[1], packed=True)
         try:
-            feedback = (await self._orders.perform(*receive, bell))[-1]
+            found = await self._orders.perform(*receive, Step(bell_measure=measure))
         except NoLight:
             await self.discard_block(session, number)
             raise
-        outcomes = np.frombuffer(feedback.outcomes, dtype=np.uint8)
-        return Coincidences(outcomes, feedback.clicks, feedback.time_ns)
+        return _coincidences(found[-1])
 
     async def prepare(
         self, session: int, number: int, states: Symbols, levels: Symbols | None = None
@@ -217,6 +219,12 @@ class SimulatedQnic:
         (feedback,) = await self._orders.perform(Step(resend=resend))
         return np.frombuffer(feedback.outcomes, dtype=np.uint8)
 
+    async def split(self, block: BlockName, into: BlockName) -> Symbols:
+        """Count photons of pulses at this host, and take one of several."""
+        split = SplitRequest(block=_named(block), into=_named(into))
+        (feedback,) = await self._orders.perform(Step(split=split))
+        return np.frombuffer(feedback.outcomes, dtype=np.uint8)
+
     async def receive_into_memory(self, block: BlockName, port: str, timeout_s: float) -> Stored:
         """Store the photons that arrive at a port."""
         name = _named(block)
@@ -228,7 +236,7 @@ class SimulatedQnic:
 
     async def apply(self, block: BlockName, paulis: Symbols) -> int:
         """Apply one Pauli operator to each photon at this host."""
-        apply = ApplyRequest(block=_named(block), paulis=paulis.tobytes())
+        apply = ApplyRequest(block=_named(block), dibits=dibits.pack(paulis))
         (feedback,) = await self._orders.perform(Step(apply=apply))
         return int(feedback.time_ns)
 
@@ -290,10 +298,9 @@ class SimulatedQnic:
 
     async def coincidences(self, first: BlockName, second: BlockName) -> Coincidences:
         """Make Bell measurements on pairs of photons at this host; also say when."""
-        bell = BellMeasureRequest(first=_named(first), second=_named(second))
+        bell = BellMeasureRequest(first=_named(first), second=_named(second), packed=True)
         (feedback,) = await self._orders.perform(Step(bell_measure=bell))
-        outcomes = np.frombuffer(feedback.outcomes, dtype=np.uint8)
-        return Coincidences(outcomes, feedback.clicks, feedback.time_ns)
+        return _coincidences(feedback)
 
     async def process(self, operations: Sequence[Operation]) -> list[int]:
         """Do operations on single qubits at this host, one after the other."""
@@ -368,6 +375,14 @@ def _named(block: BlockName) -> BlockId:
 def _stored(arrived: bytes, light: Feedback) -> Stored:
     """Return what has been stored of light that has come, or left its source, evenly in time."""
     return Stored(np.frombuffer(arrived, dtype=bool), (light.first_ns + light.last_ns) // 2)
+
+
+def _coincidences(feedback: Feedback) -> Coincidences:
+    outcomes = dibits.unpack(feedback.dibits, feedback.photons)
+    if feedback.missed:
+        missed = np.unpackbits(np.frombuffer(feedback.missed, np.uint8), count=feedback.photons)
+        outcomes |= missed * np.uint8(NO_COINCIDENCE)
+    return Coincidences(outcomes, feedback.clicks, feedback.time_ns)
 
 
 def _half(session: int, number: int, half: int) -> BlockId:

@@ -13,12 +13,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from qmn.timeouts import RUN_TIMEOUT_S
 from topologies.network import Signals
 from topologies.programs import NetworkError, python
 
 MESSAGE_BYTES = 4 << 20
 ROUNDS = 5
-TIMEOUT_S = 120.0
 NO_CAPTURES, NO_EVENTS, NO_RECORD = "--no-capture", "--no-events", "--no-record"
 NOTHING, EVERYTHING = "nothing written", "everything written"
 KINDS: dict[str, tuple[str, ...]] = {
@@ -80,10 +80,10 @@ def measure(file: Path, runs: Path, options: Sequence[str]) -> Measured:
             capture_output=True,
             text=True,
             check=False,
-            timeout=TIMEOUT_S,
+            timeout=RUN_TIMEOUT_S,
         )
     except subprocess.TimeoutExpired as error:
-        raise NetworkError(f"qmn run sdc {' '.join(options)} took {TIMEOUT_S:g} s") from error
+        raise NetworkError(f"qmn run sdc {' '.join(options)} took {RUN_TIMEOUT_S:g} s") from error
     if done.returncode:
         raise NetworkError(f"qmn run sdc failed: {done.stderr.strip()}")
     result = json.loads((runs / "latest" / "result.json").read_text())

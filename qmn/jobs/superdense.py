@@ -80,13 +80,20 @@ SESSION: Mapping[str, Words] = MappingProxyType(
 
 def run(request: SuperdenseRequest, signals: Signals, console: Console) -> int:
     """Do the whole run and return its exit status."""
+    return runner.run(*begun(request, signals, console))
+
+
+def begun(
+    request: SuperdenseRequest, signals: Signals, console: Console
+) -> tuple[runner.Job, RunContext]:
+    """Return the job and its context, with a folder; raise before there is one."""
     network = describe_network(request.network)
     size = check_input(request, network.hosts)
     require_root()
     tell_estimate(request, size, console)
     folder = begin_folder(request.run.runs, request.network.topology)
     context = RunContext(network, request.run, folder, signals, console)
-    return runner.run(job(request, message_file(request, folder)), context)
+    return job(request, message_file(request, folder)), context
 
 
 def message_file(request: SuperdenseRequest, folder: Path) -> Path:

@@ -28,7 +28,7 @@ def make_folder(runs: Path, topology: str) -> Path:
 
 def point_latest(folder: Path) -> None:
     """Let runs/latest point to this run."""
-    link = folder.with_name(f".latest-{os.getpid()}")
+    link = folder.with_name(f".latest-{folder.name}")
     link.symlink_to(folder.name)
     link.replace(folder.with_name("latest"))
 

@@ -14,17 +14,16 @@ from tempfile import TemporaryDirectory
 
 from distributed import Client, Future, LocalCluster, Security
 
-from qmn.sweeps.catalogue import EXPERIMENTS, measure
-from qmn.sweeps.experiment import SweepError
+from qmn.sweeps.catalogue import measure
+from qmn.sweeps.experiment import Experiment, SweepError
 from qmn.sweeps.parameters import Values
+from qmn.timeouts import CLUSTER_TIMEOUT_S, NO_WORKER_TIMEOUT_S, SWEEP_POLL_S
 
-POLL_S = 0.1
-CONNECT_TIMEOUT_S = 10.0
-NO_WORKER_TIMEOUT_S = 30.0
 HTTP_ADDRESS = "127.0.0.1:0"  # any free port: the scheduler insists on serving its state there
 LOG_LEVEL = 50  # critical: what concerns the user is raised
 
 Measured = dict[str, tuple[float, float]]
+Task = Callable[[str, Values, int], Measured]  # of a name, values and a seed
 
 
 @contextmanager
@@ -59,7 +58,7 @@ def remote_client(scheduler: str) -> Iterator[Client]:
     """Connect to the scheduler of a cluster, such as tcp://10.0.0.1:8786."""
     logging.getLogger("distributed").setLevel(LOG_LEVEL)
     try:
-        client = Client(scheduler, timeout=CONNECT_TIMEOUT_S)
+        client = Client(scheduler, timeout=CLUSTER_TIMEOUT_S)
     except (OSError, ValueError) as error:
         raise SweepError(
             f"no Dask scheduler answers at {scheduler}: start `dask scheduler` there, or leave "
@@ -71,13 +70,15 @@ def remote_client(scheduler: str) -> Iterator[Client]:
 
 def measured(
     client: Client,
-    name: str,
+    experiment: Experiment,
     points: Sequence[Values],
     seed: int,
     check: Callable[[], None],
+    measure: Task = measure,
 ) -> Iterator[tuple[Values, Measured]]:
-    """Yield points as they are measured; `check` is called often and may raise."""
+    """Yield points as workers `measure` them; `check` is called often and may raise."""
     done: queue.SimpleQueue[Future[Measured]] = queue.SimpleQueue()
+    name = experiment.name
     futures = {client.submit(measure, name, values, seed, pure=False): values for values in points}
     try:
         for future in futures:
@@ -87,13 +88,13 @@ def measured(
         while left:
             check()
             try:
-                future = done.get(timeout=POLL_S)
+                future = done.get(timeout=SWEEP_POLL_S)
             except queue.Empty:
                 workers.require_some()
                 continue
             left -= 1
             values = futures[future]
-            yield values, _result(future, EXPERIMENTS[name].place(values))
+            yield values, _result(future, experiment.place(values))
     finally:
         client.cancel(list(futures), force=True)
 
@@ -105,6 +106,8 @@ def _result(future: Future[Measured], place: str) -> Measured:
     if future.status != "error":
         raise SweepError("the Dask scheduler has gone; start it and run the same command again")
     error = future.exception()
+    if isinstance(error, SweepError):
+        raise error
     if isinstance(error, (ModuleNotFoundError, RuntimeError)):  # Dask wraps the first in the second
         raise SweepError(
             "the Dask cluster cannot load qmn: start its scheduler and its workers in this folder, "

@@ -5,7 +5,7 @@ Here is superdense coding; teleportation has a file of its own.
 
 import json
 import random
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from tempfile import NamedTemporaryFile
 from types import MappingProxyType
@@ -14,7 +14,7 @@ from typing import Any
 from rich.console import Console
 
 from hosts.middleware.services.superdense.options import SuperdenseOptions
-from qmn.jobs import superdense
+from qmn.jobs import runner, superdense
 from qmn.jobs.run_options import RunOptions
 from qmn.jobs.superdense import SuperdenseRequest
 from qmn.jobs.transfer import APPLICATION_PORT, TransferError
@@ -25,11 +25,9 @@ from qmn.sweeps import emulated_teleportation, places, theory
 from qmn.sweeps.emulated_teleportation import TIME_SCALE
 from qmn.sweeps.estimates import Estimate, proportion
 from qmn.sweeps.experiment import Experiment, Measure, Outcome, SweepError, number
-from qmn.sweeps.grid import Grid, Measurer, Row
 from qmn.sweeps.link import FIBER, PRESET, implied
 from qmn.sweeps.parameters import Parameter, Values
 from qmn.sweeps.places import PLACES, RECEIVER, SENDER, are_plain, said_of_fibers
-from qmn.sweeps.seeds import point_seed
 from qmn.sweeps.superdense import FEC, INTERLEAVE, LOSSES, RATE, loss_db
 from topologies.network import Signals
 from topologies.programs import NetworkError
@@ -47,17 +45,6 @@ CONTROL = (
 SESSION, NETWORK = (RATE, FRAME_BYTES, FEC), (PRESET, TIME_SCALE, *CONTROL)
 
 
-def in_networks(runs: Path, signals: Signals) -> Measurer:
-    """Return what measures points in networks, one after the other; each leaves a folder."""
-
-    def measurer(grid: Grid, points: Sequence[Values], seed: int) -> Iterator[Row]:
-        for values in points:
-            own_seed = point_seed(grid.experiment.name, values, seed)
-            yield values, MEASURED_BY[grid.experiment.name](values, own_seed, runs, signals)
-
-    return measurer
-
-
 def measure(values: Values, seed: int, runs: Path, signals: Signals) -> Outcome:
     """Send a random message through a network of its own."""
     with NamedTemporaryFile(prefix="qmn-sweep-") as message:
@@ -66,10 +53,11 @@ def measure(values: Values, seed: int, runs: Path, signals: Signals) -> Outcome:
         message.flush()
         asked = request(values, seed, Path(message.name), runs)
         try:
-            superdense.run(asked, signals, Console(quiet=True))
+            job, context = superdense.begun(asked, signals, Console(quiet=True))
+            runner.run(job, context)
         except (NetworkError, TransferError, BadInput, BadTopology) as error:
             raise SweepError(f"{EMULATED['sdc'].place(values)} failed: {error}") from error
-    return outcome(json.loads((runs / "latest" / "result.json").read_text()))
+    return outcome(json.loads((context.folder / "result.json").read_text()))
 
 
 def request(values: Values, seed: int, message: Path, runs: Path) -> SuperdenseRequest:
@@ -91,7 +79,7 @@ def request(values: Values, seed: int, message: Path, runs: Path) -> SuperdenseR
             **places.network(values),
             **network,
         ),
-        run=RunOptions(runs=runs, capture=False),
+        run=RunOptions(runs=runs, capture=False, report=False),
     )
 
 

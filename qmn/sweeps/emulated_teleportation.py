@@ -12,7 +12,7 @@ from typing import Any
 from rich.console import Console
 
 from hosts.middleware.services.teleportation.teleport import TeleportOptions
-from qmn.jobs import service
+from qmn.jobs import runner, service
 from qmn.jobs.run_options import RunOptions
 from qmn.jobs.service import ServiceRequest
 from qmn.jobs.service_verbs import SERVICE_PORT
@@ -45,10 +45,11 @@ WAITED = Parameter("measured_wait_s", 0.0)
 def measure(values: Values, seed: int, runs: Path, signals: Signals) -> Outcome:
     """Teleport states, all in one block: they wait equally long."""
     try:
-        service.run(request(values, seed, runs), signals, Console(quiet=True))
+        job, context = service.begun(request(values, seed, runs), signals, Console(quiet=True))
+        runner.run(job, context)
     except (NetworkError, TransferError, BadInput, BadTopology) as error:
         raise SweepError(f"{TELEPORT.place(values)} failed: {error}") from error
-    return outcome(json.loads((runs / "latest" / "result.json").read_text())["asking"])
+    return outcome(json.loads((context.folder / "result.json").read_text())["asking"])
 
 
 def request(values: Values, seed: int, runs: Path) -> ServiceRequest:
@@ -69,7 +70,9 @@ def request(values: Values, seed: int, runs: Path) -> ServiceRequest:
             time_scale=number(values, TIME_SCALE.name),
             device=tuple(f"{receiver}.memory.{name}={time}" for name, time in times.items()),
         ),
-        run=RunOptions(runs=runs, classical_mbps=number(values, RATE.name), capture=False),
+        run=RunOptions(
+            runs=runs, classical_mbps=number(values, RATE.name), capture=False, report=False
+        ),
     )
 
 

@@ -6,9 +6,9 @@ from contextlib import AbstractContextManager
 
 from distributed import Client
 
-from qmn.sweeps import cluster
+from qmn.sweeps import catalogue, cluster
 from qmn.sweeps.estimates import Estimate
-from qmn.sweeps.experiment import Experiment
+from qmn.sweeps.experiment import Experiment, Outcome
 from qmn.sweeps.grid import Grid, Measurer, Row
 from qmn.sweeps.parameters import Values
 from qmn.sweeps.table import Table
@@ -32,15 +32,23 @@ def rows(grid: Grid, seed: int, table: Table) -> list[Row]:
     return [(values, outcome) for values, outcome in known if outcome is not None]
 
 
-def on_cluster(client: Client, check: Callable[[], None]) -> Measurer:
+def on_cluster(
+    client: Client, check: Callable[[], None], measure: cluster.Task = catalogue.measure
+) -> Measurer:
     """Return what measures points with Dask; `check` may end it by raising."""
 
     def measurer(grid: Grid, points: Sequence[Values], seed: int) -> Iterator[Row]:
-        name = grid.experiment.name
-        for values, numbers in cluster.measured(client, name, points, seed, check):
-            yield values, {key: Estimate(*number) for key, number in numbers.items()}
+        for values, numbers in cluster.measured(
+            client, grid.experiment, points, seed, check, measure
+        ):
+            yield values, estimates(numbers)
 
     return measurer
+
+
+def estimates(measured: cluster.Measured) -> Outcome:
+    """Return what a worker, or another program, has told."""
+    return {name: Estimate(*numbers) for name, numbers in measured.items()}
 
 
 def client(scheduler: str, workers: int) -> AbstractContextManager[Client]:

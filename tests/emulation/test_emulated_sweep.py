@@ -6,9 +6,14 @@ import sys
 from math import exp
 from pathlib import Path
 
-from conftest import ROOT
+import pytest
+from conftest import ROOT, wait_until
+from distributed import LocalCluster
+
+from qmn.sweeps.cluster import HTTP_ADDRESS
 
 FIBERS_PASSED = 6
+TWO_POINTS = ("--depolarizing", "0.001,0.002")
 COMMAND = [sys.executable, "-m", "qmn", "sweep", "sdc", "--emulate", "--message-bytes", "4096"]
 
 
@@ -20,22 +25,75 @@ def sweep(out: Path, *words: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-def test_a_network_for_each_point_measures_what_theory_says(tmp_path: Path) -> None:
-    first = sweep(tmp_path, "--depolarizing", "0.002")
-    assert first.returncode == 0, first.stderr
-    again = sweep(tmp_path, "--depolarizing", "0.002,0")
-    assert again.returncode == 0, again.stderr
-    assert "2 points, seed 1; 1 are in" in again.stdout
-    with (tmp_path / "sdc-emulated.csv").open() as file:
-        lines = list(csv.DictReader(file))
-    assert [line["depolarizing"] for line in lines] == ["0.002", "0.0"]
-    for line in lines:
+def begin(run: Path) -> float:
+    """Return when a program of the network said its only word, ready."""
+    return (run / "fork-server.log").stat().st_mtime
+
+
+def end(run: Path) -> float:
+    """Return when the network had ended, and its result was written."""
+    return (run / "result.json").stat().st_mtime
+
+
+@pytest.fixture(scope="module")
+def two_points(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Sweep two points beside each other, and return where."""
+    folder = tmp_path_factory.mktemp("two")
+    done = sweep(folder, *TWO_POINTS, "--workers", "2")
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+def lines(folder: Path) -> list[dict[str, str]]:
+    """Return what the table says of each point."""
+    with (folder / "sdc-emulated.csv").open() as file:
+        return sorted(csv.DictReader(file), key=lambda line: float(line["depolarizing"]))
+
+
+def test_a_network_for_each_point_measures_what_theory_says(two_points: Path) -> None:
+    again = sweep(two_points, *TWO_POINTS)
+    assert "2 points, seed 1; 2 are in" in again.stdout
+    assert [line["depolarizing"] for line in lines(two_points)] == ["0.001", "0.002"]
+    for line in lines(two_points):
         p = 1 - (1 - float(line["depolarizing"])) ** FIBERS_PASSED
         distance = abs(float(line["dibit_error"]) - 3 * p / 4)
         assert distance <= 5 * float(line["dibit_error_standard_error"])
         assert float(line["arrived"]) == 1
-    assert len(list((tmp_path / "runs").glob("*-sdc"))) == len(lines)
-    assert (tmp_path / "sdc-emulated-dibit_error.png").stat().st_size > 10_000
+    assert (two_points / "sdc-emulated-dibit_error.png").stat().st_size > 10_000
+
+
+def test_networks_run_beside_each_other(two_points: Path) -> None:
+    runs = list((two_points / "runs").glob("*-sdc*"))
+    assert len(runs) == 2
+    assert max(begin(run) for run in runs) < min(end(run) for run in runs)
+
+
+def test_a_cluster_measures_the_same_as_this_machine(two_points: Path, tmp_path: Path) -> None:
+    """Its workers are threads of this process; each starts networks apart from it, too."""
+    with LocalCluster(
+        n_workers=2,
+        threads_per_worker=1,
+        processes=False,
+        protocol="tcp",
+        host="127.0.0.1",
+        dashboard_address=HTTP_ADDRESS,
+        scheduler_kwargs={"dashboard": False},
+        local_directory=tmp_path / "dask",
+    ) as there:
+        done = sweep(tmp_path, *TWO_POINTS, "--scheduler", there.scheduler_address)
+    assert done.returncode == 0, done.stderr
+    for mine, theirs in zip(lines(two_points), lines(tmp_path), strict=True):
+        timed = {name for name in mine if name.startswith("path_setup_s")}
+        assert [mine[n] for n in mine.keys() - timed] == [theirs[n] for n in mine.keys() - timed]
+
+
+def test_nothing_is_left_of_networks_whose_sweep_is_killed(tmp_path: Path) -> None:
+    command = [*COMMAND, "--out", str(tmp_path), "--depolarizing", "0:0.002:9", "--workers", "2"]
+    runs = tmp_path / "runs"
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL) as process:
+        wait_until(lambda: len([*runs.glob("*/dispatcher.log")]) >= 2, "two networks", 60)
+        process.kill()
+    # That no program of theirs is left, nor starts another, is what each test here is held to.
 
 
 def test_fidelity_falls_with_the_measured_latency_of_the_two_bits_as_theory_says(

@@ -5,6 +5,7 @@ import json
 import re
 import subprocess
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +14,11 @@ from conftest import ROOT
 EXAMPLES = ROOT / "examples"
 QMN = str(ROOT / "bin" / "qmn")
 TIMEOUT_S = 110
+PROTOCOLS = {  # programs of hosts.qubits, and where they run beside alice
+    "ghz": ("bob", "charlie"),
+    "e91": ("bob",),
+    "teleported_cnot": ("bob",),
+}
 
 
 def run(*words: str, cwd: Path = ROOT, commands: str = "") -> str:
@@ -74,16 +80,50 @@ def test_a_socket_says_hello(tmp_path: Path) -> None:
     assert log.read_text() == "listening\n10.0.0.1: how are you?\n"
 
 
-def test_three_hosts_find_what_a_ghz_state_says(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def protocols(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, list[str]]]:
+    """Return what each program of hosts.qubits has printed at each host, on one network."""
+    folder = tmp_path_factory.mktemp("protocols")
+    commands = ""
+    for name, others in PROTOCOLS.items():
+        program = f"python {EXAMPLES}/{name}.py > {folder}/{name}"
+        commands += "".join(f"{host} {program}-{host} &\n" for host in others)
+        commands += f"alice {program}-alice\n" + "".join(f"{host} wait\n" for host in others)
+    said(commands, folder / "runs")
+    return {
+        name: {host: (folder / f"{name}-{host}").read_text().split() for host in ("alice", *others)}
+        for name, others in PROTOCOLS.items()
+    }
+
+
+def test_three_hosts_find_what_a_ghz_state_says(protocols: Any) -> None:
     """The same along Z, an even number of ones along X, in turns."""
-    ghz, logs = f"python {EXAMPLES}/ghz.py", [tmp_path / name for name in ("bob", "charlie")]
-    commands = "".join(f"{log.name} {ghz} > {log} &\n" for log in reversed(logs))
-    printed = said(f"{commands}alice {ghz}\nbob wait\ncharlie wait\n", tmp_path / "runs")
-    told = printed + "".join(log.read_text() for log in logs)
-    found = dict(re.findall(r"^(alice|bob|charlie) ([01]{12})\r?$", told, re.MULTILINE))
+    found = dict(protocols["ghz"].values())
     states = list(zip(*(found[host] for host in ("alice", "bob", "charlie")), strict=True))
+    assert len(states) == 12
     assert all(len(set(state)) == 1 for state in states[::2]), states
     assert all(state.count("1") % 2 == 0 for state in states[1::2]), states
+
+
+def test_ekert_s_protocol_makes_one_key_and_s_of_chsh(protocols: Any) -> None:
+    """Of 1,920 pairs one in nine has each two axes; a product along two has variance 1/2."""
+    alice, bob = (protocols["e91"][host] for host in ("alice", "bob"))
+    assert alice[1:] == bob[1:]
+    _host, _s, s, _key, key = alice
+    pairs = 8 * 240
+    assert abs(float(s) - 2 * np.sqrt(2)) < 5 * np.sqrt(4 * 0.5 / (pairs / 9))
+    assert abs(len(key) - pairs * 2 / 9) < 5 * np.sqrt(pairs * 2 / 9 * 7 / 9)
+
+
+def test_a_cnot_between_two_hosts_is_one(protocols: Any) -> None:
+    """Of controls 0, 1, + and + in turns and targets 0; the last are measured along X."""
+    ours, theirs = (protocols["teleported_cnot"][host][1] for host in ("alice", "bob"))
+    assert ours == theirs
+    assert set(ours[::4]) == {"0"}
+    assert set(ours[1::4]) == {"1"}
+    # Twenty by chance: all the same in one run of half a million.
+    assert len(ours) == 40
+    assert len(set(ours[2::4] + ours[3::4])) == 2
 
 
 def test_where_nobody_listens_the_example_says_so_in_a_line(tmp_path: Path) -> None:

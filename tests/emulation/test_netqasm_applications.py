@@ -23,7 +23,7 @@ def run(runs: Path, application: str, *options: str) -> dict[str, Any]:
     """Run an application to its end; return result.json."""
     command = [sys.executable, "-m", "qmn", "netqasm", str(APPS / application)]
     done = subprocess.run(
-        [*command, "--runs", str(runs), *options],
+        [*command, "--no-report", "--runs", str(runs), *options],
         cwd=ROOT,
         capture_output=True,
         text=True,
@@ -84,6 +84,46 @@ def test_pairs_are_measured_at_both_ends_of_a_noisy_network(tmp_path: Path) -> N
     (request,) = asked(result["captures"])
     assert (request.creator, request.pairs, request.use) == ("alice", 10, Use.MEASURE)
     assert result["path_setup_ms"]["n"] == rounds  # light, as the controller grants it
+
+
+def differing(runs: Path) -> dict[str, list[bool]]:
+    """Return of which pairs that each two of three nodes share the outcomes differ."""
+    found = {
+        name: re.findall(rf"{name}: +m_(\w+): *([01])$", log.read_text(), re.MULTILINE)
+        for name in ("alice", "bob", "charlie")
+        for log in [runs / "latest" / f"netqasm-{name}.log"]
+    }
+    outcomes = {
+        (name, peer): [outcome for other, outcome in told if other == peer]
+        for name, told in found.items()
+        for peer in found
+    }
+    pairs = [("alice", "bob"), ("alice", "charlie"), ("bob", "charlie")]
+    return {
+        one + other: [
+            ours != theirs
+            for ours, theirs in zip(outcomes[one, other], outcomes[other, one], strict=True)
+        ]
+        for one, other in pairs
+    }
+
+
+def test_each_of_three_nodes_shares_pairs_with_the_others(tmp_path: Path) -> None:
+    """Over three switches; what the programs find they tell NetQASM's logger alone."""
+    run(tmp_path, "three_nodes", "--topology", "chain", "--rounds", "4")
+    assert list(differing(tmp_path).values()) == [[False] * 4] * 3
+
+
+def test_three_nodes_have_as_noisy_pairs_as_their_ways_are_long(tmp_path: Path) -> None:
+    """Charlie makes the pairs: light to him passes no fibre, to another two, each with p."""
+    p, rounds = 0.6, 25
+    run(tmp_path, "three_nodes", "--rounds", str(rounds), "--depolarizing", str(p))
+    for peers, differ in differing(tmp_path).items():
+        wrong = (1 - (1 - p) ** (2 if "charlie" in peers else 4)) / 2
+        bound = 4 * sqrt(wrong * (1 - wrong) / rounds)
+        assert bound < wrong  # without noise this would fail
+        assert len(differ) == rounds
+        assert abs(sum(differ) / rounds - wrong) < bound
 
 
 def test_the_teleport_of_the_sdk_runs_as_it_is(tmp_path: Path) -> None:

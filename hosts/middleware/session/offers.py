@@ -17,11 +17,11 @@ def check_light(setup: Setup) -> None:
         "polarisation basis": setup.polarization,
         "phase": setup.phase_mrad,
     }
-    _offer_nothing_but_0(wanted)
+    offer_nothing_but_0(wanted)
     check_wavelength(setup)
 
 
-def _offer_nothing_but_0(wanted: dict[str, int]) -> None:
+def offer_nothing_but_0(wanted: dict[str, int]) -> None:
     for name, value in wanted.items():
         if value:
             raise SessionError(Reason.UNSUPPORTED, f"{name} {value}: only 0 is offered yet")

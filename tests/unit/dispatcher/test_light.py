@@ -21,34 +21,58 @@ from dispatcher_network import (
 
 from dispatcher.layer.network import Network
 from wire.config import BadConfig, DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
-from wire.dispatcher_pb2 import CreateRequest
+from wire.dispatcher_pb2 import ApplyRequest, BellMeasureRequest, CreateRequest, Feedback
 
 PATHS = (1, 3), (2, 4), (3, 5)  # charlie to alice, charlie to bob, alice to bob
 NO_CLICK = 255
 
 
-async def superdense_coding(bench: Bench, paulis: bytes) -> list[int]:
-    """Send one Pauli for each pair from alice to bob; return the outcomes."""
+async def superdense_coding(bench: Bench, paulis: bytes, packed: bool = False) -> list[int]:
+    """Send one Pauli for each pair from alice to bob, packed or not; return the outcomes."""
     await bench.switch.connect(*PATHS)
     await bench.charlie.create(len(paulis))
     await bench.charlie.send((block(half=0), "charlie-q0"), (block(half=1), "charlie-q1"))
     await bench.alice.receive(block(half=0), "alice-q0")
-    await bench.alice.apply(block(half=0), paulis)
+    if packed:
+        request = ApplyRequest(block=block(half=0), dibits=two_bits_each(paulis))
+        await bench.alice.feedback("Apply", request)
+    else:
+        await bench.alice.apply(block(half=0), paulis)
     await bench.alice.send((block(half=0), "alice-q0"))
     await bench.bob.receive(block(half=0), "bob-q1")
     await bench.bob.receive(block(half=1), "bob-q0")
-    feedback = await bench.bob.bell_measure(block(half=0), block(half=1))
-    seen = len(paulis) - feedback.outcomes.count(NO_CLICK)
+    measure = BellMeasureRequest(first=block(half=0), second=block(half=1), packed=packed)
+    feedback = await bench.bob.feedback("BellMeasure", measure)
+    outcomes = unpacked(feedback) if packed else list(feedback.outcomes)
+    seen = len(paulis) - outcomes.count(NO_CLICK)
     assert (feedback.photons, feedback.coincidences) == (len(paulis), seen)
-    return list(feedback.outcomes)
+    return outcomes
 
 
-def sdc_run(config: DispatcherConfig, paulis: bytes) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+def two_bits_each(paulis: bytes) -> bytes:
+    numbers = np.frombuffer(paulis, np.uint8)
+    return np.packbits(np.stack([numbers >> 1, numbers & 1], axis=1)).tobytes()
+
+
+def unpacked(feedback: Feedback) -> list[int]:
+    assert not feedback.outcomes
+    bits = np.unpackbits(np.frombuffer(feedback.dibits, np.uint8), count=2 * feedback.photons)
+    missed = np.unpackbits(np.frombuffer(feedback.missed, np.uint8)).tolist()
+    states: list[int] = (2 * bits[::2] + bits[1::2]).tolist()
+    gone = [place for place, bit in enumerate(missed) if bit]
+    for place in gone:
+        states[place] = NO_CLICK
+    return states
+
+
+def sdc_run(
+    config: DispatcherConfig, paulis: bytes, packed: bool = False
+) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
     """Return the outcomes of superdense coding in a network of its own."""
 
     async def run() -> list[int]:
         async with running(config, JumpingClock()) as bench:
-            outcomes = await superdense_coding(bench, paulis)
+            outcomes = await superdense_coding(bench, paulis, packed)
             status = await bench.runner.status()
             assert (status.live_qubits, status.live_bytes) == (0, 0)
             assert status.pairs_created == len(paulis)
@@ -60,6 +84,20 @@ def sdc_run(config: DispatcherConfig, paulis: bytes) -> np.ndarray[tuple[int], n
 def test_superdense_coding_carries_two_bits_a_photon(tmp_path: Path) -> None:
     paulis = bytes(range(4)) * 50
     assert bytes(sdc_run(configuration(tmp_path), paulis).tolist()) == paulis
+
+
+@pytest.mark.parametrize("pairs", [1, 4, 201])
+def test_two_bits_a_photon_can_be_packed(tmp_path: Path, pairs: int) -> None:
+    paulis = (bytes(range(4)) * 51)[-pairs:]
+    assert bytes(sdc_run(configuration(tmp_path), paulis, packed=True).tolist()) == paulis
+
+
+def test_what_is_lost_is_told_packed_as_it_is_byte_by_byte(tmp_path: Path) -> None:
+    paulis = np.random.default_rng(3).integers(0, 4, 1001, np.uint8).tobytes()
+    lossy = with_fibers(configuration(tmp_path), length_km=1, loss_db_per_km=0.5)
+    one, other = (sdc_run(lossy, paulis, packed) for packed in (False, True))
+    assert (one == NO_CLICK).any()
+    assert one.tolist() == other.tolist()
 
 
 def test_rotation_of_a_switch_adds_up_over_its_paths(tmp_path: Path) -> None:

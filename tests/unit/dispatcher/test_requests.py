@@ -31,6 +31,7 @@ from wire.dispatcher_pb2 import (
     ReceiveRequest,
     ResendRequest,
     SendRequest,
+    SplitRequest,
     StatusRequest,
     StoreRequest,
 )
@@ -123,7 +124,12 @@ REFUSED = [
         Code.INVALID_ARGUMENT,
         r"bases\[2\] is 3",
     ),
+    ("alice", "Split", SplitRequest(block=MINE, into=MINE), Code.ALREADY_EXISTS, "block 0/0"),
+    ("alice", "Split", SplitRequest(block=MINE, into=THEIRS), Code.ALREADY_EXISTS, "block 1/0"),
+    ("alice", "Split", SplitRequest(block=THEIRS, into=ABSENT), Code.PERMISSION_DENIED, "not at"),
+    ("alice", "Split", SplitRequest(block=ABSENT, into=MINE), Code.NOT_FOUND, "block 99/0"),
     # who may do what
+    ("q1", "Split", SplitRequest(block=MINE, into=ABSENT), Code.PERMISSION_DENIED, "not a host"),
     ("q1", "Resend", ResendRequest(block=MINE), Code.PERMISSION_DENIED, "not a host"),
     ("q1", "Gather", gather((MINE, [0])), Code.PERMISSION_DENIED, "not a host"),
     ("runner", "Gather", gather((MINE, [0])), Code.PERMISSION_DENIED, "not a host"),
@@ -172,6 +178,27 @@ REFUSED = [
         "limit of 100",
     ),
     ("alice", "Create", create(count=100), Code.RESOURCE_EXHAUSTED, "limit of 100"),
+    (
+        "alice",
+        "Apply",
+        ApplyRequest(block=MINE, paulis=bytes(4), dibits=bytes(1)),
+        Code.INVALID_ARGUMENT,
+        "leave one of them out",
+    ),
+    (
+        "alice",
+        "Apply",
+        ApplyRequest(block=MINE, dibits=bytes(2)),
+        Code.INVALID_ARGUMENT,
+        "2 bytes for 4 numbers",
+    ),
+    (
+        "alice",
+        "Apply",
+        ApplyRequest(block=block(3), dibits=b"\0\x0f"),
+        Code.INVALID_ARGUMENT,
+        "behind the last of 5",
+    ),
     (
         "alice",
         "Apply",

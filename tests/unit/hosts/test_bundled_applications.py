@@ -90,8 +90,9 @@ def test_bb84_agrees_wherever_the_bases_do(tmp_path: Path) -> None:
     assert told["alice"]["qber"] == 0
 
 
-def test_a_distributed_cnot_is_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The controller looks after it has let the target end: here both end together."""
+@pytest.fixture
+def ending_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let two programs end at the same time, so that one can look at qubits of both."""
     close, both = Connection.close, Barrier(2)
 
     def close_together(connection: Connection, *arguments: Any, **words: Any) -> None:
@@ -99,6 +100,11 @@ def test_a_distributed_cnot_is_one(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         close(connection, *arguments, **words)
 
     monkeypatch.setattr(Connection, "close", close_together)
+
+
+@pytest.mark.usefixtures("ending_together")
+def test_a_distributed_cnot_is_one(tmp_path: Path) -> None:
+    """The controller looks after it has let the target end."""
     hosts = {"controller": "alice", "target": "bob"}
     angles = {"controller": (0.3, 1.2), "target": (0.9, 0.5)}
     inputs = [{role: {"phi": phi, "theta": theta} for role, (phi, theta) in angles.items()}]
@@ -188,6 +194,17 @@ def test_noise_of_the_fibres_is_in_the_outcomes(
 def test_texts_alone_come_through(tmp_path: Path) -> None:
     hosts = {"alice": "alice", "bob": "bob"}
     assert outputs(tmp_path, EXAMPLES / "multiple_files", hosts) == [{"alice": None, "bob": None}]
+
+
+@pytest.mark.parametrize(("theta", "found"), [(0, {0}), (pi, {1}), (pi / 2, {0, 1})])
+def test_a_single_node_measures_what_it_has_prepared(
+    tmp_path: Path, theta: float, found: set[int]
+) -> None:
+    """Of cos |00> + sin |11>, and a Hadamard gate on the first: 0 and 1 there by chance."""
+    inputs = [{"alice": {"theta": theta}}]
+    told = outputs(tmp_path, EXAMPLES / "single_node", {"alice": "alice"}, inputs, 20)
+    assert {each["alice"]["m1"] for each in told} == {0, 1}
+    assert {each["alice"]["m2"] for each in told} == found
 
 
 def test_nobody_looks_where_it_is_not_allowed(tmp_path: Path) -> None:

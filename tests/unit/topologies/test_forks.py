@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 
+from topologies import forks
 from topologies.forks import ForkServer
 from topologies.owners import marked, this_process
 from topologies.programs import ENVIRONMENT, ROOT, NetworkError, Program, python
@@ -173,3 +174,26 @@ def test_a_server_that_was_killed_is_named_and_what_it_has_forked_goes_on(tmp_pa
     assert forked.running
     forked.stop()
     server.close()
+
+
+def test_a_server_that_a_signal_has_stopped_is_waited_for_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(forks, "FORK_TIMEOUT_S", 0.2)
+    program = Program("fork-server", tmp_path / "fork-server.log")
+    server = ForkServer(program)
+    command = dispatcher_command(tmp_path)
+    try:
+        program.wait_for("ready", DEADLINE_S)
+        os.kill(pid_of(program), signal.SIGSTOP)
+        wait_until(lambda: program.stopped, "it is stopped")
+        cause = r"fork-server did not start ed in 0.2 s: a signal has stopped it \(SIGSTOP\)"
+        with pytest.raises(NetworkError, match=cause):
+            Program("ed", tmp_path / "ed.log").start(command, forks=server)
+        os.kill(pid_of(program), signal.SIGCONT)  # too late: who has given up does not wait again
+        with pytest.raises(NetworkError, match=cause):
+            Program("q1", tmp_path / "q1.log").start(command, forks=server)
+        assert not (tmp_path / "q1.log").read_text()
+    finally:
+        server.close()
+        program.stop()

@@ -14,6 +14,7 @@ from hosts.middleware.services.superdense.alphabet import ALPHABETS, Alphabet
 from hosts.middleware.services.superdense.coding import CODES, NAMES, Code, deinterleave, interleave
 from hosts.middleware.session.channel import SessionError
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS, MAX_FRAME_BYTES
+from wire import dibits
 from wire.metadata import Fec, Reason, Setup
 
 
@@ -30,12 +31,22 @@ class FrameFormat:
         """Whether a frame may be right although some of its symbols are lost."""
         return self.code.fec != Fec.NONE
 
+    @property
+    def plain(self) -> bool:
+        """Whether symbols are the bytes themselves, two bits each.
+
+        Then those of frames in a row are those of their bytes in a row, and can be made at once.
+        """
+        return not self.fills_losses and not self.interleaved and self.alphabet is ALPHABETS[4]
+
     def pairs(self, size: int) -> int:
         """Return how many pairs carry a frame of size bytes."""
         return self.alphabet.pairs(self.code.encoded_bits(8 * size))
 
     def to_symbols(self, data: bytes) -> Symbols:
         """Return the symbols of a frame; shape (pairs(len(data)),)."""
+        if self.plain:
+            return dibits.unpack(data, dibits.PER_BYTE * len(data))
         bits = np.unpackbits(np.frombuffer(data, dtype=np.uint8))
         encoded = self.code.encode(bits)
         if self.interleaved:
@@ -44,6 +55,8 @@ class FrameFormat:
 
     def to_bytes(self, symbols: Symbols, size: int) -> bytes:
         """Return the most likely bytes of a frame; only its check tells if they are right."""
+        if self.plain:
+            return dibits.pack(symbols & dibits.LARGEST)
         count = self.code.encoded_bits(8 * size)
         bits, erased = self.alphabet.to_bits(symbols, count)
         if self.interleaved:

@@ -1,6 +1,7 @@
 """The sender's side of framing: which symbols the next block of pairs carries."""
 
 from collections import deque
+from collections.abc import Iterable
 from dataclasses import dataclass
 from math import ceil
 from zlib import crc32
@@ -16,6 +17,14 @@ from wire.metadata import MAX_FRAMES, Frame, Report
 LEAST_ARRIVALS = (
     4  # of a block of refills alone, on average: few symbols shall not need many blocks
 )
+
+
+@dataclass
+class _Outgoing:
+    """A frame under way."""
+
+    data: bytes
+    symbols: Symbols | None = None  # made when they are first wanted for themselves
 
 
 @dataclass(frozen=True)
@@ -37,7 +46,7 @@ class Outbox:
         self._frame_bytes = frame_bytes
         self._block_pairs = max(block_pairs, frame_format.pairs(frame_bytes))
         self._waiting: deque[bytes] = deque()
-        self._frames: dict[int, tuple[bytes, Symbols]] = {}  # under way
+        self._frames: dict[int, _Outgoing] = {}  # under way
         self._open: Slots = NO_SLOTS
         self._frames_made = 0
         self._blocks_made = 0
@@ -64,13 +73,22 @@ class Outbox:
         """Whether the receiver holds everything."""
         return not self._waiting and not self._open.size
 
+    @property
+    def goes_ahead(self) -> bool:
+        """Whether the next block does not depend on reports of those before it."""
+        return bool(self._waiting) and not self._open.size
+
     def next_block(self) -> OutgoingBlock:
         """Fill the next block; only when not empty."""
         refills = self._refills()
         frames = tuple(self._new_frames(self._block_pairs - refills))
-        slots = self._slots.block(self._open, refills, frames)
+        if self._format.plain and not refills:
+            whole = b"".join(self._frames[frame.number].data for frame in frames)
+            symbols = self._format.to_symbols(whole)
+        else:
+            symbols = self._read(self._slots.block(self._open, refills, frames))
         self._blocks_made += 1
-        return OutgoingBlock(self._blocks_made, refills, frames, self._read(slots))
+        return OutgoingBlock(self._blocks_made, refills, frames, symbols)
 
     def _refills(self) -> int:
         """Return how many pairs to give to open symbols: each one, or as many as take to arrive.
@@ -85,23 +103,30 @@ class Outbox:
     def dark(self, block: OutgoingBlock) -> None:
         """No light reached this host: the frames of the block go into a later one."""
         for frame in reversed(block.frames):
-            self._waiting.appendleft(self._frames.pop(frame.number)[0])
+            self._waiting.appendleft(self._frames.pop(frame.number).data)
         self._frames_made -= len(block.frames)
 
     def report(self, block: OutgoingBlock, report: Report) -> None:
         """Note what the receiver says of a block; raise FramingError if it cannot be so."""
-        slots = self._slots.block(self._open, block.refills, block.frames)
-        if (report.block, report.pairs) != (block.number, slots.size):
+        if (report.block, report.pairs) != (block.number, block.symbols.size):
             raise FramingError(f"report of block {report.block}, sent was {block.number}")
+        if block.refills or report.failed or report.again:
+            self._reopen(block, report)
+        else:  # every one of its frames has come
+            self._drop(frame.number for frame in block.frames)
+        self._sent = self._sent / 2 + report.pairs
+        self._arrived = self._arrived / 2 + report.pairs - report.lost
+
+    def _reopen(self, block: OutgoingBlock, report: Report) -> None:
+        slots = self._slots.block(self._open, block.refills, block.frames)
         if len(set(report.failed)) != len(report.failed):
             raise FramingError(f"report of block {report.block} names a failed frame twice")
         failed = [self._failed_slots(number) for number in report.failed]
         again = slots[_mask(report.again, slots.size)]
         rest = self._open[block.refills :]
         self._open = np.unique(np.concatenate([rest, again, *failed]))
-        self._drop_delivered(slots)
-        self._sent = self._sent / 2 + report.pairs
-        self._arrived = self._arrived / 2 + report.pairs - report.lost
+        touched, still_open = self._slots.numbers(slots), self._slots.numbers(self._open)
+        self._drop(np.setdiff1d(touched, still_open).tolist())
 
     def _new_frames(self, room: int) -> list[Frame]:
         frames: list[Frame] = []
@@ -111,7 +136,7 @@ class Outbox:
             if room < 0:
                 break
             self._waiting.popleft()
-            self._frames[self._frames_made] = data, self._format.to_symbols(data)
+            self._frames[self._frames_made] = _Outgoing(data)
             frames.append(Frame(self._frames_made, len(data), crc32(data)))
             self._frames_made += 1
         return frames
@@ -119,19 +144,24 @@ class Outbox:
     def _read(self, slots: Slots) -> Symbols:
         numbers, starts, indices = self._slots.runs(slots)
         parts = np.split(indices, starts[1:])
-        picked = [self._frames[int(n)][1][i] for n, i in zip(numbers, parts, strict=True)]
+        picked = [self._symbols(n)[i] for n, i in zip(numbers, parts, strict=True)]
         return np.concatenate(picked)
+
+    def _symbols(self, number: int) -> Symbols:
+        frame = self._frames[number]
+        if frame.symbols is None:
+            frame.symbols = self._format.to_symbols(frame.data)
+        return frame.symbols
 
     def _failed_slots(self, number: int) -> Slots:
         if number not in self._frames:
             raise FramingError(f"report of frame {number}, which is not under way")
         self.attempts[number] = self.attempts.get(number, 0) + 1
         self.repeated_frames += 1
-        return self._slots.frame(number, len(self._frames[number][0]))
+        return self._slots.frame(number, len(self._frames[number].data))
 
-    def _drop_delivered(self, slots: Slots) -> None:
-        touched, still_open = self._slots.numbers(slots), self._slots.numbers(self._open)
-        for number in np.setdiff1d(touched, still_open).tolist():
+    def _drop(self, numbers: Iterable[int]) -> None:
+        for number in numbers:
             del self._frames[number]
             self.attempts.pop(number, None)
 

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from hosts.hardware.qnic import NoLight, Symbols
+from hosts.middleware.services.superdense.sender import Singles
 from hosts.middleware.session.channel import MetadataChannel
 from hosts.middleware.session.encoding import to_paulis
 
@@ -36,19 +37,17 @@ Light = Callable[[int, Symbols], Awaitable[int]]
 
 
 class OneByOne:
-    """Sends photons each under a handshake of its own; pairs are numbered from 1."""
+    """Sends photons each under a handshake of its own."""
 
     def __init__(self, shake_hands: ShakeHands, light: Light) -> None:
         self._shake_hands = shake_hands
         self._light = light
-        self._pairs_begun = 0
         self._handshakes: deque[asyncio.Task[Agreed]] = deque()
         self._lights: deque[asyncio.Task[int]] = deque()
 
-    async def send(self, symbols: Symbols) -> int:
+    async def send(self, order: Singles) -> int:
         """Send pairs; one without light is just lost. Return when the first was sent (ns)."""
-        first, count = self._pairs_begun + 1, symbols.size
-        self._pairs_begun += count
+        first, symbols, count = order.first, order.symbols, order.symbols.size
         sent_ns = []
         try:
             for index in range(count):
@@ -87,15 +86,15 @@ class OneByOne:
 
     async def _abandon(self) -> None:
         """End what was begun and is not needed any more."""
-        await _cancelled(self._lights)
-        for outcome in await _cancelled(self._handshakes):
+        await cancelled(self._lights)
+        for outcome in await cancelled(self._handshakes):
             if isinstance(outcome, Agreed):
                 outcome.channel.close()
         self._lights.clear()
         self._handshakes.clear()
 
 
-async def _cancelled(tasks: Iterable[asyncio.Task[Any]]) -> list[Any]:
+async def cancelled(tasks: Iterable[asyncio.Task[Any]]) -> list[Any]:
     """Cancel tasks and return what became of each."""
     for task in tasks:
         task.cancel()

@@ -1,36 +1,68 @@
-"""The acceptor of superdense coding: it receives bytes; the mirror of sender.py."""
+"""The protocol of superdense coding at the end that receives bytes: no socket, no clock.
 
-import asyncio
+    WAITING    block(message)    an order: what to measure, to collect or to let go -> MEASURING
+    MEASURING  arrived(symbols)  the bytes that are whole now, and a Report -> WAITING
+    WAITING    finish(message)   all bytes are here and right
+
+`read` makes symbols of the outcomes of a measurement. In the handshake per-pair `join` answers the
+set-up of each pair and orders its measurement, at any time; the order for a block then collects
+what has been read. acceptor.py carries the messages and measures.
+"""
+
 from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum, auto
 from hashlib import sha256
 from typing import Any
 
 import numpy as np
 
-from hosts.hardware.qnic import NoLight, Symbols
+from hosts.hardware.qnic import Symbols
 from hosts.middleware.services.superdense.frame_format import FrameFormat, agreed_format
 from hosts.middleware.services.superdense.framing import FramingError
-from hosts.middleware.services.superdense.halves import arrival_ports
 from hosts.middleware.services.superdense.inbox import Inbox
-from hosts.middleware.session.channel import MetadataChannel, SessionError, unexpected
-from hosts.middleware.session.encoding import (
-    DISTINGUISHABLE_STATES,
-    agreed_encoding,
-    from_bell_states,
-)
-from hosts.middleware.session.host_resources import HostResources
-from hosts.middleware.session.offers import _offer_nothing_but_0, check_light
+from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.encoding import agreed_encoding, from_bell_states
+from hosts.middleware.session.offers import check_light, offer_nothing_but_0
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS, MAX_FRAME_BYTES
-from hosts.middleware.session.service import AcceptorEnd
-from hosts.timeouts import ARRIVED_TIMEOUT_S, PAIR_TIMEOUT_S
 from wire.metadata import Answer, Block, Finish, Handshake, Reason, Report, Setup
 from wire.outcomes import NO_COINCIDENCE
+
+
+@dataclass(frozen=True)
+class Measure:
+    """An order: Bell-measure the two halves of a block."""
+
+    block: int
+    pairs: int
+    rotation: int  # of the light paths, as the controller knows it
+
+
+@dataclass(frozen=True)
+class Discard:
+    """An order: let go of the halves of a block of which the others will not come."""
+
+    block: int
+
+
+@dataclass(frozen=True)
+class Collect:
+    """An order: put together the symbols of pairs that have had handshakes of their own."""
+
+    numbers: range
+
+
+class State(Enum):
+    """What a receiver waits for."""
+
+    WAITING = auto()
+    MEASURING = auto()
 
 
 def check_offer(setup: Setup, symbols: int) -> FrameFormat:
     """Return what frames are made of; raise SessionError for a set-up that cannot be served."""
     check_light(setup)
-    _offer_nothing_but_0({"fidelity at least": setup.fidelity_ppm})
+    offer_nothing_but_0({"fidelity at least": setup.fidelity_ppm})
     if setup.frame_bytes > MAX_FRAME_BYTES or setup.pairs > MAX_BLOCK_PAIRS:
         raise SessionError(
             Reason.UNSUPPORTED,
@@ -40,42 +72,26 @@ def check_offer(setup: Setup, symbols: int) -> FrameFormat:
     return agreed_format(setup, symbols)
 
 
-def accepted(means: HostResources, setup: Setup) -> Answer:
-    """Return what is said to a set-up, by what this host's analyser can do; or SessionError."""
-    symbols = DISTINGUISHABLE_STATES[means.analyser]
-    check_offer(setup, symbols)
-    return _answer(setup, symbols, setup.rotation)
-
-
-def _answer(setup: Setup, symbols: int, rotation: int) -> Answer:
+def answer_to(setup: Setup, symbols: int, rotation: int) -> Answer:
+    """Return what accepts a set-up: how many Bell states are told apart, and the operators."""
     encoding = agreed_encoding(setup.encoding, symbols, rotation)
     return Answer(setup.session, Reason.OK, symbols=symbols, encoding=encoding)
 
 
-async def accept_bytes(end: AcceptorEnd) -> None:
-    """Receive bytes until the sender has finished; raise SessionError if it does not."""
-    receiver = Receiver(end)
-    try:
-        await receiver.run()
-    finally:
-        end.summary = receiver.statistics
-        receiver.close()
-
-
 class Receiver:
-    """Receives bytes from another host by a Bell analyser."""
+    """Turns Bell states into bytes, and says what must come again."""
 
-    def __init__(self, end: AcceptorEnd) -> None:
-        self._end, self._qnic = end, end.qnic
-        self._channel, self._setup = end.channel, end.setup
-        self._symbols = DISTINGUISHABLE_STATES[end.means.analyser]
-        self._format = agreed_format(end.setup, self._symbols)
-        self._inbox = Inbox(end.setup.frame_bytes, self._format)
-        self._singles: dict[int, asyncio.Task[Symbols]] = {}
+    def __init__(self, setup: Setup, symbols: int, peer: str) -> None:
+        """Receive from a peer by an analyser that tells so many Bell states apart."""
+        self._setup, self._symbols, self._peer = setup, symbols, peer
+        self._format = agreed_format(setup, symbols)
+        self._inbox = Inbox(setup.frame_bytes, self._format)
+        self._state = State.WAITING
+        self._block: Block | None = None  # whose light is being measured
+        self._singles: set[int] = set()  # pairs that were asked for, and not collected yet
         self._singles_used = 0
         self._digest = sha256()
-        self.size = 0
-        end.counts, end.join = self._counts, self.one_pair
+        self._size = 0
 
     @property
     def statistics(self) -> dict[str, Any]:
@@ -85,7 +101,7 @@ class Receiver:
         that have arrived: before their check is right, nobody here knows what was sent.
         """
         return {
-            "bytes": self.size,
+            "bytes": self._size,
             "symbols": self._inbox.symbols_seen,
             "lost_pairs": self._inbox.symbols_lost,
             "symbol_errors": self._inbox.symbol_errors,
@@ -95,7 +111,7 @@ class Receiver:
             "confusion": self._inbox.confusion.tolist(),
         }
 
-    def _counts(self) -> Mapping[str, int]:
+    def counts(self) -> Mapping[str, int]:
         """Return what was used so far, as the device reports it."""
         return {
             "pairs_received": self._inbox.symbols_seen,
@@ -104,69 +120,47 @@ class Receiver:
             "repeated_frames": self._inbox.repeated_frames,
         }
 
-    async def run(self) -> None:
-        """Receive until the sender has finished; raise SessionError if it does not."""
-        while True:
-            message = await self._channel.next()
-            if isinstance(message, Block):
-                await self._receive_block(message)
-            elif isinstance(message, Finish):
-                self._verify(message)
-                return
-            else:
-                raise unexpected(message, self._channel.peer)
-
-    def close(self) -> None:
-        """Let go of handshakes under way."""
-        for task in self._singles.values():
-            task.cancel()
-
-    async def _receive_block(self, block: Block) -> None:
+    def block(self, block: Block) -> Measure | Discard | Collect:
+        """Return what to do for a block of which the sender says what it carries."""
+        self._require(State.WAITING)
         longest_frame = self._format.pairs(self._setup.frame_bytes)
         if block.pairs > max(self._setup.pairs, longest_frame):
             raise SessionError(Reason.PROTOCOL, f"block {block.block} has {block.pairs} pairs")
+        self._block, self._state = block, State.MEASURING
         if block.pairs == 0:  # no light reached the sender
-            await self._qnic.discard_block(self._setup.session, block.block)
-            symbols = np.empty(0, dtype=np.uint8)
-        elif self._setup.handshake == Handshake.PER_PAIR:
-            symbols = await self._collect_singles(block.pairs)
-        else:
-            symbols = self._decode(await self._measure(block.block, block.pairs), self._setup)
+            return Discard(block.block)
+        if self._setup.handshake == Handshake.PER_PAIR:
+            return self._collect(block.pairs)
+        return Measure(block.block, block.pairs, self._setup.rotation)
+
+    def read(self, order: Measure, outcomes: Symbols | None) -> Symbols:
+        """Return the symbols of what was measured; None: a half did not come, all are lost."""
+        if outcomes is None:
+            outcomes = np.full(order.pairs, NO_COINCIDENCE, dtype=np.uint8)
+        if outcomes.size != order.pairs:
+            text = f"block {order.block}: {outcomes.size} pairs of light"
+            raise SessionError(Reason.PROTOCOL, text)
+        encoding = agreed_encoding(self._setup.encoding, self._symbols, order.rotation)
+        return from_bell_states(outcomes, encoding, order.rotation, self._symbols)
+
+    def arrived(self, symbols: Symbols) -> tuple[bytes, Report]:
+        """Take the symbols of a block; return bytes that are whole now, and what to report."""
+        self._require(State.MEASURING)
+        assert self._block is not None
+        self._state = State.WAITING
         try:
-            report = self._inbox.block(block, symbols)
+            report = self._inbox.block(self._block, symbols)
         except FramingError as error:
             raise SessionError(Reason.PROTOCOL, str(error)) from error
-        await self._pass_on(report)
-
-    async def _pass_on(self, report: Report) -> None:
         data = self._inbox.take()
-        if data:
-            self._digest.update(data)
-            self.size += len(data)
-            await self._end.deliver(data)
-        self._channel.send(report)
+        self._digest.update(data)
+        self._size += len(data)
+        return data, report
 
-    async def _measure(self, number: int, pairs: int) -> Symbols:
-        """Bell-measure the two halves of a block; a half that did not come is all lost."""
-        try:
-            found = await self._qnic.detect_pairs(
-                self._setup.session,
-                number,
-                arrival_ports(self._setup, self._qnic.ports),
-                ARRIVED_TIMEOUT_S,
-            )
-        except NoLight:
-            return np.full(pairs, NO_COINCIDENCE, dtype=np.uint8)
-        if found.outcomes.size != pairs:
-            raise SessionError(
-                Reason.PROTOCOL, f"block {number}: {found.outcomes.size} pairs of light"
-            )
-        return found.outcomes
-
-    async def one_pair(self, channel: MetadataChannel, setup: Setup) -> None:
-        """Serve the handshake of a single pair: accept, wait for its end, measure."""
-        if channel.peer != self._channel.peer:
-            text = f"pair {setup.block} of a session of {self._channel.peer} from {channel.peer}"
+    def join(self, setup: Setup, peer: str) -> tuple[Answer, Measure]:
+        """Return what accepts the handshake of a pair, and what to do once its light is over."""
+        if peer != self._peer:
+            text = f"pair {setup.block} of a session of {self._peer} from {peer}"
             raise SessionError(Reason.UNKNOWN_SESSION, text)
         used = setup.block in self._singles or setup.block <= self._singles_used
         if self._setup.handshake != Handshake.PER_PAIR or used:
@@ -174,40 +168,28 @@ class Receiver:
             raise SessionError(Reason.PROTOCOL, text)
         if len(self._singles) >= MAX_BLOCK_PAIRS:
             raise SessionError(Reason.PROTOCOL, "too many pairs without a block message")
-        self._singles[setup.block] = asyncio.create_task(self._single(channel, setup))
-        await asyncio.wait([self._singles[setup.block]])
+        self._singles.add(setup.block)
+        answer = answer_to(self._setup, self._symbols, setup.rotation)
+        return answer, Measure(setup.block, 1, setup.rotation)
 
-    async def _single(self, channel: MetadataChannel, setup: Setup) -> Symbols:
-        channel.send(_answer(self._setup, self._symbols, setup.rotation))
-        await channel.next(PAIR_TIMEOUT_S)  # the sender closes when the light has arrived
-        return self._decode(await self._measure(setup.block, 1), setup)
+    def finish(self, finish: Finish) -> None:
+        """Raise SessionError if what has come is not what was sent."""
+        self._require(State.WAITING)
+        if (finish.size, finish.sha256) != (self._size, self._digest.digest()):
+            raise SessionError(
+                Reason.WRONG_DIGEST,
+                f"{self._size} of {finish.size} bytes arrived, or their SHA-256 differs",
+            )
 
-    async def _collect_singles(self, pairs: int) -> Symbols:
+    def _collect(self, pairs: int) -> Collect:
         numbers = range(self._singles_used + 1, self._singles_used + pairs + 1)
         self._singles_used += pairs
         unknown = [number for number in numbers if number not in self._singles]
         if unknown:
             raise SessionError(Reason.PROTOCOL, f"pair {unknown[0]} had no handshake")
-        tasks = [self._singles.pop(number) for number in numbers]
-        try:
-            async with asyncio.timeout(PAIR_TIMEOUT_S):
-                return np.concatenate(await asyncio.gather(*tasks))
-        except TimeoutError as error:
-            raise SessionError(
-                Reason.PROTOCOL,
-                f"pairs up to {numbers[-1]} were not over in {PAIR_TIMEOUT_S:g} s",
-            ) from error
+        self._singles.difference_update(numbers)
+        return Collect(numbers)
 
-    def _encoding(self, granted: Setup) -> int:
-        return agreed_encoding(self._setup.encoding, self._symbols, granted.rotation)
-
-    def _decode(self, outcomes: Symbols, granted: Setup) -> Symbols:
-        encoding = self._encoding(granted)
-        return from_bell_states(outcomes, encoding, granted.rotation, self._symbols)
-
-    def _verify(self, finish: Finish) -> None:
-        if (finish.size, finish.sha256) != (self.size, self._digest.digest()):
-            raise SessionError(
-                Reason.WRONG_DIGEST,
-                f"{self.size} of {finish.size} bytes arrived, or their SHA-256 differs",
-            )
+    def _require(self, state: State) -> None:
+        if self._state is not state:
+            raise ValueError(f"{self._state.name.lower()}, not {state.name.lower()}: await that")

@@ -1,36 +1,31 @@
-"""The opener of superdense coding: it sends bytes.
+"""The protocol of superdense coding at the end that sends bytes: no socket, no clock.
 
-    alice                      charlie (source)             bob
-      | Setup(SDC) -- held by the controller until the paths are up --> |
-      | <--------------- Answer (symbols and operators that bob can use) |
-      | Setup(PAIR_SOURCE) ------> |                                    |
-      | Emit --------------------> | pairs: half 0 to alice, half 1 to bob
-      | <-- light, half 0 -------- | -- light, half 1 ----------------> |
-      | Pauli operators, then light, half 0 --------------------------> |
-      | Block (what it carried) --------------------------------------> |
-      | <------------------------------------------ Report (what came)  |
+    send(data)      the bytes wait in frames
+    next_order()    a block is under way: an order for its light
+    lit(), dark()   of the first block under way without: the Block that says what its light carried
+    heard(report)   of the first block under way: it is not any more
 
-With the handshake per-pair every pair has a Setup(ONE_PAIR) connection of its own, and the
-paths stay up only as long as that connection (paper, figure "handshaking").
+Several blocks are under way at a time: light of the next is made while the receiver measures. What
+the receiver asks for again is sent when it has reported of all: then both ends know the same, and
+which blocks there are does not depend on when a report comes. If there is no light of one, those
+behind it, whose frames follow in number, are called off, too.
+
+In the handshake per-pair every pair of an order is asked for by `single` before its light is made.
+opener.py carries the messages and has the light made.
 """
 
-import asyncio
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from collections import deque
+from dataclasses import dataclass, replace
 from hashlib import sha256
 
-from hosts.hardware.qnic import BlockName, NoLight, Symbols
+from hosts.hardware.qnic import Symbols
 from hosts.middleware.services.superdense.frame_format import agreed_format
-from hosts.middleware.services.superdense.framing import FramingError
-from hosts.middleware.services.superdense.halves import sent_half
-from hosts.middleware.services.superdense.options import SuperdenseOptions
+from hosts.middleware.services.superdense.framing import BLOCKS_UNDER_WAY, FramingError
 from hosts.middleware.services.superdense.outbox import Outbox, OutgoingBlock
-from hosts.middleware.services.superdense.per_pair import Agreed, OneByOne
 from hosts.middleware.session.channel import SessionError
 from hosts.middleware.session.encoding import to_paulis
-from hosts.middleware.session.service import Carrier, OpenerEnd
-from hosts.network_loop import now_s
-from hosts.timeouts import DARK_LIMIT_S, GRACE_S, LIGHT_TIMEOUT_S, REPORT_TIMEOUT_S
+from hosts.middleware.session.options import MAX_BLOCK_PAIRS
+from hosts.timeouts import DARK_LIMIT_S
 from wire.metadata import SYMBOLS, Answer, Block, Handshake, Reason, Report, Setup
 
 ATTEMPTS_LIMIT = 64
@@ -57,9 +52,29 @@ class Statistics:
     symbols: int = 0  # Bell states that the receiver's analyser tells apart; 0: not known yet
 
 
-async def open_bytes(end: OpenerEnd, _options: SuperdenseOptions) -> Carrier:
-    """Prepare the sending of bytes; return the way for them."""
-    return Carrier(Sender(end).send)
+@dataclass(frozen=True)
+class Light:
+    """An order: have a block of pairs made, and send this host's halves on by these operators."""
+
+    block: int
+    paulis: Symbols  # shape (pairs,)
+
+
+@dataclass(frozen=True)
+class Singles:
+    """An order: send symbols, each by a pair that has a handshake of its own."""
+
+    first: int  # number of the first pair; the others follow
+    symbols: Symbols  # shape (pairs,)
+
+
+@dataclass(eq=False)
+class _UnderWay:
+    """A block whose light has been ordered, and of which the receiver has not reported."""
+
+    block: OutgoingBlock
+    announced: bool = False  # the receiver has been told what it carries
+    why_dark: str | None = None  # there is no light of it, or there shall be none
 
 
 def check_frames(setup: Setup) -> None:
@@ -68,125 +83,123 @@ def check_frames(setup: Setup) -> None:
 
 
 class Sender:
-    """Sends bytes with the pairs of a source, in the ways that the receiver's analyser allows."""
+    """Cuts bytes into blocks of symbols, until the receiver has reported that it holds them."""
 
-    def __init__(self, end: OpenerEnd) -> None:
+    def __init__(self, setup: Setup, answer: Answer, peer: str, now_s: float) -> None:
         """Raise SessionError if the receiver does not say what its analyser can do."""
-        self._end, self._qnic, self._setup, self._channel = end, end.qnic, end.setup, end.channel
-        used = agreed_format(end.setup, _distinguishable_states(end.answer))
-        self._outbox = Outbox(end.setup.frame_bytes, end.setup.pairs, used)
-        self._encoding = end.answer.encoding
+        self._setup, self._encoding, self._peer = setup, answer.encoding, peer
+        used = agreed_format(setup, _distinguishable_states(answer))
+        self._outbox = Outbox(setup.frame_bytes, setup.pairs, used)
+        self._under_way: deque[_UnderWay] = deque()
+        self._most_under_way = blocks_under_way(setup)
+        self._pairs_begun = 0  # of those with a handshake of their own
+        self._lit_at_s = now_s  # when a pair last arrived
         self._digest = sha256()
-        self._size = 0
-        self._lit_at_s = now_s()  # when a pair last arrived
-        self._one_by_one = OneByOne(self._shake_hands, self._light)
+        self._data = b""  # not held by the receiver yet
         used_of = "rate_hz", "frame_bytes", "fec", "interleave", "wavelength_pm"
         self.statistics = Statistics(
-            symbols=end.answer.symbols, **{name: getattr(end.setup, name) for name in used_of}
+            symbols=answer.symbols, **{name: getattr(setup, name) for name in used_of}
         )
-        end.counts, end.summary = self._counts, asdict(self.statistics)
-        end.sent = 0, self._digest.digest()
-
-    async def send(self, data: bytes) -> None:
-        """Send bytes; return when the other end holds every one of them."""
-        self._outbox.add(data)
-        self.statistics.code_rate = self._outbox.code_rate
-        try:
-            while not self._outbox.empty:
-                await self._send_block(self._outbox.next_block())
-            self._digest.update(data)
-            self._size += len(data)
-            self.statistics.delivered_bytes = self._size
-        finally:
-            self._end.summary = asdict(self.statistics)
-        self._end.sent = self._size, self._digest.digest()
 
     @property
-    def _peer(self) -> str:
-        return self._end.arrangement.peer
+    def sent(self) -> tuple[int, bytes]:
+        """How many bytes the receiver holds, and their SHA-256."""
+        return self.statistics.delivered_bytes, self._digest.digest()
 
-    def _counts(self) -> Mapping[str, int]:
-        """Return what was used so far, as the device reports it."""
-        return {
-            "pairs_sent": self.statistics.bell_pairs,
-            "pairs_lost": self.statistics.lost_pairs,
-            "symbol_errors": self.statistics.symbol_errors,
-            "repeated_frames": self.statistics.repeated_frames,
-        }
+    def send(self, data: bytes) -> None:
+        """Take bytes; the receiver holds them once nothing is under way and there is no order."""
+        if self._under_way:
+            raise ValueError(f"{len(self._under_way)} blocks are under way: hear of them first")
+        self._data += data
+        self._outbox.add(data)
+        self.statistics.code_rate = self._outbox.code_rate
 
-    async def _send_block(self, block: OutgoingBlock) -> None:
-        self.statistics.bell_pairs += block.symbols.size
-        if self._setup.handshake == Handshake.PER_PAIR:
-            emitted_ns = await self._one_by_one.send(block.symbols)
+    def next_order(self) -> Light | Singles | None:
+        """Return what light to make next.
+
+        None: reports of blocks under way must come first, or the receiver holds every byte.
+        """
+        if not self._under_way and self._outbox.empty:
+            self._note_delivered()
+            return None
+        if len(self._under_way) >= self._most_under_way:
+            return None
+        if self._under_way and not self._outbox.goes_ahead:
+            return None
+        block = self._outbox.next_block()
+        self._under_way.append(_UnderWay(block))
+        number, symbols = block.number, block.symbols
+        self.statistics.bell_pairs += symbols.size
+        if self._setup.handshake != Handshake.PER_PAIR:
+            return Light(number, to_paulis(symbols, self._encoding))
+        first = self._pairs_begun + 1
+        self._pairs_begun += symbols.size
+        return Singles(first, symbols)
+
+    def single(self, number: int) -> Setup:
+        """Return what asks for one pair."""
+        return replace(self._setup, handshake=Handshake.ONE_PAIR, block=number, pairs=1)
+
+    def single_encoding(self, answer: Answer) -> int:
+        """Return by which operators the pair is sent that this answers; or raise SessionError."""
+        if _distinguishable_states(answer) != self.statistics.symbols:
+            text = f"{self._peer} tells {answer.symbols} Bell states apart, and did not"
+            raise SessionError(Reason.PROTOCOL, text)
+        return answer.encoding
+
+    def lit(self, emitted_ns: int) -> Block:
+        """Return what tells the receiver of light that has left this host, first at this time."""
+        first = self._first_unannounced()
+        block = first.block
+        if first.why_dark is not None:
+            raise ValueError(f"block {block.number} is called off: dark() tells the receiver")
+        first.announced = True
+        pairs = block.symbols.size
+        session = self._setup.session
+        return Block(session, block.number, pairs, block.refills, emitted_ns, block.frames)
+
+    def dark(self, why: str) -> Block:
+        """No light came here: return what tells the receiver to let go of its halves."""
+        first = self._first_unannounced()
+        if first.why_dark is None:
+            self._call_off(why)
+        first.announced = True
+        return Block(self._setup.session, first.block.number, 0, 0, 0)
+
+    def is_called_off(self, number: int) -> bool:
+        """Whether a block shall not be sent, because there was no light of one before it."""
+        return any(each.block.number == number and each.why_dark for each in self._under_way)
+
+    def heard(self, report: Report, now_s: float) -> None:
+        """Note what the receiver says of a block; raise SessionError if it cannot go on so."""
+        if not self._under_way or not self._under_way[0].announced:
+            raise ValueError("no block waits for a report: lit() or dark() come first")
+        first = self._under_way.popleft()
+        if first.why_dark is None:
+            self._note(first.block, report, now_s)
         else:
-            try:
-                paulis = to_paulis(block.symbols, self._encoding)
-                emitted_ns = await self._light(block.number, paulis)
-            except NoLight as error:
-                await self._note_dark(block, error)
-                return
-        self._channel.send(
-            Block(
-                self._setup.session,
-                block.number,
-                block.symbols.size,
-                block.refills,
-                emitted_ns,
-                block.frames,
-            )
-        )
-        self._note(block, await self._channel.receive(Report, REPORT_TIMEOUT_S))
+            self._give_up_if_dark(first.why_dark, now_s)
 
-    async def _light(self, number: int, paulis: Symbols) -> int:
-        """Have pairs made, modulate this host's halves and send them on."""
-        half = BlockName(self._setup.session, number, sent_half(self._setup))
-        rate_hz, wavelength_pm = self._setup.rate_hz, self._setup.wavelength_pm
-        port = self._qnic.ports[0]
-        light = asyncio.create_task(
-            self._qnic.modulate(half, paulis, port, rate_hz, wavelength_pm, LIGHT_TIMEOUT_S)
-        )
-        try:
-            await self._end.arrangement.emit(number, paulis.size)
-            # The source has answered: its light has arrived, or never will.
-            async with asyncio.timeout(GRACE_S + paulis.size / rate_hz):
-                return await light
-        except TimeoutError as error:
-            raise NoLight(f"no light from {self._end.arrangement.source} at {port}") from error
-        finally:
-            light.cancel()
+    def _first_unannounced(self) -> _UnderWay:
+        for each in self._under_way:
+            if not each.announced:
+                return each
+        raise ValueError("no light is being made: next_order() comes first")
 
-    async def _shake_hands(self, number: int) -> Agreed:
-        """Make the handshake of one pair; the path stays up until its connection is closed."""
-        setup = replace(self._setup, handshake=Handshake.ONE_PAIR, block=number, pairs=1)
-        channel = await self._end.arrangement.another_channel()
-        try:
-            answer = await channel.request(setup)
-            if _distinguishable_states(answer) != self.statistics.symbols:
-                text = f"{self._peer} tells {answer.symbols} Bell states apart, and did not"
-                raise SessionError(Reason.PROTOCOL, text)
-        except BaseException:
-            channel.close()
-            raise
-        return Agreed(channel, answer.encoding)
+    def _call_off(self, why: str) -> None:
+        """Take back what has not been announced; the last first, as their frames have numbers."""
+        for each in reversed(self._under_way):
+            if not each.announced:
+                each.why_dark = why
+                self._outbox.dark(each.block)
+                self.statistics.lost_pairs += each.block.symbols.size
 
-    async def _note_dark(self, block: OutgoingBlock, error: NoLight) -> None:
-        """Take the block back, and tell the receiver to let go of its halves."""
-        self._outbox.dark(block)
-        self.statistics.lost_pairs += block.symbols.size
-        self._channel.send(Block(self._setup.session, block.number, 0, 0, 0))
-        await self._channel.receive(Report, REPORT_TIMEOUT_S)
-        self._give_up_if_dark(str(error))
+    def _note_delivered(self) -> None:
+        self._digest.update(self._data)
+        self.statistics.delivered_bytes += len(self._data)
+        self._data = b""
 
-    def _give_up_if_dark(self, what: str) -> None:
-        if now_s() - self._lit_at_s > DARK_LIMIT_S:
-            raise SessionError(
-                Reason.NO_LIGHT,
-                f"{what} for {DARK_LIMIT_S:g} s; is a fibre cut, or its loss too high, or do the "
-                f"halves of a pair come to {self._peer} further apart than its delay line is long "
-                "(analyser.delay_line_km; `qmn spy RUN --kind bell-measure` tells)?",
-            )
-
-    def _note(self, block: OutgoingBlock, report: Report) -> None:
+    def _note(self, block: OutgoingBlock, report: Report, now_s: float) -> None:
         try:
             self._outbox.report(block, report)
         except FramingError as error:
@@ -199,9 +212,18 @@ class Sender:
         statistics.filled_symbols = report.filled
         statistics.repeated_frames = self._outbox.repeated_frames
         if report.lost < report.pairs:
-            self._lit_at_s = now_s()
-        self._give_up_if_dark(f"no pair reached {self._peer}")
+            self._lit_at_s = now_s
+        self._give_up_if_dark(f"no pair reached {self._peer}", now_s)
         self._give_up_if_too_noisy()
+
+    def _give_up_if_dark(self, what: str, now_s: float) -> None:
+        if now_s - self._lit_at_s > DARK_LIMIT_S:
+            raise SessionError(
+                Reason.NO_LIGHT,
+                f"{what} for {DARK_LIMIT_S:g} s; is a fibre cut, or its loss too high, or do the "
+                f"halves of a pair come to {self._peer} further apart than its delay line is long "
+                "(analyser.delay_line_km; `qmn spy RUN --kind bell-measure` tells)?",
+            )
 
     def _give_up_if_too_noisy(self) -> None:
         for number, attempts in self._outbox.attempts.items():
@@ -212,6 +234,13 @@ class Sender:
                     f"for frames of {self._setup.frame_bytes} bytes; choose fewer "
                     "(--frame-bytes), a stronger code (--fec) or less noise",
                 )
+
+
+def blocks_under_way(setup: Setup) -> int:
+    """Return how many blocks of a session may be under way at a time."""
+    if setup.handshake == Handshake.PER_PAIR:
+        return 1
+    return max(1, min(BLOCKS_UNDER_WAY, MAX_BLOCK_PAIRS // setup.pairs))
 
 
 def _distinguishable_states(answer: Answer) -> int:

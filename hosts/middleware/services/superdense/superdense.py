@@ -10,9 +10,10 @@ A return goes back on the light of a session that stands: only the last way of l
 
 from dataclasses import replace
 
+from hosts.middleware.services.superdense.acceptor import accept_bytes, accepted
+from hosts.middleware.services.superdense.opener import open_bytes
 from hosts.middleware.services.superdense.options import SuperdenseOptions
-from hosts.middleware.services.superdense.receiver import accept_bytes, accepted
-from hosts.middleware.services.superdense.sender import check_frames, open_bytes
+from hosts.middleware.services.superdense.sender import check_frames
 from hosts.middleware.session.service import ServiceKind
 from wire.metadata import Handshake, Service
 

@@ -1,0 +1,115 @@
+"""The acceptor of superdense coding: it receives bytes, as receiver.py says; opener.py's mirror."""
+
+import asyncio
+
+import numpy as np
+
+from hosts.hardware.qnic import NoLight, Symbols
+from hosts.middleware.services.superdense.halves import arrival_ports
+from hosts.middleware.services.superdense.receiver import (
+    Collect,
+    Discard,
+    Measure,
+    Receiver,
+    answer_to,
+    check_offer,
+)
+from hosts.middleware.session.channel import MetadataChannel, SessionError, unexpected
+from hosts.middleware.session.encoding import DISTINGUISHABLE_STATES
+from hosts.middleware.session.host_resources import HostResources
+from hosts.middleware.session.service import AcceptorEnd
+from hosts.timeouts import ARRIVED_TIMEOUT_S, PAIR_TIMEOUT_S
+from wire.metadata import Answer, Block, Finish, Reason, Setup
+
+
+def accepted(means: HostResources, setup: Setup) -> Answer:
+    """Return what is said to a set-up, by what this host's analyser can do; or SessionError."""
+    symbols = DISTINGUISHABLE_STATES[means.analyser]
+    check_offer(setup, symbols)
+    return answer_to(setup, symbols, setup.rotation)
+
+
+async def accept_bytes(end: AcceptorEnd) -> None:
+    """Receive bytes until the sender has finished; raise SessionError if it does not."""
+    acceptor = Acceptor(end)
+    try:
+        await acceptor.run()
+    finally:
+        end.summary = acceptor.receiver.statistics
+        acceptor.close()
+
+
+class Acceptor:
+    """Carries out what a receiver orders: with this host's Bell analyser."""
+
+    def __init__(self, end: AcceptorEnd) -> None:
+        self._end, self._qnic, self._channel, self._setup = end, end.qnic, end.channel, end.setup
+        symbols = DISTINGUISHABLE_STATES[end.means.analyser]
+        self.receiver = Receiver(end.setup, symbols, end.channel.peer)
+        self._singles: dict[int, asyncio.Task[Symbols]] = {}
+        end.counts, end.join = self.receiver.counts, self.one_pair
+
+    async def run(self) -> None:
+        """Receive until the sender has finished; raise SessionError if it does not."""
+        while True:
+            message = await self._channel.next()
+            if isinstance(message, Block):
+                symbols = await self._carry_out(self.receiver.block(message))
+                data, report = self.receiver.arrived(symbols)
+                if data:
+                    await self._end.deliver(data)
+                self._channel.send(report)
+            elif isinstance(message, Finish):
+                self.receiver.finish(message)
+                return
+            else:
+                raise unexpected(message, self._channel.peer)
+
+    def close(self) -> None:
+        """Let go of handshakes under way."""
+        for task in self._singles.values():
+            task.cancel()
+
+    async def one_pair(self, channel: MetadataChannel, setup: Setup) -> None:
+        """Serve the handshake of a single pair: accept, wait for its end, measure."""
+        answer, order = self.receiver.join(setup, channel.peer)
+        single = asyncio.create_task(self._single(channel, answer, order))
+        self._singles[setup.block] = single
+        await asyncio.wait([single])
+
+    async def _carry_out(self, order: Measure | Discard | Collect) -> Symbols:
+        """Do what a block needs; return its symbols."""
+        match order:
+            case Measure():
+                return await self._measure(order)
+            case Collect():
+                return await self._collect(order.numbers)
+            case Discard():
+                await self._qnic.discard_block(self._setup.session, order.block)
+                return np.empty(0, dtype=np.uint8)
+
+    async def _measure(self, order: Measure) -> Symbols:
+        ports = arrival_ports(self._setup, self._qnic.ports)
+        try:
+            found = await self._qnic.detect_pairs(
+                self._setup.session, order.block, ports, ARRIVED_TIMEOUT_S
+            )
+        except NoLight:
+            return self.receiver.read(order, None)
+        return self.receiver.read(order, found.outcomes)
+
+    async def _single(self, channel: MetadataChannel, answer: Answer, order: Measure) -> Symbols:
+        channel.send(answer)
+        await channel.next(PAIR_TIMEOUT_S)  # the sender closes when the light has arrived
+        return await self._measure(order)
+
+    async def _collect(self, numbers: range) -> Symbols:
+        tasks = [self._singles.pop(number) for number in numbers]
+        try:
+            async with asyncio.timeout(PAIR_TIMEOUT_S):
+                return np.concatenate(await asyncio.gather(*tasks))
+        except TimeoutError as error:
+            raise SessionError(
+                Reason.PROTOCOL,
+                f"pairs up to {numbers[-1]} were not over in {PAIR_TIMEOUT_S:g} s",
+            ) from error

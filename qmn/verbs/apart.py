@@ -1,0 +1,61 @@
+"""qmn apart VERB …: another verb in network, processes, /run and Open vSwitch of its own.
+
+So several networks run on one machine at a time. --of PID is a verb in those of `qmn apart` PID.
+"""
+
+import argparse
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Sequence
+from types import FrameType
+from typing import Any
+
+from qmn.as_root import COMMAND
+from topologies.apart import apart, inside
+
+FORWARDED = (signal.SIGTERM, signal.SIGHUP)  # a terminal sends Ctrl-C to all by itself
+
+
+def add_parser(verbs: Any) -> None:
+    """Describe the verb."""
+    parser = verbs.add_parser(
+        "apart",
+        help="another verb, beside other networks on this machine",
+        description=__doc__,
+        usage="qmn apart [--of PID] VERB …",
+    )
+    parser.add_argument("--of", type=int, metavar="PID", help="of this `qmn apart` that runs")
+    parser.add_argument("verb", nargs=argparse.REMAINDER, metavar="VERB …", help="and its options")
+    parser.set_defaults(call=call, needs_root=True)
+
+
+def call(arguments: argparse.Namespace) -> int:
+    """Run the verb and return its exit status."""
+    if not arguments.verb:
+        print("qmn: apart from others, what? As in: qmn apart cli ring", file=sys.stderr)
+        return 1
+    command = [COMMAND, *arguments.verb]
+    if arguments.of is None:
+        return beside(command)
+    (first,) = inside(arguments.of)[:1] or [0]
+    if not first:
+        print(f"qmn: process {arguments.of} is no `qmn apart` that runs", file=sys.stderr)
+        return 1
+    enter = ["nsenter", f"--target={first}", "--net", "--mount", "--pid"]
+    return subprocess.run([*enter, f"--wd={os.getcwd()}", *command], check=False).returncode
+
+
+def beside(command: Sequence[str]) -> int:
+    """Run a command in namespaces of its own; what ends this politely ends that so."""
+    with subprocess.Popen(apart(command)) as process:
+
+        def forward(number: int, _frame: FrameType | None) -> None:
+            for pid in inside(os.getpid())[1:2]:
+                os.kill(pid, number)
+
+        for number in FORWARDED:
+            signal.signal(number, forward)
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        return process.wait()
