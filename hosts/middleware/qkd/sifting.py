@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hosts.middleware.qkd.bell_test import Tests
 from hosts.middleware.qkd.bits import Bits, Mask
 from wire.outcomes import NO_CLICK
 
@@ -24,6 +25,7 @@ class Record:
     bases: Bits
     outcomes: NDArray[np.uint8]
     levels: Bits | None = None  # of an end that prepared light of several intensities: which
+    tests: Tests | None = None  # of bob, where a CHSH test decides; these have no outcome here
 
     def __post_init__(self) -> None:
         if self.bases.shape != self.outcomes.shape or self.bases.ndim != 1:
