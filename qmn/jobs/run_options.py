@@ -22,3 +22,4 @@ class RunOptions:
     capture: bool = option(True, "do not capture packets")
     events: bool = option(True, "do not write what happens to qubits")
     record: bool = option(True, "do not record what `qmn replay` needs")
+    report: bool = option(True, "draw no report; `qmn report` makes it later")

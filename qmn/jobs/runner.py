@@ -50,7 +50,7 @@ def run(job: Job, context: RunContext) -> int:
         "delivered": False,
         **job.facts,
     }
-    with ending(folder, facts, result.complete):
+    with ending(folder, facts, result.complete, context.options.report):
         use_network(job, context, facts)
     result.show(console, facts, folder)
     return 0 if facts["delivered"] else 1

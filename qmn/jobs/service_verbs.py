@@ -99,7 +99,8 @@ VERBS: Mapping[str, Verb] = MappingProxyType(
                 },
                 "chsh_fraction": {
                     "metavar": "F",
-                    "help": f"e91: of the receiver's photons, for the CHSH test ({KEYS.chsh_fraction:g})",
+                    "help": "e91: of the receiver's photons, for the CHSH test "
+                    f"({KEYS.chsh_fraction:g})",
                 },
                 "chsh_margin": {
                     "metavar": "M",
@@ -114,6 +115,29 @@ VERBS: Mapping[str, Verb] = MappingProxyType(
             ("bb84", "bbm92", "e91"),
             eavesdropper=True,
             keys=True,
+        ),
+        "seal": Verb(
+            "watch a fibre by entangled pairs",
+            "compared",
+            {
+                "whole_error": {
+                    "metavar": "P",
+                    "help": "part of the pairs that differ though nobody is there, at most (0.01)",
+                },
+                "fraction": {
+                    "metavar": "F",
+                    "help": "of the photons that an intruder measures, who is to be found (0.25)",
+                },
+                "false_alarm": {
+                    "metavar": "P",
+                    "help": "that a test of a whole fibre ends in an alarm, at most (1e-06)",
+                },
+                "missed": {
+                    "metavar": "P",
+                    "help": "that a test takes such an intruder for nobody, at most (0.01)",
+                },
+            },
+            eavesdropper=True,
         ),
     }
 )

@@ -20,7 +20,7 @@ SIGNS = np.array([[1, 1], [1, -1]])  # by alice's basis and bob's setting
 
 
 @dataclass(frozen=True)
-class Tests:
+class BellOutcomes:
     """What bob has measured for the test, of a block: which photons, how, and what he found."""
 
     tested: Mask  # of all photons: those that were detected

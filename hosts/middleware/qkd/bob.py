@@ -98,7 +98,9 @@ class Bob(End):
         tests = self._records[0].tests
         due, count = self._blocks - len(self._records), 0 if tests is None else tests.bits.size
         if tests is None or (message.block, message.tests) != (due, count) or self._answered == due:
-            raise SessionFailed(AbortReason.PROTOCOL, f"an answer of tests of block {message.block}")
+            raise SessionFailed(
+                AbortReason.PROTOCOL, f"an answer of tests of block {message.block}"
+            )
         self._answered = due
         clicked = unpack(message.clicked, count).astype(bool)
         both = int(clicked.sum())

@@ -266,15 +266,15 @@ class End(ABC):
             raise SessionFailed(AbortReason.TOO_SHORT, self._too_short(), *first)
 
     def _judge_bell(self) -> None:
-        """Raise SessionFailed if the CHSH test, where there is one, does not exclude an eavesdropper."""
+        """Raise SessionFailed if there is a CHSH test, and it shows no entanglement."""
         if not self._parameters.chsh_fraction:
             return
         bell, least = self.bell, self.bell.least(self._parameters.chsh_margin)
         if not bell.s > least:
             raise SessionFailed(
                 AbortReason.LOCAL,
-                f"S is {bell.s:.4f} of {bell.pairs} pairs, and must be above {least:.4f}: local "
-                "hidden variables explain that, so noise or an eavesdropper may, or test more pairs",
+                f"S is {bell.s:.4f} of {bell.pairs} pairs, and must be above {least:.4f}: "
+                "noise, an eavesdropper, or too few tests",
             )
 
     def _key_length(self, leaked_bits: int) -> int:

@@ -16,8 +16,8 @@ from wire.metadata import Service
 
 async def open_e91(end: OpenerEnd, options: KeyOptions) -> None:
     """Make a key with the acceptor."""
-    tests = {"chsh_fraction": options.chsh_fraction, "chsh_margin": options.chsh_margin}
-    parameters = replace(options.parameters(), **tests)
+    fraction, margin = options.chsh_fraction, options.chsh_margin
+    parameters = replace(options.parameters(), chsh_fraction=fraction, chsh_margin=margin)
     await OpenerOfKeys(end, options, measure_halves, parameters).run()
 
 

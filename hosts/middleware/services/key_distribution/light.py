@@ -6,7 +6,7 @@ from math import ceil
 import numpy as np
 
 from hosts.hardware.qnic import BlockName, NoLight, Symbols
-from hosts.middleware.qkd.bell_test import Tests
+from hosts.middleware.qkd.bell_test import BellOutcomes
 from hosts.middleware.qkd.sifting import Record
 from hosts.middleware.session.channel import SessionError
 from hosts.middleware.session.service import End
@@ -65,7 +65,7 @@ def record_of(outcomes: Symbols, bases: Symbols, rotation: int, tests: bool) -> 
     tested = halfway & (outcomes != NO_COINCIDENCE)
     swapped, flipped = (rotation ^ rotation >> 1) & 1, rotation & 1
     settings = (bases[tested] - np.uint8(PAULI_BASES)) ^ np.uint8(swapped)
-    told = Tests(tested, settings, outcomes[tested] ^ np.uint8(flipped))
+    told = BellOutcomes(tested, settings, outcomes[tested] ^ np.uint8(flipped))
     own = np.where(halfway, 0, bases).astype(np.uint8)
     rest = np.where(halfway, NO_COINCIDENCE, turned_back(outcomes, own, rotation))
     return Record(own, rest.astype(np.uint8), tests=told)
