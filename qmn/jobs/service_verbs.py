@@ -138,6 +138,7 @@ VERBS: Mapping[str, Verb] = MappingProxyType(
                 },
             },
             eavesdropper=True,
+            source=True,
         ),
     }
 )
