@@ -48,6 +48,7 @@ class Service(IntEnum):
     LINK = 8  # between neighbours of such a chain: the opener makes pairs and keeps half of each
     SDC_RETURN = 9  # superdense coding back to the opener of a session of it, with its light
     SEAL = 10  # pairs that watch a fibre
+    E91 = 12  # quantum key distribution by entangled pairs, with a CHSH test
 
 
 class MemoryState(IntEnum):

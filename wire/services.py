@@ -63,6 +63,7 @@ LIGHT: Mapping[Service, tuple[Beam, ...]] = MappingProxyType(
         Service.TELEPORT: PAIRS,
         Service.BBM92: PAIRS,
         Service.SEAL: PAIRS,
+        Service.E91: PAIRS,
         Service.BB84: (Beam(FiberOf(OPENER, 0), FiberOf(ACCEPTOR, 0)),),
         Service.SWAP: (),  # its links have it
         Service.LINK: (Beam(FiberOf(OPENER, -1), FiberOf(ACCEPTOR, 0)),),
@@ -103,6 +104,7 @@ NEEDS: Mapping[Service, Mapping[Role, Feature]] = MappingProxyType(
         Service.TELEPORT: {SOURCE: EMIT, OPENER: STORE | MEASURE, ACCEPTOR: STORE | MEASURE},
         Service.BBM92: {SOURCE: EMIT, OPENER: MEASURE, ACCEPTOR: MEASURE},
         Service.SEAL: {SOURCE: EMIT, OPENER: MEASURE, ACCEPTOR: MEASURE},
+        Service.E91: {SOURCE: EMIT, OPENER: MEASURE, ACCEPTOR: MEASURE},
         Service.BB84: {OPENER: EMIT, ACCEPTOR: MEASURE},
         Service.SWAP: {
             OPENER: EMIT | STORE,
