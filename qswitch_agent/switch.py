@@ -22,10 +22,11 @@ from qswitch_agent.light_paths import LightPaths
 from qswitch_agent.middleware import optical_ports
 from qswitch_agent.middleware.flow_table import FlowTable
 from qswitch_agent.middleware.optical_ports import Tuned
+from qswitch_agent.openflow import refusals
 from qswitch_agent.openflow.flows import FlowEntry, FlowMod
 from qswitch_agent.openflow.identity import Identity, on_fiber
-from qswitch_agent.openflow.messages import Refusal
 from qswitch_agent.openflow.ports import Port
+from qswitch_agent.openflow.refusals import Refusal
 from qswitch_agent.promises import Asker
 from qswitch_agent.supervision import SupervisoryChannels
 from qswitch_agent.timeouts import CALL_DEADLINE_S
@@ -186,20 +187,16 @@ class Switch:
     def send_lldp(self, port: int, frame: bytes) -> None:
         """Send a frame into a fibre's supervisory channel."""
         if port not in self._channels.ports:
-            raise Refusal(ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_OUT_PORT, f"no port {port}")
+            raise refusals.bad_out_port(f"no port {port}")
         self._channels.send(port, frame)
 
     def require_address(self, number: int, address: bytes) -> None:
         """Raise Refusal unless this is the hardware address of a port, as PORT_MOD must know."""
         port = self._channels.ports.get(number)
         if port is None:
-            raise Refusal(
-                ofp.OFPET_PORT_MOD_FAILED, ofp.OFPPMFC_BAD_PORT, f"there is no port {number}"
-            )
+            raise refusals.bad_port(f"there is no port {number}")
         if port.address != address:
-            raise Refusal(
-                ofp.OFPET_PORT_MOD_FAILED,
-                ofp.OFPPMFC_BAD_HW_ADDR,
+            raise refusals.bad_address(
                 f"port {number} has the address {port.address.hex(':')}, not {address.hex(':')}",
             )
 
@@ -258,7 +255,7 @@ class Switch:
 
 def impossible_path(reason: str) -> Refusal:
     """Return the error for a port that may be valid at another time (OpenFlow 1.4, 6.4)."""
-    return Refusal(ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_OUT_PORT, reason)
+    return refusals.bad_out_port(reason)
 
 
 def circuits(mods: Iterable[FlowMod]) -> set[int]:

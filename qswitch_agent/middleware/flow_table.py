@@ -12,11 +12,10 @@ from zlib import crc32
 from os_ken.ofproto import ofproto_v1_4 as ofp
 
 from qswitch_agent.hardware.optics import CrossConnect
-from qswitch_agent.openflow import flows, matches
+from qswitch_agent.openflow import flows, matches, refusals
 from qswitch_agent.openflow.flow_reports import REMOVED, FlowUpdate
 from qswitch_agent.openflow.flows import FlowEntry, FlowMod
 from qswitch_agent.openflow.instructions import Mark
-from qswitch_agent.openflow.messages import Refusal
 
 ALL_TABLES = (0, ofp.OFPTT_ALL)
 UNMARKED = 1 << 31  # circuits of entries that came past the agent
@@ -117,17 +116,13 @@ class FlowTable:
         affected = [e for e in self._affected(mod) if e.in_port in self.fibers]
         light = [entry for entry in affected if not entry.other_fields]
         if light and set(mod.fields) != {matches.IN_PORT}:
-            raise Refusal(
-                ofp.OFPET_BAD_ACTION,
-                ofp.OFPBAC_BAD_OUT_PORT,
+            raise refusals.bad_out_port(
                 f"this would also modify the light of port {light[0].in_port}",
             )
         if not affected:
             return [mod]
         if len(light) < len(affected):
-            raise Refusal(
-                ofp.OFPET_BAD_MATCH,
-                ofp.OFPBMC_BAD_FIELD,
+            raise refusals.bad_field(
                 f"this would also modify what becomes of LLDP from port {affected[0].in_port}",
             )
         changed = [

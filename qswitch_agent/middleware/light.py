@@ -5,14 +5,14 @@ nothing else, in table 0, and sends what comes in there to one other fibre port,
 On a fibre's supervisory channel LLDP passes, and only to the controller.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 from os_ken.ofproto import ofproto_v1_4 as ofp
 
-from qswitch_agent.openflow import matches
+from qswitch_agent.openflow import matches, refusals
 from qswitch_agent.openflow.flows import FlowMod
 from qswitch_agent.openflow.instructions import ACTION_LISTS, KNOWN, Instructions
-from qswitch_agent.openflow.messages import Refusal
+from qswitch_agent.openflow.refusals import Refusal
 
 MODIFYING = (ofp.OFPFC_MODIFY, ofp.OFPFC_MODIFY_STRICT)
 PUTTING = (ofp.OFPFC_ADD, *MODIFYING)
@@ -26,15 +26,11 @@ def is_light(mod: FlowMod, fibers: frozenset[int]) -> bool:
     if mod.deletes:
         return False
     if mod.command not in PUTTING:
-        raise Refusal(
-            ofp.OFPET_FLOW_MOD_FAILED,
-            ofp.OFPFMFC_BAD_COMMAND,
+        raise refusals.bad_command(
             f"there is no command {mod.command}",
         )
     if matches.in_port_is_masked(mod.fields):
-        raise Refusal(
-            ofp.OFPET_BAD_MATCH,
-            ofp.OFPBMC_BAD_MASK,
+        raise refusals.bad_mask(
             "in_port cannot be matched by some of its bits",
         )
     in_port = matches.in_port(mod.fields)
@@ -45,15 +41,11 @@ def is_light(mod: FlowMod, fibers: frozenset[int]) -> bool:
         _require_supervisory(mod.instructions)
         return False
     if mod.table != 0:
-        raise Refusal(
-            ofp.OFPET_FLOW_MOD_FAILED,
-            ofp.OFPFMFC_BAD_TABLE_ID,
+        raise refusals.bad_table(
             f"light of port {in_port} in table {mod.table}; its entries are in table 0",
         )
     if set(mod.fields) != {matches.IN_PORT}:
-        raise Refusal(
-            ofp.OFPET_BAD_MATCH,
-            ofp.OFPBMC_BAD_FIELD,
+        raise refusals.bad_field(
             f"light of port {in_port} carries no headers: match in_port alone",
         )
     _require_one_way(mod.instructions, in_port, fibers)
@@ -68,30 +60,29 @@ def require_no_fiber(ports: Iterable[int], fibers: frozenset[int]) -> None:
 def _require_classical(outputs: Iterable[int], fibers: frozenset[int]) -> None:
     for port in outputs:
         if port in fibers:
-            raise _bad_port(f"packets cannot go into the fibre at port {port}")
+            raise refusals.bad_out_port(f"packets cannot go into the fibre at port {port}")
 
 
 def _require_supervisory(instructions: Instructions) -> None:
     to_controller = set(instructions.outputs) <= {ofp.OFPP_CONTROLLER}
     if not to_controller or any(kind != ofp.OFPAT_OUTPUT for kind, _ in instructions.actions):
-        raise _bad_port("LLDP of a fibre goes to the controller and nowhere else")
+        raise refusals.bad_out_port("LLDP of a fibre goes to the controller and nowhere else")
     _require_action_lists(instructions)
 
 
 def _require_action_lists(instructions: Instructions) -> None:
     for kind in instructions.kinds:
         if kind not in ACTION_LISTS:
-            raise Refusal(
-                ofp.OFPET_BAD_INSTRUCTION,
-                _unknown_instruction(kind),
-                f"instruction {kind}: light is sent out of a port, no more",
-            )
+            refused = _unfit(kind)
+            raise refused(f"instruction {kind}: light is sent out of a port, no more")
 
 
-def _unknown_instruction(kind: int) -> int:
-    if kind == ofp.OFPIT_EXPERIMENTER:
-        return int(ofp.OFPBIC_BAD_EXPERIMENTER)
-    return int(ofp.OFPBIC_UNSUP_INST if kind in KNOWN else ofp.OFPBIC_UNKNOWN_INST)
+def _unfit(instruction: int) -> Callable[[str], Refusal]:
+    if instruction == ofp.OFPIT_EXPERIMENTER:
+        return refusals.bad_experimenter
+    return (
+        refusals.unsupported_instruction if instruction in KNOWN else refusals.unknown_instruction
+    )
 
 
 def _require_one_way(
@@ -100,26 +91,16 @@ def _require_one_way(
     _require_action_lists(instructions)
     for kind, _action in instructions.actions:
         if kind == ofp.OFPAT_GROUP:
-            raise Refusal(
-                ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_OUT_GROUP, "light cannot go to a group"
-            )
+            raise refusals.bad_out_group("light cannot go to a group")
         if kind != ofp.OFPAT_OUTPUT:
-            raise Refusal(
-                ofp.OFPET_BAD_ACTION,
-                ofp.OFPBAC_BAD_TYPE,
+            raise refusals.bad_action(
                 f"action {kind}: light carries nothing that could be changed",
             )
     outputs = instructions.outputs
     for port in outputs:
         if port not in fibers or port == in_port:
-            raise _bad_port(f"light of port {in_port} cannot leave by port {port:#x}")
+            raise refusals.bad_out_port(f"light of port {in_port} cannot leave by port {port:#x}")
     if len(outputs) > 1:
-        raise Refusal(
-            ofp.OFPET_BAD_ACTION,
-            ofp.OFPBAC_TOO_MANY,
+        raise refusals.too_many_actions(
             f"light of port {in_port} cannot be copied to {len(outputs)} ports",
         )
-
-
-def _bad_port(reason: str) -> Refusal:
-    return Refusal(ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_OUT_PORT, reason)

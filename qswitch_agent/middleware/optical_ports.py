@@ -2,8 +2,6 @@
 
 from typing import NamedTuple
 
-from os_ken.ofproto import ofproto_v1_4 as ofp
-
 from qswitch_agent.hardware.optics import (
     Condition,
     Direction,
@@ -13,7 +11,7 @@ from qswitch_agent.hardware.optics import (
     Readings,
     Tuning,
 )
-from qswitch_agent.openflow.messages import Refusal
+from qswitch_agent.openflow import refusals
 from wire import optical
 from wire.optical import PathOptics, PortLight, PortOptics, PortTuning
 
@@ -53,22 +51,23 @@ def description(condition: Condition) -> PortOptics:
 def tuned(wanted: PortTuning, tuning: Tuning | None) -> Tuned:
     """Return what a PORT_MOD asks for; raise Refusal for what ports cannot be tuned to."""
     if unknown := wanted.configure & ~optical.TUNABLE:
-        raise _bad_value(f"configure has the bits {unknown:#x}, which mean nothing")
+        raise refusals.bad_value(f"configure has the bits {unknown:#x}, which mean nothing")
     power_dbm = wanted.tx_power / 10 if wanted.configure & optical.TX_PWR else None
     frequency_mhz, direction = None, Direction.BOTH
     if ends := wanted.configure & (optical.TX_TUNE | optical.RX_TUNE):
         if not wanted.configure & optical.USE_FREQ:
-            raise _bad_value("give a frequency in MHz, with OFPOPF_USE_FREQ")
+            raise refusals.bad_value("give a frequency in MHz, with OFPOPF_USE_FREQ")
         frequency_mhz, direction = wanted.frequency + wanted.offset, DIRECTIONS[ends]
     if tuning is None:
-        raise _bad_value("the ports of this switch cannot be tuned")
+        raise refusals.bad_value("the ports of this switch cannot be tuned")
     if frequency_mhz is not None and not _on_grid(frequency_mhz, tuning):
-        raise _bad_value(
+        raise refusals.bad_value(
             f"{frequency_mhz} MHz: ports are tuned to {tuning.min_mhz} to {tuning.max_mhz} "
             f"MHz in steps of {tuning.grid_mhz} MHz"
         )
     if power_dbm is not None and not tuning.min_dbm <= power_dbm <= tuning.max_dbm:
-        raise _bad_value(f"{power_dbm} dBm: the power is {tuning.min_dbm} to {tuning.max_dbm} dBm")
+        limits = f"{tuning.min_dbm} to {tuning.max_dbm} dBm"
+        raise refusals.bad_value(f"{power_dbm} dBm: the power is {limits}")
     return Tuned(frequency_mhz, power_dbm, direction)
 
 
@@ -115,10 +114,6 @@ def _on_grid(frequency_mhz: int, tuning: Tuning) -> bool:
     within = tuning.min_mhz <= frequency_mhz <= tuning.max_mhz
     step = tuning.grid_mhz or 1
     return within and (frequency_mhz - tuning.min_mhz) % step == 0
-
-
-def _bad_value(reason: str) -> Refusal:
-    return Refusal(ofp.OFPET_BAD_PROPERTY, ofp.OFPBPC_BAD_VALUE, reason)
 
 
 def _signed(value: float) -> int:

@@ -27,15 +27,6 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 
-class Refusal(Exception):
-    """A message that is answered with an OpenFlow error: its type, code and reason."""
-
-    def __init__(self, kind: int, code: int, reason: str) -> None:
-        super().__init__(reason)
-        self.kind = kind
-        self.code = code
-
-
 class MalformedPart(MalformedPacket):
     """A part of a message that is malformed, for which OpenFlow has an error of its own."""
 
@@ -43,13 +34,6 @@ class MalformedPart(MalformedPacket):
         super().__init__(reason)
         self.kind = kind
         self.code = code
-
-
-def refusal(error: MalformedPacket) -> Refusal:
-    """Return the error that answers a malformed message."""
-    if isinstance(error, MalformedPart):
-        return Refusal(error.kind, error.code, str(error))
-    return Refusal(ofp.OFPET_BAD_REQUEST, ofp.OFPBRC_BAD_LEN, str(error))
 
 
 def strict(parse: Callable[P, T]) -> Callable[P, T]:

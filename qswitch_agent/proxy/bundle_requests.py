@@ -5,10 +5,11 @@ from collections.abc import Awaitable, Callable
 from os_ken.ofproto import ofproto_v1_4 as ofp
 
 from qswitch_agent.middleware.flow_table import FlowTable
-from qswitch_agent.openflow import messages, packets
+from qswitch_agent.openflow import messages, packets, refusals
 from qswitch_agent.openflow.flows import FlowMod
-from qswitch_agent.openflow.messages import HEADER, Refusal, transaction_id
+from qswitch_agent.openflow.messages import HEADER, transaction_id
 from qswitch_agent.openflow.ports import PortMod
+from qswitch_agent.openflow.refusals import Refusal
 from qswitch_agent.proxy.bundles import Bundle, Member, require_supported
 from qswitch_agent.proxy.checks import (
     checked_port_mod,
@@ -39,9 +40,7 @@ class BundleRequests:
         require_not_slave(self._link, "BUNDLE_ADD_MESSAGE")
         bundle, inner = self._link.bundles.of(message)
         if transaction_id(inner) != transaction_id(message):  # the bridge would leave it out
-            raise Refusal(
-                ofp.OFPET_BUNDLE_FAILED,
-                ofp.OFPBFC_MSG_BAD_XID,
+            raise refusals.bad_xid(
                 "the xids of a bundle message and of the message in it differ",
             )
         member = Member(inner, message)
@@ -51,7 +50,7 @@ class BundleRequests:
             await self._refuse(inner, refusal)
             return
         except MalformedPacket as error:
-            await self._refuse(inner, messages.refusal(error))
+            await self._refuse(inner, refusals.of_malformed(error))
             return
         self._link.bundles.add(bundle, member)
         if member.sent and told:
@@ -155,5 +154,4 @@ class BundleRequests:
         await self._link.discard(number, transaction_id(commit))
         if member is not None and refusal is not None:
             await self._refuse(member.message, refusal)
-        failed = ofp.OFPET_BUNDLE_FAILED, ofp.OFPBFC_MSG_FAILED
-        await self._refuse(commit, Refusal(*failed, f"bundle {number} is refused"))
+        await self._refuse(commit, refusals.bundle_failed(f"bundle {number} is refused"))

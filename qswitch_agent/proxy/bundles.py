@@ -9,9 +9,8 @@ from dataclasses import dataclass, field
 from os_ken.ofproto import ofproto_v1_4 as ofp
 
 from qswitch_agent.middleware.optical_ports import Tuned
-from qswitch_agent.openflow import packets
+from qswitch_agent.openflow import packets, refusals
 from qswitch_agent.openflow.flows import FlowMod
-from qswitch_agent.openflow.messages import Refusal
 
 MAX_BUNDLES = 256
 MAX_BYTES = 1 << 24
@@ -65,9 +64,7 @@ class Bundles:
         """Note that a bundle is opened; the bridge drops an older one of this id."""
         self.end(number)
         if len(self._open) >= MAX_BUNDLES:
-            raise Refusal(
-                ofp.OFPET_BUNDLE_FAILED,
-                ofp.OFPBFC_OUT_OF_BUNDLES,
+            raise refusals.out_of_bundles(
                 f"{MAX_BUNDLES} bundles are open: commit or discard some",
             )
         self._open[number] = Bundle()
@@ -87,9 +84,7 @@ class Bundles:
         if number not in self._open:
             self.begin(number)
         if self._bytes + len(message) > MAX_BYTES:
-            raise Refusal(
-                ofp.OFPET_BUNDLE_FAILED,
-                ofp.OFPBFC_MSG_TOO_MANY,
+            raise refusals.bundles_too_large(
                 f"more than {MAX_BYTES} bytes in bundles",
             )
         return self._open[number], member
@@ -104,9 +99,7 @@ def require_supported(member: bytes) -> int:
     """Return the type of a message for a bundle; raise Refusal if none may hold it."""
     kind = member[1]
     if kind not in (ofp.OFPT_FLOW_MOD, ofp.OFPT_PORT_MOD, ofp.OFPT_GROUP_MOD):
-        raise Refusal(
-            ofp.OFPET_BUNDLE_FAILED,
-            ofp.OFPBFC_MSG_UNSUP,
+        raise refusals.not_in_a_bundle(
             f"a bundle cannot hold a message of type {kind}",
         )
     return kind

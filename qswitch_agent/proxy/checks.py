@@ -4,10 +4,9 @@ from os_ken.ofproto import ofproto_v1_4 as ofp
 
 from qswitch_agent.middleware.flow_table import concerns
 from qswitch_agent.middleware.light import MODIFYING, is_light, require_no_fiber
-from qswitch_agent.openflow import packets
+from qswitch_agent.openflow import packets, refusals
 from qswitch_agent.openflow.flows import FlowMod
 from qswitch_agent.openflow.instructions import Mark
-from qswitch_agent.openflow.messages import Refusal
 from qswitch_agent.openflow.ports import PortMod
 from qswitch_agent.proxy.bundles import Tunings
 from qswitch_agent.proxy.link import Link
@@ -20,7 +19,7 @@ CHANGEABLE = ofp.OFPPC_PORT_DOWN | ofp.OFPPC_NO_PACKET_IN
 def require_not_slave(link: Link, request: str) -> None:
     """Raise Refusal for what the bridge would refuse as well, before it is taken in here."""
     if link.is_slave:
-        raise Refusal(ofp.OFPET_BAD_REQUEST, ofp.OFPBRC_IS_SLAVE, f"{request} of a slave")
+        raise refusals.slave(f"{request} of a slave")
 
 
 def concerns_light(mod: FlowMod, switch: Switch) -> bool:
@@ -31,14 +30,12 @@ def concerns_light(mod: FlowMod, switch: Switch) -> bool:
     light = is_light(mod, switch.fibers)
     if switch.optical_alone and not mod.deletes:
         if mod.table:
-            raise Refusal(
-                ofp.OFPET_FLOW_MOD_FAILED,
-                ofp.OFPFMFC_BAD_TABLE_ID,
+            raise refusals.bad_table(
                 f"table {mod.table} of a switch that has table 0 alone",
             )
         if ofp.OFPIT_GOTO_TABLE in mod.instructions.kinds:
             reason = "there is no further table to go to"
-            raise Refusal(ofp.OFPET_BAD_INSTRUCTION, ofp.OFPBIC_UNSUP_INST, reason)
+            raise refusals.unsupported_instruction(reason)
     return light
 
 
@@ -62,31 +59,27 @@ def checked_port_mod(message: bytes, switch: Switch) -> tuple[PortMod, Tunings]:
     """Return a PORT_MOD and how ports are to be tuned by it."""
     mod = PortMod.decode(message)
     if unknown := (mod.mask | mod.config) & ~ALL_CONFIG:
-        raise _bad_config(f"configuration bits {unknown:#x} mean nothing")
+        raise refusals.bad_config(f"configuration bits {unknown:#x} mean nothing")
     if mod.number not in switch.fibers:
         if mod.number not in switch.ports:
             reason = f"there is no port {mod.number}"
-            raise Refusal(ofp.OFPET_PORT_MOD_FAILED, ofp.OFPPMFC_BAD_PORT, reason)
+            raise refusals.bad_port(reason)
         if mod.tuning:
             reason = f"port {mod.number} has no optics"
-            raise Refusal(ofp.OFPET_BAD_PROPERTY, ofp.OFPBPC_BAD_TYPE, reason)
+            raise refusals.bad_property(reason)
         return mod, []
     if mod.mask & ~CHANGEABLE:
-        raise _bad_config(
+        raise refusals.bad_config(
             f"configuration bits {mod.mask:#x} of a fibre: it can be down or send no packet-in"
         )
     return mod, [(mod.number, switch.tuning(mod.tuning))] if mod.tuning else []
-
-
-def _bad_config(reason: str) -> Refusal:
-    return Refusal(ofp.OFPET_PORT_MOD_FAILED, ofp.OFPPMFC_BAD_CONFIG, reason)
 
 
 def require_no_light(group_mod: bytes, switch: Switch) -> None:
     """Raise Refusal for a new group if the switch has none, or if it would lead into a fibre."""
     if switch.optical_alone and packets.command(group_mod) == ofp.OFPGC_ADD:
         reason = "light has no groups"
-        raise Refusal(ofp.OFPET_GROUP_MOD_FAILED, ofp.OFPGMFC_OUT_OF_GROUPS, reason)
+        raise refusals.out_of_groups(reason)
     require_no_fiber(packets.group_outputs(group_mod), switch.fibers)
 
 
@@ -94,4 +87,4 @@ def require_meters(meter_mod: bytes, switch: Switch) -> None:
     """Raise Refusal for a new meter if the switch has none."""
     if switch.optical_alone and packets.command(meter_mod) == ofp.OFPMC_ADD:
         reason = "light has no meters"
-        raise Refusal(ofp.OFPET_METER_MOD_FAILED, ofp.OFPMMFC_OUT_OF_METERS, reason)
+        raise refusals.out_of_meters(reason)

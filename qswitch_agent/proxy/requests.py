@@ -10,11 +10,12 @@ from collections.abc import Awaitable, Callable
 from os_ken.ofproto import ofproto_v1_4 as ofp
 
 from qswitch_agent.hardware.optics import HardwareRefusal
-from qswitch_agent.openflow import async_config, identity, messages, multipart, packets
+from qswitch_agent.openflow import async_config, identity, messages, multipart, packets, refusals
 from qswitch_agent.openflow.flows import FlowMod
 from qswitch_agent.openflow.instructions import NICIRA
-from qswitch_agent.openflow.messages import HEADER, Refusal, transaction_id
+from qswitch_agent.openflow.messages import HEADER, transaction_id
 from qswitch_agent.openflow.packets import PacketOut
+from qswitch_agent.openflow.refusals import Refusal
 from qswitch_agent.proxy.bundle_requests import BundleRequests
 from qswitch_agent.proxy.bundles import Tunings
 from qswitch_agent.proxy.checks import (
@@ -66,7 +67,7 @@ class Requests:
         except Refusal as refusal:
             await self._refuse(message, refusal)
         except MalformedPacket as error:
-            await self._refuse(message, messages.refusal(error))
+            await self._refuse(message, refusals.of_malformed(error))
 
     async def _pass(self, message: bytes) -> None:
         self._link.to_bridge(message)
@@ -110,9 +111,7 @@ class Requests:
             try:
                 await self._switch.hardware.tune(port, *tuned)
             except HardwareRefusal as refusal:
-                raise Refusal(
-                    ofp.OFPET_PORT_MOD_FAILED, ofp.OFPPMFC_BAD_CONFIG, str(refusal)
-                ) from refusal
+                raise refusals.bad_config(str(refusal)) from refusal
 
     async def _meter_mod(self, message: bytes) -> None:
         require_meters(message, self._switch)
@@ -129,9 +128,7 @@ class Requests:
             self._link.to_bridge(message)
             return
         if len(packet.actions) > 1 or not packets.is_lldp(packet.frame):
-            raise Refusal(
-                ofp.OFPET_BAD_ACTION,
-                ofp.OFPBAC_BAD_OUT_PORT,
+            raise refusals.bad_out_port(
                 f"into the fibre at port {min(fibers)} goes LLDP alone, by one output action",
             )
         require_not_slave(self._link, "PACKET_OUT")
@@ -170,9 +167,7 @@ class Requests:
     async def _experimenter(self, message: bytes) -> None:
         experimenter, kind = _experiment(message)
         if experimenter == NICIRA and kind in UNJUDGED:
-            raise Refusal(
-                ofp.OFPET_BAD_REQUEST,
-                ofp.OFPBRC_BAD_EXP_TYPE,
+            raise refusals.bad_experiment(
                 f"{UNJUDGED[kind]} is not offered: use OpenFlow's own messages",
             )
         self._link.to_bridge(message)

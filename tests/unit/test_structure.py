@@ -126,6 +126,13 @@ def test_the_docstring_of_a_module_says_what_the_module_is(folder: str) -> None:
         assert not words or words[0] not in ("What", "Which"), file
 
 
+def test_which_openflow_error_answers_what_stands_in_one_table() -> None:
+    for file in sources("qswitch_agent"):
+        calls = [n for n in ast.walk(ast.parse(file.read_text())) if isinstance(n, ast.Call)]
+        named = {call.func.id for call in calls if isinstance(call.func, ast.Name)}
+        assert "Refusal" not in named or file.name == "refusals.py", file
+
+
 WAIT = re.compile(r"[A-Z_]*(TIMEOUT|DEADLINE|POLL|PERIOD|GRACE|PAUSE|EXPIRY|TICK)_M?S")
 
 

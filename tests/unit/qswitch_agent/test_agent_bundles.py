@@ -13,7 +13,8 @@ from qswitch_agent.openflow import matches, messages, packets
 from qswitch_agent.openflow.flow_reports import ADDED, FlowUpdate
 from qswitch_agent.openflow.flows import FlowEntry, FlowMod
 from qswitch_agent.openflow.instructions import Mark
-from qswitch_agent.openflow.messages import Refusal, encode
+from qswitch_agent.openflow.messages import encode
+from qswitch_agent.openflow.refusals import Refusal
 from qswitch_agent.proxy import bundles
 from qswitch_agent.proxy.bundles import Bundles, require_supported
 from qswitch_agent.proxy.link import PRIVATE_XID

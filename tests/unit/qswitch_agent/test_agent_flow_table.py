@@ -14,7 +14,7 @@ from qswitch_agent.openflow import matches
 from qswitch_agent.openflow.flow_reports import ADDED, PAUSED, REMOVED, FlowUpdate
 from qswitch_agent.openflow.flows import FlowEntry, FlowMod
 from qswitch_agent.openflow.instructions import Mark
-from qswitch_agent.openflow.messages import Refusal
+from qswitch_agent.openflow.refusals import Refusal
 
 LLDP = bytes.fromhex("80000a0288cc")
 MODIFY = {"command": ofp.OFPFC_MODIFY}

@@ -11,7 +11,7 @@ from os_ken.ofproto import ofproto_v1_4_parser as parser
 from qswitch_agent.middleware.light import is_light, require_no_fiber
 from qswitch_agent.openflow import matches
 from qswitch_agent.openflow.flows import FlowMod
-from qswitch_agent.openflow.messages import Refusal
+from qswitch_agent.openflow.refusals import Refusal
 
 LOCAL, CONTROLLER = ofp.OFPP_LOCAL, ofp.OFPP_CONTROLLER
 BAD_PORT = (ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_OUT_PORT)

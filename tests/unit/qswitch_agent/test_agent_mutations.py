@@ -30,9 +30,10 @@ from qswitch_agent.openflow import (
 )
 from qswitch_agent.openflow.flow_reports import ADDED, FlowRemoved, FlowUpdate
 from qswitch_agent.openflow.flows import FlowEntry, FlowMod
-from qswitch_agent.openflow.messages import HEADER, Refusal, transaction_id
+from qswitch_agent.openflow.messages import HEADER, transaction_id
 from qswitch_agent.openflow.packets import PacketOut
 from qswitch_agent.openflow.ports import PortMod
+from qswitch_agent.openflow.refusals import Refusal
 from wire.metadata import MalformedPacket
 
 COUNT = 10_000
