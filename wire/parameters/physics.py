@@ -88,6 +88,9 @@ class PairSource:
     # g2 = 2 p / (1 + p)^2, else one.
     g2: float = parameter(0.0, 0.0, 0.49)
     preparation_error: float = parameter(0.0, 0.0, 0.5)  # of a state that the host prepares
+    # Of photons that the host prepares, halves of pairs: a detector of this efficiency looks at the
+    # other halves, and what it does not herald is not let out. 0: nothing is heralded.
+    heralding_efficiency: float = parameter(0.0, 0.0, 1.0)
     # Two weaker means that its modulator can make for decoy states, of a laser (poisson): weak,
     # vacuum. mean_pairs is the signal's.
     decoys: tuple[float, ...] | None = None
@@ -96,6 +99,11 @@ class PairSource:
         """Raise BadParameter for what no source is like."""
         check(where, self)
         self._check_decoys(where)
+        if self.heralding_efficiency and self.statistics not in ("poisson", "thermal"):
+            raise BadParameter(
+                f"{where}: heralding_efficiency {self.heralding_efficiency!r} with statistics "
+                f"{self.statistics!r}; choose poisson or thermal pairs"
+            )
         if self.g2 and self.statistics != "single":
             raise BadParameter(
                 f"{where}: g2 {self.g2!r} with statistics {self.statistics!r}, which has its own"
@@ -128,6 +136,8 @@ class PairSource:
             raise BadParameter(
                 f"{where}: decoys with statistics {self.statistics!r}; choose poisson, a laser"
             )
+        if self.heralding_efficiency:
+            raise BadParameter(f"{where}: decoys with heralding_efficiency, which is of no laser")
 
     def _can_tell(self, weak: float, vacuum: float) -> bool:
         return 0 <= vacuum < weak and weak + vacuum < self.mean_pairs
@@ -139,12 +149,23 @@ class PairSource:
 
     @property
     def multi_photon(self) -> float:
-        """How likely a pulse has more than one pair, or photon that the host prepares."""
+        """How likely a pulse has more than one photon that the host prepares."""
+        if self.heralding_efficiency:
+            missed = 1 - self.heralding_efficiency
+            return self._several(1.0) - self._several(missed)
         if self.statistics == "poisson":
             return -math.expm1(-self.mean_pairs) - self.mean_pairs * math.exp(-self.mean_pairs)
         if self.statistics == "thermal":
             return (self.mean_pairs / (1 + self.mean_pairs)) ** 2
         return (1 - self.g2 - math.sqrt(1 - 2 * self.g2)) / self.g2 if self.g2 else 0.0
+
+    def _several(self, each: float) -> float:
+        """Return the sum of P(n) each^n over two and more pairs, of Poisson or thermal ones."""
+        mean = self.mean_pairs
+        if self.statistics == "poisson":
+            return math.exp(-mean) * (math.exp(mean * each) - 1 - mean * each)
+        share = mean / (1 + mean)
+        return (share * each) ** 2 / (1 - share * each) / (1 + mean)
 
     def bell_probabilities(self) -> tuple[float, ...]:
         """Return how likely Phi+, Psi+, Phi- and Psi- are."""
@@ -199,6 +220,9 @@ class Detectors:
     """The single-photon detectors of a host, all alike, one for each outcome."""
 
     efficiency: float = parameter(1.0, 0.0, 1.0)
+    efficiency_mismatch: float = parameter(
+        0.0, 0.0, 1.0
+    )  # by this part of it lower where 1 is told
     dark_count_hz: float = parameter(0.0, 0.0, 1e9)
     gate_s: float = parameter(1e-9, 0.0, 1e-3)  # how long a detector looks for one photon
     dead_time_s: float = parameter(0.0, 0.0, 1.0)  # not extended by light that comes meanwhile
