@@ -86,7 +86,7 @@ def devices(decoys: Decoys) -> dict[str, Device]:
 def detectors(mismatch: float = 0.0) -> Detectors:
     """Return the detectors, of which that of 1 sees so much less."""
     dark_count_hz = -math.log1p(-DARK_COUNT) / GATE_S
-    return Detectors(EFFICIENCY, mismatch, dark_count_hz, GATE_S)
+    return Detectors(EFFICIENCY, dark_count_hz, GATE_S, efficiency_mismatch=mismatch)
 
 
 def key(decoys: Decoys, counts: Counts, pulses: int) -> Estimate:

@@ -88,12 +88,12 @@ class PairSource:
     # g2 = 2 p / (1 + p)^2, else one.
     g2: float = parameter(0.0, 0.0, 0.49)
     preparation_error: float = parameter(0.0, 0.0, 0.5)  # of a state that the host prepares
-    # Of photons that the host prepares, halves of pairs: a detector of this efficiency looks at the
-    # other halves, and what it does not herald is not let out. 0: nothing is heralded.
-    heralding_efficiency: float = parameter(0.0, 0.0, 1.0)
     # Two weaker means that its modulator can make for decoy states, of a laser (poisson): weak,
     # vacuum. mean_pairs is the signal's.
     decoys: tuple[float, ...] | None = None
+    # Of photons that the host prepares, halves of pairs: a detector of this efficiency looks at the
+    # other halves, and what it does not herald is not let out. 0: nothing is heralded.
+    heralding_efficiency: float = parameter(0.0, 0.0, 1.0)
 
     def check(self, where: str) -> None:
         """Raise BadParameter for what no source is like."""
@@ -220,9 +220,6 @@ class Detectors:
     """The single-photon detectors of a host, all alike, one for each outcome."""
 
     efficiency: float = parameter(1.0, 0.0, 1.0)
-    efficiency_mismatch: float = parameter(
-        0.0, 0.0, 1.0
-    )  # by this part of it lower where 1 is told
     dark_count_hz: float = parameter(0.0, 0.0, 1e9)
     gate_s: float = parameter(1e-9, 0.0, 1e-3)  # how long a detector looks for one photon
     dead_time_s: float = parameter(0.0, 0.0, 1.0)  # not extended by light that comes meanwhile
@@ -230,6 +227,7 @@ class Detectors:
     afterpulse_s: float = parameter(1e-7, 1e-12, 1.0)  # mean delay, exponential
     jitter_ps: float = parameter(0.0, 0.0, 1e9)  # rms
     encoding: str = choice(*ENCODINGS)  # of the qubits that they tell, also for a Bell analyser
+    efficiency_mismatch: float = parameter(0.0, 0.0, 1.0)  # that of 1 has so much less of it
 
     def check(self, where: str) -> None:
         """Raise BadParameter for what no detector is like."""

@@ -44,7 +44,7 @@ def sample_mask(seed: bytes, sifted: int, sample: int) -> Mask:
 
 
 def compare(mine: Bits, theirs: Bits) -> Estimate:
-    """Count the errors of a disclosed sample of alice's; ValueError if there is nothing to compare."""
+    """Count errors in a disclosed sample of alice's; ValueError if there is nothing to compare."""
     if mine.size == 0 or mine.shape != theirs.shape:
         raise ValueError(f"samples of {mine.size} and {theirs.size} bits cannot be compared")
     errors, ones = np.count_nonzero(mine != theirs), np.count_nonzero(mine)

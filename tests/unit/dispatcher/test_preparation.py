@@ -201,7 +201,7 @@ def test_g2_of_light_that_is_not_single_is_refused() -> None:
 @pytest.mark.parametrize("statistics", ["poisson", "thermal"])
 @pytest.mark.parametrize("efficiency", [0.1, 0.6, 1.0])
 def test_photons_come_as_their_pairs_are_heralded(statistics: str, efficiency: float) -> None:
-    """P(n) (1 - (1 - e)^n), P(n) = exp(-m) m^n / n! or m^n / (1 + m)^(n + 1); the series is added up."""
+    """P(n) (1 - (1 - e)^n) with P(n) = exp(-m) m^n / n! or m^n / (1 + m)^(n + 1), term by term."""
     count, mean = 200_000, 0.4
     source = PairSource(statistics, mean, heralding_efficiency=efficiency)
     draws = PhotonRandom(Draws(1), (7, 0, 0), "source", count)
