@@ -22,7 +22,7 @@ from hosts.stack_socket import QuantumSocketError
 from wire.metadata import Finish, Message, Reason, Service, Setup, Topic, Values
 from wire.parameters.physics import Device, Memory, PairSource
 
-LASTING = Lifetimes(float("inf"), float("inf")).numbers()
+LASTING = Lifetimes(*[float("inf")] * 3).numbers()
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "services.md"
 
 
