@@ -181,12 +181,22 @@ class Memory:
     # Where T2 > T1: approximate relaxation by Paulis, or follow it in state vectors (small blocks).
     damping: str = choice("twirl", "dense")
     efficiency: float = parameter(1.0, 0.0, 1.0)  # of storing and reading together
+    # A plain depolarising memory: with 1 - e^(-t / this) a qubit is replaced by noise.
+    depolarizing_s: float = parameter(float("inf"), 1e-12, float("inf"))
+    retrieval_s: float = parameter(
+        float("inf"), 1e-12, float("inf")
+    )  # efficiency falls e^(-t/this)
     capacity: int = parameter(4_000_000, 0, 4_000_000)  # qubits
 
     @property
     def decays(self) -> bool:
         """Whether waiting changes what it keeps."""
-        return min(self.t1_s, self.t2_s) < math.inf
+        return self.shortest_s < math.inf
+
+    @property
+    def shortest_s(self) -> float:
+        """The shortest time in which waiting does something."""
+        return min(self.t1_s, self.t2_s, self.depolarizing_s, self.retrieval_s)
 
     def check(self, where: str) -> None:
         """Raise BadParameter for what no memory is like."""
@@ -194,6 +204,11 @@ class Memory:
         if self.t2_s > 2 * self.t1_s:
             raise BadParameter(
                 f"{where}: t2_s {self.t2_s!r} is not 1e-12 to {2 * self.t1_s:g} (twice t1_s)"
+            )
+        if self.depolarizing_s < math.inf and self.t1_s < math.inf:
+            raise BadParameter(
+                f"{where}: depolarizing_s {self.depolarizing_s!r} beside t1_s {self.t1_s!r}: noise "
+                "of both at a time is not modelled; leave one of them out"
             )
 
 
