@@ -142,8 +142,8 @@ def running_network(context: RunContext, facts: dict[str, Any]) -> Iterator[Netw
             facts["metrics"] = urls = announce(runtime.metrics_addresses, context.folder)
             for program, url in urls.items():
                 console.print(f"figures of {program}: {url}", soft_wrap=True)
-        if run.capture:
-            files = network.capture("s1", openflow=True)
+        if run.packet_bytes:
+            files = network.capture("s1", openflow=True, packet_bytes=run.packet_bytes)
             facts["captures"] = [str(file) for file in files]
         yield network
         reached = status(network)

@@ -90,7 +90,9 @@ def with_policy(
 ) -> NetworkDescription:
     """Return the network with the policy that eve or a schedule need, written into the folder."""
     if request.eve is not None:
-        begin = eavesdropping.sender_of_light(request.service, request.sender, network)
+        begin = request.options.source or eavesdropping.sender_of_light(
+            request.service, request.sender, network
+        )
         return network.with_policy(eavesdropping.tapping_policy(begin, request.receiver, folder))
     if request.schedule is not None:
         return network.with_policy(scheduling_policy(request.schedule, folder))

@@ -17,6 +17,7 @@ from qmn.sweeps.photon_splitting import PHOTON_SPLITTING
 from qmn.sweeps.polarization import MODES, POLARIZATION
 from qmn.sweeps.seal import SEAL
 from qmn.sweeps.seeds import point_seed
+from qmn.sweeps.spied_pairs import SPIED_PAIRS
 from qmn.sweeps.superdense import SUPERDENSE
 from qmn.sweeps.teleportation import SWAP, TELEPORT
 from qmn.sweeps.timing import TIMING
@@ -30,6 +31,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         TELEPORT,
         SWAP,
         CHSH,
+        SPIED_PAIRS,
         HOM,
         DEAD,
         GATED_BELL,

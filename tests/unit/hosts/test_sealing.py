@@ -1,17 +1,19 @@
 """A tamper seal over whole stacks, and its sequential tests against what theory says of them."""
 
 import asyncio
+from dataclasses import replace
 from math import sqrt
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from stacks_scene import DEADLINE_S, ask, network, refusal, requested
+from stacks_scene import DEADLINE_S, ask, grant, network, refusal, requested
 
 from hosts.middleware.services.key_distribution import light
 from hosts.middleware.services.sealing.sequential_test import Question, SequentialTest
 from hosts.service_socket import ServiceSocket
+from wire.metadata import Setup
 
 PAIRS, BY_EVE = [(4, 1), (5, 2)], [(4, 1), (5, 6), (7, 2)]
 QUICK: dict[str, Any] = {"block_pairs": 2000, "rate_hz": 1_000_000}
@@ -99,11 +101,22 @@ def test_a_whole_fibre_keeps_its_seal(tmp_path: Path) -> None:
     assert bob["photons"] == alice["emitted"]
 
 
-@pytest.mark.parametrize("rotation", [1, 2, 3])
-def test_known_rotations_of_the_paths_are_undone(tmp_path: Path, rotation: int) -> None:
-    fiber = {"paths": PAIRS, "rotation": rotation}
-    alice, _bob = ask(tmp_path, "seal", physics=fiber, count=1000, **QUICK)
+@pytest.mark.parametrize("rotation", [0, 1, 2, 3])
+def test_a_host_can_watch_the_way_to_another_by_pairs_of_its_own(
+    tmp_path: Path, rotation: int
+) -> None:
+    """Half 1 alone travels, over two fibres: (1 - (1 - p)^2) / 2 differ, but for a known Pauli."""
+    p = 0.003
+
+    def judge(setup: Setup) -> Setup:
+        return replace(grant(setup), rotation=rotation)
+
+    fiber = {"paths": [(1, 2)], "rotation": rotation, "depolarizing": p}
+    words = {"count": 10_000, "source": "alice", **QUICK}
+    alice, _bob = ask(tmp_path, "seal", judge, fiber, **words)
+    error = (1 - (1 - p) ** 2) / 2
     assert alice["alarm"] is False
+    assert abs(alice["error_rate"] - error) < 5 * sqrt(error / alice["compared"])
 
 
 def test_who_measures_on_the_way_breaks_the_seal(tmp_path: Path) -> None:
