@@ -65,7 +65,7 @@ class Stack:
             config.abilities,
             config.multi_photon,
             tuple(config.intensities),
-            Lifetimes(config.t1_s, config.t2_s),
+            Lifetimes(config.t1_s, config.t2_s, config.depolarizing_s),
         )
         self.active_sessions = ActiveSessions(self.swaps.opens)
         self.device = Device(lambda: read_ports(config.qnics))
@@ -101,7 +101,10 @@ class Stack:
     def _heralded(self, setup: Setup, source: str) -> Setup:
         """Have pairs heralded where this host's memory emits and the source is a station."""
         emits = HERALD in self._means.abilities.features
-        if emits and source in self._config.stations and setup.service in HERALDED_LIGHT:
+        stations = self._config.stations
+        # Of a chain the controller chooses them.
+        stands = bool(stations) if setup.service == Service.SWAP else source in stations
+        if emits and stands and setup.service in HERALDED_LIGHT:
             return replace(setup, memory=MemoryState.HERALDED)
         return setup
 

@@ -10,7 +10,9 @@ from qmn.sweeps.delay_line import DELAY_LINE
 from qmn.sweeps.experiment import Experiment, Outcome
 from qmn.sweeps.fresh_outcomes import FRESH_OUTCOMES
 from qmn.sweeps.gated_bell import GATED_BELL
+from qmn.sweeps.heralding import HERALDING
 from qmn.sweeps.interference import HOM
+from qmn.sweeps.light_sources import LIGHT_SOURCES
 from qmn.sweeps.multi_pair import MULTI_PAIR
 from qmn.sweeps.parameters import Values
 from qmn.sweeps.photon_splitting import PHOTON_SPLITTING
@@ -39,12 +41,14 @@ EXPERIMENTS: dict[str, Experiment] = {
         FRESH_OUTCOMES,
         MULTI_PAIR,
         WEAK_PULSES,
+        LIGHT_SOURCES,
         DECOY_STATES,
         PHOTON_SPLITTING,
         POLARIZATION,
         MODES,
         TIMING,
         DELAY_LINE,
+        HERALDING,
         LIGHT,
         SEAL,
     )

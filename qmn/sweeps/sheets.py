@@ -366,6 +366,51 @@ SHEETS = (
         ],
     ),
     Sheet(
+        "light-sources",
+        "light-sources",
+        {
+            "length_km": "0:60:4",
+            "source": [
+                "single",
+                "single, g2 = 0.02",
+                "laser, mean 0.1",
+                "laser, mean 0.01",
+                "heralded",
+            ],
+            "pairs": 1_000_000,
+        },
+        [
+            Curve(
+                f"light-sources-{measure}",
+                f"BB84 by sources of light: {text}",
+                "length_km",
+                "length of the fibre (km)",
+                measure,
+                by=["source"],
+                logarithmic=measure != "qber",
+            )
+            for measure, text in (
+                ("gain", "pulses seen"),
+                ("qber", "error rate"),
+                ("key", "key of long blocks (GLLP)"),
+            )
+        ],
+    ),
+    Sheet(
+        "detector-mismatch",
+        "light-sources",
+        {"efficiency_mismatch": "0:1:6", "pairs": 1_000_000},
+        [
+            Curve(
+                "detector-mismatch",
+                "Detectors of unlike efficiency: (1 - m)/(2 - m) ones",
+                "efficiency_mismatch",
+                "mismatch m of the efficiencies",
+                "ones",
+            )
+        ],
+    ),
+    Sheet(
         "decoy-states",
         "decoy-states",
         {"length_km": "0:40:5", "mean_photons": [0.3, 0.5], "pairs": 8_000_000},
@@ -503,6 +548,30 @@ SHEETS = (
                 "coincidences",
                 by=["delay_line_db_per_km"],
             )
+        ],
+    ),
+    Sheet(
+        "heralding",
+        "heralding",
+        {"arm_km": "5:50:10", "scheme": ["two-click", "single-click"], "pairs": 60_000},
+        [
+            Curve(
+                "heralded-rate",
+                "Pairs heralded by a station in the middle",
+                "arm_km",
+                "way to the station (km)",
+                "rate",
+                by=["scheme"],
+                logarithmic=True,
+            ),
+            Curve(
+                "heralded-fidelity",
+                "Pairs heralded by a station in the middle (V = .9, alpha = .1)",
+                "arm_km",
+                "way to the station (km)",
+                "fidelity",
+                by=["scheme"],
+            ),
         ],
     ),
     Sheet(

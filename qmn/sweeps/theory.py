@@ -152,6 +152,19 @@ def sent_on(
     return max(0.0, wanted - several) / single, min(1.0, wanted / several)
 
 
+def no_click(statistics: str, mean: float, seen: float) -> float:
+    """Return how likely none of the photons of a pulse is seen, each of which is so likely."""
+    return math.exp(-mean * seen) if statistics == "poisson" else 1 / (1 + mean * seen)
+
+
+def gllp(gain: float, qber: float, single: float) -> float:
+    """Return W (1 - h(Q / W)) - h(Q) of the pulses seen, W of which are of one photon at least."""
+    if single <= 2 * qber:
+        return 0.0
+    phase, told = qber / single, entropy([qber, 1 - qber])
+    return gain * max(0.0, single * (1 - entropy([phase, 1 - phase])) - told)
+
+
 def key_without_decoys(mean: float, mean_seen: float) -> float:
     """Return secret bits per pulse of BB84 without errors: half the gain that is of single photons.
 
@@ -276,3 +289,22 @@ def clicks_with_dead_time(click: float, blind: int, pulses: int) -> float:
         if pulse >= blind:
             asleep -= chances[pulse - blind]
     return sum(chances) / pulses
+
+
+def two_clicks(light: float, visibility: float) -> tuple[float, float]:
+    """Return how likely two clicks herald a pair, and its fidelity (Barrett and Kok).
+
+    `light` is how likely a photon of either memory clicks; detectors have no dark counts.
+    """
+    return light**2 / 2, (1 + visibility) / 2
+
+
+def single_click(light: float, bright: float, visibility: float) -> tuple[float, float]:
+    """Return the same of one click, of memories that emit with this probability.
+
+    Of both photons, one may click, or both may at the same detector: so they do with (1 + V) / 2.
+    """
+    one = 2 * bright * (1 - bright) * light
+    both = bright**2 * (2 * light * (1 - light) + light**2 * (1 + visibility) / 2)
+    chance = one + both
+    return chance, one * (1 + math.sqrt(visibility)) / 2 / chance
