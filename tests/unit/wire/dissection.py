@@ -93,7 +93,7 @@ def shown(
         options += ["-e", name]
     lines = tshark(folder, frames, *options, interface=interface)
     assert len(lines) == len(frames)
-    rows = []
+    rows: list[dict[str, list[str]]] = []
     for line in lines:
         *cells, error = line.split(SEPARATOR)
         assert not error, f"frame {len(rows) + 1}: an error in the script, as `tshark -V` says"
