@@ -19,12 +19,14 @@ from topologies.captures import Captures
 from topologies.copper_lengths import assign_copper_lengths
 from topologies.discovery import Discovery
 from topologies.disk import DiskKeeper
+from topologies.machines.errand import Errand
 from topologies.management import bridge_of
 from topologies.nodes import QuantumController
 from topologies.nodes.copper import COPPER
 from topologies.nodes.node import READY_TIMEOUT_S
 from topologies.owners import Owner
 from topologies.parallel import ParallelMininet
+from topologies.placing import place
 from topologies.programs import POLL_S, NetworkError, Program, stop_all
 from topologies.runtime import DISPATCHER, Runtime, folders_of_gone, only_run
 from topologies.shells import ShellWatcher
@@ -113,6 +115,7 @@ class Network:
         runtime.begin(self.runtime)
         topo = self._topo()
         assign_copper_lengths(topo, self.runtime.settings.copper_km)
+        place(topo, self.runtime.places)
         refuse_taken_names(topo)
         (self.runtime.folder / SWITCHES).write_text("\n".join(topo.switches()))
         # Mininet would raise kernel limits for the whole machine, which is not ours to change.
@@ -170,8 +173,19 @@ class Network:
         return hosts[name]
 
     def run_on(self, host: str, name: str, command: list[str]) -> Program:
-        """Start an application on a host; it ends with the network at the latest."""
-        return self._run(name, command, self.host(host).pid)
+        """Start an application on a host; it ends with the network at the latest.
+
+        To another machine the files that its words name go along, and come back.
+        """
+        node = self.host(host)
+        if host not in self.runtime.places:
+            return self._run(name, command, node.pid)
+        program = Program(name, self.runtime.logs / f"{name}.log")
+        errand = Errand(self.runtime.places[host], self.runtime.folder / name, command)
+        self._cleanup.callback(errand.bring_back)
+        self._cleanup.callback(program.stop)
+        errand.start(program, node.pid_there)
+        return program
 
     def run_beside(self, name: str, command: list[str]) -> Program:
         """Start a program on this machine itself; it ends with the network at the latest."""
@@ -209,6 +223,8 @@ class Network:
     def check(self) -> None:
         """Raise if a signal has come or a program of the network has ended."""
         self._signals.check()
+        for machine in self.runtime.machines:
+            machine.check()
         openvswitch.require_alive(self._daemons)
         self._disk.check()
         for program in (*self.runtime.programs, *self.captures.programs):

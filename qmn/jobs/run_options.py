@@ -18,6 +18,17 @@ class RunOptions:
         metavar="MBPS",
         range=(LEAST_MBPS, MOST_MBPS),
     )
+    machines: int = option(
+        1, "over this one, m1, and workers on others (1)", metavar="N", range=(1, 64)
+    )
+    place: tuple[str, ...] = option(
+        (),
+        "a host on one of them, as bob=m2 (repeatable; none: in turn)",
+        metavar="HOST=MACHINE",
+    )
+    scheduler: str = option(
+        "", "Dask's, of the workers (that of DASK_SCHEDULER_ADDRESS)", metavar="tcp://…"
+    )
     qasm: bool = option(False, "write what is done to qubits to quantum.qasm")
     capture: bool = option(True, "do not capture packets")
     events: bool = option(True, "do not write what happens to qubits")
