@@ -33,3 +33,7 @@ class RunOptions:
     capture: bool = option(True, "do not capture packets")
     events: bool = option(True, "do not write what happens to qubits")
     record: bool = option(True, "do not record what `qmn replay` needs")
+
+
+# The options of jobs whose hosts can be on other machines.
+MACHINES = ("machines", "place", "scheduler")
