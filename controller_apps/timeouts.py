@@ -9,6 +9,7 @@ STATION_TIMEOUT_S = 60  # that a switch knows a station by which nothing comes
 
 # Sessions
 SESSION_TICK_S = 0.2  # between two looks at what has waited too long
+QUEUE_LOOK_S = 1.0  # between two looks at all that wait, whether light has become free or not
 NODE_TIMEOUT_S = 3.0  # for all answers; orders are sent again meanwhile
 SWITCH_GRACE_S = 10.0  # for a switch whose agent is started again
 COUNTING_S = 1.2  # until a switch has counted what has passed; Open vSwitch does it twice a second
@@ -17,6 +18,7 @@ HELD_UP_S = 10.0  # hosts wait so long for the answer to a set-up message
 
 # Fibres
 LINK_PERIOD_S = 2.0  # between two announcements of a port
+LINK_FAST_PERIOD_S = 0.2  # the same, of the first ones
 LINK_EXPIRY_S = 7.0  # three periods, and what a busy machine adds
 LINK_TTL_S = 120  # until who hears an announcement may forget it
 

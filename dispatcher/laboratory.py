@@ -17,9 +17,11 @@ from dispatcher.build import build_layer
 from dispatcher.layer.ownership import BlockName
 from dispatcher.operations.blocks import Operations
 from dispatcher.operations.gathering import Gathering
+from dispatcher.operations.heralding import Heralding
 from dispatcher.operations.measurements import Measurements
 from dispatcher.operations.operation_handlers import Act, acts
 from dispatcher.operations.resending import Resending
+from dispatcher.operations.splitting import Splitting
 from dispatcher.operations.switching import Switching
 from dispatcher.operations.transport import Transport
 from dispatcher.sabot.backend import Bytes
@@ -27,6 +29,7 @@ from dispatcher.timeouts import RECEIVE_TIMEOUT_S
 from wire.config import DispatcherConfig
 from wire.dispatcher_pb2 import (
     ApplyRequest,
+    AttemptRequest,
     BellMeasureRequest,
     BlockId,
     Connection,
@@ -35,12 +38,14 @@ from wire.dispatcher_pb2 import (
     Feedback,
     Gate,
     GatherRequest,
+    HeraldRequest,
     Launch,
     MeasureRequest,
     Pick,
     ReceiveRequest,
     ResendRequest,
     SendRequest,
+    SplitRequest,
     StoreRequest,
 )
 
@@ -60,6 +65,9 @@ Request = (
     | DiscardRequest
     | GatherRequest
     | ResendRequest
+    | AttemptRequest
+    | HeraldRequest
+    | SplitRequest
 )
 
 
@@ -90,8 +98,9 @@ class Laboratory:
         self._errors: list[BaseException] = []
         transport = Transport(self.layer, self._errors.append)
         operations, measurements = Operations(self.layer), Measurements(self.layer)
-        rest = Gathering(self.layer), Resending(self.layer)
-        self._acts = acts(operations, measurements, transport, *rest)
+        rest = Gathering(self.layer), Resending(self.layer), Splitting(self.layer)
+        heralding = Heralding(self.layer)
+        self._acts = acts(operations, measurements, transport, *rest, heralding)
 
     def host(self, name: str) -> "LaboratoryHost":
         """Return the host of this name; it need not have fibres."""
@@ -187,6 +196,11 @@ class LaboratoryHost:
         request = ResendRequest(block=block_id(block), bases=bases.tobytes())
         return outcomes(await self._act("resend", request))
 
+    async def split(self, block: BlockKey, into: BlockKey) -> Bytes:
+        """Count photons of pulses, and take one of several into a new block; return the counts."""
+        request = SplitRequest(block=block_id(block), into=block_id(into))
+        return outcomes(await self._act("split", request))
+
     async def bell_measure(self, first: BlockKey, second: BlockKey) -> Bytes:
         """Bell-measure two blocks; return 0 Phi+, 1 Psi+, 2 Phi-, 3 Psi-, 255 none, shape (k,)."""
         request = BellMeasureRequest(first=block_id(first), second=block_id(second))
@@ -195,6 +209,19 @@ class LaboratoryHost:
     async def store(self, block: BlockKey) -> Feedback:
         """Put a block into the host's memory."""
         return await self._act("store", StoreRequest(block=block_id(block)))
+
+    async def attempt(self, block: BlockKey, port: str) -> Feedback:
+        """Let qubits of the host's memory attempt to emit into a port."""
+        return await self._act("attempt", AttemptRequest(block=block_id(block), port=port))
+
+    async def herald(
+        self, count: int, ports: tuple[str, str], timeout_s: float, number: int = 0
+    ) -> Feedback:
+        """Herald pairs of the hosts whose light comes to these ports, in this time at most."""
+        request = HeraldRequest(
+            session=SESSION, number=number, count=count, ports=ports, timeout_s=timeout_s
+        )
+        return await self._act("herald", request)
 
     async def discard(self, block: BlockKey) -> Feedback:
         """Discard a block."""

@@ -16,6 +16,7 @@ KEYS_TIMEOUT_S = 45.0  # an end that corrects a million errors is busy for so lo
 # Light
 MAX_BLOCK_S = 5.0  # that a block may last, from its first photon to its last
 LIGHT_TIMEOUT_S = 2 * (ANSWER_TIMEOUT_S + MAX_BLOCK_S)  # of two blocks that take turns at a source
+HERALD_TIMEOUT_S = ANSWER_TIMEOUT_S + MAX_BLOCK_S  # until a station has heralded a block
 GRACE_S = 0.3  # light that has not come this long after the source's answer is lost
 KEY_GRACE_S = 1.0  # light that is not measured so long after its last photon is due is lost
 ARRIVED_TIMEOUT_S = 0.1  # for light of which the other end has said that it is there
@@ -46,3 +47,16 @@ IDLE_CHECK_PERIOD_S = 5.0  # the same, of one that says itself when something ch
 FIRST_REPORTS_S = 1.0  # between two to a controller that has not said how often, at first
 UNSUBSCRIBED_PERIOD_S = 10.0  # the same, in the end
 SLOWER = 0.25  # a pause to the time that has passed, of what a host repeats until it is found
+
+# Applications, by the wall
+COMMAND_TIMEOUT_S = 10.0  # until a command that sets an interface or a tunnel up has ended
+TUNNEL_TIMEOUT_S = 10.0  # until a tunnel's daemon is ready, or the other end's application answers
+TUNNEL_POLL_S = 0.02  # between two looks whether it is
+KEY_MANAGER_TIMEOUT_S = 15.0  # until a key manager has answered
+JOIN_TIMEOUT_S = 60.0  # until the other program of a NetQASM application is there
+TEXT_TIMEOUT_S = 5.0  # until its place for texts takes a connection
+GREETING_TIMEOUT_S = 1.0  # until who connects has said who it is
+TEXT_PAUSE_S = 0.05  # between two attempts to connect
+
+# Key managers
+FILLING_PAUSE_S = 5.0  # after sessions for keys that have failed, at most

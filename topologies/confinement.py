@@ -20,13 +20,13 @@ from typing import Any
 
 from topologies.owners import Owner, owner
 from topologies.programs import ROOT
-from topologies.shells import END_TIMEOUT_S, ShellWatcher
+from topologies.shells import ShellWatcher
+from topologies.timeouts import END_TIMEOUT_S, POLL_S
 
 SHELL = ROOT / "topologies" / "confined_shell"
 # What could take covers off: mounting, opening files by their numbers, the kernel's memory.
 GIVEN_UP = "-sys_admin,-dac_read_search,-sys_module,-sys_rawio,-sys_boot,-perfmon"
 CLONE_NEWPID = 0x20000000
-POLL_S = 0.02
 LIBC = ctypes.CDLL(None, use_errno=True)
 
 

@@ -19,6 +19,7 @@ from topologies.interfaces import quick
 from topologies.keywords import refuse_unknown
 from topologies.machines.laying import lay
 from topologies.programs import NetworkError
+from topologies.timeouts import COMMAND_TIMEOUT_S
 from wire.config import Cable
 from wire.parameters.fiber import SPEED_IN_FIBER_M_PER_S
 from wire.parameters.network import MOST_KM
@@ -31,7 +32,6 @@ TUN = "/dev/net/tun"
 TUNSETIFF, IFF_TAP, IFF_NO_PI = 0x400454CA, 0x0002, 0x1000
 QUEUED_FRAMES = 10_000
 ARP_TRIES = 3
-COMMAND_TIMEOUT_S = 10.0
 
 
 def delay_s(length_km: float) -> float:

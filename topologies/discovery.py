@@ -7,15 +7,14 @@ from pathlib import Path
 from mininet.net import Mininet
 from mininet.node import Switch
 
-from topologies.programs import POLL_S, NetworkError
+from topologies.programs import NetworkError
 from topologies.runtime import Runtime
+from topologies.timeouts import CUT_S, DISCOVERY_TIMEOUT_S, POLL_S
 from wire.config import Fiber
 from wire.controller_record import read_record
 
-TIMEOUT_S = 20.0
 MESSAGES_OF_A_START = 40
 LEAST_FIBERS_PER_S = 20  # that a controller finds beside the first
-CUT_S = 2.0  # that a fibre which nobody has found is seen cut before that is the cause
 INTERFACES = Path("/sys/class/net")
 
 
@@ -37,7 +36,7 @@ class Discovery:
         """
         # Each of some messages may wait for the one before it, over the management network.
         way_s = max(self._runtime.copper.values(), default=0.0)
-        limit_s = TIMEOUT_S + MESSAGES_OF_A_START * self._runtime.time.wall_s(way_s)
+        limit_s = DISCOVERY_TIMEOUT_S + MESSAGES_OF_A_START * self._runtime.time.wall_s(way_s)
         limit_s += len(self._fibers) / LEAST_FIBERS_PER_S
         limit_s /= (
             1 - self._runtime.settings.control_loss

@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Self
 
 from topologies.programs import NetworkError, Program
+from topologies.timeouts import DISK_LOOK_S
 
 LOG_BYTES = 16 << 20
 RESERVE_BYTES = 1 << 30  # that stay free, or a hundredth of a disk that is smaller than 100 GiB
-LOOK_S = 1.0
 
 
 class DiskKeeper:
@@ -36,7 +36,7 @@ class DiskKeeper:
         self._thread.join()
 
     def _watch(self) -> None:
-        while not self._ended.wait(LOOK_S):
+        while not self._ended.wait(DISK_LOOK_S):
             self.look()
 
     def look(self) -> None:

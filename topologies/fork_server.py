@@ -21,11 +21,11 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from topologies.timeouts import PARENT_POLL_S, PARENT_TIMEOUT_S
+
 REQUEST_BYTES = 1 << 16
 MOST_FILES = 250  # that one message can carry, in Linux
 LEAST_NUMBER = 1 << 9  # of descriptors on their way: above those that a program is given
-PARENT_TIMEOUT_S = 5.0
-POLL_S = 0.0005
 PR_SET_PDEATHSIG = 1
 NAMESPACES = "net", "mnt"
 COMMAND_BEGIN, COMMAND_END = 45, 46  # fields of /proc/PID/stat after the name and the state
@@ -117,7 +117,7 @@ def follow_runner(runner: int) -> None:
             sys.exit(
                 f"process {runner}, which was to be the parent, is not in {PARENT_TIMEOUT_S} s"
             )
-        time.sleep(POLL_S)
+        time.sleep(PARENT_POLL_S)
     if LIBC.prctl(PR_SET_PDEATHSIG, signal.SIGTERM):
         raise OSError(ctypes.get_errno(), "prctl(PR_SET_PDEATHSIG)")
     if os.getppid() != runner:

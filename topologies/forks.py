@@ -11,7 +11,8 @@ import time
 from collections.abc import Sequence
 from threading import Lock
 
-from topologies.programs import POLL_S, ROOT, NetworkError, Program, python
+from topologies.programs import ROOT, NetworkError, Program, python
+from topologies.timeouts import END_TIMEOUT_S, FORK_TIMEOUT_S, POLL_S
 
 MODULES = (
     "dispatcher",
@@ -22,9 +23,7 @@ MODULES = (
     "qswitch_agent",
 )
 PADDING = " " * 400  # where the commands of its children will be for `ps` to see
-ANSWER_TIMEOUT_S = 20.0
 ANSWER_BYTES = 64
-END_S = 1.0  # that it takes to end once its socket is closed
 PR_SET_CHILD_SUBREAPER = 36
 LIBC = ctypes.CDLL(None, use_errno=True)
 
@@ -75,7 +74,7 @@ class ForkServer:
         self._one_at_a_time = Lock()
         self._fault: str | None = None  # why it answers no more: nobody waits for it twice
         self._channel, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        self._channel.settimeout(ANSWER_TIMEOUT_S)
+        self._channel.settimeout(FORK_TIMEOUT_S)
         command = [python(), "-m", "topologies.fork_server", str(theirs.fileno())]
         with theirs:
             program.start([*command, ",".join(MODULES), PADDING], descriptors=[theirs.fileno()])
@@ -118,7 +117,7 @@ class ForkServer:
                 socket.send_fds(self._channel, [json.dumps(request).encode()], [log, *descriptors])
                 answer = self._channel.recv(ANSWER_BYTES)
             except TimeoutError as error:
-                self._fault = f"{self._program.name} did not start {name} in {ANSWER_TIMEOUT_S:g} s"
+                self._fault = f"{self._program.name} did not start {name} in {FORK_TIMEOUT_S:g} s"
                 if self._program.stopped:
                     self._fault += ": a signal has stopped it (SIGSTOP)"
                 raise NetworkError(self._fault) from error
@@ -133,7 +132,7 @@ class ForkServer:
 
     def _await_end(self) -> None:
         """Wait until the server has ended: its socket closes a moment before."""
-        deadline = time.monotonic() + END_S
+        deadline = time.monotonic() + END_TIMEOUT_S
         while self._program.running and time.monotonic() < deadline:
             time.sleep(POLL_S)
 

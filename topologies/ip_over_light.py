@@ -9,8 +9,8 @@ from topologies.fiber import qnics
 from topologies.launching import launch
 from topologies.network import Network
 from topologies.nodes import QuantumHost
-from topologies.nodes.node import READY_TIMEOUT_S
 from topologies.programs import NetworkError
+from topologies.timeouts import READY_TIMEOUT_S
 from wire.features import EMIT
 from wire.ip_over_light import DEFAULT_MTU, INTERFACE, IpOverLightConfig, Neighbor
 

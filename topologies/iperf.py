@@ -13,9 +13,8 @@ from mininet.log import output
 from mininet.net import Mininet
 from mininet.node import Node
 
-from topologies.programs import POLL_S, NetworkError
-
-TIMEOUT_S = 10.0  # to begin to listen, and to end beyond the time that was asked for
+from topologies.programs import NetworkError
+from topologies.timeouts import IPERF_TIMEOUT_S, POLL_S
 
 
 class IperfMininet(Mininet):
@@ -45,10 +44,10 @@ class IperfMininet(Mininet):
                 _wait_until_listening(receiver, server, "udp" if kind else "tcp", port)
                 with _running(client, sending) as sender:
                     try:
-                        sent, _ = sender.communicate(timeout=seconds + TIMEOUT_S)
+                        sent, _ = sender.communicate(timeout=seconds + IPERF_TIMEOUT_S)
                     finally:
                         sender.kill()
-                received, _ = receiver.communicate(timeout=TIMEOUT_S)
+                received, _ = receiver.communicate(timeout=IPERF_TIMEOUT_S)
             except subprocess.TimeoutExpired as error:
                 raise NetworkError(f"iperf from {client} to {server} did not end") from error
             finally:
@@ -70,7 +69,7 @@ def _wait_until_listening(
     receiver: "subprocess.Popen[str]", node: Node, protocol: str, port: int
 ) -> None:
     """Wait until somebody listens at a port of a node; raise NetworkError if nobody does."""
-    deadline = time.monotonic() + TIMEOUT_S
+    deadline = time.monotonic() + IPERF_TIMEOUT_S
     while f":{port:04X} " not in Path(f"/proc/{node.pid}/net/{protocol}").read_text():
         if receiver.poll() is not None or time.monotonic() > deadline:
             raise NetworkError(f"iperf does not listen at {protocol} port {port} of {node}")

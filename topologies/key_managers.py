@@ -9,8 +9,8 @@ from topologies.certificates import AUTHORITY, CertificateAuthority, Certificate
 from topologies.launching import launch
 from topologies.network import Network
 from topologies.nodes import QuantumHost
-from topologies.nodes.node import READY_TIMEOUT_S
 from topologies.programs import NetworkError, Program
+from topologies.timeouts import READY_TIMEOUT_S
 from wire.key_delivery import KEY_DELIVERY_PORT
 from wire.key_manager import KeyLink, KeyManagerConfig, manager_name
 

@@ -15,7 +15,7 @@ from mininet.node import Host
 from mininet.topo import Topo
 
 from topologies import openvswitch, owners, runtime
-from topologies.captures import Captures
+from topologies.captures import MAX_PACKET_BYTES, Captures
 from topologies.copper_lengths import assign_copper_lengths
 from topologies.discovery import Discovery
 from topologies.disk import DiskKeeper
@@ -23,20 +23,23 @@ from topologies.machines.errand import Errand
 from topologies.management import bridge_of
 from topologies.nodes import QuantumController
 from topologies.nodes.copper import COPPER
-from topologies.nodes.node import READY_TIMEOUT_S
 from topologies.owners import Owner
 from topologies.parallel import ParallelMininet
 from topologies.placing import place
-from topologies.programs import POLL_S, NetworkError, Program, stop_all
+from topologies.programs import NetworkError, Program, stop_all
 from topologies.runtime import DISPATCHER, Runtime, folders_of_gone, only_run
 from topologies.shells import ShellWatcher
 from topologies.signals import Interrupted as Interrupted
 from topologies.signals import Signals as Signals
+from topologies.timeouts import (
+    DAEMON_END_TIMEOUT_S,
+    END_TIMEOUT_S,
+    POLL_S,
+    READY_TIMEOUT_S,
+    STOPPED_LOOK_S,
+    STOPPED_TIMEOUT_S,
+)
 
-END_S = 1.0  # that a program takes to end once its sockets are closed
-DAEMON_END_S = 2.0  # the same, of a daemon that may write its memory to the disk first
-LOOK_S = 0.5  # between looks for what is stopped
-STOPPED_S = 10.0
 MOST_FILES = 65_536
 SWITCHES = "switches"  # file in the private folder: what this run has made or will make
 
@@ -197,13 +200,17 @@ class Network:
         program.start(command, namespace_pid, forks=self.runtime.forks())
         return program
 
-    def capture(self, switch: str, openflow: bool = False) -> list[Path]:
+    def capture(
+        self, switch: str, openflow: bool = False, packet_bytes: int = MAX_PACKET_BYTES
+    ) -> list[Path]:
         """Capture every link of a switch from now on; return the files.
 
-        With `openflow` the last of them has what the controller and the switches say.
+        With `openflow` the last of them has what the controller and the switches say. Of each
+        packet so many bytes are captured at most.
         """
         hidden = {"lo", *self.runtime.management}
         interfaces = [name for name in self.net.get(switch).intfNames() if name not in hidden]
+        self.captures.packet_bytes = packet_bytes
         files = [self.captures.begin(name, interface=name) for name in interfaces]
         files += [self._begin_openflow()] if openflow else []
         self.captures.wait()
@@ -229,14 +236,14 @@ class Network:
         self._disk.check()
         for program in (*self.runtime.programs, *self.captures.programs):
             if not program.running:
-                self._require_daemons_for(DAEMON_END_S)
+                self._require_daemons_for(DAEMON_END_TIMEOUT_S)
                 raise NetworkError(f"{program.name} died in mid-run: {program.end()}")
         for node in self._watched():
             if node.shell_ended:
                 raise NetworkError(f"{node.name} died in mid-run: its shell was ended")
         if time.monotonic() > self._look_again_at:
-            self._look_again_at = time.monotonic() + LOOK_S
-            self._require_none_stopped(STOPPED_S)
+            self._look_again_at = time.monotonic() + STOPPED_LOOK_S
+            self._require_none_stopped(STOPPED_TIMEOUT_S)
 
     def _require_daemons_for(self, duration_s: float) -> None:
         """Raise if a daemon of Open vSwitch ends within so long.
@@ -254,7 +261,7 @@ class Network:
         A program's sockets close a moment before it ends. What a signal has stopped is to all
         others a peer that does not answer.
         """
-        deadline = time.monotonic() + END_S
+        deadline = time.monotonic() + END_TIMEOUT_S
         while time.monotonic() < deadline:
             self.check()
             time.sleep(POLL_S)
@@ -273,7 +280,7 @@ class Network:
             if now - since >= patience_s:
                 raise NetworkError(
                     f"{name} does not answer: a signal has stopped it (SIGSTOP); `kill -CONT` "
-                    f"within {STOPPED_S:g} s lets such a process go on"
+                    f"within {STOPPED_TIMEOUT_S:g} s lets such a process go on"
                 )
 
 

@@ -6,14 +6,24 @@ import shutil
 import signal
 import subprocess
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
 from topologies import owners
-from topologies.owners import POLL_S, Owner
+from topologies.owners import Owner
 from topologies.programs import NetworkError
 from topologies.runtime import RUNTIME_ROOT
+from topologies.timeouts import (
+    INTERFACE_S,
+    LAST_WORDS_TIMEOUT_S,
+    OPENVSWITCH_LOOK_S,
+    OPENVSWITCH_TIMEOUT_S,
+    POLL_S,
+    STAY_S,
+    VSCTL_GRACE_S,
+    VSCTL_TIMEOUT_S,
+)
 
 CONTROL = "/usr/share/openvswitch/scripts/ovs-ctl"
 RUN_FOLDER = Path("/var/run/openvswitch")
@@ -21,13 +31,7 @@ LOG_FOLDER = Path("/var/log/openvswitch")
 DATABASE, SWITCH_DAEMON = "ovsdb-server", "ovs-vswitchd"
 DAEMONS = (DATABASE, SWITCH_DAEMON)
 STARTED = "open-vswitch"  # file: the run that has started the daemons, then the daemons
-START_TIMEOUT_S = 30.0
-VSCTL_TIMEOUT_S = 10.0
-PORT_S = 0.1  # more, of each interface that it may add or take away: in quiet it takes 0.02 s
-GRACE_S = 5.0  # after the time-out of a program's own
 INTERFACES = Path("/sys/class/net")
-LAST_WORDS_TIMEOUT_S = 0.5  # that a daemon's monitor takes to write how it ended
-STAY_S = 0.5  # that no interface has gone in: the others stay until they are deleted
 UNREACHABLE = "database connection failed"  # as ovs-vsctl says it
 OWNER = "external_ids:qmn"  # which run has made a bridge
 RESTART = "restart Open vSwitch, as by `systemctl restart openvswitch-switch`"
@@ -35,11 +39,16 @@ RESTART = "restart Open vSwitch, as by `systemctl restart openvswitch-switch`"
 
 def vsctl(*arguments: str) -> str:
     """Run ovs-vsctl; raise NetworkError with its words, or those of a daemon, if it fails."""
-    limit_s = VSCTL_TIMEOUT_S + PORT_S * len(os.listdir(INTERFACES))
+    limit_s = VSCTL_TIMEOUT_S + INTERFACE_S * len(os.listdir(INTERFACES))
+    watched = daemons()
     try:
-        timeout = f"--timeout={limit_s:.0f}"
-        return _run("ovs-vsctl", timeout, *arguments, timeout_s=limit_s + GRACE_S)
+        return _run(
+            *("ovs-vsctl", f"--timeout={limit_s:.0f}", *arguments),
+            timeout_s=limit_s + VSCTL_GRACE_S,
+            check=lambda: require_alive(watched),
+        )
     except NetworkError as error:
+        require_alive(watched)
         found = daemons()
         if found and (silent := [name for name in DAEMONS if not _answers(found, name)]):
             raise NetworkError(f"{silent[0]} {_silence(found, silent[0])}") from error
@@ -152,11 +161,11 @@ def start(owner: str) -> None:
             daemon.signal(signal.SIGCONT)
     else:
         _refuse_half(daemons())
-    _run(CONTROL, "start", "--system-id=random", timeout_s=START_TIMEOUT_S)
-    deadline = time.monotonic() + START_TIMEOUT_S
+    _run(CONTROL, "start", "--system-id=random", timeout_s=OPENVSWITCH_TIMEOUT_S)
+    deadline = time.monotonic() + OPENVSWITCH_TIMEOUT_S
     while not running():
         if time.monotonic() > deadline:
-            raise NetworkError(f"Open vSwitch did not start in {START_TIMEOUT_S:g} s")
+            raise NetworkError(f"Open vSwitch did not start in {OPENVSWITCH_TIMEOUT_S:g} s")
         time.sleep(0.05)
     _note_starter(owner)
 
@@ -196,8 +205,8 @@ def revive_if_ours(owner: str) -> None:
 def stop_if_ours(owner: str) -> None:
     """Stop Open vSwitch if this run started it and no bridge is left in it."""
     if starter() == owner and running() and not bridges():
-        (RUNTIME_ROOT / STARTED).unlink()
-        _run(CONTROL, "stop", timeout_s=START_TIMEOUT_S)
+        _run(CONTROL, "stop", timeout_s=OPENVSWITCH_TIMEOUT_S)
+        (RUNTIME_ROOT / STARTED).unlink()  # last: a second signal may end this with half of it left
 
 
 def starter() -> str:
@@ -277,7 +286,7 @@ def ip(commands: Iterable[str], fails: bool = False) -> None:
     """Run commands of ip(8) together; raise NetworkError for the first that fails, or go on."""
     lines = "".join(f"{command}\n" for command in commands)
     force = ["-force"] if fails else []
-    limit_s = START_TIMEOUT_S + PORT_S * len(os.listdir(INTERFACES))
+    limit_s = OPENVSWITCH_TIMEOUT_S + INTERFACE_S * len(os.listdir(INTERFACES))
     _run("ip", *force, "-batch", "-", given=lines, fails=fails, timeout_s=limit_s)
 
 
@@ -311,27 +320,53 @@ def datapath() -> str:
     return "kernel" if loaded and not in_container else "user"
 
 
-def _run(*command: str, timeout_s: float = 15.0, given: str = "", fails: bool = False) -> str:
+def _run(
+    *command: str,
+    timeout_s: float = 15.0,
+    given: str = "",
+    fails: bool = False,
+    check: Callable[[], None] = lambda: None,
+) -> str:
     """Run a command and return what it says; raise NetworkError unless it ends well, in time.
 
-    It reads what is given; if it `fails`, that is all the same.
+    It reads what is given; if it `fails`, that is all the same. Meanwhile `check` is called, which
+    raises if something else makes the wait useless.
     """
     try:
         # In a session of its own: a Ctrl-C must not leave half of what it does undone.
-        done = subprocess.run(
+        process = subprocess.Popen(
             command,
-            capture_output=True,
-            input=given,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
             text=True,
-            check=False,
-            timeout=timeout_s,
             start_new_session=True,
         )
     except FileNotFoundError as error:
         raise NetworkError(f"{command[0]} is not installed; run `make setup`") from error
-    except subprocess.TimeoutExpired as error:
-        raise NetworkError(f"{command[0]} did not end in {timeout_s:g} s") from error
-    if done.returncode and not fails:
-        words = (done.stderr or done.stdout).strip()
+    with process:
+        try:
+            said, wrong = _end_of_command(process, given, time.monotonic() + timeout_s, check)
+        except subprocess.TimeoutExpired as error:
+            raise NetworkError(f"{command[0]} did not end in {timeout_s:g} s") from error
+        finally:
+            process.kill()
+    if process.returncode and not fails:
+        words = (wrong or said).strip()
         raise NetworkError(f"{' '.join(command[:3])} failed: {words}")
-    return done.stdout
+    return said
+
+
+def _end_of_command(
+    process: "subprocess.Popen[str]", given: str, deadline: float, check: Callable[[], None]
+) -> tuple[str, str]:
+    """Return what a command says, and what it says on standard error, when it has ended."""
+    unread: str | None = given
+    while True:
+        try:
+            return process.communicate(unread, timeout=OPENVSWITCH_LOOK_S)
+        except subprocess.TimeoutExpired:
+            unread = None  # it has that now
+            check()
+            if time.monotonic() > deadline:
+                raise

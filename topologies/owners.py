@@ -12,6 +12,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+from topologies.timeouts import END_TIMEOUT_S, POLL_S
+
 PROC = Path("/proc")
 BOOT_ID = PROC / "sys" / "kernel" / "random" / "boot_id"
 WORDS = re.compile(r"(\d+)-(\d+)-([0-9a-f]{8})")
@@ -19,8 +21,6 @@ VARIABLE = "QMN_RUN"  # in the environment of all that a run starts in its netwo
 NAMESPACE = "QMN_PROCESSES"  # there, too: of whose processes the run is one
 ENDED = "ZX"  # states of a process that only waits to be asked how it ended
 STOPPED = "T"
-END_TIMEOUT_S = 1.0  # from one signal to the next
-POLL_S = 0.02
 
 
 class Owner(NamedTuple):

@@ -12,10 +12,9 @@ from pathlib import Path
 from typing import Protocol
 
 from topologies.owners import mark, owner
+from topologies.timeouts import POLL_S, STOP_TIMEOUT_S
 
 ROOT = Path(__file__).resolve().parent.parent
-STOP_TIMEOUT_S = 5.0
-POLL_S = 0.02
 ENVIRONMENT = {
     "PYTHONPATH": str(ROOT),
     "PYTHONUNBUFFERED": "1",

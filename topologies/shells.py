@@ -13,13 +13,10 @@ from typing import Any
 
 from topologies.owners import mark, owner
 from topologies.programs import NetworkError
+from topologies.timeouts import COMMAND_TIMEOUT_S, END_TIMEOUT_S, SHELL_POLL_MS, SHELL_TIMEOUT_S
 
 PROMPT = chr(127)  # Mininet's
 NEEDED = ("mnexec", "ifconfig", "bash")
-START_TIMEOUT_S = 20.0
-COMMAND_TIMEOUT_S = 20.0  # of one that sets the node up
-END_TIMEOUT_S = 1.0
-POLL_MS = 50
 LOCAL_FLAGS = 3  # of the settings of a terminal
 
 
@@ -97,7 +94,7 @@ class ShellWatcher:
         self.cmd("unset HISTFILE; set +m")
 
     def _await_prompt(self) -> None:
-        deadline, said = time.monotonic() + START_TIMEOUT_S, ""
+        deadline, said = time.monotonic() + SHELL_TIMEOUT_S, ""
         while not said.endswith(PROMPT):
             if self._has_output():
                 said += os.read(self.master, 1024).decode(errors="replace")
@@ -105,7 +102,7 @@ class ShellWatcher:
             ended, late = self.shell_ended, time.monotonic() > deadline
             if ended or late:
                 self._kill_shell()
-                what = "ended at its start" if ended else f"had no prompt in {START_TIMEOUT_S:g} s"
+                what = "ended at its start" if ended else f"had no prompt in {SHELL_TIMEOUT_S:g} s"
                 words = said.strip() or f"it said nothing, status {self.shell.returncode}"
                 raise NetworkError(f"the shell of {self.name} {what}: {words}")
 
@@ -166,4 +163,4 @@ class ShellWatcher:
 
     def _has_output(self) -> bool:
         """Wait a moment for output; a terminal that was hung up has events, but none."""
-        return any(event & select.POLLIN for _file, event in self.pollOut.poll(POLL_MS))
+        return any(event & select.POLLIN for _file, event in self.pollOut.poll(SHELL_POLL_MS))

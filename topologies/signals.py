@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from types import FrameType, TracebackType
 from typing import Self
 
-AGAIN_S = 0.5  # `timeout` and others send a signal twice at once; a person does not
+from topologies.timeouts import AGAIN_S
 
 
 class Interrupted(Exception):

@@ -10,9 +10,9 @@ from dataclasses import dataclass, field
 
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Network
-from controller_apps.timeouts import LINK_EXPIRY_S, LINK_PERIOD_S
+from controller_apps.timeouts import LINK_EXPIRY_S, LINK_FAST_PERIOD_S, LINK_PERIOD_S
 
-FAST_PERIOD_S, FAST_TIMES = 0.2, 10  # while the network starts (802.1AB fast start)
+FAST_TIMES = 10  # while the network starts (802.1AB fast start)
 
 
 @dataclass
@@ -56,7 +56,7 @@ class Links:
         for at, port in self._ports.items():
             if port.due <= now:
                 port.sent += 1
-                port.due = now + (FAST_PERIOD_S if port.sent < FAST_TIMES else LINK_PERIOD_S)
+                port.due = now + (LINK_FAST_PERIOD_S if port.sent < FAST_TIMES else LINK_PERIOD_S)
                 speaking.append(at)
         return speaking
 

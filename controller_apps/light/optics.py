@@ -56,6 +56,11 @@ class SwitchOptics:
             return None
         return self.paths.get((in_port, out_port), self.others)
 
+    @property
+    def least_loss_mdb(self) -> int:
+        """What every path loses at least."""
+        return min(path.loss_mdb for path in (self.others, *self.paths.values()))
+
 
 UNKNOWN = SwitchOptics()
 
@@ -68,6 +73,13 @@ class Optics:
     ranges: dict[SwitchPort, PortOptics] = field(default_factory=dict)
     tuned_mhz: dict[SwitchPort, int] = field(default_factory=dict)
     lights: dict[SwitchPort, PortLight] = field(default_factory=dict)  # as last measured
+    losses: int = field(default=0, compare=False)  # another number if a loss may have changed
+
+    def told(self, dpid: int, optics: SwitchOptics) -> None:
+        """Take what a switch says of its paths."""
+        if self.switches.get(dpid) != optics:
+            self.switches[dpid] = optics
+            self.losses += 1
 
     def path(self, dpid: int, in_port: int, out_port: int) -> PathOptics | None:
         """Return what a path through a switch does to light, None if it cannot be had."""
@@ -75,7 +87,9 @@ class Optics:
 
     def measured(self, at: SwitchPort, light: PortLight) -> bool:
         """Take the statistics of a port; tell whether it is tuned differently than was known."""
-        self.lights[at] = light
+        before, self.lights[at] = self.lights.get(at), light
+        if _power(before) != _power(light):
+            self.losses += 1
         if light.flags & BOTH_TUNED != BOTH_TUNED or light.tx_mhz != light.rx_mhz:
             self.tuned_mhz.pop(at, None)  # unknown, or of no use for light in both directions
             return False
@@ -86,10 +100,12 @@ class Optics:
     def forget_light(self, at: SwitchPort) -> None:
         """Forget what was measured at a port whose fibre has changed."""
         self.lights.pop(at, None)
+        self.losses += 1
 
     def forget_switch(self, dpid: int) -> None:
         """Forget all that a switch has told."""
         self.switches.pop(dpid, None)
+        self.losses += 1
         for table in (self.ranges, self.tuned_mhz, self.lights):
             for at in [at for at in table if at.dpid == dpid]:
                 del table[at]
@@ -126,6 +142,13 @@ class Optics:
     def _rx_power(self, at: SwitchPort) -> int | None:
         light = self.lights.get(at)
         return light.rx_power if light and light.flags & VALID_RX_PWR else None
+
+
+def _power(light: PortLight | None) -> tuple[int, int, int] | None:
+    """Return all that losses of fibres follow from."""
+    if light is None:
+        return None
+    return (light.flags & (VALID_TX_PWR | VALID_RX_PWR), light.tx_power, light.rx_power)
 
 
 def _in_band(frequency_mhz: int, least_mhz: int, most_mhz: int, grid_mhz: int) -> bool:

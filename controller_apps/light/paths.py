@@ -1,6 +1,7 @@
 """The optical network as discovered: switches, hosts at their ports, fibres between them."""
 
 import re
+from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import lru_cache, reduce
@@ -27,6 +28,11 @@ class Direction(NamedTuple):
     dpid: int
     port: int
     inward: bool  # into the switch
+
+    @property
+    def opposite(self) -> "Direction":
+        """The other direction of its port."""
+        return Direction(self.dpid, self.port, not self.inward)
 
 
 @dataclass(frozen=True)
@@ -63,6 +69,31 @@ def natural_order(name: str) -> tuple[tuple[int, str], ...]:
     return tuple((int(part), "") if part.isdecimal() else (0, part) for part in parts)
 
 
+@dataclass(frozen=True)
+class HostIndex:
+    """The ports of hosts, and what hosts can do, by address."""
+
+    hosts: dict[SwitchPort, HostPort]  # of which it is
+    ports: dict[str, list[SwitchPort]]
+    abilities: dict[str, Abilities]
+
+    @classmethod
+    def of(cls, hosts: dict[SwitchPort, HostPort]) -> "HostIndex":
+        """Build it, ports in order of their names."""
+        ports: defaultdict[str, list[SwitchPort]] = defaultdict(list)
+        told: defaultdict[str, list[Abilities]] = defaultdict(list)
+        for at, host in sorted(hosts.items(), key=lambda item: natural_order(item[1].name)):
+            ports[host.address].append(at)
+            if host.abilities is not None:
+                told[host.address].append(host.abilities)
+        can = {address: reduce(Abilities.both, each) for address, each in told.items()}
+        return cls(hosts, dict(ports), can)
+
+
+Bound = tuple[int, int]  # loss in thousandths of a dB, switches
+Ends = tuple[tuple[SwitchPort, SwitchPort], ...]  # of fibres, the near one first
+
+
 @dataclass
 class Network:
     """Quantum switches that are connected, hosts at their ports, fibres between them."""
@@ -74,6 +105,14 @@ class Network:
     optics: Optics = field(default_factory=Optics)
     broken: dict[SwitchPort, SwitchPort] = field(default_factory=dict)  # links before they were cut
     names: dict[int, str] = field(default_factory=dict)  # of switches, for people
+    closed: frozenset[frozenset[str]] = frozenset()  # switches, by name, between which none may go
+    wiring: int = field(default=0, init=False, compare=False)  # another one if links change
+    _bounds: dict[SwitchPort, dict[int, Bound]] = field(
+        default_factory=dict, init=False, compare=False, repr=False
+    )
+    _bounds_of: tuple[int, int] = field(default=(0, 0), init=False, compare=False, repr=False)
+    _index: HostIndex | None = field(default=None, init=False, compare=False, repr=False)
+    _near: dict[int, Ends] = field(default_factory=dict, init=False, compare=False, repr=False)
 
     def attach(self, at: SwitchPort, host_port: HostPort) -> bool:
         """Note which host's port a fibre leads to; tell whether that is news."""
@@ -118,6 +157,7 @@ class Network:
             self._forget_broken(end)
         self.links[one] = other
         self.links[other] = one
+        self._rewired()
         return True
 
     def remove_link(self, end: SwitchPort) -> SwitchPort | None:
@@ -125,7 +165,20 @@ class Network:
         other = self.links.pop(end, None)
         if other is not None:
             del self.links[other]
+            self._rewired()
         return other
+
+    def _rewired(self) -> None:
+        self.wiring += 1
+        self._near.clear()
+
+    def until_it_changes(self) -> dict[SwitchPort, dict[int, Bound]]:
+        """Return what is kept of bounds (light.bounds), by port, while links and losses stay."""
+        now = self.wiring, self.optics.losses
+        if self._bounds_of != now:
+            self._bounds_of = now
+            self._bounds.clear()
+        return self._bounds
 
     def _forget_broken(self, end: SwitchPort) -> None:
         other = self.broken.pop(end, None)
@@ -136,30 +189,49 @@ class Network:
         """Return a switch's name, or its datapath id where it is not known."""
         return self.names.get(dpid, f"switch {dpid:#x}")
 
+    def _hosts_by_address(self) -> HostIndex:
+        if self._index is None or self._index.hosts is not self.hosts:
+            self._index = HostIndex.of(self.hosts)
+        return self._index
+
     def ports_of(self, address: str) -> list[SwitchPort]:
         """Return where the ports of a host are, in order of their names; empty if unknown."""
-        found = [(at, host) for at, host in self.hosts.items() if host.address == address]
-        return [at for at, _ in sorted(found, key=lambda item: natural_order(item[1].name))]
+        return self._hosts_by_address().ports.get(address, [])
 
     def abilities_of(self, address: str) -> Abilities | None:
         """Return what a host can do, if its ports say different things what all of them say."""
-        told = [
-            host.abilities
-            for host in self.hosts.values()
-            if host.address == address and host.abilities is not None
-        ]
-        return reduce(Abilities.both, told) if told else None
+        return self._hosts_by_address().abilities.get(address)
 
     def links_from(self, dpid: int) -> list[tuple[SwitchPort, SwitchPort]]:
         """Return the whole fibres from a switch to others: its port, and the far port."""
+        connected, cut = self.connected, self.cut
         return [
             (near, far)
-            for near, far in self.links.items()
-            if near.dpid == dpid and far.dpid in self.connected and not self.cut & {near, far}
+            for near, far in self.fibers_from(dpid)
+            if far.dpid in connected
+            and near not in cut
+            and far not in cut
+            and not self.is_closed(near)
         ]
 
+    def is_closed(self, at: SwitchPort) -> bool:
+        """Tell whether the policy closes the fibre between switches that ends here."""
+        far = self.links.get(at) if self.closed else None
+        return far is not None and {self.name_of(at.dpid), self.name_of(far.dpid)} in self.closed
+
+    def fibers_from(self, dpid: int) -> Ends:
+        """Return the fibres from a switch to others, whole or cut: its port, and the far port."""
+        if not self._near:
+            ends: defaultdict[int, list[tuple[SwitchPort, SwitchPort]]] = defaultdict(list)
+            for near, far in self.links.items():
+                ends[near.dpid].append((near, far))
+            self._near.update((switch, tuple(each)) for switch, each in ends.items())
+        return self._near.get(dpid, ())
+
     def is_whole(self, hops: Iterable[Hop]) -> bool:
-        """Tell whether light can take these hops: switches there, fibres not cut."""
+        """Tell whether light can take these hops: switches there, fibres not cut nor closed."""
         hops = list(hops)
         ports = {SwitchPort(hop.dpid, port) for hop in hops for port in hop[1:]}
-        return self.connected.issuperset(switches(hops)) and not self.cut & ports
+        if not self.connected.issuperset(switches(hops)) or self.cut & ports:
+            return False
+        return not any(map(self.is_closed, ports))

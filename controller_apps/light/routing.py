@@ -1,10 +1,10 @@
 """Light paths through the optical network: the cheapest by loss, within what is asked for.
 
-The search is Dijkstra's over the ports that light comes in by, because what a switch does
-to light depends on both its ports.
+The search is A* (Hart, Nilsson and Raphael, 1968) over the ports that light comes in by, because
+what a switch does to light depends on both its ports. Its estimates are lower bounds.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from heapq import heappop, heappush
@@ -12,8 +12,9 @@ from itertools import permutations
 from operator import xor
 from typing import NamedTuple
 
+from controller_apps.light.bounds import bounds_to
 from controller_apps.light.optics import SwitchPort
-from controller_apps.light.paths import Direction, Hop, Network, directions
+from controller_apps.light.paths import Bound, Direction, Hop, Network, directions
 from wire.metadata import Reason
 
 
@@ -52,9 +53,10 @@ class Leg(NamedTuple):
 class _Reached(NamedTuple):
     """A place that light can come to, in order of preference."""
 
-    loss_mdb: int
-    length: int
+    least_mdb: int  # from the start by way of it to the end
+    least_length: int
     hops: tuple[Hop, ...]
+    loss_mdb: int  # until here
     at: SwitchPort
     rotation: int
 
@@ -71,7 +73,12 @@ def cheapest_path(network: Network, leg: Leg, limits: Limits) -> LightPath | Non
     """
     if not _can_begin(network, leg, limits):
         return None
-    queue = [_Reached(network.optics.fiber_loss_mdb(leg.start, None), 0, (), leg.start, 0)]
+    bounds = bounds_to(leg.end, network)
+    if leg.start.dpid not in bounds:
+        return None
+    least_mdb, least_length = bounds[leg.start.dpid]
+    first_mdb = network.optics.fiber_loss_mdb(leg.start, None)
+    queue = [_Reached(first_mdb + least_mdb, least_length, (), first_mdb, leg.start, 0)]
     settled: set[tuple[SwitchPort, int]] = set()
     while queue:
         reached = heappop(queue)
@@ -83,8 +90,8 @@ def cheapest_path(network: Network, leg: Leg, limits: Limits) -> LightPath | Non
             if limits.rotation in (None, reached.rotation):
                 return LightPath(reached.hops, reached.loss_mdb, reached.rotation)
             continue
-        for further in _further(network, reached, leg.end, limits):
-            if limits.loss_budget_mdb is None or further.loss_mdb <= limits.loss_budget_mdb:
+        for further in _further(network, reached, leg.end, limits, bounds):
+            if limits.loss_budget_mdb is None or further.least_mdb <= limits.loss_budget_mdb:
                 heappush(queue, further)
     return None
 
@@ -108,7 +115,11 @@ def _is_free(network: Network, at: SwitchPort, inward: bool, limits: Limits) -> 
 
 
 def _further(
-    network: Network, reached: _Reached, end: SwitchPort, limits: Limits
+    network: Network,
+    reached: _Reached,
+    end: SwitchPort,
+    limits: Limits,
+    bounds: Mapping[int, Bound],
 ) -> Iterator[_Reached]:
     """Yield where light can come to next: the end, or the ports of the next switches."""
     dpid = reached.at.dpid
@@ -121,6 +132,7 @@ def _further(
             (near, far)
             for near, far in network.links_from(dpid)
             if far.dpid not in passed
+            and far.dpid in bounds
             and _is_free(network, near, False, limits)
             and _is_free(network, far, True, limits)
         ]
@@ -128,11 +140,14 @@ def _further(
         path = network.optics.path(dpid, reached.at.port, near.port)
         if path is None:
             continue
-        loss_mdb = path.loss_mdb + network.optics.fiber_loss_mdb(near, far)
+        lost = path.loss_mdb + network.optics.fiber_loss_mdb(near, far)
+        loss_mdb = reached.loss_mdb + lost
+        left_mdb, left = bounds[far.dpid] if far is not None else (0, 0)
         yield _Reached(
-            reached.loss_mdb + loss_mdb,
-            reached.length + 1,
+            loss_mdb + left_mdb,
+            len(reached.hops) + 1 + left,
             (*reached.hops, Hop(dpid, reached.at.port, near.port)),
+            loss_mdb,
             far or near,
             reached.rotation ^ path.rotation,
         )

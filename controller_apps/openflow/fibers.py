@@ -101,14 +101,14 @@ class Fibers:
             return False
         if message.flags & ofproto.OFPMPF_REPLY_MORE:
             return False
-        self.network.optics.switches[dpid] = SwitchOptics.reported(self._told.pop(dpid))
+        self.network.optics.told(dpid, SwitchOptics.reported(self._told.pop(dpid)))
         return True
 
     def silent(self, dpid: int, xid: int) -> bool:
         """Tell whether an error is the answer of a switch that cannot tell its optics."""
         if xid != self._asked.get(dpid):
             return False
-        self.network.optics.switches[dpid] = SwitchOptics()
+        self.network.optics.told(dpid, SwitchOptics())
         return True
 
     def measured(self, message: Any) -> None:

@@ -9,7 +9,8 @@ may add bytes behind it, so a request is known by its connection and sequence nu
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from math import inf
 
 from controller_apps.light.paths import Hop, Network, switches
 from controller_apps.packets.segments import RST, FiveTuple, parse
@@ -39,12 +40,13 @@ from controller_apps.sessions.sessions import (
     read_setup,
 )
 from controller_apps.sessions.verdicts import Verdicts, released
-from controller_apps.timeouts import COUNTING_S, SWITCH_GRACE_S
+from controller_apps.timeouts import COUNTING_S, QUEUE_LOOK_S, SWITCH_GRACE_S
 from wire.metadata import (
     METADATA_PORT,
     SETUP_LENGTH,
     MalformedPacket,
     Reason,
+    Service,
     Setup,
     UnknownService,
     Verdict,
@@ -78,6 +80,7 @@ class Arbiter:
         self.verdicts = Verdicts(self.sessions, self.light, self.keys)
         self.ordering = Ordering(self.sessions, self.light, self.verdicts)
         self.inheritance = Inheritance(self.sessions, self.light)
+        self._looked = -inf  # at all that wait
 
     def segment_arrived(self, dpid: int, in_port: int, frame: bytes, now: float) -> list[Action]:
         """Decide on a segment to or from the metadata port that a classical switch sent up."""
@@ -138,12 +141,13 @@ class Arbiter:
         request = new_request(setup, arrival, now, arrival.segment.acknowledged if opened else None)
         if self.sessions.full(request.five_tuple.source):
             return self.verdicts.answer(request, Verdict.REFUSED, Reason.BUSY)
+        self.sessions.obstacles.clear()
         admission = self.forbid(setup, request.five_tuple) or admit(
             setup, request.five_tuple, self.sessions, self.network, self.budget_mdb, self.taps
         )
         if self.inheritance.is_premature(admission.reason, now):
             return [Drop("premature", f"{admission.reason.name} may change soon; TCP repeats it")]
-        waits = admission.waits_for_light and self.queues
+        waits = admission.waits_for_light and self._may_wait(setup, request.five_tuple)
         if admission.reason != Reason.OK and not waits:
             told = admission.reason, now, admission.detail, admission.node
             return self.verdicts.refuse(request, *told)
@@ -151,6 +155,7 @@ class Arbiter:
         self.sessions.retired.pop(request.five_tuple, None)
         session = self.sessions.join(request, now)
         if waits:
+            request.obstacles = frozenset(self.sessions.obstacles)
             self.sessions.queue[request.five_tuple] = request
             return [Note("queued", session.number)]
         if admission.chain:
@@ -159,17 +164,44 @@ class Arbiter:
             return self.verdicts.grant(request)
         return self.light.open(request, session, admission.paths)
 
+    def _may_wait(self, setup: Setup, connection: FiveTuple) -> bool:
+        """Tell whether a request waits for light that others have: as configured, and for seals.
+
+        Who watches a fibre gives its light back soon, and never waits for it: others come first.
+        """
+        if setup.service == Service.SEAL:
+            return False
+        return self.queues or self._seals_alone_are_in_the_way(setup, connection)
+
+    def _seals_alone_are_in_the_way(self, setup: Setup, connection: FiveTuple) -> bool:
+        sessions = self.sessions
+        watching = {
+            number
+            for number, session in sessions.by_number.items()
+            if session.setup.service == Service.SEAL
+        }
+        others = {
+            way: holder for way, holder in sessions.occupied.items() if holder not in watching
+        }
+        without = replace(sessions, occupied=others, obstacles=set())
+        words = self.network, self.budget_mdb, self.taps
+        return bool(watching and find_light(setup, connection, without, *words).paths)
+
     def node_answered(self, number: int, node: str, reason: Reason, now: float) -> list[Action]:
         """Note what a node of a chain (its address) says to its order."""
         return self.ordering.node_answered(number, node, reason, now)
 
     def _serve_queue(self, now: float) -> list[Action]:
-        """Give light to those that wait for it: first come first served.
+        """Give light to those that wait for it, if any has become free: first come first served.
 
         A request whose light is still taken keeps no other from light that is free.
         """
+        freed, changed = self.sessions.freed, self.sessions.changed
+        self.sessions.freed, self.sessions.changed = set(), False
         actions: list[Action] = []
-        for request in list(self.sessions.queue.values()):
+        for request in list(self.sessions.queue.values()) if freed or changed else ():
+            if not changed and freed.isdisjoint(request.obstacles):
+                continue  # it would meet them again
             session = self.sessions.of(request)
             if session is None:
                 continue  # it has ended meanwhile
@@ -185,9 +217,12 @@ class Arbiter:
 
     def _find_light(self, request: Request) -> Admission:
         connection, budget_mdb = request.five_tuple, self.budget_mdb
-        return find_light(
+        self.sessions.obstacles.clear()
+        found = find_light(
             request.setup, connection, self.sessions, self.network, budget_mdb, self.taps
         )
+        request.obstacles = frozenset(self.sessions.obstacles)
+        return found
 
     def _repeated(self, request: Request, arrival: Arrival) -> list[Action]:
         message = arrival.segment.payload[:SETUP_LENGTH]
@@ -281,6 +316,7 @@ class Arbiter:
 
     def network_changed(self, now: float) -> list[Action]:
         """Move the sessions whose fibres are cut, and serve those that wait for light."""
+        self.sessions.changed = True
         actions: list[Action] = []
         for session in self.sessions.by_number.values():
             actions += self._mend(session, now)
@@ -289,6 +325,7 @@ class Arbiter:
     def switch_left(self, dpid: int, now: float) -> list[Action]:
         """Move what depends on a switch that is gone; without another way it has some time."""
         self.network.connected.discard(dpid)
+        self.sessions.changed = True  # those that wait are told, too
         self.light.switch_left(dpid)
         for request in self.sessions.requests.values():
             request.bypassed.discard(dpid)
@@ -379,5 +416,7 @@ class Arbiter:
             if silent and session.open and not session.bypassed:
                 actions += self.verdicts.tear_down(session, "idle", now)
         self.sessions.forget_retired_before(now - self.idle_timeout_s)
+        if now - self._looked >= QUEUE_LOOK_S:  # losses and tunings change, too
+            self._looked, self.sessions.changed = now, True
         counting = self._count_doubted(now)
         return [*actions, *counting, *self.inheritance.restored(), *self._serve_queue(now)]

@@ -68,6 +68,7 @@ class Request:
     block_pairs: int = 0  # granted, if it is less than was asked for
     progress: int = SETUP_LENGTH  # how many bytes of the opener have been seen, the message's too
     acceptor_next: int | None = None  # sequence number of the acceptor's next byte, as last seen
+    obstacles: frozenset[Direction] = frozenset()  # what others have of what it waits for
     doubted: tuple[int, float] | None = None  # where a close was that nobody expected, and when
 
     @property
@@ -180,6 +181,11 @@ class Sessions:
     queue: dict[FiveTuple, Request] = field(default_factory=dict)  # that wait for light, in order
     retired: dict[FiveTuple, float] = field(default_factory=dict)  # since when
     occupied: dict[Direction, int] = field(default_factory=dict)
+    freed: set[Direction] = field(default_factory=set)  # since the queue was served
+    changed: bool = False  # whether anything else has since then that light depends on
+    obstacles: set[Direction] = field(
+        default_factory=set
+    )  # that `blocks` has met; cleared by users
     max_sessions: int = MAX_SESSIONS
     max_requests: int = MAX_REQUESTS
     max_retired: int = MAX_RETIRED
@@ -223,6 +229,7 @@ class Sessions:
         """Free whatever a session occupies."""
         for direction in directions(session.hops):
             del self.occupied[direction]
+            self.freed |= {direction, direction.opposite}  # which it may have tuned otherwise
         session.paths, session.light_owner = (), None
         session.stranded, session.lost_since, session.missing = False, None, ()
 
@@ -231,10 +238,13 @@ class Sessions:
 
         Nobody shares a direction, and both directions of a port have one tuning.
         """
-        if self.occupied.get(way, session) != session:
-            return True
-        other = self.occupied.get(way._replace(inward=not way.inward), session)
-        return other != session and self.by_number[other].frequency_mhz != frequency_mhz
+        found = self.occupied.get(way, session) != session
+        if not found:
+            other = self.occupied.get(way.opposite, session)
+            found = other != session and self.by_number[other].frequency_mhz != frequency_mhz
+        if found:
+            self.obstacles.add(way)
+        return found
 
     def retire(self, request: Request, now: float) -> None:
         """Keep a request that is over, and forget the oldest of such if there are many."""

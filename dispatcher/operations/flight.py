@@ -140,8 +140,8 @@ class Flight:
             switch.lose(in_port, int(np.count_nonzero(photons)))
             self._absorb(beam.members)
             return
-        times_ns = self._departure.after(beam.delay_ns).times_ns
-        light = Light(beam.members, photons, times_ns, self._departure.frequency_mhz)
+        schedule = self._departure.after(beam.delay_ns)
+        light = Light(beam.members, photons, schedule, self._departure.frequency_mhz)
         random = self._chance(f"switch {beam.fibers_passed}")
         dark, lost = beam.members.copy(), photons
         for out_port, passed in switch.cross(in_port, light, random).items():
@@ -184,7 +184,7 @@ class Flight:
         width_rad_per_s = angular_width(block.pulses.bandwidth_nm)
         beam.dispersion_ps_per_nm += line.fiber.dispersion_ps_per_nm
         for name, model in line.noise.items():
-            if not _meets(block.pulses.encoding, model):
+            if not meets(block.pulses.encoding, model):
                 continue
             history = self._layer.history.of_model(line.near.node, line.near.port, name)
             place = block.draws_for(f"fiber {beam.fibers_passed} {name}")
@@ -236,7 +236,7 @@ class Flight:
             self.lost += self._layer.sabot.lose(self._block.register, photons)
 
 
-def _meets(encoding: str, model: NoiseModel) -> bool:
+def meets(encoding: str, model: NoiseModel) -> bool:
     """Return whether a noise model changes qubits of an encoding."""
     if isinstance(model, POLARIZED):
         return encoding == "polarization"

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from urllib.parse import quote
 from uuid import UUID
 
+from hosts.timeouts import KEY_MANAGER_TIMEOUT_S
 from wire.key_delivery import (
     MAX_ANSWER,
     DeliveredKey,
@@ -18,7 +19,6 @@ from wire.key_delivery import (
 )
 from wire.metadata import MalformedPacket
 
-TIMEOUT_S = 15.0
 OK = 200
 
 
@@ -47,7 +47,7 @@ class KeyClient:
     def _ask(self, sae: str, call: str, body: bytes) -> list[DeliveredKey]:
         path = f"/api/v1/keys/{quote(sae, safe='')}/{call}"
         connection = http.client.HTTPSConnection(
-            self.address, self.port, timeout=TIMEOUT_S, context=self._context()
+            self.address, self.port, timeout=KEY_MANAGER_TIMEOUT_S, context=self._context()
         )
         try:
             connection.request("POST", path, body, {"Content-Type": "application/json"})

@@ -6,9 +6,7 @@ from collections.abc import Sequence
 from typing import Protocol
 from uuid import UUID
 
-COMMAND_TIMEOUT_S = 10.0
-READY_TIMEOUT_S = 10.0
-POLL_S = 0.02
+from hosts.timeouts import COMMAND_TIMEOUT_S, TUNNEL_POLL_S, TUNNEL_TIMEOUT_S
 
 
 class Tunnel(Protocol):
@@ -46,13 +44,13 @@ def command(words: Sequence[str], given: bytes = b"") -> str:
 
 def wait_until_it_works(words: Sequence[str]) -> None:
     """Run a command until it succeeds, as it does when a program is ready; or raise TunnelError."""
-    deadline = time.monotonic() + READY_TIMEOUT_S
+    deadline = time.monotonic() + TUNNEL_TIMEOUT_S
     while True:
         try:
             command(words)
         except TunnelError:
             if time.monotonic() > deadline:
                 raise
-            time.sleep(POLL_S)
+            time.sleep(TUNNEL_POLL_S)
             continue
         return

@@ -22,14 +22,14 @@ from uuid import UUID
 
 from hosts.applications.key_client import KeyClient, NoKey
 from hosts.applications.strongswan import StrongSwan
-from hosts.applications.tunnel_commands import POLL_S, Tunnel, TunnelError
+from hosts.applications.tunnel_commands import Tunnel, TunnelError
 from hosts.applications.wireguard import WireGuard
+from hosts.timeouts import TUNNEL_POLL_S, TUNNEL_TIMEOUT_S
 from wire.config import BadConfig
 from wire.key_delivery import KeyRequest, decode_key_ids, encode_key_ids
 from wire.metadata import MalformedPacket
 from wire.vpn import AGREEMENT_PORT, STRONGSWAN, VpnConfig
 
-ANSWER_TIMEOUT_S = 10.0
 MAX_LINE = 256
 AGAIN_S = 0.25  # when no key could be had
 HANDSHAKE_S = 15.0
@@ -82,7 +82,7 @@ def lead(config: VpnConfig, keys: KeyClient, in_use: KeyInUse) -> None:
                 if not wanting:
                     say("no_key", text=str(error))
                 wanting, next_s = True, time.monotonic() + AGAIN_S
-        time.sleep(POLL_S)
+        time.sleep(TUNNEL_POLL_S)
 
 
 def change(config: VpnConfig, keys: KeyClient, in_use: KeyInUse) -> None:
@@ -94,7 +94,7 @@ def change(config: VpnConfig, keys: KeyClient, in_use: KeyInUse) -> None:
     while not in_use.tunnel.handshake_done():
         if time.monotonic() - begun > min(HANDSHAKE_S, in_use.lifetime_s):
             raise NoAgreement("no handshake with the new key")
-        time.sleep(POLL_S)
+        time.sleep(TUNNEL_POLL_S)
     say("handshake", key_ID=str(key.key_id), seconds=round(time.monotonic() - begun, 3))
 
 
@@ -102,7 +102,7 @@ def agree(other: str, key_id: UUID) -> None:
     """Tell the other end an id; return when it uses the key, or raise NoAgreement."""
     line = encode_key_ids([key_id]) + b"\n"
     try:
-        with socket.create_connection((other, AGREEMENT_PORT), ANSWER_TIMEOUT_S) as connection:
+        with socket.create_connection((other, AGREEMENT_PORT), TUNNEL_TIMEOUT_S) as connection:
             connection.sendall(line)
             if read_line(connection) != line:
                 raise NoAgreement("the other end has not taken the key")
@@ -113,7 +113,7 @@ def agree(other: str, key_id: UUID) -> None:
 def follow(config: VpnConfig, keys: KeyClient, in_use: KeyInUse) -> None:
     """Take the keys whose ids the other end says, for ever."""
     with socket.create_server((config.address, AGREEMENT_PORT)) as door:
-        door.settimeout(POLL_S)
+        door.settimeout(TUNNEL_POLL_S)
         while True:
             in_use.look()
             try:
@@ -127,7 +127,7 @@ def follow(config: VpnConfig, keys: KeyClient, in_use: KeyInUse) -> None:
 
 def take(config: VpnConfig, keys: KeyClient, in_use: KeyInUse, connection: socket.socket) -> None:
     """Use the key of the id that a connection says; say the id again."""
-    connection.settimeout(ANSWER_TIMEOUT_S)
+    connection.settimeout(TUNNEL_TIMEOUT_S)
     try:
         line = read_line(connection)
         (key_id,) = decode_key_ids(line)

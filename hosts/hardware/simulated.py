@@ -18,6 +18,7 @@ from hosts.hardware.qnic import (
     Coincidences,
     Directions,
     HardwareError,
+    Heralds,
     LocalGate,
     NoLight,
     Positions,
@@ -30,6 +31,7 @@ from hosts.timeouts import DISPATCHER_TIMEOUT_S
 from wire import dibits
 from wire.dispatcher_pb2 import (
     ApplyRequest,
+    AttemptRequest,
     BellMeasureRequest,
     BlockId,
     CreateRequest,
@@ -37,6 +39,7 @@ from wire.dispatcher_pb2 import (
     Feedback,
     Gate,
     GatherRequest,
+    HeraldRequest,
     Launch,
     LookRequest,
     MeasureRequest,
@@ -44,6 +47,7 @@ from wire.dispatcher_pb2 import (
     ReceiveRequest,
     ResendRequest,
     SendRequest,
+    SplitRequest,
     Step,
     StoreRequest,
     WatchRequest,
@@ -106,6 +110,22 @@ class SimulatedQnic:
             Step(create=create), Step(store=StoreRequest(block=near)), Step(send=send)
         )
         return _stored(stored.arrived, sent)
+
+    async def attempt(self, block: BlockName, port: str, wavelength_pm: int) -> None:
+        """Let qubits of the memory attempt to emit into a port."""
+        frequency = frequency_mhz(wavelength_pm)
+        attempt = AttemptRequest(block=_named(block), port=port, frequency_mhz=frequency)
+        await self._orders.perform(Step(attempt=attempt))
+
+    async def herald(
+        self, session: int, number: int, count: int, ports: tuple[str, str], timeout_s: float
+    ) -> Heralds:
+        """Herald pairs of qubits whose light comes to two ports."""
+        request = HeraldRequest(
+            session=session, number=number, count=count, ports=ports, timeout_s=timeout_s
+        )
+        (feedback,) = await self._orders.perform(Step(herald=request))
+        return Heralds(np.frombuffer(feedback.outcomes, dtype=np.uint8), feedback.attempts)
 
     async def modulate(
         self,
@@ -197,6 +217,12 @@ class SimulatedQnic:
         """Measure photons at this host and put new ones in their places."""
         resend = ResendRequest(block=_named(block), bases=bases.tobytes())
         (feedback,) = await self._orders.perform(Step(resend=resend))
+        return np.frombuffer(feedback.outcomes, dtype=np.uint8)
+
+    async def split(self, block: BlockName, into: BlockName) -> Symbols:
+        """Count photons of pulses at this host, and take one of several."""
+        split = SplitRequest(block=_named(block), into=_named(into))
+        (feedback,) = await self._orders.perform(Step(split=split))
         return np.frombuffer(feedback.outcomes, dtype=np.uint8)
 
     async def receive_into_memory(self, block: BlockName, port: str, timeout_s: float) -> Stored:

@@ -6,12 +6,13 @@ import struct
 import subprocess
 from pathlib import Path
 
+from hosts.timeouts import COMMAND_TIMEOUT_S
+
 DEVICE = Path("/dev/net/tun")
 TUNSETIFF = 0x400454CA  # linux/if_tun.h
 IFF_TUN, IFF_NO_PI = 0x0001, 0x1000
 REQUEST = struct.Struct("16sH22x")  # struct ifreq: name and flags
 IPV6 = "/proc/sys/net/ipv6/conf/{}/disable_ipv6"
-COMMAND_TIMEOUT_S = 10.0
 
 
 class TunError(Exception):

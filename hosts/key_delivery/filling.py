@@ -22,10 +22,9 @@ from hosts.key_delivery.delivery import KeyDelivery
 from hosts.key_delivery.sessions import Outcome, StackGone, hold, listening, offered
 from hosts.middleware.services.key_distribution.options import KeyOptions
 from hosts.network_loop import wall_sleep
-from hosts.timeouts import CHECK_PERIOD_S
+from hosts.timeouts import CHECK_PERIOD_S, FILLING_PAUSE_S
 from wire.key_manager import KEY_LINK_PORT, KeyLink, KeyManagerConfig
 
-MOST_PAUSE_S = 5.0  # of the network, after sessions that have failed
 PORTS = {"bb84": KEY_LINK_PORT, "bbm92": KEY_LINK_PORT + 1}
 
 
@@ -74,7 +73,7 @@ async def _keep(config: KeyManagerConfig, delivery: KeyDelivery, link: KeyLink) 
         port, options = PORTS[link.protocol], link.options
         outcome = await hold(config.stack, link.protocol, link.peer, port, options)
         note(delivery, link, outcome)
-        pause_s = min(2 * pause_s, MOST_PAUSE_S) if outcome.fault else link.pause_s
+        pause_s = min(2 * pause_s, FILLING_PAUSE_S) if outcome.fault else link.pause_s
         await asyncio.sleep(pause_s)
 
 

@@ -18,6 +18,7 @@ from netqasm.sdk.classical_communication.message import StructuredMessage
 from netqasm.sdk.classical_communication.socket import Socket as BaseSocket
 
 from hosts.netqasm_sdk.placement import Placement
+from hosts.timeouts import GREETING_TIMEOUT_S, JOIN_TIMEOUT_S, TEXT_PAUSE_S, TEXT_TIMEOUT_S
 from wire.metadata import MalformedPacket
 from wire.netqasm.texts import (
     GREETING,
@@ -30,10 +31,6 @@ from wire.netqasm.texts import (
     take_text,
 )
 
-JOIN_TIMEOUT_S = 60.0  # by the wall, until the other program is there
-CONNECT_TIMEOUT_S = 5.0
-GREETING_TIMEOUT_S = 1.0
-RETRY_PAUSE_S = 0.05
 MOST_JOINED = 256  # connections that no socket has taken up yet
 
 
@@ -186,12 +183,12 @@ class Socket(BaseSocket):
         deadline = time.monotonic() + limit_s
         while True:
             try:
-                connection = socket.create_connection(address, CONNECT_TIMEOUT_S)
+                connection = socket.create_connection(address, TEXT_TIMEOUT_S)
             except OSError as error:
                 if time.monotonic() > deadline:
                     text = f"{self.remote_app_name} did not listen at {address} in {limit_s:g} s"
                     raise TimeoutError(f"{text} ({error})") from error
-                time.sleep(RETRY_PAUSE_S)
+                time.sleep(TEXT_PAUSE_S)
             else:
                 greeting = Greeting(self.app_name, self.remote_app_name, self.id)
                 connection.sendall(encode_greeting(greeting))

@@ -18,9 +18,9 @@ from types import FrameType
 from scapy.layers.inet import IP, TCP
 from scapy.layers.l2 import ARP, Ether
 
+from qmn.timeouts import LIE_PERIOD_S
 from wire.metadata import METADATA_PORT, Service, Setup
 
-EVERY_S = 0.1  # between two lies
 BEFORE_TOLD = 20  # lies, more than a kernel overhears because it has asked a second ago
 FRAMES_A_SECOND = 500
 FIRST_PORT = 20_000
@@ -67,7 +67,7 @@ def poison(interface: str, victim: str, victim_mac: str, posed: str) -> int:
         while True:
             if time.monotonic() >= next_s:
                 channel.send(lie)
-                told, next_s = told + 1, next_s + EVERY_S
+                told, next_s = told + 1, next_s + LIE_PERIOD_S
                 if told == BEFORE_TOLD:
                     print("told", flush=True)
             if select.select([channel], [], [], max(0.0, next_s - time.monotonic()))[0]:

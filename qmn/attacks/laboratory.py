@@ -10,16 +10,15 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from qmn.timeouts import ATTACK_TIMEOUT_S, QUIET_S, TOLD_TIMEOUT_S
 from topologies.network import Network
-from topologies.programs import POLL_S, NetworkError, python
+from topologies.programs import NetworkError, python
+from topologies.timeouts import POLL_S
 from wire.controller_record import read_record
 
 FRAMES = [python(), "-m", "qmn.attacks.frames"]
 ATTACKER, VICTIM, POSED = "charlie", "bob", "alice"
-TOLD_TIMEOUT_S = 20.0
-END_TIMEOUT_S = 60.0
 PINGS_A_SECOND = 10
-QUIET_S = 1.5  # without news before what has come of it is counted
 DECIDED = ("granted", "refused", "forbidden")
 
 
@@ -44,7 +43,7 @@ def arp_spoofing(network: Network, pings: int) -> int:
             victim.cmd(f"ping -c {pings} -i {1 / PINGS_A_SECOND:g} -W 1 {posed.IP()}")
         finally:
             liar.terminate()
-        said, errors = liar.communicate(timeout=END_TIMEOUT_S)
+        said, errors = liar.communicate(timeout=ATTACK_TIMEOUT_S)
     return figure(said + errors)
 
 
@@ -90,7 +89,7 @@ def flood(network: Network, what: str, count: int, *words: str) -> None:
     attacker, victim = network.host(ATTACKER), network.host(VICTIM)
     command = [*FRAMES, what, str(attacker.defaultIntf()), str(count), victim.MAC(), *words]
     with attacker.popen(command, text=True) as sender:
-        said, errors = sender.communicate(timeout=END_TIMEOUT_S)
+        said, errors = sender.communicate(timeout=ATTACK_TIMEOUT_S)
     if figure(said + errors) != count:
         raise NetworkError(f"{ATTACKER} could not send {count} frames: {said}{errors}")
 
@@ -118,7 +117,7 @@ def figure(said: str) -> int:
 def settled(network: Network, count: Callable[[], int]) -> int:
     """Return a count that has stayed what it is for a while."""
     last, since = count(), time.monotonic()
-    deadline = since + END_TIMEOUT_S
+    deadline = since + ATTACK_TIMEOUT_S
     while time.monotonic() - since < QUIET_S and time.monotonic() < deadline:
         network.check()
         time.sleep(POLL_S)

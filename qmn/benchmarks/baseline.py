@@ -10,8 +10,9 @@ import select
 import socket
 import time
 
+from qmn.timeouts import TURN_TIMEOUT_S
+
 PORT = 9011
-ANSWER_TIMEOUT_S = 5.0
 
 
 def serve(address: str) -> None:
@@ -34,7 +35,7 @@ def connects(count: int, address: str) -> float:
     """Return the mean time of a TCP connect and of the close at both ends."""
     started = time.perf_counter()
     for _ in range(count):
-        with socket.create_connection((address, PORT), ANSWER_TIMEOUT_S) as connection:
+        with socket.create_connection((address, PORT), TURN_TIMEOUT_S) as connection:
             connection.shutdown(socket.SHUT_WR)
             connection.recv(1)
     return (time.perf_counter() - started) / count
@@ -48,7 +49,7 @@ def packet_ins(count: int, broadcast: str) -> float:
     """
     asker = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     asker.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
-    asker.settimeout(ANSWER_TIMEOUT_S)
+    asker.settimeout(TURN_TIMEOUT_S)
     started = time.perf_counter()
     for number in range(count):
         asker.sendto(number.to_bytes(4, "big"), (broadcast, PORT))

@@ -24,8 +24,8 @@ from controller_apps.openflow.framework import (
     parser,
 )
 from controller_apps.sessions.actions import OpenPaths
+from qmn.timeouts import TURN_TIMEOUT_S
 
-TURN_TIMEOUT_S = 10.0
 SESSION, MISS = 1, 2  # cookies: of the entries that come and go, and of the one that stays
 FRAME = bytes.fromhex("020000000001 020000000002 88b5") + bytes(46)  # local experimental EtherType
 PORT = 1

@@ -6,6 +6,7 @@ from itertools import count
 
 import grpc
 
+from qmn.timeouts import CALL_TIMEOUT_S
 from topologies.runtime import Runtime
 from wire.dispatcher_pb2 import (
     BellMeasureRequest,
@@ -20,7 +21,6 @@ from wire.dispatcher_service import RUNNER, metadata
 SESSION = 1
 BLOCK_PAIRS = 1000
 ROUNDS = 100
-CALL_TIMEOUT_S = 30.0
 
 
 def cost_by_live_pairs(runtime: Runtime, amounts: list[int]) -> Iterator[tuple[int, float, float]]:

@@ -8,15 +8,15 @@ from functools import partial
 from pathlib import Path
 
 from qmn.benchmarks.path_setups import path_setups
+from qmn.timeouts import IDLE_S
 from topologies.network import Network, Signals
 from topologies.owners import marked
-from topologies.programs import POLL_S
 from topologies.runtime import Runtime
+from topologies.timeouts import POLL_S
 from topologies.tree import TreeTopo
 
 HOSTS_AT_A_SWITCH = 4
 SETUPS = 50
-IDLE_S = 5.0
 CONTROLLER = "c0"
 USER_TICKS, SYSTEM_TICKS = 11, 12  # fields of /proc/PID/stat after the name
 

@@ -4,10 +4,10 @@ import time
 from dataclasses import dataclass, field
 
 from qmn.results.result import percentiles
+from qmn.timeouts import MEASURE_TIMEOUT_S
 from topologies.network import Network
-from topologies.programs import POLL_S, NetworkError, Program
-
-TIMEOUT_S = 60.0
+from topologies.programs import NetworkError, Program
+from topologies.timeouts import POLL_S
 
 
 @dataclass
@@ -37,11 +37,11 @@ class Times:
 
 def finish(network: Network, program: Program) -> str:
     """Wait for the end of a program and return the last line that it printed."""
-    deadline = time.monotonic() + TIMEOUT_S
+    deadline = time.monotonic() + MEASURE_TIMEOUT_S
     while program.running:
         network.check()
         if time.monotonic() > deadline:
-            raise NetworkError(f"{program.name} did not end in {TIMEOUT_S:g} s")
+            raise NetworkError(f"{program.name} did not end in {MEASURE_TIMEOUT_S:g} s")
         time.sleep(POLL_S)
     if program.status:
         raise NetworkError(f"{program.name} failed: {program.end()}")

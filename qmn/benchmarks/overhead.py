@@ -1,5 +1,7 @@
 """The cost of captures, events and records: runs with them beside runs without.
 
+And beside stim's batch sampler, which makes pairs without any network, in the same rounds.
+
 Runs of all kinds take turns, in both orders, so that a machine that gets slower, or still has to
 bring to the disk what the run before has written, slows all of them alike.
 """
@@ -13,12 +15,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from qmn.benchmarks.batch_sampler import sampled_pairs_per_s
+from qmn.timeouts import RUN_TIMEOUT_S
 from topologies.network import Signals
 from topologies.programs import NetworkError, python
 
 MESSAGE_BYTES = 4 << 20
 ROUNDS = 5
-TIMEOUT_S = 120.0
 NO_CAPTURES, NO_EVENTS, NO_RECORD = "--no-capture", "--no-events", "--no-record"
 NOTHING, EVERYTHING = "nothing written", "everything written"
 KINDS: dict[str, tuple[str, ...]] = {
@@ -46,13 +49,16 @@ def overhead_figures(folder: Path, signals: Signals) -> Iterator[tuple[str, str]
     file = folder / "message"
     file.write_bytes(os.urandom(MESSAGE_BYTES))
     rounds: list[Round] = []
+    sampled: list[float] = []
     for number in range(ROUNDS):
         measured: Round = {}
         for kind in order(number):
             signals.check()
             measured[kind] = measure(file, folder / "overhead", KINDS[kind])
         rounds.append(measured)
+        sampled.append(sampled_pairs_per_s())
     yield from figures(rounds)
+    yield from beside_sampler(rounds, sampled)
 
 
 def order(number: int) -> list[str]:
@@ -71,6 +77,16 @@ def figures(rounds: list[Round]) -> Iterator[tuple[str, str]]:
     yield "  packets not captured", f"{missed:,}"
 
 
+def beside_sampler(rounds: list[Round], sampled: list[float]) -> Iterator[tuple[str, str]]:
+    """Yield the sampler's median rate, and what a network makes of it that writes everything."""
+    yield "stim's batch sampler, no network", f"{statistics.median(sampled):,.0f} Bell pairs/s"
+    shares = [
+        each[EVERYTHING].pairs_per_s / rate for each, rate in zip(rounds, sampled, strict=True)
+    ]
+    share = f"{statistics.median(shares):.2f} ({min(shares):.2f} to {max(shares):.2f})"
+    yield f"  times that, {EVERYTHING}", share
+
+
 def measure(file: Path, runs: Path, options: Sequence[str]) -> Measured:
     """Send the file in one run, timed from the first byte to the verified last."""
     words = ["run", "sdc", "--file", str(file), "--runs", str(runs), *options]
@@ -80,10 +96,10 @@ def measure(file: Path, runs: Path, options: Sequence[str]) -> Measured:
             capture_output=True,
             text=True,
             check=False,
-            timeout=TIMEOUT_S,
+            timeout=RUN_TIMEOUT_S,
         )
     except subprocess.TimeoutExpired as error:
-        raise NetworkError(f"qmn run sdc {' '.join(options)} took {TIMEOUT_S:g} s") from error
+        raise NetworkError(f"qmn run sdc {' '.join(options)} took {RUN_TIMEOUT_S:g} s") from error
     if done.returncode:
         raise NetworkError(f"qmn run sdc failed: {done.stderr.strip()}")
     result = json.loads((runs / "latest" / "result.json").read_text())

@@ -10,9 +10,9 @@ import json
 import os
 
 from controller_apps.__main__ import load_framework, read_address, wait_until_listening
+from qmn.timeouts import MEASURE_TIMEOUT_S
 
 WHAT = ("learning", "bundle", "full")
-TIMEOUT_S = 60.0
 
 
 def main() -> None:
@@ -39,7 +39,7 @@ def main() -> None:
     )
     wait_until_listening(framework, host, port)
     print("ready", flush=True)
-    print(json.dumps(apps["Baseline"].times_ms.get(timeout=TIMEOUT_S)), flush=True)
+    print(json.dumps(apps["Baseline"].times_ms.get(timeout=MEASURE_TIMEOUT_S)), flush=True)
 
 
 if __name__ == "__main__":

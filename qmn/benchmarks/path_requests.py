@@ -14,6 +14,7 @@ import time
 from pathlib import Path
 from typing import BinaryIO
 
+from qmn.timeouts import CLOSE_TIMEOUT_S, PATH_POLL_S, TURN_TIMEOUT_S
 from wire.metadata import (
     METADATA_PORT,
     Answer,
@@ -26,9 +27,6 @@ from wire.metadata import (
     message_length,
 )
 
-ANSWER_TIMEOUT_S = 10.0
-CLOSE_TIMEOUT_S = 5.0
-POLL_S = 0.0002
 CHUNK = 4096
 
 
@@ -58,7 +56,7 @@ def ask(session: int, receiver: str, source: str) -> socket.socket:
     """Return a connection whose set-up message the controller has granted."""
     setup = Setup(session, Service.SDC, Handshake.FRAMED, source, 64, 64, 1_000_000)
     connection = socket.socket()
-    connection.settimeout(ANSWER_TIMEOUT_S)
+    connection.settimeout(TURN_TIMEOUT_S)
     connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 0)  # as hosts' stacks do
     connection.connect((receiver, METADATA_PORT))
     connection.sendall(setup.encode())
@@ -91,7 +89,7 @@ def wait_until_closed(openings: Openings) -> None:
         if time.monotonic() > deadline:
             left = openings.opened - openings.closed
             raise NoPath(f"{left} cross-connects stay open after {CLOSE_TIMEOUT_S:g} s")
-        time.sleep(POLL_S)
+        time.sleep(PATH_POLL_S)
         openings.read()
 
 

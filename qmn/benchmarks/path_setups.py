@@ -6,13 +6,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from qmn.benchmarks.measurement import Times, finish, seconds_of
+from qmn.timeouts import BASELINE_READY_TIMEOUT_S
 from topologies import openvswitch
 from topologies.network import Network
 from topologies.programs import NetworkError, Program, python
 from topologies.runtime import free_port
 from wire.controller_record import read_record
 
-READY_TIMEOUT_S = 20.0
 BRIDGE = "qmn-baseline"
 
 
@@ -65,7 +65,7 @@ def start_baseline(network: Network, baseline: Baseline, port: int) -> Program:
     command += [baseline.what, str(baseline.count)]
     command += ["--ports", str(baseline.ports), "--period-s", str(baseline.period_s)]
     program = network.run_beside(f"baseline-{baseline.what}-{port}", command)
-    program.wait_for("ready", READY_TIMEOUT_S)
+    program.wait_for("ready", BASELINE_READY_TIMEOUT_S)
     return program
 
 

@@ -4,10 +4,10 @@ import threading
 from typing import Any
 
 from hosts.service_socket import ServiceSocket
+from qmn.timeouts import MEASURE_TIMEOUT_S
 from topologies.network import Network
 
 PORT = 9
-TIMEOUT_S = 60.0
 
 
 def one_session(network: Network, service: str, **options: Any) -> dict[str, Any]:
@@ -17,14 +17,14 @@ def one_session(network: Network, service: str, **options: Any) -> dict[str, Any
         ServiceSocket(network.runtime.socket("alice")) as asking,
     ):
         for end in (listener, asking):
-            end.settimeout(TIMEOUT_S)
+            end.settimeout(MEASURE_TIMEOUT_S)
         listener.listen(PORT, service)
         accepting = threading.Thread(target=_take_part, args=(listener,))
         accepting.start()
         for _result in asking.request(service, ("bob", PORT), **options):
             continue
         asking.shutdown()  # of what it leaves, if it leaves anything
-        accepting.join(TIMEOUT_S)
+        accepting.join(MEASURE_TIMEOUT_S)
         return asking.summary
 
 

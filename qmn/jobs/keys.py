@@ -19,7 +19,7 @@ from qmn.options import check_ranges
 from qmn.results import result
 from topologies.key_managers import KeyManagers, KeyService, application_name, start_key_managers
 from topologies.network import Interrupted, Network, Signals, require_root
-from topologies.programs import POLL_S
+from topologies.timeouts import POLL_S
 from wire.parameters.option import option
 
 NAME = "keys"
@@ -77,7 +77,7 @@ def run(request: KeysRequest, signals: Signals, console: Console) -> int:
     own = {name: getattr(request.keys, name) for name in PARAMETERS}
     own |= vars(request.eve) if request.eve.eve is not None else {}
     facts = {"service": NAME, **known_facts(context, own), "delivered": False}
-    with ending(folder, facts, result.complete):
+    with ending(folder, facts, result.complete, context.options.report):
         with running_network(context, facts) as network:
             managers = start_key_managers(network, service)
             introduce(console, managers)

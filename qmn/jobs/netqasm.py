@@ -27,13 +27,12 @@ from qmn.network.description import describe_network
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput, check_ranges
 from qmn.results import result
+from qmn.timeouts import NETQASM_STALL_TIMEOUT_S
 from topologies.network import Network, Signals, require_root
 from topologies.programs import NetworkError, Program, python
 from wire.parameters.option import option
 
 PREFIX, SUFFIX = "app_", ".py"
-# Longer than what units wait for each other, so that they can say what is missing.
-STALL_TIMEOUT_S = 180.0
 MOST_SHOWN = 3  # rounds
 
 
@@ -85,7 +84,10 @@ def run(request: NetqasmRequest, signals: Signals, console: Console) -> int:
         "roles": dict(application.hosts),
         "outputs": [],
     }
-    with ending(folder, facts, result.complete), running_network(context, facts) as network:
+    with (
+        ending(folder, facts, result.complete, context.options.report),
+        running_network(context, facts) as network,
+    ):
         console.print(f"{application.folder.name}: {told(application.hosts)}")
         play(application, network, folder, facts["outputs"])
         facts["delivered"] = True
@@ -166,7 +168,7 @@ def play(
             outputs[number][roles[program.name]] = fields["output"]
 
     try:
-        follow_all(network, list(programs.values()), note, STALL_TIMEOUT_S)
+        follow_all(network, list(programs.values()), note, NETQASM_STALL_TIMEOUT_S)
     except (TransferError, NetworkError):
         network.explain()
         raise

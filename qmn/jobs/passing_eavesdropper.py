@@ -12,10 +12,10 @@ from pathlib import Path
 from controller_apps.policy.policy import DEFAULT
 from qmn.jobs import eavesdropping
 from qmn.jobs.moments import Moments
-from qmn.jobs.transfer import START_TIMEOUT_S
 from qmn.live.controller_console import ask
 from qmn.network.description import NetworkDescription
 from qmn.options import BadInput, check_ranges
+from qmn.timeouts import START_TIMEOUT_S
 from topologies.network import Network
 from topologies.programs import Program, python
 from wire.parameters.option import option

@@ -97,14 +97,48 @@ VERBS: Mapping[str, Verb] = MappingProxyType(
                     "metavar": "P",
                     "help": f"that the key is not secret, at most ({KEYS.epsilon:g})",
                 },
+                "chsh_fraction": {
+                    "metavar": "F",
+                    "help": "e91: of the receiver's photons, for the CHSH test "
+                    f"({KEYS.chsh_fraction:g})",
+                },
+                "chsh_margin": {
+                    "metavar": "M",
+                    "help": "e91: no key unless S is above 2 by this, or by five standard errors "
+                    f"({KEYS.chsh_margin:g})",
+                },
                 "bound": {
                     "choices": tuple(BOUNDS),
                     "help": f"of the key's length: proven, or that of endless keys ({KEYS.bound})",
                 },
             },
-            ("bb84", "bbm92"),
+            ("bb84", "bbm92", "e91"),
             eavesdropper=True,
             keys=True,
+        ),
+        "seal": Verb(
+            "watch a fibre by entangled pairs",
+            "compared",
+            {
+                "whole_error": {
+                    "metavar": "P",
+                    "help": "part of the pairs that differ though nobody is there, at most (0.01)",
+                },
+                "fraction": {
+                    "metavar": "F",
+                    "help": "of the photons that an intruder measures, who is to be found (0.25)",
+                },
+                "false_alarm": {
+                    "metavar": "P",
+                    "help": "that a test of a whole fibre ends in an alarm, at most (1e-06)",
+                },
+                "missed": {
+                    "metavar": "P",
+                    "help": "that a test takes such an intruder for nobody, at most (0.01)",
+                },
+            },
+            eavesdropper=True,
+            source=True,
         ),
     }
 )

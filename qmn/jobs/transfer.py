@@ -5,13 +5,13 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from qmn.timeouts import STALL_TIMEOUT_S
 from topologies.network import Network
-from topologies.programs import POLL_S, NetworkError, Program
+from topologies.programs import NetworkError, Program
+from topologies.timeouts import POLL_S
 from wire.controller_record import read_record
 from wire.metadata import Reason
 
-START_TIMEOUT_S = 15.0
-STALL_TIMEOUT_S = 60.0
 APPLICATION_PORT = 7
 BROKEN = (Reason.FIBER_CUT.name, Reason.PATH_BROKEN.name)
 

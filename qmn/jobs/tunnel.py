@@ -10,7 +10,7 @@ from typing import Any
 
 from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey
 
-from qmn.jobs.transfer import START_TIMEOUT_S
+from qmn.timeouts import START_TIMEOUT_S
 from topologies.key_managers import KeyManagers, application_name
 from topologies.network import Network
 from topologies.programs import NetworkError, Program, python

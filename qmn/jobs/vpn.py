@@ -27,7 +27,8 @@ from qmn.options import BadInput, check_ranges
 from qmn.results import result
 from topologies.key_managers import KeyService, start_key_managers
 from topologies.network import Network, Signals, require_root
-from topologies.programs import POLL_S, NetworkError, Program
+from topologies.programs import NetworkError, Program
+from topologies.timeouts import POLL_S
 from wire.key_manager import KeyLink
 from wire.parameters.option import option
 from wire.vpn import PROGRAMS, STRONGSWAN, WIREGUARD
@@ -116,7 +117,7 @@ def run(request: VpnRequest, signals: Signals, console: Console) -> int:
     eve = passing_eve(request, description, folder)
     context = RunContext(eve.with_policy(description), request.run, folder, signals, console)
     facts = {"service": NAME, **known_facts(context, parameters(request)), "delivered": False}
-    with ending(folder, facts, result.complete):
+    with ending(folder, facts, result.complete, context.options.report):
         with running_network(context, facts) as network:
             use_network(request, network, eve, context, facts)
         facts["delivered"] = facts["asking"]["file_intact"]

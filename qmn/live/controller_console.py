@@ -8,11 +8,11 @@ from typing import Any
 
 from rich.console import Console
 
+from qmn.timeouts import CONSOLE_TIMEOUT_S
 from topologies.runtime import CONSOLE, RUNTIME_ROOT, folders_of_running
 from wire.console import ConsoleError, decode_answer, encode_request
 from wire.metadata import MalformedPacket
 
-ANSWER_TIMEOUT_S = 10.0
 CHUNK = 1 << 16
 WIDTH = 200  # where it is not a terminal's
 
@@ -26,7 +26,7 @@ def ask(command: str, **fields: Any) -> Any:
     path = find_console()
     try:
         with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as console:
-            console.settimeout(ANSWER_TIMEOUT_S)
+            console.settimeout(CONSOLE_TIMEOUT_S)
             console.connect(str(path))
             console.sendall(encode_request(command, **fields))
             return decode_answer(b"".join(iter(lambda: console.recv(CHUNK), b"")))

@@ -6,6 +6,7 @@ from typing import Any
 
 import grpc
 
+from qmn.timeouts import DISPATCHER_TIMEOUT_S
 from topologies.network import Network
 from topologies.programs import NetworkError
 from topologies.runtime import DISPATCHER
@@ -21,14 +22,12 @@ from wire.dispatcher_pb2 import (
 from wire.dispatcher_pb2_grpc import DispatcherStub
 from wire.dispatcher_service import RUNNER, metadata
 
-DEADLINE_S = 15.0
-
 
 @contextmanager
 def _asking(network: Network) -> Iterator[tuple[Any, dict[str, Any]]]:
     """Yield a stub and the options of a call; raise NetworkError if it is not answered."""
     runtime = network.runtime
-    options = {"timeout": DEADLINE_S, "metadata": metadata(runtime.token(RUNNER))}
+    options = {"timeout": DISPATCHER_TIMEOUT_S, "metadata": metadata(runtime.token(RUNNER))}
     with grpc.insecure_channel(f"unix:{runtime.socket(DISPATCHER)}") as channel:
         try:
             yield DispatcherStub(channel), options  # type: ignore[no-untyped-call]

@@ -10,6 +10,7 @@ import grpc
 
 from hosts.quantum_socket import QuantumSocket, QuantumSocketError, StackEnded
 from qmn.live.unread_events import Unread
+from qmn.timeouts import WATCH_POLL_S, WATCH_TIMEOUT_S
 from topologies.programs import NetworkError
 from wire.config import DispatcherConfig
 from wire.dispatcher_pb2 import Event, WatchRequest
@@ -19,8 +20,6 @@ from wire.events import decode_record
 from wire.pcapng import LINKTYPE_USER0, Reader
 
 T = TypeVar("T")
-CONNECT_TIMEOUT_S = 5.0
-POLL_S = 0.05
 RESULT = "result.json"  # written when a run has ended
 ENDED = (grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.CANCELLED)
 
@@ -33,10 +32,10 @@ def attached(config: DispatcherConfig, request: WatchRequest) -> Iterator[Event]
     """
     with grpc.insecure_channel(f"unix:{config.socket}", options=CHANNEL_OPTIONS) as channel:
         try:
-            grpc.channel_ready_future(channel).result(CONNECT_TIMEOUT_S)
+            grpc.channel_ready_future(channel).result(WATCH_TIMEOUT_S)
         except grpc.FutureTimeoutError as error:
             raise NetworkError(
-                f"the dispatcher at {config.socket} does not answer in {CONNECT_TIMEOUT_S:g} s; "
+                f"the dispatcher at {config.socket} does not answer in {WATCH_TIMEOUT_S:g} s; "
                 "has the network ended?"
             ) from error
         stub = DispatcherStub(channel)  # type: ignore[no-untyped-call]
@@ -83,7 +82,7 @@ def recorded(file: Path, follow: bool) -> Iterator[Event]:
                     yield decode_record(packet.data)
             if ended:
                 return
-            time.sleep(POLL_S)
+            time.sleep(WATCH_POLL_S)
 
 
 def single(wanted: Collection[T] | None, every: T) -> T:

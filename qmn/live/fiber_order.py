@@ -7,13 +7,13 @@ from typing import Any
 import grpc
 
 from qmn.live.running import dispatcher_of_running_network
+from qmn.timeouts import ORDER_TIMEOUT_S
 from topologies.programs import NetworkError
 from wire.config import DispatcherConfig
 from wire.dispatcher_pb2 import AdjustFiberRequest
 from wire.dispatcher_pb2_grpc import DispatcherStub
 from wire.dispatcher_service import RUNNER, metadata
 
-DEADLINE_S = 5.0
 NO_CAUSE = (grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.DEADLINE_EXCEEDED)
 
 
@@ -46,7 +46,7 @@ def send(config: DispatcherConfig, request: AdjustFiberRequest) -> int:
         stub = DispatcherStub(channel)  # type: ignore[no-untyped-call]
         try:
             token = metadata(config.tokens[RUNNER])
-            reply = stub.AdjustFiber(request, timeout=DEADLINE_S, metadata=token)
+            reply = stub.AdjustFiber(request, timeout=ORDER_TIMEOUT_S, metadata=token)
         except grpc.RpcError as error:
             if error.code() in NO_CAUSE:
                 raise NetworkError(

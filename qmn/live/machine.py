@@ -16,6 +16,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from qmn.live.running import dispatcher_of_running_network
+from qmn.timeouts import TRY_TIMEOUT_S
 from topologies import leftovers, openvswitch
 from topologies.network import interfaces_of
 from topologies.programs import ROOT, NetworkError
@@ -23,7 +24,6 @@ from topologies.runtime import RUNTIME_ROOT
 from wire.parameters.network import OPENFLOW_PORT
 
 WORKS, LIMITED, FAILS, UNCHECKED = "works", "limited", "fails", "unchecked"
-TRY_TIMEOUT_S = 15.0
 NAMES_OF_DEMO = ("s1", "q1")
 SETUP = "run `make setup`"
 SUDO = "run it with sudo"

@@ -58,6 +58,9 @@ def check_two_hosts(sender: str, receiver: str, hosts: Sequence[str]) -> None:
     """Raise BadInput unless both are of these hosts, and not the same."""
     for name in (sender, receiver):
         if name not in hosts:
-            raise BadInput(f"unknown host {name!r}: choose one of {', '.join(hosts)}")
+            known = ", ".join(hosts)
+            raise BadInput(
+                f"unknown host {name!r}: choose sender and receiver (--from, --to) of {known}"
+            )
     if sender == receiver:
         raise BadInput(f"sender and receiver are both {sender}: choose two hosts")

@@ -9,7 +9,8 @@ from typing import Any
 
 from hosts.applications.carrying import CHUNK_BYTES
 from hosts.quantum_socket import QuantumSocket, QuantumSocketError
-from qmn.jobs.transfer import APPLICATION_PORT, STALL_TIMEOUT_S, TransferError, with_elements
+from qmn.jobs.transfer import APPLICATION_PORT, TransferError, with_elements
+from qmn.timeouts import STALL_TIMEOUT_S
 from topologies.network import Network
 
 READ_BYTES = 1 << 16

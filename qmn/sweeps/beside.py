@@ -19,11 +19,11 @@ from qmn.sweeps.grid import Grid, Measurer, Row
 from qmn.sweeps.parameters import Values
 from qmn.sweeps.running import estimates
 from qmn.sweeps.seeds import point_seed
+from qmn.timeouts import SWEEP_POLL_S
 from topologies.apart import apart
 from topologies.network import require_root
 from topologies.programs import ROOT, NetworkError, cause, python
 
-POLL_S = 0.1
 PROGRAM = "qmn.sweeps.emulated_point"
 
 
@@ -105,6 +105,6 @@ def _as_they_come(
     left = set(asked)
     while left:
         check()
-        done, left = wait(left, POLL_S, FIRST_COMPLETED)
+        done, left = wait(left, SWEEP_POLL_S, FIRST_COMPLETED)
         for future in done:
             yield asked[future], estimates(future.result())

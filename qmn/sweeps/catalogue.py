@@ -13,8 +13,11 @@ from qmn.sweeps.gated_bell import GATED_BELL
 from qmn.sweeps.interference import HOM
 from qmn.sweeps.multi_pair import MULTI_PAIR
 from qmn.sweeps.parameters import Values
+from qmn.sweeps.photon_splitting import PHOTON_SPLITTING
 from qmn.sweeps.polarization import MODES, POLARIZATION
+from qmn.sweeps.seal import SEAL
 from qmn.sweeps.seeds import point_seed
+from qmn.sweeps.spied_pairs import SPIED_PAIRS
 from qmn.sweeps.superdense import SUPERDENSE
 from qmn.sweeps.teleportation import SWAP, TELEPORT
 from qmn.sweeps.timing import TIMING
@@ -28,6 +31,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         TELEPORT,
         SWAP,
         CHSH,
+        SPIED_PAIRS,
         HOM,
         DEAD,
         GATED_BELL,
@@ -36,11 +40,13 @@ EXPERIMENTS: dict[str, Experiment] = {
         MULTI_PAIR,
         WEAK_PULSES,
         DECOY_STATES,
+        PHOTON_SPLITTING,
         POLARIZATION,
         MODES,
         TIMING,
         DELAY_LINE,
         LIGHT,
+        SEAL,
     )
 }
 

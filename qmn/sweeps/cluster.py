@@ -17,10 +17,8 @@ from distributed import Client, Future, LocalCluster, Security
 from qmn.sweeps.catalogue import measure
 from qmn.sweeps.experiment import Experiment, SweepError
 from qmn.sweeps.parameters import Values
+from qmn.timeouts import CLUSTER_TIMEOUT_S, NO_WORKER_TIMEOUT_S, SWEEP_POLL_S
 
-POLL_S = 0.1
-CONNECT_TIMEOUT_S = 10.0
-NO_WORKER_TIMEOUT_S = 30.0
 HTTP_ADDRESS = "127.0.0.1:0"  # any free port: the scheduler insists on serving its state there
 LOG_LEVEL = 50  # critical: what concerns the user is raised
 
@@ -60,7 +58,7 @@ def remote_client(scheduler: str) -> Iterator[Client]:
     """Connect to the scheduler of a cluster, such as tcp://10.0.0.1:8786."""
     logging.getLogger("distributed").setLevel(LOG_LEVEL)
     try:
-        client = Client(scheduler, timeout=CONNECT_TIMEOUT_S)
+        client = Client(scheduler, timeout=CLUSTER_TIMEOUT_S)
     except (OSError, ValueError) as error:
         raise SweepError(
             f"no Dask scheduler answers at {scheduler}: start `dask scheduler` there, or leave "
@@ -90,7 +88,7 @@ def measured(
         while left:
             check()
             try:
-                future = done.get(timeout=POLL_S)
+                future = done.get(timeout=SWEEP_POLL_S)
             except queue.Empty:
                 workers.require_some()
                 continue

@@ -5,12 +5,12 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from random import Random
 
+from qmn.timeouts import LOAD_CHECK_S
 from qmn.traffic.plan import Planned
 from qmn.traffic.session import BLOCKED, NO_IDLE_HOST, Outcome, SessionRun, Wanted
 
 FIRST_PORT = 10_000
 PORTS = 50_000
-CHECK_S = 0.05  # by the wall
 
 
 class Driver:
@@ -92,4 +92,4 @@ class Driver:
 async def _checking(check: Callable[[], None]) -> None:
     while True:
         check()
-        await asyncio.sleep(CHECK_S)
+        await asyncio.sleep(LOAD_CHECK_S)

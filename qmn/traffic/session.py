@@ -6,13 +6,13 @@ from contextlib import AsyncExitStack
 from dataclasses import dataclass, field
 from typing import Any
 
+from qmn.timeouts import LOAD_LIMIT_S
 from qmn.traffic.plan import Planned
 from qmn.traffic.stack_calls import Refused, StackCalls, calls
 from wire.socket_calls import Call
 
 ACCEPTED, BLOCKED, LATE, BROKEN = "accepted", "blocked", "late", "broken"
 NO_IDLE_HOST, NO_END = "NO_IDLE_HOST", "NO_END"  # reasons of our own, beside wire.metadata.Reason
-LIMIT_S = 120.0  # of the network, for a session beside its holding time
 BASES = ("X", "Y", "Z")
 AGREE = {"X": True, "Y": False, "Z": True}  # whether both halves of Phi+ tell the same
 
@@ -63,7 +63,7 @@ class SessionRun:
         """Ask, hold, end; the outcome says how that went, whatever it was."""
         planned, told = self._outcome.planned, self._outcome
         try:
-            async with asyncio.timeout((planned.holding_s + LIMIT_S) * self._scale):
+            async with asyncio.timeout((planned.holding_s + LOAD_LIMIT_S) * self._scale):
                 await self._take_part()
             told.outcome = ACCEPTED
         except Refused as error:

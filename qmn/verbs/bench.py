@@ -24,6 +24,7 @@ from qmn.benchmarks.physical_layer import physical_layer_figures
 from qmn.benchmarks.sabot_speed import sabot_speed
 from qmn.benchmarks.swap_rates import swap_figures
 from qmn.benchmarks.teleport_rates import teleport_figures
+from qmn.timeouts import MEASURE_TIMEOUT_S
 from topologies.network import Interrupted, Network, Signals, require_root
 from topologies.programs import NetworkError, python
 from topologies.runtime import Runtime
@@ -32,7 +33,6 @@ from topologies.tree import LEAST_HOSTS, MOST_HOSTS
 
 MEBIBYTE = 1 << 20
 PAIRS_PER_BYTE = 4
-MEASURE_TIMEOUT_S = 60.0
 BROADCAST = "10.0.0.255"
 LIVE_PAIRS = [100, 1_000, 10_000, 100_000, 1_000_000]
 PACKET_INS_PER_PAIR = 2  # the set-up message, and the end of its connection

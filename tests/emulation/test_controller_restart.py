@@ -13,10 +13,10 @@ from fabric_scene import Session, facts, light_paths, running, session
 
 from hosts.quantum_socket import QuantumSocketError
 from topologies.network import Network
-from topologies.nodes.node import READY_TIMEOUT_S
 from topologies.programs import python
 from topologies.ring import RingTopo
 from topologies.sdc import SdcTopo
+from topologies.timeouts import READY_TIMEOUT_S
 from wire.metadata import Reason
 
 BOTH = pytest.mark.parametrize("framework", ["ryu", "os-ken"])

@@ -3,7 +3,7 @@
 import json
 import subprocess
 import sys
-from math import sqrt
+from math import exp, sqrt
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +15,22 @@ import wire.dissection.scapy_layers  # noqa: F401 (binds the layers)
 from wire.dissection.scapy_keys import QKey, key_messages
 from wire.qkd import Confirm, Proposal
 
-FIBERS = {"bb84": 2, "bbm92": 4}  # that two correlated outcomes have passed together
+FIBERS = {"bb84": 2, "bbm92": 4, "e91": 4}  # that two correlated outcomes have passed together
 
 
 def run_qkd(runs: Path, *words: str) -> tuple[subprocess.CompletedProcess[str], dict[str, Any]]:
     """Distribute keys; return what was said, and the result."""
-    command = [sys.executable, "-m", "qmn", "run", "qkd", *words, "--runs", str(runs)]
+    command = [
+        sys.executable,
+        "-m",
+        "qmn",
+        "run",
+        "qkd",
+        *words,
+        "--no-report",
+        "--runs",
+        str(runs),
+    ]
     done = subprocess.run(
         command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=90
     )
@@ -111,6 +121,18 @@ def test_eve_on_the_fibre_causes_a_quarter_of_her_fraction_in_errors(
     assert abs(eve["measured"] - fraction * eve["photons"]) < spread
 
 
+def test_s_of_e91_is_that_of_pairs_of_which_eve_has_measured_some(tmp_path: Path) -> None:
+    """S = 2 sqrt 2 (1 - f / 2), of four correlations; with a margin of .75 it gives no key."""
+    fraction = 0.2
+    words = ("--protocol", "e91", "--eve", str(fraction), "--count", "20000")
+    done, result = run_qkd(tmp_path, *words, "--chsh-margin", "0.75")
+    assert done.returncode == 1
+    told, s = result["asking"], 2 * sqrt(2) * (1 - fraction / 2)
+    assert abs(told["chsh"] - s) < 5 * sqrt(16 * (1 - (s / 4) ** 2) / told["chsh_pairs"])
+    assert f"S is {told['chsh']:.4f} of {told['chsh_pairs']} pairs" in done.stderr
+    assert told["key_bits"] == 0
+
+
 def test_if_eve_measures_everything_the_key_is_refused(tmp_path: Path) -> None:
     keys = tmp_path / "keys"
     done, result = run_qkd(tmp_path, "--eve", "1", "--count", "20000", "--keys", str(keys))
@@ -119,3 +141,34 @@ def test_if_eve_measures_everything_the_key_is_refused(tmp_path: Path) -> None:
     assert result["asking"]["qber"] > 0.2
     assert result["eve"]["measured"] == result["eve"]["photons"] > 0
     assert [path for path in keys.rglob("*") if path.is_file()] == []
+
+
+LASER = ("--device", "alice.source.statistics=poisson", "--device", "alice.source.mean_pairs=0.5")
+
+
+def test_who_splits_photon_numbers_is_not_seen_and_leaves_no_key(tmp_path: Path) -> None:
+    """Behind 8 dB 1 - exp(-.5 t) of the pulses are seen, fewer than have several photons."""
+    hides_db = 8.0
+    words = ("--eve", "1", "--eve-attack", "split", "--eve-hides-db", str(hides_db))
+    done, result = run_qkd(tmp_path, *LASER, *words, "--count", "20000")
+    assert done.returncode == 1
+    assert "which an eavesdropper can divide" in done.stderr
+    told, eve = result["asking"], result["eve"]
+    gain = 1 - exp(-0.5 * 10 ** (-hides_db / 10))
+    assert abs(told["raw_bits"] - gain * told["photons"]) < 5 * sqrt(gain * told["photons"])
+    assert told["qber"] == 0
+    several = 1 - 1.5 * exp(-0.5)
+    assert abs(eve["multi_photon"] - several * eve["photons"]) < 5 * sqrt(several * eve["photons"])
+    assert eve["photons"] == told["photons"]
+    assert eve["multi_photon"] > told["raw_bits"]
+    assert (eve["expected_db"], eve["onward_db"]) == (hides_db, 0.0)
+
+
+def test_decoys_find_who_splits_photon_numbers(tmp_path: Path) -> None:
+    """At 4 dB of single photons is .689 of the bits at least, and .533 with her (1311.7129)."""
+    source = (*LASER, "--device", "alice.source.decoys=[0.1, 0.0]", "--bound", "asymptotic")
+    words = ("--eve", "1", "--eve-attack", "split", "--eve-hides-db", "4", "--count", "60000")
+    done, result = run_qkd(tmp_path, *source, *words)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert abs(result["asking"]["single_photon_fraction"] - 0.533) < 0.05
+    assert result["asking"]["qber"] == 0

@@ -1,6 +1,7 @@
 """Who may import whom."""
 
 import ast
+import re
 from collections.abc import Iterator
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -99,6 +100,22 @@ def test_no_rooms_import_each_other_even_by_way_of_others() -> None:
         list(TopologicalSorter(arrows()).static_order())
     except CycleError as error:
         pytest.fail(f"a circle: {' <- '.join(error.args[1])}")
+
+
+WAIT = re.compile(r"[A-Z_]*(TIMEOUT|DEADLINE|POLL|PERIOD|GRACE|PAUSE|EXPIRY|TICK)_M?S")
+
+
+@pytest.mark.parametrize("folder", [folder for folder in ALL[:-1] if folder != "wire"])
+def test_each_process_has_its_waits_in_one_table(folder: str) -> None:
+    for file in sources(folder):
+        names = [
+            part.id
+            for node in ast.parse(file.read_text()).body
+            if isinstance(node, ast.Assign)
+            for part in ast.walk(node.targets[0])
+            if isinstance(part, ast.Name) and WAIT.fullmatch(part.id)
+        ]
+        assert not names or file.name == "timeouts.py", (file, names)
 
 
 def test_every_verb_is_a_module_of_verbs_and_nothing_else_is() -> None:

@@ -10,9 +10,9 @@ from topologies.keywords import refuse_unknown
 from topologies.nodes.copper import connect_copper
 from topologies.nodes.node import QuantumNode
 from topologies.nodes.reached import as_reached
+from topologies.timeouts import RECONNECT_MS
 
 PATIENCE = 8  # times the way to the controller
-RECONNECT_MS = 1000  # between a bridge's attempts to find its controller, at most
 
 
 class ClassicalSwitch(QuantumNode, OVSSwitch):

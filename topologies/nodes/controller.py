@@ -10,11 +10,12 @@ from topologies.keywords import refuse_unknown
 from topologies.launching import EarlyStart
 from topologies.management import lay_management
 from topologies.nodes.copper import connect_copper
-from topologies.nodes.node import READY_TIMEOUT_S, QuantumNode
+from topologies.nodes.node import QuantumNode
 from topologies.nodes.reached import ManagedController
 from topologies.nodes.stations import stations_of
 from topologies.programs import Program
 from topologies.runtime import CONSOLE
+from topologies.timeouts import READY_TIMEOUT_S
 from wire.config import ControllerConfig
 from wire.controller_record import RECORD
 from wire.parameters.network import ControllerSettings, part

@@ -3,8 +3,8 @@
 import os
 
 from topologies.launching import launch
-from topologies.nodes.node import READY_TIMEOUT_S
 from topologies.runtime import Runtime
+from topologies.timeouts import READY_TIMEOUT_S
 from wire.config import CopperConfig
 
 COPPER = "copper"

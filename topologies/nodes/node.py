@@ -7,8 +7,6 @@ from topologies.programs import ROOT, python
 from topologies.runtime import Runtime
 from topologies.shells import ShellWatcher
 
-READY_TIMEOUT_S = 20.0  # of a program
-
 
 class QuantumNode(ShellWatcher):
     """A node of a network of ours, which says when what sets it up must not take long."""

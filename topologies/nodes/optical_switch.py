@@ -10,11 +10,11 @@ from topologies import openvswitch
 from topologies.interfaces import switch_ipv6_off
 from topologies.keywords import refuse_unknown
 from topologies.launching import launch
-from topologies.nodes.classical_switch import RECONNECT_MS, ClassicalSwitch
-from topologies.nodes.node import READY_TIMEOUT_S
+from topologies.nodes.classical_switch import ClassicalSwitch
 from topologies.nodes.reached import as_reached
 from topologies.programs import Program
 from topologies.runtime import DISPATCHER
+from topologies.timeouts import READY_TIMEOUT_S, RECONNECT_MS
 from wire.config import AgentConfig, QuantumSwitch
 from wire.parameters.physics import BadParameter
 from wire.parameters.switch import OPTICS

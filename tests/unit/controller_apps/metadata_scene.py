@@ -27,6 +27,7 @@ FRAMED = Setup(7, Service.SDC, Handshake.FRAMED, CHARLIE, 1000, 100, 1_000_000)
 PER_PAIR = replace(FRAMED, handshake=Handshake.PER_PAIR)
 ONE_PAIR = replace(FRAMED, handshake=Handshake.ONE_PAIR)
 PAIR_SOURCE = replace(FRAMED, service=Service.PAIR_SOURCE)
+STRANGER = "02:00:00:00:00:99"
 MACS = {ALICE: "02:00:00:00:00:01", BOB: "02:00:00:00:00:02", CHARLIE: "02:00:00:00:00:03"}
 
 
@@ -64,7 +65,7 @@ def frame(
 ) -> bytes:
     """Return a frame to the metadata port with correct lengths and checksums."""
     segment = TCP(sport=sport, dport=METADATA_PORT, seq=seq, ack=ack, flags=flags, **tcp)
-    ethernet = Ether(src=MACS[source], dst=MACS[destination])
+    ethernet = Ether(src=MACS.get(source, STRANGER), dst=MACS.get(destination, STRANGER))
     return bytes(ethernet / IP(src=source, dst=destination) / segment / payload)
 
 

@@ -1,9 +1,9 @@
 """Fibres between switches as heard from both ends."""
 
-from controller_apps.light.links import FAST_PERIOD_S, FAST_TIMES, Links
+from controller_apps.light.links import FAST_TIMES, Links
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import HostPort, Network
-from controller_apps.timeouts import LINK_EXPIRY_S, LINK_PERIOD_S
+from controller_apps.timeouts import LINK_EXPIRY_S, LINK_FAST_PERIOD_S, LINK_PERIOD_S
 
 ONE, OTHER, THIRD = SwitchPort(1, 3), SwitchPort(2, 4), SwitchPort(3, 5)
 
@@ -80,9 +80,9 @@ def test_a_link_is_forgotten_when_one_end_hears_nothing() -> None:
 def test_ports_speak_quickly_at_first() -> None:
     found = Links(Network())
     found.port_up(ONE, 0.0)
-    spoken = [step for step in range(100) if found.due(step * FAST_PERIOD_S / 2)]
+    spoken = [step for step in range(100) if found.due(step * LINK_FAST_PERIOD_S / 2)]
     assert spoken[:FAST_TIMES] == list(range(0, 2 * FAST_TIMES, 2))
-    assert spoken[FAST_TIMES] - spoken[FAST_TIMES - 1] == 2 * LINK_PERIOD_S / FAST_PERIOD_S
+    assert spoken[FAST_TIMES] - spoken[FAST_TIMES - 1] == 2 * LINK_PERIOD_S / LINK_FAST_PERIOD_S
     found.hurry(60.0)
     assert found.due(60.0) == [ONE]
-    assert found.due(60.0 + FAST_PERIOD_S) == [ONE]
+    assert found.due(60.0 + LINK_FAST_PERIOD_S) == [ONE]

@@ -54,7 +54,7 @@ def test_of_two_ways_the_one_of_less_insertion_loss_is_taken() -> None:
     found = path(network)
     assert hops(found) == BY_FOUR
     assert found == LightPath(BY_FOUR, 600, 0)
-    network.optics.switches[4] = rotating(0, 701)
+    network.optics.told(4, rotating(0, 701))
     assert hops(path(network)) == BY_TWO
 
 

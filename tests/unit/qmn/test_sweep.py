@@ -131,7 +131,7 @@ def test_bad_input_is_refused_before_anything_runs(
 ) -> None:
     out = tmp_path / "out"
     with pytest.raises(BadGrid) as caught:
-        sweep.asked(parse("sweep", *words))
+        sweep.grid_of(sweep.options_of(parse("sweep", *words)))
     assert text in str(caught.value)
     assert run("sweep", *words, "--out", str(out)) == 1
     assert text in capsys.readouterr().err
@@ -141,7 +141,7 @@ def test_bad_input_is_refused_before_anything_runs(
 def test_a_scheduler_that_is_not_there_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(cluster, "CONNECT_TIMEOUT_S", 0.5)
+    monkeypatch.setattr(cluster, "CLUSTER_TIMEOUT_S", 0.5)
     words = ("--scheduler", "tcp://127.0.0.1:1", "--out", str(tmp_path))
     assert run("sweep", "teleport", *words) == 1
     assert "no Dask scheduler answers at tcp://127.0.0.1:1" in capsys.readouterr().err

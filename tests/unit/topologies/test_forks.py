@@ -179,7 +179,7 @@ def test_a_server_that_was_killed_is_named_and_what_it_has_forked_goes_on(tmp_pa
 def test_a_server_that_a_signal_has_stopped_is_waited_for_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(forks, "ANSWER_TIMEOUT_S", 0.2)
+    monkeypatch.setattr(forks, "FORK_TIMEOUT_S", 0.2)
     program = Program("fork-server", tmp_path / "fork-server.log")
     server = ForkServer(program)
     command = dispatcher_command(tmp_path)

@@ -69,7 +69,7 @@ def test_an_mnexec_that_fails_is_said_at_once(mnexec: MadeBy, script: str, words
 def test_an_mnexec_that_hangs_is_given_up_and_ended(
     mnexec: MadeBy, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(shells, "START_TIMEOUT_S", 0.5)
+    monkeypatch.setattr(shells, "SHELL_TIMEOUT_S", 0.5)
     mnexec(f"echo $$ > {tmp_path}/pid; exec sleep 60")
     with pytest.raises(NetworkError, match=r"the shell of watched had no prompt in 0\.5 s"):
         Watched("watched", inNamespace=False)

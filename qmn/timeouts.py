@@ -1,0 +1,37 @@
+"""What waits in the command line, and for how long: seconds of the wall clock."""
+
+# Programs of a run
+START_TIMEOUT_S = 15.0  # until an application listens
+STALL_TIMEOUT_S = 60.0  # without progress of any application
+NETQASM_STALL_TIMEOUT_S = 180.0  # the same; units, which wait for each other, say it first
+LOAD_CHECK_S = 0.05  # between two looks whether the network is whole while sessions run
+LOAD_LIMIT_S = 120.0  # of the network, for a session beside its holding time
+
+# A network that runs
+CONSOLE_TIMEOUT_S = 10.0  # until the controller has answered a question
+DISPATCHER_TIMEOUT_S = 15.0  # until the dispatcher has answered what it may have to compute
+ORDER_TIMEOUT_S = 5.0  # for a fibre or a switch, beside its switching time
+WATCH_TIMEOUT_S = 5.0  # until it can be reached to watch events
+WATCH_POLL_S = 0.05  # between two looks at the file of a run's events
+TRY_TIMEOUT_S = 15.0  # for a command by which `qmn doctor` tries the machine
+
+# Sweeps
+CLUSTER_TIMEOUT_S = 10.0  # until a Dask scheduler answers
+NO_WORKER_TIMEOUT_S = 30.0  # that it may have no worker
+SWEEP_POLL_S = 0.1  # between two looks whether the sweep shall end
+
+# Attacks
+TOLD_TIMEOUT_S = 20.0  # until an attacker's program has said that it goes on
+ATTACK_TIMEOUT_S = 60.0  # until an attack is over and has had its effect
+QUIET_S = 1.5  # without news before what has come of it is counted
+LIE_PERIOD_S = 0.1  # between two lies
+
+# Benchmarks
+RUN_TIMEOUT_S = 120.0  # for a whole run with a message
+MEASURE_TIMEOUT_S = 60.0  # for one measurement
+CALL_TIMEOUT_S = 30.0  # for one call to the dispatcher
+BASELINE_READY_TIMEOUT_S = 20.0  # until a baseline's program is ready
+TURN_TIMEOUT_S = 10.0  # for one light path, or one packet
+CLOSE_TIMEOUT_S = 5.0  # until a light path is taken down
+PATH_POLL_S = 0.0002  # between two looks whether it is
+IDLE_S = 5.0  # that a network without sessions is watched

@@ -1,0 +1,38 @@
+"""What waits in the runner of a network, and for how long: seconds of the wall clock."""
+
+# Programs
+READY_TIMEOUT_S = 20.0  # until a program is ready, or captures
+STOP_TIMEOUT_S = 5.0  # until one that was asked to has ended; then, until one that is killed has
+END_TIMEOUT_S = 1.0  # until a process has ended whose socket is closed; from one signal to the next
+DAEMON_END_TIMEOUT_S = 2.0  # the same, of a daemon that may write its memory to the disk first
+POLL_S = 0.02  # between two looks at what is waited for
+STOPPED_TIMEOUT_S = 10.0  # that a process may be stopped by a signal before the network ends
+STOPPED_LOOK_S = 0.5  # between two looks for such a process
+AGAIN_S = 0.5  # from which on a signal is another one: `timeout` and others send it twice at once
+
+# Programs that are forked
+FORK_TIMEOUT_S = 20.0  # until the fork server has started a program
+PARENT_TIMEOUT_S = 5.0  # until the runner is a program's parent
+PARENT_POLL_S = 0.0005  # between two looks who the parent is
+
+# Nodes
+SHELL_TIMEOUT_S = 20.0  # until a node's shell has a prompt
+COMMAND_TIMEOUT_S = 20.0  # until a command that sets a node or an interface up has ended
+SHELL_POLL_MS = 50  # between two looks whether a shell is still there
+IPERF_TIMEOUT_S = 10.0  # until iperf3 listens, and ends beyond the time that was asked for
+
+# Open vSwitch
+OPENVSWITCH_TIMEOUT_S = 30.0  # until it is there, or gone; also for many commands of ip(8) together
+OPENVSWITCH_LOOK_S = 0.5  # between two looks whether its daemons live, while a command waits
+VSCTL_TIMEOUT_S = 10.0  # until ovs-vsctl has ended
+INTERFACE_S = 0.1  # more, of each interface that it may add or take away: in quiet it takes 0.02 s
+VSCTL_GRACE_S = 5.0  # after the time-out of its own
+LAST_WORDS_TIMEOUT_S = 0.5  # that a daemon's monitor takes to write how it ended
+STAY_S = 0.5  # that no interface has gone in: the others stay until they are deleted
+RECONNECT_MS = 1000  # between a bridge's attempts to find its controller, at most
+
+# Fibres and files
+DISCOVERY_TIMEOUT_S = 20.0  # until the controller has found all fibres; more where copper is slow
+CUT_S = 2.0  # that a fibre which nobody has found is seen cut before that is the cause
+SETTLE_S = 1.0  # until the last packets have reached their captures
+DISK_LOOK_S = 1.0  # between two looks at the disk
