@@ -15,7 +15,8 @@ from topologies.interfaces import mtu_of
 from topologies.machines.machine import Machine
 from topologies.machines.source import fingerprint
 from topologies.machines.tunnel import OVERHEAD_BYTES
-from topologies.programs import POLL_S, NetworkError
+from topologies.programs import NetworkError
+from topologies.timeouts import POLL_S
 from wire.machine_channel import receive
 
 CONNECT_TIMEOUT_S = 20.0

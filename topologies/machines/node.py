@@ -10,7 +10,8 @@ from typing import Any
 
 from topologies.machines.machine import NOWHERE, Machine, ProcessElsewhere
 from topologies.programs import NetworkError
-from topologies.shells import END_TIMEOUT_S, PROMPT
+from topologies.shells import PROMPT
+from topologies.timeouts import END_TIMEOUT_S
 
 GIVEN_UP = "-sys_admin,-dac_read_search,-sys_module,-sys_rawio,-sys_boot,-perfmon"
 
