@@ -19,7 +19,9 @@ from topologies.captures import MAX_PACKET_BYTES, Captures
 from topologies.copper_lengths import assign_copper_lengths
 from topologies.discovery import Discovery
 from topologies.disk import DiskKeeper
+from topologies.fiber import FiberLink
 from topologies.machines.errand import Errand
+from topologies.machines.node import NodeElsewhere
 from topologies.management import bridge_of
 from topologies.nodes import QuantumController
 from topologies.nodes.copper import COPPER
@@ -205,16 +207,29 @@ class Network:
     ) -> list[Path]:
         """Capture every link of a switch from now on; return the files.
 
-        With `openflow` the last of them has what the controller and the switches say. Of each
-        packet so many bytes are captured at most.
+        A link to another machine is captured at its end there, too. With `openflow` the last file
+        has what the controller and the switches say. Of each packet so many bytes are captured at
+        most.
         """
         hidden = {"lo", *self.runtime.management}
         interfaces = [name for name in self.net.get(switch).intfNames() if name not in hidden]
         self.captures.packet_bytes = packet_bytes
         files = [self.captures.begin(name, interface=name) for name in interfaces]
+        files += [
+            self.captures.begin_elsewhere(node.machine, interface, node.pid_there)
+            for node, interface in self._copper_elsewhere(switch)
+        ]
         files += [self._begin_openflow()] if openflow else []
         self.captures.wait()
         return files
+
+    def _copper_elsewhere(self, switch: str) -> Iterator[tuple[NodeElsewhere, str]]:
+        """Yield hosts of other machines that have copper to a switch, each with its interface."""
+        for link in self.net.links:
+            for near, far in ((link.intf1, link.intf2), (link.intf2, link.intf1)):
+                is_there = near.node.name == switch and isinstance(far.node, NodeElsewhere)
+                if is_there and not isinstance(link, FiberLink):
+                    yield far.node, str(far)
 
     def capture_openflow(self) -> Path:
         """Capture from now on what the controller and the switches say; return the file."""

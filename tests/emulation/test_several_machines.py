@@ -9,6 +9,7 @@ import random
 import signal
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +22,7 @@ from distributed import LocalCluster
 from qmn.sweeps.cluster import HTTP_ADDRESS
 from topologies.apart import OWN_NAMESPACES, inside
 from topologies.confinement import descendants
+from wire.pcapng import PcapReader
 
 HERE, THERE, PORT = "192.0.2.1", "192.0.2.2", 8786
 SCHEDULER = f"tcp://{HERE}:{PORT}"
@@ -152,7 +154,27 @@ def test_bob_on_a_second_machine_gets_what_he_gets_on_this_one(
     assert (machine["address"], machine["hosts"]) == (THERE, ["bob"])
     # It has the same clock: so far apart do they seem by the way there and back at most.
     assert abs(machine["clock"]["offset_s"]) <= machine["clock"]["error_s"] < 0.1
+    near, far = (packets(two / f"{name}.pcap") for name in (copper_of_bob(two), "bob-eth0"))
+    seen = near.keys() & far.keys()
+    assert len(seen) > 20
+    limit_ns = 1e9 * (machine["clock"]["error_s"] + 0.5)
+    assert all(abs(near[data] - far[data]) < limit_ns for data in seen)
     assert second.things() == before
+
+
+def packets(file: Path) -> dict[bytes, int]:
+    """Return when each packet was captured that did not come twice."""
+    with file.open("rb") as opened:
+        found = list(PcapReader(opened).packets())
+    often = Counter(packet.data for packet in found)
+    return {packet.data: packet.time_ns for packet in found if often[packet.data] == 1}
+
+
+def copper_of_bob(run: Path) -> str:
+    """Return the interface of s1 that leads to bob."""
+    copper = json.loads((run / "result.json").read_text())["network"]["copper"]
+    (name,) = (at_s1 for one, _, _, at_s1 in copper if one == "bob")
+    return str(name)
 
 
 def test_a_worker_that_is_killed_ends_the_run_by_name_and_leaves_nothing(
