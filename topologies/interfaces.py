@@ -24,6 +24,7 @@ from mininet.link import Intf
 from mininet.node import Node
 
 from topologies.programs import NetworkError
+from topologies.timeouts import COMMAND_TIMEOUT_S
 
 LIBC = ctypes.CDLL(None, use_errno=True)
 RTM_NEWLINK, NLMSG_ERROR = 16, 2
@@ -36,7 +37,6 @@ SIOCGIFFLAGS, SIOCSIFFLAGS, SIOCSIFADDR, SIOCSIFNETMASK = 0x8913, 0x8914, 0x8916
 SIOCGIFHWADDR, SIOCETHTOOL, SIOCSIFMTU = 0x8927, 0x8946, 0x8922
 ETHTOOL_SRXCSUM, ETHTOOL_STXCSUM = 0x15, 0x17
 IFF_UP = 0x1
-COMMAND_TIMEOUT_S = 5.0
 Result = TypeVar("Result")
 IPV6 = Path("/proc/sys/net/ipv6/conf")
 

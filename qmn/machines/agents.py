@@ -5,11 +5,10 @@ import json
 import os
 import subprocess
 
+from qmn.timeouts import AGENT_END_TIMEOUT_S
 from topologies.apart import OWN_NAMESPACES
 from topologies.machines.agent import MODULE
 from topologies.programs import ROOT, python
-
-END_TIMEOUT_S = 5.0
 
 _agents: dict[str, subprocess.Popen[str]] = {}  # of this worker, by where their runner listens
 
@@ -36,7 +35,7 @@ async def end_agent(runner: str) -> bool:
     if process is None:
         return True
     try:
-        await asyncio.to_thread(process.wait, END_TIMEOUT_S)
+        await asyncio.to_thread(process.wait, AGENT_END_TIMEOUT_S)
     except subprocess.TimeoutExpired:
         process.kill()
         return False

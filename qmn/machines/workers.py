@@ -10,13 +10,12 @@ from distributed import Client
 
 from qmn.machines.agents import begin_agent, end_agent
 from qmn.options import BadInput
+from qmn.timeouts import CLUSTER_TIMEOUT_S, WORKERS_TIMEOUT_S
 from topologies.machines.gathering import gathered
 from topologies.machines.machine import Machine
 from topologies.programs import NetworkError
 
 FIRST = "m1"  # the machine of the runner
-CONNECT_TIMEOUT_S = 10.0
-WORKERS_TIMEOUT_S = 20.0
 SCHEDULER = "scheduler-address"  # Dask's own setting: DASK_SCHEDULER_ADDRESS
 LOG_LEVEL = 50  # critical: what concerns the user is raised
 
@@ -68,7 +67,7 @@ def connected(scheduler: str) -> Iterator[Client]:
         )
     logging.getLogger("distributed").setLevel(LOG_LEVEL)
     try:
-        client = Client(address, timeout=CONNECT_TIMEOUT_S)
+        client = Client(address, timeout=CLUSTER_TIMEOUT_S)
     except (OSError, ValueError) as error:
         raise NetworkError(
             f"no Dask scheduler answers at {address}: start `dask scheduler` there"

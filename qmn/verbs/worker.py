@@ -9,10 +9,9 @@ import socket
 import sys
 from typing import Any
 
+from qmn.timeouts import CLUSTER_TIMEOUT_S
 from topologies.network import require_root
 from topologies.programs import NetworkError
-
-CONNECT_TIMEOUT = "10s"
 
 
 def add_parser(verbs: Any) -> None:
@@ -51,7 +50,7 @@ async def serve(scheduler: str, name: str, listen: str) -> None:
         nthreads=1,
         memory_limit=0,
         dashboard=False,
-        death_timeout=CONNECT_TIMEOUT,
+        death_timeout=CLUSTER_TIMEOUT_S,
     ) as worker:
         print(f"ready: {name} at {worker.address}", flush=True)
         await worker.finished()

@@ -29,11 +29,11 @@ from topologies.machines.tunnel import TunnelEnd
 from topologies.owners import mark
 from topologies.programs import ENVIRONMENT, ROOT, NetworkError, python
 from topologies.shells import LOCAL_FLAGS
+from topologies.timeouts import AGENT_CONNECT_TIMEOUT_S
 from wire.machine_channel import MOST_BODY_BYTES, Header, encode, receive
 
 MODULE = "topologies.machines.agent"
 CHUNK_BYTES = 1 << 16
-CONNECT_TIMEOUT_S = 10.0
 WITHIN = {
     each.__name__: each
     for each in (
@@ -221,7 +221,7 @@ def trust(certificates: dict[str, str]) -> ssl.SSLContext:
 async def run(name: str, runner: str, certificates: dict[str, str]) -> None:
     """Connect to the runner, introduce this machine, and serve."""
     host, _, port = runner.rpartition(":")
-    async with asyncio.timeout(CONNECT_TIMEOUT_S):
+    async with asyncio.timeout(AGENT_CONNECT_TIMEOUT_S):
         reader, writer = await asyncio.open_connection(host, int(port), ssl=trust(certificates))
     about = {"name": name, "root": str(ROOT), "python": python(), "source": fingerprint()}
     writer.write(encode(about))

@@ -16,11 +16,9 @@ from topologies.machines.machine import Machine
 from topologies.machines.source import fingerprint
 from topologies.machines.tunnel import OVERHEAD_BYTES
 from topologies.programs import NetworkError
-from topologies.timeouts import POLL_S
+from topologies.timeouts import AGENT_CONNECT_TIMEOUT_S, AGENT_END_TIMEOUT_S, POLL_S
 from wire.machine_channel import receive
 
-CONNECT_TIMEOUT_S = 20.0
-END_TIMEOUT_S = 5.0
 COPPER_MTU = 1500
 LEAST_MTU = 576
 
@@ -47,9 +45,9 @@ def gathered(
             gathering.wait(check)
         yield gathering.found
     finally:
-        asyncio.run_coroutine_threadsafe(gathering.end(), loop).result(END_TIMEOUT_S)
+        asyncio.run_coroutine_threadsafe(gathering.end(), loop).result(AGENT_END_TIMEOUT_S)
         loop.call_soon_threadsafe(loop.stop)
-        thread.join(END_TIMEOUT_S)
+        thread.join(AGENT_END_TIMEOUT_S)
         loop.close()
 
 
@@ -71,7 +69,7 @@ class Gathering:
         )
         listening = asyncio.run_coroutine_threadsafe(
             self._listen(trust(authority.certificate, own)), self._loop
-        ).result(CONNECT_TIMEOUT_S)
+        ).result(AGENT_CONNECT_TIMEOUT_S)
         for name, here in self._here.items():
             files = authority.issue(name)
             texts = {
@@ -110,15 +108,15 @@ class Gathering:
 
     def wait(self, check: Callable[[], None]) -> None:
         """Wait until all have come."""
-        deadline = time.monotonic() + CONNECT_TIMEOUT_S
+        deadline = time.monotonic() + AGENT_CONNECT_TIMEOUT_S
         while missing := sorted(self._addresses.keys() - self.found.keys()):
             check()
             if self._refused:
                 raise NetworkError(f"{self._refused}: update both to the same")
             if time.monotonic() > deadline:
                 raise NetworkError(
-                    f"no agent has connected from {', '.join(missing)} in {CONNECT_TIMEOUT_S:g} s: "
-                    f"can they reach {', '.join(sorted(set(self._here.values())))}?"
+                    f"no agent has connected from {', '.join(missing)} in "
+                    f"{AGENT_CONNECT_TIMEOUT_S:g} s: can they reach {', '.join(sorted(set(self._here.values())))}?"
                 )
             time.sleep(POLL_S)
 

@@ -16,12 +16,10 @@ from typing import Any
 
 from topologies.machines.tunnel import TunnelEnd
 from topologies.programs import NetworkError
+from topologies.timeouts import AGENT_ANSWER_TIMEOUT_S, BEAT_PERIOD_S, LOST_TIMEOUT_S
 from wire.machine_channel import MOST_BODY_BYTES, Header, encode, receive
 from wire.metadata import MalformedPacket
 
-ANSWER_TIMEOUT_S = 15.0
-BEAT_S = 1.0
-LOST_S = 5.0  # without an answer
 CLOCK_TRIES = 21
 NOWHERE = -1  # as a process id: of none on this machine
 LOST_STATUS = -signal.SIGKILL
@@ -123,9 +121,11 @@ class Machine:
         self._answers[number] = answer
         self._send({"ask": number, "do": do, **words}, body)
         try:
-            return answer.result(ANSWER_TIMEOUT_S)
+            return answer.result(AGENT_ANSWER_TIMEOUT_S)
         except TimeoutError as error:
-            raise NetworkError(f"{self.name} did not {do} in {ANSWER_TIMEOUT_S:g} s") from error
+            raise NetworkError(
+                f"{self.name} did not {do} in {AGENT_ANSWER_TIMEOUT_S:g} s"
+            ) from error
         finally:
             self._answers.pop(number, None)
 
@@ -250,9 +250,9 @@ class Machine:
         """Lose a machine that does not answer."""
         while not self.lost:
             self._writer.write(encode({"ask": 0, "do": "clock"}))
-            await asyncio.sleep(BEAT_S)
-            if time.monotonic() - self._heard_s > LOST_S:
-                self._lose(f"it has not answered for {LOST_S:g} s")
+            await asyncio.sleep(BEAT_PERIOD_S)
+            if time.monotonic() - self._heard_s > LOST_TIMEOUT_S:
+                self._lose(f"it has not answered for {LOST_TIMEOUT_S:g} s")
 
     def _lose(self, why: str) -> None:
         if self.lost:

@@ -8,11 +8,11 @@ import subprocess
 from dataclasses import dataclass
 
 from topologies.programs import NetworkError
+from topologies.timeouts import COMMAND_TIMEOUT_S
 
 PORT = 4789  # of VXLAN (RFC 7348)
 OVERHEAD_BYTES = 50  # of Ethernet, IPv4, UDP and VXLAN
 MOST_IDENTIFIER = 1 << 24
-COMMAND_TIMEOUT_S = 10.0
 
 
 @dataclass(frozen=True)
