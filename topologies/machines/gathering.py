@@ -114,9 +114,10 @@ class Gathering:
             if self._refused:
                 raise NetworkError(f"{self._refused}: update both to the same")
             if time.monotonic() > deadline:
+                here = ", ".join(sorted(set(self._here.values())))
                 raise NetworkError(
                     f"no agent has connected from {', '.join(missing)} in "
-                    f"{AGENT_CONNECT_TIMEOUT_S:g} s: can they reach {', '.join(sorted(set(self._here.values())))}?"
+                    f"{AGENT_CONNECT_TIMEOUT_S:g} s: can they reach {here}?"
                 )
             time.sleep(POLL_S)
 
