@@ -1,4 +1,4 @@
-"""What hosts tell of themselves to those who watch: the instructions of a processing unit."""
+"""The words of hosts about themselves to those who watch: the instructions of a processing unit."""
 
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.refusal import invalid

@@ -1,4 +1,4 @@
-"""What the runner has Dask workers do: begin and end its agents on their machines."""
+"""The work of Dask workers for the runner: beginning and ending its agents on their machines."""
 
 import asyncio
 import json
