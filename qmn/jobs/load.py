@@ -66,6 +66,12 @@ class LoadRequest:
         metavar="S",
         range=(1e-6, 600),
     )
+    urgent: float = option(
+        0.0,
+        "share of the sessions that have priority 1, for a policy that orders by it (0)",
+        metavar="SHARE",
+        range=(0, 1),
+    )
     senders: str = option(
         "", "hosts that ask, with commas (all but sources)", flag="--from", metavar="HOSTS"
     )
@@ -82,7 +88,7 @@ class LoadRequest:
 
 OWN_OPTIONS = (
     *("service", "count", "source", "traffic", "sessions", "rate_per_s", "holding_s", "constant"),
-    *("deadline_s", "senders", "receivers", "idle", "on_s", "off_s"),
+    *("deadline_s", "urgent", "senders", "receivers", "idle", "on_s", "off_s"),
 )
 
 
@@ -129,9 +135,19 @@ def traffic_of(request: LoadRequest, network: NetworkDescription) -> Traffic:
         raise BadInput(f"--file is of --traffic matrix or trace, not of {request.traffic}")
     if request.idle and request.traffic != "poisson":
         raise BadInput("--idle is of --traffic poisson: the others say who asks")
-    times = request.rate_per_s, request.holding_s, request.constant, request.deadline_s
-    bursts = request.on_s, request.off_s, request.file
-    return Traffic(openers, acceptors, *times, request.idle, *bursts)
+    return Traffic(
+        openers,
+        acceptors,
+        request.rate_per_s,
+        request.holding_s,
+        request.constant,
+        request.deadline_s,
+        request.urgent,
+        request.idle,
+        request.on_s,
+        request.off_s,
+        request.file,
+    )
 
 
 def chosen(option_name: str, named: str, hosts: Sequence[str]) -> list[str]:

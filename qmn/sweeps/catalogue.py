@@ -14,6 +14,7 @@ from qmn.sweeps.interference import HOM
 from qmn.sweeps.multi_pair import MULTI_PAIR
 from qmn.sweeps.parameters import Values
 from qmn.sweeps.polarization import MODES, POLARIZATION
+from qmn.sweeps.scheduling import SCHEDULE
 from qmn.sweeps.seeds import point_seed
 from qmn.sweeps.superdense import SUPERDENSE
 from qmn.sweeps.teleportation import SWAP, TELEPORT
@@ -41,6 +42,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         TIMING,
         DELAY_LINE,
         LIGHT,
+        SCHEDULE,
     )
 }
 

@@ -135,6 +135,7 @@ def listed(outcomes: Iterable[Outcome]) -> list[dict[str, Any]]:
             "text": each.text,
             "setup_s": each.setup_s,
             "ended_s": each.ended_s,
+            "priority": each.planned.priority,
             "holding_s": each.planned.holding_s,
             "pairs": each.summary.get("pairs"),
             "session": each.summary.get("session"),
