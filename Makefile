@@ -13,9 +13,9 @@ AS_ROOT = $(if $(filter-out 0,$(shell id -u)),sudo env PYTHONDONTWRITEBYTECODE=1
 PYTEST := env PYTHONPATH=tests $(PYTHON) -m pytest -p no:cacheprovider -p progress
 # A process for each processor, as long as all has room. Those that emulate networks have
 # namespaces of their own, because a network has fixed names and addresses.
-PROCESSES := $(shell echo $$(( $$(nproc) < 8 ? $$(nproc) : 8 )))
-IN_PARALLEL := --numprocesses=$(PROCESSES) --dist=worksteal
-APART := --dist=worksteal --tx='$(PROCESSES)*popen//python=topologies/own_namespaces $(PYTHON)'
+PROCESSES = $(shell n=$$(getconf _NPROCESSORS_ONLN); echo $$(( n < 8 ? n : 8 )))
+IN_PARALLEL = --numprocesses=$(PROCESSES) --dist=worksteal
+APART = --dist=worksteal --tx='$(PROCESSES)*popen//python=topologies/own_namespaces $(PYTHON)'
 # Their files are in a folder with a short path, as sockets need; it stays if a test fails.
 in_folder = folder=$$(mktemp -d /tmp/qmn.XXXX) && \
     $1 $(PYTEST) --basetemp="$$folder" $2 && $1 rm -r "$$folder"
@@ -80,7 +80,8 @@ emulation: setup strongswan ## Run the emulation tests (root, Open vSwitch)
 	@$(call in_folder,$(AS_ROOT),$(APART) tests/emulation)
 
 chaos: setup ## Strike runs at random for MINUTES (3), from SEED (1): nothing may hang or stay
-	$(AS_ROOT) $(PYTHON) tests/chaos --minutes $(or $(MINUTES),3) --seed $(or $(SEED),1)
+	$(AS_ROOT) $(PYTHON) tests/chaos --minutes $(or $(MINUTES),3) --seed $(or $(SEED),1) \
+	    $(if $(STRIKES),--strikes $(STRIKES))
 
 fuzz: setup ## Feed decoders and dispatcher INPUTS (10000000) spoiled messages, from SEED (1)
 	$(PYTHON) tests/fuzz/feed.py --inputs $(or $(INPUTS),10000000) --seed $(or $(SEED),1)

@@ -27,7 +27,7 @@ from dispatcher.sabot.simulation import Simulation
 from wire.config import BadConfig, DispatcherConfig
 from wire.dispatcher_service import RUNNER
 
-LEAST_SHARE = 1 << 20  # qubits
+LEAST_SHARE = 1 << 22  # qubits
 
 
 def build_layer(
@@ -69,7 +69,7 @@ def build_layer(
 def share_of(config: DispatcherConfig) -> int:
     """Return how many qubits that one node has made may be live: no node starves the others.
 
-    Each host has an equal part, but in large networks as much as two of the largest blocks take.
+    Each host has an equal part, but in large networks as much as eight sessions have under way.
     """
     hosts = config.tokens.keys() - {RUNNER, *(switch.name for switch in config.switches)}
     equal = config.max_live_qubits // max(1, len(hosts))

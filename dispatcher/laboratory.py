@@ -20,6 +20,7 @@ from dispatcher.operations.gathering import Gathering
 from dispatcher.operations.measurements import Measurements
 from dispatcher.operations.operation_handlers import Act, acts
 from dispatcher.operations.resending import Resending
+from dispatcher.operations.splitting import Splitting
 from dispatcher.operations.switching import Switching
 from dispatcher.operations.transport import Transport
 from dispatcher.sabot.backend import Bytes
@@ -41,6 +42,7 @@ from wire.dispatcher_pb2 import (
     ReceiveRequest,
     ResendRequest,
     SendRequest,
+    SplitRequest,
     StoreRequest,
 )
 
@@ -60,6 +62,7 @@ Request = (
     | DiscardRequest
     | GatherRequest
     | ResendRequest
+    | SplitRequest
 )
 
 
@@ -90,7 +93,7 @@ class Laboratory:
         self._errors: list[BaseException] = []
         transport = Transport(self.layer, self._errors.append)
         operations, measurements = Operations(self.layer), Measurements(self.layer)
-        rest = Gathering(self.layer), Resending(self.layer)
+        rest = Gathering(self.layer), Resending(self.layer), Splitting(self.layer)
         self._acts = acts(operations, measurements, transport, *rest)
 
     def host(self, name: str) -> "LaboratoryHost":
@@ -186,6 +189,11 @@ class LaboratoryHost:
         """Measure photons and put new ones in their places; a basis of 255 leaves one alone."""
         request = ResendRequest(block=block_id(block), bases=bases.tobytes())
         return outcomes(await self._act("resend", request))
+
+    async def split(self, block: BlockKey, into: BlockKey) -> Bytes:
+        """Count photons of pulses, and take one of several into a new block; return the counts."""
+        request = SplitRequest(block=block_id(block), into=block_id(into))
+        return outcomes(await self._act("split", request))
 
     async def bell_measure(self, first: BlockKey, second: BlockKey) -> Bytes:
         """Bell-measure two blocks; return 0 Phi+, 1 Psi+, 2 Phi-, 3 Psi-, 255 none, shape (k,)."""

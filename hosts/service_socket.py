@@ -57,7 +57,10 @@ class ServiceSocket(StackSocket):
             yield decode_fields(payload)
 
     def intercept(self, fraction: float = 1.0, **options: Any) -> Iterator[dict[str, Any]]:
-        """Measure and resend a fraction of the light that goes by way of this host.
+        """Attack a fraction of the light that goes by way of this host, and send it on.
+
+        Options: attack="resend" measures photons, "split" takes some of pulses that have several;
+        then expected_db and onward_db are what light loses from here to a click.
 
         It has begun when this returns. Yield what was seen of each block, until `shutdown`;
         `summary` is there then. Raise QuantumSocketError with the reason if it cannot be.

@@ -17,7 +17,7 @@ from hosts.middleware.device import Device
 from hosts.middleware.qkd.keyring import Keyring
 from hosts.middleware.qkd.pair_secrets import PairSecrets
 from hosts.middleware.services import KINDS, NAMES
-from hosts.middleware.services.interception import Interception, InterceptionOptions
+from hosts.middleware.services.interception.interception import Interception, InterceptionOptions
 from hosts.middleware.services.source import serve_pairs
 from hosts.middleware.services.swapping.serving import serve_link
 from hosts.middleware.session.abilities import refusal
@@ -99,7 +99,8 @@ class Stack:
     def intercept(self, fields: dict[str, Any]) -> Interception:
         """Prepare an interception; raise SessionError for what cannot be asked."""
         options = InterceptionOptions.from_fields(fields)
-        return Interception(self._qnic, options, self._config.seed, self._config.name)
+        config = self._config
+        return Interception(self._qnic, options, config.seed, config.name, config.memory_qubits)
 
     async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Serve one connection on the quantum-metadata port."""

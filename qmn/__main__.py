@@ -30,6 +30,7 @@ VERBS = (  # each a module of qmn.verbs
     "attack",
     "calibrate",
     "classical",
+    "tap",
     "sabot",
     "replay",
     "share",

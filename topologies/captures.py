@@ -10,6 +10,8 @@ from topologies.timeouts import POLL_S, READY_TIMEOUT_S, SETTLE_S
 
 BUFFER_KIB = 16_384  # in the kernel, for each capture
 MAX_PACKET_BYTES = 65_600  # TCP hands over up to 64 KiB at once, and its headers
+# Headers, and set-up messages of quantum metadata, which have at most 512 bytes, whole.
+HEADERS_BYTES = 640
 DROPPED = re.compile(r"^(\d+) packets? dropped by kernel", re.MULTILINE)
 
 
@@ -20,6 +22,7 @@ class Captures:
         self._network = network
         self._files: dict[Program, Path] = {}  # of those that run
         self._starting: list[Program] = []
+        self.packet_bytes = MAX_PACKET_BYTES  # that those which begin take at most
         self.packets_missed = 0  # by captures that have ended
 
     @property
@@ -36,7 +39,7 @@ class Captures:
         program = Program(f"tcpdump-{name}", self._network.folder / f"tcpdump-{name}.log")
         self._files[program] = file
         self._starting.append(program)
-        program.start([*capture_command(interface, file), *expression], inside)
+        program.start([*capture_command(interface, file, self.packet_bytes), *expression], inside)
         return file
 
     def wait(self) -> None:
@@ -63,14 +66,14 @@ class Captures:
         return [file.stat().st_size for file in self._files.values() if file.exists()]
 
 
-def capture_command(interface: str, file: Path) -> list[str]:
-    """Return the tcpdump command for one interface, nanosecond clock, whole packets.
+def capture_command(interface: str, file: Path, packet_bytes: int = MAX_PACKET_BYTES) -> list[str]:
+    """Return the tcpdump command for one interface, nanosecond clock, packets up to a size.
 
     Each slot of the kernel's buffer is as large as the largest packet may be, so a larger limit
     would leave it few slots, and bursts would be missed. As a batch process it does not interrupt
     the programs whose packets it takes, and takes several at a time when processors are busy.
     """
-    options = ["-n", "-U", "-s", str(MAX_PACKET_BYTES), "-B", str(BUFFER_KIB)]
+    options = ["-n", "-U", "-s", str(packet_bytes), "-B", str(BUFFER_KIB)]
     options += ["--immediate-mode", "--time-stamp-precision=nano"]
     # Another user's process would not be told that the runner has died.
     options += ["-Z", "root"]

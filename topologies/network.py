@@ -15,7 +15,7 @@ from mininet.node import Host
 from mininet.topo import Topo
 
 from topologies import openvswitch, owners, runtime
-from topologies.captures import Captures
+from topologies.captures import MAX_PACKET_BYTES, Captures
 from topologies.copper_lengths import assign_copper_lengths
 from topologies.discovery import Discovery
 from topologies.disk import DiskKeeper
@@ -186,13 +186,17 @@ class Network:
         program.start(command, namespace_pid, forks=self.runtime.forks())
         return program
 
-    def capture(self, switch: str, openflow: bool = False) -> list[Path]:
+    def capture(
+        self, switch: str, openflow: bool = False, packet_bytes: int = MAX_PACKET_BYTES
+    ) -> list[Path]:
         """Capture every link of a switch from now on; return the files.
 
-        With `openflow` the last of them has what the controller and the switches say.
+        With `openflow` the last of them has what the controller and the switches say. Of each
+        packet so many bytes are captured at most.
         """
         hidden = {"lo", *self.runtime.management}
         interfaces = [name for name in self.net.get(switch).intfNames() if name not in hidden]
+        self.captures.packet_bytes = packet_bytes
         files = [self.captures.begin(name, interface=name) for name in interfaces]
         files += [self._begin_openflow()] if openflow else []
         self.captures.wait()

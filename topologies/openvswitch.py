@@ -6,7 +6,7 @@ import shutil
 import signal
 import subprocess
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from topologies.runtime import RUNTIME_ROOT
 from topologies.timeouts import (
     INTERFACE_S,
     LAST_WORDS_TIMEOUT_S,
+    OPENVSWITCH_LOOK_S,
     OPENVSWITCH_TIMEOUT_S,
     POLL_S,
     STAY_S,
@@ -39,10 +40,15 @@ RESTART = "restart Open vSwitch, as by `systemctl restart openvswitch-switch`"
 def vsctl(*arguments: str) -> str:
     """Run ovs-vsctl; raise NetworkError with its words, or those of a daemon, if it fails."""
     limit_s = VSCTL_TIMEOUT_S + INTERFACE_S * len(os.listdir(INTERFACES))
+    watched = daemons()
     try:
-        timeout = f"--timeout={limit_s:.0f}"
-        return _run("ovs-vsctl", timeout, *arguments, timeout_s=limit_s + VSCTL_GRACE_S)
+        return _run(
+            *("ovs-vsctl", f"--timeout={limit_s:.0f}", *arguments),
+            timeout_s=limit_s + VSCTL_GRACE_S,
+            check=lambda: require_alive(watched),
+        )
     except NetworkError as error:
+        require_alive(watched)
         found = daemons()
         if found and (silent := [name for name in DAEMONS if not _answers(found, name)]):
             raise NetworkError(f"{silent[0]} {_silence(found, silent[0])}") from error
@@ -199,8 +205,8 @@ def revive_if_ours(owner: str) -> None:
 def stop_if_ours(owner: str) -> None:
     """Stop Open vSwitch if this run started it and no bridge is left in it."""
     if starter() == owner and running() and not bridges():
-        (RUNTIME_ROOT / STARTED).unlink()
         _run(CONTROL, "stop", timeout_s=OPENVSWITCH_TIMEOUT_S)
+        (RUNTIME_ROOT / STARTED).unlink()  # last: a second signal may end this with half of it left
 
 
 def starter() -> str:
@@ -314,27 +320,53 @@ def datapath() -> str:
     return "kernel" if loaded and not in_container else "user"
 
 
-def _run(*command: str, timeout_s: float = 15.0, given: str = "", fails: bool = False) -> str:
+def _run(
+    *command: str,
+    timeout_s: float = 15.0,
+    given: str = "",
+    fails: bool = False,
+    check: Callable[[], None] = lambda: None,
+) -> str:
     """Run a command and return what it says; raise NetworkError unless it ends well, in time.
 
-    It reads what is given; if it `fails`, that is all the same.
+    It reads what is given; if it `fails`, that is all the same. Meanwhile `check` is called, which
+    raises if something else makes the wait useless.
     """
     try:
         # In a session of its own: a Ctrl-C must not leave half of what it does undone.
-        done = subprocess.run(
+        process = subprocess.Popen(
             command,
-            capture_output=True,
-            input=given,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
             text=True,
-            check=False,
-            timeout=timeout_s,
             start_new_session=True,
         )
     except FileNotFoundError as error:
         raise NetworkError(f"{command[0]} is not installed; run `make setup`") from error
-    except subprocess.TimeoutExpired as error:
-        raise NetworkError(f"{command[0]} did not end in {timeout_s:g} s") from error
-    if done.returncode and not fails:
-        words = (done.stderr or done.stdout).strip()
+    with process:
+        try:
+            said, wrong = _end_of_command(process, given, time.monotonic() + timeout_s, check)
+        except subprocess.TimeoutExpired as error:
+            raise NetworkError(f"{command[0]} did not end in {timeout_s:g} s") from error
+        finally:
+            process.kill()
+    if process.returncode and not fails:
+        words = (wrong or said).strip()
         raise NetworkError(f"{' '.join(command[:3])} failed: {words}")
-    return done.stdout
+    return said
+
+
+def _end_of_command(
+    process: "subprocess.Popen[str]", given: str, deadline: float, check: Callable[[], None]
+) -> tuple[str, str]:
+    """Return what a command says, and what it says on standard error, when it has ended."""
+    unread: str | None = given
+    while True:
+        try:
+            return process.communicate(unread, timeout=OPENVSWITCH_LOOK_S)
+        except subprocess.TimeoutExpired:
+            unread = None  # it has that now
+            check()
+            if time.monotonic() > deadline:
+                raise

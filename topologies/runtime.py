@@ -21,6 +21,7 @@ from typing import IO, Any
 from topologies.forks import ForkServer
 from topologies.owners import from_words, gone, this_process
 from topologies.programs import NetworkError, Program
+from topologies.timeouts import END_TIMEOUT_S
 from wire.config import Cable, Fiber, QuantumSwitch
 from wire.dispatcher_service import RUNNER
 from wire.network_time import NetworkTime
@@ -157,7 +158,9 @@ class Runtime:
             os.close(cable.a_fd)
             os.close(cable.b_fd)
         self.cables.clear()
-        shutil.rmtree(self.folder, ignore_errors=True)
+        deadline = time.monotonic() + END_TIMEOUT_S
+        while self.folder.exists() and time.monotonic() < deadline:
+            shutil.rmtree(self.folder, ignore_errors=True)  # what ends just now may make a file
 
 
 def metrics_listener(network: Runtime, name: str) -> socket.socket:

@@ -96,7 +96,7 @@ class DispatcherConfig(MeasuredConfig, DispatcherSettings):
     event_log: str = ""  # path; empty: none
     event_capture: str = ""  # path of the same as a pcapng file; empty: none
     devices: dict[str, Device] = field(default_factory=dict)  # of hosts; ideal if not listed
-    max_live_qubits: int = 8_000_000
+    max_live_qubits: int = 32_000_000
     record: str = ""  # path of a private record to replay, which must not exist; empty: none
     qasm: str = ""  # path of a dump of what is done to qubits (OpenQASM 2.0); empty: none
     # How long (s) news takes from each node to its neighbours at least; none: no time at all.

@@ -54,6 +54,7 @@ LIGHT: Mapping[Service, tuple[Beam, ...]] = MappingProxyType(
         Service.DISTRIBUTE: PAIRS,
         Service.TELEPORT: PAIRS,
         Service.BBM92: PAIRS,
+        Service.SEAL: PAIRS,
         Service.BB84: (Beam(FiberOf(OPENER, 0), FiberOf(ACCEPTOR, 0)),),
         Service.SWAP: (),  # its links have it
         Service.LINK: (Beam(FiberOf(OPENER, -1), FiberOf(ACCEPTOR, 0)),),
@@ -69,7 +70,7 @@ RETURNS: Mapping[Service, Service] = MappingProxyType({Service.SDC_RETURN: Servi
 
 # Where the opener is the source, of services that can do with that: it keeps half of each pair.
 OWN_LIGHT: Mapping[Service, tuple[Beam, ...]] = MappingProxyType(
-    dict.fromkeys((Service.DISTRIBUTE, Service.TELEPORT), LIGHT[Service.LINK])
+    dict.fromkeys((Service.DISTRIBUTE, Service.TELEPORT, Service.SEAL), LIGHT[Service.LINK])
 )
 # What a session comes to need besides, the hosts say: MEASURE to estimate, GATE to purify.
 NEEDS: Mapping[Service, Mapping[Role, Feature]] = MappingProxyType(
@@ -79,6 +80,7 @@ NEEDS: Mapping[Service, Mapping[Role, Feature]] = MappingProxyType(
         Service.DISTRIBUTE: {SOURCE: EMIT, OPENER: STORE, ACCEPTOR: STORE},
         Service.TELEPORT: {SOURCE: EMIT, OPENER: STORE | MEASURE, ACCEPTOR: STORE | MEASURE},
         Service.BBM92: {SOURCE: EMIT, OPENER: MEASURE, ACCEPTOR: MEASURE},
+        Service.SEAL: {SOURCE: EMIT, OPENER: MEASURE, ACCEPTOR: MEASURE},
         Service.BB84: {OPENER: EMIT, ACCEPTOR: MEASURE},
         Service.SWAP: {
             OPENER: EMIT | STORE,

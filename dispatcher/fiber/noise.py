@@ -38,10 +38,22 @@ class Pattern:
 
 @dataclass(frozen=True)
 class Schedule:
-    """When the photons of a block are at a point."""
+    """When the photons of a block are at a point: an array that is made when all are asked for."""
 
     first_ns: int
     pattern: Pattern
+
+    def __len__(self) -> int:
+        """How many there are."""
+        return self.pattern.photons
+
+    def __getitem__(self, photon: int) -> int:
+        """When one photon is there; -1 is the last."""
+        return self.time_ns(photon if photon >= 0 else photon + self.pattern.photons)
+
+    def __array__(self, dtype: None = None, copy: bool | None = None) -> NDArray[np.int64]:
+        """When each photon is there, shape (k,)."""
+        return self.times_ns
 
     @property
     def photons(self) -> int:

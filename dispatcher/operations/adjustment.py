@@ -1,4 +1,4 @@
-"""Changes of a fibre while light flows: its calibration, its traffic."""
+"""Changes of a fibre while light flows: its calibration, its traffic, who listens in."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -7,6 +7,7 @@ import numpy as np
 
 from dispatcher.fiber.classical_light import ClassicalLight
 from dispatcher.fiber.fluctuations import ThermalDrift
+from dispatcher.fiber.tap import Tap
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.network import Line
 from dispatcher.refusal import invalid
@@ -20,10 +21,12 @@ def adjust(layer: PhysicalLayer, request: AdjustFiberRequest) -> int:
     kind = request.WhichOneof("adjustment")
     if kind == "classical_mw":
         _illuminate(layer, lines, request.classical_mw)
+    elif kind == "tapped":
+        _tap(layer, lines, request.tapped)
     elif request.calibrate:
         _calibrate(layer, lines)
     else:
-        raise invalid("no adjustment; name calibrate or classical_mw")
+        raise invalid("no adjustment; name calibrate, classical_mw or tapped")
     return len(lines) // 2
 
 
@@ -53,3 +56,16 @@ def _illuminate(layer: PhysicalLayer, lines: Iterable[Line], power_mw: float) ->
         for model in line.noise.values():
             if isinstance(model, ClassicalLight):
                 model.power_mw.set(power_mw, now_ns)
+
+
+def _tap(layer: PhysicalLayer, lines: Iterable[Line], fraction: float) -> None:
+    """Let this fraction of the photons be measured and sent on from now on."""
+    if not 0 <= fraction <= 1:
+        raise invalid(f"tapped {fraction} is not 0 to 1: it is a fraction of the photons")
+    now_ns = layer.clock.now_ns()
+    for line in lines:
+        detail = f"tapped {fraction:g}"
+        layer.record(line.near.node, "tune", None, line.near.port, detail, now_ns)
+        model = line.noise.setdefault(Tap.NAME, Tap())
+        assert isinstance(model, Tap)
+        model.fraction.set(fraction, now_ns)

@@ -140,8 +140,8 @@ class Flight:
             switch.lose(in_port, int(np.count_nonzero(photons)))
             self._absorb(beam.members)
             return
-        times_ns = self._departure.after(beam.delay_ns).times_ns
-        light = Light(beam.members, photons, times_ns, self._departure.frequency_mhz)
+        schedule = self._departure.after(beam.delay_ns)
+        light = Light(beam.members, photons, schedule, self._departure.frequency_mhz)
         random = self._chance(f"switch {beam.fibers_passed}")
         dark, lost = beam.members.copy(), photons
         for out_port, passed in switch.cross(in_port, light, random).items():

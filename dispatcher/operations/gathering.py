@@ -54,7 +54,7 @@ class Gathering:
         blocks = [block for block, _positions in picked]
         self._require_free(into, [] if keep_rest else blocks)
         if keep_rest:
-            self._require_room(sum(positions.size for _block, positions in picked))
+            require_places(layer, sum(positions.size for _block, positions in picked))
         stored = self._take_up(blocks)
         gathered = self._block(node, into, picked)
         if keep_rest:
@@ -94,18 +94,6 @@ class Gathering:
             message = f"{into} exists, here or elsewhere; discard it or take another number"
             raise Refusal(grpc.StatusCode.ALREADY_EXISTS, message)
 
-    def _require_room(self, more: int) -> None:
-        """Refuse to divide blocks again and again, of which little but their places is left."""
-        layer = self._layer
-        if layer.ownership.count >= limits.MAX_BLOCKS:
-            raise exhausted(f"{limits.MAX_BLOCKS} blocks are live; discard some")
-        most = MOST_PLACES * layer.max_live_qubits
-        if layer.ownership.places + more > most:
-            raise exhausted(
-                f"{more} more places for photons with {layer.ownership.places}, those of lost "
-                f"ones included, exceed the limit of {most}; discard what little is left in"
-            )
-
     def _take_up(self, blocks: Sequence[Block]) -> bool:
         """Decide what waiting has done to stored blocks; return whether all of them stay stored."""
         layer = self._layer
@@ -141,6 +129,18 @@ class Gathering:
             stores=max(block.stores for block in blocks),
             resends=max(block.resends for block in blocks),
             lineage=_lineage(picked),
+        )
+
+
+def require_places(layer: PhysicalLayer, more: int) -> None:
+    """Refuse to divide blocks again and again, of which little but their places is left."""
+    if layer.ownership.count >= limits.MAX_BLOCKS:
+        raise exhausted(f"{limits.MAX_BLOCKS} blocks are live; discard some")
+    most = MOST_PLACES * layer.max_live_qubits
+    if layer.ownership.places + more > most:
+        raise exhausted(
+            f"{more} more places for photons with {layer.ownership.places}, those of lost "
+            f"ones included, exceed the limit of {most}; discard what little is left in"
         )
 
 

@@ -8,6 +8,7 @@ from dispatcher.operations.blocks import Operations
 from dispatcher.operations.gathering import Gathering
 from dispatcher.operations.measurements import Measurements
 from dispatcher.operations.resending import Resending
+from dispatcher.operations.splitting import Splitting
 from dispatcher.operations.transport import Transport
 from dispatcher.refusal import invalid
 from wire import dispatcher_pb2 as messages
@@ -22,6 +23,7 @@ def acts(
     transport: Transport,
     gathering: Gathering,
     resending: Resending,
+    splitting: Splitting,
 ) -> dict[str, Act]:
     """Return the act for each operation of a Step, called with node and request."""
 
@@ -65,6 +67,9 @@ def acts(
     async def resend(node: str, request: messages.ResendRequest) -> messages.Feedback:
         return resending.resend(node, block_name(request.block), request.bases)
 
+    async def split(node: str, request: messages.SplitRequest) -> messages.Feedback:
+        return splitting.split(node, block_name(request.block), block_name(request.into))
+
     return {
         "create": create,
         "apply": apply,
@@ -76,4 +81,5 @@ def acts(
         "discard": discard,
         "gather": gather,
         "resend": resend,
+        "split": split,
     }

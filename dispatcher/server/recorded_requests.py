@@ -26,6 +26,7 @@ REQUESTS: dict[str, type[Any]] = {
     "discard": messages.DiscardRequest,
     "gather": messages.GatherRequest,
     "resend": messages.ResendRequest,
+    "split": messages.SplitRequest,
     "look": messages.LookRequest,
     "cross_connect": messages.CrossConnectRequest,
     "tune_port": messages.TunePortRequest,

@@ -16,6 +16,7 @@ from dispatcher.operations.gathering import Gathering
 from dispatcher.operations.measurements import Measurements
 from dispatcher.operations.operation_handlers import acts
 from dispatcher.operations.resending import Resending
+from dispatcher.operations.splitting import Splitting
 from dispatcher.operations.switching import Switching
 from dispatcher.operations.transport import Transport
 from dispatcher.refusal import Refusal, denied, exhausted
@@ -66,7 +67,7 @@ class Service(DispatcherServicer):
         self.switching = Switching(layer)
         self._operations = Operations(layer)
         parts = self._operations, Measurements(layer), self.transport, Gathering(layer)
-        self._acts = acts(*parts, Resending(layer))
+        self._acts = acts(*parts, Resending(layer), Splitting(layer))
         self._changes = changes(layer, self.switching)
 
     async def Challenge(
@@ -144,6 +145,13 @@ class Service(DispatcherServicer):
     ) -> messages.Feedback:
         """Measure photons and put new ones in their places."""
         return await self._act(node, "resend", request)
+
+    @call
+    async def Split(
+        self, request: messages.SplitRequest, node: str, _context: Context
+    ) -> messages.Feedback:
+        """Count the photons of pulses, and take one out of those that have several."""
+        return await self._act(node, "split", request)
 
     @call
     async def Perform(

@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.registers import Mask
 from dispatcher.switch.steps import Steps
-from dispatcher.switch.timeline import Circuit, Timeline
+from dispatcher.switch.timeline import Circuit, Timeline, Times
 from wire.config import PathOptics, QuantumSwitch
 from wire.optical import DEFAULT_FREQUENCY_MHZ
 
-Times = NDArray[np.int64]  # ascending, shape (k,)
 MAX_POWER_DBM = 0.0
 BIAS_AT_THRESHOLD_MA = 10.0
 BIAS_PER_MW_MA = 10.0
@@ -110,13 +109,13 @@ class OpticalSwitch:
         Photons that stray take all the light of their pulse with them.
         """
         times_ns = light.times_ns
-        entered = light.pulses & self._passes(self.ports[in_port].rx_mhz, light)
+        entered = self._filtered(light.pulses, self.ports[in_port].rx_mhz, light)
         leaving = self._route(in_port, entered, times_ns)
         if self.config.crosstalk_db is not None:
             leaving = self._stray(leaving, times_ns, random)
         passed = {}
         for out_port, pulses in leaving.items():
-            pulses &= self._passes(self.ports[out_port].tx_mhz, light)
+            pulses = self._filtered(pulses, self.ports[out_port].tx_mhz, light)
             loss_db = self._loss_db(in_port, out_port, times_ns)
             transmission = 10 ** (-loss_db / 10)
             photons = pulses & light.photons
@@ -139,11 +138,13 @@ class OpticalSwitch:
     def _is_hot(self) -> bool:
         return self.temperature_c > self.config.max_temperature_c
 
-    def _passes(self, filter_mhz: Steps, light: Light) -> Mask | np.bool_:
-        """Say for which photons a filter is tuned to within half the grid of their colour."""
-        offset_mhz = np.abs(filter_mhz.at(light.times_ns) - light.frequency_mhz)
-        passes: Mask | np.bool_ = offset_mhz < self.config.grid_mhz / 2
-        return passes
+    def _filtered(self, pulses: Mask, filter_mhz: Steps, light: Light) -> Mask:
+        """Return those of the pulses whose colour is within half the grid of a filter's, then."""
+        passes = np.abs(filter_mhz.at(light.times_ns) - light.frequency_mhz)
+        passes = passes < self.config.grid_mhz / 2
+        if not np.ndim(passes):  # the same for all of them, as mostly
+            return pulses if passes else np.zeros_like(pulses)
+        return pulses & passes
 
     def _route(self, in_port: int, photons: Mask, times_ns: Times) -> dict[int, Mask]:
         """Send photons by the paths that were open."""
@@ -193,7 +194,7 @@ class OpticalSwitch:
         # In an interval a photon of this input by this output has not strayed.
         for part, interval in self.timeline.passages(in_port, light.times_ns):
             counted = passed[interval.out_port].photons[part]
-            interval.circuit.count(counted, light.times_ns[part])
+            interval.circuit.count(counted, light.times_ns, part.start)
 
 
 def nearest_channel(config: QuantumSwitch, frequency_mhz: int) -> int:

@@ -5,7 +5,7 @@ from bisect import bisect_right
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.switch.timeline import REMEMBERED_NS
+from dispatcher.switch.timeline import REMEMBERED_NS, Times
 
 
 class Steps:
@@ -30,7 +30,7 @@ class Steps:
         stale = max(bisect_right(self._since_ns, now_ns - REMEMBERED_NS) - 1, 0)
         del self._values[:stale], self._since_ns[:stale]
 
-    def at(self, times_ns: NDArray[np.int64]) -> float | NDArray[np.float64]:
+    def at(self, times_ns: Times) -> float | NDArray[np.float64]:
         """Return the value at each of these ascending times, or one if it was the same.
 
         Times must have passed by less than what is remembered.

@@ -8,6 +8,7 @@ from bisect import bisect_right
 from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,16 @@ from numpy.typing import NDArray
 REMEMBERED_NS = 60_000_000_000
 DARK = 0  # OpenFlow has no port 0
 NEVER_NS = 1 << 62
+
+
+class Times(Protocol):
+    """Ascending times of k photons, as in an array; mostly the first and the last are wanted."""
+
+    def __len__(self) -> int: ...
+
+    def __getitem__(self, photon: int, /) -> Any: ...
+
+    def __array__(self) -> NDArray[np.int64]: ...
 
 
 @dataclass(eq=False)
@@ -27,12 +38,12 @@ class Circuit:
     photons: int = 0
     closed_ns: int = NEVER_NS
 
-    def count(self, passed: NDArray[np.bool_], times_ns: NDArray[np.int64]) -> None:
-        """Count the photons that passed at these ascending times."""
+    def count(self, passed: NDArray[np.bool_], times_ns: Times, first: int = 0) -> None:
+        """Count the photons that passed, of those from the first on, at their ascending times."""
         photons = int(np.count_nonzero(passed))
         if photons:
             self.photons += photons
-            last = len(passed) - 1 - int(passed[::-1].argmax())
+            last = first + len(passed) - 1 - int(passed[::-1].argmax())
             self.last_ns = max(self.last_ns, int(times_ns[last]))
 
 
@@ -45,8 +56,10 @@ class Interval:
     circuit: Circuit
     closes_ns: int = NEVER_NS
 
-    def part(self, times_ns: NDArray[np.int64]) -> slice:
+    def part(self, times_ns: Times) -> slice:
         """Return which of these ascending times lie in it."""
+        if self.opens_ns <= times_ns[0] and times_ns[-1] < self.closes_ns:
+            return slice(0, len(times_ns))
         begin, end = np.searchsorted(times_ns, (self.opens_ns, self.closes_ns))
         return slice(int(begin), int(end))
 
@@ -105,9 +118,7 @@ class Timeline:
         recent = [c for c in self._circuits.values() if c.closed_ns >= now_ns - REMEMBERED_NS]
         return sorted(recent, key=lambda circuit: circuit.number)
 
-    def passages(
-        self, in_port: int, times_ns: NDArray[np.int64]
-    ) -> Iterator[tuple[slice, Interval]]:
+    def passages(self, in_port: int, times_ns: Times) -> Iterator[tuple[slice, Interval]]:
         """Return the intervals that light met at these ascending times, each with its part.
 
         Times must have passed, and by less than what is remembered.
@@ -123,14 +134,14 @@ class Timeline:
             if part.start < part.stop:
                 yield part, interval
 
-    def path(self, in_port: int, times_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+    def path(self, in_port: int, times_ns: Times) -> NDArray[np.int64]:
         """Return the output that light took at each of these times, DARK for none."""
         out_ports = np.full(len(times_ns), DARK, dtype=np.int64)
         for part, interval in self.passages(in_port, times_ns):
             out_ports[part] = interval.out_port
         return out_ports
 
-    def outputs_in_use(self, times_ns: NDArray[np.int64]) -> dict[int, NDArray[np.bool_]]:
+    def outputs_in_use(self, times_ns: Times) -> dict[int, NDArray[np.bool_]]:
         """Return for each output when a path to it was open, shape (k,)."""
         in_use: dict[int, NDArray[np.bool_]] = {}
         for in_port in self._intervals:

@@ -1,4 +1,7 @@
-"""Measure a fraction of the light that goes by way of this host, and send it on as it was found.
+"""Attack the light that goes by way of this host, and send it on.
+
+resend: measure a fraction of the photons, and send on what was found. split: keep one photon of
+each pulse that has several, and of those with one send on so many that nothing seems to be missing.
 
 Prints a line of JSON when it has begun, one for each block, and one with the summary when it is
 told to end (SIGTERM or SIGINT).
@@ -20,7 +23,10 @@ SIGNALS = (signal.SIGTERM, signal.SIGINT)
 def intercept(arguments: argparse.Namespace) -> None:
     """Intercept until told to end."""
     with ServiceSocket(arguments.stack) as intercepting:
-        blocks = intercepting.intercept(arguments.fraction)
+        options = {"attack": arguments.attack}
+        if arguments.attack == "split":
+            options |= {name: getattr(arguments, name) for name in ("expected_db", "onward_db")}
+        blocks = intercepting.intercept(arguments.fraction, **options)
 
         def end(_number: int, _frame: FrameType | None) -> None:
             for number in SIGNALS:
@@ -29,7 +35,7 @@ def intercept(arguments: argparse.Namespace) -> None:
 
         for number in SIGNALS:
             signal.signal(number, end)
-        say("intercepting", {"fraction": arguments.fraction})
+        say("intercepting", {"fraction": arguments.fraction, **options})
         for block in blocks:
             say("result", block)
         say("done", intercepting.summary)
@@ -41,6 +47,11 @@ def main() -> int:
         prog="python -m hosts.applications.intercept", description=__doc__
     )
     parser.add_argument("--stack", help="socket of this host's stack (QMN_STACK)")
+    parser.add_argument("--attack", choices=("resend", "split"), default="resend", help="(resend)")
+    text = "split: loss from here to a click, as both ends expect it (0)"
+    parser.add_argument("--expected-db", type=float, default=0.0, metavar="DB", help=text)
+    text = "split: the same as it is, by the way that this host has (0)"
+    parser.add_argument("--onward-db", type=float, default=0.0, metavar="DB", help=text)
     parser.add_argument("fraction", type=float, help="of the photons, 0 to 1")
     arguments = parser.parse_args()
     try:

@@ -160,6 +160,12 @@ class Qnic(Protocol):
         each, 255 where none was measured or no detector clicked: there, no photon is left.
         """
 
+    async def split(self, block: BlockName, into: BlockName) -> Symbols:
+        """Count the photons of each pulse at this host; return the counts, shape (k,).
+
+        One photon of each pulse that has several goes into a new block, in the place of its pulse.
+        """
+
     async def receive_into_memory(self, block: BlockName, port: str, timeout_s: float) -> Stored:
         """Store the photons that arrive at a port; raise NoLight if none does.
 

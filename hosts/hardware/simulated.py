@@ -44,6 +44,7 @@ from wire.dispatcher_pb2 import (
     ReceiveRequest,
     ResendRequest,
     SendRequest,
+    SplitRequest,
     Step,
     StoreRequest,
     WatchRequest,
@@ -197,6 +198,12 @@ class SimulatedQnic:
         """Measure photons at this host and put new ones in their places."""
         resend = ResendRequest(block=_named(block), bases=bases.tobytes())
         (feedback,) = await self._orders.perform(Step(resend=resend))
+        return np.frombuffer(feedback.outcomes, dtype=np.uint8)
+
+    async def split(self, block: BlockName, into: BlockName) -> Symbols:
+        """Count photons of pulses at this host, and take one of several."""
+        split = SplitRequest(block=_named(block), into=_named(into))
+        (feedback,) = await self._orders.perform(Step(split=split))
         return np.frombuffer(feedback.outcomes, dtype=np.uint8)
 
     async def receive_into_memory(self, block: BlockName, port: str, timeout_s: float) -> Stored:

@@ -5,7 +5,7 @@ from collections.abc import Coroutine
 from typing import Any
 
 from hosts.hardware.qnic import HardwareError
-from hosts.middleware.services.interception import Interception
+from hosts.middleware.services.interception.interception import Interception
 from hosts.middleware.session.channel import SessionError
 from wire.metadata import Reason
 from wire.socket_calls import Call, encode_fields

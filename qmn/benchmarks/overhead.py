@@ -1,5 +1,7 @@
 """The cost of captures, events and records: runs with them beside runs without.
 
+And beside stim's batch sampler, which makes pairs without any network, in the same rounds.
+
 Runs of all kinds take turns, in both orders, so that a machine that gets slower, or still has to
 bring to the disk what the run before has written, slows all of them alike.
 """
@@ -13,6 +15,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from qmn.benchmarks.batch_sampler import sampled_pairs_per_s
 from qmn.timeouts import RUN_TIMEOUT_S
 from topologies.network import Signals
 from topologies.programs import NetworkError, python
@@ -46,13 +49,16 @@ def overhead_figures(folder: Path, signals: Signals) -> Iterator[tuple[str, str]
     file = folder / "message"
     file.write_bytes(os.urandom(MESSAGE_BYTES))
     rounds: list[Round] = []
+    sampled: list[float] = []
     for number in range(ROUNDS):
         measured: Round = {}
         for kind in order(number):
             signals.check()
             measured[kind] = measure(file, folder / "overhead", KINDS[kind])
         rounds.append(measured)
+        sampled.append(sampled_pairs_per_s())
     yield from figures(rounds)
+    yield from beside_sampler(rounds, sampled)
 
 
 def order(number: int) -> list[str]:
@@ -69,6 +75,16 @@ def figures(rounds: list[Round]) -> Iterator[tuple[str, str]]:
         yield f"qmn run sdc, {kind}", f"{statistics.median(rates):,.0f} Bell pairs/s, {share}"
     missed = sum(run.packets_missed for each in rounds for run in each.values())
     yield "  packets not captured", f"{missed:,}"
+
+
+def beside_sampler(rounds: list[Round], sampled: list[float]) -> Iterator[tuple[str, str]]:
+    """Yield the sampler's median rate, and what a network makes of it that writes everything."""
+    yield "stim's batch sampler, no network", f"{statistics.median(sampled):,.0f} Bell pairs/s"
+    shares = [
+        each[EVERYTHING].pairs_per_s / rate for each, rate in zip(rounds, sampled, strict=True)
+    ]
+    share = f"{statistics.median(shares):.2f} ({min(shares):.2f} to {max(shares):.2f})"
+    yield f"  times that, {EVERYTHING}", share
 
 
 def measure(file: Path, runs: Path, options: Sequence[str]) -> Measured:

@@ -1,9 +1,14 @@
-"""--eve FRACTION: puts eve on the fibre of a run, and has her measure a fraction of the light."""
+"""--eve FRACTION: puts eve on the fibre of a run, and has her attack a fraction of the light.
 
+By photon-number splitting she stands in for a way that loses more than hers: by --eve-hides-db.
+"""
+
+import heapq
 import json
+import math
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +17,61 @@ from qmn.network.description import NetworkDescription
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput
 from qmn.timeouts import START_TIMEOUT_S
+from topologies.description import Description
 from topologies.network import Network
 from topologies.programs import Program, python
 
 EVE = "eve"
 TOPOLOGY = "tapped"  # that has her
 POLICY = "policy.toml"  # in the run's folder
+RESEND, SPLIT = ATTACKS = ("resend", "split")
+SPLITTABLE = ("bb84",)  # services whose light a sender prepares
+
+
+@dataclass(frozen=True)
+class Attack:
+    """What eve does."""
+
+    fraction: float  # of the photons
+    kind: str = RESEND
+    expected_db: float = 0.0  # of splitting: from her to a click, as both ends expect it
+    onward_db: float = 0.0  # and as it is
+
+    @property
+    def words(self) -> list[str]:
+        """Return how her application is told."""
+        ways = "--expected-db", str(self.expected_db), "--onward-db", str(self.onward_db)
+        return ["--attack", self.kind, *(ways if self.kind == SPLIT else ()), str(self.fraction)]
+
+
+def splitting(hides_db: float, receiver: str, parts: Description) -> Attack:
+    """Return the attack on a way that both ends believe to lose so much more than it does."""
+    onward_db = loss_to_click(EVE, receiver, parts)
+    return Attack(1.0, SPLIT, onward_db + hides_db, onward_db)
+
+
+def loss_to_click(begin: str, end: str, parts: Description) -> float:
+    """Return what light loses at least by fibres, switches and detectors, from host to host."""
+    nearest, waiting = dict[str, float](), [(0.0, begin)]
+    while waiting:
+        loss_db, node = heapq.heappop(waiting)
+        if node in nearest:
+            continue
+        nearest[node] = loss_db
+        if node in parts.switches:
+            loss_db += parts.switches[node].insertion_loss_db
+        elif node != begin:  # hosts pass nothing on
+            continue
+        for fiber in parts.fibers:
+            if node in (fiber.a, fiber.b):
+                own_db = fiber.optics.length_km * fiber.optics.loss_db_per_km
+                own_db += fiber.optics.connectors_db
+                far = fiber.b if node == fiber.a else fiber.a
+                heapq.heappush(waiting, (loss_db + own_db, far))
+    efficiency = parts.hosts[end].detectors.efficiency
+    if end not in nearest or not efficiency:
+        raise BadInput(f"--eve-attack {SPLIT}: no light of {begin} makes a detector of {end} click")
+    return nearest[end] - 10 * math.log10(efficiency)
 
 
 def with_eve(network: NetworkOptions) -> NetworkOptions:
@@ -50,15 +104,13 @@ def sender_of_light(service: str, sender: str, network: NetworkDescription) -> s
 
 
 @contextmanager
-def eavesdropping(
-    network: Network, fraction: float | None, facts: dict[str, Any]
-) -> Iterator[None]:
-    """Have eve intercept meanwhile, if a fraction is given; add what she saw to the facts."""
-    if fraction is None:
+def eavesdropping(network: Network, attack: Attack | None, facts: dict[str, Any]) -> Iterator[None]:
+    """Have eve attack meanwhile, if an attack is given; add what she saw to the facts."""
+    if attack is None:
         yield
         return
-    command = [python(), "-m", "hosts.applications.intercept", "--stack"]
-    eve = network.run_on(EVE, EVE, [*command, network.runtime.socket(EVE), str(fraction)])
+    command = [python(), "-m", "hosts.applications.intercept", *attack.words]
+    eve = network.run_on(EVE, EVE, [*command, "--stack", network.runtime.socket(EVE)])
     eve.wait_for("intercepting", START_TIMEOUT_S)
     try:
         yield

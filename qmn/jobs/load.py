@@ -102,7 +102,7 @@ def run(request: LoadRequest, signals: Signals, console: Console) -> int:
     own = {name: getattr(request, name) for name in OWN_OPTIONS}
     own["file"] = str(request.file) if request.file else None
     facts = {"service": request.service, **known_facts(context, own), "delivered": False}
-    with ending(folder, facts, result.complete):
+    with ending(folder, facts, result.complete, context.options.report):
         _drive(request, traffic, planned, wanted, context, facts)
     result.show(console, facts, folder)
     return 0 if facts["delivered"] else 1

@@ -84,7 +84,10 @@ def run(request: NetqasmRequest, signals: Signals, console: Console) -> int:
         "roles": dict(application.hosts),
         "outputs": [],
     }
-    with ending(folder, facts, result.complete), running_network(context, facts) as network:
+    with (
+        ending(folder, facts, result.complete, context.options.report),
+        running_network(context, facts) as network,
+    ):
         console.print(f"{application.folder.name}: {told(application.hosts)}")
         play(application, network, folder, facts["outputs"])
         facts["delivered"] = True

@@ -142,8 +142,8 @@ def running_network(context: RunContext, facts: dict[str, Any]) -> Iterator[Netw
             facts["metrics"] = urls = announce(runtime.metrics_addresses, context.folder)
             for program, url in urls.items():
                 console.print(f"figures of {program}: {url}", soft_wrap=True)
-        if run.capture:
-            files = network.capture("s1", openflow=True)
+        if run.packet_bytes:
+            files = network.capture("s1", openflow=True, packet_bytes=run.packet_bytes)
             facts["captures"] = [str(file) for file in files]
         yield network
         reached = status(network)
@@ -151,15 +151,18 @@ def running_network(context: RunContext, facts: dict[str, Any]) -> Iterator[Netw
         early = worst(network.runtime)
         facts["acausal"] = early.to_dict() if early else None
         facts |= software_facts(reached.software, network.runtime.devices.values())
-        begin_loading()  # meanwhile the network goes
+        if run.report:
+            begin_loading()  # meanwhile the network goes
     facts["packets_not_captured"] = network.captures.packets_missed
 
 
 @contextmanager
-def ending(folder: Path, facts: dict[str, Any], complete: Complete) -> Iterator[None]:
+def ending(
+    folder: Path, facts: dict[str, Any], complete: Complete, report: bool = True
+) -> Iterator[None]:
     """Leave timeline, facts and report behind, whatever happens inside.
 
-    What ends the run tells where the report is.
+    What ends the run tells where the report is, unless none is wanted.
     """
     fault: Exception | None = None
     try:
@@ -171,7 +174,7 @@ def ending(folder: Path, facts: dict[str, Any], complete: Complete) -> Iterator[
     finally:
         facts["timeline"] = timeline_of_run(folder)
         complete(facts, folder)
-        facts["report"] = report_of_run(folder)
+        facts["report"] = report_of_run(folder) if report else f"`qmn report {folder}` makes it"
         if fault is not None:
             fault.add_note(f"report to look at: {facts['report']}")
         give_to_invoker(folder)

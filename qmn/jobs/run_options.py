@@ -3,8 +3,12 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from topologies.captures import HEADERS_BYTES, MAX_PACKET_BYTES
 from topologies.slow_copper import LEAST_MBPS, MOST_MBPS
 from wire.parameters.option import option
+
+# Bytes of each packet at most.
+CAPTURES = {"full": MAX_PACKET_BYTES, "headers": HEADERS_BYTES, "none": 0}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,6 +23,17 @@ class RunOptions:
         range=(LEAST_MBPS, MOST_MBPS),
     )
     qasm: bool = option(False, "write what is done to qubits to quantum.qasm")
-    capture: bool = option(True, "do not capture packets")
+    captures: str = option(
+        "full",
+        "of each packet, what is captured: full, headers (its first 640 bytes), or none (full)",
+        choices=CAPTURES,
+    )
+    capture: bool = option(True, "do not capture packets, as --captures none")
     events: bool = option(True, "do not write what happens to qubits")
     record: bool = option(True, "do not record what `qmn replay` needs")
+    report: bool = option(True, "draw no report; `qmn report` makes it later")
+
+    @property
+    def packet_bytes(self) -> int:
+        """Return how many bytes of each packet are captured at most; 0: there are no captures."""
+        return CAPTURES[self.captures] if self.capture else 0

@@ -37,7 +37,7 @@ class Job:
     done: Callable[[Line], int]  # how many of them the opener's line says are done
     rate: Callable[[Line], float] | None = None  # of them in a second, if that is shown
     file: Path | None = None  # of bytes to send, for a service that carries some
-    eve: float | None = None  # the fraction of the light that she measures; None: she does nothing
+    eve: eavesdropping.Attack | None = None  # None: she does nothing
     facts: dict[str, Any] = field(default_factory=dict)  # more that the result keeps
 
 
@@ -50,7 +50,7 @@ def run(job: Job, context: RunContext) -> int:
         "delivered": False,
         **job.facts,
     }
-    with ending(folder, facts, result.complete):
+    with ending(folder, facts, result.complete, context.options.report):
         use_network(job, context, facts)
     result.show(console, facts, folder)
     return 0 if facts["delivered"] else 1

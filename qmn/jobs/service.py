@@ -12,6 +12,7 @@ from hosts.middleware.session.channel import SessionError
 from hosts.middleware.session.service_options import ServiceOptions
 from hosts.timeouts import MAX_BLOCK_S
 from qmn.jobs import eavesdropping, runner
+from qmn.jobs.eavesdropping import ATTACKS, RESEND, SPLIT, SPLITTABLE, Attack
 from qmn.jobs.run_context import RunContext, begin_folder
 from qmn.jobs.run_options import RunOptions
 from qmn.jobs.service_verbs import verb_of
@@ -38,9 +39,20 @@ class ServiceRequest:
     rate_hz: int | None = option(None, "of the source", metavar="HZ")
     eve: float | None = option(
         None,
-        "put eve on the fibre, who measures this fraction of the photons and resends them",
+        "put eve on the fibre, who attacks this fraction of the photons",
         metavar="FRACTION",
         range=(0, 1),
+    )
+    eve_attack: str = option(
+        RESEND,
+        f"what she does: measure and resend, or split photons off pulses of several ({RESEND})",
+        choices=ATTACKS,
+    )
+    eve_hides_db: float | None = option(
+        None,
+        "split: by how much less light is lost from her to a click than both ends expect (0)",
+        metavar="DB",
+        range=(0, 100),
     )
     schedule: str | None = option(
         None,
@@ -70,7 +82,7 @@ def begun(
     folder = begin_folder(request.run.runs, request.service)
     network = with_policy(request, network, folder)
     context = RunContext(network, request.run, folder, signals, console)
-    return job(request), context
+    return job(request, network), context
 
 
 def with_policy(
@@ -78,14 +90,16 @@ def with_policy(
 ) -> NetworkDescription:
     """Return the network with the policy that eve or a schedule need, written into the folder."""
     if request.eve is not None:
-        begin = eavesdropping.sender_of_light(request.service, request.sender, network)
+        begin = request.options.source or eavesdropping.sender_of_light(
+            request.service, request.sender, network
+        )
         return network.with_policy(eavesdropping.tapping_policy(begin, request.receiver, folder))
     if request.schedule is not None:
         return network.with_policy(scheduling_policy(request.schedule, folder))
     return network
 
 
-def job(request: ServiceRequest) -> runner.Job:
+def job(request: ServiceRequest, network: NetworkDescription) -> runner.Job:
     """Return the use of a service."""
     service, options, verb = request.service, request.options, verb_of(request.service)
     named = verb.unit.replace("_", " ")
@@ -99,6 +113,8 @@ def job(request: ServiceRequest) -> runner.Job:
         parameters={
             **ends,
             "eve": request.eve,
+            "eve_attack": request.eve_attack if request.eve is not None else None,
+            "eve_hides_db": request.eve_hides_db,
             "schedule": request.schedule,
             **{name: getattr(options, name) for name in own},
         },
@@ -106,8 +122,32 @@ def job(request: ServiceRequest) -> runner.Job:
         unit=named,
         total=options.count,
         done=lambda line: line.get(verb.unit, 0),
-        eve=request.eve,
+        eve=attack_of(request, network),
     )
+
+
+def attack_of(request: ServiceRequest, network: NetworkDescription) -> Attack | None:
+    """Return what eve does; None: nothing."""
+    if request.eve is None:
+        return None
+    if request.eve_attack == SPLIT:
+        hides_db = request.eve_hides_db or 0.0
+        return eavesdropping.splitting(hides_db, request.receiver, network.parts)
+    return Attack(request.eve)
+
+
+def check_attack(request: ServiceRequest) -> None:
+    """Raise BadInput for what eve cannot do."""
+    splits = request.eve_attack == SPLIT
+    if splits and request.eve != 1:
+        raise BadInput(f"--eve-attack {SPLIT} is on every pulse: say --eve 1")
+    if splits and request.service not in SPLITTABLE:
+        raise BadInput(
+            f"--eve-attack {SPLIT}: in {request.service} no sender prepares pulses; "
+            f"choose --protocol {SPLITTABLE[0]}"
+        )
+    if request.eve_hides_db is not None and not splits:
+        raise BadInput(f"--eve-hides-db is of --eve-attack {SPLIT}: say both, or neither")
 
 
 def checked(request: ServiceRequest) -> tuple[ServiceRequest, NetworkDescription]:
@@ -123,8 +163,10 @@ def checked(request: ServiceRequest) -> tuple[ServiceRequest, NetworkDescription
     check_network(request.network)
     check_ranges(request.run)
     check_ranges(request)
+    check_attack(request)
     if request.eve is not None:
         eavesdropping.check(ends, network)
+        attack_of(request, network)  # whether it can be
     if request.schedule is not None and request.network.policy:
         raise BadInput("--schedule makes a policy of its own: write [swap] schedule into --policy")
     options = fitting_light(request, network.parts.hosts.values())

@@ -106,6 +106,30 @@ VERBS: Mapping[str, Verb] = MappingProxyType(
             eavesdropper=True,
             keys=True,
         ),
+        "seal": Verb(
+            "watch a fibre by entangled pairs",
+            "compared",
+            {
+                "whole_error": {
+                    "metavar": "P",
+                    "help": "part of the pairs that differ though nobody is there, at most (0.01)",
+                },
+                "fraction": {
+                    "metavar": "F",
+                    "help": "of the photons that an intruder measures, who is to be found (0.25)",
+                },
+                "false_alarm": {
+                    "metavar": "P",
+                    "help": "that a test of a whole fibre ends in an alarm, at most (1e-06)",
+                },
+                "missed": {
+                    "metavar": "P",
+                    "help": "that a test takes such an intruder for nobody, at most (0.01)",
+                },
+            },
+            eavesdropper=True,
+            source=True,
+        ),
     }
 )
 

@@ -20,7 +20,8 @@ from qmn.network.checks import check_network, check_two_hosts
 from qmn.network.description import describe_network
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput, Words, check_range, check_ranges
-from qmn.results.timeline import MERGE_AT_MOST_BYTES
+from qmn.results.timeline import MERGE_AT_MOST_BYTES, WHOLE_AT_MOST_BYTES
+from topologies.captures import MAX_PACKET_BYTES
 from topologies.network import Signals, require_root
 from wire.metadata import FEC_NAMES, Service
 from wire.parameters.option import option
@@ -28,11 +29,12 @@ from wire.parameters.option import option
 MESSAGE = Path(__file__).with_name("message.txt")
 # Bell pairs a second to expect on two cores, for the estimate before the start.
 EXPECTED_RATE = {"framed": 2_000_000, "per-pair": 200}
-RECORDED_BYTES_PER_PAIR = {"framed": 1.02, "per-pair": 900}
+RECORDED_BYTES_PER_PAIR = {"framed": 0.27, "per-pair": 900}
 DECODING_RATE = {"reed-solomon": 300_000}  # pairs a second, of codes that take longer than light
-CAPTURED_BYTES_PER_PAIR = {"framed": 4.4, "per-pair": 4_900}
-# Times that in the timeline of all, where a packet has a longer head.
+CAPTURED_BYTES_PER_PAIR = {"framed": 1.18, "per-pair": 4_900}
+# Times that in the timeline of all, where a packet has a longer head; and of heads alone.
 MERGED = {"framed": 1.02, "per-pair": 1.11}
+MERGED_HEADS = {"framed": 0.17, "per-pair": 0.9}
 SIZE_LIMIT = {"framed": 1 << 30, "per-pair": 1 << 16}
 TELL_ESTIMATE_ABOVE_S = 10
 # What of the session the result keeps as parameters.
@@ -196,9 +198,9 @@ def tell_estimate(request: SuperdenseRequest, size: int, console: Console) -> No
     if seconds <= TELL_ESTIMATE_ABOVE_S:
         return
     text = f"{size:,} bytes are {pairs:,} Bell pairs: about {seconds / 60:.1f} minutes on two cores"
-    if request.run.capture:
+    if request.run.packet_bytes == MAX_PACKET_BYTES:
         text += f", and {captured_mb(options.handshake, pairs):,.0f} MB of captures"
-        text += " (--no-capture saves these)"
+        text += " (--captures headers or none saves these)"
     if request.run.record:
         recorded = pairs * RECORDED_BYTES_PER_PAIR[options.handshake] / 1e6
         text += f", {recorded:,.0f} MB of record (--no-record saves these)"
@@ -208,5 +210,8 @@ def tell_estimate(request: SuperdenseRequest, size: int, console: Console) -> No
 def captured_mb(handshake: str, pairs: int) -> float:
     """Return what so many pairs leave in captures and, if it is made, in the timeline of all."""
     captured = pairs * CAPTURED_BYTES_PER_PAIR[handshake]
-    merged = captured * (1 + MERGED[handshake]) if captured <= MERGE_AT_MOST_BYTES else captured
-    return merged / 1e6
+    merged = 0.0
+    if captured <= MERGE_AT_MOST_BYTES:
+        parts = MERGED if captured <= WHOLE_AT_MOST_BYTES else MERGED_HEADS
+        merged = captured * parts[handshake]
+    return (captured + merged) / 1e6

@@ -117,7 +117,7 @@ def run(request: VpnRequest, signals: Signals, console: Console) -> int:
     eve = passing_eve(request, description, folder)
     context = RunContext(eve.with_policy(description), request.run, folder, signals, console)
     facts = {"service": NAME, **known_facts(context, parameters(request)), "delivered": False}
-    with ending(folder, facts, result.complete):
+    with ending(folder, facts, result.complete, context.options.report):
         with running_network(context, facts) as network:
             use_network(request, network, eve, context, facts)
         facts["delivered"] = facts["asking"]["file_intact"]

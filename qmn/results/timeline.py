@@ -15,6 +15,8 @@ from wire.pcapng import TRAILER_BYTES, Interface, Packet, PcapReader, Reader, Wr
 
 TIMELINE = "all.pcapng"
 MERGE_AT_MOST_BYTES = 500_000_000  # of captures, at the end of a run: a few seconds
+WHOLE_AT_MOST_BYTES = 4_000_000  # of captures: of more, the timeline has the heads of packets
+HEAD_BYTES = 128  # headers, and what quantum metadata begins with
 LEAST_PCAP_BYTES = 24  # its header; a capture that was killed at its start has less
 
 
@@ -23,13 +25,16 @@ class NoCaptures(Exception):
 
 
 def timeline_of_run(run: Path) -> str:
-    """Merge what was captured, beside dissectors for it; return the file, or why there is none."""
+    """Merge what was captured, beside dissectors for it; return the file, or why there is none.
+
+    Of a long run it is no second copy of everything: packets, whole in the captures, are cut.
+    """
     install(run)
     size = captured_bytes(run)
     if size > MERGE_AT_MOST_BYTES:
         return f"not made, of {size / 1e6:,.0f} MB of captures: `qmn wireshark {run}` makes it"
     try:
-        return str(merge(run))
+        return str(merge(run, packet_bytes=HEAD_BYTES if size > WHOLE_AT_MOST_BYTES else None))
     except (NoCaptures, MalformedPacket, OSError) as error:
         return f"not made: {error}"
 
@@ -39,8 +44,10 @@ def captured_bytes(run: Path) -> int:
     return sum(file.stat().st_size for file in _captures(run))
 
 
-def merge(run: Path, target: Path | None = None) -> Path:
+def merge(run: Path, target: Path | None = None, packet_bytes: int | None = None) -> Path:
     """Write the timeline of a run's folder, by default into it; return the file.
+
+    Of packets, not of events, it has so many bytes each at most; None: all that was captured.
 
     Packets are on interfaces named after their capture files, events on those that they
     have in the dispatcher's file. Raise NoCaptures where there is nothing, MalformedPacket
@@ -65,6 +72,8 @@ def merge(run: Path, target: Path | None = None) -> Path:
         with unfinished.open("wb") as output:
             writer = Writer(output, interfaces)
             for time_ns, interface, number, offset, size, length in ordered:
+                if packet_bytes is not None and captures[number].suffix == ".pcap":
+                    size = min(size, packet_bytes)
                 data = os.pread(files[number].fileno(), size, offset)
                 writer.write(Packet(time_ns, data, length, interface))
     unfinished.replace(target)

@@ -13,8 +13,10 @@ from qmn.sweeps.gated_bell import GATED_BELL
 from qmn.sweeps.interference import HOM
 from qmn.sweeps.multi_pair import MULTI_PAIR
 from qmn.sweeps.parameters import Values
+from qmn.sweeps.photon_splitting import PHOTON_SPLITTING
 from qmn.sweeps.polarization import MODES, POLARIZATION
 from qmn.sweeps.scheduling import SCHEDULE
+from qmn.sweeps.seal import SEAL
 from qmn.sweeps.seeds import point_seed
 from qmn.sweeps.superdense import SUPERDENSE
 from qmn.sweeps.teleportation import SWAP, TELEPORT
@@ -37,12 +39,14 @@ EXPERIMENTS: dict[str, Experiment] = {
         MULTI_PAIR,
         WEAK_PULSES,
         DECOY_STATES,
+        PHOTON_SPLITTING,
         POLARIZATION,
         MODES,
         TIMING,
         DELAY_LINE,
         LIGHT,
         SCHEDULE,
+        SEAL,
     )
 }
 

@@ -79,7 +79,7 @@ def request(values: Values, seed: int, message: Path, runs: Path) -> SuperdenseR
             **places.network(values),
             **network,
         ),
-        run=RunOptions(runs=runs, capture=False),
+        run=RunOptions(runs=runs, capture=False, report=False),
     )
 
 

@@ -70,7 +70,9 @@ def request(values: Values, seed: int, runs: Path) -> ServiceRequest:
             time_scale=number(values, TIME_SCALE.name),
             device=tuple(f"{receiver}.memory.{name}={time}" for name, time in times.items()),
         ),
-        run=RunOptions(runs=runs, classical_mbps=number(values, RATE.name), capture=False),
+        run=RunOptions(
+            runs=runs, classical_mbps=number(values, RATE.name), capture=False, report=False
+        ),
     )
 
 

@@ -9,6 +9,8 @@ from qmn.sweeps.catalogue import EXPERIMENTS
 from qmn.sweeps.figure import Mark, Picture
 from qmn.sweeps.grid import Grid, Row, build
 from qmn.sweeps.pictures import series
+from qmn.sweeps.seal import error, question
+from qmn.sweeps.wald import wald_pairs_to_alarm
 
 CODES = ("none", "repetition", "hamming", "golay")
 EXPERIMENT = Mark(
@@ -16,6 +18,16 @@ EXPERIMENT = Mark(
     *theory.EXPERIMENT_BITS,
     "experiment, arXiv:1609.00713\n(at the p of this capacity)",
 )
+
+
+def wald_marks(fractions: Sequence[float]) -> list[Mark]:
+    """Return Wald's expected sample numbers of a tamper seal at these fractions."""
+    complete = EXPERIMENTS["seal"].complete
+    points = [complete({"tapped": fraction}) for fraction in fractions]
+    pairs = [wald_pairs_to_alarm(question(values), error(values)) for values in points]
+    labels = ["Wald's approximations (1945)", *[""] * (len(points) - 1)]  # one in the legend
+    places = zip(fractions, pairs, labels, strict=True)
+    return [Mark(fraction, each, 0.0, label) for fraction, each, label in places]
 
 
 @dataclass(frozen=True)
@@ -74,6 +86,7 @@ class Sheet:
         )
 
 
+TAPPED = (0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.7, 1.0)
 DEPOLARIZING = "depolarising probability p of the fibre"
 SHEETS = (
     Sheet(
@@ -354,6 +367,45 @@ SHEETS = (
         ],
     ),
     Sheet(
+        "photon-splitting",
+        "photon-splitting",
+        {"loss_db": "0:12:5", "mean_photons": [0.2, 0.5], "eve": ["off", "on"], "pairs": 400_000},
+        [
+            Curve(
+                f"photon-splitting-{measure}",
+                f"Photon-number splitting, no decoys: {text}",
+                "loss_db",
+                "loss that alice and bob expect (dB)",
+                measure,
+                by=["eve", "mean_photons"],
+            )
+            for measure, text in (
+                ("gain", "as many pulses are seen"),
+                ("known", "what eve knows"),
+                ("key", "the key (GLLP)"),
+            )
+        ],
+    ),
+    Sheet(
+        "photon-splitting-decoys",
+        "photon-splitting",
+        {"loss_db": "0:12:5", "eve": ["off", "on"], "decoys": ["on"], "pairs": 2_000_000},
+        [
+            Curve(
+                f"photon-splitting-decoys-{measure}",
+                f"Photon-number splitting and decoy states: {text}",
+                "loss_db",
+                "loss that alice and bob expect (dB)",
+                measure,
+                by=["eve"],
+            )
+            for measure, text in (
+                ("weak", "weak pulses that are seen"),
+                ("key", "key of endless blocks"),
+            )
+        ],
+    ),
+    Sheet(
         "polarization",
         "polarization",
         {
@@ -496,6 +548,21 @@ SHEETS = (
             for measure, text in (
                 ("in_time", "Requests that have light in time"),
                 ("urgent_in_time", "Urgent requests that have light in time"),
+            )
+        ],
+    ),
+    Sheet(
+        "seal",
+        "seal",
+        {"tapped": list(TAPPED)},
+        [
+            Curve(
+                "seal",
+                "A tamper seal: pairs compared until the alarm, enumerated",
+                "tapped",
+                "fraction of the photons that is measured and resent",
+                "pairs",
+                marks=wald_marks(TAPPED),
             )
         ],
     ),

@@ -128,13 +128,36 @@ def gain(mean: float) -> float:
     return -math.expm1(-mean)
 
 
+def poisson(mean: float, photons: int) -> float:
+    """Return how likely a pulse of this mean has so many photons."""
+    return math.exp(-mean) * mean**photons / math.factorial(photons)
+
+
+def several_photons(mean: float) -> float:
+    """Return how likely it has two or more."""
+    return 1 - poisson(mean, 0) - poisson(mean, 1)
+
+
+def sent_on(
+    means: Sequence[float], shares: Sequence[float], transmission: float
+) -> tuple[float, float]:
+    """Return which share of the pulses with one, and with several photons, who splits sends on.
+
+    1 - exp(-mt) of the pulses are to be seen, by first those of several photons.
+    """
+    pulses = list(zip(means, shares, strict=True))
+    wanted = sum(share * gain(mean * transmission) for mean, share in pulses)
+    several = sum(share * several_photons(mean) for mean, share in pulses)
+    single = sum(share * poisson(mean, 1) for mean, share in pulses)
+    return max(0.0, wanted - several) / single, min(1.0, wanted / several)
+
+
 def key_without_decoys(mean: float, mean_seen: float) -> float:
     """Return secret bits per pulse of BB84 without errors: half the gain that is of single photons.
 
     All pulses of several photons count as seen, and known to an eavesdropper (quant-ph/0212066).
     """
-    several = 1 - math.exp(-mean) * (1 + mean)
-    return max(0.0, gain(mean_seen) - several) / 2
+    return max(0.0, gain(mean_seen) - several_photons(mean)) / 2
 
 
 def birefringence_error(rms_rad: float) -> float:

@@ -7,12 +7,14 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.progress import Progress
 
+from qmn.options import add_options, read
 from qmn.results.run_folder import give_tree
 from qmn.sweeps.experiment import SweepError
 from qmn.sweeps.grid import Measurer
@@ -20,9 +22,21 @@ from qmn.sweeps.parameters import BadGrid
 from qmn.sweeps.table import BadTable, opened
 from qmn.verbs.sweep import MAX_WORKERS, progress_columns
 from topologies.network import Interrupted, Signals
+from wire.parameters.option import option
 
 if TYPE_CHECKING:
     from qmn.sweeps.sheets import Sheet
+
+
+@dataclass(frozen=True)
+class CurvesOptions:
+    """Which sheets to measure, and where."""
+
+    out: Path = option(Path("curves"), "(curves)", metavar="FOLDER")
+    seed: int = option(1, "of all randomness (1)")
+    workers: int | None = option(None, "processes (as many as processors)", metavar="N")
+    scheduler: str = option("", "a Dask cluster instead of processes", metavar="tcp://…")
+    only: tuple[str, ...] = option((), "one sheet alone (more than once)", metavar="NAME")
 
 
 def add_parser(verbs: Any) -> None:
@@ -30,12 +44,7 @@ def add_parser(verbs: Any) -> None:
     parser = verbs.add_parser(
         "curves", help="check the physics against theory", description=__doc__
     )
-    add = parser.add_argument
-    add("--out", type=Path, default=Path("curves"), metavar="FOLDER", help="(curves)")
-    add("--seed", type=int, default=1, help="of all randomness (1)")
-    add("--workers", type=int, metavar="N", help="processes (as many as processors)")
-    add("--scheduler", default="", metavar="tcp://…", help="a Dask cluster instead of processes")
-    add("--only", action="append", metavar="NAME", help="one sheet alone (more than once)")
+    add_options(parser, CurvesOptions)
     parser.set_defaults(call=call)
 
 
@@ -44,13 +53,13 @@ def call(arguments: argparse.Namespace) -> int:
     # Dask and matplotlib take a second to load: other verbs do not wait for them.
     from qmn.sweeps import running
 
-    console = Console(highlight=False)
+    console, options = Console(highlight=False), read(CurvesOptions, arguments)
     try:
-        sheets = chosen(arguments)
-        workers = arguments.workers or os.cpu_count() or 1
-        with Signals() as signals, running.client(arguments.scheduler, workers) as client:
+        sheets = chosen(options)
+        workers = options.workers or os.cpu_count() or 1
+        with Signals() as signals, running.client(options.scheduler, workers) as client:
             measurer = running.on_cluster(client, signals.check)
-            far = measure(sheets, arguments.out, arguments.seed, measurer, console)
+            far = measure(sheets, options.out, options.seed, measurer, console)
     except (BadGrid, BadTable, SweepError) as error:
         print(f"qmn: {error}", file=sys.stderr)
         return 1
@@ -62,17 +71,17 @@ def call(arguments: argparse.Namespace) -> int:
     return 1 if far else 0
 
 
-def chosen(arguments: argparse.Namespace) -> "Sequence[Sheet]":
+def chosen(options: CurvesOptions) -> "Sequence[Sheet]":
     """Return the sheets asked for; raise BadGrid for what cannot be."""
     from qmn.sweeps.sheets import SHEETS
 
-    if arguments.workers is not None and not 1 <= arguments.workers <= MAX_WORKERS:
-        raise BadGrid(f"--workers {arguments.workers}: choose 1 to {MAX_WORKERS}")
+    if options.workers is not None and not 1 <= options.workers <= MAX_WORKERS:
+        raise BadGrid(f"--workers {options.workers}: choose 1 to {MAX_WORKERS}")
     names = {sheet.name: sheet for sheet in SHEETS}
-    for name in arguments.only or ():
+    for name in options.only:
         if name not in names:
             raise BadGrid(f"--only {name}: choose {', '.join(names)}")
-    return [names[name] for name in arguments.only or names]
+    return [names[name] for name in options.only or names]
 
 
 def measure(

@@ -2,11 +2,13 @@
 
 import argparse
 import sys
+from dataclasses import dataclass
 from typing import Any
 
 import grpc
 
 from qmn.live.running import dispatcher_of_running_network
+from qmn.options import read
 from qmn.timeouts import ORDER_TIMEOUT_S
 from topologies.programs import NetworkError
 from wire.config import DispatcherConfig, QuantumSwitch
@@ -15,6 +17,30 @@ from wire.dispatcher_pb2_grpc import DispatcherStub
 from wire.dispatcher_service import RUNNER, metadata
 
 NO_CAUSE = (grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.DEADLINE_EXCEEDED)
+
+
+@dataclass(frozen=True)
+class Stuck:
+    """A cross-connect that nothing can change, by OpenFlow port numbers."""
+
+    in_port: int
+    out_port: int
+
+
+@dataclass(frozen=True)
+class Temperature:
+    """A temperature that the switch has from now on."""
+
+    temperature_c: float
+
+
+@dataclass(frozen=True)
+class Repair:
+    """Nothing is stuck any more, and the temperature is as it was."""
+
+
+Fault = Stuck | Temperature | Repair
+FAULTS: dict[str, type[Fault]] = {"stuck": Stuck, "temperature": Temperature, "repair": Repair}
 
 
 class BadFault(Exception):
@@ -42,17 +68,18 @@ def call(arguments: argparse.Namespace) -> int:
     """Inject the fault; turn what is wrong into one line and an exit status."""
     try:
         config = dispatcher_of_running_network()
-        print(inject(config, arguments))
+        fault = read(FAULTS[arguments.kind], arguments)
+        print(inject(config, arguments.switch, fault))
     except (BadFault, NetworkError) as error:
         print(f"qmn: {error}", file=sys.stderr)
         return 1
     return 0
 
 
-def inject(config: DispatcherConfig, arguments: argparse.Namespace) -> str:
-    """Ask the dispatcher for the fault; return what a person shall read."""
-    switch = find_switch(config, arguments.switch)
-    request = build_request(config, arguments)
+def inject(config: DispatcherConfig, name: str, fault: Fault) -> str:
+    """Ask the dispatcher for the fault of a switch; return what a person shall read."""
+    switch = find_switch(config, name)
+    request = build_request(config, name, fault)
     deadline_s = ORDER_TIMEOUT_S + switch.switching_time_s
     with grpc.insecure_channel(f"unix:{config.socket}") as channel:
         stub = DispatcherStub(channel)  # type: ignore[no-untyped-call]
@@ -66,7 +93,7 @@ def inject(config: DispatcherConfig, arguments: argparse.Namespace) -> str:
                     "has the network ended?"
                 ) from error
             raise BadFault(str(error.details())) from error
-    return tell(switch, arguments)
+    return tell(switch, fault)
 
 
 def find_switch(config: DispatcherConfig, name: str) -> QuantumSwitch:
@@ -78,33 +105,32 @@ def find_switch(config: DispatcherConfig, name: str) -> QuantumSwitch:
     return switches[name]
 
 
-def build_request(config: DispatcherConfig, arguments: argparse.Namespace) -> InjectFaultRequest:
+def build_request(config: DispatcherConfig, name: str, fault: Fault) -> InjectFaultRequest:
     """Return what the user asks for; raise BadFault for a port without a fibre."""
-    name = arguments.switch
-    if arguments.kind == "repair":
+    if isinstance(fault, Repair):
         return InjectFaultRequest(switch=name, repair=True)
-    if arguments.kind == "temperature":
-        return InjectFaultRequest(switch=name, temperature_c=arguments.temperature_c)
+    if isinstance(fault, Temperature):
+        return InjectFaultRequest(switch=name, temperature_c=fault.temperature_c)
     ends = [end for fiber in config.fibers for end in (fiber.a, fiber.b)]
     ports = sorted(int(end.port) for end in ends if end.node == name)
-    for port in (arguments.in_port, arguments.out_port):
+    for port in (fault.in_port, fault.out_port):
         if port not in ports:
             known = ", ".join(map(str, ports)) or "none"
             raise BadFault(f"port {port} of {name} has no fibre: choose of {known}")
-    connection = Connection(in_port=arguments.in_port, out_port=arguments.out_port)
+    connection = Connection(in_port=fault.in_port, out_port=fault.out_port)
     return InjectFaultRequest(switch=name, stuck=connection)
 
 
-def tell(switch: QuantumSwitch, arguments: argparse.Namespace) -> str:
+def tell(switch: QuantumSwitch, fault: Fault) -> str:
     """Return what has been done."""
-    if arguments.kind == "repair":
+    if isinstance(fault, Repair):
         return f"{switch.name}: repaired, {switch.temperature_c:g} C"
-    if arguments.kind == "stuck":
-        return f"{switch.name}: cross-connect {arguments.in_port} -> {arguments.out_port} is stuck"
-    hot = arguments.temperature_c > switch.max_temperature_c
+    if isinstance(fault, Stuck):
+        return f"{switch.name}: cross-connect {fault.in_port} -> {fault.out_port} is stuck"
+    hot = fault.temperature_c > switch.max_temperature_c
     limit = f"{switch.max_temperature_c:g} C"
     effect = f"above its limit of {limit}: every path loses {switch.hot_loss_db:g} dB more"
     return (
-        f"{switch.name}: {arguments.temperature_c:g} C, "
+        f"{switch.name}: {fault.temperature_c:g} C, "
         f"{effect if hot else f'within its limit of {limit}'}"
     )

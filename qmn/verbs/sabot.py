@@ -3,7 +3,7 @@
 import argparse
 import json
 import sys
-from functools import partial
+from dataclasses import dataclass
 from typing import Any, get_args
 
 from rich.console import Console
@@ -22,6 +22,8 @@ from dispatcher.sabot.circuits.counting import count
 from dispatcher.sabot.circuits.interpreter import run_circuit
 from dispatcher.sabot.circuits.reading import Format, read_circuit
 from dispatcher.sabot.circuits.source import read_source
+from qmn.options import add_options, read
+from wire.parameters.option import option
 
 MOST_ROWS = 32
 WIDEST = 100  # letters, of registers side by side
@@ -31,72 +33,80 @@ LIMITS = (
 )
 
 
+@dataclass(frozen=True)
+class CircuitRun:
+    """A circuit to run, and how."""
+
+    file: str
+    shots: int = option(1000, "how often (1000)", metavar="N")
+    seed: int = option(1, "of all randomness (1)", metavar="S")
+    backend: str = option("chp", "default: chp", choices=sorted(BACKENDS))
+    format: Format | None = option(
+        None, "default: by the file's name", choices=get_args(Format), parse=str
+    )
+    json: bool = option(False, "print everything, for programs")
+
+
 def add_parser(verbs: Any) -> None:
     """Describe the verb."""
     text = "run quantum circuits on the simulator alone"
     parser = verbs.add_parser("sabot", help=text, description=text)
     acts = parser.add_subparsers(metavar="ACT", required=True)
     run = acts.add_parser("run", help="run a circuit", description=__doc__, epilog=LIMITS)
-    add = partial(run.add_argument)
-    add("file", help="program in OpenQASM 2.0, or in .chp if so named; - for standard input")
-    add("--shots", type=int, default=1000, metavar="N", help="how often (1000)")
-    add("--seed", type=int, default=1, metavar="S", help="of all randomness (1)")
-    add("--backend", choices=sorted(BACKENDS), default="chp", help="default: chp")
-    add("--format", choices=get_args(Format), help="default: by the file's name")
-    add("--json", action="store_true", help="print everything, for programs")
+    text = "program in OpenQASM 2.0, or in .chp if so named; - for standard input"
+    run.add_argument("file", help=text)
+    add_options(run, CircuitRun)
     run.set_defaults(call=call)
 
 
 def call(arguments: argparse.Namespace) -> int:
     """Run and print; turn what is wrong into one line and an exit status."""
+    asked = read(CircuitRun, arguments)
     try:
-        circuit = read_circuit(read_source(arguments.file), arguments.format)
-        backend = BACKENDS[arguments.backend]
-        batches = run_circuit(circuit, backend, arguments.shots, arguments.seed)
+        circuit = read_circuit(read_source(asked.file), asked.format)
+        batches = run_circuit(circuit, BACKENDS[asked.backend], asked.shots, asked.seed)
         counts = count(circuit, batches)
     except CircuitError as error:
         print(f"qmn: {error}", file=sys.stderr)
         return 1
-    if arguments.json:
-        print(json.dumps(facts(circuit, counts, arguments), indent=2))
+    if asked.json:
+        print(json.dumps(facts(circuit, counts, asked), indent=2))
     else:
-        show(circuit, counts, arguments)
+        show(circuit, counts, asked)
     return 0
 
 
-def facts(
-    circuit: Circuit, counts: list[tuple[str, int]], arguments: argparse.Namespace
-) -> dict[str, Any]:
+def facts(circuit: Circuit, counts: list[tuple[str, int]], asked: CircuitRun) -> dict[str, Any]:
     """Return the result for programs; circuits are simulated exactly on every backend."""
     return {
-        "file": arguments.file,
+        "file": asked.file,
         "qubits": circuit.qubits,
         "registers": {register.name: register.size for register in circuit.registers},
-        "shots": arguments.shots,
-        "seed": arguments.seed,
-        "backend": arguments.backend,
+        "shots": asked.shots,
+        "seed": asked.seed,
+        "backend": asked.backend,
         "exact": True,
         "counts": dict(counts),
     }
 
 
-def show(circuit: Circuit, counts: list[tuple[str, int]], arguments: argparse.Namespace) -> None:
+def show(circuit: Circuit, counts: list[tuple[str, int]], asked: CircuitRun) -> None:
     """Print the counts as a table, the most frequent first."""
     console = Console(highlight=False, soft_wrap=True)
     console.print(
-        f"{circuit.qubits} qubits, {arguments.shots:,} shots, seed {arguments.seed}, backend "
-        f"{arguments.backend}, exact: true"
+        f"{circuit.qubits} qubits, {asked.shots:,} shots, seed {asked.seed}, backend "
+        f"{asked.backend}, exact: true"
     )
     if not circuit.bits:
         console.print("nothing is measured; add creg c[1]; and measure q[0] -> c[0];")
         return
     if sum(max(len(r.name), r.size) + 2 for r in circuit.registers) > WIDEST:
         for values, number in counts[:MOST_ROWS]:
-            console.print(f"{number:,} shots, {100 * number / arguments.shots:.2f} %")
+            console.print(f"{number:,} shots, {100 * number / asked.shots:.2f} %")
             for register, value in zip(circuit.registers, values.split(" "), strict=True):
                 console.print(f"  {register.name} {value}")
     else:
-        console.print(table(circuit, counts[:MOST_ROWS], arguments.shots))
+        console.print(table(circuit, counts[:MOST_ROWS], asked.shots))
     if len(counts) > MOST_ROWS:
         console.print(f"and {len(counts) - MOST_ROWS:,} values more; --json prints all")
 

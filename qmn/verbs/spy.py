@@ -7,6 +7,7 @@ import re
 import signal
 import sys
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +15,26 @@ from hosts.quantum_socket import STACK_VARIABLE
 from qmn.live.event_sources import attached, recorded, single, through_stack
 from qmn.live.running import dispatcher_of_running_network
 from qmn.live.unread_events import dropped
+from qmn.options import read
 from topologies.programs import NetworkError
 from topologies.runtime import EVENT_CAPTURE
 from wire.dispatcher_pb2 import Event, WatchRequest
 from wire.events import DROPPED, format_line, to_json
 from wire.metadata import MalformedPacket
+
+
+@dataclass(frozen=True)
+class SpyOptions:
+    """What shall be shown, and how."""
+
+    run: Path | None = None  # a folder, or a file of events; None: what happens now
+    node: tuple[str, ...] = ()  # none: all
+    session: tuple[int, ...] = ()
+    kind: tuple[str, ...] = ()
+    follow: bool | None = None
+    history: bool = False
+    per_qubit: bool = False
+    json: bool = False
 
 
 class BadFilter(Exception):
@@ -66,9 +82,10 @@ def session_number(text: str) -> int:
 def call(arguments: argparse.Namespace) -> int:
     """Print events; turn what is wrong into one line and an exit status."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    spy = Spy(arguments)
+    options = read(SpyOptions, arguments)
+    spy = Spy(options)
     try:
-        spy.print_all(events(arguments))
+        spy.print_all(events(options))
     except KeyboardInterrupt:
         pass  # the way to end it
     except (BadFilter, MalformedPacket, NetworkError, OSError) as error:
@@ -80,48 +97,48 @@ def call(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def events(arguments: argparse.Namespace) -> Iterator[Event]:
+def events(options: SpyOptions) -> Iterator[Event]:
     """Return where events come from; raise for a source that there is not."""
-    if arguments.run is not None:
-        if arguments.history:
+    if options.run is not None:
+        if options.history:
             raise BadFilter("--history is of the network that runs; a run is shown from its start")
-        return recorded(find_record(arguments.run), follow=bool(arguments.follow))
+        return recorded(find_record(options.run), follow=bool(options.follow))
     stack = os.environ.get(STACK_VARIABLE)
     if stack:
-        return of_this_node(arguments, stack)
+        return of_this_node(options, stack)
     config = dispatcher_of_running_network()
     known = {*config.tokens, *(switch.name for switch in config.switches)}
-    for node in arguments.node or ():
+    for node in options.node:
         if node not in known:
             raise BadFilter(f"unknown node {node!r}: choose one of {', '.join(sorted(known))}")
-    if arguments.follow is False:
+    if options.follow is False:
         if not config.event_capture:
             raise BadFilter("--no-follow: this network writes no events (--no-events); follow it")
         return recorded(find_record(Path(config.event_capture)), follow=False)
-    return attached(config, watch_request(arguments))
+    return attached(config, watch_request(options))
 
 
-def watch_request(arguments: argparse.Namespace) -> WatchRequest:
+def watch_request(options: SpyOptions) -> WatchRequest:
     """Return what to ask the dispatcher for: several nodes or sessions are chosen from here."""
     return WatchRequest(
-        node=single(arguments.node, ""),
-        session=single(arguments.session, 0),
-        history=arguments.history,
-        per_qubit=arguments.per_qubit,
+        node=single(options.node, ""),
+        session=single(options.session, 0),
+        history=options.history,
+        per_qubit=options.per_qubit,
     )
 
 
-def of_this_node(arguments: argparse.Namespace, stack: str) -> Iterator[Event]:
+def of_this_node(options: SpyOptions, stack: str) -> Iterator[Event]:
     """Return what happens at the host that the verb is called on."""
     node = Path(stack).stem
-    follow = arguments.follow is not False
-    if not follow and not arguments.history:
+    follow = options.follow is not False
+    if not follow and not options.history:
         text = f"--no-follow on {node}: add --history, or there is nothing to tell"
         raise BadFilter(text)
-    for wanted in arguments.node or ():
+    for wanted in options.node:
         if wanted != node:
             raise BadFilter(f"--node {wanted}: on {node} only what happens there is told")
-    return through_stack(stack, single(arguments.session, 0), arguments.history, follow)
+    return through_stack(stack, single(options.session, 0), options.history, follow)
 
 
 def find_record(run: Path) -> Path:
@@ -135,12 +152,11 @@ def find_record(run: Path) -> Path:
 class Spy:
     """Prints what is wanted, and counts."""
 
-    def __init__(self, arguments: argparse.Namespace) -> None:
+    def __init__(self, options: SpyOptions) -> None:
         """Know what is wanted."""
-        self._nodes = frozenset(arguments.node or ())
-        self._sessions = frozenset(arguments.session or ())
-        self._kinds = frozenset(arguments.kind or ())
-        self._as_json, self._per_qubit = arguments.json, arguments.per_qubit
+        self._nodes, self._sessions = frozenset(options.node), frozenset(options.session)
+        self._kinds = frozenset(options.kind)
+        self._as_json, self._per_qubit = options.json, options.per_qubit
         self._count = self._dropped = 0
 
     def print_all(self, source: Iterator[Event]) -> None:

@@ -6,8 +6,9 @@ On the dispatcher's physical layer alone, or with --emulate in a whole network f
 import argparse
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from qmn.options import add_options, read
 from qmn.results.run_folder import give_tree
 from qmn.sweeps import grid as grids
 from qmn.sweeps.catalogue import EXPERIMENTS
@@ -32,6 +34,7 @@ from qmn.sweeps.parameters import BadGrid
 from qmn.sweeps.table import BadTable, Table, opened
 from topologies.network import Interrupted, Signals, require_root
 from topologies.programs import NetworkError
+from wire.parameters.option import option
 
 MAX_WORKERS = 256
 EXAMPLES = """
@@ -45,6 +48,21 @@ examples:
 """
 
 
+@dataclass(frozen=True, kw_only=True)
+class SweepOptions:
+    """What to sweep, and where it is measured."""
+
+    what: str  # an experiment, or a file that names one
+    axes: Mapping[str, str]  # values of parameters, by name, as the user says them
+    emulate: bool = option(False, "a whole network for each point (root; sdc, teleport)")
+    seed: int | None = option(None, "of all randomness (1)")
+    out: Path = option(Path("sweeps"), "(sweeps)", metavar="FOLDER")
+    workers: int | None = option(
+        None, "processes, or networks, at a time (processors)", metavar="N"
+    )
+    scheduler: str = option("", "a Dask cluster instead of processes", metavar="tcp://…")
+
+
 def add_parser(verbs: Any) -> None:
     """Describe the verb."""
     parser = verbs.add_parser(
@@ -56,18 +74,9 @@ def add_parser(verbs: Any) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
-    add = partial(parser.add_argument)
     names = "; ".join(f"{each.name}: {each.what}" for each in EXPERIMENTS.values())
-    add("what", metavar="WHAT|FILE.toml", help=names)
-    add(
-        "--emulate",
-        action="store_true",
-        help="a whole network for each point (root; sdc, teleport)",
-    )
-    add("--seed", type=int, help="of all randomness (1)")
-    add("--out", type=Path, default=Path("sweeps"), metavar="FOLDER", help="(sweeps)")
-    add("--workers", type=int, metavar="N", help="processes, or networks, at a time (processors)")
-    add("--scheduler", default="", metavar="tcp://…", help="a Dask cluster instead of processes")
+    parser.add_argument("what", metavar="WHAT|FILE.toml", help=names)
+    add_options(parser, SweepOptions)
     axes = parser.add_argument_group("the grid")
     for name, helps in _axes().items():
         axes.add_argument(
@@ -76,17 +85,25 @@ def add_parser(verbs: Any) -> None:
     parser.set_defaults(call=call, needs_root=starts_networks)
 
 
-def starts_networks(arguments: argparse.Namespace) -> bool:
+def starts_networks(asked: SweepOptions | argparse.Namespace) -> bool:
     """Return whether networks are to be started here."""
-    return bool(arguments.emulate and not arguments.scheduler)
+    return bool(asked.emulate and not asked.scheduler)
+
+
+def options_of(arguments: argparse.Namespace) -> SweepOptions:
+    """Return what the command line asks for."""
+    given = {name: getattr(arguments, f"axis_{name}") for name in _axes()}
+    axes = {name: text for name, text in given.items() if text is not None}
+    return read(SweepOptions, arguments, axes=axes)
 
 
 def call(arguments: argparse.Namespace) -> int:
     """Sweep; turn every fault into one line and an exit status."""
     try:
-        grid, seed = asked(arguments)
+        options = options_of(arguments)
+        grid, seed = grid_of(options)
         with Signals() as signals:
-            return sweep(grid, seed, arguments, signals, Console(highlight=False))
+            return sweep(grid, seed, options, signals, Console(highlight=False))
     except (BadGrid, BadTable, SweepError, NetworkError) as error:
         print(f"qmn: {error}", file=sys.stderr)
         return 1
@@ -95,21 +112,18 @@ def call(arguments: argparse.Namespace) -> int:
         return error.status
 
 
-def asked(arguments: argparse.Namespace) -> tuple[Grid, int]:
+def grid_of(options: SweepOptions) -> tuple[Grid, int]:
     """Return grid and seed; raise BadGrid before anything is started."""
-    content: dict[str, Any] = {"sweep": arguments.what}
-    if arguments.what.endswith(".toml"):
-        content = grids.read(Path(arguments.what))
-    experiment = experiment_of(content["sweep"], arguments.emulate)
-    given = dict(content.get("grid", {}))
-    for name in _axes():
-        if (text := getattr(arguments, f"axis_{name}")) is not None:
-            given[name] = text
-    seed = content.get("seed", 1) if arguments.seed is None else arguments.seed
+    content: dict[str, Any] = {"sweep": options.what}
+    if options.what.endswith(".toml"):
+        content = grids.read(Path(options.what))
+    experiment = experiment_of(content["sweep"], options.emulate)
+    given = {**content.get("grid", {}), **options.axes}
+    seed = content.get("seed", 1) if options.seed is None else options.seed
     if isinstance(seed, bool) or not isinstance(seed, int):
         raise BadGrid(f"seed {seed!r} is not a whole number")
-    if arguments.workers is not None and not 1 <= arguments.workers <= MAX_WORKERS:
-        raise BadGrid(f"--workers {arguments.workers}: choose 1 to {MAX_WORKERS}")
+    if options.workers is not None and not 1 <= options.workers <= MAX_WORKERS:
+        raise BadGrid(f"--workers {options.workers}: choose 1 to {MAX_WORKERS}")
     return grids.build(experiment, given), seed
 
 
@@ -122,46 +136,44 @@ def experiment_of(name: str, emulate: bool) -> Experiment:
     return known[name]
 
 
-def sweep(
-    grid: Grid, seed: int, arguments: argparse.Namespace, signals: Signals, console: Console
-) -> int:
+def sweep(grid: Grid, seed: int, options: SweepOptions, signals: Signals, console: Console) -> int:
     """Measure what is missing, draw, and say how it went."""
     # Dask and matplotlib take a second to load: other verbs do not wait for them.
     from qmn.sweeps import running
     from qmn.sweeps.figure import draw
     from qmn.sweeps.pictures import pictures
 
-    if starts_networks(arguments):
+    if starts_networks(options):
         require_root()
-    name = f"{grid.experiment.name}{'-emulated' if arguments.emulate else ''}"
-    with opened(arguments.out / f"{name}.csv", grid.experiment) as table:
+    name = f"{grid.experiment.name}{'-emulated' if options.emulate else ''}"
+    with opened(options.out / f"{name}.csv", grid.experiment) as table:
         _tell_beginning(console, grid, seed, table, len(running.missing(grid, seed, table)))
         if running.missing(grid, seed, table):
-            with measuring(arguments, signals.check) as measurer:
+            with measuring(options, signals.check) as measurer:
                 _follow(console, grid, seed, table, measurer)
         rows = running.rows(grid, seed, table)
     console.print(f"table    {table.path}", soft_wrap=True)
     for picture in pictures(grid, rows):
-        file = arguments.out / f"{name}-{picture.measure.name}.png"
+        file = options.out / f"{name}-{picture.measure.name}.png"
         draw(picture, file)
         console.print(f"figure   {file}", soft_wrap=True)
     for text in running.disagreements(grid.experiment, rows):
         console.print(f"further from theory than 5 standard errors: {text}", soft_wrap=True)
-    give_tree(arguments.out)
+    give_tree(options.out)
     return 0
 
 
 @contextmanager
-def measuring(arguments: argparse.Namespace, check: Callable[[], None]) -> Iterator[Measurer]:
+def measuring(options: SweepOptions, check: Callable[[], None]) -> Iterator[Measurer]:
     """Give what measures points: on the physical layer or in networks, here or on a cluster."""
     from qmn.sweeps import beside, running
 
-    workers, runs = arguments.workers or os.cpu_count() or 1, arguments.out / "runs"
-    if arguments.emulate and not arguments.scheduler:
+    workers, runs = options.workers or os.cpu_count() or 1, options.out / "runs"
+    if starts_networks(options):
         yield beside.in_networks(runs, workers, check)
         return
-    with running.client(arguments.scheduler, workers) as client:
-        if arguments.emulate:
+    with running.client(options.scheduler, workers) as client:
+        if options.emulate:
             yield running.on_cluster(client, check, partial(beside.measure, str(runs)))
         else:
             yield running.on_cluster(client, check)

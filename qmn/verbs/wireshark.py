@@ -38,13 +38,16 @@ def add_parser(verbs: Any) -> None:
         metavar="RUN",
         help="folder of a run (runs/latest)",
     )
+    parser.add_argument(
+        "--whole", action="store_true", help="packets as captured, also of a long run"
+    )
     parser.set_defaults(call=call)
 
 
 def call(arguments: argparse.Namespace) -> int:
     """Start Wireshark, or print what to type."""
     try:
-        timeline, dissectors = prepare(arguments.run)
+        timeline, dissectors = prepare(arguments.run, arguments.whole)
     except (NoCaptures, MalformedPacket, OSError) as error:
         print(f"qmn: {error}", file=sys.stderr)
         return 1
@@ -58,10 +61,13 @@ def call(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def prepare(run: Path) -> tuple[Path, Path]:
-    """Return a run's timeline and the dissectors that fit it; make what is not there yet."""
+def prepare(run: Path, whole: bool = False) -> tuple[Path, Path]:
+    """Return a run's timeline and the dissectors that fit it; make what is not there yet.
+
+    Whole: a timeline is made anew, as that of a long run has the heads of packets alone.
+    """
     timeline, dissectors = run.resolve() / TIMELINE, run.resolve() / SCRIPT
-    made = [] if timeline.exists() else [merge(run.resolve())]
+    made = [merge(run.resolve())] if whole or not timeline.exists() else []
     for file in (*made, *install(run.resolve())):
         give(file)
     return timeline, dissectors

@@ -13,6 +13,7 @@ from wire.metadata import MalformedPacket
 
 PACKET_OUT = struct.Struct(ofp.OFP_PACKET_OUT_PACK_STR)  # buffer, in_port, length of actions
 PACKET_IN = struct.Struct(ofp.OFP_PACKET_IN_PACK_STR)
+COMMAND = struct.Struct("!H")  # which GROUP_MOD and METER_MOD begin with
 GROUP_MOD = struct.Struct(ofp.OFP_GROUP_MOD_PACK_STR)  # command, type, group
 BUCKET = struct.Struct(ofp.OFP_BUCKET_PACK_STR)  # length, weight, port, group
 BUNDLE = struct.Struct(ofp.OFP_BUNDLE_CTRL_MSG_PACK_STR)  # bundle, type (or padding), flags
@@ -66,6 +67,13 @@ def group_outputs(message: bytes) -> list[int]:
         ports += output_ports(each_action(data[BUCKET.size : length]))
         data = data[length:]
     return ports
+
+
+@strict
+def command(message: bytes) -> int:
+    """Return the command of a GROUP_MOD or METER_MOD."""
+    (number,) = COMMAND.unpack_from(message, HEADER.size)
+    return int(number)
 
 
 @strict

@@ -5,7 +5,6 @@ from collections.abc import Awaitable, Callable
 from os_ken.ofproto import ofproto_v1_4 as ofp
 
 from qswitch_agent.middleware.flow_table import FlowTable
-from qswitch_agent.middleware.light import is_light
 from qswitch_agent.openflow import messages, packets
 from qswitch_agent.openflow.flows import FlowMod
 from qswitch_agent.openflow.messages import HEADER, Refusal, transaction_id
@@ -13,6 +12,7 @@ from qswitch_agent.openflow.ports import PortMod
 from qswitch_agent.proxy.bundles import Bundle, Member, require_supported
 from qswitch_agent.proxy.checks import (
     checked_port_mod,
+    concerns_light,
     marked,
     may_modify_light,
     require_no_light,
@@ -70,7 +70,7 @@ class BundleRequests:
             require_no_light(member.message, self._switch)
             return member.message
         mod = FlowMod.decode(member.message)
-        member.mod, member.light = mod, is_light(mod, self._switch.fibers)
+        member.mod, member.light = mod, concerns_light(mod, self._switch)
         if member.light and mod.command == ofp.OFPFC_ADD:
             member.mod = marked(mod, self._switch, self._link)
             return member.mod.encode(transaction_id(member.message))

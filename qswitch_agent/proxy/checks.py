@@ -3,7 +3,7 @@
 from os_ken.ofproto import ofproto_v1_4 as ofp
 
 from qswitch_agent.middleware.flow_table import concerns
-from qswitch_agent.middleware.light import MODIFYING, require_no_fiber
+from qswitch_agent.middleware.light import MODIFYING, is_light, require_no_fiber
 from qswitch_agent.openflow import packets
 from qswitch_agent.openflow.flows import FlowMod
 from qswitch_agent.openflow.instructions import Mark
@@ -21,6 +21,25 @@ def require_not_slave(link: Link, request: str) -> None:
     """Raise Refusal for what the bridge would refuse as well, before it is taken in here."""
     if link.is_slave:
         raise Refusal(ofp.OFPET_BAD_REQUEST, ofp.OFPBRC_IS_SLAVE, f"{request} of a slave")
+
+
+def concerns_light(mod: FlowMod, switch: Switch) -> bool:
+    """Tell whether a FLOW_MOD adds or modifies light entries; raise Refusal for what cannot be.
+
+    A switch of light alone has one table, for what is said of packets there, too.
+    """
+    light = is_light(mod, switch.fibers)
+    if switch.optical_alone and not mod.deletes:
+        if mod.table:
+            raise Refusal(
+                ofp.OFPET_FLOW_MOD_FAILED,
+                ofp.OFPFMFC_BAD_TABLE_ID,
+                f"table {mod.table} of a switch that has table 0 alone",
+            )
+        if ofp.OFPIT_GOTO_TABLE in mod.instructions.kinds:
+            reason = "there is no further table to go to"
+            raise Refusal(ofp.OFPET_BAD_INSTRUCTION, ofp.OFPBIC_UNSUP_INST, reason)
+    return light
 
 
 def may_modify_light(mod: FlowMod) -> bool:
@@ -64,8 +83,15 @@ def _bad_config(reason: str) -> Refusal:
 
 
 def require_no_light(group_mod: bytes, switch: Switch) -> None:
-    """Raise Refusal for a group if the switch has none, or if it would lead into a fibre."""
-    if switch.optical_alone:
+    """Raise Refusal for a new group if the switch has none, or if it would lead into a fibre."""
+    if switch.optical_alone and packets.command(group_mod) == ofp.OFPGC_ADD:
         reason = "light has no groups"
         raise Refusal(ofp.OFPET_GROUP_MOD_FAILED, ofp.OFPGMFC_OUT_OF_GROUPS, reason)
     require_no_fiber(packets.group_outputs(group_mod), switch.fibers)
+
+
+def require_meters(meter_mod: bytes, switch: Switch) -> None:
+    """Raise Refusal for a new meter if the switch has none."""
+    if switch.optical_alone and packets.command(meter_mod) == ofp.OFPMC_ADD:
+        reason = "light has no meters"
+        raise Refusal(ofp.OFPET_METER_MOD_FAILED, ofp.OFPMMFC_OUT_OF_METERS, reason)

@@ -10,7 +10,6 @@ from collections.abc import Awaitable, Callable
 from os_ken.ofproto import ofproto_v1_4 as ofp
 
 from qswitch_agent.hardware.optics import HardwareRefusal
-from qswitch_agent.middleware.light import is_light
 from qswitch_agent.openflow import async_config, identity, messages, multipart, packets
 from qswitch_agent.openflow.flows import FlowMod
 from qswitch_agent.openflow.instructions import NICIRA
@@ -20,8 +19,10 @@ from qswitch_agent.proxy.bundle_requests import BundleRequests
 from qswitch_agent.proxy.bundles import Tunings
 from qswitch_agent.proxy.checks import (
     checked_port_mod,
+    concerns_light,
     marked,
     may_modify_light,
+    require_meters,
     require_no_light,
     require_not_slave,
 )
@@ -80,7 +81,7 @@ class Requests:
 
     async def _flow_mod(self, message: bytes) -> None:
         mod, xid = FlowMod.decode(message), transaction_id(message)
-        light = is_light(mod, self._switch.fibers)
+        light = concerns_light(mod, self._switch)
         if mod.deletes:
             self._link.delete(mod, message)
             return
@@ -114,9 +115,7 @@ class Requests:
                 ) from refusal
 
     async def _meter_mod(self, message: bytes) -> None:
-        if self._switch.optical_alone:
-            reason = "light has no meters"
-            raise Refusal(ofp.OFPET_METER_MOD_FAILED, ofp.OFPMMFC_OUT_OF_METERS, reason)
+        require_meters(message, self._switch)
         self._link.to_bridge(message)
 
     async def _group_mod(self, message: bytes) -> None:

@@ -5,7 +5,8 @@ python tests/chaos --minutes 10 --seed 1      (root; `make chaos MINUTES=10 SEED
 Each strike has a run of its own: a job at random, a moment at random, and something of it at random
 is killed, told to end, stopped or cut, beside bridges, namespaces and processes that are not ours.
 No run may hang, deliver wrong bytes, leave anything behind or touch what is not its own; and the
-cause is to be named, soon. It looks at a run from outside, with none of its code.
+cause is to be named, soon. Each is struck in namespaces of its own, several at once: this machine's
+Open vSwitch is not touched. It looks at a run from outside, with none of its code.
 """
 
 import argparse
@@ -16,6 +17,7 @@ import sys
 import tempfile
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from random import Random
@@ -25,6 +27,7 @@ from jobs import JOBS, command
 from strikes import Strike, strike
 
 ROOT = Path(__file__).resolve().parents[2]
+APART = str(ROOT / "topologies" / "own_namespaces")
 LONGEST_WAIT_S = 9.0  # from the start to the strike
 AFTER_START = 2.5  # before which there is little to strike
 HANG_S = 90.0  # from the strike to the end
@@ -110,18 +113,63 @@ def main() -> int:
     parser.add_argument("--first", type=int, default=0, help="number of the first, to repeat one")
     parser.add_argument("--seed", type=int, default=1, help="repeats jobs, moments and choices (1)")
     parser.add_argument("--log", type=Path, help="a line of JSON for each strike")
+    parser.add_argument(
+        "--at-once", type=int, default=os.cpu_count() or 1, help="so many (the processors)"
+    )
+    parser.add_argument("--worker", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
-    deadline = time.monotonic() + 60 * arguments.minutes
-    outcomes: list[Outcome] = []
-    while time.monotonic() < deadline and len(outcomes) < arguments.strikes:
-        outcome = one(arguments.first + len(outcomes), arguments.seed)
-        outcomes.append(outcome)
-        print(told(outcome), flush=True)
-        if arguments.log:
-            with arguments.log.open("a") as log:
-                log.write(json.dumps(asdict(outcome)) + "\n")
+    if arguments.worker:
+        strike_on(arguments)
+        return 0
+    outcomes = beside_each_other(arguments)
     print(summary(outcomes))
     return 1 if any(bad(outcome) for outcome in outcomes) else 0
+
+
+def strike_on(arguments: argparse.Namespace) -> None:
+    """Make every n-th strike, as one of n who do; tell each outcome as a line of JSON."""
+    deadline = time.monotonic() + 60 * arguments.minutes
+    last = arguments.first + arguments.strikes
+    for number in range(arguments.first, last, arguments.at_once):
+        if time.monotonic() > deadline:
+            break
+        print(json.dumps(asdict(one(number, arguments.seed))), flush=True)
+
+
+def beside_each_other(arguments: argparse.Namespace) -> list[Outcome]:
+    """Have strikes made on as many machines at once, which are namespaces of this one.
+
+    Raise RuntimeError if somebody who makes them fails.
+    """
+    outcomes: list[Outcome] = []
+    limit = ["--minutes", str(arguments.minutes), "--seed", str(arguments.seed)]
+    workers = []
+    for number in range(min(arguments.at_once, arguments.strikes)):
+        part = ["--first", str(arguments.first + number)]
+        part += ["--strikes", str(arguments.strikes - number)]
+        part += ["--at-once", str(arguments.at_once), "--worker"]
+        command = [APART, sys.executable, str(Path(__file__).parent), *limit, *part]
+        workers.append(subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True))
+    with ThreadPoolExecutor(len(workers)) as readers:
+        ends = [readers.submit(heard, each, outcomes, arguments.log) for each in workers]
+    if failed := [end.result() for end in ends if end.result()]:
+        raise RuntimeError(f"{len(failed)} of {len(workers)} who strike ended with {failed}")
+    return sorted(outcomes, key=lambda outcome: outcome.number)
+
+
+def heard(worker: "subprocess.Popen[str]", outcomes: list[Outcome], log: Path | None) -> int:
+    """Print and keep what somebody who strikes tells; return the exit status."""
+    assert worker.stdout is not None
+    for line in worker.stdout:
+        fields = json.loads(line)
+        made = fields.pop("strike")
+        outcome = Outcome(**fields, strike=made and Strike(**made))
+        outcomes.append(outcome)
+        print(told(outcome), flush=True)
+        if log:
+            with log.open("a") as file:
+                file.write(line)
+    return worker.wait()
 
 
 def one(number: int, seed: int) -> Outcome:

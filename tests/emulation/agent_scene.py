@@ -14,7 +14,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
@@ -297,7 +297,9 @@ class Controller:
 class Switch:
     """A bridge with its agent, and all that they talk to."""
 
-    def __init__(self, folder: Path, controllers: int) -> None:
+    def __init__(
+        self, folder: Path, controllers: int, fiber_ports: Sequence[int] = FIBER_PORTS
+    ) -> None:
         self.dispatcher = Dispatcher(folder / "dispatcher.sock")
         self.controllers = [Controller() for _ in range(controllers)]
         self.controller = self.controllers[0]
@@ -310,7 +312,7 @@ class Switch:
             management=f"/var/run/openvswitch/{BRIDGE}.mgmt",
             dispatcher=str(self.dispatcher.path),
             token=TOKEN,
-            fiber_ports=FIBER_PORTS,
+            fiber_ports=list(fiber_ports),
         ).write(self.config)
         self.log = folder / "agent.log"
         self.agents: list[subprocess.Popen[str]] = []
@@ -376,18 +378,20 @@ def veth_names() -> list[str]:
 
 
 @contextmanager
-def running_switch(folder: Path, controllers: int = 1) -> Iterator[Switch]:
+def running_switch(
+    folder: Path, controllers: int = 1, fiber_ports: Sequence[int] = FIBER_PORTS
+) -> Iterator[Switch]:
     """A bridge of four fibre ports whose agent is ready, and its controllers are connected."""
     names = veth_names()
     for near, far in zip(names[::2], names[1::2], strict=True):
         run("ip", "link", "add", near, "type", "veth", "peer", "name", far)
         for name in (near, far):
             run("ip", "link", "set", name, "up")
-    switch = Switch(folder, controllers)
+    switch = Switch(folder, controllers, fiber_ports)
     try:
         bridge = [f"add-br {BRIDGE}", f"set bridge {BRIDGE} datapath_type=netdev"]
         bridge += [f"set bridge {BRIDGE} protocols=OpenFlow14 fail_mode=secure"]
-        for port, name in zip(FIBER_PORTS, names, strict=True):
+        for port, name in zip(fiber_ports, names, strict=True):
             bridge += [f"add-port {BRIDGE} {name}", f"set interface {name} ofport_request={port}"]
         run("ovs-vsctl", *" -- ".join(bridge).split())
         switch.start_agent()

@@ -38,10 +38,10 @@ def wait_until(condition: Callable[[], object], what: str, timeout_s: float = 10
         time.sleep(0.02)
 
 
-def qmn(*arguments: str, runs: Path) -> subprocess.CompletedProcess[str]:
-    """Run the command to its end."""
+def qmn(*arguments: str, runs: Path, report: bool = False) -> subprocess.CompletedProcess[str]:
+    """Run the command to its end; a report takes a second more."""
     return subprocess.run(
-        [*qmn_command(runs), *arguments],
+        [*qmn_command(runs, report), *arguments],
         cwd=ROOT,
         capture_output=True,
         text=True,
@@ -62,9 +62,10 @@ def verb(*words: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-def qmn_command(runs: Path) -> list[str]:
+def qmn_command(runs: Path, report: bool = False) -> list[str]:
     """Return how the command is called; its last argument names the folder for runs."""
-    return [sys.executable, "-m", "qmn", "run", "sdc", "--runs", str(runs)]
+    words = [] if report else ["--no-report"]
+    return [sys.executable, "-m", "qmn", "run", "sdc", *words, "--runs", str(runs)]
 
 
 def interfaces() -> set[str]:

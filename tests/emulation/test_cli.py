@@ -64,7 +64,7 @@ def test_every_verb_works_from_a_script(tmp_path: Path) -> None:
     """
     options = ("sdc", "--length-km", "2", "--loss-db-per-km", "0.1")
     done = cli(script, *options, runs=tmp_path)
-    assert (done.returncode, done.stderr) == (0, ""), done.stderr
+    assert (done.returncode, done.stderr) == (0, ""), done.stderr + done.stdout
     shown = done.stdout
     assert "bob: hello over light\n16 bytes, " in shown
     assert "3 rounds, 3 delivered" in shown

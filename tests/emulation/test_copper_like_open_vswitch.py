@@ -1,11 +1,9 @@
 """On copper ports a quantum switch answers as plain Open vSwitch does: the same requests to both.
 
-Open vSwitch is the independent program. Ryu's own switch tests (tests/switch of its repository)
-are not in the package that PyPI has.
+Open vSwitch is the independent program. Ryu's own switch tests are in test_ryus_switch_tests.py.
 """
 
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -19,14 +17,13 @@ from agent_scene import (
     entries,
     flow_mod,
     needs_open_vswitch,
-    run,
     running_switch,
 )
+from copper_scene import PLAIN, copper, plain_open_vswitch
 from os_ken.ofproto import ofproto_v1_4 as ofp
 from os_ken.ofproto import ofproto_v1_4_parser as parser
 
 pytestmark = needs_open_vswitch
-PLAIN = f"{BRIDGE}p"
 IN, OUT = 7, 8  # copper ports of both
 IP4, IP6, ARP, MPLS, PBB = (
     {"eth_type": number} for number in (0x0800, 0x86DD, 0x0806, 0x8847, 0x88E7)
@@ -153,40 +150,6 @@ def mod(fields: dict[str, Any], *instructions: Any, **more: Any) -> Any:
     return flow_mod(IN, *instructions, fields=fields, cookie=5, priority=9, **more)
 
 
-@contextmanager
-def copper(*bridges: str) -> Iterator[None]:
-    """Give each bridge two copper ports of the same numbers."""
-    try:
-        for number, bridge in enumerate(bridges):
-            ends = f"{BRIDGE}c{number}", f"{BRIDGE}d{number}"
-            run("ip", "link", "add", ends[0], "type", "veth", "peer", "name", ends[1])
-            for end, port in zip(ends, (IN, OUT), strict=True):
-                run("ip", "link", "set", end, "up")
-                request = ("--", "set", "interface", end, f"ofport_request={port}")
-                run("ovs-vsctl", "add-port", bridge, end, *request)
-        yield
-    finally:
-        for number in range(len(bridges)):
-            run("ip", "link", "del", f"{BRIDGE}c{number}")
-
-
-@contextmanager
-def plain_open_vswitch() -> Iterator[Controller]:
-    """A bridge without an agent, and its controller."""
-    controller = Controller()
-    try:
-        bridge = f"add-br {PLAIN} -- set bridge {PLAIN} datapath_type=netdev protocols=OpenFlow14"
-        run("ovs-vsctl", *f"{bridge} fail_mode=secure".split())
-        run("ovs-vsctl", "set-controller", PLAIN, f"tcp:127.0.0.1:{controller.port}")
-        controller.accept()
-        controller.agree()
-        yield controller
-    finally:
-        controller.socket.close()
-        controller.listener.close()
-        run("ovs-vsctl", "--if-exists", "del-br", PLAIN)
-
-
 def answered(controller: Controller, request: Any) -> object:
     """Return what a request comes to: the error, or the entries that there are then."""
     for clearing in (
@@ -217,7 +180,7 @@ def test_copper_is_answered_as_open_vswitch_does(tmp_path: Path) -> None:
     with (
         running_switch(tmp_path) as switch,
         plain_open_vswitch() as plain,
-        copper(BRIDGE, PLAIN),
+        copper((IN, OUT), BRIDGE, PLAIN),
     ):
         differing, seen = {}, []
         for (name, request), (_name, same) in zip(requests(), requests(), strict=True):

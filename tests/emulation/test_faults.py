@@ -83,9 +83,8 @@ def test_a_node_whose_shell_is_killed_is_named(tmp_path: Path, name: str) -> Non
 
 
 def test_a_failure_tells_how_far_it_came(tmp_path: Path) -> None:
-    done = qmn(
-        "--depolarizing", "0.1", "--frame-bytes", "4096", "--message", "x" * 4096, runs=tmp_path
-    )
+    noise = ("--depolarizing", "0.1", "--frame-bytes", "4096")
+    done = qmn(*noise, "--message", "x" * 4096, runs=tmp_path, report=True)
     assert done.returncode == 1
     assert "too noisy for frames of 4096 bytes; choose fewer (--frame-bytes)" in done.stderr
     result = json.loads((tmp_path / "latest" / "result.json").read_text())

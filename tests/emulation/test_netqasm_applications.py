@@ -23,7 +23,7 @@ def run(runs: Path, application: str, *options: str) -> dict[str, Any]:
     """Run an application to its end; return result.json."""
     command = [sys.executable, "-m", "qmn", "netqasm", str(APPS / application)]
     done = subprocess.run(
-        [*command, "--runs", str(runs), *options],
+        [*command, "--no-report", "--runs", str(runs), *options],
         cwd=ROOT,
         capture_output=True,
         text=True,

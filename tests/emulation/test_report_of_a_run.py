@@ -22,6 +22,7 @@ def test_a_run_ends_with_a_report_of_both_layers(tmp_path: Path) -> None:
         "--frame-bytes",
         "32",
         runs=tmp_path,
+        report=True,
     )
     assert done.returncode == 0, done.stdout + done.stderr
     run = tmp_path / "latest"

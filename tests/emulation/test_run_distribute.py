@@ -26,7 +26,17 @@ BEGIN = MAGIC.to_bytes(2, "big") + bytes([VERSION, Setup.KIND])
 
 def run(runs: Path, *options: str) -> "subprocess.CompletedProcess[str]":
     """Run it to its end."""
-    command = [sys.executable, "-m", "qmn", "run", "distribute", "--runs", str(runs), *options]
+    command = [
+        sys.executable,
+        "-m",
+        "qmn",
+        "run",
+        "distribute",
+        "--no-report",
+        "--runs",
+        str(runs),
+        *options,
+    ]
     return subprocess.run(
         command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=60
     )

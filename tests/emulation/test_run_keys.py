@@ -23,7 +23,17 @@ from wire.key_manager import KeyLink
 
 def run_keys(runs: Path, *words: str) -> tuple[subprocess.CompletedProcess[str], dict[str, Any]]:
     """Keep keys for a while; return what was said, and the result."""
-    command = [sys.executable, "-m", "qmn", "run", "keys", *words, "--runs", str(runs)]
+    command = [
+        sys.executable,
+        "-m",
+        "qmn",
+        "run",
+        "keys",
+        *words,
+        "--no-report",
+        "--runs",
+        str(runs),
+    ]
     done = subprocess.run(
         command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=90
     )

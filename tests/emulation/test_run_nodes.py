@@ -25,7 +25,7 @@ GOOD = "source.fidelity=0.99"  # of photonic hosts beside ions
 
 def run(runs: Path, *words: str) -> "subprocess.CompletedProcess[str]":
     """Run a service to its end."""
-    command = [sys.executable, "-m", "qmn", "run", *words, "--runs", str(runs)]
+    command = [sys.executable, "-m", "qmn", "run", *words, "--no-report", "--runs", str(runs)]
     return subprocess.run(
         command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=90
     )

@@ -3,7 +3,7 @@
 import json
 import subprocess
 import sys
-from math import sqrt
+from math import exp, sqrt
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,17 @@ FIBERS = {"bb84": 2, "bbm92": 4}  # that two correlated outcomes have passed tog
 
 def run_qkd(runs: Path, *words: str) -> tuple[subprocess.CompletedProcess[str], dict[str, Any]]:
     """Distribute keys; return what was said, and the result."""
-    command = [sys.executable, "-m", "qmn", "run", "qkd", *words, "--runs", str(runs)]
+    command = [
+        sys.executable,
+        "-m",
+        "qmn",
+        "run",
+        "qkd",
+        *words,
+        "--no-report",
+        "--runs",
+        str(runs),
+    ]
     done = subprocess.run(
         command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=90
     )
@@ -119,3 +129,34 @@ def test_if_eve_measures_everything_the_key_is_refused(tmp_path: Path) -> None:
     assert result["asking"]["qber"] > 0.2
     assert result["eve"]["measured"] == result["eve"]["photons"] > 0
     assert [path for path in keys.rglob("*") if path.is_file()] == []
+
+
+LASER = ("--device", "alice.source.statistics=poisson", "--device", "alice.source.mean_pairs=0.5")
+
+
+def test_who_splits_photon_numbers_is_not_seen_and_leaves_no_key(tmp_path: Path) -> None:
+    """Behind 8 dB 1 - exp(-.5 t) of the pulses are seen, fewer than have several photons."""
+    hides_db = 8.0
+    words = ("--eve", "1", "--eve-attack", "split", "--eve-hides-db", str(hides_db))
+    done, result = run_qkd(tmp_path, *LASER, *words, "--count", "20000")
+    assert done.returncode == 1
+    assert "which an eavesdropper can divide" in done.stderr
+    told, eve = result["asking"], result["eve"]
+    gain = 1 - exp(-0.5 * 10 ** (-hides_db / 10))
+    assert abs(told["raw_bits"] - gain * told["photons"]) < 5 * sqrt(gain * told["photons"])
+    assert told["qber"] == 0
+    several = 1 - 1.5 * exp(-0.5)
+    assert abs(eve["multi_photon"] - several * eve["photons"]) < 5 * sqrt(several * eve["photons"])
+    assert eve["photons"] == told["photons"]
+    assert eve["multi_photon"] > told["raw_bits"]
+    assert (eve["expected_db"], eve["onward_db"]) == (hides_db, 0.0)
+
+
+def test_decoys_find_who_splits_photon_numbers(tmp_path: Path) -> None:
+    """At 4 dB of single photons is .689 of the bits at least, and .533 with her (1311.7129)."""
+    source = (*LASER, "--device", "alice.source.decoys=[0.1, 0.0]", "--bound", "asymptotic")
+    words = ("--eve", "1", "--eve-attack", "split", "--eve-hides-db", "4", "--count", "60000")
+    done, result = run_qkd(tmp_path, *source, *words)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert abs(result["asking"]["single_photon_fraction"] - 0.533) < 0.05
+    assert result["asking"]["qber"] == 0

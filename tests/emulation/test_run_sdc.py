@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import ROOT, qmn
+from conftest import ROOT, qmn, verb
 from scapy.layers.inet import IP, TCP
 from scapy.utils import PcapReader
 
@@ -51,6 +51,15 @@ def short_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str,
     """Return the folder and the result of a run with a short message."""
     runs = tmp_path_factory.mktemp("runs")
     return runs / "latest", run(runs, "--message", "captured")
+
+
+def test_a_report_that_was_not_wanted_can_be_made_later(
+    short_run: tuple[Path, dict[str, Any]],
+) -> None:
+    folder, _ = short_run
+    assert not (folder / "report.html").exists()
+    verb("report", str(folder))
+    assert "<figure" in (folder / "report.html").read_text()
 
 
 @pytest.mark.parametrize("controller", ["ryu", "os-ken"])

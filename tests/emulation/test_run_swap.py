@@ -22,7 +22,17 @@ from wire.controller_record import read_record
 
 def run(runs: Path, *options: str) -> dict[str, Any]:
     """Run it to its end; return the result."""
-    command = [sys.executable, "-m", "qmn", "run", "swap", "--runs", str(runs), *options]
+    command = [
+        sys.executable,
+        "-m",
+        "qmn",
+        "run",
+        "swap",
+        "--no-report",
+        "--runs",
+        str(runs),
+        *options,
+    ]
     done = subprocess.run(
         command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=90
     )

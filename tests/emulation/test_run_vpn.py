@@ -76,7 +76,14 @@ def test_the_tunnel_closes_while_eve_listens_and_the_file_arrives(
     file = tmp_path / "file"
     file.write_bytes(os.urandom(2_500_000))
     words = ["--with", program, "--file", str(file), "--rotate", str(ROTATE_S)]
-    words += ["--key-lifetime", str(LIFETIME_S), "--no-events", "--runs", str(tmp_path / "runs")]
+    words += [
+        "--key-lifetime",
+        str(LIFETIME_S),
+        "--no-events",
+        "--no-report",
+        "--runs",
+        str(tmp_path / "runs"),
+    ]
     words += ["--eve", "0.5", "--at", "2", "--until", "4"]
     command = [sys.executable, "-m", "qmn", "run", "vpn", *words]
     done = subprocess.run(

@@ -12,9 +12,10 @@ import pytest
 from conftest import ROOT, TSHARK
 
 
-def run_service(runs: Path, *words: str) -> dict[str, Any]:
+def run_service(runs: Path, *words: str, report: bool = False) -> dict[str, Any]:
     """Run a service; return its result."""
     command = [sys.executable, "-m", "qmn", "run", *words, "--runs", str(runs)]
+    command += [] if report else ["--no-report"]
     done = subprocess.run(
         command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=90
     )
@@ -42,7 +43,7 @@ def shown(capture: Path, script: Path, wanted: str, *fields: str) -> list[str]:
 @pytest.mark.parametrize("controller", ["ryu", "os-ken"])
 def test_states_are_teleported(tmp_path: Path, controller: str) -> None:
     noise = ("--depolarizing", "0.01", "--controller", controller)
-    result = run_service(tmp_path, "teleport", "--count", "40000", *noise)
+    result = run_service(tmp_path, "teleport", "--count", "40000", *noise, report=True)
     assert result["delivered"]
     told = result["asking"]
     assert told["states"] == told["arrived"] == 40_000

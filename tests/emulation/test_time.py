@@ -94,7 +94,17 @@ def teleported(runs: Path, length_km: float, t2_s: float) -> dict[str, Any]:
         "--time-scale",
         "4000",
     ]
-    command = [sys.executable, "-m", "qmn", "run", "teleport", *words, "--runs", str(runs)]
+    command = [
+        sys.executable,
+        "-m",
+        "qmn",
+        "run",
+        "teleport",
+        *words,
+        "--no-report",
+        "--runs",
+        str(runs),
+    ]
     done = subprocess.run(
         command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=SLOW_S
     )

@@ -5,6 +5,7 @@ from types import MappingProxyType
 
 from hosts.middleware.services.distribution import distribute
 from hosts.middleware.services.key_distribution import bb84, bbm92
+from hosts.middleware.services.sealing import seal
 from hosts.middleware.services.superdense import superdense
 from hosts.middleware.services.swapping import swap
 from hosts.middleware.services.teleportation import teleport
@@ -20,6 +21,7 @@ KINDS: Mapping[Service, ServiceKind] = MappingProxyType(
             bb84.KIND,
             bbm92.KIND,
             distribute.KIND,
+            seal.KIND,
             swap.KIND,
             teleport.KIND,
         )

@@ -29,7 +29,7 @@ from dispatcher.layer.ownership import Block, Pulses
 from dispatcher.operations.limits import MAX_EMISSION_S
 from dispatcher.switch.timeline import REMEMBERED_NS
 from wire.config import DispatcherConfig, PathOptics, QuantumSwitch
-from wire.dispatcher_pb2 import AdjustFiberRequest
+from wire.dispatcher_pb2 import AdjustFiberRequest, MeasureRequest
 from wire.parameters.fiber import FiberOptics
 from wire.parameters.physics import Device, PairSource
 
@@ -286,14 +286,51 @@ def test_classical_light_is_turned_on_and_off_while_the_network_runs(tmp_path: P
     play(with_fibers(configuration(tmp_path), length_km=10), scene)
 
 
+def test_who_taps_a_fibre_disturbs_both_bases_alike_until_gone(tmp_path: Path) -> None:
+    """Intercept and resend of a fraction f in Z or X: one in four of those is wrong in either."""
+
+    bases = MeasureRequest.Z, MeasureRequest.X
+
+    async def wrong(bench: Bench, first: int) -> list[int]:
+        counts = []
+        for number, basis in enumerate(bases, first):
+            await send(bench, number=number)
+            ours = await bench.charlie.measure(block(number, 1), basis)
+            theirs = await bench.alice.measure(block(number), basis)
+            counts.append(sum(a != b for a, b in zip(ours.outcomes, theirs.outcomes, strict=True)))
+        return counts
+
+    async def tap(bench: Bench, fraction: float) -> None:
+        request = AdjustFiberRequest(a="alice", b="q1", tapped=fraction)
+        assert (await bench.runner.call("AdjustFiber", request)).fibers == 1
+
+    async def scene(bench: Bench) -> None:
+        await bench.switch.connect((1, 3))
+        assert await wrong(bench, 0) == [0, 0]
+        for number, fraction in enumerate((0.04, 0.4, 1.0), 1):
+            await tap(bench, fraction)
+            assert all(within(each, fraction / 4, COUNT) for each in await wrong(bench, 2 * number))
+        await tap(bench, 0.0)
+        assert await wrong(bench, 8) == [0, 0]
+
+    play(configuration(tmp_path), scene)
+
+
 @pytest.mark.parametrize(
     ("caller", "request_", "code", "text"),
     [
         ("alice", {"calibrate": True}, "PERMISSION_DENIED", "only runner may"),
-        ("runner", {}, "INVALID_ARGUMENT", "name calibrate or classical_mw"),
-        ("runner", {"calibrate": False}, "INVALID_ARGUMENT", "name calibrate or classical_mw"),
+        ("runner", {}, "INVALID_ARGUMENT", "name calibrate, classical_mw or tapped"),
+        (
+            "runner",
+            {"calibrate": False},
+            "INVALID_ARGUMENT",
+            "name calibrate, classical_mw or tapped",
+        ),
         ("runner", {"classical_mw": -1}, "INVALID_ARGUMENT", "classical_mw -1.0 is not 0 to 1000"),
         ("runner", {"classical_mw": float("nan")}, "INVALID_ARGUMENT", "nan is not 0 to 1000"),
+        ("runner", {"tapped": 1.5}, "INVALID_ARGUMENT", "tapped 1.5 is not 0 to 1"),
+        ("runner", {"tapped": float("nan")}, "INVALID_ARGUMENT", "tapped nan is not 0 to 1"),
         ("runner", {"a": "bob", "calibrate": True}, "NOT_FOUND", "bob is joined to alice, q1"),
         ("runner", {"a": "nobody", "calibrate": True}, "NOT_FOUND", "joined to nothing"),
     ],

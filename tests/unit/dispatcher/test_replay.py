@@ -45,6 +45,7 @@ from wire.dispatcher_pb2 import (
     ReceiveRequest,
     ResendRequest,
     SendRequest,
+    SplitRequest,
     Step,
     StoreRequest,
 )
@@ -174,6 +175,26 @@ def test_resent_photons_are_replayed_byte_for_byte(tmp_path: Path, backend: str)
     devices = {"bob": Device(detectors=Detectors(0.9, 1e7, 1e-9))}
     content, log = recorded(tmp_path, JumpingClock(), resent, backend=backend, devices=devices)
     assert log.count(" resend ") == 2
+    assert replayed(content) == log
+
+
+async def divided(bench: Bench) -> None:
+    """Split photons off pulses on their way, and measure all of them."""
+    states = bytes(n % 4 for n in range(500))
+    request = CreateRequest(session=7, number=0, count=500, state=CreateRequest.PREPARED)
+    request.states = states
+    await bench.alice.call("Create", request)
+    await bench.alice.send((block(0, 0), "alice-q9"))
+    await bench.bob.receive(block(0, 0), "bob-q9")
+    await bench.bob.call("Split", SplitRequest(block=block(0), into=block(7)))
+    await bench.bob.measure(block(7, 0), MeasureRequest.X)
+    await bench.bob.measure(block(0, 0), MeasureRequest.X)
+
+
+def test_split_pulses_are_replayed_byte_for_byte(tmp_path: Path) -> None:
+    devices = {"alice": Device(PairSource("poisson", 0.9))}
+    content, log = recorded(tmp_path, JumpingClock(), divided, devices=devices)
+    assert log.count(" split ") == 1
     assert replayed(content) == log
 
 

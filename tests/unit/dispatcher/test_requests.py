@@ -31,6 +31,7 @@ from wire.dispatcher_pb2 import (
     ReceiveRequest,
     ResendRequest,
     SendRequest,
+    SplitRequest,
     StatusRequest,
     StoreRequest,
 )
@@ -123,7 +124,12 @@ REFUSED = [
         Code.INVALID_ARGUMENT,
         r"bases\[2\] is 3",
     ),
+    ("alice", "Split", SplitRequest(block=MINE, into=MINE), Code.ALREADY_EXISTS, "block 0/0"),
+    ("alice", "Split", SplitRequest(block=MINE, into=THEIRS), Code.ALREADY_EXISTS, "block 1/0"),
+    ("alice", "Split", SplitRequest(block=THEIRS, into=ABSENT), Code.PERMISSION_DENIED, "not at"),
+    ("alice", "Split", SplitRequest(block=ABSENT, into=MINE), Code.NOT_FOUND, "block 99/0"),
     # who may do what
+    ("q1", "Split", SplitRequest(block=MINE, into=ABSENT), Code.PERMISSION_DENIED, "not a host"),
     ("q1", "Resend", ResendRequest(block=MINE), Code.PERMISSION_DENIED, "not a host"),
     ("q1", "Gather", gather((MINE, [0])), Code.PERMISSION_DENIED, "not a host"),
     ("runner", "Gather", gather((MINE, [0])), Code.PERMISSION_DENIED, "not a host"),

@@ -16,8 +16,8 @@ from wire.dispatcher_pb2 import DiscardRequest
 @pytest.mark.parametrize(
     ("limit", "hosts", "share"),
     [
-        (9_000_000, 3, 3_000_000),
-        (8_000_000, 20, LEAST_SHARE),  # twice the largest block of pairs: 2 * 2 * 262,144 qubits
+        (30_000_000, 3, 10_000_000),
+        (8_000_000, 20, LEAST_SHARE),  # eight times the largest block of pairs: 8 * 2 * 262,144
         (1_000, 1, 1_000),
         (1_000, 4, 1_000),
     ],
@@ -32,7 +32,7 @@ def test_each_host_has_a_share(tmp_path: Path, limit: int, hosts: int, share: in
         switches=[QuantumSwitch("q1")],
     )
     assert share_of(config) == share
-    assert LEAST_SHARE == 2 * 2 * 262_144
+    assert LEAST_SHARE == 8 * 2 * 262_144
 
 
 def test_who_makes_too_much_is_refused_and_others_are_not(tmp_path: Path) -> None:

@@ -31,6 +31,7 @@ SESSIONS: dict[str, dict[str, Any]] = {
     "swap": {"count": 400, "block_pairs": 300},
     "bb84": KEYS,
     "bbm92": KEYS,
+    "seal": {"count": 900, "block_pairs": 500},
 }
 SERVICES = list(SESSIONS)
 PATHS = {"sdc": [(4, 1), (1, 3), (5, 2)], "bb84": [(1, 2)]}  # of all others: pairs to both ends

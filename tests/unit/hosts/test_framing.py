@@ -1,5 +1,6 @@
 """Outbox and inbox back to back, with a noisy line between them."""
 
+from collections import deque
 from collections.abc import Callable
 
 import numpy as np
@@ -9,7 +10,7 @@ from hosts.hardware.qnic import Symbols
 from hosts.middleware.services.superdense.alphabet import ALPHABETS, Alphabet
 from hosts.middleware.services.superdense.coding import CODES, Code
 from hosts.middleware.services.superdense.frame_format import FrameFormat
-from hosts.middleware.services.superdense.framing import FramingError
+from hosts.middleware.services.superdense.framing import BLOCKS_UNDER_WAY, FramingError
 from hosts.middleware.services.superdense.inbox import Inbox
 from hosts.middleware.services.superdense.outbox import Outbox, OutgoingBlock
 from wire.metadata import Block, Fec, Frame, Report, decode
@@ -203,12 +204,49 @@ def test_a_block_without_pairs_changes_nothing() -> None:
     assert inbox.take() == b""
 
 
-def test_new_frames_come_only_when_all_that_is_open_is_sent_again() -> None:
+def test_new_frames_beside_refills_come_only_when_all_that_is_open_is_sent_again() -> None:
     inbox = Inbox(4, PLAIN)
     first = Block(1, 1, 16, 0, 0, (Frame(0, 4, 0),))
     inbox.block(first, np.full(16, 255, dtype=np.uint8))
     with pytest.raises(FramingError, match="before the open ones"):
-        inbox.block(Block(1, 2, 16, 0, 0, (Frame(1, 4, 0),)), np.zeros(16, dtype=np.uint8))
+        inbox.block(Block(1, 2, 31, 15, 0, (Frame(1, 4, 0),)), np.zeros(31, dtype=np.uint8))
+
+
+def test_only_so_many_blocks_are_ahead_of_what_is_open() -> None:
+    inbox = Inbox(4, PLAIN)
+    lost = np.full(16, 255, dtype=np.uint8)
+    blocks = [Block(1, n, 16, 0, 0, (Frame(n, 4, 0),)) for n in range(BLOCKS_UNDER_WAY + 1)]
+    for block in blocks[:-1]:
+        assert inbox.block(block, lost).lost == 16
+    with pytest.raises(FramingError, match="block 4 begins new frames before the open ones"):
+        inbox.block(blocks[-1], lost)
+    # All that is open comes again in one block, and new frames behind it.
+    again = Block(1, 9, 64 + 16, 64, 0, (Frame(BLOCKS_UNDER_WAY, 4, 0),))
+    inbox.block(again, np.zeros(80, dtype=np.uint8))
+
+
+@pytest.mark.parametrize("used", [PLAIN, GOLAY])
+@pytest.mark.parametrize(("loss", "errors"), [(0.0, 0.0), (0.1, 0.01), (0.7, 0.0)])
+def test_blocks_that_go_ahead_deliver_exactly(
+    used: FrameFormat, loss: float, errors: float
+) -> None:
+    data = np.random.default_rng(12).bytes(3_000)
+    outbox, inbox, line = Outbox(16, 1_000, used), Inbox(16, used), noisy_line(13, loss, errors)
+    outbox.add(data)
+    under_way: deque[tuple[OutgoingBlock, Report]] = deque()
+    received, most = b"", 0
+    for _ in range(1_000):
+        if (outbox.goes_ahead and len(under_way) < BLOCKS_UNDER_WAY) or not under_way:
+            if outbox.empty:
+                break
+            block = outbox.next_block()
+            under_way.append((block, inbox.block(announce(block), line(block.symbols.copy()))))
+            most = max(most, len(under_way))
+            received += inbox.take()
+        else:
+            outbox.report(*under_way.popleft())
+    assert received == data
+    assert most == BLOCKS_UNDER_WAY
 
 
 @pytest.mark.parametrize(("frame_bytes", "block_pairs"), [(1, 262_144), (4, 262_144)])

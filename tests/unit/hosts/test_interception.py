@@ -19,7 +19,7 @@ from hosts.hardware.qnic import Received
 from hosts.middleware.qkd.alice import Alice
 from hosts.middleware.qkd.bob import Bob
 from hosts.middleware.qkd.sifting import Record
-from hosts.middleware.services.interception import MAX_RATE_HZ, rate_of
+from hosts.middleware.services.interception.interception import MAX_RATE_HZ, rate_of
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
 
@@ -180,7 +180,7 @@ def test_the_application_tells_what_was_seen_when_it_is_told_to_end(tmp_path: Pa
 
     (begun, *blocks, done), alice, status = asyncio.run(run())
     assert status == 0
-    assert begun == {"event": "intercepting", "fraction": 0.1}
+    assert begun == {"event": "intercepting", "fraction": 0.1, "attack": "resend"}
     assert (done["event"], done["fraction"]) == ("done", 0.1)
     assert done["blocks"] == len(blocks)
     assert sum(block["photons"] for block in blocks) == done["photons"] == alice["photons"]
@@ -195,7 +195,20 @@ def test_the_application_tells_what_was_seen_when_it_is_told_to_end(tmp_path: Pa
         ("eve", {"fraction": "all"}, "fraction is 'all'"),
         ("eve", {"fraction": float("nan")}, "fraction is nan"),
         ("eve", {"wavelength_pm": 7}, "wavelength_pm is 7: choose"),
-        ("eve", {"basis": "Z"}, "unknown option 'basis': known are fraction, wavelength_pm"),
+        (
+            "eve",
+            {"basis": "Z"},
+            "unknown option 'basis': known are fraction, attack",
+        ),
+        ("eve", {"attack": "blind"}, "attack 'blind': choose one of resend, split"),
+        ("eve", {"attack": "split", "fraction": 0.5}, "split is of every pulse, choose 1"),
+        ("eve", {"expected_db": 3.0}, "are of split: leave them out"),
+        ("eve", {"attack": "split", "expected_db": -1.0}, "expected_db is -1.0: choose 0 to 1000"),
+        (
+            "eve",
+            {"attack": "split", "expected_db": 3.0, "onward_db": 4.0},
+            "onward_db is 4.0, more than expected_db 3.0",
+        ),
     ],
 )
 def test_what_cannot_be_asked_is_refused_with_the_remedy(

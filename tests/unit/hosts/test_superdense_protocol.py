@@ -21,7 +21,13 @@ from hosts.middleware.services.superdense.receiver import (
     Receiver,
     answer_to,
 )
-from hosts.middleware.services.superdense.sender import ATTEMPTS_LIMIT, Light, Sender, Singles
+from hosts.middleware.services.superdense.sender import (
+    ATTEMPTS_LIMIT,
+    Light,
+    Sender,
+    Singles,
+    blocks_under_way,
+)
 from hosts.middleware.session.channel import SessionError
 from hosts.timeouts import DARK_LIMIT_S
 from wire.metadata import (
@@ -189,6 +195,69 @@ def test_a_block_without_light_is_let_go_and_its_bytes_go_into_the_next() -> Non
     assert ends.sender.next_order() is None
 
 
+def test_blocks_are_under_way_while_the_receiver_has_not_reported() -> None:
+    ends = Ends()
+    ends.sender.send(DATA)  # 32 blocks of 8 frames
+    orders = []
+    while (order := ends.sender.next_order()) is not None:
+        orders.append(order)
+    assert [order.block for order in orders if isinstance(order, Light)] == [1, 2, 3, 4]
+    ends.turn(orders[0])
+    following = ends.sender.next_order()
+    assert isinstance(following, Light)
+    assert following.block == 5
+    assert ends.sender.next_order() is None
+    for order in (*orders[1:], following):
+        ends.turn(order)
+    ends.send(b"")
+    assert ends.received == DATA
+    assert ends.sender.statistics.bell_pairs == 4 * len(DATA)
+
+
+@pytest.mark.parametrize(("pairs", "most"), [(64, 4), (65_536, 4), (131_072, 2), (262_144, 1)])
+def test_few_blocks_are_under_way_where_they_are_large(pairs: int, most: int) -> None:
+    setup = replace(SETUP, pairs=pairs)
+    assert blocks_under_way(setup) == most
+    assert blocks_under_way(replace(setup, handshake=Handshake.PER_PAIR)) == 1
+
+
+def test_what_was_lost_is_sent_again_once_every_block_is_reported_of() -> None:
+    def first_lost(states: Symbols) -> Symbols:
+        lost = ends.pairs["lit"] == 0
+        return np.where(np.arange(states.size) < 3 * lost, LOST, states).astype(np.uint8)
+
+    ends = Ends(fiber=first_lost)
+    ends.sender.send(DATA)
+    orders = [ends.sender.next_order() for _ in range(4)]
+    for number, order in enumerate(orders, 1):
+        assert isinstance(order, Light)
+        ends.turn(order)
+        refills = ends.sender.next_order()
+        assert (refills is None) == (number < 4)
+    assert isinstance(refills, Light)
+    assert ends.sender.lit(5).refills == 3
+
+
+def test_blocks_behind_one_without_light_are_called_off() -> None:
+    ends = Ends()
+    ends.sender.send(DATA)
+    orders = [ends.sender.next_order() for _ in range(4)]
+    assert all(isinstance(order, Light) for order in orders)
+    ends.turn(orders[0])  # type: ignore[arg-type]
+    for number in (2, 3, 4):
+        assert ends.sender.is_called_off(number) == (number > 2)
+        if number > 2:
+            with pytest.raises(ValueError, match="is called off"):
+                ends.sender.lit(5)
+        order = ends.receiver.block(over_the_wire(ends.sender.dark("no light here")))
+        assert order == Discard(number)
+        ends.report(np.empty(0, np.uint8))
+    ends.send(b"")
+    assert ends.received == DATA
+    assert ends.sender.statistics.lost_pairs == 3 * 64
+    assert ends.sender.statistics.bell_pairs == 4 * len(DATA) + 3 * 64
+
+
 def test_a_half_that_did_not_come_loses_its_whole_block() -> None:
     receiver = Receiver(SETUP, 4, "alice")
     symbols = receiver.read(Measure(1, 5, Pauli.X), None)
@@ -268,11 +337,13 @@ def test_what_came_must_be_what_was_sent() -> None:
 
 def test_calls_out_of_turn_are_a_mistake_of_the_caller() -> None:
     ends = Ends()
-    with pytest.raises(ValueError, match="idle, not emitting"):
+    with pytest.raises(ValueError, match="next_order\\(\\) comes first"):
         ends.sender.lit(0)
     ends.sender.send(DATA)
     ends.sender.next_order()
-    with pytest.raises(ValueError, match="emitting, not idle"):
-        ends.sender.next_order()
+    with pytest.raises(ValueError, match="1 blocks are under way"):
+        ends.sender.send(DATA)
+    with pytest.raises(ValueError, match=r"lit\(\) or dark\(\) come first"):
+        ends.sender.heard(Report(7, 1, 64), 1.0)
     with pytest.raises(ValueError, match="waiting, not measuring"):
         ends.receiver.arrived(np.empty(0, np.uint8))

@@ -6,7 +6,8 @@ import pytest
 
 from controller_apps.policy.policy import DEFAULT, Tap, read_policy
 from qmn.__main__ import described
-from qmn.jobs.service import ServiceRequest, checked, with_policy
+from qmn.jobs.eavesdropping import Attack
+from qmn.jobs.service import ServiceRequest, attack_of, checked, with_policy
 from qmn.options import BadInput
 from qmn.verbs.run import service_request
 
@@ -55,11 +56,31 @@ def test_without_her_no_policy_is_made(tmp_path: Path) -> None:
         (["--eve", "1", "--topology", "ring"], "ring has no host eve; use --topology tapped"),
         (["--eve", "1", "--to", "eve"], "eve is sender or receiver"),
         (["--eve", "1", "--policy", str(DEFAULT)], "leave out --policy"),
+        (["--eve", "0.5", "--eve-attack", "split"], "on every pulse: say --eve 1"),
+        (
+            ["--protocol", "bbm92", "--eve", "1", "--eve-attack", "split"],
+            "in bbm92 no sender prepares pulses; choose --protocol bb84",
+        ),
+        (["--eve", "1", "--eve-hides-db", "3"], "say both, or neither"),
+        (["--eve", "1", "--eve-attack", "split", "--eve-hides-db", "-1"], "choose 0 to 100"),
     ],
 )
 def test_what_cannot_be_is_refused(words: list[str], text: str) -> None:
     with pytest.raises(BadInput, match=text):
         checked(parse("qkd", *words))
+
+
+def test_who_splits_knows_what_is_lost_behind_her() -> None:
+    """Two fibres of 2 km at .2 dB/km, q1's 1.5 dB, and detectors of one tenth: 12.3 dB."""
+    words = ["--length-km", "2", "--loss-db-per-km", "0.2", "--switch", "q1.insertion_loss_db=1.5"]
+    device = ["--device", "bob.detectors.efficiency=0.1"]
+    split = ["--eve", "1", "--eve-attack", "split", "--eve-hides-db", "7"]
+    attack = attack_of(*checked(parse("qkd", *split, *words, *device)))
+    assert attack is not None
+    assert attack.onward_db == pytest.approx(12.3)
+    assert attack.expected_db == pytest.approx(19.3)
+    assert attack_of(*checked(parse("qkd", "--eve", "0.3"))) == Attack(0.3)
+    assert attack_of(*checked(parse("qkd"))) is None
 
 
 def test_only_key_distribution_has_her() -> None:

@@ -124,7 +124,7 @@ def test_a_dispatcher_that_was_killed_is_named(
         config = running.dispatcher_of_running_network(tmp_path)
         process.kill()
         with pytest.raises(NetworkError, match="does not answer"):
-            fault.inject(config, parse("q1", "repair"))
+            fault.inject(config, "q1", fault.Repair())
 
 
 def test_where_no_network_runs_the_verb_says_so(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""The verbs calibrate and classical against a real dispatcher that runs as its own process."""
+"""The verbs calibrate, classical and tap against a real dispatcher that runs as its own process."""
 
 import argparse
 from pathlib import Path
@@ -7,7 +7,7 @@ import pytest
 from test_fault import network
 
 from qmn.live import fiber_order, running
-from qmn.verbs import calibrate, classical
+from qmn.verbs import calibrate, classical, tap
 
 
 def run(
@@ -23,6 +23,7 @@ def run(
     verbs = parser.add_subparsers()
     calibrate.add_parser(verbs)
     classical.add_parser(verbs)
+    tap.add_parser(verbs)
     arguments = parser.parse_args(words.split())
     status = arguments.call(arguments)
     said = capsys.readouterr()
@@ -40,6 +41,11 @@ def test_orders_reach_the_fibres_of_the_running_network(
                 "2 fibres between q1 and alice: classical light of 2.5 mW\n",
                 "classical light 2.5 mW",
             ),
+            (
+                "tap q1 alice 0.25",
+                "2 fibres between q1 and alice: 0.25 of the photons are measured and sent on\n",
+                "tapped 0.25",
+            ),
         ):
             assert run(tmp_path, capsys, monkeypatch, words) == (0, said)
             assert len([line for line in log.read_text().splitlines() if logged in line]) == 4
@@ -50,6 +56,7 @@ def test_orders_reach_the_fibres_of_the_running_network(
     [
         ("calibrate alice bob", "no fibre joins alice and bob; alice is joined to q1"),
         ("classical alice q1 2000", "classical_mw 2000.0 is not 0 to 1000"),
+        ("tap alice q1 1.5", "tapped 1.5 is not 0 to 1"),
     ],
 )
 def test_an_order_that_cannot_be_followed_is_named(

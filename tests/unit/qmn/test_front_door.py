@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+import yaml
 
 from qmn.__main__ import described, needs_root
 
@@ -53,7 +54,8 @@ def test_a_checkout_without_its_set_up_says_what_to_type(tmp_path: Path) -> None
 
 STEERS = (
     "run sdc|run qkd --eve 1|cli ring|devices|paths|spy|policy reload|set alice fec golay|clean|"
-    "fault q1 repair|calibrate alice q1|classical alice q1 1|bench|sweep sdc --emulate"
+    "fault q1 repair|calibrate alice q1|classical alice q1 1|tap alice q1 0|bench|"
+    "sweep sdc --emulate"
 )
 LOOKS = (
     "spy runs/latest|report runs/latest|replay runs/latest|wireshark|doctor|sabot run bell.qasm|"
@@ -141,3 +143,34 @@ def test_the_command_of_somebody_else_is_left_alone(tmp_path: Path, words: list[
     assert done.returncode == 1
     assert "is not of this checkout" in done.stderr
     assert (tmp_path / "bin" / "qmn").read_text() == "theirs"
+
+
+# The fields of the Citation File Format 1.2.0, by its schema (citation-file-format/schema.json).
+CITED = """
+abstract authors cff-version commit contact date-released doi identifiers keywords license
+license-url message preferred-citation references repository repository-artifact repository-code
+title type url version"""
+PERSON = """address affiliation alias city country email family-names fax given-names name-particle
+name-suffix orcid post-code region tel website"""
+ENTITY = """address alias city country date-end date-start email fax location name orcid post-code
+region tel website"""
+
+
+def test_the_citation_has_the_fields_that_the_format_knows() -> None:
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert {"authors", "cff-version", "message", "title"} <= citation.keys() <= set(CITED.split())
+    assert citation["cff-version"] == "1.2.0"
+    assert citation["type"] in ("software", "dataset")
+    (paper,) = citation["references"]
+    assert {"authors", "title", "type"} <= paper.keys()
+    assert (paper["type"], paper["year"]) == ("article", 2016)
+    for author in (*citation["authors"], *paper["authors"]):
+        assert author.keys() <= set((ENTITY if "name" in author else PERSON).split())
+    assert [each["family-names"] for each in paper["authors"]] == [
+        "Dasari",
+        "Sadlier",
+        "Prout",
+        "Williams",
+        "Humble",
+    ]
+    assert paper["identifiers"] == [{"type": "other", "value": "arXiv:1604.01276"}]

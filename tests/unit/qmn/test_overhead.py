@@ -1,6 +1,18 @@
 """What the rates of runs come down to, and that no kind of run always has the same place."""
 
-from qmn.benchmarks.overhead import EVERYTHING, KINDS, NOTHING, Measured, figures, order
+import numpy as np
+import stim
+
+from qmn.benchmarks.batch_sampler import CIRCUIT
+from qmn.benchmarks.overhead import (
+    EVERYTHING,
+    KINDS,
+    NOTHING,
+    Measured,
+    beside_sampler,
+    figures,
+    order,
+)
 
 
 def test_a_share_is_of_the_bare_run_in_the_same_round() -> None:
@@ -20,3 +32,18 @@ def test_a_share_is_of_the_bare_run_in_the_same_round() -> None:
 def test_every_second_round_goes_backwards() -> None:
     assert order(0) == order(2) == list(KINDS)
     assert order(1) == list(reversed(KINDS))
+
+
+def test_a_network_is_compared_with_the_sampler_of_its_own_round() -> None:
+    rounds = [{EVERYTHING: Measured(rate)} for rate in (3e6, 8e6, 9e6)]
+    told = dict(beside_sampler(rounds, [2e6, 4e6, 9e6]))
+    assert told["stim's batch sampler, no network"] == "4,000,000 Bell pairs/s"
+    assert told[f"  times that, {EVERYTHING}"] == "1.50 (1.00 to 2.00)"
+
+
+def test_the_sampler_makes_all_four_states_alike_often() -> None:
+    """Each outcome of n shots: n/4, give or take 5 standard deviations."""
+    shots = 40_000
+    bits = stim.Circuit(CIRCUIT).compile_sampler(seed=2).sample(shots)
+    counts = np.bincount(bits @ [1, 2], minlength=4)
+    assert abs(counts - shots / 4).max() < 5 * (shots * 3 / 16) ** 0.5

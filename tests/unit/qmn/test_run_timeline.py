@@ -1,6 +1,7 @@
 """The merged timeline of a run, checked by Wireshark's own tools."""
 
 import random
+import struct
 import subprocess
 import time
 from pathlib import Path
@@ -10,7 +11,14 @@ from scapy.utils import PcapWriter
 
 from dispatcher.layer.event_capture import EventCapture
 from qmn.live.event_sources import recorded
-from qmn.results.timeline import NoCaptures, captured_bytes, merge
+from qmn.results.timeline import (
+    WHOLE_AT_MOST_BYTES,
+    NoCaptures,
+    captured_bytes,
+    merge,
+    timeline_of_run,
+)
+from qmn.verbs.wireshark import prepare
 from topologies.runtime import EVENT_CAPTURE
 from wire.config import Fiber, FiberEnd
 from wire.dispatcher_pb2 import Event
@@ -40,8 +48,9 @@ def record(file: Path, events: list[Event]) -> None:
             event_capture.record(event)
 
 
-def event(offset_ns: int, node: str = "alice", port: str = "") -> Event:
-    return Event(time_ns=START_S * 10**9 + offset_ns, node=node, kind="send", port=port)
+def event(offset_ns: int, node: str = "alice", port: str = "", detail: str = "") -> Event:
+    time_ns = START_S * 10**9 + offset_ns
+    return Event(time_ns=time_ns, node=node, kind="send", port=port, detail=detail)
 
 
 def read(file: Path) -> tuple[list[str], list[Packet]]:
@@ -85,6 +94,39 @@ def test_packets_and_events_are_in_time_order_on_named_interfaces(tmp_path: Path
         EVENT_CAPTURE,
         "all.pcapng",
     }
+
+
+def test_the_timeline_of_a_long_run_has_the_heads_of_packets(tmp_path: Path) -> None:
+    few = [bytes([number]) * 1_500 for number in range(9)]
+    written(tmp_path / "s1-eth1.pcap", few)
+    record(tmp_path / EVENT_CAPTURE, [event(number, detail="x" * 300) for number in range(5)])
+    assert timeline_of_run(tmp_path) == str(tmp_path / "all.pcapng")
+    assert packets_of(tmp_path) == few
+    many = [bytes([number % 256]) * 1_500 for number in range(WHOLE_AT_MOST_BYTES // 1_500 + 1)]
+    written(tmp_path / "s1-eth1.pcap", many)
+    timeline_of_run(tmp_path)
+    assert packets_of(tmp_path) == [packet[:128] for packet in many]
+    assert [event.detail for event in recorded(tmp_path / "all.pcapng", False)] == ["x" * 300] * 5
+    prepare(tmp_path, whole=True)
+    assert packets_of(tmp_path) == many
+
+
+def written(file: Path, packets: list[bytes]) -> None:
+    """Write packets as tcpdump does: little-endian, nanoseconds, a nanosecond apart."""
+    head = struct.pack("<IHHiIII", 0xA1B23C4D, 2, 4, 0, 0, 65_600, 1)
+    body = [
+        struct.pack("<IIII", START_S, number, len(data), len(data)) + data
+        for number, data in enumerate(packets)
+    ]
+    file.write_bytes(head + b"".join(body))
+
+
+def packets_of(run: Path) -> list[bytes]:
+    """Return the packets of a run's timeline that are no events; each knows how long it was."""
+    names, packets = read(run / "all.pcapng")
+    own = [packet for packet in packets if names[packet.interface] == "s1-eth1"]
+    assert {packet.length for packet in own} == {1_500}
+    return [packet.data for packet in own]
 
 
 def test_what_was_cut_off_is_left_out(tmp_path: Path) -> None:

@@ -131,7 +131,7 @@ def test_bad_input_is_refused_before_anything_runs(
 ) -> None:
     out = tmp_path / "out"
     with pytest.raises(BadGrid) as caught:
-        sweep.asked(parse("sweep", *words))
+        sweep.grid_of(sweep.options_of(parse("sweep", *words)))
     assert text in str(caught.value)
     assert run("sweep", *words, "--out", str(out)) == 1
     assert text in capsys.readouterr().err

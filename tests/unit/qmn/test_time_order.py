@@ -47,7 +47,9 @@ def test_ten_times_the_packets_do_not_take_ten_times_the_memory() -> None:
 
 
 def test_the_estimate_of_a_run_counts_the_timeline_of_all() -> None:
-    """As a run of 4,000,000 pairs left them: 17.63 MB of captures and 17.91 MB of timeline."""
-    assert captured_mb("framed", 4_000_000) == pytest.approx(17.63 + 17.91, rel=0.02)
-    large = 200_000_000  # pairs, whose captures are too many to be merged by themselves
-    assert captured_mb("framed", large) == pytest.approx(17.63 * 50, rel=0.02)
+    """As a run of 33,554,432 pairs left them: 39.63 MB of captures and 6.71 MB of timeline."""
+    assert captured_mb("framed", 33_554_432) == pytest.approx(39.63 + 6.71, rel=0.02)
+    short = 1_000_000  # pairs, whose packets are whole in the timeline
+    assert captured_mb("framed", short) == pytest.approx(1.18 * 2.02, rel=0.02)
+    large = 800_000_000  # pairs, whose captures are too many to be merged by themselves
+    assert captured_mb("framed", large) == pytest.approx(39.63 * 800 / 33.554432, rel=0.02)

@@ -1,11 +1,14 @@
 """Open vSwitch that is missing or will not start."""
 
+import time
 from pathlib import Path
 
 import pytest
 
 from topologies import openvswitch
+from topologies.owners import Owner, this_process
 from topologies.programs import NetworkError
+from topologies.timeouts import VSCTL_TIMEOUT_S
 
 
 def test_one_that_is_not_installed_is_named_with_the_remedy(
@@ -44,3 +47,38 @@ def test_a_database_that_is_ending_is_named(
     monkeypatch.setattr(openvswitch, "daemons", dict)  # none is seen to be stopped or missing
     with pytest.raises(NetworkError, match=r"^ovsdb-server does not answer: .*refused"):
         openvswitch.vsctl("list-br")
+
+
+def test_a_command_is_not_waited_for_when_a_daemon_has_died(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    command = tmp_path / "ovs-vsctl"
+    command.write_text("#!/bin/sh\nexec sleep 60\n")
+    command.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:/bin:/usr/bin")
+    monkeypatch.setattr(openvswitch, "OPENVSWITCH_LOOK_S", 0.01)
+    monkeypatch.setattr(openvswitch, "LAST_WORDS_TIMEOUT_S", 0.0)
+    dead = {openvswitch.SWITCH_DAEMON: Owner(1, 0, "00000000")}
+    monkeypatch.setattr(openvswitch, "daemons", lambda: dead)
+    began = time.monotonic()
+    with pytest.raises(NetworkError, match=r"^ovs-vswitchd died in mid-run: "):
+        openvswitch.vsctl("add-br", "s1")
+    assert time.monotonic() - began < VSCTL_TIMEOUT_S / 2
+
+
+def test_who_has_started_it_is_known_until_it_has_stopped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    control = tmp_path / "ovs-ctl"
+    control.write_text("#!/bin/sh\nexit 1\n")  # as one that was ended when half was stopped
+    control.chmod(0o755)
+    monkeypatch.setattr(openvswitch, "CONTROL", str(control))
+    monkeypatch.setattr(openvswitch, "RUNTIME_ROOT", tmp_path)
+    monkeypatch.setattr(openvswitch, "running", lambda: True)
+    monkeypatch.setattr(openvswitch, "bridges", list)
+    here = this_process()
+    monkeypatch.setattr(openvswitch, "daemons", lambda: {openvswitch.DATABASE: here})
+    (tmp_path / openvswitch.STARTED).write_text(f"run\n{here}")
+    with pytest.raises(NetworkError, match=r"ovs-ctl stop failed"):
+        openvswitch.stop_if_ours("run")
+    assert openvswitch.starter() == "run"

@@ -30,3 +30,21 @@ def test_nobody_else_reads_the_folder_of_tokens_and_keys(
     assert folder.stat().st_mode & 0o777 == 0o700
     keys = Path(network.key_folder("alice")).parent
     assert keys.stat().st_mode & 0o777 == 0o700
+
+
+def test_the_folder_goes_although_a_file_is_made_meanwhile(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(runtime, "RUNTIME_ROOT", tmp_path / "qmn")
+    network = Runtime()
+    late = iter([network.folder / "alice.sock"])
+    rmdir = os.rmdir
+
+    def with_one_that_is_late(path: str, **more: int) -> None:
+        for file in late:
+            file.touch()
+        rmdir(path, **more)
+
+    monkeypatch.setattr(os, "rmdir", with_one_that_is_late)
+    network.remove()
+    assert not network.folder.exists()

@@ -7,8 +7,9 @@ comes counts. The receiver tries a frame as soon as none of its symbols is on it
 its losses as erasures. If the check fails, lost pairs are asked for again one by one: they are few,
 and each one filled leaves the code more room for errors. A frame that has nothing lost and still
 fails is repeated as a whole.
-Both ends keep the same ascending list of open slots, slot = frame number * pairs of a full
-frame + index, so the list itself never travels.
+Blocks of new frames alone may be sent before a report of those before them has come; refills wait
+for all reports. Both ends keep the same ascending list of open slots, slot = frame number * pairs
+of a full frame + index, so the list itself never travels.
 """
 
 from dataclasses import dataclass
@@ -20,6 +21,7 @@ from hosts.middleware.services.superdense.frame_format import FrameFormat
 from wire.metadata import Frame
 
 Slots = NDArray[np.int64]
+BLOCKS_UNDER_WAY = 4  # at most: sent, and not reported of
 NO_SLOTS: Slots = np.empty(0, dtype=np.int64)
 
 

@@ -7,7 +7,13 @@ import numpy as np
 
 from hosts.hardware.qnic import Symbols
 from hosts.middleware.services.superdense.frame_format import FrameFormat
-from hosts.middleware.services.superdense.framing import NO_SLOTS, FramingError, SlotMap, Slots
+from hosts.middleware.services.superdense.framing import (
+    BLOCKS_UNDER_WAY,
+    NO_SLOTS,
+    FramingError,
+    SlotMap,
+    Slots,
+)
 from wire import dibits
 from wire.metadata import Block, Frame, Report
 from wire.outcomes import NO_COINCIDENCE
@@ -51,6 +57,7 @@ class Inbox:
         self._frames: dict[int, _Incoming] = {}
         self._open: Slots = NO_SLOTS
         self._announced = 0
+        self._ahead = 0  # blocks in a row whose sender may not have known what is open
         self._complete: dict[int, bytes] = {}
         self._delivered = 0
         self.symbol_errors = 0
@@ -136,7 +143,8 @@ class Inbox:
             raise FramingError(f"block {block.block} announces frames {numbers} out of order")
         if block.refills and not self._open.size:
             raise FramingError(f"block {block.block} refills more than is open")
-        if block.frames and block.refills < self._open.size:
+        ahead = self._ahead + 1 if block.frames and block.refills < self._open.size else 0
+        if ahead and (block.refills or ahead >= BLOCKS_UNDER_WAY):
             raise FramingError(f"block {block.block} begins new frames before the open ones")
         for frame in block.frames:
             if not 0 < frame.size <= self._frame_bytes:
@@ -148,6 +156,7 @@ class Inbox:
                 f"and frames of {sum(counts)} pairs"
             )
         self._announced += len(numbers)
+        self._ahead = ahead
 
     def _fill(self, slots: Slots, symbols: Symbols, copies: bool) -> list[int]:
         """Put symbols where they belong; return the numbers of the frames they belong to.

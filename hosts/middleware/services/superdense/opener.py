@@ -15,13 +15,14 @@ paths stay up only as long as that connection (paper, figure "handshaking").
 """
 
 import asyncio
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import asdict
 
 from hosts.hardware.qnic import BlockName, NoLight, Symbols
 from hosts.middleware.services.superdense.halves import sent_half
 from hosts.middleware.services.superdense.options import SuperdenseOptions
-from hosts.middleware.services.superdense.per_pair import Agreed, OneByOne
+from hosts.middleware.services.superdense.per_pair import Agreed, OneByOne, cancelled
 from hosts.middleware.services.superdense.sender import Light, Sender, Singles
 from hosts.middleware.session.service import Carrier, OpenerEnd
 from hosts.network_loop import now_s
@@ -41,17 +42,28 @@ class Opener:
         """Raise SessionError if the receiver does not say what its analyser can do."""
         self._end, self._qnic, self._setup, self._channel = end, end.qnic, end.setup, end.channel
         self._sender = Sender(end.setup, end.answer, end.arrangement.peer, now_s())
-        self._one_by_one = OneByOne(self._shake_hands, self._light)
+        self._one_by_one = OneByOne(self._shake_hands, self._pair)
         end.counts, end.summary = self._counts, asdict(self._sender.statistics)
         end.sent = self._sender.sent
 
     async def send(self, data: bytes) -> None:
         """Send bytes; return when the other end holds every one of them."""
         self._sender.send(data)
+        under_way: deque[asyncio.Task[None]] = deque()
         try:
-            while (order := self._sender.next_order()) is not None:
-                await self._carry_out(order)
+            while True:
+                if (order := self._sender.next_order()) is not None:
+                    before = under_way[-1] if under_way else None
+                    under_way.append(asyncio.create_task(self._carry_out(order, before)))
+                elif under_way:
+                    await under_way[0]
+                    under_way.popleft()
+                    report = await self._channel.receive(Report, REPORT_TIMEOUT_S)
+                    self._sender.heard(report, now_s())
+                else:
+                    break
         finally:
+            await cancelled(under_way)
             self._end.summary = asdict(self._sender.statistics)
         self._end.sent = self._sender.sent
 
@@ -65,10 +77,11 @@ class Opener:
             "repeated_frames": statistics.repeated_frames,
         }
 
-    async def _carry_out(self, order: Light | Singles) -> None:
+    async def _carry_out(self, order: Light | Singles, before: asyncio.Task[None] | None) -> None:
+        """Make light, and tell the receiver of it; blocks keep their order."""
         try:
             if isinstance(order, Light):
-                emitted_ns = await self._light(order.block, order.paulis)
+                emitted_ns = await self._light_of(order, before)
             else:
                 emitted_ns = await self._one_by_one.send(order)
         except NoLight as error:
@@ -76,10 +89,31 @@ class Opener:
         else:
             message = self._sender.lit(emitted_ns)
         self._channel.send(message)
-        self._sender.heard(await self._channel.receive(Report, REPORT_TIMEOUT_S), now_s())
 
-    async def _light(self, number: int, paulis: Symbols) -> int:
-        """Have pairs made, modulate this host's halves and send them on."""
+    async def _light_of(self, order: Light, before: asyncio.Task[None] | None) -> int:
+        """Have a block made while the one before it is being sent on, then send it on."""
+        emission = asyncio.create_task(self._end.arrangement.emit(order.block, order.paulis.size))
+        try:
+            if before is not None:
+                await asyncio.shield(before)
+            if self._sender.is_called_off(order.block):
+                await emission
+                await self._qnic.discard_block(self._setup.session, order.block)
+                raise NoLight(f"block {order.block} is called off")
+            return await self._light(order.block, order.paulis, emission)
+        finally:
+            await cancelled([emission])
+
+    async def _pair(self, number: int, pauli: Symbols) -> int:
+        """Have one pair made, modulate this host's half and send it on."""
+        emission = asyncio.create_task(self._end.arrangement.emit(number, pauli.size))
+        try:
+            return await self._light(number, pauli, emission)
+        finally:
+            await cancelled([emission])
+
+    async def _light(self, number: int, paulis: Symbols, emission: asyncio.Task[None]) -> int:
+        """Modulate this host's halves of a block that is being made, and send them on."""
         half = BlockName(self._setup.session, number, sent_half(self._setup))
         rate_hz, wavelength_pm = self._setup.rate_hz, self._setup.wavelength_pm
         port = self._qnic.ports[0]
@@ -87,7 +121,7 @@ class Opener:
             self._qnic.modulate(half, paulis, port, rate_hz, wavelength_pm, LIGHT_TIMEOUT_S)
         )
         try:
-            await self._end.arrangement.emit(number, paulis.size)
+            await emission
             # The source has answered: its light has arrived, or never will.
             async with asyncio.timeout(GRACE_S + paulis.size / rate_hz):
                 return await light

@@ -73,6 +73,11 @@ class Outbox:
         """Whether the receiver holds everything."""
         return not self._waiting and not self._open.size
 
+    @property
+    def goes_ahead(self) -> bool:
+        """Whether the next block does not depend on reports of those before it."""
+        return bool(self._waiting) and not self._open.size
+
     def next_block(self) -> OutgoingBlock:
         """Fill the next block; only when not empty."""
         refills = self._refills()

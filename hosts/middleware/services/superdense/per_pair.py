@@ -86,15 +86,15 @@ class OneByOne:
 
     async def _abandon(self) -> None:
         """End what was begun and is not needed any more."""
-        await _cancelled(self._lights)
-        for outcome in await _cancelled(self._handshakes):
+        await cancelled(self._lights)
+        for outcome in await cancelled(self._handshakes):
             if isinstance(outcome, Agreed):
                 outcome.channel.close()
         self._lights.clear()
         self._handshakes.clear()
 
 
-async def _cancelled(tasks: Iterable[asyncio.Task[Any]]) -> list[Any]:
+async def cancelled(tasks: Iterable[asyncio.Task[Any]]) -> list[Any]:
     """Cancel tasks and return what became of each."""
     for task in tasks:
         task.cancel()

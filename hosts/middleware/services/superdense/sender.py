@@ -1,24 +1,30 @@
 """The protocol of superdense coding at the end that sends bytes: no socket, no clock.
 
-    IDLE       send(data)      the bytes wait in frames
-    IDLE       next_order()    an order for light -> EMITTING; None: the receiver holds all
-    EMITTING   lit(), dark()   the Block that says what the light has carried -> REPORTING
-    REPORTING  heard(report)   -> IDLE
+    send(data)      the bytes wait in frames
+    next_order()    a block is under way: an order for its light
+    lit(), dark()   of the first block under way without: the Block that says what its light carried
+    heard(report)   of the first block under way: it is not any more
+
+Several blocks are under way at a time: light of the next is made while the receiver measures. What
+the receiver asks for again is sent when it has reported of all: then both ends know the same, and
+which blocks there are does not depend on when a report comes. If there is no light of one, those
+behind it, whose frames follow in number, are called off, too.
 
 In the handshake per-pair every pair of an order is asked for by `single` before its light is made.
 opener.py carries the messages and has the light made.
 """
 
+from collections import deque
 from dataclasses import dataclass, replace
-from enum import Enum, auto
 from hashlib import sha256
 
 from hosts.hardware.qnic import Symbols
 from hosts.middleware.services.superdense.frame_format import agreed_format
-from hosts.middleware.services.superdense.framing import FramingError
+from hosts.middleware.services.superdense.framing import BLOCKS_UNDER_WAY, FramingError
 from hosts.middleware.services.superdense.outbox import Outbox, OutgoingBlock
 from hosts.middleware.session.channel import SessionError
 from hosts.middleware.session.encoding import to_paulis
+from hosts.middleware.session.options import MAX_BLOCK_PAIRS
 from hosts.timeouts import DARK_LIMIT_S
 from wire.metadata import SYMBOLS, Answer, Block, Handshake, Reason, Report, Setup
 
@@ -62,12 +68,13 @@ class Singles:
     symbols: Symbols  # shape (pairs,)
 
 
-class State(Enum):
-    """What a sender waits for."""
+@dataclass(eq=False)
+class _UnderWay:
+    """A block whose light has been ordered, and of which the receiver has not reported."""
 
-    IDLE = auto()
-    EMITTING = auto()
-    REPORTING = auto()
+    block: OutgoingBlock
+    announced: bool = False  # the receiver has been told what it carries
+    why_dark: str | None = None  # there is no light of it, or there shall be none
 
 
 def check_frames(setup: Setup) -> None:
@@ -83,9 +90,8 @@ class Sender:
         self._setup, self._encoding, self._peer = setup, answer.encoding, peer
         used = agreed_format(setup, _distinguishable_states(answer))
         self._outbox = Outbox(setup.frame_bytes, setup.pairs, used)
-        self._state = State.IDLE
-        self._block: OutgoingBlock | None = None  # under way
-        self._why_dark: str | None = None  # of the block under way
+        self._under_way: deque[_UnderWay] = deque()
+        self._most_under_way = blocks_under_way(setup)
         self._pairs_begun = 0  # of those with a handshake of their own
         self._lit_at_s = now_s  # when a pair last arrived
         self._digest = sha256()
@@ -101,21 +107,28 @@ class Sender:
         return self.statistics.delivered_bytes, self._digest.digest()
 
     def send(self, data: bytes) -> None:
-        """Take bytes; the receiver holds them once there is no further order."""
-        self._require(State.IDLE)
+        """Take bytes; the receiver holds them once nothing is under way and there is no order."""
+        if self._under_way:
+            raise ValueError(f"{len(self._under_way)} blocks are under way: hear of them first")
         self._data += data
         self._outbox.add(data)
         self.statistics.code_rate = self._outbox.code_rate
 
     def next_order(self) -> Light | Singles | None:
-        """Return what light to make next; None once the receiver holds every byte."""
-        self._require(State.IDLE)
-        if self._outbox.empty:
+        """Return what light to make next.
+
+        None: reports of blocks under way must come first, or the receiver holds every byte.
+        """
+        if not self._under_way and self._outbox.empty:
             self._note_delivered()
             return None
-        self._block, self._why_dark = self._outbox.next_block(), None
-        self._state = State.EMITTING
-        number, symbols = self._block.number, self._block.symbols
+        if len(self._under_way) >= self._most_under_way:
+            return None
+        if self._under_way and not self._outbox.goes_ahead:
+            return None
+        block = self._outbox.next_block()
+        self._under_way.append(_UnderWay(block))
+        number, symbols = block.number, block.symbols
         self.statistics.bell_pairs += symbols.size
         if self._setup.handshake != Handshake.PER_PAIR:
             return Light(number, to_paulis(symbols, self._encoding))
@@ -136,37 +149,50 @@ class Sender:
 
     def lit(self, emitted_ns: int) -> Block:
         """Return what tells the receiver of light that has left this host, first at this time."""
-        block = self._emitted()
+        first = self._first_unannounced()
+        block = first.block
+        if first.why_dark is not None:
+            raise ValueError(f"block {block.number} is called off: dark() tells the receiver")
+        first.announced = True
         pairs = block.symbols.size
         session = self._setup.session
         return Block(session, block.number, pairs, block.refills, emitted_ns, block.frames)
 
     def dark(self, why: str) -> Block:
         """No light came here: return what tells the receiver to let go of its halves."""
-        block, self._why_dark = self._emitted(), why
-        self._outbox.dark(block)
-        self.statistics.lost_pairs += block.symbols.size
-        return Block(self._setup.session, block.number, 0, 0, 0)
+        first = self._first_unannounced()
+        if first.why_dark is None:
+            self._call_off(why)
+        first.announced = True
+        return Block(self._setup.session, first.block.number, 0, 0, 0)
+
+    def is_called_off(self, number: int) -> bool:
+        """Whether a block shall not be sent, because there was no light of one before it."""
+        return any(each.block.number == number and each.why_dark for each in self._under_way)
 
     def heard(self, report: Report, now_s: float) -> None:
         """Note what the receiver says of a block; raise SessionError if it cannot go on so."""
-        self._require(State.REPORTING)
-        assert self._block is not None
-        self._state = State.IDLE
-        if self._why_dark is None:
-            self._note(self._block, report, now_s)
+        if not self._under_way or not self._under_way[0].announced:
+            raise ValueError("no block waits for a report: lit() or dark() come first")
+        first = self._under_way.popleft()
+        if first.why_dark is None:
+            self._note(first.block, report, now_s)
         else:
-            self._give_up_if_dark(self._why_dark, now_s)
+            self._give_up_if_dark(first.why_dark, now_s)
 
-    def _require(self, state: State) -> None:
-        if self._state is not state:
-            raise ValueError(f"{self._state.name.lower()}, not {state.name.lower()}: await that")
+    def _first_unannounced(self) -> _UnderWay:
+        for each in self._under_way:
+            if not each.announced:
+                return each
+        raise ValueError("no light is being made: next_order() comes first")
 
-    def _emitted(self) -> OutgoingBlock:
-        self._require(State.EMITTING)
-        assert self._block is not None
-        self._state = State.REPORTING
-        return self._block
+    def _call_off(self, why: str) -> None:
+        """Take back what has not been announced; the last first, as their frames have numbers."""
+        for each in reversed(self._under_way):
+            if not each.announced:
+                each.why_dark = why
+                self._outbox.dark(each.block)
+                self.statistics.lost_pairs += each.block.symbols.size
 
     def _note_delivered(self) -> None:
         self._digest.update(self._data)
@@ -208,6 +234,13 @@ class Sender:
                     f"for frames of {self._setup.frame_bytes} bytes; choose fewer "
                     "(--frame-bytes), a stronger code (--fec) or less noise",
                 )
+
+
+def blocks_under_way(setup: Setup) -> int:
+    """Return how many blocks of a session may be under way at a time."""
+    if setup.handshake == Handshake.PER_PAIR:
+        return 1
+    return max(1, min(BLOCKS_UNDER_WAY, MAX_BLOCK_PAIRS // setup.pairs))
 
 
 def _distinguishable_states(answer: Answer) -> int:

@@ -1,0 +1,1 @@
+"""What a host does to the light of others that goes by way of it."""

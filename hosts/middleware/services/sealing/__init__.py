@@ -1,0 +1,1 @@
+"""The tamper seal: pairs that watch a fibre."""

@@ -1,0 +1,154 @@
+"""BB84 with a weak laser and an eavesdropper who splits photon numbers, or does nothing.
+
+    alice === eve === bob          what alice and bob take for loss is what eve makes of it
+
+She keeps a photon of each pulse of several, sends on only as many pulses as are expected, and
+measures hers when the bases are told (Brassard, Luetkenhaus, Mor, Sanders 2000).
+"""
+
+import numpy as np
+
+from dispatcher.laboratory import Laboratory, LaboratoryHost
+from dispatcher.sabot.backend import Bytes
+from hosts.middleware.qkd.decoy import LEVELS, SHARES, Decoys
+from hosts.middleware.services.interception.photon_splitting import SEVERAL, Way
+from qmn.sweeps import theory
+from qmn.sweeps.decoy_states import key
+from qmn.sweeps.estimates import Estimate, proportion
+from qmn.sweeps.experiment import Experiment, Measure, Outcome, number, pairs_parameter
+from qmn.sweeps.link import configuration, fiber
+from qmn.sweeps.multi_pair import LOSS
+from qmn.sweeps.parameters import Parameter, Values
+from qmn.sweeps.superdense import blocks
+from wire.outcomes import NO_CLICK
+from wire.parameters.physics import Device, PairSource
+
+MEAN = Parameter("mean_photons", 0.5, 0.2, 1.0)
+EVE = Parameter("eve", "on", choices=("off", "on"))
+DECOYS = Parameter("decoys", "off", choices=("off", "on"))
+WEAK, CORRECTION = 0.1, 1.16  # as in qmn.sweeps.decoy_states
+TO_EVE, TO_BOB = ("alice-q0", "eve-q0"), ("eve-q1", "bob-q0")
+KEPT, TRASH = 1 << 31, 3 << 30  # numbers of eve's blocks, beside that of the light
+NO_LEVELS = (1.0, 0.0, 0.0)
+
+
+async def send(values: Values, seed: int) -> Outcome:
+    """Send pulses past eve, and compare what bob and she have found with what was sent."""
+    means, shares = means_of(values), shares_of(values)
+    laboratory = scene(values, seed)
+    alice, eve, bob = (laboratory.host(name) for name in ("alice", "eve", "bob"))
+    way = Way(number(values, LOSS.name)) if values[EVE.name] == "on" else None
+    random = np.random.default_rng(seed)
+    sent, seen = np.zeros(LEVELS, np.int64), np.zeros(LEVELS, np.int64)
+    counts, known = np.zeros((2, 2, LEVELS), np.int64), 0  # basis, wrong, level
+    for block, size in enumerate(blocks(int(values["pairs"]))):
+        states, bases = random.integers(0, (4, 2), (size, 2), dtype=np.uint8).T.copy()
+        levels = random.choice(LEVELS, size, p=shares).astype(np.uint8)
+        await alice.prepare(states, block, levels)
+        await alice.send({(block, 0): TO_EVE[0]})
+        await eve.receive((block, 0), TO_EVE[1])
+        if way is not None:
+            await attack(eve, block, way, random)
+        await eve.send({(block, 0): TO_BOB[0]})
+        none = np.full(size, NO_CLICK, np.uint8)
+        came = await bob.receive((block, 0), TO_BOB[1])
+        bits = none if came is None else await bob.measure((block, 0), bases=bases)
+        told = states >> 1  # the bases, when all is measured
+        hers = none if way is None else await eve.measure((block | KEPT, 0), bases=told)
+        clicked = bits != NO_CLICK
+        sent += np.bincount(levels, minlength=LEVELS)
+        seen += np.bincount(levels[clicked], minlength=LEVELS)
+        same = clicked & (bases == told)
+        right = states[same] & np.uint8(1)
+        np.add.at(counts, (bases[same], bits[same] ^ right, levels[same]), 1)
+        known += int(np.count_nonzero(hers[same] == right))
+    signal = counts[:, :, 0].sum(axis=0)
+    gain = proportion(int(seen[0]), int(sent[0]))
+    decoys = values[DECOYS.name] == "on"
+    return {
+        "gain": gain,
+        "weak": proportion(int(seen[1]), int(sent[1])),
+        "qber": proportion(int(signal[1]), int(signal.sum())),
+        "known": proportion(known, int(counts.sum())),
+        "key": key(Decoys(means), counts, int(sent.sum())) if decoys else gllp(gain, means[0]),
+    }
+
+
+async def attack(eve: LaboratoryHost, block: int, way: Way, random: np.random.Generator) -> None:
+    """Keep one photon of several, and send on what both ends expect."""
+    light = (block, 0)
+    photons: Bytes = await eve.split(light, (block | KEPT, 0))
+    shares = np.array(way.sent_on(np.bincount(photons).tolist()))
+    chances = shares[(photons >= SEVERAL).astype(int)]
+    back = np.flatnonzero((photons > 0) & (random.random(photons.size) >= chances))
+    if back.size:
+        await eve.gather((block | TRASH, 0), {light: back}, keep_rest=True)
+        await eve.discard((block | TRASH, 0))
+
+
+def scene(values: Values, seed: int) -> Laboratory:
+    """Return the three hosts; what eve does not do, the fibre behind her does."""
+    spied, mean = values[EVE.name] == "on", number(values, MEAN.name)
+    loss_db = 0.0 if spied else number(values, LOSS.name)
+    fibers = [fiber(*TO_EVE), fiber(*TO_BOB, connectors_db=loss_db)]
+    laser = Device(PairSource("poisson", mean, decoys=means_of(values)[1:]))
+    return Laboratory(configuration(seed, fibers, {"alice": laser}))
+
+
+def gllp(gain: Estimate, mean: float) -> Estimate:
+    """Return the secret bits of a pulse without errors, of long keys (quant-ph/0212066)."""
+    tagged = PairSource("poisson", mean).multi_photon
+    return Estimate(max(0.0, gain.value - tagged) / 2, gain.error / 2)
+
+
+def means_of(values: Values) -> tuple[float, ...]:
+    """Return the mean photon numbers of pulses."""
+    return number(values, MEAN.name), WEAK, 0.0
+
+
+def shares_of(values: Values) -> tuple[float, ...]:
+    """Return how many of the pulses have each."""
+    return SHARES if values[DECOYS.name] == "on" else NO_LEVELS
+
+
+def _seen(values: Values, level: int) -> float:
+    """Return how likely a pulse of a level is seen, in theory."""
+    means, t = means_of(values), theory.transmission(number(values, LOSS.name))
+    if values[EVE.name] == "off":
+        return theory.gain(means[level] * t)
+    single, several = theory.sent_on(means, shares_of(values), t)
+    mean = means[level]
+    return single * theory.poisson(mean, 1) + several * theory.several_photons(mean)
+
+
+def _known(values: Values) -> float:
+    """Return of how many sifted bits eve has a photon, in theory."""
+    if values[EVE.name] == "off":
+        return 0.0
+    means, shares = means_of(values), shares_of(values)
+    _single, sent = theory.sent_on(means, shares, theory.transmission(number(values, LOSS.name)))
+    pairs = list(zip(shares, means, strict=True))
+    several = sent * sum(share * theory.several_photons(mean) for share, mean in pairs)
+    return several / sum(share * _seen(values, i) for i, (share, _mean) in enumerate(pairs))
+
+
+def _key(values: Values) -> float:
+    means, seen = means_of(values), [_seen(values, level) for level in range(LEVELS)]
+    if values[DECOYS.name] == "off":
+        return max(0.0, seen[0] - theory.several_photons(means[0])) / 2
+    return theory.decoy_key(means, SHARES, [(gain, 0.0) for gain in seen], CORRECTION)
+
+
+PHOTON_SPLITTING = Experiment(
+    "photon-splitting",
+    "BB84 with a weak laser and an eavesdropper who splits photon numbers",
+    (LOSS, MEAN, EVE, DECOYS, pairs_parameter(1_000_000)),
+    (
+        Measure("gain", "signal pulses seen", lambda values: _seen(values, 0)),
+        Measure("weak", "weak pulses seen", lambda values: _seen(values, 1)),
+        Measure("qber", "errors of the signal", lambda _values: 0.0),
+        Measure("known", "sifted bits that eve knows", _known),
+        Measure("key", "secret bits per pulse", _key),
+    ),
+    send,
+)

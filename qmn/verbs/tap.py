@@ -1,0 +1,23 @@
+"""qmn tap NODE NODE FRACTION: have somebody measure photons in the fibres between two nodes."""
+
+import argparse
+from typing import Any
+
+from qmn.live.fiber_order import add_nodes, give
+
+
+def add_parser(verbs: Any) -> None:
+    """Describe the verb."""
+    text = "somebody who measures photons in fibres"
+    parser = verbs.add_parser("tap", help=text, description=__doc__)
+    add_nodes(parser)
+    text = "of the photons, measured in Z or X and sent on as they were found; 0: nobody is there"
+    parser.add_argument("fraction", type=float, metavar="FRACTION", help=text)
+    parser.set_defaults(call=call, needs_root=True)
+
+
+def call(arguments: argparse.Namespace) -> int:
+    """Change the fraction."""
+    fraction = arguments.fraction
+    done = f"{fraction:g} of the photons are measured and sent on"
+    return give(arguments.a, arguments.b, done, tapped=fraction)

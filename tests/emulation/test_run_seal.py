@@ -1,0 +1,42 @@
+"""`qmn run seal` from outside: a fibre that is watched, and somebody who measures on it."""
+
+import json
+import subprocess
+import sys
+from math import sqrt
+from pathlib import Path
+from typing import Any
+
+import pytest
+from conftest import ROOT
+
+NOISE = 0.002
+
+
+def sealed(runs: Path, *words: str) -> dict[str, Any]:
+    """Watch; return the result."""
+    command = [sys.executable, "-m", "qmn", "run", "seal", "--depolarizing", str(NOISE), *words]
+    done = subprocess.run(
+        [*command, "--runs", str(runs)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=90,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    result: dict[str, Any] = json.loads((runs / "latest" / "result.json").read_text())
+    return {**result["asking"], "eve": result.get("eve")}
+
+
+@pytest.mark.parametrize("eve", [None, 0.5])
+def test_the_seal_is_broken_by_who_measures_on_the_fibre(tmp_path: Path, eve: float | None) -> None:
+    told = sealed(tmp_path, *([] if eve is None else ["--eve", str(eve)]))
+    assert told["alarm"] is (eve is not None)
+    if eve is None:
+        error = (1 - (1 - NOISE) ** 4) / 2
+        assert told["compared"] >= 10_000
+        assert abs(told["error_rate"] - error) < 5 * sqrt(error / told["compared"])
+    else:
+        assert told["compared"] < 1000  # 74 on average
+        assert told["eve"]["measured"] > 0
