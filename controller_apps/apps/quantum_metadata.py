@@ -358,6 +358,7 @@ class QuantumMetadata(App):
         self.arbiter.taps, self.arbiter.schedule = policy.taps, policy.schedule
         self.arbiter.follow(policy.queue)
         self.arbiter.needs_handshake = policy.filter.handshakes
+        self.mac_table.place(self.stations if policy.filter.addresses else [])
         for dpid, datapath in self.datapaths.items():
             if dpid not in self.quantum_switches:
                 self._filter(datapath)
