@@ -17,6 +17,7 @@ from dispatcher.build import build_layer
 from dispatcher.layer.ownership import BlockName
 from dispatcher.operations.blocks import Operations
 from dispatcher.operations.gathering import Gathering
+from dispatcher.operations.heralding import Heralding
 from dispatcher.operations.measurements import Measurements
 from dispatcher.operations.operation_handlers import Act, acts
 from dispatcher.operations.resending import Resending
@@ -28,6 +29,7 @@ from dispatcher.timeouts import RECEIVE_TIMEOUT_S
 from wire.config import DispatcherConfig
 from wire.dispatcher_pb2 import (
     ApplyRequest,
+    AttemptRequest,
     BellMeasureRequest,
     BlockId,
     Connection,
@@ -36,6 +38,7 @@ from wire.dispatcher_pb2 import (
     Feedback,
     Gate,
     GatherRequest,
+    HeraldRequest,
     Launch,
     MeasureRequest,
     Pick,
@@ -62,6 +65,8 @@ Request = (
     | DiscardRequest
     | GatherRequest
     | ResendRequest
+    | AttemptRequest
+    | HeraldRequest
     | SplitRequest
 )
 
@@ -94,7 +99,8 @@ class Laboratory:
         transport = Transport(self.layer, self._errors.append)
         operations, measurements = Operations(self.layer), Measurements(self.layer)
         rest = Gathering(self.layer), Resending(self.layer), Splitting(self.layer)
-        self._acts = acts(operations, measurements, transport, *rest)
+        heralding = Heralding(self.layer)
+        self._acts = acts(operations, measurements, transport, *rest, heralding)
 
     def host(self, name: str) -> "LaboratoryHost":
         """Return the host of this name; it need not have fibres."""
@@ -203,6 +209,19 @@ class LaboratoryHost:
     async def store(self, block: BlockKey) -> Feedback:
         """Put a block into the host's memory."""
         return await self._act("store", StoreRequest(block=block_id(block)))
+
+    async def attempt(self, block: BlockKey, port: str) -> Feedback:
+        """Let qubits of the host's memory attempt to emit into a port."""
+        return await self._act("attempt", AttemptRequest(block=block_id(block), port=port))
+
+    async def herald(
+        self, count: int, ports: tuple[str, str], timeout_s: float, number: int = 0
+    ) -> Feedback:
+        """Herald pairs of the hosts whose light comes to these ports, in this time at most."""
+        request = HeraldRequest(
+            session=SESSION, number=number, count=count, ports=ports, timeout_s=timeout_s
+        )
+        return await self._act("herald", request)
 
     async def discard(self, block: BlockKey) -> Feedback:
         """Discard a block."""

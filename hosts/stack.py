@@ -8,6 +8,7 @@ import asyncio
 import logging
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from hashlib import blake2b
 from typing import Any
 
@@ -35,8 +36,9 @@ from hosts.serving.applications_port import ApplicationsPort
 from hosts.serving.incoming import Incoming
 from hosts.timeouts import ANSWER_TIMEOUT_S
 from wire.config import STANDING, HostConfig
-from wire.metadata import Handshake, Reason, Service, Setup, Verdict
-from wire.services import Role
+from wire.features import HERALD
+from wire.metadata import Handshake, MemoryState, Reason, Service, Setup, Verdict
+from wire.services import HERALDED_LIGHT, Role
 
 log = logging.getLogger("stack")
 
@@ -92,9 +94,16 @@ class Stack:
             source=address,
             **options.asked(),
         )
-        setup = self.device.override(setup)
+        setup = self._heralded(self.device.override(setup), source)
         arrangement = Arrangement(setup, peer, source, self._light)
         return OpeningSession(kind, options, self._means, arrangement, setup, is_source)
+
+    def _heralded(self, setup: Setup, source: str) -> Setup:
+        """Have pairs heralded where this host's memory emits and the source is a station."""
+        emits = HERALD in self._means.abilities.features
+        if emits and source in self._config.stations and setup.service in HERALDED_LIGHT:
+            return replace(setup, memory=MemoryState.HERALDED)
+        return setup
 
     def intercept(self, fields: dict[str, Any]) -> Interception:
         """Prepare an interception; raise SessionError for what cannot be asked."""

@@ -10,7 +10,16 @@ The controller does not know them: it goes by the features that follow from a de
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from wire.parameters.physics import BadParameter, BellAnalyser, Device, Gates, Memory, PairSource
+from wire.parameters.physics import (
+    BadParameter,
+    BellAnalyser,
+    Detectors,
+    Device,
+    Emitter,
+    Gates,
+    Memory,
+    PairSource,
+)
 
 # Ions in a trap that emit photons and take in their state, keep qubits, and do gates on them.
 # Source: entanglement of two ions over fibres with fidelity .960(1), and with 250 pairs a second,
@@ -18,6 +27,10 @@ from wire.parameters.physics import BadParameter, BellAnalyser, Device, Gates, M
 # a pair that has been heralded. Memory: an entangled ion of fidelity .81(4) after 10 s
 # (arXiv:2210.11447), of which T2 = 30 s is our estimate; registers of ten ions, each entangled with
 # a photon, are shown in arXiv:2406.09480, 32 of them are our estimate for a few zones of a trap.
+# Emitter: entanglement of two ions by two clicks with fidelity .94, 182 times a second, of 2.18e-4
+# of the attempts (Stephenson et al., Phys. Rev. Lett. 124, 110501): from there follow the time of
+# an attempt, 1.2 us, and the light of either ion that clicks, sqrt(2 x 2.18e-4), in which losses of
+# detectors are. The fidelity of each ion and its photon is that of two alike which make .94.
 # Gates: errors of two-qubit gates on 43Ca+ of .5(1) % (arXiv:2402.12955), of one-qubit gates of
 # 8.4e-6 (arXiv:2407.07694). Preparation and measurement without errors are our idealisation.
 ION_TRAP = Device(
@@ -25,6 +38,51 @@ ION_TRAP = Device(
     memory=Memory(t1_s=1e6, t2_s=30.0, capacity=32),
     analyser=BellAnalyser("gates"),
     gates=Gates("any", 2 * 8.4e-6, 0.005 * 4 / 3),
+    emitter=Emitter("two-click", efficiency=0.0209, fidelity=0.97, preparation_s=1.2e-6),
+)
+
+# Nitrogen-vacancy centres in diamond, whose electron spins emit: up to 39 pairs a second by single
+# clicks over 2 m, which decohere with 5 Hz (Humphreys et al., Nature 558, 268; arXiv:1712.07567).
+# Attempts of 5.5 us, 4e-4 of the photons clicking, a visibility of .9 (of the station) and an rms
+# phase of 14.3 degrees are of that experiment, too, as we remember it; a bright state of .3 makes
+# 2 x .3 x 4e-4 / 5.5 us = 44 a second. T2 = .4 s of either spin makes the 5 Hz. Ten qubits are
+# those of the register of Bradley et al., Phys. Rev. X 9, 031045; gates of .5 % and 1 % are our
+# estimate.
+NV_CENTRE = Device(
+    source=PairSource("none"),
+    memory=Memory(t1_s=3600.0, t2_s=0.4, capacity=10),
+    analyser=BellAnalyser("gates"),
+    gates=Gates("any", 0.005, 0.01),
+    emitter=Emitter(
+        "single-click",
+        efficiency=4e-4,
+        bright_state=0.3,
+        phase_rad=0.25 / 2**0.5,
+        preparation_s=5.5e-6,
+    ),
+)
+
+# Crystals that keep one photon of a pair, with 62 modes in time, for up to 25 us, while the other
+# makes a click at the station, 1,400 times a second (Lago-Rivera et al., Nature 594, 37;
+# arXiv:2101.05097). That a mode has a pair, .02, and the efficiency that makes this rate at 25 us
+# for each train of modes are our estimates; so is the read-out, .3.
+ATOMIC_ENSEMBLE = Device(
+    source=PairSource("none"),
+    memory=Memory(t2_s=25e-6, efficiency=0.3, capacity=62),
+    gates=Gates("paulis"),
+    emitter=Emitter(
+        "single-click", efficiency=0.014, bright_state=0.02, preparation_s=25e-6, modes=62
+    ),
+)
+
+# A station that heralds: nothing but an analyser of linear optics, with detectors as good as those
+# of superconducting nanowires. What emitters above say of clicks has their losses in it.
+STATION = Device(
+    source=PairSource("none"),
+    memory=Memory(capacity=0),
+    detectors=Detectors(dark_count_hz=10.0, gate_s=30e-9),
+    analyser=BellAnalyser("linear", visibility=0.9),
+    gates=Gates("paulis"),
 )
 
 
@@ -42,7 +100,19 @@ NODE_KINDS = {
         lambda base: replace(base, gates=replace(base.gates, kind="paulis")),
     ),
     "ion-trap": NodeKind(
-        "memory of 32 ions, gates between them, 250 pairs a second", lambda _base: ION_TRAP
+        "memory of 32 ions that emit, gates between them, 250 pairs a second",
+        lambda _base: ION_TRAP,
+    ),
+    "nv-centre": NodeKind(
+        "memory of 10 spins in diamond, one of which emits: single clicks", lambda _base: NV_CENTRE
+    ),
+    "atomic-ensemble": NodeKind(
+        "memory of 62 modes of a crystal that is read out soon: single clicks",
+        lambda _base: ATOMIC_ENSEMBLE,
+    ),
+    "station": NodeKind(
+        "detectors behind a beam splitter, which herald pairs of memories that emit",
+        lambda _base: STATION,
     ),
 }
 

@@ -25,11 +25,13 @@ class Feature(Flag):
     STORE = 2  # take light into a memory, and keep qubits there
     GATE = 4  # do gates on qubits that it holds, also between two; Pauli operators need no feature
     MEASURE = 8  # measure qubits that it holds, and light that arrives; also in the Bell basis
+    HERALD = 16  # keep qubits that emit photons entangled with them, which a station may herald
+    INTERFERE = 32  # be that station: let light from two hosts interfere, and tell what clicked
 
 
-EMIT, STORE, GATE, MEASURE = Feature
+EMIT, STORE, GATE, MEASURE, HERALD, INTERFERE = Feature
 NOTHING = Feature(0)
-EVERYTHING = EMIT | STORE | GATE | MEASURE
+EVERYTHING = EMIT | STORE | GATE | MEASURE | HERALD | INTERFERE
 
 
 @dataclass(frozen=True)

@@ -48,6 +48,14 @@ class Service(IntEnum):
     LINK = 8  # between neighbours of such a chain: the opener makes pairs and keeps half of each
     SDC_RETURN = 9  # superdense coding back to the opener of a session of it, with its light
     SEAL = 10  # pairs that watch a fibre
+    E91 = 12  # quantum key distribution by entangled pairs, with a CHSH test
+
+
+class MemoryState(IntEnum):
+    """What the memories of both ends do, as a set-up wants it."""
+
+    ANY = 0  # keep what comes
+    HERALDED = 1  # their qubits emit, and the source is a station that heralds pairs of them
 
 
 class Topic(IntEnum):
@@ -69,6 +77,9 @@ class Topic(IntEnum):
     # how many qubits its memory takes.
     ABILITIES = 13
     PURIFY = 32  # protocol (1 BBPSSW, 2 DEJMPS) and seed of the twirl, of a round of a block
+    # Of a station, or passed on by the opener: the Bell state of each heralded pair, as 0 Phi+,
+    # 1 Psi+, 2 Phi-, 3 Psi-.
+    HERALDED = 34
     DELIVER = 33  # so many pairs, which have numbers from then on; answered
     # A repeater has swapped: its place, and for how many us both halves of a pair have waited;
     # to the left also the place that waits for this notice, to the right ARRIVED and CORRECTIONS.
@@ -120,8 +131,11 @@ class Reason(IntEnum):
     CANNOT_MEASURE = 22
     NO_CHAIN = 23
     FIBER_CUT = 24  # written by the controller, with the address of the host whose fibre it is
+    # Written by the controller, with the address of the node that lacks the feature as source.
+    CANNOT_HERALD = 26
+    CANNOT_INTERFERE = 27
     PATH_BROKEN = 25  # within the optical network; the controller's record names the elements
-    TOO_LATE = 26  # no light by the deadline that the set-up message names
+    TOO_LATE = 27  # no light by the deadline that the set-up message names
 
 
 class Pauli(IntEnum):
@@ -197,7 +211,7 @@ class Setup(Message):
     fec: int = Fec.NONE  # error-correction code; a receiver refuses one that it does not know
     interleave: int = 0  # 1: the bits of its codewords travel far from each other
     polarization: int = 0  # 0 is the horizontal/vertical basis
-    memory: int = 0  # memory state wanted; 0 is none
+    memory: int = MemoryState.ANY
     wavelength_pm: int = 1_550_120
     phase_mrad: int = 0
     sync_window_ps: int = 1_000_000

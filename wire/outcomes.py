@@ -4,5 +4,6 @@ from wire.metadata import Pauli
 
 NO_CLICK = 255  # in place of a measured bit
 NO_COINCIDENCE = NO_CLICK  # in place of a Bell state
-BASES = ("Z", "X", "Y")  # by number, as in MeasureRequest of wire/dispatcher.proto
+BASES = ("Z", "X", "Y", "Z+X", "Z-X")  # by number, as in MeasureRequest of wire/dispatcher.proto
+PAULI_BASES = 3  # the first of these; the others lie halfway between Z and X, or Z and -X
 PAULIS = tuple(pauli.name for pauli in Pauli)  # names by number

@@ -59,6 +59,7 @@ class AbortReason(IntEnum):
     TOO_SHORT = 7  # no secret bit is left
     NO_AUTHENTICATION_KEY = 8
     CANCELLED = 9
+    LOCAL = 10  # the CHSH test does not exclude local hidden variables
 
 
 @dataclass(frozen=True)
@@ -124,7 +125,7 @@ class Proposal(QkdMessage):
     """What alice has been told about the session; bob must have been told the same."""
 
     KIND = 1
-    FIELDS = struct.Struct("!ddddBBd")
+    FIELDS = struct.Struct("!ddddBBddd")
 
     test_fraction: float
     max_qber: float
@@ -133,9 +134,15 @@ class Proposal(QkdMessage):
     bound: int
     reconciliation: int
     multi_photon: float  # how likely a pulse of alice's source has several photons
+    chsh_fraction: float  # of bob's photons, for a CHSH test; 0: there is none
+    chsh_margin: float  # by which S has to be above 2
 
     def check(self) -> None:
         """Raise MalformedPacket for fields that cannot be."""
+        if not 0 <= self.chsh_fraction < 1:
+            raise MalformedPacket(f"Proposal: chsh_fraction {self.chsh_fraction} is not 0 to 1")
+        if not 0 <= self.chsh_margin < 1:
+            raise MalformedPacket(f"Proposal: chsh_margin {self.chsh_margin} is not 0 to 1")
         if not 0 <= self.multi_photon < 1:
             raise MalformedPacket(f"Proposal: multi_photon {self.multi_photon} is not 0 to 1")
         fractions = self.test_fraction, self.max_qber, self.eps_sec, self.eps_cor
@@ -361,6 +368,38 @@ class Intensities(QkdMessage):
             raise MalformedPacket("Intensities: a level is 3")
 
 
+@dataclass(frozen=True)
+class BellTest(QkdMessage):
+    """Bob's part of the CHSH test, before the detections of a block: settings and outcomes."""
+
+    KIND = 15
+    FIELDS = struct.Struct("!II")
+    RANGES = MappingProxyType({"photons": (1, MAX_PHOTONS)})
+    PACKED = (Packed("tested", "photons"), Packed("settings", "tested"), Packed("bits", "tested"))
+
+    block: int
+    photons: int
+    tested: bytes  # a bit for each photon: whether it was detected for the test
+    settings: bytes  # of each of these: 0 Z+X, 1 Z-X
+    bits: bytes  # its outcome
+
+
+@dataclass(frozen=True)
+class BellAnswer(QkdMessage):
+    """Alice's part: what she has found of the photons that bob has tested."""
+
+    KIND = 16
+    FIELDS = struct.Struct("!II")
+    RANGES = MappingProxyType({"tests": (0, MAX_PHOTONS)})
+    PACKED = (Packed("clicked", "tests"), Packed("bases", "clicked"), Packed("bits", "clicked"))
+
+    block: int
+    tests: int
+    clicked: bytes  # a bit for each photon tested
+    bases: bytes  # of each that was detected here, too: 0 Z, 1 X
+    bits: bytes  # its outcome
+
+
 KINDS: dict[int, type[QkdMessage]] = {
     kind.KIND: kind
     for kind in (
@@ -378,6 +417,8 @@ KINDS: dict[int, type[QkdMessage]] = {
         Confirm,
         Abort,
         Intensities,
+        BellTest,
+        BellAnswer,
     )
 }
 

@@ -10,8 +10,8 @@ from enum import Enum
 from types import MappingProxyType
 from typing import NamedTuple
 
-from wire.features import EMIT, GATE, MEASURE, NOTHING, STORE, Feature
-from wire.metadata import Reason, Service
+from wire.features import EMIT, GATE, HERALD, INTERFERE, MEASURE, NOTHING, STORE, Feature
+from wire.metadata import MemoryState, Reason, Service, Setup
 
 
 class Role(Enum):
@@ -21,6 +21,14 @@ class Role(Enum):
     ACCEPTOR = "acceptor"
     SOURCE = "source"
     REPEATER = "repeater"  # between them, chosen by the controller; it has no place in LIGHT
+
+
+class Making(Enum):
+    """Who makes the pairs of a session."""
+
+    SOURCE = "source"  # a third host, which sends a half of each to either end
+    OPENER = "opener"  # which keeps a half of each
+    STATION = "station"  # a third host, which heralds pairs of qubits that emit at either end
 
 
 class FiberOf(NamedTuple):
@@ -55,6 +63,7 @@ LIGHT: Mapping[Service, tuple[Beam, ...]] = MappingProxyType(
         Service.TELEPORT: PAIRS,
         Service.BBM92: PAIRS,
         Service.SEAL: PAIRS,
+        Service.E91: PAIRS,
         Service.BB84: (Beam(FiberOf(OPENER, 0), FiberOf(ACCEPTOR, 0)),),
         Service.SWAP: (),  # its links have it
         Service.LINK: (Beam(FiberOf(OPENER, -1), FiberOf(ACCEPTOR, 0)),),
@@ -72,6 +81,15 @@ RETURNS: Mapping[Service, Service] = MappingProxyType({Service.SDC_RETURN: Servi
 OWN_LIGHT: Mapping[Service, tuple[Beam, ...]] = MappingProxyType(
     dict.fromkeys((Service.DISTRIBUTE, Service.TELEPORT, Service.SEAL), LIGHT[Service.LINK])
 )
+# Where memories emit and a station heralds, in place of a source.
+HERALDED_LIGHT: Mapping[Service, tuple[Beam, ...]] = MappingProxyType(
+    {
+        Service.DISTRIBUTE: (
+            Beam(FiberOf(OPENER, 0), FiberOf(SOURCE, 0)),
+            Beam(FiberOf(ACCEPTOR, 0), FiberOf(SOURCE, 1)),
+        ),
+    }
+)
 # What a session comes to need besides, the hosts say: MEASURE to estimate, GATE to purify.
 NEEDS: Mapping[Service, Mapping[Role, Feature]] = MappingProxyType(
     {
@@ -81,6 +99,7 @@ NEEDS: Mapping[Service, Mapping[Role, Feature]] = MappingProxyType(
         Service.TELEPORT: {SOURCE: EMIT, OPENER: STORE | MEASURE, ACCEPTOR: STORE | MEASURE},
         Service.BBM92: {SOURCE: EMIT, OPENER: MEASURE, ACCEPTOR: MEASURE},
         Service.SEAL: {SOURCE: EMIT, OPENER: MEASURE, ACCEPTOR: MEASURE},
+        Service.E91: {SOURCE: EMIT, OPENER: MEASURE, ACCEPTOR: MEASURE},
         Service.BB84: {OPENER: EMIT, ACCEPTOR: MEASURE},
         Service.SWAP: {
             OPENER: EMIT | STORE,
@@ -88,6 +107,15 @@ NEEDS: Mapping[Service, Mapping[Role, Feature]] = MappingProxyType(
             REPEATER: EMIT | STORE | MEASURE,
         },
         Service.LINK: {OPENER: EMIT | STORE, ACCEPTOR: STORE},
+    }
+)
+HERALDED_NEEDS: Mapping[Service, Mapping[Role, Feature]] = MappingProxyType(
+    {
+        Service.DISTRIBUTE: {
+            SOURCE: INTERFERE,
+            OPENER: HERALD | STORE,
+            ACCEPTOR: HERALD | STORE,
+        },
     }
 )
 
@@ -98,26 +126,39 @@ WANT_OF: Mapping[Feature, Reason] = MappingProxyType(
         STORE: Reason.CANNOT_STORE,
         GATE: Reason.CANNOT_GATE,
         MEASURE: Reason.CANNOT_MEASURE,
+        HERALD: Reason.CANNOT_HERALD,
+        INTERFERE: Reason.CANNOT_INTERFERE,
     }
 )
 
 
-def beams(service: Service, own_source: bool = False) -> tuple[Beam, ...]:
-    """Return the light of a service; own_source: the opener is the source of its pairs."""
-    return OWN_LIGHT.get(service, LIGHT[service]) if own_source else LIGHT[service]
+def making(setup: Setup, opener: str) -> Making:
+    """Return who makes the pairs that a set-up asks for; opener: an address."""
+    if setup.memory == MemoryState.HERALDED:
+        return Making.STATION
+    return Making.OPENER if setup.source == opener else Making.SOURCE
 
 
-def uses_source(service: Service, own_source: bool = False) -> bool:
+def beams(service: Service, by: Making = Making.SOURCE) -> tuple[Beam, ...]:
+    """Return the light of a service; KeyError for one that a station cannot make pairs for."""
+    if by == Making.STATION:
+        return HERALDED_LIGHT[service]
+    return OWN_LIGHT.get(service, LIGHT[service]) if by == Making.OPENER else LIGHT[service]
+
+
+def uses_source(service: Service, by: Making = Making.SOURCE) -> bool:
     """Return whether a third host makes pairs for a session."""
-    return SOURCE in NEEDS.get(service, {}) and not (own_source and service in OWN_LIGHT)
+    own = by == Making.OPENER and service in OWN_LIGHT
+    return SOURCE in NEEDS.get(service, {}) and not own
 
 
-def needs(service: Service, role: Role) -> Feature:
+def needs(service: Service, role: Role, by: Making = Making.SOURCE) -> Feature:
     """Return what the host in a role must be able to."""
-    return NEEDS.get(service, {}).get(role, NOTHING)
+    table = HERALDED_NEEDS if by == Making.STATION else NEEDS
+    return table.get(service, {}).get(role, NOTHING)
 
 
-def fibers_needed(service: Service, role: Role, own_source: bool = False) -> int:
+def fibers_needed(service: Service, role: Role, by: Making = Making.SOURCE) -> int:
     """Return how many fibres a host in this role needs."""
-    ends = [end for beam in beams(service, own_source) for end in beam if end.role == role]
+    ends = [end for beam in beams(service, by) for end in beam if end.role == role]
     return max((1 + max(end.place, 0) for end in ends), default=0)

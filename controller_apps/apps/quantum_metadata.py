@@ -37,7 +37,7 @@ from controller_apps.openflow.identities import Identities
 from controller_apps.openflow.mac_table import MacTable
 from controller_apps.openflow.stations import filter_entries
 from controller_apps.packets.segments import FiveTuple, is_tcp
-from controller_apps.policy.policy import DEFAULT, BadPolicy, read_policy
+from controller_apps.policy.policy import DEFAULT, BadPolicy, read_policy, require_switches
 from controller_apps.record import Record
 from controller_apps.sessions.actions import (
     Action,
@@ -103,9 +103,9 @@ class QuantumMetadata(App):
         identities = Identities(config.device_keys, config.addresses)
         self.fibers = Fibers(self.network, record, self.logger, identities)
         self.policy_path = config.policy
-        self.permission = Permission(
-            read_policy(config.policy), self.network, self.arbiter.sessions
-        )
+        policy = read_policy(config.policy)
+        require_switches(policy, names.values())
+        self.permission = Permission(policy, self.network, self.arbiter.sessions)
         self.arbiter.forbid = self._forbid
         self.stations = config.stations
         self.datapaths: dict[int, Any] = {}
@@ -346,11 +346,14 @@ class QuantumMetadata(App):
 
     def _reload_policy(self) -> str:
         try:
-            self.permission.policy = read_policy(self.policy_path)
+            policy = read_policy(self.policy_path)
+            require_switches(policy, self.network.names.values())
         except BadPolicy as error:
             raise Refused(f"{error}; the policy before stays in force") from error
+        self.permission.policy = policy
         self._follow_policy()
         self.record.write("policy", path=self.policy_path)
+        self._do(self.arbiter.network_changed(self._now()))
         return self.policy_path or str(DEFAULT)
 
     def _follow_policy(self) -> None:
@@ -359,6 +362,7 @@ class QuantumMetadata(App):
         self.arbiter.follow(policy.queue)
         self.arbiter.needs_handshake = policy.filter.handshakes
         self.mac_table.place(self.stations if policy.filter.addresses else [])
+        self.network.closed = policy.closed
         for dpid, datapath in self.datapaths.items():
             if dpid not in self.quantum_switches:
                 self._filter(datapath)

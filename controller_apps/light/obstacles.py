@@ -34,7 +34,10 @@ def _mended(network: Network) -> Network:
     }
     links = network.broken | network.links
     there = network.connected | network.names.keys()
-    return replace(network, connected=there, links=links, cut=set(), optics=Optics(switches=free))
+    optics = Optics(switches=free)
+    return replace(
+        network, connected=there, links=links, cut=set(), optics=optics, closed=frozenset()
+    )
 
 
 def _of_hop(network: Network, hop: Hop) -> Iterator[Obstacle]:
@@ -43,6 +46,9 @@ def _of_hop(network: Network, hop: Hop) -> Iterator[Obstacle]:
     if hop.dpid not in network.connected:
         yield Obstacle(f"{switch} is not connected to the controller")
     yield from (_fiber(network, at) for at in (into, out) if at in network.cut)
+    if network.is_closed(out):
+        ends = sorted((switch, network.name_of(network.links[out].dpid)))
+        yield Obstacle(f"the policy closes the fibres between {ends[0]} and {ends[1]}")
     told = network.optics.switches.get(hop.dpid, SwitchOptics())
     stuck = {
         *((hop.in_port, to) for to in [told.stuck_from.get(hop.in_port)] if to is not None),

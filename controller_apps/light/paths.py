@@ -105,6 +105,7 @@ class Network:
     optics: Optics = field(default_factory=Optics)
     broken: dict[SwitchPort, SwitchPort] = field(default_factory=dict)  # links before they were cut
     names: dict[int, str] = field(default_factory=dict)  # of switches, for people
+    closed: frozenset[frozenset[str]] = frozenset()  # switches, by name, between which none may go
     wiring: int = field(default=0, init=False, compare=False)  # another one if links change
     _bounds: dict[SwitchPort, dict[int, Bound]] = field(
         default_factory=dict, init=False, compare=False, repr=False
@@ -207,8 +208,16 @@ class Network:
         return [
             (near, far)
             for near, far in self.fibers_from(dpid)
-            if far.dpid in connected and near not in cut and far not in cut
+            if far.dpid in connected
+            and near not in cut
+            and far not in cut
+            and not self.is_closed(near)
         ]
+
+    def is_closed(self, at: SwitchPort) -> bool:
+        """Tell whether the policy closes the fibre between switches that ends here."""
+        far = self.links.get(at) if self.closed else None
+        return far is not None and {self.name_of(at.dpid), self.name_of(far.dpid)} in self.closed
 
     def fibers_from(self, dpid: int) -> Ends:
         """Return the fibres from a switch to others, whole or cut: its port, and the far port."""
@@ -220,7 +229,9 @@ class Network:
         return self._near.get(dpid, ())
 
     def is_whole(self, hops: Iterable[Hop]) -> bool:
-        """Tell whether light can take these hops: switches there, fibres not cut."""
+        """Tell whether light can take these hops: switches there, fibres not cut nor closed."""
         hops = list(hops)
         ports = {SwitchPort(hop.dpid, port) for hop in hops for port in hop[1:]}
-        return self.connected.issuperset(switches(hops)) and not self.cut & ports
+        if not self.connected.issuperset(switches(hops)) or self.cut & ports:
+            return False
+        return not any(map(self.is_closed, ports))

@@ -18,6 +18,9 @@ max_frame_bytes = 1024
 between = ["alice", "bob"]
 by = "eve"
 
+[[closed]]                  # no session has light through the fibres between these two switches
+between = ["q1", "q2"]
+
 [swap]
 schedule = "parallel"       # who swaps when, or "left-to-right", "nested": see sessions.schedules
 
@@ -39,7 +42,7 @@ period_s = 1.0
 """
 
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, TypeVar
@@ -67,6 +70,7 @@ LIMITS = {
 MAX_RULES = 1024
 MAX_TAPS = 64
 SLOT_S = (0.05, 60.0)
+MAX_CLOSED = 256
 
 T = TypeVar("T")
 
@@ -177,6 +181,7 @@ class Policy:
     schedule: str = PARALLEL  # of chains of repeaters
     filter: Filter = Filter()
     queue: Queue = IN_TURN  # of those that wait for light
+    closed: frozenset[frozenset[str]] = frozenset()  # pairs of switches, by their names
 
     def objection(self, request: SessionRequest, open_wishes: Iterable[SessionRequest]) -> str:
         """Return why a request is not allowed beside those already granted, "" if it is."""
@@ -212,13 +217,22 @@ def read_policy(path: str | Path) -> Policy:
         raise BadPolicy(f"policy {file}: {error}") from error
 
 
+def require_switches(policy: Policy, known: Collection[str]) -> None:
+    """Raise BadPolicy for a fibre that is closed between switches that there are not."""
+    for name in sorted(frozenset().union(*policy.closed) - set(known)):
+        listed = ", ".join(sorted(known)) or "none"
+        raise BadPolicy(
+            f"closed: {name!r} is no quantum switch of this network: choose of {listed}"
+        )
+
+
 def parse_policy(text: str) -> Policy:
     """Build the policy from its text; raise ValueError naming place, value and choices."""
     content = tomllib.loads(text)
     _only(
         content,
         "the file",
-        {"default", "rule", "tap", "swap", "queue", "filter", "device", "report"},
+        {"default", "rule", "tap", "closed", "swap", "queue", "filter", "device", "report"},
     )
     rules = _array(content, "rule", MAX_RULES)
     devices = _table(content.get("device", {}), "device")
@@ -231,6 +245,7 @@ def parse_policy(text: str) -> Policy:
         _parse_schedule(_table(content.get("swap", {}), "swap")),
         _parse_filter(_table(content.get("filter", {}), "filter")),
         _parse_queue(_table(content.get("queue", {}), "queue")),
+        _parse_closed(_array(content, "closed", MAX_CLOSED)),
     )
 
 
@@ -279,6 +294,21 @@ def _parse_tap(given: object, place: str) -> Tap:
     if not all(isinstance(host, str) and host for host in hosts) or len(set(hosts)) < len(hosts):
         raise ValueError(f"{place}: between is {between!r} and by is {by!r}: {remedy}")
     return Tap((between[0], between[1]), str(by))
+
+
+def _parse_closed(given: list[Any]) -> frozenset[frozenset[str]]:
+    closed = set()
+    for number, value in enumerate(given, 1):
+        place = f"closed {number}"
+        table = _table(value, place)
+        _only(table, place, {"between"})
+        between = table.get("between")
+        two = isinstance(between, list) and len(between) == 2 and between[0] != between[1]
+        if not two or not all(isinstance(each, str) and each for each in between or ()):
+            remedy = 'write between = ["q1", "q2"], two different switches'
+            raise ValueError(f"{place}: between is {between!r}: {remedy}")
+        closed.add(frozenset(between or ()))
+    return frozenset(closed)
 
 
 def _parse_schedule(table: dict[str, Any]) -> str:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from controller_apps.light.paths import Network
 from wire.features import STORE, Feature, names
 from wire.metadata import Reason, Service, Setup
-from wire.services import WANT_OF, Role, needs
+from wire.services import WANT_OF, Role, making, needs
 
 HALVES = 2  # that a repeater keeps of each pair it makes, and that its memory has to take
 ENDS = (Role.OPENER, Role.ACCEPTOR)
@@ -36,8 +36,9 @@ class Want:
 
 def first_want(setup: Setup, hosts: Mapping[Role, str], network: Network) -> Want | None:
     """Return what the first of the hosts lacks for its role, None if nothing."""
+    by = making(setup, hosts[Role.OPENER])
     wants = (
-        _want(network, address, role, needs(Service(setup.service), role))
+        _want(network, address, role, needs(Service(setup.service), role, by))
         for role, address in hosts.items()
     )
     return next(filter(None, wants), None)

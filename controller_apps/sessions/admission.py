@@ -15,9 +15,19 @@ from controller_apps.sessions.abilities import Want, block_pairs, first_want, wa
 from controller_apps.sessions.chains import find_chain, ordered_link, repeaters_of
 from controller_apps.sessions.returns import returned_on
 from controller_apps.sessions.sessions import Chain, Session, Sessions
-from wire.metadata import Handshake, Reason, Service, Setup
+from wire.metadata import Handshake, MemoryState, Reason, Service, Setup
 from wire.optical import frequency_mhz
-from wire.services import RETURNS, Role, beams, fibers_needed
+from wire.services import (
+    HERALDED_LIGHT,
+    RETURNS,
+    Making,
+    Role,
+    beams,
+    fibers_needed,
+    making,
+)
+
+OFFERED_MEMORY = dict.fromkeys(HERALDED_LIGHT, tuple(MemoryState))  # of other services: any
 
 
 @dataclass(frozen=True)
@@ -108,13 +118,15 @@ def find_light(
     if not all(ports.values()):
         return Admission(Reason.UNKNOWN_HOST)
     service = Service(setup.service)
+    if setup.memory not in OFFERED_MEMORY.get(service, (MemoryState.ANY,)):
+        return Admission(Reason.UNSUPPORTED, detail=f"{service.name} with memory {setup.memory}")
     want = first_want(setup, hosts, network)
     if want is not None:
         return _refused(want)
     if service == Service.LINK:
         legs = _legs_of_link(setup, five_tuple, sessions, ports)
     else:
-        legs = legs_of(service, ports, setup.source == five_tuple.source)
+        legs = legs_of(service, ports, making(setup, five_tuple.source))
     if legs is None:
         return Admission(Reason.NO_PATH)
     try:
@@ -191,12 +203,12 @@ def limits_of(setup: Setup, sessions: Sessions, budget_mdb: int) -> Limits:
 
 
 def legs_of(
-    service: Service, ports: Mapping[Role, list[SwitchPort]], own_source: bool = False
+    service: Service, ports: Mapping[Role, list[SwitchPort]], by: Making = Making.SOURCE
 ) -> list[Leg] | None:
     """Return which ports light must connect, None if a host has too few."""
-    if any(len(at) < fibers_needed(service, role, own_source) for role, at in ports.items()):
+    if any(len(at) < fibers_needed(service, role, by) for role, at in ports.items()):
         return None
     return [
         Leg(ports[start.role][start.place], ports[end.role][end.place])
-        for start, end in beams(service, own_source)
+        for start, end in beams(service, by)
     ]

@@ -9,7 +9,7 @@ may add bytes behind it, so a request is known by its connection and sequence nu
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import inf
 
 from controller_apps.light.paths import Hop, Network, switches
@@ -49,6 +49,7 @@ from wire.metadata import (
     Handshake,
     MalformedPacket,
     Reason,
+    Service,
     Setup,
     UnknownService,
     Verdict,
@@ -162,12 +163,12 @@ class Arbiter:
         admission = self.forbid(setup, request.five_tuple) or admit(
             setup, request.five_tuple, self.sessions, self.network, self.budget_mdb, self.taps
         )
-        lasts = setup.handshake == Handshake.FRAMED
+        lasts = setup.handshake == Handshake.FRAMED and setup.service != Service.SEAL
         if self.slots and lasts and (admission.paths or admission.waits_for_light):
             return self._reserve(request, now)
         if self.inheritance.is_premature(admission.reason, now):
             return [Drop("premature", f"{admission.reason.name} may change soon; TCP repeats it")]
-        waits = admission.waits_for_light and self.queues
+        waits = admission.waits_for_light and self._may_wait(setup, request.five_tuple)
         if admission.reason != Reason.OK and not waits:
             told = admission.reason, now, admission.detail, admission.node
             return self.verdicts.refuse(request, *told)
@@ -221,6 +222,29 @@ class Arbiter:
                 told = found.reason, now, found.detail, found.node
                 actions += self.verdicts.refuse(request, *told)
         return actions
+
+    def _may_wait(self, setup: Setup, connection: FiveTuple) -> bool:
+        """Tell whether a request waits for light that others have: as configured, and for seals.
+
+        Who watches a fibre gives its light back soon, and never waits for it: others come first.
+        """
+        if setup.service == Service.SEAL:
+            return False
+        return self.queues or self._seals_alone_are_in_the_way(setup, connection)
+
+    def _seals_alone_are_in_the_way(self, setup: Setup, connection: FiveTuple) -> bool:
+        sessions = self.sessions
+        watching = {
+            number
+            for number, session in sessions.by_number.items()
+            if session.setup.service == Service.SEAL
+        }
+        others = {
+            way: holder for way, holder in sessions.occupied.items() if holder not in watching
+        }
+        without = replace(sessions, occupied=others, obstacles=set())
+        words = self.network, self.budget_mdb, self.taps
+        return bool(watching and find_light(setup, connection, without, *words).paths)
 
     def node_answered(self, number: int, node: str, reason: Reason, now: float) -> list[Action]:
         """Note what a node of a chain (its address) says to its order."""

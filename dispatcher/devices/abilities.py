@@ -2,13 +2,16 @@
 
 from dispatcher.devices.hardware import Devices
 from dispatcher.refusal import precondition
-from wire.features import EMIT, GATE, MEASURE, STORE, Feature
+from wire.features import EMIT, GATE, HERALD, INTERFERE, MEASURE, STORE, Feature
 
 WANTING = {
     EMIT: "has no source of light: let another host make it",
     STORE: "has no memory: use the light as it comes, or give it a memory.capacity",
     GATE: "does Pauli operators alone (gates.kind paulis): send Paulis, or give it other gates",
     MEASURE: "has no detectors that click: let another host measure",
+    HERALD: "has no qubits that emit: give it an emitter.scheme",
+    INTERFERE: "has no analyser in which light interferes: give it one (analyser.kind linear), or "
+    "detectors that click",
 }
 
 

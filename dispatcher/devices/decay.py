@@ -37,20 +37,28 @@ class Decay(NamedTuple):
 
 
 class Waits(NamedTuple):
-    """How long k qubits have waited: the first for a time, and each next one for a step more."""
+    """How long k qubits have waited: the first for a time, and each next one for a step more.
+
+    Or each for a time of its own, shape (k,).
+    """
 
     first_s: float
     step_s: float
     qubits: int
+    each_s: NDArray[np.float64] | None = None
 
     @property
     def shortest_s(self) -> float:
         """Return the shortest of them."""
+        if self.each_s is not None:
+            return max(float(self.each_s.min()), 0.0)
         return max(min(self.first_s, self._last_s), 0.0)
 
     @property
     def longest_s(self) -> float:
         """Return the longest of them."""
+        if self.each_s is not None:
+            return max(float(self.each_s.max()), 0.0)
         return max(self.first_s, self._last_s, 0.0)
 
     @property
@@ -64,6 +72,8 @@ class Waits(NamedTuple):
 
     def of(self, qubits: NDArray[np.int64]) -> NDArray[np.float64]:
         """Return how long these qubits have waited."""
+        if self.each_s is not None:
+            return np.clip(self.each_s[qubits], 0.0, None)
         return np.clip(self.first_s + qubits * self.step_s, 0.0, None)
 
 

@@ -55,15 +55,19 @@ class Memories:
         if block in stored:
             return
         abilities.require(self._devices, block.node, STORE)
-        capacity = self._devices.of(block.node).memory.capacity
-        used, more = sum(stored.values()), block.register.remaining
+        self.require_room(block.node, block.register.remaining)
+        stored[block] = block.register.remaining
+        block.stored_ns, block.stores = self._clock.now_ns(), block.stores + 1
+
+    def require_room(self, node: str, more: int) -> None:
+        """Refuse so many more qubits if a node's memory has no room for them."""
+        capacity = self._devices.of(node).memory.capacity
+        used = sum(self._stored.get(node, {}).values())
         if used + more > capacity:
             raise exhausted(
-                f"{more} more qubits with {used} stored exceed the capacity of {block.node}'s "
+                f"{more} more qubits with {used} stored exceed the capacity of {node}'s "
                 f"memory, {capacity}; measure, send or discard some first"
             )
-        stored[block] = more
-        block.stored_ns, block.stores = self._clock.now_ns(), block.stores + 1
 
     def holds(self, block: Block) -> bool:
         """Return whether a block is in its node's memory."""
@@ -105,7 +109,7 @@ class Memories:
         self._software.waited(block.node, block.start_ns, start_ns, memory.decays)
         drift.twirl_turn(block, self._sabot, self._draws)
         self._damp(block, memory, waits)
-        block.start_ns, block.interval_ns = start_ns, interval_ns
+        block.start_ns, block.interval_ns, block.came_ns = start_ns, interval_ns, None
         block.first_ns, block.last_ns = start_ns, _time_ns(block, block.register.size - 1)
         where = f"memory of {block.node}, {block.fibers_passed}, {block.stores}"
         random = PhotonRandom(self._draws, block.name, block.draws_for(where), block.register.size)
@@ -191,6 +195,10 @@ def _time_ns(block: Block, photon: int) -> int:
 
 def _waits(block: Block, start_ns: int, interval_ns: float) -> Waits:
     """Return how long the qubits have waited that are wanted from a time on, one by one."""
+    if block.came_ns is not None:
+        qubits = block.register.size
+        waited_ns = np.arange(qubits) * interval_ns + (start_ns - block.came_ns)
+        return Waits(0.0, 0.0, qubits, np.asarray(waited_ns / 1e9, np.float64))
     step_s = (interval_ns - block.interval_ns) / 1e9
     return Waits((start_ns - block.start_ns) / 1e9, step_s, block.register.size)
 
@@ -199,6 +207,8 @@ def _met(what: str, memory: Memory, waits: Waits, random: PhotonRandom) -> Mask:
     """Draw to which qubits something has happened, a part of Decay; shape (k,)."""
     if waits.alike:
         return random.happens(what, getattr(decay(memory, waits.longest_s), what))
+    if waits.each_s is not None:
+        return random.happens(what, getattr(decay(memory, waits.each_s), what))
     # Each stretch first as if all its qubits had waited as short as any of them; what it is
     # likelier than that is little, so that few need a probability of their own.
     stretch = -(-waits.qubits // STRETCHES)

@@ -184,7 +184,7 @@ class Flight:
         width_rad_per_s = angular_width(block.pulses.bandwidth_nm)
         beam.dispersion_ps_per_nm += line.fiber.dispersion_ps_per_nm
         for name, model in line.noise.items():
-            if not _meets(block.pulses.encoding, model):
+            if not meets(block.pulses.encoding, model):
                 continue
             history = self._layer.history.of_model(line.near.node, line.near.port, name)
             place = block.draws_for(f"fiber {beam.fibers_passed} {name}")
@@ -236,7 +236,7 @@ class Flight:
             self.lost += self._layer.sabot.lose(self._block.register, photons)
 
 
-def _meets(encoding: str, model: NoiseModel) -> bool:
+def meets(encoding: str, model: NoiseModel) -> bool:
     """Return whether a noise model changes qubits of an encoding."""
     if isinstance(model, POLARIZED):
         return encoding == "polarization"

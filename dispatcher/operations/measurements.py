@@ -17,14 +17,14 @@ from dispatcher.operations.blocks import require_pairs
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.refusal import invalid
 from dispatcher.sabot.backend import Bytes
-from dispatcher.sabot.capacity import GateStep
+from dispatcher.sabot.capacity import DIAGONAL, GateStep
 from dispatcher.sabot.draws import PhotonDraws
 from dispatcher.sabot.limits import packed
 from dispatcher.sabot.registers import Mask
 from wire import dibits
 from wire.dispatcher_pb2 import Feedback, MeasureRequest
 from wire.features import MEASURE
-from wire.outcomes import BASES, NO_CLICK
+from wire.outcomes import BASES, NO_CLICK, PAULI_BASES
 from wire.parameters.fiber import SPEED_IN_FIBER_M_PER_S
 from wire.parameters.physics import BELL_STATES, BellAnalyser
 
@@ -44,10 +44,14 @@ class Measurements:
         abilities.require_encoding(layer.devices, node, block.pulses.encoding)
         size = block.register.size
         if basis not in MeasureRequest.Basis.values():
-            raise invalid(f"basis {basis} is unknown; use Z, X or Y")
+            raise invalid(f"basis {basis} is unknown; use {', '.join(BASES)}")
         values = np.full(size, basis, np.uint8)
         if bases:
-            values = packed("bases", bases, size, 2)
+            values = packed("bases", bases, size, len(BASES) - 1)
+        if (values >= PAULI_BASES).any():
+            registers = [block.register, *([block.further.register] if block.further else [])]
+            for register in registers:
+                layer.sabot.require_capacity(register, [DIAGONAL])
         layer.take_up(block)
         drift.twirl_turn(block, layer.sabot, layer.draws)
         if values.any():  # a measurement of Z does not see the angles

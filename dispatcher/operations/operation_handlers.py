@@ -6,6 +6,7 @@ from typing import Any
 from dispatcher.layer.layer import block_name
 from dispatcher.operations.blocks import Operations
 from dispatcher.operations.gathering import Gathering
+from dispatcher.operations.heralding import Heralding
 from dispatcher.operations.measurements import Measurements
 from dispatcher.operations.resending import Resending
 from dispatcher.operations.splitting import Splitting
@@ -24,6 +25,7 @@ def acts(
     gathering: Gathering,
     resending: Resending,
     splitting: Splitting,
+    heralding: Heralding,
 ) -> dict[str, Act]:
     """Return the act for each operation of a Step, called with node and request."""
 
@@ -57,6 +59,7 @@ def acts(
         if request.HasField("block") == bool(request.session):
             raise invalid("name either a block or a session that is not 0")
         if request.session:
+            heralding.forget(node, request.session)
             return operations.discard_session(node, request.session)
         return operations.discard(node, block_name(request.block))
 
@@ -66,6 +69,13 @@ def acts(
 
     async def resend(node: str, request: messages.ResendRequest) -> messages.Feedback:
         return resending.resend(node, block_name(request.block), request.bases)
+
+    async def attempt(node: str, request: messages.AttemptRequest) -> messages.Feedback:
+        frequency_mhz = request.frequency_mhz or DEFAULT_FREQUENCY_MHZ
+        return heralding.attempt(node, block_name(request.block), request.port, frequency_mhz)
+
+    async def herald(node: str, request: messages.HeraldRequest) -> messages.Feedback:
+        return await heralding.herald(node, request)
 
     async def split(node: str, request: messages.SplitRequest) -> messages.Feedback:
         return splitting.split(node, block_name(request.block), block_name(request.into))
@@ -81,5 +91,7 @@ def acts(
         "discard": discard,
         "gather": gather,
         "resend": resend,
+        "attempt": attempt,
+        "herald": herald,
         "split": split,
     }

@@ -25,7 +25,7 @@ from dispatcher.sabot.limits import packed
 from dispatcher.sabot.registers import Mask, Register
 from wire.dispatcher_pb2 import Feedback
 from wire.features import MEASURE
-from wire.outcomes import BASES, NO_CLICK
+from wire.outcomes import BASES, NO_CLICK, PAULI_BASES
 
 ALONE = 255
 
@@ -123,7 +123,7 @@ class Resending:
 
 def _bases(bases: bytes, size: int) -> Bytes:
     values = packed("bases", bases, size, ALONE)
-    unknown = np.flatnonzero((values >= len(BASES)) & (values != ALONE))
+    unknown = np.flatnonzero((values >= PAULI_BASES) & (values != ALONE))
     if unknown.size:
         at = int(unknown[0])
         raise invalid(f"bases[{at}] is {values[at]}; use 0 Z, 1 X, 2 Y, or {ALONE} to leave it")

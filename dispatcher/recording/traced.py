@@ -19,7 +19,7 @@ from wire.outcomes import PAULIS as PAULI_NAMES
 
 # As the file writes Paulis, bases and gates. XZ is Z first; its phase cannot be seen.
 PAULIS = ("", "x {0};", "z {0};", "z {0}; x {0};")
-BASES = ("", "h {0}; ", "sdg {0}; h {0}; ")
+BASES = ("", "h {0}; ", "sdg {0}; h {0}; ", "ry(-pi/4) {0}; ", "ry(pi/4) {0}; ")
 GATES: dict[GateName, str] = {
     **{name: f"{name.lower()} {{0}};" for name in ("H", "S", "T")},
     "S_DAG": "sdg {0};",

@@ -23,6 +23,9 @@ class GateStep(NamedTuple):
     angle_rad: Angle = 0.0  # of RX, RY and RZ
 
 
+DIAGONAL = GateStep("RY", angle_rad=np.pi / 4)  # before a measurement halfway between Z and X
+
+
 def require_amplitudes(qubits: int, members: int, live: int) -> None:
     """Raise TooLarge if a state vector for each of so many members is too much."""
     if qubits > MAX_QUBITS:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dispatcher.sabot.backend import Angle, Begin, Bytes, GateName
-from dispatcher.sabot.capacity import GateStep, require_amplitudes, require_capacity
+from dispatcher.sabot.capacity import DIAGONAL, GateStep, require_amplitudes, require_capacity
 from dispatcher.sabot.dense import Dense
 from dispatcher.sabot.draws import PhotonDraws
 from dispatcher.sabot.gates import TWO_QUBIT_GATES, as_clifford
@@ -20,7 +20,9 @@ from dispatcher.sabot.registers import (
     Store,
     ordered,
 )
-from wire.outcomes import NO_CLICK
+from wire.outcomes import NO_CLICK, PAULI_BASES
+
+TURNS_RAD = -np.pi / 4, np.pi / 4  # about Y, that bring Z+X and Z-X to Z
 
 
 class Sabot:
@@ -124,12 +126,19 @@ class Sabot:
                     share.component.state.gate(clifford, share.qubit, other.qubit)
 
     def measure(self, register: Register, bases: Bytes, draws: PhotonDraws) -> Bytes:
-        """Measure and discard every qubit in its own basis: 0 Z, 1 X, 2 Y.
+        """Measure and discard every qubit in its own basis: 0 Z, 1 X, 2 Y, 3 Z+X, 4 Z-X.
 
-        All arrays have shape (k,); the outcome of a lost qubit is NO_CLICK.
+        All arrays have shape (k,); the outcome of a lost qubit is NO_CLICK. Raise TooLarge, with
+        nothing changed, if the last two would need state vectors beyond the limits.
         """
+        if (bases >= PAULI_BASES).any():
+            self.require_capacity(register, [DIAGONAL])
         self._store.divide(register, bases)
         for share in register.shares:
+            if bases[share.first] >= PAULI_BASES:
+                dense = self._store.make_dense(share.component)
+                dense.gate("RY", share.qubit, angle_rad=TURNS_RAD[bases[share.first] - PAULI_BASES])
+                continue
             if bases[share.first] == 2:
                 share.component.state.gate("S_DAG", share.qubit)
             if bases[share.first]:

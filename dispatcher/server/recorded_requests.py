@@ -26,6 +26,8 @@ REQUESTS: dict[str, type[Any]] = {
     "discard": messages.DiscardRequest,
     "gather": messages.GatherRequest,
     "resend": messages.ResendRequest,
+    "attempt": messages.AttemptRequest,
+    "herald": messages.HeraldRequest,
     "split": messages.SplitRequest,
     "look": messages.LookRequest,
     "cross_connect": messages.CrossConnectRequest,

@@ -13,6 +13,7 @@ from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.origin import caused_by, describe_request
 from dispatcher.operations.blocks import Operations
 from dispatcher.operations.gathering import Gathering
+from dispatcher.operations.heralding import Heralding
 from dispatcher.operations.measurements import Measurements
 from dispatcher.operations.operation_handlers import acts
 from dispatcher.operations.resending import Resending
@@ -67,7 +68,7 @@ class Service(DispatcherServicer):
         self.switching = Switching(layer)
         self._operations = Operations(layer)
         parts = self._operations, Measurements(layer), self.transport, Gathering(layer)
-        self._acts = acts(*parts, Resending(layer), Splitting(layer))
+        self._acts = acts(*parts, Resending(layer), Splitting(layer), Heralding(layer))
         self._changes = changes(layer, self.switching)
 
     async def Challenge(
@@ -145,6 +146,20 @@ class Service(DispatcherServicer):
     ) -> messages.Feedback:
         """Measure photons and put new ones in their places."""
         return await self._act(node, "resend", request)
+
+    @call
+    async def Attempt(
+        self, request: messages.AttemptRequest, node: str, _context: Context
+    ) -> messages.Feedback:
+        """Let qubits of a memory attempt to be heralded."""
+        return await self._act(node, "attempt", request)
+
+    @call
+    async def Herald(
+        self, request: messages.HeraldRequest, node: str, _context: Context
+    ) -> messages.Feedback:
+        """Herald pairs of two hosts."""
+        return await self._act(node, "herald", request)
 
     @call
     async def Split(

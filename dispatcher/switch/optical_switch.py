@@ -125,6 +125,26 @@ class OpticalSwitch:
         self._count(in_port, light, passed)
         return passed
 
+    def transmission(
+        self, in_port: int, out_port: int, times_ns: Times, frequency_mhz: int
+    ) -> NDArray[np.float64]:
+        """Return how likely a photon of this colour passes a path that is open, shape (k,)."""
+        everything = np.ones(len(times_ns), dtype=bool)
+        light = Light(everything, everything, times_ns, frequency_mhz)
+        passes = self._filtered(everything, self.ports[in_port].rx_mhz, light)
+        passes = self._filtered(passes, self.ports[out_port].tx_mhz, light)
+        loss_db = np.asarray(self._loss_db(in_port, out_port, times_ns))
+        return passes * 10 ** (-loss_db / 10)
+
+    def count_through(self, in_port: int, out_port: int, came: int, left: int) -> None:
+        """Count photons that came by one port, and those of them that left by another."""
+        self.ports[in_port].photons_in += came
+        self.ports[in_port].photons_lost += came - left
+        self.ports[out_port].photons_out += left
+        circuit = self.timeline.circuit_of(in_port)
+        if circuit is not None:
+            circuit.photons += left
+
     def lose(self, in_port: int, photons: int) -> None:
         """Count photons that came by a port and go nowhere."""
         self.ports[in_port].photons_in += photons

@@ -113,6 +113,10 @@ class Timeline:
         """The number of each open connection's circuit, by in_port."""
         return {in_port: interval.circuit.number for in_port, interval in self._open()}
 
+    def circuit_of(self, in_port: int) -> Circuit | None:
+        """Return the circuit of the connection that is open at an input, None if none is."""
+        return next((interval.circuit for port, interval in self._open() if port == in_port), None)
+
     def circuits(self, now_ns: int) -> list[Circuit]:
         """Return the circuits that are open or were not long ago."""
         recent = [c for c in self._circuits.values() if c.closed_ns >= now_ns - REMEMBERED_NS]

@@ -58,6 +58,14 @@ class Stored:
 
 
 @dataclass(frozen=True)
+class Heralds:
+    """What a station tells of a block of attempts."""
+
+    states: Symbols  # shape (n,): the Bell state of each pair, 0 Phi+, 1 Psi+, 2 Phi-, 3 Psi-
+    attempts: int  # those of all modes
+
+
+@dataclass(frozen=True)
 class Directions:
     """Directions on the Bloch sphere, of k photons; both of shape (k,)."""
 
@@ -102,6 +110,17 @@ class Qnic(Protocol):
 
         Return what the memory has taken, when the last photon has reached the far end.
         """
+
+    async def attempt(self, block: BlockName, port: str, wavelength_pm: int) -> None:
+        """Let qubits of the memory attempt to emit into a port, as half of a block to be heralded.
+
+        The block is in the memory when the station has told of it.
+        """
+
+    async def herald(
+        self, session: int, number: int, count: int, ports: tuple[str, str], timeout_s: float
+    ) -> Heralds:
+        """Herald so many pairs of qubits whose light comes to two ports, or those of the time."""
 
     async def modulate(
         self,

@@ -18,6 +18,7 @@ from hosts.hardware.qnic import (
     Coincidences,
     Directions,
     HardwareError,
+    Heralds,
     LocalGate,
     NoLight,
     Positions,
@@ -30,6 +31,7 @@ from hosts.timeouts import DISPATCHER_TIMEOUT_S
 from wire import dibits
 from wire.dispatcher_pb2 import (
     ApplyRequest,
+    AttemptRequest,
     BellMeasureRequest,
     BlockId,
     CreateRequest,
@@ -37,6 +39,7 @@ from wire.dispatcher_pb2 import (
     Feedback,
     Gate,
     GatherRequest,
+    HeraldRequest,
     Launch,
     LookRequest,
     MeasureRequest,
@@ -107,6 +110,22 @@ class SimulatedQnic:
             Step(create=create), Step(store=StoreRequest(block=near)), Step(send=send)
         )
         return _stored(stored.arrived, sent)
+
+    async def attempt(self, block: BlockName, port: str, wavelength_pm: int) -> None:
+        """Let qubits of the memory attempt to emit into a port."""
+        frequency = frequency_mhz(wavelength_pm)
+        attempt = AttemptRequest(block=_named(block), port=port, frequency_mhz=frequency)
+        await self._orders.perform(Step(attempt=attempt))
+
+    async def herald(
+        self, session: int, number: int, count: int, ports: tuple[str, str], timeout_s: float
+    ) -> Heralds:
+        """Herald pairs of qubits whose light comes to two ports."""
+        request = HeraldRequest(
+            session=session, number=number, count=count, ports=ports, timeout_s=timeout_s
+        )
+        (feedback,) = await self._orders.perform(Step(herald=request))
+        return Heralds(np.frombuffer(feedback.outcomes, dtype=np.uint8), feedback.attempts)
 
     async def modulate(
         self,

@@ -97,12 +97,22 @@ VERBS: Mapping[str, Verb] = MappingProxyType(
                     "metavar": "P",
                     "help": f"that the key is not secret, at most ({KEYS.epsilon:g})",
                 },
+                "chsh_fraction": {
+                    "metavar": "F",
+                    "help": "e91: of the receiver's photons, for the CHSH test "
+                    f"({KEYS.chsh_fraction:g})",
+                },
+                "chsh_margin": {
+                    "metavar": "M",
+                    "help": "e91: no key unless S is above 2 by this, or by five standard errors "
+                    f"({KEYS.chsh_margin:g})",
+                },
                 "bound": {
                     "choices": tuple(BOUNDS),
                     "help": f"of the key's length: proven, or that of endless keys ({KEYS.bound})",
                 },
             },
-            ("bb84", "bbm92"),
+            ("bb84", "bbm92", "e91"),
             eavesdropper=True,
             keys=True,
         ),

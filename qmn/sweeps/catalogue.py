@@ -18,6 +18,7 @@ from qmn.sweeps.polarization import MODES, POLARIZATION
 from qmn.sweeps.scheduling import SCHEDULE
 from qmn.sweeps.seal import SEAL
 from qmn.sweeps.seeds import point_seed
+from qmn.sweeps.spied_pairs import SPIED_PAIRS
 from qmn.sweeps.superdense import SUPERDENSE
 from qmn.sweeps.teleportation import SWAP, TELEPORT
 from qmn.sweeps.timing import TIMING
@@ -31,6 +32,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         TELEPORT,
         SWAP,
         CHSH,
+        SPIED_PAIRS,
         HOM,
         DEAD,
         GATED_BELL,

@@ -203,6 +203,26 @@ SHEETS = (
         ],
     ),
     Sheet(
+        "spied-pairs",
+        "spied-pairs",
+        {"fraction": "0:1:6", "fidelity": [0.9, 1.0], "pairs": 200_000},
+        [
+            Curve(
+                f"spied-pairs-{measure}",
+                f"E91, of which eve measures and resends a fraction f: {text}",
+                "fraction",
+                "fraction f",
+                measure,
+                by=["fidelity"],
+                levels=levels,
+            )
+            for measure, text, levels in (
+                ("chsh", "S (1 - f/2)", [(2.0, "no key: at most 2")]),
+                ("qber", "error rate", [(0.11, "no key")]),
+            )
+        ],
+    ),
+    Sheet(
         "interference",
         "hom",
         {"delay_ps": "-3:3:13", "visibility": [0.7, 0.9, 1.0], "pairs": 400_000},

@@ -4,6 +4,7 @@ import csv
 import json
 import re
 import subprocess
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -148,6 +149,25 @@ def test_a_message_survives_the_cut_of_a_fibre() -> None:
     ways = re.findall(r"^now by (.*)$", printed, re.MULTILINE)
     assert len(ways) == 3
     assert not any({"q1 q2", "q2 q1"} & {way[i : i + 5] for i in range(len(way))} for way in ways)
+
+
+def test_an_alarm_closes_the_fibre_that_somebody_taps() -> None:
+    printed = run("script", str(EXAMPLES / "watched.py"))
+    moments = re.findall(r"^ *[0-9.]+ s  (.*)$", printed, re.MULTILINE)
+    tapped = moments.index("somebody measures 0.5 of the photons between q2 and q3")
+    closed = moments.index("closed: q2 to q3")
+    assert "message arrived: True" in moments[:tapped]
+    assert any(each.startswith("charlie to bob: whole") for each in moments[:tapped])
+    assert not any("ALARM" in each for each in moments[:tapped])
+    (alarm,) = (each for each in moments if "ALARM" in each)
+    assert alarm.startswith("charlie to bob: ALARM")
+    assert tapped < moments.index(alarm) < closed
+    # There a quarter of the symbols at least would be wrong: X and Z, each of one photon in eight.
+    assert "message arrived: True, errors 0" in moments[closed:]
+    ways = [each.split()[2:] for each in moments[closed:] if each.startswith("now by")]
+    assert len(ways) == 3
+    for way in ways:
+        assert {"q2", "q3"} not in map(set, pairwise(way))
 
 
 def test_the_sweep_measures_every_code(tmp_path: Path) -> None:

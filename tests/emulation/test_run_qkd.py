@@ -15,7 +15,7 @@ import wire.dissection.scapy_layers  # noqa: F401 (binds the layers)
 from wire.dissection.scapy_keys import QKey, key_messages
 from wire.qkd import Confirm, Proposal
 
-FIBERS = {"bb84": 2, "bbm92": 4}  # that two correlated outcomes have passed together
+FIBERS = {"bb84": 2, "bbm92": 4, "e91": 4}  # that two correlated outcomes have passed together
 
 
 def run_qkd(runs: Path, *words: str) -> tuple[subprocess.CompletedProcess[str], dict[str, Any]]:
@@ -119,6 +119,18 @@ def test_eve_on_the_fibre_causes_a_quarter_of_her_fraction_in_errors(
     assert eve["photons"] == told["photons"]
     spread = 5 * sqrt(eve["photons"] * fraction * (1 - fraction))
     assert abs(eve["measured"] - fraction * eve["photons"]) < spread
+
+
+def test_s_of_e91_is_that_of_pairs_of_which_eve_has_measured_some(tmp_path: Path) -> None:
+    """S = 2 sqrt 2 (1 - f / 2), of four correlations; with a margin of .75 it gives no key."""
+    fraction = 0.2
+    words = ("--protocol", "e91", "--eve", str(fraction), "--count", "20000")
+    done, result = run_qkd(tmp_path, *words, "--chsh-margin", "0.75")
+    assert done.returncode == 1
+    told, s = result["asking"], 2 * sqrt(2) * (1 - fraction / 2)
+    assert abs(told["chsh"] - s) < 5 * sqrt(16 * (1 - (s / 4) ** 2) / told["chsh_pairs"])
+    assert f"S is {told['chsh']:.4f} of {told['chsh_pairs']} pairs" in done.stderr
+    assert told["key_bits"] == 0
 
 
 def test_if_eve_measures_everything_the_key_is_refused(tmp_path: Path) -> None:

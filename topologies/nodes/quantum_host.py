@@ -114,6 +114,7 @@ class QuantumHost(ClassicalHost):
             qnic=self.qnic,
             qnic_parameters=self.qnic_parameters,
             features=network.devices[self.name].features.value,
+            stations=[name for name, each in network.devices.items() if each.is_station],
             memory_qubits=network.devices[self.name].memory.capacity,
             multi_photon=network.devices[self.name].source.multi_photon,
             intensities=list(network.devices[self.name].source.intensities),

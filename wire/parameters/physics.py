@@ -10,11 +10,22 @@ from functools import reduce
 from operator import or_
 from typing import Any, Self
 
-from wire.features import EMIT, GATE, MEASURE, NOTHING, STORE, Abilities, Feature
+from wire.features import (
+    EMIT,
+    GATE,
+    HERALD,
+    INTERFERE,
+    MEASURE,
+    NOTHING,
+    STORE,
+    Abilities,
+    Feature,
+)
 
 BELL_STATES = ("Phi+", "Psi+", "Phi-", "Psi-")  # as Bell measurements number them
 ENCODINGS = ("polarization", "time-bin")
 ANALYSERS = ("complete", "linear", "gates")  # kinds of Bell analysers
+SCHEMES = ("none", "two-click", "single-click")  # of heralding
 SUM_TOLERANCE = 1e-9  # by which probabilities may miss 1
 
 
@@ -224,6 +235,28 @@ class BellAnalyser:
 
 
 @dataclass(frozen=True)
+class Emitter:
+    """The optical interface of a memory whose qubits emit photons that are entangled with them.
+
+    Each attempt prepares a qubit and lets it emit; a station between two such hosts heralds.
+    """
+
+    # two-click: each qubit emits a photon in one of two modes (Barrett, Kok, Phys. Rev. A 71,
+    # 060310); single-click: it does so or not (Cabrillo et al., Phys. Rev. A 59, 1025).
+    scheme: str = choice(*SCHEMES)
+    efficiency: float = parameter(1.0, 0.0, 1.0)  # of an attempt: its photon is in the fibre
+    bright_state: float = parameter(0.05, 0.0, 1.0)  # single-click: alpha, how likely it emits
+    fidelity: float = parameter(1.0, 0.25, 1.0)  # of qubit and photon; the other Bell states alike
+    phase_rad: float = parameter(0.0, 0.0, 10.0)  # single-click: rms error of the light's phase
+    preparation_s: float = parameter(0.0, 0.0, 10.0)  # of the qubits, before each attempt
+    modes: int = parameter(1, 1, 1_000_000)  # qubits that attempt at the same time
+
+    def check(self, where: str) -> None:
+        """Raise BadParameter for what no emitter is like."""
+        check(where, self)
+
+
+@dataclass(frozen=True)
 class Device:
     """The quantum hardware of one host."""
 
@@ -232,6 +265,7 @@ class Device:
     detectors: Detectors = Detectors()
     analyser: BellAnalyser = BellAnalyser()
     gates: Gates = Gates()
+    emitter: Emitter = Emitter()
 
     @property
     def features(self) -> Feature:
@@ -241,8 +275,15 @@ class Device:
             STORE: self.memory.capacity > 0,
             GATE: self.gates.kind == "any",
             MEASURE: self.detectors.efficiency > 0,
+            HERALD: self.emitter.scheme != "none" and self.memory.capacity > 0,
+            INTERFERE: self.detectors.efficiency > 0 and self.analyser.kind != "gates",
         }
         return reduce(or_, (feature for feature, has in there.items() if has), NOTHING)
+
+    @property
+    def is_station(self) -> bool:
+        """Return whether the host heralds pairs of memories that emit, and makes none itself."""
+        return INTERFERE in self.features and EMIT not in self.features
 
     @property
     def abilities(self) -> Abilities:
@@ -265,6 +306,7 @@ class Device:
             Detectors(**given.get("detectors", {})),
             BellAnalyser(**given.get("analyser", {})),
             Gates(**given.get("gates", {})),
+            Emitter(**given.get("emitter", {})),
         )
 
     def check(self, where: str) -> None:

@@ -15,6 +15,7 @@ from dispatcher.sabot.gates import ROTATIONS, TWO_QUBIT_GATES
 from dispatcher.sabot.registers import Mask, Pick, Register
 from dispatcher.sabot.remote.workspace import Workspace
 from wire import sabot_pb2 as messages
+from wire.outcomes import BASES
 
 SEED = re.compile(r"-?\d{1,100}")
 MAX_PURPOSE = 200  # letters
@@ -39,10 +40,10 @@ def packed_mask(bits: Mask) -> bytes:
 
 
 def bases(values: bytes, register: Register) -> Bytes:
-    """Return the basis of each qubit: 0 Z, 1 X, 2 Y."""
+    """Return the basis of each qubit, by its number in wire.outcomes."""
     if not values:
         return np.zeros(register.size, dtype=np.uint8)
-    return limits.packed("bases", values, register.size, 2)
+    return limits.packed("bases", values, register.size, len(BASES) - 1)
 
 
 def paulis(values: bytes, register: Register) -> Bytes | None:

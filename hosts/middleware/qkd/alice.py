@@ -31,6 +31,8 @@ from wire.qkd import (
     AskBlocks,
     AskIntervals,
     AskSyndrome,
+    BellAnswer,
+    BellTest,
     Confirm,
     Detections,
     Disclosed,
@@ -54,6 +56,7 @@ class Alice(End):
         self._decoys = decoys
         self._records: deque[Record] = deque()
         self._early: deque[Detections] = deque()
+        self._tests: deque[BellTest] = deque()  # likewise
         self._enough = False
 
     def start(self) -> list[bytes]:
@@ -80,6 +83,8 @@ class Alice(End):
 
     def _handle(self, message: QkdMessage) -> list[QkdMessage]:
         match self.state, message:
+            case State.SIFTING, BellTest() if self._parameters.chsh_fraction:
+                return self._tested(message)
             case State.SIFTING, Detections():
                 return self._announced(message)
             case State.ESTIMATING, Disclosed():
@@ -93,10 +98,19 @@ class Alice(End):
                 return self._confirmed(message)
         raise out_of_place(message, self.state)
 
+    def _tested(self, message: BellTest) -> list[QkdMessage]:
+        number = self.blocks_sifted + len(self._tests)
+        if message.block != number or len(self._tests) > len(self._early):
+            raise SessionFailed(AbortReason.PROTOCOL, f"a test of block {message.block}")
+        self._tests.append(message)
+        return []
+
     def _announced(self, message: Detections) -> list[QkdMessage]:
         number = self.blocks_sifted + len(self._early)
         if message.block != number or len(self._early) == MAX_EARLY:
             raise SessionFailed(AbortReason.PROTOCOL, f"block {message.block}, not {number}")
+        if self._parameters.chsh_fraction and len(self._tests) <= len(self._early):
+            raise SessionFailed(AbortReason.PROTOCOL, f"block {number} without a CHSH test")
         self._early.append(message)
         return self._sift()
 
@@ -104,10 +118,26 @@ class Alice(End):
         """Answer the announcements of blocks that have ended here; go on if that was all."""
         answers: list[QkdMessage] = []
         while self._records and self._early:
-            answers.append(self._sift_block(self._records.popleft(), self._early.popleft()))
+            record = self._records.popleft()
+            if self._parameters.chsh_fraction:
+                answers.append(self._compare_tests(record, self._tests.popleft()))
+            answers.append(self._sift_block(record, self._early.popleft()))
         if self._enough and not self._records:
             answers += self._disclose()
         return answers
+
+    def _compare_tests(self, record: Record, message: BellTest) -> BellAnswer:
+        if message.photons != record.photons:
+            raise SessionFailed(
+                AbortReason.PROTOCOL, f"a test of {message.photons} photons, not {record.photons}"
+            )
+        tested = unpack(message.tested, record.photons).astype(bool)
+        count = int(tested.sum())
+        settings, theirs = unpack(message.settings, count), unpack(message.bits, count)
+        clicked = record.clicked[tested]
+        bases, mine = record.bases[tested][clicked], record.outcomes[tested][clicked]
+        self.bell.add(bases, settings[clicked], mine ^ theirs[clicked])
+        return BellAnswer(message.block, count, pack(clicked), pack(bases), pack(mine))
 
     def _sift_block(self, record: Record, detections: Detections) -> Sifted:
         if detections.photons != record.photons:
@@ -125,6 +155,7 @@ class Alice(End):
         return Sifted(detections.block, clicks, pack(kept))
 
     def _disclose(self) -> list[QkdMessage]:
+        self._judge_bell()
         whole, size = self._whole(), self._sample_size()
         if size == 0:
             raise SessionFailed(AbortReason.TOO_SHORT, f"{whole.size} sifted bits are too few")

@@ -24,6 +24,8 @@ from hosts.middleware.qkd.verification import HASH_KEY_BYTES, key_tag
 from wire.qkd import (
     AbortReason,
     Amplify,
+    BellAnswer,
+    BellTest,
     Confirm,
     Detections,
     Disclosed,
@@ -45,6 +47,7 @@ class Bob(End):
         super().__init__(terms)
         self._records: deque[Record] = deque()
         self._blocks = 0  # announced
+        self._answered = -1  # block, of whose tests alice has told
         self.state = State.OPENING
 
     def add_block(self, record: Record) -> list[bytes]:
@@ -53,12 +56,16 @@ class Bob(End):
             return []
         if self.state not in (State.OPENING, State.SIFTING):
             raise ValueError("a block after the end of sifting: open a new session for it")
-        return self._attempt(lambda: [self._announce(record)])
+        if (record.tests is None) is not (not self._parameters.chsh_fraction):
+            raise ValueError("tests are for CHSH, and CHSH needs them: give both or none")
+        return self._attempt(lambda: [*self._tests(record), self._announce(record)])
 
     def _handle(self, message: QkdMessage) -> list[QkdMessage]:
         match self.state, message:
             case State.OPENING, Proposal():
                 return self._agree(message)
+            case State.SIFTING, BellAnswer() if self._records:
+                return self._count_tests(message)
             case State.SIFTING, Sifted():
                 return self._sift(message)
             case State.SIFTING, Intensities():
@@ -80,6 +87,27 @@ class Bob(End):
         self.state = State.SIFTING
         return []
 
+    def _tests(self, record: Record) -> list[QkdMessage]:
+        tests = record.tests
+        if tests is None:
+            return []
+        packed = pack(tests.tested), pack(tests.settings), pack(tests.bits)
+        return [BellTest(self._blocks, record.photons, *packed)]
+
+    def _count_tests(self, message: BellAnswer) -> list[QkdMessage]:
+        tests = self._records[0].tests
+        due, count = self._blocks - len(self._records), 0 if tests is None else tests.bits.size
+        if tests is None or (message.block, message.tests) != (due, count) or self._answered == due:
+            raise SessionFailed(
+                AbortReason.PROTOCOL, f"an answer of tests of block {message.block}"
+            )
+        self._answered = due
+        clicked = unpack(message.clicked, count).astype(bool)
+        both = int(clicked.sum())
+        bases, theirs = unpack(message.bases, both), unpack(message.bits, both)
+        self.bell.add(bases, tests.settings[clicked], theirs ^ tests.bits[clicked])
+        return []
+
     def _announce(self, record: Record) -> Detections:
         self._records.append(record)
         self._blocks += 1
@@ -92,6 +120,8 @@ class Bob(End):
         if not self._records or message.block != due:
             raise SessionFailed(AbortReason.PROTOCOL, f"block {message.block}, not {due}")
         record = self._records.popleft()
+        if record.tests is not None and self._answered != due:
+            raise SessionFailed(AbortReason.PROTOCOL, f"block {due} without an answer of its tests")
         clicks = int(record.clicked.sum())
         if message.clicks != clicks:
             raise SessionFailed(AbortReason.PROTOCOL, f"{message.clicks} clicks, not {clicks}")
@@ -117,6 +147,7 @@ class Bob(End):
                 AbortReason.PROTOCOL,
                 f"a sample of {message.size} of {message.sifted} bits, not {size} of {whole.size}",
             )
+        self._judge_bell()
         mask = self._sample_of(size, message.seed)
         self._raw = whole[~mask]
         disclosed = Disclosed(size, pack(whole[mask]))

@@ -19,6 +19,7 @@ from hosts.middleware.qkd.authentication import (
     KeyPool,
     KeyPoolExhausted,
 )
+from hosts.middleware.qkd.bell_test import Correlations
 from hosts.middleware.qkd.bits import NO_BITS, Bits, Mask
 from hosts.middleware.qkd.decoy import TEST_BASIS, Decoys, Sifted, bounds
 from hosts.middleware.qkd.estimation import Estimate, sample_mask, sample_size
@@ -114,6 +115,7 @@ class End(ABC):
         self._counts: Sifted | None = None  # of those, once the sample is disclosed
         self._raw: Bits = NO_BITS  # what is left of them to make a key of
         self._estimate: Estimate | None = None
+        self.bell = Correlations()
         self._errors = self._leaked = 0
         self.state = State.SIFTING
         self.failure: Failure | None = None
@@ -262,6 +264,18 @@ class End(ABC):
             )
         if self._key_length(int(self._raw.size * binary_entropy(estimate.qber))) == 0:
             raise SessionFailed(AbortReason.TOO_SHORT, self._too_short(), *first)
+
+    def _judge_bell(self) -> None:
+        """Raise SessionFailed if there is a CHSH test, and it shows no entanglement."""
+        if not self._parameters.chsh_fraction:
+            return
+        bell, least = self.bell, self.bell.least(self._parameters.chsh_margin)
+        if not bell.s > least:
+            raise SessionFailed(
+                AbortReason.LOCAL,
+                f"S is {bell.s:.4f} of {bell.pairs} pairs, and must be above {least:.4f}: "
+                "noise, an eavesdropper, or too few tests",
+            )
 
     def _key_length(self, leaked_bits: int) -> int:
         assert self._estimate

@@ -29,6 +29,8 @@ class Parameters:
     bound: Bound = Bound.FINITE
     reconciliation: Reconciliation = Reconciliation.CASCADE
     multi_photon: float = 0.0  # how likely a pulse of alice's source has several photons
+    chsh_fraction: float = 0.0  # of bob's photons, for a CHSH test that decides; 0: there is none
+    chsh_margin: float = 0.0  # by which S has to be above 2, if not by five standard errors
 
     def __post_init__(self) -> None:
         for name in ("test_fraction", "max_qber", "eps_sec", "eps_cor"):
@@ -36,6 +38,9 @@ class Parameters:
                 raise ValueError(f"{name} is {getattr(self, name)}, not between 0 and 1")
         if not 0 <= self.multi_photon < 1:
             raise ValueError(f"multi_photon is {self.multi_photon}, not 0 to less than 1")
+        for name in ("chsh_fraction", "chsh_margin"):
+            if not 0 <= getattr(self, name) < 1:
+                raise ValueError(f"{name} is {getattr(self, name)}, not 0 to less than 1")
         if self.max_qber >= ZERO_RATE_QBER:
             raise ValueError(
                 f"max_qber is {self.max_qber}: at {ZERO_RATE_QBER} no key is secret, stay below"

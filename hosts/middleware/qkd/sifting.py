@@ -5,11 +5,12 @@ answers which of those it keeps. In BB84 the end that prepared the light answers
 bases are told only after the measurement; in BBM92 either may.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hosts.middleware.qkd.bell_test import BellOutcomes
 from hosts.middleware.qkd.bits import Bits, Mask
 from wire.outcomes import NO_CLICK
 
@@ -24,6 +25,8 @@ class Record:
     bases: Bits
     outcomes: NDArray[np.uint8]
     levels: Bits | None = None  # of an end that prepared light of several intensities: which
+    # Of bob, where a CHSH test decides; these photons have no outcome above.
+    tests: BellOutcomes | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         if self.bases.shape != self.outcomes.shape or self.bases.ndim != 1:

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from hosts.middleware.services.distribution import distribute
-from hosts.middleware.services.key_distribution import bb84, bbm92
+from hosts.middleware.services.key_distribution import bb84, bbm92, e91
 from hosts.middleware.services.sealing import seal
 from hosts.middleware.services.superdense import superdense
 from hosts.middleware.services.swapping import swap
@@ -20,6 +20,7 @@ KINDS: Mapping[Service, ServiceKind] = MappingProxyType(
             superdense.RETURN_KIND,
             bb84.KIND,
             bbm92.KIND,
+            e91.KIND,
             distribute.KIND,
             seal.KIND,
             swap.KIND,

@@ -18,6 +18,10 @@ REMEDIES = {
     "place, or give it some (gates.kind)",
     Reason.CANNOT_MEASURE: "has no detectors that click (feature measure): take another host in "
     "its place, or give it some (detectors.efficiency)",
+    Reason.CANNOT_HERALD: "has no memory whose qubits emit (feature herald): take another host in "
+    "its place, or give it one (emitter.scheme)",
+    Reason.CANNOT_INTERFERE: "is no station in which light of others interferes (feature "
+    "interfere): take another host in its place, or give it an analyser (analyser.kind linear)",
 }
 
 

@@ -4,10 +4,17 @@ import asyncio
 import math
 from dataclasses import dataclass, replace
 
-from hosts.hardware.qnic import HardwareError
+from hosts.hardware.qnic import HardwareError, Heralds
 from hosts.middleware.session.channel import MetadataChannel, SessionError
+from hosts.middleware.session.station_words import heralds_of
 from hosts.network_loop import now_s, wall_sleep
-from hosts.timeouts import ANSWER_TIMEOUT_S, DISCOVERY_TIMEOUT_S, FREEING_TIMEOUT_S, RETRY_PAUSE_S
+from hosts.timeouts import (
+    ANSWER_TIMEOUT_S,
+    DISCOVERY_TIMEOUT_S,
+    FREEING_TIMEOUT_S,
+    HERALD_TIMEOUT_S,
+    RETRY_PAUSE_S,
+)
 from wire.metadata import Answer, Emit, Reason, Service, Setup
 
 
@@ -80,6 +87,15 @@ class Arrangement:
         async with self._source_turn:  # its answers carry no number
             emit = Emit(self._setup.session, block, pairs, rate_hz)
             await self._pairs.request(emit, ANSWER_TIMEOUT_S + pairs / rate_hz)
+
+    async def herald(self, block: int, pairs: int) -> Heralds:
+        """Have the station herald pairs of a block; return what it tells when its time is over."""
+        assert self._pairs is not None
+        session = self._setup.session
+        async with self._source_turn:  # its answers carry no number
+            emit = Emit(session, block, pairs, self._setup.rate_hz)
+            await self._pairs.request(emit, HERALD_TIMEOUT_S)
+            return await heralds_of(self._pairs, block, pairs)
 
     async def give_up(self, error: SessionError | HardwareError) -> None:
         """Tell the peer, if there is a session yet, why it ends."""

@@ -1,14 +1,19 @@
 """Light that hosts offer: set-ups that ask for other light are refused."""
 
 from hosts.middleware.session.channel import SessionError
-from wire.metadata import Reason, Setup
+from wire.metadata import MemoryState, Reason, Service, Setup
 from wire.optical import frequency_mhz
+from wire.services import HERALDED_LIGHT
+
+MEMORY_OF = dict.fromkeys(HERALDED_LIGHT, tuple(MemoryState))  # of other services: any
 
 
 def check_light(setup: Setup) -> None:
     """Raise SessionError for light that no host here makes, takes or keeps."""
+    if setup.memory not in MEMORY_OF.get(Service(setup.service), (MemoryState.ANY,)):
+        text = f"memory {setup.memory} for {Service(setup.service).name.lower()}: choose 0"
+        raise SessionError(Reason.UNSUPPORTED, text)
     wanted = {
-        "memory": setup.memory,
         "polarisation basis": setup.polarization,
         "phase": setup.phase_mrad,
     }

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hosts.hardware.qnic import BlockName, NoLight, Qnic, Stored
+from hosts.hardware.qnic import BlockName, Heralds, NoLight, Qnic, Stored
 from hosts.middleware.session.arrangement import Arrangement
 from hosts.middleware.session.channel import MetadataChannel, SessionError, unexpected
 from hosts.middleware.session.host_resources import HostResources
@@ -153,6 +153,16 @@ class OpenerEnd(End):
             return await self.stored(light, count)
         finally:
             light.cancel()
+
+    async def heralded(self, number: int, count: int) -> Heralds:
+        """Have pairs heralded with qubits of this host that emit, as many as come; return them.
+
+        The other end's attempt when it has agreed.
+        """
+        name, port = self.block(number), self.qnic.ports[0]
+        await self.channel.request(values(self.setup.session, Topic.COMING, number, [count], 32))
+        await self.qnic.attempt(name, port, self.setup.wavelength_pm)
+        return await self.arrangement.herald(number, count)
 
     async def _own_pairs(self, number: int, count: int) -> Stored:
         setup, port = self.setup, self.qnic.ports[-1]

@@ -30,8 +30,8 @@ from hosts.middleware.session.service import (
 from hosts.middleware.session.service_options import SessionOptions
 from hosts.timeouts import IDLE_TIMEOUT_S, REPORT_TIMEOUT_S
 from wire.features import NOTHING, Abilities
-from wire.metadata import Answer, Finish, Handshake, Reason, Service, Setup
-from wire.services import Role, fibers_needed, uses_source
+from wire.metadata import Answer, Finish, Handshake, MemoryState, Reason, Service, Setup
+from wire.services import Making, Role, fibers_needed, uses_source
 
 CERTAIN_PPM = 1_000_000
 
@@ -59,7 +59,8 @@ class OpeningSession:
         is_source: bool,
     ) -> None:
         kind.check(setup)
-        require_fibers(setup, Role.OPENER, means.qnic, is_source)
+        self._by = making(setup, is_source)
+        require_fibers(setup, Role.OPENER, means.qnic, self._by)
         self._kind, self._options, self._means = kind, options, means
         self._arrangement, self._setup, self._is_source = arrangement, setup, is_source
         self._end: OpenerEnd | None = None
@@ -102,7 +103,7 @@ class OpeningSession:
             connection = ConnectionEnd(self._means.qnic, self._setup, channel)
             pairs, theirs, lifetimes = await abilities.hear(connection)
             self._setup = replace(self._setup, pairs=pairs)
-        if uses_source(self._kind.service, self._is_source):
+        if uses_source(self._kind.service, self._by):
             await self._arrangement.engage_source()
         return OpenerEnd(
             self._means.qnic,
@@ -153,7 +154,7 @@ class AcceptingSession:
     ) -> None:
         check_asked(setup, kind.handshakes)
         self._accepted = kind.accepts(means, setup)
-        require_fibers(setup, Role.ACCEPTOR, means.qnic)
+        require_fibers(setup, Role.ACCEPTOR, means.qnic, making(setup, False))
         self._kind, self._means, self._channel, self._setup = kind, means, channel, setup
         self._end: AcceptorEnd | None = None
         self.answer: Answerer | None = None  # to the application's questions, if it may ask
@@ -209,7 +210,8 @@ class AcceptingSession:
 
 def require_source(service: Service, source: str, is_source: bool, peer: str) -> None:
     """Raise SessionError for a source of pairs that cannot be the one of this service."""
-    if uses_source(service, is_source) and (is_source or source == peer):
+    by = Making.OPENER if is_source else Making.SOURCE
+    if uses_source(service, by) and (is_source or source == peer):
         name = service.name.lower()
         text = f"{name} with pairs of {source}, one of its ends: name another host as source"
         raise SessionError(Reason.UNSUPPORTED, text)
@@ -231,10 +233,17 @@ def check_asked(setup: Setup, handshakes: Sequence[Handshake]) -> None:
         raise SessionError(Reason.UNSUPPORTED, text)
 
 
-def require_fibers(setup: Setup, role: Role, qnic: Qnic, own_source: bool = False) -> None:
+def making(setup: Setup, is_source: bool) -> Making:
+    """Return who makes the pairs of a session; is_source: its opener is their source."""
+    if setup.memory == MemoryState.HERALDED:
+        return Making.STATION
+    return Making.OPENER if is_source else Making.SOURCE
+
+
+def require_fibers(setup: Setup, role: Role, qnic: Qnic, by: Making = Making.SOURCE) -> None:
     """Raise SessionError if this host has fewer fibres than its role needs."""
     service = Service(setup.service)
-    needed, there = fibers_needed(service, role, own_source), len(qnic.ports)
+    needed, there = fibers_needed(service, role, by), len(qnic.ports)
     if there < needed:
         text = (
             f"{role.value} of {service.name.lower()} needs {needed} fibres, this host has {there}"

@@ -242,5 +242,6 @@ def test_devices_are_shown_with_what_they_can_do() -> None:
     network = announced({BOB: Abilities(STORE | MEASURE, 32), CHARLIE: None})
     view = abilities_view(network)
     assert view["bob"] == {"features": ["store", "measure"], "memory_qubits": 32}
-    assert view["alice"]["features"] == ["emit", "store", "gate", "measure"]
+    features = ["emit", "store", "gate", "measure", "herald", "interfere"]
+    assert view["alice"]["features"] == features
     assert "charlie" not in view

@@ -276,16 +276,16 @@ REFUSED = [
     (
         "alice",
         "Measure",
-        MeasureRequest(block=MINE, bases=bytes((0, 1, 2, 3))),
+        MeasureRequest(block=MINE, bases=bytes((0, 1, 2, 5))),
         Code.INVALID_ARGUMENT,
-        r"bases\[3\] is 3",
+        r"bases\[3\] is 5",
     ),
     (
         "alice",
         "Measure",
-        MeasureRequest(block=MINE, basis=3),  # type: ignore[arg-type]
+        MeasureRequest(block=MINE, basis=5),  # type: ignore[arg-type]
         Code.INVALID_ARGUMENT,
-        "basis 3",
+        "basis 5",
     ),
     ("alice", "Send", SendRequest(rate_hz=1), Code.INVALID_ARGUMENT, "no launches"),
     ("alice", "Send", launch(MINE, rate_hz=0), Code.INVALID_ARGUMENT, "rate_hz is 0"),

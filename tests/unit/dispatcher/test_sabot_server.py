@@ -347,7 +347,7 @@ REFUSED = [
     ),
     ("Measure", measure(register=99), Code.NOT_FOUND, "no register 99"),
     ("Measure", measure(bases=b"\x00"), Code.INVALID_ARGUMENT, "1 bytes for 4 photons"),
-    ("Measure", measure(bases=b"\x00\x03\x00\x00"), Code.INVALID_ARGUMENT, "bases[1] is 3"),
+    ("Measure", measure(bases=b"\x00\x05\x00\x00"), Code.INVALID_ARGUMENT, "bases[1] is 5"),
     ("Measure", draws(seed=""), Code.INVALID_ARGUMENT, "seed ''"),
     ("Measure", draws(seed="9" * 101), Code.INVALID_ARGUMENT, "not a whole number"),
     ("Measure", draws(purpose="x" * 201), Code.INVALID_ARGUMENT, "201 letters"),

@@ -281,6 +281,7 @@ async def network(
                 change,
                 cut,
                 config.devices.get(name, Device()) if told else Device(),
+                [each for each, device in config.devices.items() if device.is_station],
             )
             if stacks is not None:
                 stacks[name] = host
@@ -308,6 +309,7 @@ async def start_host(
     change: Change | None,
     cut: Cut,
     device: Device,
+    stations: list[str],
 ) -> Stack:
     """Start a host's stack and the relay in front of it."""
     config = HostConfig(
@@ -323,6 +325,7 @@ async def start_host(
         analyser=analyser,
         features=device.features.value,
         memory_qubits=device.memory.capacity,
+        stations=stations,
         multi_photon=device.source.multi_photon,
         intensities=list(device.source.intensities),
         t1_s=device.memory.t1_s,

@@ -18,7 +18,7 @@ from hosts.middleware.session.values import values
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
 from topologies.node_kinds import ION_TRAP, node_device
-from wire.features import EMIT, GATE, MEASURE, STORE
+from wire.features import EMIT, GATE, HERALD, INTERFERE, MEASURE, STORE
 from wire.metadata import Message, Reason, Setup, Topic, Values, Verdict
 from wire.parameters.physics import Detectors, Device, Gates, Memory, PairSource
 
@@ -244,7 +244,7 @@ def told(folder: Path, physics: dict[str, Any], **options: Any) -> str:
     [
         ([0, 15, 100, *LASTING], "blocks of 0 pairs, 16384 were asked for"),
         ([16_385, 15, 100, *LASTING], "blocks of 16385 pairs"),
-        ([100, 16, 100, *LASTING], "features 0x10, of which 0x0f exist"),
+        ([100, 64, 100, *LASTING], "features 0x40, of which 0x3f exist"),
         ([100, 1 << 20, 100, *LASTING], "features 0x100000"),
         ([100, 13, 100, *LASTING], "emit, gate, measure with a memory of 100 qubits"),
         ([100, 15, 0, *LASTING], "with a memory of 0 qubits"),
@@ -286,7 +286,7 @@ CANNOT = [
         {"alice": IONS, "bob": PHOTONS},
         {"count": 10, "rounds": 1},
         "purification needs the feature gate, measure at both ends, and bob has only emit, store, "
-        "measure: ask for less fidelity",
+        "measure, interfere: ask for less fidelity",
     ),
     (
         {"alice": PHOTONS, "bob": IONS},
@@ -296,8 +296,8 @@ CANNOT = [
     (
         {"alice": IONS, "bob": replace(IONS, detectors=Detectors(efficiency=0.0))},
         {"count": 10},
-        "an estimate needs the feature measure at both ends, and bob has only emit, store, gate: "
-        "choose sample 0",
+        "an estimate needs the feature measure at both ends, and bob has only emit, store, gate, "
+        "herald: choose sample 0",
     ),
 ]
 
@@ -352,5 +352,5 @@ def test_a_source_that_cannot_be_is_refused_before_anything_is_sent(
 
 
 def test_the_kinds_differ_in_what_they_can_do() -> None:
-    assert ION_TRAP.features == EMIT | STORE | GATE | MEASURE
-    assert PHOTONS.features == EMIT | STORE | MEASURE
+    assert ION_TRAP.features == EMIT | STORE | GATE | MEASURE | HERALD
+    assert PHOTONS.features == EMIT | STORE | MEASURE | INTERFERE

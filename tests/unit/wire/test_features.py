@@ -4,12 +4,34 @@ import re
 
 import pytest
 
-from wire.features import EMIT, EVERYTHING, GATE, MEASURE, NOTHING, STORE, Abilities, names
+from wire.features import (
+    EMIT,
+    EVERYTHING,
+    GATE,
+    HERALD,
+    INTERFERE,
+    MEASURE,
+    NOTHING,
+    STORE,
+    Abilities,
+    names,
+)
 from wire.metadata import MalformedPacket, Service
-from wire.services import LIGHT, NEEDS, OWN_LIGHT, Role, beams, fibers_needed, needs
+from wire.services import (
+    HERALDED_LIGHT,
+    HERALDED_NEEDS,
+    LIGHT,
+    NEEDS,
+    OWN_LIGHT,
+    Making,
+    Role,
+    beams,
+    fibers_needed,
+    needs,
+)
 
 GOLDEN = [
-    (Abilities(EVERYTHING, 4_000_000), "0f003d0900"),
+    (Abilities(EVERYTHING, 4_000_000), "3f003d0900"),
     (Abilities(EMIT | STORE | MEASURE, 32), "0b00000020"),
     (Abilities(NOTHING, 0), "0000000000"),
 ]
@@ -17,7 +39,7 @@ REFUSED = [
     ("", "features in 0 bytes, not 5"),
     ("0f003d09", "features in 4 bytes"),
     ("0f003d090000", "features in 6 bytes"),
-    ("10000000ff", "features 0x10, of which 0x0f exist"),
+    ("40000000ff", "features 0x40, of which 0x3f exist"),
     ("ff000000ff", "features 0xff"),
     ("0200000000", "store with a memory of 0 qubits"),
     ("0d00000001", "emit, gate, measure with a memory of 1 qubits"),
@@ -56,8 +78,19 @@ def test_every_service_says_what_its_hosts_must_be_able_to() -> None:
 
 def test_a_source_of_its_own_needs_one_fibre_and_no_third_host() -> None:
     for service in OWN_LIGHT:
-        ends = [end.role for beam in beams(service, own_source=True) for end in beam]
+        ends = [end.role for beam in beams(service, Making.OPENER) for end in beam]
         assert ends == [Role.OPENER, Role.ACCEPTOR]
-        assert fibers_needed(service, Role.SOURCE, own_source=True) == 0
+        assert fibers_needed(service, Role.SOURCE, Making.OPENER) == 0
         assert fibers_needed(service, Role.SOURCE) == 2
-    assert beams(Service.SDC, own_source=True) == LIGHT[Service.SDC]
+    assert beams(Service.SDC, Making.OPENER) == LIGHT[Service.SDC]
+
+
+def test_heralded_light_goes_from_both_ends_to_the_station() -> None:
+    assert HERALDED_LIGHT.keys() == HERALDED_NEEDS.keys()
+    for service in HERALDED_LIGHT:
+        ways = beams(service, Making.STATION)
+        assert [start.role for start, _end in ways] == [Role.OPENER, Role.ACCEPTOR]
+        assert [end for _start, end in ways] == [(Role.SOURCE, 0), (Role.SOURCE, 1)]
+        for end in (Role.OPENER, Role.ACCEPTOR):
+            assert needs(service, end, Making.STATION) == HERALD | STORE
+        assert needs(service, Role.SOURCE, Making.STATION) == INTERFERE

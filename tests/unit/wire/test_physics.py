@@ -7,12 +7,23 @@ from typing import Any
 
 import pytest
 
-from wire.features import EMIT, EVERYTHING, GATE, MEASURE, STORE, Abilities, Feature
+from wire.features import (
+    EMIT,
+    EVERYTHING,
+    GATE,
+    HERALD,
+    INTERFERE,
+    MEASURE,
+    STORE,
+    Abilities,
+    Feature,
+)
 from wire.parameters.physics import (
     BadParameter,
     BellAnalyser,
     Detectors,
     Device,
+    Emitter,
     Gates,
     Memory,
     PairSource,
@@ -86,12 +97,20 @@ def test_a_fidelity_means_the_other_bell_states_alike() -> None:
 @pytest.mark.parametrize(
     ("device", "wanting"),
     [
-        (Device(), Feature(0)),
-        (Device(PairSource("none")), EMIT),
-        (Device(memory=Memory(capacity=0)), STORE),
-        (Device(gates=Gates("paulis")), GATE),
-        (Device(detectors=Detectors(efficiency=0.0, dark_count_hz=100.0)), MEASURE),
-        (Device(PairSource("none"), Memory(capacity=0), gates=Gates("paulis")), ~MEASURE),
+        (Device(), HERALD),
+        (Device(emitter=Emitter("two-click")), Feature(0)),
+        (Device(PairSource("none")), EMIT | HERALD),
+        (Device(memory=Memory(capacity=0), emitter=Emitter("two-click")), STORE | HERALD),
+        (Device(gates=Gates("paulis")), GATE | HERALD),
+        (
+            Device(detectors=Detectors(efficiency=0.0, dark_count_hz=100.0)),
+            MEASURE | INTERFERE | HERALD,
+        ),
+        (Device(analyser=BellAnalyser("gates")), INTERFERE | HERALD),
+        (
+            Device(PairSource("none"), Memory(capacity=0), gates=Gates("paulis")),
+            ~(MEASURE | INTERFERE),
+        ),
     ],
 )
 def test_what_a_device_can_do_follows_from_its_parts(device: Device, wanting: Feature) -> None:
@@ -100,4 +119,4 @@ def test_what_a_device_can_do_follows_from_its_parts(device: Device, wanting: Fe
 
 def test_a_host_announces_what_its_device_can_do_and_how_much_it_stores() -> None:
     device = Device(memory=Memory(capacity=32), gates=Gates("paulis"))
-    assert device.abilities == Abilities(EMIT | STORE | MEASURE, 32)
+    assert device.abilities == Abilities(EMIT | STORE | MEASURE | INTERFERE, 32)

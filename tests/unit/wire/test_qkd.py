@@ -19,6 +19,8 @@ from wire.qkd import (
     AskBlocks,
     AskIntervals,
     AskSyndrome,
+    BellAnswer,
+    BellTest,
     Bound,
     Confirm,
     Detections,
@@ -42,10 +44,12 @@ SEED = b"\x5a" * 32
 
 GOLDEN: list[tuple[QkdMessage, str]] = [
     (
-        Proposal(0.5, 0.25, 0.125, 0.0625, Bound.FINITE, Reconciliation.CASCADE, 0.03125),
-        "514b01010000004e010203040506070800000009"
+        Proposal(
+            0.5, 0.25, 0.125, 0.0625, Bound.FINITE, Reconciliation.CASCADE, 0.03125, 0.25, 0.5
+        ),
+        "514b01010000005e010203040506070800000009"
         "3fe0000000000000 3fd0000000000000 3fc0000000000000 3fb0000000000000 01 01"
-        "3fa0000000000000",
+        "3fa0000000000000 3fd0000000000000 3fe0000000000000",
     ),
     (
         Detections(1, 10, b"\xc0\x40", b"\xa0"),
@@ -62,6 +66,14 @@ GOLDEN: list[tuple[QkdMessage, str]] = [
     (
         AskIntervals(2, 1, b"\x00\x00\x10\x00", b"\x00\x20"),
         "514b01080000002f010203040506070800000009 02 00000001 00001000 0020",
+    ),
+    (
+        BellTest(2, 9, b"\x81\x80", b"\x40", b"\xa0"),
+        "514b010f00000030010203040506070800000009 00000002 00000009 8180 40 a0",
+    ),
+    (
+        BellAnswer(2, 3, b"\xc0", b"\x80", b"\x40"),
+        "514b01100000002f010203040506070800000009 00000002 00000003 c0 80 40",
     ),
     (AskSyndrome(500), "514b010900000028010203040506070800000009 000001f4"),
     (
@@ -145,7 +157,7 @@ HEADERS = [
     (0x514D, 1, 1, 70, "not key distribution"),
     (0x514B, 2, 1, 70, "version 2"),
     (0x514B, 1, 0, 70, "unknown kind 0"),
-    (0x514B, 1, 15, 70, "unknown kind 15"),
+    (0x514B, 1, 17, 70, "unknown kind 17"),
     (0x514B, 1, 1, HEADER.size + TAG_BYTES - 1, "bytes in a message"),
     (0x514B, 1, 1, MAX_LENGTH + 1, "bytes in a message"),
 ]
@@ -160,15 +172,18 @@ def test_a_wrong_header_is_refused_at_once(
 
 
 WRONG: list[QkdMessage] = [
-    Proposal(0.0, 0.1, 0.1, 0.1, 1, 1, 0.0),
-    Proposal(0.1, 1.0, 0.1, 0.1, 1, 1, 0.0),
-    Proposal(0.1, 0.1, float("nan"), 0.1, 1, 1, 0.0),
-    Proposal(0.1, 0.1, 0.1, float("inf"), 1, 1, 0.0),
-    Proposal(0.1, 0.1, 0.1, 0.1, 3, 1, 0.0),
-    Proposal(0.1, 0.1, 0.1, 0.1, 1, 0, 0.0),
-    Proposal(0.1, 0.1, 0.1, 0.1, 1, 1, 1.0),
-    Proposal(0.1, 0.1, 0.1, 0.1, 1, 1, -0.1),
-    Proposal(0.1, 0.1, 0.1, 0.1, 1, 1, float("nan")),
+    Proposal(0.0, 0.1, 0.1, 0.1, 1, 1, 0.0, 0.0, 0.0),
+    Proposal(0.1, 1.0, 0.1, 0.1, 1, 1, 0.0, 0.0, 0.0),
+    Proposal(0.1, 0.1, float("nan"), 0.1, 1, 1, 0.0, 0.0, 0.0),
+    Proposal(0.1, 0.1, 0.1, float("inf"), 1, 1, 0.0, 0.0, 0.0),
+    Proposal(0.1, 0.1, 0.1, 0.1, 3, 1, 0.0, 0.0, 0.0),
+    Proposal(0.1, 0.1, 0.1, 0.1, 1, 0, 0.0, 0.0, 0.0),
+    Proposal(0.1, 0.1, 0.1, 0.1, 1, 1, 1.0, 0.0, 0.0),
+    Proposal(0.1, 0.1, 0.1, 0.1, 1, 1, -0.1, 0.0, 0.0),
+    Proposal(0.1, 0.1, 0.1, 0.1, 1, 1, float("nan"), 0.0, 0.0),
+    Proposal(0.1, 0.1, 0.1, 0.1, 1, 1, 0.0, 1.0, 0.0),
+    Proposal(0.1, 0.1, 0.1, 0.1, 1, 1, 0.0, -0.1, 0.0),
+    Proposal(0.1, 0.1, 0.1, 0.1, 1, 1, 0.0, 0.0, float("nan")),
     Intensities(0.5, 0.25, 0.25, 0.5, 0.25, 0.25, 1, b"\x00"),  # decoys alike
     Intensities(0.5, 0.4, 0.2, 0.5, 0.25, 0.25, 1, b"\x00"),
     Intensities(0.5, 0.25, -0.1, 0.5, 0.25, 0.25, 1, b"\x00"),

@@ -48,6 +48,9 @@ local function check_proposal(values)
     if not (values.multi_photon >= 0 and values.multi_photon < 1) then
         return "multi_photon is no fraction"
     end
+    for _, name in ipairs({ "chsh_fraction", "chsh_margin" }) do
+        if not (values[name] >= 0 and values[name] < 1) then return name .. " is no fraction" end
+    end
     return nil
 end
 

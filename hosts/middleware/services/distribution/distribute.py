@@ -7,8 +7,9 @@
       | Values(SAMPLE), BASES, then OUTCOMES <-------------> |  sacrificed for the estimate
       | Values(DELIVER) -----------------------------------> |  pairs have numbers: 0, 1, 2, …
 
-The pairs stay in memory until the opener's application ends the session; meanwhile the application
-at either end may ask to measure some (Pairs.answer). They are called by session and number.
+Where both hosts have memories that emit, pairs are heralded instead (heralded.py). They stay in
+memory until the opener's application ends the session; meanwhile the application at either end may
+ask to measure some (Pairs.answer). They are called by session and number.
 """
 
 from collections.abc import Awaitable, Callable
@@ -21,6 +22,7 @@ from hosts.middleware.services.distribution.distribute_options import MAX_ROUNDS
 from hosts.middleware.services.distribution.distribute_options import (
     DistributeOptions as DistributeOptions,
 )
+from hosts.middleware.services.distribution.heralded import by_station, share_heralded
 from hosts.middleware.services.distribution.pairs import Pairs
 from hosts.middleware.services.distribution.purification import PHOTONS, Protocol
 from hosts.middleware.session import abilities
@@ -31,7 +33,7 @@ from hosts.middleware.session.service import AcceptorEnd, Answerer, OpenerEnd, S
 from hosts.middleware.session.values import expect, values
 from hosts.timeouts import MAX_BLOCK_S
 from wire.features import GATE, MEASURE
-from wire.metadata import Reason, Service, Topic, Values
+from wire.metadata import MemoryState, Reason, Service, Topic, Values
 
 MAX_NUMBER = (1 << 32) - 1
 LEAST_SAMPLE = 30  # pairs; of which a fidelity is told
@@ -216,7 +218,8 @@ class Opening:
 
 async def distribute(end: OpenerEnd, options: DistributeOptions) -> Answerer:
     """Do what the opener does; return what answers its application."""
-    return await Opening(end, options, partial(_by_source, end)).run()
+    heralded = end.setup.memory == MemoryState.HERALDED
+    return await Opening(end, options, partial(by_station if heralded else _by_source, end)).run()
 
 
 async def _by_source(end: OpenerEnd, pairs: Pairs, number: int, size: int) -> None:
@@ -265,6 +268,9 @@ async def follow(end: AcceptorEnd, share: Share) -> Answerer:
 
 async def _share(end: AcceptorEnd, pairs: Pairs, message: Values) -> None:
     """Take in light, undo what the path did to it, and keep what both ends have."""
+    if end.setup.memory == MemoryState.HERALDED:
+        await share_heralded(end, pairs, message)
+        return
     number, size = end.coming(message, end.setup.pairs)
     name = end.block(number, half=1)
     light = end.expect_light(name)

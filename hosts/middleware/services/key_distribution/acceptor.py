@@ -13,7 +13,8 @@ from hosts.middleware.services.key_distribution.light import (
     measured,
     measuring,
     random_bases,
-    turned_back,
+    record_of,
+    with_tests,
 )
 from hosts.middleware.services.key_distribution.messages import Cutter, KeyMessages
 from hosts.middleware.services.key_distribution.session import pools, stored, tell_of_failure
@@ -32,8 +33,10 @@ MAX_COMING = 2  # blocks: one is measured while the next is made
 class AcceptorOfKeys:
     """The end that was asked for keys; it measures one half of each block."""
 
-    def __init__(self, end: AcceptorEnd, half: int) -> None:
-        self._end, self._half = end, half
+    def __init__(self, end: AcceptorEnd, half: int, *, tests: bool = False) -> None:
+        """Measure this half; tests: some photons for a CHSH test."""
+        self._end, self._half, self._tests = end, half, tests
+        self._tested = 0.0  # of the photons, as the opener proposes
         self._progress = Progress()
         self._announced = 0  # blocks
         self._coming: deque[tuple[Symbols, asyncio.Task[Symbols]]] = deque()  # bases, and light
@@ -42,6 +45,9 @@ class AcceptorOfKeys:
     async def run(self) -> None:
         """Measure, announce, correct, store, until the opener ends it; SessionError if it fails."""
         peer, parameters, proposal, cutter = await self._introduced()
+        self._tested = parameters.chsh_fraction
+        if bool(self._tested) is not self._tests:
+            raise SessionError(Reason.UNSUPPORTED, f"chsh_fraction {self._tested} in this service")
         incoming, outgoing = pools(self._end, peer, self._end.means.keyring.host)
         session, draws = self._end.setup.session, self._end.draws
         bob = Bob(Terms(session, parameters, outgoing, incoming, draws.bytes))
@@ -107,7 +113,7 @@ class AcceptorOfKeys:
         (photons,) = expect(message, Topic.COMING, number, 1, most).tolist()
         if photons == 0:
             raise SessionError(Reason.PROTOCOL, f"block {number} has no photons")
-        bases = random_bases(end, photons)
+        bases = with_tests(end.draws, random_bases(end, photons), self._tested)
         self._coming.append((bases, measuring(end, end.block(number, self._half), bases)))
         self._announced += 1
         end.agree()
@@ -122,7 +128,7 @@ class AcceptorOfKeys:
         self._coming.popleft()
         self._progress.blocks += 1
         self._progress.photons += bases.size
-        return Record(bases, turned_back(outcomes, bases, self._end.setup.rotation))
+        return record_of(outcomes, bases, self._end.setup.rotation, self._tests)
 
 
 def proposed_by(message: QkdMessage) -> Parameters:

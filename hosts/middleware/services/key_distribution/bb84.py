@@ -6,6 +6,8 @@ shortens the key (hosts.middleware.qkd.key_length), unless the source can make d
 (hosts.middleware.qkd.decoy).
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from hosts.middleware.qkd.decoy import LEVELS, SHARES, Decoys
@@ -38,8 +40,8 @@ def decoys_of(end: OpenerEnd) -> Decoys | None:
 
 async def open_bb84(end: OpenerEnd, options: KeyOptions) -> None:
     """Make a key with the acceptor."""
-    source = end.means.multi_photon, decoys_of(end)
-    await OpenerOfKeys(end, options, prepare_and_send, *source).run()
+    parameters = replace(options.parameters(), multi_photon=end.means.multi_photon)
+    await OpenerOfKeys(end, options, prepare_and_send, parameters, decoys_of(end)).run()
 
 
 async def accept_bb84(end: AcceptorEnd) -> None:

@@ -26,7 +26,7 @@ async def measure_halves(end: OpenerEnd, number: int, pairs: int) -> Record:
 
 async def open_bbm92(end: OpenerEnd, options: KeyOptions) -> None:
     """Make a key with the acceptor."""
-    await OpenerOfKeys(end, options, measure_halves).run()
+    await OpenerOfKeys(end, options, measure_halves, options.parameters()).run()
 
 
 async def accept_bbm92(end: AcceptorEnd) -> None:

@@ -6,11 +6,13 @@ from math import ceil
 import numpy as np
 
 from hosts.hardware.qnic import BlockName, NoLight, Symbols
+from hosts.middleware.qkd.bell_test import BellOutcomes
+from hosts.middleware.qkd.sifting import Record
 from hosts.middleware.session.channel import SessionError
 from hosts.middleware.session.service import End
 from hosts.timeouts import KEY_GRACE_S, LIGHT_TIMEOUT_S
 from wire.metadata import Reason
-from wire.outcomes import NO_COINCIDENCE
+from wire.outcomes import NO_COINCIDENCE, PAULI_BASES
 from wire.qkd import MAX_KEY_BITS
 
 EVEN_CHANCE = 0.5  # that two random bases agree
@@ -42,6 +44,31 @@ async def measured(end: End, light: asyncio.Task[Symbols], photons: int) -> Symb
     if outcomes.size != photons:
         raise SessionError(Reason.PROTOCOL, f"{outcomes.size} photons, not {photons}")
     return outcomes
+
+
+def with_tests(random: np.random.Generator, bases: Symbols, fraction: float) -> Symbols:
+    """Return the bases, of which a fraction are those of the CHSH test instead: Z+X or Z-X."""
+    if not fraction:
+        return bases
+    settings = random.integers(0, 2, bases.size, dtype=np.uint8) + np.uint8(PAULI_BASES)
+    return np.where(random.random(bases.size) < fraction, settings, bases).astype(np.uint8)
+
+
+def record_of(outcomes: Symbols, bases: Symbols, rotation: int, tests: bool) -> Record:
+    """Return what was measured, as without a known Pauli operator on the way; tests for CHSH apart.
+
+    That turns Z+X into Z-X and back, but for the sign, if it is X or Z alone.
+    """
+    if not tests:
+        return Record(bases, turned_back(outcomes, bases, rotation))
+    halfway = bases >= PAULI_BASES
+    tested = halfway & (outcomes != NO_COINCIDENCE)
+    swapped, flipped = (rotation ^ rotation >> 1) & 1, rotation & 1
+    settings = (bases[tested] - np.uint8(PAULI_BASES)) ^ np.uint8(swapped)
+    told = BellOutcomes(tested, settings, outcomes[tested] ^ np.uint8(flipped))
+    own = np.where(halfway, 0, bases).astype(np.uint8)
+    rest = np.where(halfway, NO_COINCIDENCE, turned_back(outcomes, own, rotation))
+    return Record(own, rest.astype(np.uint8), tests=told)
 
 
 def turned_back(outcomes: Symbols, bases: Symbols, rotation: int) -> Symbols:

@@ -22,6 +22,7 @@ REASONS = {
     AbortReason.PARAMETERS: Reason.UNSUPPORTED,
     AbortReason.NOISY: Reason.TOO_NOISY,
     AbortReason.TOO_SHORT: Reason.TOO_NOISY,
+    AbortReason.LOCAL: Reason.TOO_NOISY,
     AbortReason.NOT_CORRECTED: Reason.WRONG_DIGEST,
     AbortReason.NO_AUTHENTICATION_KEY: Reason.NOT_ALLOWED,
 }

@@ -1,12 +1,12 @@
 """The end that asks for keys: sends light until enough is sifted, answers questions, stores."""
 
 from collections.abc import Awaitable, Callable
-from dataclasses import replace
 from uuid import UUID
 
 from hosts.middleware.qkd.alice import Alice
 from hosts.middleware.qkd.decoy import Decoys
 from hosts.middleware.qkd.end import State, Terms
+from hosts.middleware.qkd.parameters import Parameters
 from hosts.middleware.qkd.sifting import Record
 from hosts.middleware.services.key_distribution.light import next_photons
 from hosts.middleware.services.key_distribution.messages import KeyMessages
@@ -30,15 +30,14 @@ class OpenerOfKeys:
         end: OpenerEnd,
         options: KeyOptions,
         light: Light,
-        multi_photon: float = 0.0,
+        parameters: Parameters,
         decoys: Decoys | None = None,
     ) -> None:
-        """Make keys of this light, whose pulses have several photons so likely, or are decoys."""
+        """Make keys of this light, by these parameters, or whose pulses are decoys."""
         self._end, self._options, self._light = end, options, light
         self._peer = end.arrangement.peer
         self._progress = Progress()
         outgoing, incoming = pools(end, end.means.keyring.host, self._peer)
-        parameters = replace(options.parameters(), multi_photon=multi_photon)
         terms = Terms(end.setup.session, parameters, outgoing, incoming, end.draws.bytes)
         self._alice = Alice(terms, decoys)
         self._messages = KeyMessages(end, self._alice, self._store)

@@ -26,6 +26,8 @@ class KeyOptions(ServiceOptions):
     test_fraction: float = 0.1  # of the sifted bits, disclosed to estimate the error rate
     epsilon: float = 1e-10  # the key is secret but for this probability
     bound: str = "finite"
+    chsh_fraction: float = 0.2  # of E91: of the acceptor's photons, for the CHSH test
+    chsh_margin: float = 0.1  # of E91: S has to be above 2 by this, or by five standard errors
 
     def check(self) -> None:
         """Raise SessionError for a value out of range."""
@@ -39,7 +41,7 @@ class KeyOptions(ServiceOptions):
                 f"block_pairs {self.block_pairs} at rate_hz {self.rate_hz} take more than "
                 f"{MAX_BLOCK_S:g} s: choose smaller blocks or a higher rate",
             )
-        for name in ("max_qber", "test_fraction", "epsilon"):
+        for name in ("max_qber", "test_fraction", "epsilon", "chsh_fraction", "chsh_margin"):
             value = getattr(self, name)
             if not isinstance(value, float) or not 0 < value < 1:
                 text = f"{name} is {value!r}: choose a fraction between 0 and 1"

@@ -61,6 +61,6 @@ async def stored(end: End, peer: str, keys: Alice | Bob, *, opened: bool) -> lis
 
 async def tell_of_failure(end: End, progress: Progress, keys: Alice | Bob) -> None:
     """Tell the application what was measured, if the error rate was; it may be gone."""
-    if keys.estimate is not None:
+    if keys.estimate is not None or keys.bell.pairs:
         with suppress(SessionError, ConnectionError):
             await end.tell(**summary(progress, keys, []))

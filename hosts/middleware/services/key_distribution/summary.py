@@ -67,6 +67,7 @@ def summary(progress: Progress, keys: End, ids: list[UUID]) -> dict[str, Any]:
         "single_photon_fraction": keys.single_share if report.sifted else None,
         "assumed": DECOYS if keys.decoys else SOURCES[keys.multi_photon > 0],
         **({"intensities": list(keys.decoys.means)} if keys.decoys else {}),
+        **(bell_test(keys) if keys.bell.pairs else {}),
         "keys": len(ids),
         "bits_of_a_key": KEY_BITS,
         "first_key_id": str(ids[0]) if ids else None,
@@ -80,3 +81,9 @@ def summary(progress: Progress, keys: End, ids: list[UUID]) -> dict[str, Any]:
         "sifted_bits_per_s": report.sifted / light_s,
         "key_bits_per_s": report.key / elapsed_s,
     }
+
+
+def bell_test(keys: End) -> dict[str, Any]:
+    """Return what the CHSH test has told."""
+    bell = keys.bell
+    return {"chsh": bell.s, "chsh_error": bell.error, "chsh_pairs": bell.pairs}

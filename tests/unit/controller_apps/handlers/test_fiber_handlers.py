@@ -235,7 +235,7 @@ def test_hosts_say_what_they_can_do_or_what_they_say_is_not_heard(scene: Scene) 
     assert discovery.parse(data) == discovery.Announcement(able, leaving=False)
     told = able.abilities.encode() if able.abilities else b""
     refused = [told[:length] for length in range(len(told))]
-    refused += [told + b"\0", b"\x1f" + told[1:], b"\x02" + bytes(4), b"\x0d" + told[1:]]
+    refused += [told + b"\0", b"\x7f" + told[1:], b"\x02" + bytes(4), b"\x0d" + told[1:]]
     for number, info in enumerate(refused, 1):
         wrong = announcement(FIBERS[1], told=(info,))
         with pytest.raises(MalformedPacket):
@@ -249,5 +249,5 @@ def test_hosts_say_what_they_can_do_or_what_they_say_is_not_heard(scene: Scene) 
     assert scene.quantum.network.abilities_of(able.address) == able.abilities
     question = EventQuestion("abilities", {})
     scene.quantum.asked(question)
-    features = ["emit", "store", "gate", "measure"]
+    features = ["emit", "store", "gate", "measure", "herald", "interfere"]
     assert question.wait() == {"alice": {"features": features, "memory_qubits": 32}}

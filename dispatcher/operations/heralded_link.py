@@ -1,0 +1,97 @@
+"""Two hosts whose qubits attempt to emit, and the station between them: how often, how well."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dispatcher.devices.heralding import Arm, Heralds, single_click, two_click
+from dispatcher.devices.overlap import Overlap, overlap
+from dispatcher.operations.station_way import StationWay
+from wire.config import FiberEnd
+from wire.parameters.physics import Device, Emitter
+
+
+class Offer(NamedTuple):
+    """A host whose qubits attempt to emit into a port, for one half of a block."""
+
+    end: FiberEnd
+    frequency_mhz: int
+
+
+@dataclass(frozen=True)
+class Link:
+    """What decides about a heralded pair before anything is drawn."""
+
+    devices: tuple[Device, Device]  # of the hosts of halves 0 and 1
+    ways: tuple[StationWay, StationWay]
+    station: Device
+    start_ns: int  # when the first attempt begins
+
+    @property
+    def emitters(self) -> tuple[Emitter, Emitter]:
+        """Return what emits at either host."""
+        return self.devices[0].emitter, self.devices[1].emitter
+
+    @property
+    def scheme(self) -> str:
+        """Return how they are heralded."""
+        return self.emitters[0].scheme
+
+    @property
+    def modes(self) -> int:
+        """Return how many attempts are made at once."""
+        return min(emitter.modes for emitter in self.emitters)
+
+    @property
+    def preparation_ns(self) -> int:
+        """Return how long qubits are prepared before an attempt."""
+        return round(max(emitter.preparation_s for emitter in self.emitters) * 1e9)
+
+    @property
+    def flight_ns(self) -> int:
+        """Return how long light of the farther host is on its way."""
+        return max(way.delay_ns for way in self.ways)
+
+    @property
+    def period_ns(self) -> int:
+        """Return how long after an attempt the next one is made: it has been heard of by then."""
+        return max(self.preparation_ns + 2 * self.flight_ns, 1)
+
+    @property
+    def overlap(self) -> Overlap:
+        """Return how well light of both overlaps at the station."""
+        first, second = (device.source.bandwidth_nm for device in self.devices)
+        apart = self.ways[0].dispersion_ps_per_nm - self.ways[1].dispersion_ps_per_nm
+        return overlap((first, second), apart, self.station.analyser.bandwidth_rad_per_s)
+
+    @property
+    def visibility(self) -> float:
+        """Return that of photons that come at the same time."""
+        return self.station.analyser.visibility * self.overlap.most
+
+    @property
+    def heralds(self) -> Heralds:
+        """Return how likely an attempt is heralded."""
+        detectors = self.station.detectors
+        dark = -np.expm1(-detectors.dark_count_hz * detectors.gate_s)
+        first, second = (
+            Arm(
+                emitter.efficiency * way.transmission * detectors.efficiency,
+                emitter.bright_state,
+                emitter.phase_rad,
+            )
+            for emitter, way in zip(self.emitters, self.ways, strict=True)
+        )
+        kind = two_click if self.scheme == "two-click" else single_click
+        return kind((first, second), float(dark), self.visibility)
+
+    def emitted_ns(self, half: int, rounds: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return when qubits have emitted, in these rounds: the nearer host waits for the other."""
+        late_ns = self.flight_ns - self.ways[half].delay_ns
+        return self.start_ns + self.preparation_ns + late_ns + rounds * self.period_ns
+
+    def clicks_ns(self, rounds: int) -> int:
+        """Return when the clicks of the last of so many rounds are."""
+        return self.start_ns + rounds * self.period_ns - self.flight_ns

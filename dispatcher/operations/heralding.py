@@ -1,0 +1,183 @@
+"""Heralded pairs: the attempts of two hosts' qubits, and what a station between them tells.
+
+    alice   prepare, emit ---.                         .--- heard: the next attempt
+                              \\                       /
+    station                    *--- clicks of both ---*
+                              /                       \\
+    bob     prepare, emit ---'                         '---
+
+An attempt takes the preparation and a round trip to the station, the longer of both; each host
+emits so that light of both meets. As many modes as both have attempt at once.
+"""
+
+from collections.abc import Sequence
+
+import grpc
+import numpy as np
+
+from dispatcher.devices import abilities
+from dispatcher.devices.heralding import ENTANGLED, KINDS
+from dispatcher.layer.layer import PhysicalLayer, tally
+from dispatcher.layer.ownership import HALVES, Block, BlockName
+from dispatcher.operations import limits
+from dispatcher.operations.heralded_link import Link, Offer
+from dispatcher.operations.heralds import Drawing, Heralded
+from dispatcher.operations.station_way import find_way
+from dispatcher.refusal import Refusal, exhausted, invalid, precondition
+from dispatcher.sabot.limits import require_count
+from wire.dispatcher_pb2 import Feedback, HeraldRequest
+from wire.features import HERALD, INTERFERE
+from wire.parameters.physics import BELL_STATES
+
+MAX_OFFERS = 10_000
+# What each half is in where there is no entanglement, by kind; shape (kinds, 2).
+BITS = np.array([[0, 0] if kind == ENTANGLED else [*map(int, kind)] for kind in KINDS], np.uint8)
+
+
+class Heralding:
+    """Attempt and Herald."""
+
+    def __init__(self, layer: PhysicalLayer) -> None:
+        """Act on this layer."""
+        self._layer = layer
+        self._offers: dict[BlockName, Offer] = {}
+
+    def attempt(self, node: str, name: BlockName, port: str, frequency_mhz: int) -> Feedback:
+        """Let qubits of a node attempt to emit into one of its ports."""
+        layer = self._layer
+        abilities.require(layer.devices, node, HERALD)
+        end = layer.network.require_port(node, port)
+        if name.half not in HALVES:
+            raise invalid(f"half {name.half} of a pair; name 0 or 1")
+        own = self._offers.get(name)
+        others = own is not None and own.end.node != node
+        if others or any(layer.ownership.exists(name._replace(half=half)) for half in HALVES):
+            message = f"{name} exists, or another node attempts for it; take another number"
+            raise Refusal(grpc.StatusCode.ALREADY_EXISTS, message)
+        if len(self._offers) >= MAX_OFFERS:
+            raise exhausted(f"{MAX_OFFERS} blocks are attempted at once; discard some sessions")
+        self._offers[name] = Offer(end, frequency_mhz)
+        layer.record(node, "attempt", port=port, detail=str(name))
+        return Feedback(time_ns=layer.clock.now_ns())
+
+    def forget(self, node: str, session: int) -> None:
+        """Attempt no more for a session at a node."""
+        for name, offer in list(self._offers.items()):
+            if name.session == session and offer.end.node == node:
+                del self._offers[name]
+
+    async def herald(self, node: str, request: HeraldRequest) -> Feedback:
+        """Herald pairs of two nodes that attempt; return when all, or the time, have come."""
+        layer = self._layer
+        abilities.require(layer.devices, node, INTERFERE)
+        require_count(request.count)
+        limit_s = limits.timeout(request.timeout_s)
+        names = [BlockName(request.session, request.number, half) for half in HALVES]
+        offers = self._offered(names)
+        link = self._link(node, request.ports, offers)
+        self._require_room(offers, request.count)
+        for name in names:
+            del self._offers[name]
+        rounds = max(round(limit_s * 1e9) // link.period_ns, 1)
+        found, used = await Drawing(layer, link, names).draw(request.count, rounds)
+        for offer in offers:
+            way = offer.end.node, link.start_ns, node, layer.clock.now_ns()
+            layer.software.light(*way)
+        block = self._keep(link, names, offers, found) if found.count else None
+        detail = f"{tally(found.told, BELL_STATES)} of {used * link.modes} attempts".strip()
+        layer.record(node, "herald", block, detail=detail)
+        return self._feedback(link, found, used)
+
+    def _feedback(self, link: Link, found: Heralded, rounds: int) -> Feedback:
+        layer, now_ns = self._layer, self._layer.clock.now_ns()
+        layer.exact &= found.exact
+        return Feedback(
+            time_ns=now_ns,
+            photons=found.count,
+            first_ns=link.start_ns,
+            last_ns=now_ns,
+            outcomes=found.told.tobytes(),
+            backend=layer.sabot.backend,
+            exact=found.exact,
+            attempts=rounds * link.modes,
+        )
+
+    def _offered(self, names: Sequence[BlockName]) -> tuple[Offer, Offer]:
+        missing = [str(name) for name in names if name not in self._offers]
+        if missing:
+            raise precondition(f"no node attempts for {missing[0]}: let it begin before Herald")
+        return self._offers[names[0]], self._offers[names[1]]
+
+    def _link(self, node: str, ports: Sequence[str], offers: tuple[Offer, Offer]) -> Link:
+        """Return the link between two nodes that attempt; refuse what cannot be heralded."""
+        layer = self._layer
+        if len(ports) != len(HALVES) or ports[0] == ports[1]:
+            raise invalid(f"ports {list(ports)}; name two, for the light of halves 0 and 1")
+        ways = [find_way(layer, *offer) for offer in offers]
+        for port, offer, way in zip(ports, offers, ways, strict=True):
+            if way.end != layer.network.require_port(node, port):
+                raise precondition(
+                    f"light of {offer.end.node} comes to {way.end.port} of {way.end.node}, not to "
+                    f"{port} of {node}: open its path to there first"
+                )
+        one, other = (layer.devices.of(offer.end.node) for offer in offers)
+        if one.emitter.scheme != other.emitter.scheme:
+            raise precondition(
+                f"{offers[0].end.node} attempts by {one.emitter.scheme} and {offers[1].end.node} "
+                f"by {other.emitter.scheme}: give both the same emitter.scheme"
+            )
+        if one.emitter.scheme == "two-click":
+            for device in (one, other):
+                abilities.require_encoding(layer.devices, node, device.source.encoding)
+        start_ns = layer.clock.now_ns()
+        return Link((one, other), (ways[0], ways[1]), layer.devices.of(node), start_ns)
+
+    def _require_room(self, offers: tuple[Offer, Offer], count: int) -> None:
+        """Refuse, before any attempt, what the memories or the dispatcher cannot hold."""
+        layer = self._layer
+        for offer in offers:
+            layer.memories.require_room(offer.end.node, count)
+        live, most = layer.sabot.live_qubits, layer.max_live_qubits
+        if live + 2 * count > most or layer.ownership.count + 2 > limits.MAX_BLOCKS:
+            raise exhausted(
+                f"{2 * count} more qubits with {live} live exceed the limit of {most}, or there "
+                f"are {limits.MAX_BLOCKS} blocks; discard some first"
+            )
+
+    def _keep(
+        self,
+        link: Link,
+        names: Sequence[BlockName],
+        offers: tuple[Offer, Offer],
+        found: Heralded,
+    ) -> Block:
+        """Let heralded pairs be in the memories of both nodes; return half 0."""
+        layer = self._layer
+        lineage = layer.ownership.used_names.use(names[0].session, names[0].number)
+        blocks = []
+        registers = layer.sabot.bell_pairs(found.count)
+        for name, register, offer in zip(names, registers, offers, strict=True):
+            came_ns = link.emitted_ns(name.half, found.rounds)
+            block = Block(name, register, offer.end.node, came_ns=came_ns, lineage=lineage)
+            block.first_ns, block.last_ns = came_ns[[0, -1]].tolist()
+            block.start_ns, block.pulses.exact = block.first_ns, found.exact
+            layer.ownership.add(block)
+            blocks.append(block)
+        self._set_states(blocks, found)
+        for block in blocks:
+            layer.memories.store(block)
+            layer.record(block.node, "heralded", block)
+        return blocks[0]
+
+    def _set_states(self, blocks: Sequence[Block], found: Heralded) -> None:
+        """Make of Phi+ what was heralded: a Bell state, or a state of the Z basis; with errors."""
+        sabot, unentangled = self._layer.sabot, found.kind > 0
+        sabot.pauli(blocks[1].register, found.told)
+        for block in blocks if unentangled.any() else ():
+            purpose = block.draws_for("heralded reset")
+            draws = self._layer.draws.photons(block.name, purpose, found.count)
+            sabot.reset(block.register, unentangled, draws)
+            sabot.pauli(block.register, BITS[found.kind, block.name.half])
+        for block, paulis in zip(blocks, found.paulis, strict=True):
+            sabot.explain(block.register, "heralded with errors", paulis)
+            sabot.pauli(block.register, paulis)

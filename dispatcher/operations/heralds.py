@@ -1,0 +1,165 @@
+"""Draws which attempts of a link are heralded, and what errors their pairs have.
+
+Between two heralds there is a geometrically distributed number of attempts: those that fail cost
+nothing here.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dispatcher.devices.heralding import phase_wrong
+from dispatcher.fiber.turn import TRANSPOSED, Turn, product
+from dispatcher.layer.layer import PhysicalLayer
+from dispatcher.layer.ownership import BlockName
+from dispatcher.operations.heralded_link import Link
+from dispatcher.operations.station_way import PHASE, Follower, Met
+from dispatcher.photon_random import PhotonRandom
+
+PSI_PLUS, PSI_MINUS = np.uint8(1), np.uint8(3)
+TURNED = np.array([1, 3, 2, 0], np.uint8)  # X, XZ, Z by their chances, or I
+STILL = Turn(np.zeros(1, np.int64), np.array([[1.0, 0.0, 0.0, 0.0]]))
+Bytes = NDArray[np.uint8]
+
+
+@dataclass
+class Heralded:
+    """Pairs of n attempts that were heralded; arrays have shape (n,)."""
+
+    rounds: NDArray[np.int64]  # which round each was in, ascending
+    kind: Bytes  # what the qubits are in: dispatcher.devices.heralding.KINDS
+    told: Bytes  # the Bell state that the clicks tell
+    paulis: tuple[Bytes, Bytes]  # errors of either qubit
+    exact: bool = True
+
+    @property
+    def count(self) -> int:
+        """Return how many there are."""
+        return self.rounds.size
+
+    @classmethod
+    def none(cls) -> "Heralded":
+        """Return no pairs."""
+        nothing = np.zeros(0, np.uint8)
+        return cls(np.zeros(0, np.int64), nothing, nothing, (nothing, nothing))
+
+    def joined(self, more: "Heralded") -> "Heralded":
+        """Return these and later ones."""
+        first, second = (
+            np.concatenate(both) for both in zip(self.paulis, more.paulis, strict=True)
+        )
+        return Heralded(
+            np.concatenate((self.rounds, more.rounds)),
+            np.concatenate((self.kind, more.kind)),
+            np.concatenate((self.told, more.told)),
+            (first, second),
+            self.exact and more.exact,
+        )
+
+
+class Drawing:
+    """Draws the heralds of one block."""
+
+    def __init__(self, layer: PhysicalLayer, link: Link, names: Sequence[BlockName]) -> None:
+        """Draw for the two halves of a block of pairs that a link makes."""
+        self._layer, self._link, self._names = layer, link, names
+        self._followers = [
+            Follower(layer, way, device.source, link.scheme == "single-click")
+            for way, device in zip(link.ways, link.devices, strict=True)
+        ]
+
+    async def draw(self, count: int, rounds: int) -> tuple[Heralded, int]:
+        """Return heralds, at most so many of so many rounds, and how many rounds that took.
+
+        Returns when the clicks of the last round are. Light that proves not to have come through
+        is drawn anew, from the attempt behind it.
+        """
+        link, chance = self._link, self._link.heralds.probability
+        found, begin, most = Heralded.none(), 0, rounds * link.modes
+        batch = 0
+        while chance and found.count < count and begin < most:
+            wanted, batch = count - found.count, batch + 1
+            place = f"heralds {batch}"
+            random = PhotonRandom(self._layer.draws, self._names[0], place, wanted)
+            places = begin - 1 + _until(random.generator("gaps").geometric(chance, wanted), most)
+            places = places[places < most]
+            if places.size:
+                in_rounds = places // link.modes
+                await self._layer.clock.wait_until(link.clicks_ns(int(in_rounds[-1]) + 1))
+                found = found.joined(self._meet(in_rounds, place))
+            begin = int(places[-1]) + 1 if places.size == wanted else most
+        used = -(-begin // link.modes) if chance else rounds
+        await self._layer.clock.wait_until(link.clicks_ns(used))
+        self._count(used * link.modes)
+        return found, used
+
+    def _count(self, attempts: int) -> None:
+        """Let the switches count the photons of all attempts."""
+        for name, follower, emitter in zip(
+            self._names, self._followers, self._link.emitters, strict=True
+        ):
+            bright = emitter.bright_state if self._link.scheme == "single-click" else 1.0
+            follower.count(attempts, emitter.efficiency * bright, name)
+
+    def _meet(self, rounds: NDArray[np.int64], place: str) -> Heralded:
+        """Return those of heralded attempts whose light has really come, with their errors."""
+        link, count = self._link, rounds.size
+        random = PhotonRandom(self._layer.draws, self._names[0], place, count)
+        kind = random.which("kind", count, link.heralds.chances)
+        met = [
+            follower.follow(name, place, link.emitted_ns(half, rounds))
+            for half, (follower, name) in enumerate(zip(self._followers, self._names, strict=True))
+        ]
+        light = met[0].paulis ^ met[1].paulis ^ _rotated(met, random)
+        light ^= _distinguished(link, met, random)
+        first = light * (kind == 0)  # the others are entangled with no light
+        second = np.zeros(count, np.uint8)
+        for errors, name, emitter in zip((first, second), self._names, link.emitters, strict=True):
+            own = random.at(f"emitter {name.half}")
+            at = own.events("error", 1 - emitter.fidelity)
+            errors[at] ^= 1 + own.which("which", at.size, np.ones(3))
+        told = np.where(random.coins("detector", count), PSI_MINUS, PSI_PLUS).astype(np.uint8)
+        come = met[0].arrived & met[1].arrived
+        exact = link.heralds.exact and all(each.exact for each in met)
+        errors = first[come], second[come]
+        return Heralded(rounds[come], kind[come], told[come], errors, exact)
+
+
+def _until(gaps: NDArray[np.int64], most: int) -> NDArray[np.int64]:
+    """Return the sums of gaps up to the first that is above `most`; all of them may be huge."""
+    above = int(np.searchsorted(gaps.cumsum(dtype=np.float64), most, side="right"))
+    return np.minimum(gaps[: above + 1], most + 1).cumsum()
+
+
+def _rotated(met: Sequence[Met], random: PhotonRandom) -> Bytes:
+    """Return the errors that coherent rotations of both photons amount to, twirled."""
+    paulis = np.zeros(random.photons, np.uint8)
+    if any(each.angles_rad is not None for each in met):
+        # In Psi the angles of both qubits count against each other.
+        first, second = (0.0 if each.angles_rad is None else each.angles_rad for each in met)
+        paulis ^= (random.uniform("angle") < np.sin((first - second) / 2) ** 2) * PHASE
+    if any(each.turn is not None for each in met):
+        every = np.arange(random.photons)
+        left, right = (
+            turn.quaternions[turn.stretch(every)] for turn in (each.turn or STILL for each in met)
+        )
+        chances = product(left, right * TRANSPOSED)[:, 1:] ** 2
+        drawn = random.uniform("turn")
+        paulis ^= TURNED[(drawn[:, None] >= chances.cumsum(axis=1)).sum(axis=1)]
+    return paulis
+
+
+def _distinguished(link: Link, met: Sequence[Met], random: PhotonRandom) -> Bytes:
+    """Return which phases are wrong, as light of both hosts could be told apart."""
+    wrong = np.zeros(random.photons, np.uint8)
+    worst, overlap = link.visibility, link.overlap.rad_per_s
+    if not overlap or all(each.delays_ps is None for each in met):
+        chance = float(phase_wrong(link.scheme, link.heralds, worst))
+        wrong[random.events("interference", chance)] = PHASE
+        return wrong
+    first, second = (0.0 if each.delays_ps is None else each.delays_ps for each in met)
+    own = worst * np.exp(-((overlap * (first - second) * 1e-12) ** 2))
+    chances = phase_wrong(link.scheme, link.heralds, own)
+    return (random.uniform("interference") < chances) * PHASE

@@ -1,0 +1,179 @@
+"""The way of light from a host that attempts to the station that heralds, and what it meets there.
+
+Of the photons of all attempts only those are followed that are heralded: what fibres and switches
+absorb is in the probability of a herald, and counted where switches count.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dispatcher.devices.overlap import angular_width
+from dispatcher.fiber.noise import Loss, Passage, Pattern, Schedule
+from dispatcher.fiber.turn import Turn
+from dispatcher.layer.layer import PhysicalLayer
+from dispatcher.layer.network import Line
+from dispatcher.layer.ownership import BlockName
+from dispatcher.operations.flight import MAX_FIBERS, meets
+from dispatcher.refusal import precondition
+from dispatcher.sabot.registers import Mask
+from dispatcher.switch.optical_switch import OpticalSwitch
+from wire.config import FiberEnd
+from wire.parameters.physics import PairSource
+
+PHASE = np.uint8(2)
+FLIPS_BIT = np.uint8(1)
+
+
+class Crossing(NamedTuple):
+    """A switch on the way."""
+
+    switch: OpticalSwitch
+    in_port: int
+    out_port: int
+    delay_ns: int  # from the host to it
+    transmission: float  # from the host to its output
+
+
+@dataclass(frozen=True)
+class StationWay:
+    """The fibres and switches between a host and a station, as they are when it begins."""
+
+    lines: tuple[Line, ...]
+    crossings: tuple[Crossing, ...]
+    delay_ns: int
+    transmission: float
+    dispersion_ps_per_nm: float
+    frequency_mhz: int
+
+    @property
+    def end(self) -> FiberEnd:
+        """Return the port at which the light comes out."""
+        return self.lines[-1].far
+
+    @property
+    def rotation(self) -> int:
+        """Return the Pauli that switches on the way apply."""
+        whole = 0
+        for switch, in_port, out_port, _delay_ns, _transmission in self.crossings:
+            whole ^= switch.rotation(in_port, out_port)
+        return whole
+
+
+@dataclass
+class Met:
+    """What light has met on the way; arrays have shape (k,), None: nothing."""
+
+    arrived: Mask
+    paulis: NDArray[np.uint8]
+    angles_rad: NDArray[np.float64] | None = None
+    turn: Turn | None = None
+    delays_ps: NDArray[np.float64] | None = None
+    exact: bool = True
+
+
+def find_way(layer: PhysicalLayer, start: FiberEnd, frequency_mhz: int) -> StationWay:
+    """Return the way on which light leaves a port just now; refuse if it ends in the dark."""
+    lines: list[Line] = []
+    crossings: list[Crossing] = []
+    now = np.array([layer.clock.now_ns()])
+    end, delay_ns, transmission, dispersion = start, 0, 1.0, 0.0
+    while (line := layer.network.line(end)) is not None and len(lines) < MAX_FIBERS:
+        lines.append(line)
+        delay_ns += line.delay_ns
+        dispersion += line.fiber.dispersion_ps_per_nm
+        for model in line.noise.values():
+            if isinstance(model, Loss):
+                transmission *= 10 ** (-model.loss_db / 10)
+        switch = layer.network.switches.get(line.far.node)
+        if switch is None:
+            way = tuple(lines), tuple(crossings), delay_ns, transmission
+            return StationWay(*way, dispersion, frequency_mhz)
+        in_port = int(line.far.port)
+        out_port = switch.timeline.connections.get(in_port)
+        if out_port is None:
+            break
+        transmission *= float(switch.transmission(in_port, out_port, now, frequency_mhz)[0])
+        crossings.append(Crossing(switch, in_port, out_port, delay_ns, transmission))
+        end = FiberEnd(switch.name, str(out_port))
+    raise precondition(
+        f"light that leaves {start.port} of {start.node} comes out nowhere: let the controller "
+        "open its path to the station first"
+    )
+
+
+class Follower:
+    """Follows the light of heralded attempts of one host."""
+
+    def __init__(
+        self, layer: PhysicalLayer, way: StationWay, source: PairSource, phase_only: bool
+    ) -> None:
+        """Follow light of such qubits; phase_only: that is there or not, and has a phase."""
+        self._layer, self._way, self._phase_only = layer, way, phase_only
+        self._encoding = "time-bin" if phase_only else source.encoding
+        self._width_rad_per_s = angular_width(source.bandwidth_nm)
+
+    def follow(self, name: BlockName, place: str, times_ns: NDArray[np.int64]) -> Met:
+        """Return what light has met that left at these ascending times, which are over."""
+        met = Met(np.ones(times_ns.size, bool), np.full(times_ns.size, self._way.rotation, "u1"))
+        for crossing in self._way.crossings:
+            there = times_ns + crossing.delay_ns
+            switch, ports = crossing.switch, (crossing.in_port, crossing.out_port)
+            met.arrived &= switch.timeline.path(ports[0], there) == ports[1]
+            met.arrived &= switch.transmission(*ports, there, self._way.frequency_mhz) > 0
+        delay_ns = 0
+        for number, line in enumerate(self._way.lines):
+            delay_ns += line.delay_ns
+            # Processes of the fibre are told that the photons come evenly, as they do on average.
+            interval_ns = (times_ns[-1] - times_ns[0]) / max(times_ns.size - 1, 1)
+            pattern = Pattern(max(float(interval_ns), 1.0), times_ns.size)
+            schedule = Schedule(int(times_ns[0]) + delay_ns, pattern)
+            self._pass(name, f"{place} fiber {number}", line, schedule, met)
+        return met
+
+    def _pass(self, name: BlockName, place: str, line: Line, schedule: Schedule, met: Met) -> None:
+        for model_name, model in line.noise.items():
+            if isinstance(model, Loss) or not meets(self._encoding, model):
+                continue
+            history = self._layer.history.of_model(line.near.node, line.near.port, model_name)
+            where = self._layer.draws, name, f"{place} {model_name}"
+            passage = Passage(*where, schedule, history, self._width_rad_per_s)
+            effect = model.effect(passage)
+            met.exact &= effect.exact
+            if effect.lost is not None:
+                met.arrived &= ~effect.lost
+            if effect.paulis is not None:
+                met.paulis ^= self._of_light(effect.paulis, passage)
+            if effect.angles_rad is not None:
+                more = effect.angles_rad
+                met.angles_rad = more if met.angles_rad is None else met.angles_rad + more
+            if effect.turn is not None:
+                met.turn = effect.turn.after(met.turn)
+            if effect.delays_ps is not None:
+                later = effect.delays_ps
+                met.delays_ps = later if met.delays_ps is None else met.delays_ps + later
+
+    def _of_light(self, paulis: NDArray[np.uint8], passage: Passage) -> NDArray[np.uint8]:
+        """Return the errors of the qubits; light without a second mode can only lose its phase.
+
+        Of the other polarisation it interferes with nothing: then its phase is any.
+        """
+        if not self._phase_only:
+            return paulis
+        coins = passage.coins("other polarisation", paulis.size)
+        return np.where(paulis & FLIPS_BIT, coins * PHASE, paulis).astype(np.uint8)
+
+    def count(self, attempts: int, efficiency: float, name: BlockName) -> None:
+        """Let switches count the photons of so many attempts, which succeed to emit so often."""
+        drawn = self._layer.draws.generator(name, "photons of attempts")
+        coming, before = int(drawn.binomial(attempts, efficiency)), 1.0
+        lines = iter(self._way.lines)
+        for crossing in self._way.crossings:
+            fiber = 10 ** (-next(lines).fiber.loss_db / 10)
+            coming = int(drawn.binomial(coming, fiber))
+            through = crossing.transmission / (before * fiber) if crossing.transmission else 0.0
+            leaving = int(drawn.binomial(coming, min(through, 1.0)))
+            crossing.switch.count_through(crossing.in_port, crossing.out_port, coming, leaving)
+            coming, before = leaving, crossing.transmission

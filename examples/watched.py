@@ -1,0 +1,109 @@
+"""Idle fibres as sensors: seals watch two ways, and an alarm closes the one that somebody taps.
+
+    alice --- q1 ====== q2 === charlie    alice watches her way to charlie, charlie his to bob;
+              ||        ||                messages from alice to bob go by both, and come first
+              q5 == q4 == q3 === bob
+
+qmn script examples/watched.py
+"""
+
+import tempfile
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from hosts.service_socket import ServiceSocket
+from hosts.stack_socket import QuantumSocketError
+from qmn.live.controller_console import ask
+from qmn.live.fiber_order import send as order
+from qmn.live.running import dispatcher_of_running_network
+from qmn.scripting import QuantumNetwork, start
+from wire.dispatcher_pb2 import AdjustFiberRequest
+from wire.metadata import Reason
+
+WAYS = {("alice", "charlie"): ("q1", "q2"), ("charlie", "bob"): ("q2", "q3")}
+PORT, PAIRS, PAUSE_S, LONGEST_S = 20, 2000, 0.2, 60.0
+TAPPED, MESSAGE = 0.5, bytes(200_000)
+BEGUN = time.monotonic()
+
+
+def say(text: str) -> None:
+    """Print what happens, and when."""
+    print(f"{time.monotonic() - BEGUN:6.2f} s  {text}", flush=True)
+
+
+def take_part(listener: ServiceSocket) -> None:
+    """Be the other end of a seal."""
+    connection, _peer = listener.accept()
+    with connection:
+        while not connection.over:
+            list(connection.results())
+
+
+def watch(network: QuantumNetwork, opener: str, acceptor: str) -> bool:
+    """Watch a way for a moment, by pairs that the opener makes; return whether all is well."""
+    mine, theirs = (network.runtime.socket(host) for host in (opener, acceptor))
+    with (
+        ThreadPoolExecutor(1) as pool,
+        ServiceSocket(mine) as asking,
+        ServiceSocket(theirs) as listener,
+    ):
+        listener.listen(PORT, "seal")
+        other = pool.submit(take_part, listener)
+        try:
+            list(asking.request("seal", (acceptor, PORT), source=opener, count=PAIRS))
+            asking.shutdown()
+        except QuantumSocketError as error:
+            if error.reason != Reason.BUSY:
+                raise
+            listener.close()  # nobody asks
+            other.exception(LONGEST_S)
+            say(f"{opener} to {acceptor}: at work")
+            return True
+        other.result(LONGEST_S)
+    found = asking.summary
+    verdict = "ALARM" if found["alarm"] else "whole"
+    visibility = 1 - 2 * found["error_rate"]
+    say(f"{opener} to {acceptor}: {verdict}, {found['compared']} pairs, {visibility:.2f} visible")
+    return not found["alarm"]
+
+
+def close(policy: Path, one: str, other: str) -> None:
+    """Have the controller send no light between two switches any more."""
+    with policy.open("a") as file:
+        file.write(f'[[closed]]\nbetween = ["{one}", "{other}"]\n')
+    ask("reload-policy")
+    say(f"closed: {one} to {other}")
+
+
+def tap(one: str, other: str) -> None:
+    """Put somebody on the fibres between two switches."""
+    request = AdjustFiberRequest(a=one, b=other, tapped=TAPPED)
+    order(dispatcher_of_running_network(), request)
+    say(f"somebody measures {TAPPED:g} of the photons between {one} and {other}")
+
+
+def main(policy: Path) -> None:
+    """Watch; send a message; have a fibre tapped, and send another message round it."""
+    with start("ring", switches=5, policy=str(policy)) as network, ThreadPoolExecutor(1) as pool:
+        sending, tapped = pool.submit(network.send, "alice", "bob", MESSAGE), False
+        while not (broken := [ways for ends, ways in WAYS.items() if not watch(network, *ends)]):
+            if time.monotonic() - BEGUN > LONGEST_S:
+                raise TimeoutError(f"no alarm in {LONGEST_S:g} s")
+            if sending.done() and not tapped:
+                say(f"message arrived: {sending.result().data == MESSAGE}")
+                tap("q2", "q3")
+                tapped = True
+            time.sleep(PAUSE_S)
+        for switches in broken:
+            close(policy, *switches)
+        result = network.send("alice", "bob", MESSAGE)
+        say(f"message arrived: {result.data == MESSAGE}, errors {result.symbol_error_rate:g}")
+        for path in network.trace("alice", "bob"):
+            say("now by " + " ".join(hop.what for hop in path.hops if hop.what != "fibre"))
+
+
+with tempfile.TemporaryDirectory() as folder:
+    file = Path(folder) / "policy.toml"
+    file.write_text('default = "allow"\n')
+    main(file)

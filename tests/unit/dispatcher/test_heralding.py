@@ -1,0 +1,408 @@
+"""Heralded pairs beside closed forms and a simulation in Fock space; 5 standard errors, seed 1."""
+
+import asyncio
+from collections import defaultdict
+from collections.abc import Awaitable, Callable
+from itertools import product
+from math import cos, exp, factorial, prod, sin, sqrt
+from typing import Any
+
+import numpy as np
+import pytest
+from five_sigma import within
+from numpy.typing import NDArray
+
+from dispatcher.devices.heralding import (
+    KINDS,
+    Arm,
+    Heralds,
+    phase_wrong,
+    single_click,
+    two_click,
+)
+from dispatcher.laboratory import Laboratory, LaboratoryHost
+from dispatcher.refusal import Refusal
+from wire.config import DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
+from wire.dispatcher_pb2 import MeasureRequest
+from wire.parameters.physics import BellAnalyser, Detectors, Device, Emitter, Memory
+
+M_PER_S = 2.04e8  # of light in fibre, as docs/physical-layer.md has it
+STATION = Device(memory=Memory(capacity=0), analyser=BellAnalyser("linear"))
+PSI = {1: np.array([0, 1, 1, 0]) / sqrt(2), 3: np.array([0, 1, -1, 0]) / sqrt(2)}
+
+Modes = tuple[str, ...]
+State = dict[tuple[int, int, Modes], complex]
+
+
+def emitted(scheme: str, alpha: float, photon: int, host: int) -> list[tuple[int, str, float]]:
+    """Return what a qubit and its photon are in: the qubit, the photon's mode, the amplitude."""
+    del photon
+    if scheme == "two-click":
+        return [(0, f"{host}early", sqrt(0.5)), (1, f"{host}late", sqrt(0.5))]
+    return [(0, "", sqrt(1 - alpha)), (1, f"{host}early", sqrt(alpha))]
+
+
+def split(mode: str, efficiency: float, visibility: float) -> list[tuple[str, float]]:
+    """Return where a photon goes: out of either side of the beam splitter, or into the fibre."""
+    host, when = int(mode[0]), mode[1:]
+    angle = np.arccos(sqrt(visibility)) if host else 0.0
+    sign = -1.0 if host else 1.0
+    ways = [(f"lost {mode}", sqrt(1 - efficiency))]
+    for colour, overlap in (("red", cos(angle)), ("blue", sin(angle))):
+        ways.append((f"c {when} {colour}", sqrt(efficiency / 2) * overlap))
+        ways.append((f"d {when} {colour}", sqrt(efficiency / 2) * overlap * sign))
+    return ways
+
+
+def clicks(modes: Modes, bins: list[str], dark: float) -> dict[int, float]:
+    """Return how likely photons in these modes are told as Psi+ (1) or Psi- (3)."""
+    told: dict[int, float] = defaultdict(float)
+    for pattern in product("cd", repeat=len(bins)):  # the one that clicks in each bin
+        chance = 1.0
+        for when, clicking in zip(bins, pattern, strict=True):
+            for side in "cd":
+                light = any(mode.startswith(f"{side} {when}") for mode in modes)
+                fires = 1.0 if light else dark
+                chance *= fires if side == clicking else 1 - fires
+        same = len(set(pattern)) == 1 if len(bins) > 1 else pattern == ("c",)
+        told[1 if same else 3] += chance
+    return told
+
+
+def in_fock_space(
+    scheme: str, arms: tuple[Arm, Arm], dark: float, visibility: float
+) -> dict[int, NDArray[np.complex128]]:
+    """Return the qubits' state behind either herald, its trace the herald's probability."""
+    amplitudes: dict[tuple[int, Modes], complex] = defaultdict(complex)
+    starts = [emitted(scheme, arm.bright_state, 1, host) for host, arm in enumerate(arms)]
+    for (one, mode_a, first), (other, mode_b, second) in product(*starts):
+        ways = [
+            split(mode, arms[int(mode[0])].efficiency, visibility)
+            for mode in (mode_a, mode_b)
+            if mode
+        ]
+        for taken in product(*ways):
+            modes = tuple(sorted(mode for mode, _amplitude in taken))
+            number = prod(factorial(modes.count(mode)) for mode in set(modes))
+            amplitude = first * second * prod(amplitude for _mode, amplitude in taken)
+            amplitudes[2 * one + other, modes] += amplitude * sqrt(number)
+    states = {1: np.zeros((4, 4), complex), 3: np.zeros((4, 4), complex)}
+    bins = ["early", "late"] if scheme == "two-click" else ["early"]
+    for modes in {modes for _qubits, modes in amplitudes}:
+        vector = np.array([amplitudes.get((qubits, modes), 0.0) for qubits in range(4)])
+        for told, chance in clicks(modes, bins, dark).items():
+            states[told] += chance * np.outer(vector, vector.conj())
+    return states
+
+
+SCHEMES = {"two-click": two_click, "single-click": single_click}
+CASES = [
+    (Arm(1.0), Arm(1.0), 0.0, 1.0),
+    (Arm(0.3), Arm(0.3), 0.0, 0.9),
+    (Arm(0.3), Arm(0.05), 0.002, 0.7),
+    (Arm(0.2, 0.1), Arm(0.2, 0.1), 0.01, 0.8),
+    (Arm(0.2, 0.1), Arm(0.1, 0.2), 0.01, 0.8),
+]
+
+
+@pytest.mark.parametrize("scheme", list(SCHEMES))
+@pytest.mark.parametrize(("first", "second", "dark", "visibility"), CASES)
+def test_heralds_are_those_of_a_simulation_in_fock_space(
+    scheme: str, first: Arm, second: Arm, dark: float, visibility: float
+) -> None:
+    arms = first, second
+    heralds = SCHEMES[scheme](arms, dark, visibility)
+    states = in_fock_space(scheme, arms, dark, visibility)
+    for told, state in states.items():
+        assert np.trace(state).real == pytest.approx(heralds.probability / 2, rel=1e-12)
+        ours = [fidelity(scheme, heralds, visibility, right) for right in (True, False)]
+        theirs = [(PSI[bell] @ state @ PSI[bell]).real for bell in (told, told ^ 2)]
+        theirs = [each / np.trace(state).real for each in theirs]
+        assert ours == pytest.approx(theirs, rel=1e-9, abs=1e-12)
+        for kind in ("00", "11"):
+            at = int(kind, 2)
+            chance = heralds.chances[KINDS.index(kind)] / 2
+            assert state[at, at].real == pytest.approx(chance, rel=1e-9, abs=1e-15)
+
+
+def fidelity(scheme: str, heralds: Heralds, visibility: float, right: bool) -> float:
+    """Return how like the Bell state that was told, or its opposite, pairs are."""
+    entangled, _00, one, other, _11 = heralds.chances
+    wrong = float(phase_wrong(scheme, heralds, visibility))
+    kept = 1 - wrong if right else wrong
+    return (entangled * kept + (one + other) / 2) / heralds.probability
+
+
+def test_the_closed_forms_of_both_schemes() -> None:
+    # Barrett and Kok: eta^2 / 2. Single click: 2 alpha eta, and 1 - alpha, of little light.
+    assert two_click((Arm(0.3), Arm(0.3)), 0.0, 1.0).probability == pytest.approx(0.045)
+    little = single_click((Arm(1e-6, 0.1), Arm(1e-6, 0.1)), 0.0, 1.0)
+    assert little.probability == pytest.approx(2 * 0.1 * 1e-6, rel=1e-5)
+    assert fidelity("single-click", little, 1.0, True) == pytest.approx(0.9, rel=1e-5)
+    drifting = single_click((Arm(1e-6, 1e-9, 0.2), Arm(1e-6, 1e-9, 0.2)), 0.0, 1.0)
+    coherence = exp(-0.04)  # of a phase with the variance 2 x 0.2^2
+    assert fidelity("single-click", drifting, 1.0, True) == pytest.approx((1 + coherence) / 2)
+
+
+def scene(
+    act: Callable[[Laboratory], Awaitable[None]],
+    device: Device,
+    station: Device = STATION,
+    km: tuple[float, float] = (10.0, 10.0),
+    **fiber: Any,
+) -> None:
+    """Do something where alice and bob attempt with such a device, by way of q1, at charlie."""
+    lengths = {"alice": km[0], "bob": km[1], "charlie": 0.0}
+    ends = [("alice", "alice-q0"), ("bob", "bob-q0"), ("charlie", "charlie-q0")]
+    ends.append(("charlie", "charlie-q1"))
+    fibers = [
+        Fiber(FiberEnd(host, port), FiberEnd("q1", str(number)), length_km=lengths[host], **fiber)
+        for number, (host, port) in enumerate(ends, 1)
+    ]
+    devices = {"alice": device, "bob": device, "charlie": station}
+    config = DispatcherConfig(
+        "", "", 1, dict.fromkeys(devices, ""), fibers, [QuantumSwitch("q1")], devices=devices
+    )
+
+    async def inside() -> None:
+        laboratory = Laboratory(config)
+        await laboratory.connect("q1", {1: 3, 2: 4})
+        await laboratory.wait(1e-3)
+        await act(laboratory)
+
+    asyncio.run(inside())
+
+
+async def heralded(
+    laboratory: Laboratory, count: int, timeout_s: float = 60.0
+) -> tuple[NDArray[np.uint8], int, float]:
+    """Herald pairs; return what was told, the attempts, and how long it took."""
+    await laboratory.host("alice").attempt((0, 0), "alice-q0")
+    await laboratory.host("bob").attempt((0, 1), "bob-q0")
+    station = laboratory.host("charlie")
+    found = await station.herald(count, ("charlie-q0", "charlie-q1"), timeout_s)
+    told = np.frombuffer(found.outcomes, np.uint8)
+    return told, found.attempts, (found.last_ns - found.first_ns) / 1e9
+
+
+async def correlations(
+    laboratory: Laboratory, told: NDArray[np.uint8]
+) -> dict[str, tuple[int, int]]:
+    """Return how often outcomes are as those of the pairs told, by basis, and of how many."""
+    alice, bob = laboratory.host("alice"), laboratory.host("bob")
+    size, right = told.size, {}
+    bases = (np.arange(size) % 3).astype(np.uint8)
+    mine = await alice.measure((0, 0), bases=bases)
+    yours = await bob.measure((0, 1), bases=bases)
+    phase = (told == 3).astype(np.uint8)  # of Psi+: equal in X and in Y, not in Z
+    for number, basis in enumerate("ZXY"):
+        at = bases == number
+        differ = np.ones(size, np.uint8) if basis == "Z" else phase
+        right[basis] = int(np.count_nonzero((mine ^ yours ^ differ)[at] == 0)), int(at.sum())
+    return right
+
+
+def test_a_link_makes_p_pairs_in_each_round_trip_to_the_station() -> None:
+    """p c / 2L: .045 of 20 km of fibre there and back."""
+    device = Device(emitter=Emitter("two-click", efficiency=0.3))
+
+    async def act(laboratory: Laboratory) -> None:
+        told, attempts, took_s = await heralded(laboratory, 3000)
+        assert told.size == 3000
+        assert within(told.size, attempts, 0.045)
+        assert within(int(np.count_nonzero(told == 1)), told.size, 0.5)
+        assert took_s / attempts == pytest.approx(2 * 10_000 / M_PER_S, rel=1e-3)
+        right = await correlations(laboratory, told)
+        assert all(found == of for found, of in right.values())
+
+    scene(act, device)
+
+
+def test_modes_attempt_side_by_side() -> None:
+    device = Device(emitter=Emitter("two-click", efficiency=0.3, modes=100))
+
+    async def act(laboratory: Laboratory) -> None:
+        _told, attempts, took_s = await heralded(laboratory, 3000)
+        assert within(3000, attempts, 0.045)
+        assert took_s / attempts == pytest.approx(2 * 10_000 / M_PER_S / 100, rel=1e-2)
+
+    scene(act, device)
+
+
+def test_the_longer_way_and_the_preparation_pace_attempts() -> None:
+    device = Device(emitter=Emitter("two-click", preparation_s=1e-3))
+
+    async def act(laboratory: Laboratory) -> None:
+        _told, attempts, took_s = await heralded(laboratory, 1000)
+        assert took_s / attempts == pytest.approx(1e-3 + 2 * 15_000 / M_PER_S, rel=1e-3)
+
+    scene(act, device, km=(15.0, 5.0))
+
+
+def test_fibres_detectors_and_switches_lose_light_of_attempts() -> None:
+    device = Device(emitter=Emitter("two-click", efficiency=0.5))
+    station = Device(detectors=Detectors(efficiency=0.8), analyser=BellAnalyser("linear"))
+    efficiency = 0.5 * 0.8 * 10 ** (-2.0 / 10)  # of 10 km with .2 dB each
+
+    async def act(laboratory: Laboratory) -> None:
+        _told, attempts, _took_s = await heralded(laboratory, 3000)
+        assert within(3000, attempts, efficiency**2 / 2)
+        counted = laboratory.layer.network.switches["q1"].ports
+        assert within(counted[1].photons_in, attempts, 0.5 * 10 ** (-2.0 / 10))
+        assert counted[3].photons_out == counted[1].photons_in
+
+    scene(act, device, station, loss_db_per_km=0.2)
+
+
+def test_single_clicks_are_common_and_1_minus_alpha_is_their_fidelity() -> None:
+    alpha, efficiency, count = 0.2, 0.01, 60_000
+    device = Device(emitter=Emitter("single-click", efficiency, alpha, modes=100))
+    state = in_fock_space("single-click", (Arm(efficiency, alpha),) * 2, 0.0, 1.0)[1]
+    bright = state[3, 3].real / np.trace(state).real  # both have emitted
+
+    async def act(laboratory: Laboratory) -> None:
+        told, attempts, _took_s = await heralded(laboratory, count)
+        assert within(count, attempts, 2 * np.trace(state).real)
+        right = await correlations(laboratory, told)
+        assert within(*right["Z"], 1 - bright)
+        assert within(*right["X"], 1 - bright / 2)
+        assert within(*right["Y"], 1 - bright / 2)
+        assert 1 - bright == pytest.approx(1 - alpha, rel=1e-2)
+
+    scene(act, device)
+
+
+@pytest.mark.parametrize("scheme", list(SCHEMES))
+def test_dark_counts_herald_pairs_that_are_none(scheme: str) -> None:
+    dark_hz, gate_s, count = 1e6, 1e-8, 60_000
+    device = Device(emitter=Emitter(scheme, 0.05, 0.1, modes=100))
+    detectors = Detectors(dark_count_hz=dark_hz, gate_s=gate_s)
+    station = Device(detectors=detectors, analyser=BellAnalyser("linear", visibility=0.8))
+    dark = 1 - exp(-dark_hz * gate_s)
+    states = in_fock_space(scheme, (Arm(0.05, 0.1),) * 2, dark, 0.8)
+    chance = np.trace(states[1] + states[3]).real
+    state = (states[1] + np.diag([1, 1, -1, -1]) @ states[3] @ np.diag([1, 1, -1, -1])) / chance
+
+    async def act(laboratory: Laboratory) -> None:
+        told, attempts, _took_s = await heralded(laboratory, count)
+        assert within(count, attempts, chance)
+        right = await correlations(laboratory, told)
+        assert within(*right["Z"], (state[1, 1] + state[2, 2]).real)
+        assert within(*right["X"], (1 + 2 * (state[1, 2] + state[0, 3]).real) / 2)
+        assert within(*right["Y"], (1 + 2 * (state[1, 2] - state[0, 3]).real) / 2)
+
+    scene(act, device, station)
+
+
+def test_noise_of_fibres_and_of_emitters_is_in_the_pairs() -> None:
+    """Werner pairs: each basis errs with 2 (1 - F) / 3, fibres with p / 2 each, on four."""
+    fidelity, p, count = 0.94, 0.02, 60_000
+    device = Device(emitter=Emitter("two-click", fidelity=fidelity))
+    keeps = (1 - 4 * (1 - fidelity) / 3) ** 2 * (1 - p) ** 4
+
+    async def act(laboratory: Laboratory) -> None:
+        told, _attempts, _took_s = await heralded(laboratory, count)
+        for found, of in (await correlations(laboratory, told)).values():
+            assert within(found, of, (1 + keeps) / 2)
+
+    scene(act, device, depolarizing=p)
+
+
+def test_each_qubit_waits_from_its_own_emission() -> None:
+    """With T2 the phase is kept with the mean of exp(-2 t / T2) over the times of all heralds."""
+    t2_s, count, efficiency = 5e-3, 3000, 0.3
+    device = Device(
+        memory=Memory(t1_s=1e6, t2_s=t2_s), emitter=Emitter("two-click", efficiency=efficiency)
+    )
+    period_s, p = 2 * 10_000 / M_PER_S, efficiency**2 / 2
+    # Heralds come evenly in time from the end back; then both qubits have waited k periods.
+    rounds = round(count / p)
+    kept = exp(-2 * period_s / t2_s)
+    mean = sum(kept ** (0.5 + k) for k in range(rounds)) / rounds
+
+    async def act(laboratory: Laboratory) -> None:
+        told, attempts, _took_s = await heralded(laboratory, count)
+        right = await correlations(laboratory, told)
+        assert right["Z"][0] == right["Z"][1]
+        for basis in "XY":
+            assert within(*right[basis], (1 + mean * rounds / attempts) / 2)
+
+    scene(act, device)
+
+
+def test_no_more_is_heralded_than_time_allows() -> None:
+    device = Device(emitter=Emitter("two-click", efficiency=0.01))
+
+    async def act(laboratory: Laboratory) -> None:
+        told, attempts, took_s = await heralded(laboratory, 3000, timeout_s=2.0)
+        assert took_s == pytest.approx(2.0, rel=1e-3)
+        assert attempts == pytest.approx(2.0 / (2 * 10_000 / M_PER_S), rel=1e-3)
+        assert within(told.size, attempts, 0.01**2 / 2)
+
+    scene(act, device)
+
+
+def test_light_that_a_switch_let_go_while_it_came_is_no_herald() -> None:
+    device = Device(emitter=Emitter("two-click", efficiency=0.3))
+
+    async def act(laboratory: Laboratory) -> None:
+        start_ns = laboratory.clock.now_ns()
+        closes_ns = start_ns + 100_000_000
+        wait = laboratory.clock.wait_until
+
+        async def closing(time_ns: int) -> None:
+            if time_ns > closes_ns > laboratory.clock.time_ns:
+                laboratory.clock.time_ns = closes_ns
+                await laboratory.connect("q1", {1: 3})
+            await wait(time_ns)
+
+        laboratory.clock.wait_until = closing  # type: ignore[method-assign]
+        told, attempts, _took_s = await heralded(laboratory, 3000, timeout_s=1.0)
+        assert within(told.size, attempts // 10, 0.045)
+
+    scene(act, device)
+
+
+def attempts_of(host: LaboratoryHost) -> Awaitable[object]:
+    """Let a host attempt by its first port."""
+    return host.attempt((0, int(host.name == "bob")), f"{host.name}-q0")
+
+
+def test_what_cannot_be_heralded_is_refused() -> None:
+    device = Device(memory=Memory(capacity=10), emitter=Emitter("two-click"))
+
+    async def act(laboratory: Laboratory) -> None:
+        alice, bob, charlie = (laboratory.host(name) for name in ("alice", "bob", "charlie"))
+        ports = ("charlie-q0", "charlie-q1")
+        with pytest.raises(Refusal, match="feature HERALD is needed: charlie has no qubits"):
+            await charlie.attempt((0, 0), "charlie-q0")
+        with pytest.raises(Refusal, match="no node attempts for block 0/0"):
+            await charlie.herald(5, ports, 1.0)
+        await attempts_of(alice)
+        with pytest.raises(Refusal, match="another node attempts for it"):
+            await bob.attempt((0, 0), "bob-q0")
+        await attempts_of(bob)
+        with pytest.raises(Refusal, match="comes to charlie-q0 of charlie, not to charlie-q1"):
+            await charlie.herald(5, ports[::-1], 1.0)
+        with pytest.raises(Refusal, match="11 more qubits with 0 stored exceed the capacity"):
+            await charlie.herald(11, ports, 1.0)
+        await laboratory.connect("q1", {1: 3})
+        with pytest.raises(Refusal, match="bob-q0 of bob comes out nowhere"):
+            await charlie.herald(5, ports, 1.0)
+        assert laboratory.layer.sabot.live_qubits == 0
+
+    scene(act, device)
+
+
+def test_hosts_of_different_schemes_are_refused_and_a_gate_is_no_station() -> None:
+    async def act(laboratory: Laboratory) -> None:
+        await attempts_of(laboratory.host("alice"))
+        await attempts_of(laboratory.host("bob"))
+        with pytest.raises(Refusal, match="feature INTERFERE is needed: charlie has no analyser"):
+            await laboratory.host("charlie").herald(5, ("charlie-q0", "charlie-q1"), 1.0)
+
+    scene(act, Device(emitter=Emitter("two-click")), Device(analyser=BellAnalyser("gates")))
+
+
+def test_bases_of_measurements_are_as_numbered() -> None:
+    assert (MeasureRequest.Z, MeasureRequest.X, MeasureRequest.Y) == (0, 1, 2)
