@@ -42,8 +42,8 @@ class QuantumSocket(ServiceSocket):
     def connect(self, address: tuple[str, int], **options: Any) -> None:
         """Connect to a listening application on a host.
 
-        Options: handshake ("framed" or "per-pair"), frame_bytes, block_pairs, rate_hz, fec
-        ("none", "repetition", "hamming", "golay" or "reed-solomon"), interleave (bool).
+        Options: handshake ("framed", "per-pair" or "sequential"), frame_bytes, block_pairs,
+        rate_hz, fec ("none", "repetition", "hamming", "golay" or "reed-solomon"), and interleave.
         Raise QuantumSocketError with the reason if light cannot be had.
         """
         list(self.request(BYTES, address, **options))

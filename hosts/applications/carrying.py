@@ -8,7 +8,7 @@ from typing import Any, BinaryIO
 
 from hosts.quantum_socket import QuantumSocket, QuantumSocketError
 
-CHUNK_BYTES = {"framed": 1 << 16, "per-pair": 16}
+CHUNK_BYTES = {"framed": 1 << 16, "per-pair": 16, "sequential": 16}
 READ_BYTES = 1 << 16
 
 

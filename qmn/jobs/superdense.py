@@ -28,14 +28,14 @@ from wire.parameters.option import option
 
 MESSAGE = Path(__file__).with_name("message.txt")
 # Bell pairs a second to expect on two cores, for the estimate before the start.
-EXPECTED_RATE = {"framed": 2_000_000, "per-pair": 200}
-RECORDED_BYTES_PER_PAIR = {"framed": 0.27, "per-pair": 900}
+EXPECTED_RATE = {"framed": 2_000_000, "per-pair": 200, "sequential": 50}
+RECORDED_BYTES_PER_PAIR = {"framed": 0.27, "per-pair": 900, "sequential": 900}
 DECODING_RATE = {"reed-solomon": 300_000}  # pairs a second, of codes that take longer than light
-CAPTURED_BYTES_PER_PAIR = {"framed": 1.18, "per-pair": 4_900}
+CAPTURED_BYTES_PER_PAIR = {"framed": 1.18, "per-pair": 4_900, "sequential": 4_900}
 # Times that in the timeline of all, where a packet has a longer head; and of heads alone.
-MERGED = {"framed": 1.02, "per-pair": 1.11}
-MERGED_HEADS = {"framed": 0.17, "per-pair": 0.9}
-SIZE_LIMIT = {"framed": 1 << 30, "per-pair": 1 << 16}
+MERGED = {"framed": 1.02, "per-pair": 1.11, "sequential": 1.11}
+MERGED_HEADS = {"framed": 0.17, "per-pair": 0.9, "sequential": 0.9}
+SIZE_LIMIT = {"framed": 1 << 30, "per-pair": 1 << 16, "sequential": 1 << 16}
 TELL_ESTIMATE_ABOVE_S = 10
 # What of the session the result keeps as parameters.
 PACKETISATION = ("frame_bytes", "block_pairs", "rate_hz", "fec", "interleave")
@@ -138,7 +138,7 @@ def check_input(request: SuperdenseRequest, hosts: Sequence[str]) -> int:
     if size > limit:
         raise BadInput(
             f"{size:,} bytes: with the handshake {options.handshake} at most {limit:,} can be "
-            "sent" + ("; use --handshake framed" if options.handshake == "per-pair" else "")
+            "sent" + ("; use --handshake framed" if options.handshake != "framed" else "")
         )
     check_network(request.network)
     check_ranges(request.run)

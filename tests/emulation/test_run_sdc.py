@@ -8,10 +8,11 @@ from typing import Any
 import pytest
 from conftest import ROOT, qmn, verb
 from scapy.layers.inet import IP, TCP
-from scapy.utils import PcapReader
+from scapy.utils import PcapReader, rdpcap
 
 from wire.metadata import METADATA_PORT, SETUP_LENGTH, MalformedPacket, Setup, Verdict, decode
 
+SEQUENTIAL = "one"  # is sent by handshakes that wait for each other
 RESULT_KEYS = {
     "topology",
     "mode",
@@ -79,6 +80,36 @@ def test_bob_holds_exactly_what_alice_sent(tmp_path: Path, controller: str, hand
     assert (result["backend"], result["exact"]) == ("chp", True)
     set_ups = {"framed": 1, "per-pair": 4 * len(message)}[handshake]
     assert result["path_setup_ms"]["n"] == set_ups
+
+
+@pytest.fixture(scope="module")
+def sequential_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    """Return the folder and the result of a run with sequential handshakes and short captures."""
+    runs = tmp_path_factory.mktemp("runs")
+    words = "--message", SEQUENTIAL, "--handshake", "sequential", "--captures", "headers"
+    return runs / "latest", run(runs, *words)
+
+
+def test_each_pair_of_sequential_handshakes_has_a_light_path_of_its_own(
+    sequential_run: tuple[Path, dict[str, Any]],
+) -> None:
+    folder, result = sequential_run
+    assert (folder / "received").read_text() == SEQUENTIAL
+    pairs = 4 * len(SEQUENTIAL)
+    assert (result["bell_pairs"], result["path_setup_ms"]["n"]) == (pairs, pairs)
+    events = [json.loads(line) for line in (folder / "controller.jsonl").read_text().splitlines()]
+    paths = [each["event"] for each in events if each["event"] in ("path_ready", "torn_down")]
+    assert paths[: 2 * pairs] == ["path_ready", "torn_down"] * pairs
+
+
+def test_captures_of_headers_hold_set_up_messages_whole_and_little_else(
+    sequential_run: tuple[Path, dict[str, Any]],
+) -> None:
+    folder, result = sequential_run
+    packets = [packet for file in folder.glob("s1-*.pcap") for packet in rdpcap(str(file))]
+    assert max(len(packet) for packet in packets) <= 640
+    setups = [packet for packet in packets if TCP in packet and setup_in(packet) is not None]
+    assert len(setups) >= result["bell_pairs"]
 
 
 def test_a_binary_file_of_many_blocks_arrives(tmp_path: Path) -> None:

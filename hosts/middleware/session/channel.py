@@ -182,6 +182,17 @@ class MetadataChannel:
         """Close the connection once everything is written."""
         self._writer.close()
 
+    async def end(self) -> None:
+        """Close the connection when the other end has closed it, too: it has seen that it is over.
+
+        Raise SilentPeer if it does not.
+        """
+        self._writer.write_eof()
+        message = await self.next(ANSWER_TIMEOUT_S)
+        self.close()
+        if message is not None:
+            raise unexpected(message, self.peer)
+
     async def give_up(self, error: Exception) -> None:
         """Tell the other end why it ends, and close when it has heard that.
 

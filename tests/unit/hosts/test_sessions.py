@@ -54,7 +54,7 @@ def exchange(
     return asyncio.run(run())
 
 
-@pytest.mark.parametrize("handshake", ["framed", "per-pair"])
+@pytest.mark.parametrize("handshake", ["framed", "per-pair", "sequential"])
 def test_bytes_arrive_as_they_were_sent(tmp_path: Path, handshake: str) -> None:
     data = bytes(range(256))[:24]
     got, statistics = exchange(tmp_path, data, handshake=handshake)

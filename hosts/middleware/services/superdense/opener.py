@@ -21,7 +21,7 @@ from dataclasses import asdict
 
 from hosts.hardware.qnic import BlockName, NoLight, Symbols
 from hosts.middleware.services.superdense.halves import sent_half
-from hosts.middleware.services.superdense.options import SuperdenseOptions
+from hosts.middleware.services.superdense.options import SEQUENTIAL, SuperdenseOptions
 from hosts.middleware.services.superdense.per_pair import Agreed, OneByOne, cancelled
 from hosts.middleware.services.superdense.sender import Light, Sender, Singles
 from hosts.middleware.session.service import Carrier, OpenerEnd
@@ -30,19 +30,22 @@ from hosts.timeouts import GRACE_S, LIGHT_TIMEOUT_S, REPORT_TIMEOUT_S
 from wire.metadata import Report
 
 
-async def open_bytes(end: OpenerEnd, _options: SuperdenseOptions) -> Carrier:
+async def open_bytes(end: OpenerEnd, options: SuperdenseOptions) -> Carrier:
     """Prepare the sending of bytes; return the way for them."""
-    return Carrier(Opener(end).send)
+    return Carrier(Opener(end, options.handshake == SEQUENTIAL).send)
 
 
 class Opener:
     """Carries out what a sender orders: with the pairs of a source, and the other end's reports."""
 
-    def __init__(self, end: OpenerEnd) -> None:
-        """Raise SessionError if the receiver does not say what its analyser can do."""
+    def __init__(self, end: OpenerEnd, sequential: bool = False) -> None:
+        """Raise SessionError if the receiver does not say what its analyser can do.
+
+        Sequential: of handshakes of single pairs, each begins when the one before it is over.
+        """
         self._end, self._qnic, self._setup, self._channel = end, end.qnic, end.setup, end.channel
         self._sender = Sender(end.setup, end.answer, end.arrangement.peer, now_s())
-        self._one_by_one = OneByOne(self._shake_hands, self._pair)
+        self._one_by_one = OneByOne(self._shake_hands, self._pair, sequential)
         end.counts, end.summary = self._counts, asdict(self._sender.statistics)
         end.sent = self._sender.sent
 

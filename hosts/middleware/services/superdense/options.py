@@ -14,7 +14,13 @@ from hosts.middleware.session.options import (
 from hosts.middleware.session.service_options import SessionOptions
 from wire.metadata import FEC_NAMES, Handshake, Reason
 
-HANDSHAKES = {"framed": Handshake.FRAMED, "per-pair": Handshake.PER_PAIR}
+SEQUENTIAL = "sequential"
+# As they are called on the wire: whether handshakes wait for each other is the opener's own affair.
+HANDSHAKES = {
+    "framed": Handshake.FRAMED,
+    "per-pair": Handshake.PER_PAIR,
+    SEQUENTIAL: Handshake.PER_PAIR,
+}
 
 
 @dataclass(frozen=True)

@@ -1,10 +1,14 @@
-"""A handshake for every Bell state (paper, figure "handshaking"), the next ones made ahead.
+"""A handshake for every Bell state (paper, figure "handshaking"), the next ones made ahead or not.
 
     pair 1   |-- handshake --|-- light --| close
     pair 2        |-- handshake --|-- light --| close
     pair 3             |-- handshake --|-- light --| close
 
-Connections are closed in order: the newest one keeps the light path up.
+Connections are closed in order: the newest one keeps the light path up. In the sequential handshake
+nothing is made ahead, as in the paper, and each pair has a light path of its own:
+
+    pair 1   |-- handshake --|-- light --| close
+    pair 2                                      |-- handshake --|-- light --| close
 """
 
 import asyncio
@@ -39,9 +43,13 @@ Light = Callable[[int, Symbols], Awaitable[int]]
 class OneByOne:
     """Sends photons each under a handshake of its own."""
 
-    def __init__(self, shake_hands: ShakeHands, light: Light) -> None:
+    def __init__(self, shake_hands: ShakeHands, light: Light, sequential: bool = False) -> None:
+        """Sequential: a handshake begins when the pair before it is over."""
         self._shake_hands = shake_hands
         self._light = light
+        self._sequential = sequential
+        self._ahead = 1 if sequential else HANDSHAKES_AHEAD
+        self._at_a_time = 1 if sequential else LIGHTS_AT_A_TIME
         self._handshakes: deque[asyncio.Task[Agreed]] = deque()
         self._lights: deque[asyncio.Task[int]] = deque()
 
@@ -51,13 +59,13 @@ class OneByOne:
         sent_ns = []
         try:
             for index in range(count):
-                ahead = min(index + HANDSHAKES_AHEAD, count)
+                ahead = min(index + self._ahead, count)
                 self._begin_handshakes(range(first + index, first + ahead))
                 before = self._lights[-1] if self._lights else None
                 agreed = await self._handshakes.popleft()
                 pair = self._pair(first + index, agreed, symbols[index : index + 1], before)
                 self._lights.append(asyncio.create_task(pair))
-                if len(self._lights) == LIGHTS_AT_A_TIME:
+                if len(self._lights) == self._at_a_time:
                     sent_ns.append(await self._lights.popleft())
             sent_ns += await asyncio.gather(*self._lights)
         finally:
@@ -76,13 +84,17 @@ class OneByOne:
         before: asyncio.Task[int] | None,
     ) -> int:
         try:
-            return await self._light(number, to_paulis(symbol, agreed.encoding))
+            sent_ns = await self._light(number, to_paulis(symbol, agreed.encoding))
         except NoLight:
-            return 0
+            sent_ns = 0
         finally:
             if before is not None:
                 await asyncio.wait([before])
-            agreed.channel.close()
+            if not self._sequential:
+                agreed.channel.close()
+        if self._sequential:
+            await agreed.channel.end()
+        return sent_ns
 
     async def _abandon(self) -> None:
         """End what was begun and is not needed any more."""
