@@ -126,7 +126,12 @@ def test_light_is_there_when_messages_have_gone_their_ways() -> None:
 
 def test_the_controller_on_a_map_is_as_far_away_as_its_fibres_are_long() -> None:
     """Where nobody waits: four ways to the ends, and two to the farthest switch at most."""
-    quiet = {"rate_per_s": 0.1, "holding_s": 0.01, "sessions": 400, "deadline_s": 600.0}
+    quiet: dict[str, float | int | str] = {
+        "rate_per_s": 0.1,
+        "holding_s": 0.01,
+        "sessions": 400,
+        "deadline_s": 600.0,
+    }
     off = outcome(signalling="off", **quiet)
     assert (off["in_time"].value, off["wait"].value) == (1.0, 0.0)
     read = read_map("abilene")

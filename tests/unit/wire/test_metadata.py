@@ -182,7 +182,7 @@ def test_a_verdict_moves_no_byte_of_the_set_up() -> None:
         (0, 0x52, "begins with"),
         (2, 9, "version 9"),
         (3, 99, "unknown kind 99"),
-        (16, 10, "unknown service 10"),
+        (16, 99, "unknown service 99"),
         (17, 9, "unknown handshake 9"),
         (40, 0xE5, "does not use each operator once"),
         (42, 2, "interleave is 2, not 0 or 1"),
