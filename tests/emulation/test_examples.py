@@ -7,10 +7,13 @@ import subprocess
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
+from uuid import UUID
 
 import numpy as np
 import pytest
 from conftest import ROOT
+from scapy.layers.inet import TCP
+from scapy.utils import rdpcap
 
 EXAMPLES = ROOT / "examples"
 QMN = str(ROOT / "bin" / "qmn")
@@ -149,6 +152,22 @@ def test_a_message_survives_the_cut_of_a_fibre() -> None:
     ways = re.findall(r"^now by (.*)$", printed, re.MULTILINE)
     assert len(ways) == 3
     assert not any({"q1 q2", "q2 q1"} & {way[i : i + 5] for i in range(len(way))} for way in ways)
+
+
+def test_openssl_talks_tls_by_a_key_of_photons(tmp_path: Path) -> None:
+    alice = f"alice python {EXAMPLES}/tls_psk.py bob 'hello there'\n"
+    commands = listening("tls_psk.py", tmp_path / "log") + alice + "bob wait\n"
+    printed = said(commands, tmp_path / "runs", "--key-pair", "alice:bob", "--capture")
+    assert "ereht olleh" in printed
+    assert "Protocol version: TLSv1.3" in printed
+    assert "No peer certificate" in printed
+    sent: dict[int, bytes] = {5003: b"", 5443: b""}
+    for packet in rdpcap(str(tmp_path / "runs" / "latest" / "s1-eth1.pcap")):
+        if TCP in packet and packet[TCP].dport in sent:
+            sent[packet[TCP].dport] += bytes(packet[TCP].payload)
+    key_id = UUID(sent[5003].decode().strip())
+    assert str(key_id).encode() in sent[5443]  # the identity, in ClientHello
+    assert b"hello" not in sent[5443]
 
 
 def test_an_alarm_closes_the_fibre_that_somebody_taps() -> None:
