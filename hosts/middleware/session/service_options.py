@@ -14,7 +14,7 @@ from hosts.middleware.session.options import (
 from wire.metadata import Handshake, Reason
 
 MOST_PRIORITY = 255
-MOST_DEADLINE_MS = 3_600_000
+LATEST_MS = 3_600_000
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class SessionOptions(Options):
         """Raise SessionError for a value out of range."""
         check_whole("block_pairs", self.block_pairs, 1, MAX_BLOCK_PAIRS)
         check_whole("priority", self.priority, 0, MOST_PRIORITY)
-        check_whole("deadline_ms", self.deadline_ms, 0, MOST_DEADLINE_MS)
+        check_whole("deadline_ms", self.deadline_ms, 0, LATEST_MS)
         if not isinstance(self.source, str):
             raise SessionError(Reason.UNSUPPORTED, f"source {self.source!r} is not a name")
         check_where_and_how_fast(self.host, self.port, self.rate_hz)
