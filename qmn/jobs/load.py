@@ -11,6 +11,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from hosts.middleware.services import NAMES
 from hosts.middleware.session.channel import SessionError
+from qmn.benchmarks.many_hosts import controller_s
 from qmn.jobs.run_context import RunContext, begin_folder, ending, known_facts, running_network
 from qmn.jobs.run_options import RunOptions
 from qmn.network.checks import check_network
@@ -200,6 +201,7 @@ def _drive(
             request.network.seed,
             network.runtime.time.scale,
         )
+        before_s = controller_s(network)
         try:
             _follow(driver, len(planned), network, context.console)
         finally:
@@ -207,6 +209,7 @@ def _drive(
                 **figures(
                     driver.outcomes, read_record(network.runtime.logs), network.runtime.time.scale
                 ),
+                "controller_ms": 1e3 * (controller_s(network) - before_s) / len(planned),
                 "began_ns": driver.began_ns,
                 "sessions": listed(driver.outcomes),
             }

@@ -163,6 +163,15 @@ def test_every_session_is_counted_once() -> None:
     assert found["pairs_per_s"] == 3.0
 
 
+def test_the_load_is_that_of_sessions_by_littles_law() -> None:
+    """A session a second, each a quarter of a second without light and two with it."""
+    told = [outcome("h1", asked_s=at, setup_s=0.25, ended_s=at + 2.25) for at in range(100)]
+    found = figures(told, [])
+    assert found["offered_per_s"] == pytest.approx(100 / 99)
+    assert found["at_a_time"] == 3
+    assert found["carried"] == pytest.approx(100 * 2 / 101.25)
+
+
 def test_the_controller_s_record_says_who_waited_and_who_had_light() -> None:
     events = [("queued", 0), ("path_ready", 3), ("torn_down", 7), ("torn_down", 9)]
     record = [{"session": "7", "event": event, "time_ns": at * 10**9} for event, at in events]
