@@ -101,7 +101,10 @@ class Stack:
     def _heralded(self, setup: Setup, source: str) -> Setup:
         """Have pairs heralded where this host's memory emits and the source is a station."""
         emits = HERALD in self._means.abilities.features
-        if emits and source in self._config.stations and setup.service in HERALDED_LIGHT:
+        stations = self._config.stations
+        # Of a chain the controller chooses them.
+        stands = bool(stations) if setup.service == Service.SWAP else source in stations
+        if emits and stands and setup.service in HERALDED_LIGHT:
             return replace(setup, memory=MemoryState.HERALDED)
         return setup
 

@@ -225,7 +225,7 @@ class SwapOrder(Message):
     """
 
     KIND = 36
-    FIELDS = struct.Struct("!QB4sBBBBBB")
+    FIELDS = struct.Struct("!QB4sBBBBBB4s")
 
     chain: int  # the session that the opener has asked for
     place: int  # in the chain: the opener's is 0, the first repeater's 1
@@ -238,6 +238,7 @@ class SwapOrder(Message):
     after_right: int = 0  # who sends a notice to the left
     tell_left: int = 0  # the place that waits for such a notice of this one's swap
     notices: int = 0  # that come from the right: its own, and those that it passes on
+    station: str = NOBODY  # IPv4 address of what heralds the link to the right; NOBODY: nothing
 
     @property
     def last(self) -> bool:
@@ -261,7 +262,8 @@ class SwapOrder(Message):
 
     def encode(self) -> bytes:
         """Return the message as it goes onto the wire."""
-        _session, *fields = {**vars(self), "right": IPv4Address(self.right).packed}.values()
+        hosts = {name: IPv4Address(getattr(self, name)).packed for name in ("right", "station")}
+        _session, *fields = {**vars(self), **hosts}.values()
         return self._frame(self.FIELDS.pack(*fields))
 
     @classmethod
@@ -269,12 +271,16 @@ class SwapOrder(Message):
         """Build the message from its body; raise MalformedPacket if it does not fit."""
         raw = super().parse(session, body)
         assert isinstance(raw, SwapOrder)
-        order = replace(raw, right=str(IPv4Address(raw.right)))
+        right, station = (str(IPv4Address(each)) for each in (raw.right, raw.station))
+        order = replace(raw, right=right, station=station)
         least, most = (1, MAX_REPEATERS + 1) if order.last else (0, MAX_REPEATERS)
         if not least <= order.place <= most:
             raise MalformedPacket(f"SwapOrder: place {order.place} before {order.right}")
         if order.repeats and order.left_fiber == order.right_fiber:
             text = f"place {order.place} repeats light from fibre {order.left_fiber} into the same"
+            raise MalformedPacket(f"SwapOrder: {text}")
+        if order.station != NOBODY and (order.last or order.station == order.right):
+            text = f"station {order.station} of a link from place {order.place} to {order.right}"
             raise MalformedPacket(f"SwapOrder: {text}")
         order._check_schedule()
         return order

@@ -88,6 +88,11 @@ HERALDED_LIGHT: Mapping[Service, tuple[Beam, ...]] = MappingProxyType(
             Beam(FiberOf(OPENER, 0), FiberOf(SOURCE, 0)),
             Beam(FiberOf(ACCEPTOR, 0), FiberOf(SOURCE, 1)),
         ),
+        Service.SWAP: (),  # its links have it
+        Service.LINK: (
+            Beam(FiberOf(OPENER, -1), FiberOf(SOURCE, 0)),
+            Beam(FiberOf(ACCEPTOR, 0), FiberOf(SOURCE, 1)),
+        ),
     }
 )
 # What a session comes to need besides, the hosts say: MEASURE to estimate, GATE to purify.
@@ -112,6 +117,16 @@ NEEDS: Mapping[Service, Mapping[Role, Feature]] = MappingProxyType(
 HERALDED_NEEDS: Mapping[Service, Mapping[Role, Feature]] = MappingProxyType(
     {
         Service.DISTRIBUTE: {
+            SOURCE: INTERFERE,
+            OPENER: HERALD | STORE,
+            ACCEPTOR: HERALD | STORE,
+        },
+        Service.SWAP: {
+            OPENER: HERALD | STORE,
+            ACCEPTOR: HERALD | STORE,
+            REPEATER: HERALD | STORE | MEASURE,
+        },
+        Service.LINK: {
             SOURCE: INTERFERE,
             OPENER: HERALD | STORE,
             ACCEPTOR: HERALD | STORE,

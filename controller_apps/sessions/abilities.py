@@ -8,9 +8,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from controller_apps.light.paths import Network
-from wire.features import STORE, Feature, names
+from wire.features import EMIT, INTERFERE, STORE, Feature, names
 from wire.metadata import Reason, Service, Setup
-from wire.services import WANT_OF, Role, making, needs
+from wire.services import WANT_OF, Making, Role, making, needs
 
 HALVES = 2  # that a repeater keeps of each pair it makes, and that its memory has to take
 ENDS = (Role.OPENER, Role.ACCEPTOR)
@@ -44,13 +44,19 @@ def first_want(setup: Setup, hosts: Mapping[Role, str], network: Network) -> Wan
     return next(filter(None, wants), None)
 
 
-def want_of_repeater(network: Network, address: str) -> Want | None:
-    """Return what a host lacks to be a repeater, None if nothing."""
-    want = _want(network, address, Role.REPEATER, needs(Service.SWAP, Role.REPEATER))
+def want_of_repeater(network: Network, address: str, by: Making = Making.SOURCE) -> Want | None:
+    """Return what a host lacks to be a repeater, None if nothing; `by`: who makes its pairs."""
+    want = _want(network, address, Role.REPEATER, needs(Service.SWAP, Role.REPEATER, by))
     known = network.abilities_of(address)
     if want is None and known is not None and known.memory_qubits < HALVES:
         return Want(address, STORE, Role.REPEATER)
     return want
+
+
+def is_station(network: Network, address: str) -> bool:
+    """Tell whether a host is known to herald pairs of others, and to make none itself."""
+    known = network.abilities_of(address)
+    return known is not None and INTERFERE in known.features and EMIT not in known.features
 
 
 def block_pairs(

@@ -11,8 +11,19 @@ from controller_apps.light.routing import Leg, LightPath, Limits, route, why_not
 from controller_apps.light.taps import CannotTap, tapped
 from controller_apps.packets.segments import FiveTuple
 from controller_apps.policy.policy import Tap
-from controller_apps.sessions.abilities import Want, block_pairs, first_want, want_of_repeater
-from controller_apps.sessions.chains import find_chain, ordered_link, repeaters_of
+from controller_apps.sessions.abilities import (
+    Want,
+    block_pairs,
+    first_want,
+    is_station,
+    want_of_repeater,
+)
+from controller_apps.sessions.chains import (
+    find_chain,
+    heralded_legs,
+    ordered_link,
+    repeaters_of,
+)
 from controller_apps.sessions.returns import returned_on
 from controller_apps.sessions.sessions import Chain, Session, Sessions
 from wire.metadata import Handshake, MemoryState, Reason, Service, Setup
@@ -164,12 +175,14 @@ def _find_repeaters(
 ) -> Admission:
     """Return a chain of hosts that can be repeaters, or which host of a chain cannot."""
     ends = hosts[Role.OPENER], hosts[Role.ACCEPTOR]
-    unable = partial(want_of_repeater, network)
-    chain = find_chain(network, *ends, limits, unable)
+    heralded = setup.memory == MemoryState.HERALDED
+    unable = partial(want_of_repeater, network, by=making(setup, ends[0]))
+    stations = partial(is_station, network) if heralded else None
+    chain = find_chain(network, *ends, limits, unable, stations)
     if chain is not None:
         pairs = block_pairs(setup, hosts, repeaters_of(chain), network)
         return Admission(chain=chain, block_pairs=pairs)
-    chain = find_chain(network, *ends, limits)
+    chain = find_chain(network, *ends, limits, stations=stations)
     wants = filter(None, map(unable, repeaters_of(chain or ())))
     return next((_refused(want) for want in wants), Admission(Reason.NO_CHAIN))
 
@@ -186,7 +199,11 @@ def _legs_of_link(
         return None
     start, end = ports[Role.OPENER], ports[Role.ACCEPTOR]
     out, into = link[0].right, link[1].left
-    return [Leg(start[out], end[into])] if out < len(start) and into < len(end) else None
+    if out >= len(start) or into >= len(end):
+        return None
+    if setup.memory == MemoryState.HERALDED:
+        return heralded_legs(start[out], end[into], ports[Role.SOURCE])
+    return [Leg(start[out], end[into])]
 
 
 def _refused(want: Want) -> Admission:

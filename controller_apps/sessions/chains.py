@@ -4,12 +4,13 @@ Light leaves a host by another fibre than it comes by.
 """
 
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Network
-from controller_apps.light.routing import Leg, Limits, cheapest_path
+from controller_apps.light.routing import Leg, Limits, cheapest_path, route
 from controller_apps.packets.segments import FiveTuple
 from controller_apps.policy.schedules import schedule
 from controller_apps.sessions.actions import SwapsOrdered
@@ -17,7 +18,7 @@ from controller_apps.sessions.sessions import Chain, Session, Sessions, Stop
 from wire.device import MAX_REPEATERS, NOBODY, SwapOrder
 from wire.metadata import Service, Setup
 
-REPEATER_FIBERS = 2
+REPEATER_FIBERS = STATION_FIBERS = 2
 
 
 def find_chain(
@@ -26,49 +27,86 @@ def find_chain(
     acceptor: str,
     limits: Limits,
     unable: Callable[[str], object] = lambda _address: None,
+    stations: Callable[[str], bool] | None = None,
 ) -> Chain | None:
     """Return the shortest chain with a repeater at least; None if there is none.
 
-    `unable` says what a host lacks to be a repeater.
+    `unable` says what a host lacks to be a repeater; `stations` which hosts herald, where each link
+    has one between its ends.
     """
     ports = {host.address: network.ports_of(host.address) for host in network.hosts.values()}
+    joins = Joins(network, ports, limits, stations)
     waiting: deque[Chain] = deque([(Stop(opener),)])
     seen: set[tuple[str, int]] = set()  # repeaters, and by which fibre light comes to them
     while waiting:
         chain = waiting.popleft()
-        for right, left in _links(network, ports, chain, acceptor, limits) if chain[1:] else ():
-            return _extended(chain, acceptor, right, left)
+        for join in joins.of(chain, acceptor) if chain[1:] else ():
+            return join.extended(chain, acceptor)
         if len(chain) > MAX_REPEATERS:
             continue
-        passed = {acceptor, *(stop.address for stop in chain)}
+        passed = {acceptor, *(stop.address for stop in chain), *(stop.station for stop in chain)}
         for address in sorted(ports.keys() - passed):
             if len(ports[address]) < REPEATER_FIBERS or unable(address):
                 continue
-            for right, left in _links(network, ports, chain, address, limits):
-                if (address, left) not in seen:
-                    seen.add((address, left))
-                    waiting.append(_extended(chain, address, right, left))
+            for join in joins.of(chain, address):
+                if (address, join.left) not in seen:
+                    seen.add((address, join.left))
+                    waiting.append(join.extended(chain, address))
     return None
 
 
-def _extended(chain: Chain, address: str, right: int, left: int) -> Chain:
-    return (*chain[:-1], chain[-1]._replace(right=right), Stop(address, left))
+class Join(NamedTuple):
+    """How a chain goes on to a host: out of one fibre, into one, perhaps by way of a station."""
+
+    right: int
+    left: int
+    station: str = ""
+
+    def extended(self, chain: Chain, address: str) -> Chain:
+        """Return the chain with the host."""
+        last = chain[-1]._replace(right=self.right, station=self.station)
+        return (*chain[:-1], last, Stop(address, self.left))
 
 
-def _links(
-    network: Network,
-    ports: Mapping[str, list[SwitchPort]],
-    chain: Chain,
-    address: str,
-    limits: Limits,
-) -> Iterator[tuple[int, int]]:
-    """Yield by which fibres light goes from the end of a chain to a host: out of one, into one."""
-    last = chain[-1]
-    taken = set() if len(chain) == 1 else {last.left}
-    for right in sorted(set(range(len(ports[last.address]))) - taken, reverse=True):
-        for left, port in enumerate(ports[address]):
-            if cheapest_path(network, Leg(ports[last.address][right], port), limits) is not None:
-                yield right, left
+class Joins(NamedTuple):
+    """Finds how chains can go on."""
+
+    network: Network
+    ports: Mapping[str, list[SwitchPort]]
+    limits: Limits
+    stations: Callable[[str], bool] | None
+
+    def of(self, chain: Chain, address: str) -> Iterator[Join]:
+        """Yield how light can join the end of a chain and a host."""
+        last, ports = chain[-1], self.ports
+        taken = set() if len(chain) == 1 else {last.left}
+        for right in sorted(set(range(len(ports[last.address]))) - taken, reverse=True):
+            for left, port in enumerate(ports[address]):
+                ends = ports[last.address][right], port
+                if self.stations is not None:
+                    yield from self._heralded(chain, right, left, ends)
+                elif cheapest_path(self.network, Leg(*ends), self.limits) is not None:
+                    yield Join(right, left)
+
+    def _heralded(
+        self, chain: Chain, right: int, left: int, ends: tuple[SwitchPort, SwitchPort]
+    ) -> Iterator[Join]:
+        """Yield the same by way of each station that no other link of the chain has."""
+        assert self.stations is not None
+        taken = {stop.station for stop in chain}
+        for station in sorted(self.ports.keys() - taken):
+            legs = heralded_legs(*ends, self.ports[station]) if self.stations(station) else None
+            if legs is not None and route(self.network, legs, self.limits) is not None:
+                yield Join(right, left, station)
+
+
+def heralded_legs(
+    one: SwitchPort, other: SwitchPort, station: Sequence[SwitchPort]
+) -> list[Leg] | None:
+    """Return the ways of light from both ends of a link to a station; None if it cannot be one."""
+    if len(station) < STATION_FIBERS:
+        return None
+    return [Leg(one, station[0]), Leg(other, station[1])]
 
 
 def repeaters_of(chain: Chain) -> list[str]:
@@ -80,7 +118,15 @@ def orders(ordered: SwapsOrdered, number: int) -> dict[str, SwapOrder]:
     """Return what each node of a chain is told, by its address; the messages have this number."""
     chain = ordered.chain
     told = [
-        SwapOrder(number, ordered.session, place, right, stop.left, stop.right)
+        SwapOrder(
+            number,
+            ordered.session,
+            place,
+            right,
+            stop.left,
+            stop.right,
+            station=stop.station or NOBODY,
+        )
         for place, (stop, right) in enumerate(
             zip(chain, [*(stop.address for stop in chain[1:]), NOBODY], strict=True)
         )
@@ -114,7 +160,7 @@ def ordered_link(
                 session.requests[session.owner].granted,
                 session=setup.session,
                 service=Service.LINK,
-                source=left.address,
+                source=left.station or left.address,
                 fidelity_ppm=0,
             )
             joined = five_tuple.source, five_tuple.destination

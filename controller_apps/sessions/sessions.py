@@ -37,6 +37,7 @@ class Stop(NamedTuple):
     address: str
     left: int = 0  # towards the opener
     right: int = 0
+    station: str = ""  # address of what heralds the link to the right; "": its light goes there
 
 
 Chain = tuple[Stop, ...]  # from the opener to the acceptor

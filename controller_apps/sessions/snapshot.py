@@ -23,7 +23,7 @@ from controller_apps.light.routing import LightPath
 from controller_apps.packets.segments import FiveTuple
 from controller_apps.sessions.actions import Keep
 from controller_apps.sessions.sessions import Request, Session, Stop, read_setup
-from wire.device import MAX_REPEATERS
+from wire.device import MAX_REPEATERS, NOBODY
 from wire.features import Abilities
 from wire.metadata import (
     METADATA_PORT,
@@ -44,7 +44,7 @@ REQUEST = struct.Struct(f"!4sH4sIBI{SETUP_LENGTH}s")  # to the metadata port
 PATH = struct.Struct("!IBB")  # loss in thousandths of a dB, rotation, hops
 HOP = struct.Struct("!QII")
 NODES = struct.Struct("!B")
-NODE = struct.Struct("!4sBB")
+NODE = struct.Struct("!4sBB4s")
 HOST = struct.Struct("!QI4sBBB")
 
 
@@ -77,7 +77,8 @@ def encode_session(session: Session) -> bytes:
         data += PATH.pack(path.loss_mdb, path.rotation, len(path.hops))
         data += b"".join(HOP.pack(*hop) for hop in path.hops)
     nodes = (
-        NODE.pack(IPv4Address(node.address).packed, node.left, node.right) for node in session.chain
+        NODE.pack(_packed(node.address), node.left, node.right, _packed(node.station or NOBODY))
+        for node in session.chain
     )
     return data + NODES.pack(len(session.chain)) + b"".join(nodes)
 
@@ -137,8 +138,13 @@ def _path(reader: "_Reader") -> LightPath:
 
 
 def _stop(reader: "_Reader") -> Stop:
-    address, left, right = reader.take(NODE)
-    return Stop(str(IPv4Address(address)), left, right)
+    address, left, right, station = reader.take(NODE)
+    told = str(IPv4Address(station))
+    return Stop(str(IPv4Address(address)), left, right, "" if told == NOBODY else told)
+
+
+def _packed(address: str) -> bytes:
+    return IPv4Address(address).packed
 
 
 def _check_owner(session: Session) -> None:

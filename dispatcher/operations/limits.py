@@ -56,7 +56,7 @@ def paulis(request: ApplyRequest, photons: int) -> Bytes | None:
     if request.paulis:
         raise invalid("a request with paulis and dibits; leave one of them out")
     try:
-        return dibits.unpack(request.dibits, photons)
+        return dibits.unpack(request.dibits, photons, "little")
     except ValueError as error:
         raise invalid(f"dibits: {error}; send two for each photon, and fill up by 0") from error
 

@@ -125,7 +125,7 @@ class Measurements:
         missed = found.outcomes == NO_CLICK
         feedback.coincidences = missed.size - int(np.count_nonzero(missed))
         if packed:
-            feedback.dibits = dibits.pack(found.outcomes & dibits.LARGEST)
+            feedback.dibits = dibits.pack(found.outcomes & dibits.LARGEST, "little")
             feedback.missed = np.packbits(missed).tobytes() if missed.any() else b""
         else:
             feedback.outcomes = found.outcomes.tobytes()

@@ -140,7 +140,7 @@ class SimulatedQnic:
         name = _named(block)
         feedbacks = await self._orders.perform(
             Step(receive=ReceiveRequest(block=name, port=port, timeout_s=timeout_s)),
-            Step(apply=ApplyRequest(block=name, dibits=dibits.pack(paulis))),
+            Step(apply=ApplyRequest(block=name, dibits=dibits.pack(paulis, "little"))),
             Step(send=_send([Launch(block=name, port=port)], rate_hz, wavelength_pm)),
         )
         return int(feedbacks[-1].first_ns)
@@ -236,7 +236,7 @@ class SimulatedQnic:
 
     async def apply(self, block: BlockName, paulis: Symbols) -> int:
         """Apply one Pauli operator to each photon at this host."""
-        apply = ApplyRequest(block=_named(block), dibits=dibits.pack(paulis))
+        apply = ApplyRequest(block=_named(block), dibits=dibits.pack(paulis, "little"))
         (feedback,) = await self._orders.perform(Step(apply=apply))
         return int(feedback.time_ns)
 
@@ -378,7 +378,7 @@ def _stored(arrived: bytes, light: Feedback) -> Stored:
 
 
 def _coincidences(feedback: Feedback) -> Coincidences:
-    outcomes = dibits.unpack(feedback.dibits, feedback.photons)
+    outcomes = dibits.unpack(feedback.dibits, feedback.photons, "little")
     if feedback.missed:
         missed = np.unpackbits(np.frombuffer(feedback.missed, np.uint8), count=feedback.photons)
         outcomes |= missed * np.uint8(NO_COINCIDENCE)

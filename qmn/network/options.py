@@ -73,6 +73,7 @@ class NetworkOptions(NetworkSettings):
     )
     fibers: int | None = option(None, "between neighbouring quantum switches (2)", metavar="N")
     repeaters: int | None = option(None, "of a chain of them, 1 to 16", metavar="N")
+    stations: bool = option(False, "between repeaters, which herald pairs of memories that emit")
     hosts: int | None = option(None, "of a tree of switches, 2 to 1024 (16)", metavar="N")
     switches: int | None = option(None, "quantum switches of a chain, ring or tree", metavar="N")
     leaves: int | None = option(None, "switches of leaf-spine with hosts (3)", metavar="N")

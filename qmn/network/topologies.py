@@ -35,7 +35,7 @@ SIZES = {
     "chain": ("switches", "fibers", "both_ways"),
     "ring": ("switches", "fibers", "both_ways"),
     "leaf-spine": ("leaves", "spines", "fibers", "both_ways"),
-    "repeaters": ("repeaters",),
+    "repeaters": ("repeaters", "stations"),
     "tree": ("hosts", "switches"),
     "tapped": ("both_ways",),
     MAP: ("map", "fibers", "hosts_at", "sources_at", "repeaters_at"),

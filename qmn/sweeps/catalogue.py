@@ -10,6 +10,7 @@ from qmn.sweeps.delay_line import DELAY_LINE
 from qmn.sweeps.experiment import Experiment, Outcome
 from qmn.sweeps.fresh_outcomes import FRESH_OUTCOMES
 from qmn.sweeps.gated_bell import GATED_BELL
+from qmn.sweeps.heralding import HERALDING
 from qmn.sweeps.interference import HOM
 from qmn.sweeps.multi_pair import MULTI_PAIR
 from qmn.sweeps.parameters import Values
@@ -46,6 +47,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         MODES,
         TIMING,
         DELAY_LINE,
+        HERALDING,
         LIGHT,
         SCHEDULE,
         SEAL,

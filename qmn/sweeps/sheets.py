@@ -506,6 +506,30 @@ SHEETS = (
         ],
     ),
     Sheet(
+        "heralding",
+        "heralding",
+        {"arm_km": "5:50:10", "scheme": ["two-click", "single-click"], "pairs": 60_000},
+        [
+            Curve(
+                "heralded-rate",
+                "Pairs heralded by a station in the middle",
+                "arm_km",
+                "way to the station (km)",
+                "rate",
+                by=["scheme"],
+                logarithmic=True,
+            ),
+            Curve(
+                "heralded-fidelity",
+                "Pairs heralded by a station in the middle (V = .9, alpha = .1)",
+                "arm_km",
+                "way to the station (km)",
+                "fidelity",
+                by=["scheme"],
+            ),
+        ],
+    ),
+    Sheet(
         "blocking",
         "light",
         {

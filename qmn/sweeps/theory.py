@@ -276,3 +276,22 @@ def clicks_with_dead_time(click: float, blind: int, pulses: int) -> float:
         if pulse >= blind:
             asleep -= chances[pulse - blind]
     return sum(chances) / pulses
+
+
+def two_clicks(light: float, visibility: float) -> tuple[float, float]:
+    """Return how likely two clicks herald a pair, and its fidelity (Barrett and Kok).
+
+    `light` is how likely a photon of either memory clicks; detectors have no dark counts.
+    """
+    return light**2 / 2, (1 + visibility) / 2
+
+
+def single_click(light: float, bright: float, visibility: float) -> tuple[float, float]:
+    """Return the same of one click, of memories that emit with this probability.
+
+    Of both photons, one may click, or both may at the same detector: so they do with (1 + V) / 2.
+    """
+    one = 2 * bright * (1 - bright) * light
+    both = bright**2 * (2 * light * (1 - light) + light**2 * (1 + visibility) / 2)
+    chance = one + both
+    return chance, one * (1 + math.sqrt(visibility)) / 2 / chance

@@ -7,22 +7,26 @@ from test_run_nodes import require_estimate, result_of
 
 M_PER_S = 2.04e8  # of light in fibre
 KM = 50.0
-TWO_CLICK = [
-    word
-    for host in ("alice", "bob")
-    for word in (
-        *("--device", f"{host}.emitter.scheme=two-click"),
-        *("--device", f"{host}.emitter.efficiency=0.5"),
-        *("--device", f"{host}.emitter.fidelity=0.98"),
-        *("--device", f"{host}.emitter.modes=20"),
-    )
-]
+FIDELITY = 0.98  # of each qubit and its photon
+OF_A_LINK = (4 * (FIDELITY**2 + (1 - FIDELITY) ** 2 / 3) - 1) / 3  # polarised
+
+
+def emitters(*hosts: str) -> list[str]:
+    """Return the options by which hosts have memories that emit, and no other source."""
+    parts = {
+        "source.statistics": "none",
+        "emitter.scheme": "two-click",
+        "emitter.efficiency": "0.5",
+        "emitter.fidelity": str(FIDELITY),
+        "emitter.modes": "20",
+    }
+    told = [f"{host}.{name}={value}" for host in hosts for name, value in parts.items()]
+    return [word for part in told for word in ("--device", part)]
 
 
 def test_pairs_are_heralded_at_the_rate_of_round_trips_to_the_station(tmp_path: Path) -> None:
-    words = ["distribute", "--node", "charlie=station", *TWO_CLICK, "--count", "400"]
-    words += ["--device", "charlie.analyser.visibility=1", "--sample", "0.5"]
-    words += ["--device", "charlie.detectors.dark_count_hz=0"]
+    words = ["distribute", "--node", "charlie=station", *emitters("alice", "bob"), "--count", "400"]
+    words += ["--device", "charlie.detectors.dark_count_hz=0", "--sample", "0.5"]
     told = result_of(tmp_path, *words, "--length-km", str(KM), "--loss-db-per-km", "0.02")
     asking = told["asking"]
     efficiency = 0.5 * 10 ** (-2 * KM * 0.02 / 10)  # two fibres to the station
@@ -31,5 +35,13 @@ def test_pairs_are_heralded_at_the_rate_of_round_trips_to_the_station(tmp_path: 
     assert abs(asking["emitted"] - expected) < 5 * sqrt(expected) + 20 * p
     least_s = asking["attempts"] / 20 * 2 * (2 * KM * 1e3) / M_PER_S
     assert asking["elapsed_s"] > 0.99 * least_s  # and beside it messages and programs
-    swapped = (4 * (0.98**2 + 0.02**2 / 3) - 1) / 3
-    require_estimate(asking, swapped, 0.0)
+    require_estimate(asking, OF_A_LINK, 0.0)
+
+
+def test_links_of_a_chain_are_heralded_by_stations_of_their_own(tmp_path: Path) -> None:
+    hosts = emitters("alice", "r1", "bob")
+    words = ["swap", "--stations", *hosts, "--count", "400", "--sample", "0.5", "--length-km", "5"]
+    told = result_of(tmp_path, *words)
+    require_estimate(told["asking"], OF_A_LINK**2, 0.0)
+    log = (tmp_path / "latest" / "quantum.log").read_text()
+    assert {"m1", "m2"} == {line.split()[1] for line in log.splitlines() if " herald " in line}

@@ -115,7 +115,13 @@ def placed(form: Struct, names: list[str], enums: Enums = ENUMS) -> tuple[Field,
 
 def _field(name: str, offset: int, size: int, code: str, enums: Enums) -> Field:
     if code == "s":
-        named = {"source": "ipv4", "right": "ipv4", "name": "text", "host": "text"}
+        named = {
+            "source": "ipv4",
+            "right": "ipv4",
+            "station": "ipv4",
+            "name": "text",
+            "host": "text",
+        }
         return Field(name, offset, size, named.get(name, "bytes"))
     if code == "d":
         return Field(name, offset, size, "double")

@@ -112,11 +112,11 @@ def test_a_swap_is_kept_with_its_chain_and_read_back() -> None:
     session = decode_session(kept.data, 1.0)
     assert (session.setup, session.paths, session.open) == (SWAP, (), True)
     assert session.chain == (Stop(ALICE), Stop(CHARLIE, 0, 1), Stop(BOB))
-    address = 6  # bytes, with two fibres
+    address = 10  # bytes, with two fibres and a station
     for wrong in (
         kept.data[: -3 * address - 1] + b"\0",  # a swap without a chain
         kept.data[:-address] + kept.data[-2 * address : -address],  # a node twice
-        kept.data[:-address] + b"\x0a\0\0\x09\0\0",  # it ends at another host
+        kept.data[:-address] + b"\x0a\0\0\x09\0\0" + bytes(4),  # it ends at another host
     ):
         with pytest.raises(MalformedPacket, match="chain"):
             decode_session(wrong, 1.0)

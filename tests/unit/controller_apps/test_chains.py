@@ -1,6 +1,7 @@
 """Which repeaters join two hosts, and what the arbiter makes of a request for a swap."""
 
 from dataclasses import replace
+from functools import partial
 
 import pytest
 from metadata_scene import ALICE, BOB, CHARLIE, FRAMED, arbiter, frame, network, payload_of
@@ -9,10 +10,12 @@ from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import HostPort, Network
 from controller_apps.light.routing import Limits
 from controller_apps.policy.schedules import SCHEDULES
+from controller_apps.sessions.abilities import is_station
 from controller_apps.sessions.actions import Forward, SwapsOrdered
 from controller_apps.sessions.chains import find_chain, orders
 from controller_apps.sessions.sessions import Chain, Stop
-from wire.device import SwapOrder
+from wire.device import NOBODY, SwapOrder
+from wire.features import EVERYTHING, INTERFERE, MEASURE, Abilities
 from wire.metadata import HEADER, Reason, Service, Setup, Verdict, decode
 
 SWAP = replace(FRAMED, service=Service.SWAP)
@@ -50,6 +53,39 @@ def test_a_line_has_a_chain_in_the_other_direction_too(repeaters: int) -> None:
     opener, *between, acceptor = reversed(addresses)
     backwards = (Stop(opener), *(Stop(address, 1, 0) for address in between), Stop(acceptor))
     assert find_chain(discovered, opener, acceptor, Limits()) == backwards
+
+
+def with_stations(discovered: Network, links: int) -> list[str]:
+    """Give each link a station with two fibres; return their addresses."""
+    addresses = [f"10.0.1.{number}" for number in range(1, links + 1)]
+    able = Abilities(MEASURE | INTERFERE, 0)
+    for number, address in enumerate(addresses, 1):
+        for fiber in (0, 1):
+            port = HostPort(f"m{number}", address, f"m{number}-q{fiber}", able)
+            discovered.attach(SwitchPort(number, 3 + fiber), port)
+    return addresses
+
+
+def test_each_heralded_link_has_a_station_of_its_own() -> None:
+    discovered, hosts = line(2)
+    stations = with_stations(discovered, 3)
+    herald = partial(is_station, discovered)
+    unable = partial(lambda known, address: address in known, stations)
+    chain = find_chain(discovered, hosts[0], hosts[-1], Limits(), unable, herald)
+    assert chain is not None
+    assert [stop.address for stop in chain] == hosts
+    assert [stop.station for stop in chain] == [*stations, ""]
+    told = orders(SwapsOrdered(7, chain), 5)
+    assert [told[host].station for host in hosts] == [*stations, NOBODY]
+    discovered.set_fiber(SwitchPort(2, 4), whole=False)  # the second fibre of the second station
+    assert find_chain(discovered, hosts[0], hosts[-1], Limits(), unable, herald) is None
+
+
+def test_a_host_that_makes_pairs_itself_is_no_station() -> None:
+    discovered, hosts = line(1)
+    assert not is_station(discovered, hosts[1])  # it says nothing of what it can
+    discovered.attach(SwitchPort(9, 1), HostPort("x", "10.0.9.9", "x-q0", Abilities(EVERYTHING, 1)))
+    assert not is_station(discovered, "10.0.9.9")
 
 
 def test_a_repeater_sends_light_by_another_fibre_than_it_comes_by() -> None:

@@ -51,14 +51,16 @@ async def superdense_coding(bench: Bench, paulis: bytes, packed: bool = False) -
 
 def two_bits_each(paulis: bytes) -> bytes:
     numbers = np.frombuffer(paulis, np.uint8)
-    return np.packbits(np.stack([numbers >> 1, numbers & 1], axis=1)).tobytes()
+    bits = np.stack([numbers & 1, numbers >> 1], axis=1)
+    return np.packbits(bits, bitorder="little").tobytes()
 
 
 def unpacked(feedback: Feedback) -> list[int]:
     assert not feedback.outcomes
-    bits = np.unpackbits(np.frombuffer(feedback.dibits, np.uint8), count=2 * feedback.photons)
+    packed = np.frombuffer(feedback.dibits, np.uint8)
+    bits = np.unpackbits(packed, count=2 * feedback.photons, bitorder="little")
     missed = np.unpackbits(np.frombuffer(feedback.missed, np.uint8)).tolist()
-    states: list[int] = (2 * bits[::2] + bits[1::2]).tolist()
+    states: list[int] = (bits[::2] + 2 * bits[1::2]).tolist()
     gone = [place for place, bit in enumerate(missed) if bit]
     for place in gone:
         states[place] = NO_CLICK

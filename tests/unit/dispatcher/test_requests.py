@@ -195,7 +195,7 @@ REFUSED = [
     (
         "alice",
         "Apply",
-        ApplyRequest(block=block(3), dibits=b"\0\x0f"),
+        ApplyRequest(block=block(3), dibits=b"\0\x04"),
         Code.INVALID_ARGUMENT,
         "behind the last of 5",
     ),

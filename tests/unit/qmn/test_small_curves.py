@@ -79,3 +79,19 @@ def test_a_dead_time_ends_within_a_slot_and_its_pulse_is_not_seen(slots: float, 
     """One pulse in 10 ns, in a train that begins with one that is seen."""
     seen = measured("dead-time", "clicks", dead_time_s=slots * 1e-8, pairs=1_002)
     assert seen == pytest.approx(1 / every, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("scheme", "per_s", "fidelity"),
+    [
+        # Light of .1 behind 2 dB: .0630957. p c / 2L of 10 km: 10,200 attempts a second.
+        ("two-click", 10_200 * 0.0630957**2 / 2, 0.95),
+        # One of both emits with .18, so that .0113572 click; of both .01 x (2 x .0630957 - ...).
+        ("single-click", 10_200 * (0.01135723 + 0.00125988 - 3.981e-5 + 3.782e-5), 0.8769),
+    ],
+)
+def test_heralds_come_with_each_round_trip(scheme: str, per_s: float, fidelity: float) -> None:
+    values = complete("heralding", {"scheme": scheme, "arm_km": 10.0})
+    found = measure("heralding", values, SEED)
+    assert abs(found["rate"][0] - per_s) < 5 * per_s / sqrt(PAIRS)
+    assert abs(found["fidelity"][0] - fidelity) < 5 * sqrt(3 / 4 / (PAIRS / 3))

@@ -23,6 +23,15 @@ def test_numbers_are_packed_as_their_bits_are(size: int) -> None:
     assert dibits.unpack(by_bits(numbers), size).tolist() == numbers.tolist()
 
 
+@pytest.mark.parametrize("size", SIZES)
+def test_the_other_order_has_the_first_number_in_the_lowest_bits(size: int) -> None:
+    numbers = np.random.default_rng(size).integers(0, 4, size, np.uint8)
+    low_first = np.stack([numbers & 1, numbers >> 1], axis=1)
+    expected = np.packbits(low_first, bitorder="little").tobytes()
+    assert dibits.pack(numbers, "little") == expected
+    assert dibits.unpack(expected, size, "little").tolist() == numbers.tolist()
+
+
 def test_parts_of_an_array_are_packed_as_well() -> None:
     numbers = np.random.default_rng(1).integers(0, 4, 99, np.uint8)
     assert dibits.pack(numbers[::3]) == by_bits(numbers[::3])

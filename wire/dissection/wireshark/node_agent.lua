@@ -87,8 +87,12 @@ local function check_size(kind, size)
 end
 
 -- Returns why an order for a chain of repeaters cannot be, or nil.
-local function check_order(values, range, right)
+local function check_order(values, range, right, station)
     local last = range:range(right.offset, right.size):uint() == 0
+    local heralds = range:range(station.offset, station.size):uint()
+    if heralds ~= 0 and (last or heralds == range:range(right.offset, right.size):uint()) then
+        return "station of no link"
+    end
     local least, most = 0, format.max_repeaters
     if last then least, most = 1, most + 1 end
     if values.place < least or values.place > most then return "place " .. values.place end
@@ -119,9 +123,12 @@ local function add_body(tree, kind, range)
     problem = unnamed(plain, values)
     if kind.name == "Answer" then problem = problem or check_answer(values) end
     if kind.name == "SwapOrder" then
-        local right
-        for _, field in ipairs(plain) do if field.name == "right" then right = field end end
-        problem = problem or check_order(values, range, right)
+        local right, station
+        for _, field in ipairs(plain) do
+            if field.name == "right" then right = field end
+            if field.name == "station" then station = field end
+        end
+        problem = problem or check_order(values, range, right, station)
     end
     if settings then
         local place = range:range(settings.offset, settings.size)

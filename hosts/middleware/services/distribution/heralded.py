@@ -12,13 +12,10 @@ alice                       charlie                    bob
 import numpy as np
 
 from hosts.middleware.services.distribution.pairs import Pairs
-from hosts.middleware.session.blocks import keep_of_all, store
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.blocks import keep_of_all
+from hosts.middleware.session.heralded import correct_heralded
 from hosts.middleware.session.service import AcceptorEnd, OpenerEnd
-from hosts.timeouts import HERALD_TIMEOUT_S
-from wire.metadata import Reason, Topic, Values
-
-MAX_STATE = 3
+from wire.metadata import Topic, Values
 
 
 async def by_station(end: OpenerEnd, pairs: Pairs, number: int, size: int) -> None:
@@ -38,17 +35,6 @@ async def share_heralded(end: AcceptorEnd, pairs: Pairs, message: Values) -> Non
     """Attempt, make Phi+ of what is heralded behind the paths, and keep it."""
     number, size = end.coming(message, end.setup.pairs)
     pairs.admit(number)
-    name, qnic = end.block(number, half=1), end.qnic
-    await qnic.attempt(name, qnic.ports[0], end.setup.wavelength_pm)
-    end.agree()
-    states = await end.hear(Topic.HERALDED, number, None, MAX_STATE, HERALD_TIMEOUT_S)
-    if states.size > size:
-        text = f"{states.size} pairs of block {number} heralded, of {size}"
-        raise SessionError(Reason.PROTOCOL, text)
-    kept = np.zeros(0, dtype=bool)
-    if states.size:
-        await qnic.apply(name, (states ^ end.setup.rotation).astype(np.uint8))
-        kept = await store(qnic, name)
-        await keep_of_all(qnic, name, kept)
-    end.say(Topic.ARRIVED, number, kept, 1)
-    pairs.add(number, states.size, int(np.count_nonzero(kept)))
+    name = end.block(number, half=1)
+    kept, _since_ns = await correct_heralded(end, name, size, end.qnic.ports[0])
+    pairs.add(number, kept.size, int(np.count_nonzero(kept)))

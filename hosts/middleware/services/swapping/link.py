@@ -5,6 +5,7 @@ left                                     right
   | <--------------------------- Answer(OK)|
   | -- light, half 1; half 0 stays --------> |  into memory
   | Values(ARRIVED) <--------------------> |  both keep what both have, in order
+  |    or both attempt, and a station heralds (hosts/middleware/session/heralded.py)
   | Values(SWAPPED, ARRIVED, CORRECTIONS) > |  the bits of each swap to the left
   | <---------------------- Values(SWAPPED) |  notice of a swap to the right, if one waits for it
 """
@@ -19,11 +20,22 @@ from hosts.middleware.services.swapping.bits import MAX_OPERATOR, Bits, Swapped
 from hosts.middleware.session.arrangement import Arrangement, Light
 from hosts.middleware.session.blocks import keep_of_all, store
 from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.heralded import correct_heralded
 from hosts.middleware.session.service import ConnectionEnd
 from hosts.middleware.session.values import values
 from hosts.timeouts import BITS_TIMEOUT_S
-from wire.device import MAX_REPEATERS, SwapOrder
-from wire.metadata import SEAL_BYTES, Finish, Pauli, Reason, Service, Setup, Topic, Verdict
+from wire.device import MAX_REPEATERS, NOBODY, SwapOrder
+from wire.metadata import (
+    SEAL_BYTES,
+    Finish,
+    MemoryState,
+    Pauli,
+    Reason,
+    Service,
+    Setup,
+    Topic,
+    Verdict,
+)
 
 NO_DIGEST = bytes(32)
 MAX_WAITED_US = (1 << 32) - 1
@@ -45,16 +57,18 @@ class OutgoingLink:
             asked,
             session=order.outgoing,
             service=Service.LINK,
-            source=address,
+            source=address if order.station == NOBODY else order.station,
             fidelity_ppm=0,
             verdict=Verdict.PENDING,
             rotation=Pauli.I,
             reason=Reason.OK,
             seal=bytes(SEAL_BYTES),
         )
-        arrangement = Arrangement(setup, (order.right, order.right), address, Light())
+        arrangement = Arrangement(setup, (order.right, order.right), setup.source, Light())
         try:
             await arrangement.open()
+            if setup.memory == MemoryState.HERALDED:
+                await arrangement.engage_source()
         except BaseException:
             arrangement.close()
             raise
@@ -68,12 +82,26 @@ class OutgoingLink:
         """Make a block of pairs; return how many have reached both ends, in the same order."""
         end, setup = self._end, self._end.setup
         await end.channel.request(values(setup.session, Topic.COMING, number, [size], 32))
+        if setup.memory == MemoryState.HERALDED:
+            return await self._herald(number, size)
         light = setup.rate_hz, setup.wavelength_pm
         stored = await end.qnic.share_pairs(setup.session, number, size, self._port, *light)
         self.since_ns = stored.since_ns
         end.say(Topic.ARRIVED, number, stored.arrived, 1)
         theirs = await end.hear(Topic.ARRIVED, number, size, 1)
         return await keep_of_all(end.qnic, self.block(number), stored.arrived & theirs.astype(bool))
+
+    async def _herald(self, number: int, size: int) -> int:
+        """Have a station herald pairs; return how many are at both ends, in the same order."""
+        end, name = self._end, self.block(number)
+        await end.qnic.attempt(name, self._port, end.setup.wavelength_pm)
+        heralds = await self._arrangement.herald(number, size)
+        end.say(Topic.HERALDED, number, heralds.states, 2)
+        kept = await end.hear(Topic.ARRIVED, number, heralds.states.size, 1)
+        if not kept.size:
+            return 0
+        self.since_ns = (await end.qnic.store(name)).since_ns
+        return await keep_of_all(end.qnic, name, kept.astype(bool))
 
     def say(self, number: int, swapped: Swapped) -> None:
         """Tell the next node, and all behind it, of a swap here or to the left."""
@@ -125,6 +153,9 @@ class IncomingLink:
     async def take(self, number: int, size: int) -> int:
         """Store a block that was announced; return how many pairs have reached both ends."""
         end, name = self._end, self.block(number)
+        if end.setup.memory == MemoryState.HERALDED:
+            kept, self.since_ns = await correct_heralded(end, name, size, self._port)
+            return int(np.count_nonzero(kept))
         light = end.expect_light(name, self._port)
         try:
             end.agree()

@@ -7,7 +7,7 @@ from hosts.middleware.session.channel import MetadataChannel, SessionError
 from hosts.middleware.session.host_resources import HostResources
 from hosts.middleware.session.offers import check_wavelength
 from hosts.middleware.session.service import ConnectionEnd
-from hosts.middleware.session.session import require_fibers
+from hosts.middleware.session.session import making, require_fibers
 from wire.device import SwapOrder
 from wire.metadata import Setup
 from wire.services import Role
@@ -16,7 +16,7 @@ from wire.services import Role
 async def serve_link(means: HostResources, channel: MetadataChannel, setup: Setup) -> None:
     """Do what this host has been ordered to until the link is over; SessionError if it fails."""
     check_wavelength(setup)
-    require_fibers(setup, Role.ACCEPTOR, means.qnic)
+    require_fibers(setup, Role.ACCEPTOR, means.qnic, making(setup, False))
     order = await means.swaps.order_of_link(setup.session)
     incoming = IncomingLink(ConnectionEnd(means.qnic, setup, channel), order)
     try:

@@ -33,7 +33,7 @@ from hosts.middleware.session.service import (
 from hosts.middleware.session.swap_orders import Arrived
 from hosts.middleware.session.values import values
 from hosts.timeouts import BITS_TIMEOUT_S, LINK_TIMEOUT_S
-from wire.metadata import Reason, Service, Topic, Values
+from wire.metadata import MemoryState, Reason, Service, Topic, Values
 
 
 async def swap(end: OpenerEnd, options: DistributeOptions) -> Answerer:
@@ -69,7 +69,8 @@ async def _acquire(
     chosen = np.flatnonzero(theirs)
     if there:
         await take(end.qnic, end.block(number), {link.block(number): chosen})
-    pairs.add(number, size, chosen.size)
+    made = there if end.setup.memory == MemoryState.HERALDED else size
+    pairs.add(number, made, chosen.size)
 
 
 async def receive(end: AcceptorEnd) -> Answerer:
