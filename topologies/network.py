@@ -141,7 +141,12 @@ class Network:
         except SystemExit as error:
             self.check()
             raise NetworkError("Mininet has given up; it says above why") from error
-        except (NetworkError, Interrupted):
+        except NetworkError as error:
+            for node in self._watched():
+                if node.shell_ended and node.name not in str(error).split():
+                    raise NetworkError(f"{node.name} died at its start: {error}") from error
+            raise
+        except Interrupted:
             raise
         except Exception:  # Mininet raises no other kind
             self.check()

@@ -31,6 +31,7 @@ LOG_FOLDER = Path("/var/log/openvswitch")
 DATABASE, SWITCH_DAEMON = "ovsdb-server", "ovs-vswitchd"
 DAEMONS = (DATABASE, SWITCH_DAEMON)
 STARTED = "open-vswitch"  # file: the run that has started the daemons, then the daemons
+STARTER = "QMN_STARTED_OPEN_VSWITCH"  # in the environment of daemons: the run that started them
 INTERFACES = Path("/sys/class/net")
 UNREACHABLE = "database connection failed"  # as ovs-vsctl says it
 OWNER = "external_ids:qmn"  # which run has made a bridge
@@ -161,7 +162,10 @@ def start(owner: str) -> None:
             daemon.signal(signal.SIGCONT)
     else:
         _refuse_half(daemons())
-    _run(CONTROL, "start", "--system-id=random", timeout_s=OPENVSWITCH_TIMEOUT_S)
+    marked = {**os.environ, STARTER: owner}
+    _run(
+        CONTROL, "start", "--system-id=random", timeout_s=OPENVSWITCH_TIMEOUT_S, environment=marked
+    )
     deadline = time.monotonic() + OPENVSWITCH_TIMEOUT_S
     while not running():
         if time.monotonic() > deadline:
@@ -206,17 +210,31 @@ def stop_if_ours(owner: str) -> None:
     """Stop Open vSwitch if this run started it and no bridge is left in it."""
     if starter() == owner and running() and not bridges():
         _run(CONTROL, "stop", timeout_s=OPENVSWITCH_TIMEOUT_S)
-        (RUNTIME_ROOT / STARTED).unlink()  # last: a second signal may end this with half of it left
+        (RUNTIME_ROOT / STARTED).unlink(missing_ok=True)  # last: a second signal may come between
 
 
 def starter() -> str:
     """Return which run has started the daemons that run now, "" if none of ours did."""
+    found = daemons().values()
     try:
         owner, *started = (RUNTIME_ROOT / STARTED).read_text().splitlines()
     except (OSError, ValueError):
-        return ""
-    running_now = {str(daemon) for daemon in daemons().values()}
-    return owner if running_now & set(started) else ""
+        owner, started = "", []
+    if set(map(str, found)) & set(started):
+        return owner
+    # A run that was killed before it had noted it, or their monitors have started them again.
+    return next((words for daemon in found if (words := _mark_of(daemon))), "")
+
+
+def _mark_of(daemon: Owner) -> str:
+    """Return the run that a daemon carries in its environment, "" if none."""
+    mark = f"{STARTER}=".encode()
+    try:
+        environment = Path("/proc", str(daemon.pid), "environ").read_bytes().split(b"\0")
+    except OSError:
+        return ""  # it has ended
+    marks = [entry.removeprefix(mark).decode() for entry in environment if entry.startswith(mark)]
+    return marks[0] if marks else ""
 
 
 def bridges() -> list[str]:
@@ -326,6 +344,7 @@ def _run(
     given: str = "",
     fails: bool = False,
     check: Callable[[], None] = lambda: None,
+    environment: Mapping[str, str] | None = None,
 ) -> str:
     """Run a command and return what it says; raise NetworkError unless it ends well, in time.
 
@@ -340,6 +359,7 @@ def _run(
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
+            env=environment,
             start_new_session=True,
         )
     except FileNotFoundError as error:

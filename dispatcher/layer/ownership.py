@@ -79,6 +79,7 @@ class Block:
     gates: int = 0  # how many gates were done to it whose noise was drawn
     # What tells these photons from others of this name: which use of it, or where they come from.
     lineage: str = ""
+    maker: str = ""  # the node that has made it; the first at which it is, unless told
 
     def draws_for(self, purpose: str) -> str:
         """Return a purpose of random numbers that no other photons of this name have."""
@@ -96,7 +97,6 @@ class Ownership:
         self.used_names = UsedNames()
         self.count = 0
         self.places = 0  # for photons in all blocks, those that are lost included
-        self._makers: dict[tuple[int, int], str] = {}  # by session and number: who has made it
         self._made: Counter[str] = Counter()  # places, by maker
 
     def close(self, node: str, session: int) -> None:
@@ -114,26 +114,21 @@ class Ownership:
         self._by_session.setdefault((block.node, block.name.session), {})[block] = None
         self.count += 1
         self.places += block.register.size
-        maker = self._makers.setdefault(block.name[:2], block.node)
-        self._made[maker] += block.register.size
+        block.maker = block.maker or block.node
+        self._made[block.maker] += block.register.size
 
     def remove(self, block: Block) -> None:
         """Forget a block."""
-        self._made[self._makers[block.name[:2]]] -= block.register.size
+        self._made[block.maker] -= block.register.size
+        if not self._made[block.maker]:
+            del self._made[block.maker]
         parts = self._by_name[block.name]
         parts.remove(block)
         if not parts:
             del self._by_name[block.name]
-            self._forget_maker(block.name)
         self._leave(block)
         self.count -= 1
         self.places -= block.register.size
-
-    def _forget_maker(self, name: BlockName) -> None:
-        if not any(name._replace(half=half) in self._by_name for half in HALVES):
-            maker = self._makers.pop(name[:2])
-            if not self._made[maker]:
-                del self._made[maker]
 
     def made_by(self, node: str) -> int:
         """Return how many places for photons there are in the blocks that a node has made."""
@@ -145,9 +140,12 @@ class Ownership:
         block.node, block.port = node, port
         self._by_session.setdefault((node, block.name.session), {})[block] = None
 
-    def exists(self, name: BlockName) -> bool:
-        """Return whether photons of this name are anywhere."""
-        return name in self._by_name
+    def taken(self, name: BlockName, node: str) -> list[Block]:
+        """Return why a node cannot make photons of this name: those it has made, or has.
+
+        Those of others elsewhere are not among them: nobody keeps a name from its owner.
+        """
+        return [part for part in self._by_name.get(name, ()) if node in (part.maker, part.node)]
 
     def parts(self, name: BlockName) -> list[Block]:
         """Return all live parts of a block, wherever they are."""

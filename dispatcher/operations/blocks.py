@@ -210,7 +210,7 @@ class Operations:
         layer = self._layer
         require_count(count)
         for name in names:
-            if layer.ownership.exists(name):
+            if layer.ownership.taken(name, node):
                 message = f"{name} exists; discard it or take another number"
                 raise Refusal(grpc.StatusCode.ALREADY_EXISTS, message)
         live, more = layer.sabot.live_qubits, (count + further) * len(names)

@@ -52,7 +52,7 @@ class Gathering:
         layer = self._layer
         picked = self._look_up(node, picks)
         blocks = [block for block, _positions in picked]
-        self._require_free(into, [] if keep_rest else blocks)
+        self._require_free(node, into, [] if keep_rest else blocks)
         if keep_rest:
             require_places(layer, sum(positions.size for _block, positions in picked))
         stored = self._take_up(blocks)
@@ -87,10 +87,9 @@ class Gathering:
         require_count(count)
         return list(picked.values())
 
-    def _require_free(self, into: BlockName, leaving: Sequence[Block]) -> None:
-        """Refuse a name that photons have which do not leave, wherever they are."""
-        ownership = self._layer.ownership
-        if any(part not in leaving for part in ownership.parts(into)):
+    def _require_free(self, node: str, into: BlockName, leaving: Sequence[Block]) -> None:
+        """Refuse a name that is taken by photons which do not leave, wherever they are."""
+        if any(part not in leaving for part in self._layer.ownership.taken(into, node)):
             message = f"{into} exists, here or elsewhere; discard it or take another number"
             raise Refusal(grpc.StatusCode.ALREADY_EXISTS, message)
 

@@ -51,7 +51,7 @@ class Heralding:
             raise invalid(f"half {name.half} of a pair; name 0 or 1")
         own = self._offers.get(name)
         others = own is not None and own.end.node != node
-        if others or any(layer.ownership.exists(name._replace(half=half)) for half in HALVES):
+        if others or any(layer.ownership.taken(name._replace(half=half), node) for half in HALVES):
             message = f"{name} exists, or another node attempts for it; take another number"
             raise Refusal(grpc.StatusCode.ALREADY_EXISTS, message)
         if len(self._offers) >= MAX_OFFERS:

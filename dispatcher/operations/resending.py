@@ -88,7 +88,8 @@ class Resending:
 
     def _free(self, block: Block) -> Mask:
         """Return which places no photon has that is elsewhere, and could come here later."""
-        if len(self._layer.ownership.parts(block.name)) == 1:
+        parts = self._layer.ownership.parts(block.name)
+        if sum(part.maker == block.maker for part in parts) == 1:
             return np.ones(block.register.size, dtype=bool)
         return block.register.present.copy()
 
@@ -104,6 +105,7 @@ class Resending:
             fibers_passed=block.fibers_passed,
             pulses=own,
             lineage=block.lineage,
+            maker=block.maker,
             further=further.part(layer.sabot, block, chosen),
         )
         drift.twirl(part, layer.sabot, layer.draws)

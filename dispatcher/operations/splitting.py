@@ -41,7 +41,7 @@ class Splitting:
         layer = self._layer
         block = layer.ownership.require(name, node)
         abilities.require(layer.devices, node, MEASURE)
-        if layer.ownership.exists(into):
+        if layer.ownership.taken(into, node):
             message = f"{into} exists, here or elsewhere; discard it or take another number"
             raise Refusal(grpc.StatusCode.ALREADY_EXISTS, message)
         if into[:2] == name[:2]:

@@ -103,7 +103,9 @@ class Transport:
         """Let the half that stays begin to be when its source emits this one, pair by pair."""
         name = block.name._replace(half=1 - block.name.half)
         other = self._layer.ownership.at(name, block.node)
-        if other is None or block.fibers_passed or other.fibers_passed or other.interval_ns:
+        if other is None or other.maker != block.maker:
+            return
+        if block.fibers_passed or other.fibers_passed or other.interval_ns:
             return
         if other.start_ns == block.start_ns:  # it has not been used since both were created
             other.start_ns, other.interval_ns = departure.start_ns, departure.pattern.interval_ns
@@ -140,6 +142,7 @@ class Transport:
         part.interval_ns, part.stores = block.interval_ns, block.stores
         part.way_ns, part.retimed = block.way_ns, block.retimed
         part.lineage, part.resends, part.gates = block.lineage, block.resends, block.gates
+        part.maker = block.maker
         layer.ownership.add(part)
         return part
 
@@ -175,6 +178,10 @@ class Transport:
         there = layer.ownership.at(block.name, node, port)
         if there is None:
             layer.ownership.move(block, node, port)
+            return
+        if there.maker != block.maker:
+            layer.record(node, "discard", block, port, f"{there.maker} has made what is there")
+            layer.drop(block)
             return
         layer.take_up(there)
         for part in (there, block):

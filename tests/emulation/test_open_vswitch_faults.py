@@ -124,3 +124,15 @@ def test_a_folder_that_is_not_of_a_run_is_left_alone(tmp_path: Path) -> None:
     finally:
         for folder in foreign:
             folder.rmdir()
+
+
+@pytest.mark.usefixtures("no_open_vswitch")
+def test_daemons_of_a_run_that_was_killed_before_it_noted_them_are_the_next_one_s() -> None:
+    killed = "4194304-1-00000000"  # no process has this id
+    openvswitch.start(killed)
+    (RUNTIME_ROOT / openvswitch.STARTED).unlink()
+    assert openvswitch.starter() == killed
+    openvswitch.adopt("tests")
+    assert openvswitch.starter() == "tests"
+    openvswitch.stop_if_ours("tests")
+    assert not openvswitch.daemons()

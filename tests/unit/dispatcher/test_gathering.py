@@ -308,7 +308,7 @@ def test_a_wait_that_cannot_be_simulated_leaves_all_as_it_was() -> None:
             await alice.gather((2, 0), {(n, 0): np.arange(50) for n in (0, 1)})
         assert [held(laboratory, (number, 0)) for number in (0, 1)] == blocks
         assert all(map(laboratory.layer.memories.holds, blocks))
-        assert not laboratory.layer.ownership.exists(BlockName(1, 2, 0))
+        assert not laboratory.layer.ownership.parts(BlockName(1, 2, 0))
 
     scene(act, devices=memory(t1_s=1.0, t2_s=2.0, damping="dense"))
 

@@ -125,7 +125,6 @@ REFUSED = [
         r"bases\[2\] is 3",
     ),
     ("alice", "Split", SplitRequest(block=MINE, into=MINE), Code.ALREADY_EXISTS, "block 0/0"),
-    ("alice", "Split", SplitRequest(block=MINE, into=THEIRS), Code.ALREADY_EXISTS, "block 1/0"),
     ("alice", "Split", SplitRequest(block=THEIRS, into=ABSENT), Code.PERMISSION_DENIED, "not at"),
     ("alice", "Split", SplitRequest(block=ABSENT, into=MINE), Code.NOT_FOUND, "block 99/0"),
     # who may do what
@@ -331,7 +330,6 @@ REFUSED = [
         Code.ALREADY_EXISTS,
         "block 0/0 .* exists",
     ),
-    ("alice", "Gather", gather((MINE, [0]), into=THEIRS), Code.ALREADY_EXISTS, "block 1/0"),
 ]
 
 

@@ -176,7 +176,8 @@ def test_no_photon_takes_the_place_of_one_that_is_elsewhere() -> None:
         await eve.create(SMALL, state=CreateRequest.ZEROS)
         (block,) = layer.ownership.parts(BlockName(1, 0, 0))
         first = np.arange(SMALL) < SMALL // 2
-        layer.ownership.add(Block(block.name, layer.sabot.part(block.register, first), "bob"))
+        part = layer.sabot.part(block.register, first)
+        layer.ownership.add(Block(block.name, part, "bob", maker="eve"))
         seen = await eve.resend((0, 0), np.zeros(SMALL, np.uint8))
         assert within(int((seen[first] != NO_CLICK).sum()), SMALL // 2, 1 - np.exp(-2))
         np.testing.assert_array_equal(block.register.present, ~first)

@@ -54,12 +54,58 @@ def test_who_makes_too_much_is_refused_and_others_are_not(tmp_path: Path) -> Non
         await bench.alice.feedback("Discard", DiscardRequest(session=7))
         await bench.bob.feedback("Discard", DiscardRequest(session=7))
         assert bench.service.layer.ownership.made_by("alice") == 0
-        assert not bench.service.layer.ownership._makers
+        assert not bench.service.layer.ownership._made
         await bench.alice.create(pairs, number=3)
 
     async def run() -> None:
         config = replace(configuration(tmp_path), max_live_qubits=2 * LEAST_SHARE)
         async with running(config, JumpingClock()) as bench:
             await act(bench)
+
+    asyncio.run(run())
+
+
+def test_a_name_that_another_has_taken_first_is_there_for_its_owner(tmp_path: Path) -> None:
+    """bob, who has guessed the number of a session of charlie and alice, takes its first block."""
+    pairs = 2_000  # equal by chance with probability 2^-2000
+
+    async def run() -> None:
+        async with running(replace(configuration(tmp_path), devices={}), JumpingClock()) as bench:
+            await bench.bob.create(pairs)
+            await bench.charlie.create(pairs)
+            with pytest.raises(grpc.aio.AioRpcError, match=r"block 0/0 .* exists"):
+                await bench.charlie.create(pairs)
+            made = bench.service.layer.ownership.made_by
+            assert (made("bob"), made("charlie")) == (2 * pairs, 2 * pairs)
+            theirs, own = (
+                await bench.bob.measure(block(0, 0)),
+                await bench.charlie.measure(block(0, 0)),
+            )
+            assert theirs.outcomes != own.outcomes  # nobody draws what another has drawn
+            assert made("charlie") == pairs
+            other = await bench.charlie.measure(block(0, 1))
+            assert other.outcomes == own.outcomes  # halves of a Bell pair agree
+
+    asyncio.run(run())
+
+
+def test_light_of_another_does_not_mix_with_what_waits_under_its_name(tmp_path: Path) -> None:
+    name, pairs = block(0, 0), 2_000
+
+    async def run() -> None:
+        async with running(replace(configuration(tmp_path), devices={}), JumpingClock()) as bench:
+            for sender, port, way in (
+                (bench.charlie, "charlie-q0", (1, 4)),
+                (bench.alice, "alice-q0", (3, 4)),
+            ):
+                await sender.create(pairs)
+                await bench.switch.connect(way)
+                await sender.send((name, port))
+            received = await bench.bob.receive(name, "bob-q0")
+            assert received.photons == pairs
+            mine, theirs = await bench.bob.measure(name), await bench.charlie.measure(block(0, 1))
+            assert mine.outcomes == theirs.outcomes  # halves of charlie's pairs, which came first
+            owned = bench.service.layer.ownership
+            assert (owned.made_by("charlie"), owned.made_by("alice")) == (0, pairs)
 
     asyncio.run(run())

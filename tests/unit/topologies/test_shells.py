@@ -4,13 +4,18 @@ import os
 import signal
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 from mininet.node import Node
+from mininet.topo import Topo
 
 from topologies import shells
+from topologies.network import Network, Signals
 from topologies.owners import marked, this_process
 from topologies.programs import NetworkError
+from topologies.runtime import Runtime
 from topologies.shells import ShellWatcher
 
 
@@ -106,6 +111,20 @@ def test_a_shell_that_dies_while_the_network_starts_is_named() -> None:
         node.cmd("kill -KILL $$")
     with pytest.raises(NetworkError, match="watched died at its start: its shell was ended"):
         node.cmd("ip link add what-cannot-be")
+    node.terminate()
+
+
+def test_a_shell_that_dies_is_named_where_its_links_cannot_be_made() -> None:
+    node = Watched("alice", inNamespace=False)
+    node._kill_shell()
+
+    def build() -> None:
+        raise NetworkError("cannot make the link alice-q0 to q1-eth2: No such process")
+
+    network = Network(Topo, cast(Runtime, None), Signals())
+    network.net = cast(Any, SimpleNamespace(build=build, hosts=[node], switches=[], controllers=[]))
+    with pytest.raises(NetworkError, match=r"^alice died at its start: cannot make the link"):
+        network._build_and_start()
     node.terminate()
 
 
