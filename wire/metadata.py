@@ -135,7 +135,7 @@ class Reason(IntEnum):
     CANNOT_HERALD = 26
     CANNOT_INTERFERE = 27
     PATH_BROKEN = 25  # within the optical network; the controller's record names the elements
-    TOO_LATE = 27  # no light by the deadline that the set-up message names
+    TOO_LATE = 28  # no light by the deadline that the set-up message names
 
 
 class Pauli(IntEnum):
