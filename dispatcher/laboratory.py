@@ -23,6 +23,7 @@ from dispatcher.operations.operation_handlers import Act, acts
 from dispatcher.operations.resending import Resending
 from dispatcher.operations.splitting import Splitting
 from dispatcher.operations.switching import Switching
+from dispatcher.operations.telling import Telling
 from dispatcher.operations.transport import Transport
 from dispatcher.sabot.backend import Bytes
 from dispatcher.timeouts import RECEIVE_TIMEOUT_S
@@ -47,6 +48,7 @@ from wire.dispatcher_pb2 import (
     SendRequest,
     SplitRequest,
     StoreRequest,
+    TellRequest,
 )
 
 START_NS = 1_700_000_000_000_000_000
@@ -68,6 +70,7 @@ Request = (
     | AttemptRequest
     | HeraldRequest
     | SplitRequest
+    | TellRequest
 )
 
 
@@ -100,7 +103,9 @@ class Laboratory:
         operations, measurements = Operations(self.layer), Measurements(self.layer)
         rest = Gathering(self.layer), Resending(self.layer), Splitting(self.layer)
         heralding = Heralding(self.layer)
-        self._acts = acts(operations, measurements, transport, *rest, heralding)
+        self._acts = acts(
+            operations, measurements, transport, *rest, heralding, Telling(self.layer)
+        )
 
     def host(self, name: str) -> "LaboratoryHost":
         """Return the host of this name; it need not have fibres."""

@@ -65,7 +65,7 @@ class Stack:
             config.abilities,
             config.multi_photon,
             tuple(config.intensities),
-            Lifetimes(config.t1_s, config.t2_s),
+            Lifetimes(config.t1_s, config.t2_s, config.depolarizing_s),
         )
         self.active_sessions = ActiveSessions(self.swaps.opens)
         self.device = Device(lambda: read_ports(config.qnics))

@@ -151,6 +151,7 @@ class HostConfig(Config):
     pair_rate_hz: int = 50_000_000  # that every source of the network can make
     t1_s: float = Device().memory.t1_s
     t2_s: float = Device().memory.t2_s
+    depolarizing_s: float = Device().memory.depolarizing_s
 
     def __post_init__(self) -> None:
         if self.light not in LIGHT:

@@ -29,6 +29,7 @@ class Decay(NamedTuple):
     y: Each = 0.0
     z: Each = 0.0
     exact: bool = True
+    depolarized: Each = 0.0  # beside all that: X, Y or Z, a third of it each
 
     @property
     def error(self) -> Each:
@@ -80,11 +81,14 @@ class Waits(NamedTuple):
 def decay(memory: Memory, waited_s: Each) -> Decay:
     """Return what has happened to qubits that were in a memory for so long.
 
+    They are depolarised beside that, with 1 - e^(-t / time); a quarter of it does nothing.
+
     A reset, and a Pauli if there was no reset, are the likelier the longer it was.
     """
     relaxed, dephased = (-np.expm1(-waited_s / time_s) for time_s in (memory.t1_s, memory.t2_s))
     if memory.t2_s <= memory.t1_s:
-        return Decay(reset=relaxed, z=(dephased - relaxed) / 2)
+        noise = -np.expm1(-waited_s / memory.depolarizing_s) * 3 / 4
+        return Decay(reset=relaxed, z=(dephased - relaxed) / 2, depolarized=noise)
     if memory.damping == "dense":
         # Damping alone keeps e^(-t / 2 T1) of the coherence.
         kept = waited_s / (2 * memory.t1_s) - waited_s / memory.t2_s

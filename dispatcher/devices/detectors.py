@@ -57,12 +57,15 @@ class DetectorPair:
         self._like = like
         self._detectors = Detector(like), Detector(like)
         self._dark = -float(np.expm1(-like.dark_count_hz * like.gate_s))
+        lower = like.efficiency * (1 - like.efficiency_mismatch)
+        self._efficiencies = np.array([like.efficiency, lower])  # by the bit that they tell
         self._remembers = like.dead_time_s > 0 or like.afterpulse_probability > 0
 
     @property
     def ideal(self) -> bool:
         """Return whether a detector clicks for every photon, and for nothing else."""
-        return self._like.efficiency == 1 and not self._dark and not self._remembers
+        alike = self._like.efficiency == 1 and not self._like.efficiency_mismatch
+        return alike and not self._dark and not self._remembers
 
     def detect(
         self,
@@ -86,6 +89,9 @@ class DetectorPair:
             return Detection(bits, own, int(np.count_nonzero(own)))
         if self._like.efficiency < 1:
             own &= random.happens("efficiency", self._like.efficiency)
+        if self._like.efficiency_mismatch:
+            missed = random.happens("mismatch", self._like.efficiency_mismatch)
+            own &= ~(missed & (bits == 1))
         light = [own & (bits == value) for value in (0, 1)]
         if further is not None:
             self._add_further(light, further, random)
@@ -127,7 +133,7 @@ class DetectorPair:
     def _add_further(self, light: list[Mask], further: Told, random: PhotonRandom) -> None:
         """Draw the clicks of further photons, each in the detector of its bit."""
         drawn = random.generator("efficiency of further").random(further.bits.size)
-        met = drawn < self._like.efficiency
+        met = drawn < self._efficiencies[further.bits]
         for value in (0, 1):
             light[value][further.pulses[met & (further.bits == value)]] = True
 
@@ -135,12 +141,13 @@ class DetectorPair:
         """Draw the clicks of photons that are noise, each in either detector."""
         pulses = np.flatnonzero(extras > 0)
         drawn = random.generator("further photons").random(pulses.size)
-        # Neither clicks with (1 - e)^n, and each one alone does not with (1 - e/2)^n.
-        neither = (1 - self._like.efficiency) ** extras[pulses].astype(np.float64)
-        one = (1 - self._like.efficiency / 2) ** extras[pulses].astype(np.float64) - neither
-        both = drawn >= neither + 2 * one
-        light[0][pulses] |= both | ((drawn >= neither) & (drawn < neither + one))
-        light[1][pulses] |= both | ((drawn >= neither + one) & ~both)
+        # Of n photons none clicks in one detector with (1 - e/2)^n, each with its own e.
+        photons = extras[pulses].astype(np.float64)
+        neither = (1 - self._efficiencies.sum() / 2) ** photons
+        zero, one = ((1 - other / 2) ** photons - neither for other in self._efficiencies[::-1])
+        both = drawn >= neither + zero + one
+        light[0][pulses] |= both | ((drawn >= neither) & (drawn < neither + zero))
+        light[1][pulses] |= both | ((drawn >= neither + zero) & ~both)
 
     def _watch(self, light: list[Mask], own: Mask, train: Train, random: PhotonRandom) -> Detection:
         """Add what detectors do without light, and read off the bits."""

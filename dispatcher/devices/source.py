@@ -30,13 +30,21 @@ class Emission(NamedTuple):
 
 
 def emit(
-    source: PairSource, random: PhotonRandom, levels: NDArray[np.uint8] | None = None
+    source: PairSource,
+    random: PhotonRandom,
+    levels: NDArray[np.uint8] | None = None,
+    prepared: bool = False,
 ) -> Emission:
-    """Draw what a source emits, one pulse for each photon of a half, with these intensities."""
+    """Draw what a source emits, one pulse for each photon of a half, with these intensities.
+
+    Photons that are prepared may have been heralded, by the other halves of their pairs.
+    """
     single = source.statistics == "single" and not source.g2
     pairs = None if single else _pairs(source, random)
     if pairs is not None and levels is not None:
         pairs = _weakened(pairs, levels, source.intensities, random)
+    if pairs is not None and prepared and source.heralding_efficiency:
+        pairs = _heralded(pairs, source.heralding_efficiency, random)
     return Emission(
         paulis=bell_states(source, random),
         pairs=pairs,
@@ -103,6 +111,18 @@ def misprepared(source: PairSource, random: PhotonRandom) -> NDArray[np.uint8] |
     drawn = random.generator("preparation, which").integers(1, 4, wrong.size, dtype=np.uint8)
     paulis[wrong] = drawn
     return paulis
+
+
+def _heralded(
+    pairs: NDArray[np.uint8], efficiency: float, random: PhotonRandom
+) -> NDArray[np.uint8]:
+    """Let pulses out of whose other halves the detector sees at least one, and no others."""
+    some = np.flatnonzero(pairs > 0)
+    missed = (1 - efficiency) ** pairs[some].astype(np.float64)
+    seen = random.generator("herald").random(some.size) >= missed
+    heralded = np.zeros_like(pairs)
+    heralded[some[seen]] = pairs[some[seen]]
+    return heralded
 
 
 def _weakened(

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dispatcher.fiber import custom_noise
 from dispatcher.fiber.classical_light import ClassicalLight
 from dispatcher.fiber.fluctuations import Bursts, PhaseDrift, PolarizationDrift, ThermalDrift
-from dispatcher.fiber.noise import Dephasing, Depolarizing, Loss, NoiseModel
+from dispatcher.fiber.noise import Dephasing, Depolarizing, Loss, NoiseModel, PauliChannel
 from dispatcher.fiber.polarization_modes import (
     PolarizationDependentLoss,
     PolarizationModeDispersion,
@@ -30,6 +30,8 @@ def _models(optics: FiberOptics) -> Iterator[NoiseModel]:
         yield Depolarizing(optics.depolarizing)
     if optics.dephasing > 0:
         yield Dephasing(optics.dephasing)
+    if optics.pauli_x + optics.pauli_y + optics.pauli_z > 0:
+        yield PauliChannel(optics.pauli_x, optics.pauli_y, optics.pauli_z)
     if optics.burst_depolarizing > 0 and optics.burst_start_hz > 0:
         yield Bursts(optics.burst_depolarizing, optics.burst_start_hz, optics.burst_end_hz)
     drift_rad = optics.phase_drift_rad_per_sqrt_km * math.sqrt(optics.length_km)

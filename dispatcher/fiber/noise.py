@@ -176,7 +176,29 @@ class Dephasing:
         return Effect(paulis=paulis)
 
 
-MEMORYLESS = (Loss, Depolarizing, Dephasing)  # each photon for itself, whenever it comes
+@dataclass(frozen=True)
+class PauliChannel:
+    """With these probabilities X, Y or Z happens, one of them at most."""
+
+    x: float
+    y: float
+    z: float
+
+    def effect(self, passage: Passage) -> Effect:
+        """Draw a Pauli for each photon."""
+        paulis = np.zeros(passage.photons, dtype=np.uint8)
+        hit = passage.events("error", self.x + self.y + self.z)
+        drawn = passage.which("which", hit.size, (self.x, self.z, self.y))
+        paulis[hit] = 1 + drawn  # 1 X, 2 Z, 3 XZ: Y but for a phase
+        return Effect(paulis=paulis)
+
+
+MEMORYLESS = (
+    Loss,
+    Depolarizing,
+    Dephasing,
+    PauliChannel,
+)  # each photon for itself, whenever it comes
 
 
 def depolarized(passage: Passage, photons: NDArray[np.int64]) -> NDArray[np.uint8]:

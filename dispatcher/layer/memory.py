@@ -117,7 +117,7 @@ class Memories:
         if leaves:
             self.forget(block)
             block.way_ns, block.retimed = 0, True
-            counts["lost"] = self._lose(block, memory.efficiency, random)
+        counts["lost"] = self._lose(block, memory, waits, random, leaves)
         counts |= self._decay(block, memory, waits, random)
         if not leaves:
             block.stored_ns, block.stores = now_ns, block.stores + 1
@@ -125,12 +125,24 @@ class Memories:
         longest = "" if waits.alike else f" to {waits.longest_s:.9f}"
         return f"after {waits.shortest_s:.9f}{longest} s{told}"
 
-    def _lose(self, block: Block, efficiency: float, random: PhotonRandom) -> int:
-        if efficiency == 1:
+    def _lose(
+        self, block: Block, memory: Memory, waits: Waits, random: PhotonRandom, leaves: bool
+    ) -> int:
+        """Lose what cannot be read any more; who only looks in loses what waiting has."""
+        efficiency: Each = memory.efficiency if leaves else 1.0
+        if memory.retrieval_s < np.inf:
+            if waits.alike:
+                waited_s: Each = waits.longest_s
+            else:
+                waited_s = waits.of(np.arange(waits.qubits))
+            efficiency = efficiency * np.exp(-waited_s / memory.retrieval_s)
+        if np.all(efficiency == 1):
             return 0
         everything = np.ones(random.photons, dtype=bool)
         further.thin(self._sabot, block, everything, efficiency, random, "further photons")
-        return self._sabot.lose(block.register, random.happens("efficiency", 1 - efficiency))
+        lost = 1 - efficiency
+        missing = lost if isinstance(lost, np.ndarray) else float(lost)
+        return self._sabot.lose(block.register, random.happens("efficiency", missing))
 
     def _damp(self, block: Block, memory: Memory, waits: Waits) -> None:
         """Let what is damped pass from qubits into others that nobody sees; or raise TooLarge."""
@@ -185,8 +197,19 @@ class Memories:
             self._sabot.explain(block.register, f"decay in the memory of {block.node}", paulis)
             further.pauli(self._sabot, block, paulis)
             drift.reflect(block.pulses, paulis)
+        if worst.depolarized:
+            counts["depolarized"] = self._depolarize(block, memory, waits, random)
         block.pulses.exact &= worst.exact
         return counts
+
+    def _depolarize(self, block: Block, memory: Memory, waits: Waits, random: PhotonRandom) -> int:
+        hit = np.flatnonzero(_met("depolarized", memory, waits, random) & block.register.present)
+        paulis = np.zeros(random.photons, np.uint8)
+        paulis[hit] = 1 + random.which("depolarized by", hit.size, np.ones(3))
+        self._sabot.explain(block.register, f"noise in the memory of {block.node}", paulis)
+        further.pauli(self._sabot, block, paulis)
+        drift.reflect(block.pulses, paulis)
+        return hit.size
 
 
 def _time_ns(block: Block, photon: int) -> int:

@@ -50,7 +50,7 @@ def emit_prepared(
     if source.statistics == "none":
         return ""
     random = PhotonRandom(layer.draws, block.name, block.draws_for("source"), block.register.size)
-    emission = emit(source, random, levels)
+    emission = emit(source, random, levels, prepared=True)
     block.pulses.delays_ps = emission.delays_ps
     told = "" if emission.pairs is None else _emit_photons(block, states, emission.pairs, layer)
     paulis = misprepared(source, random)

@@ -10,6 +10,7 @@ from dispatcher.operations.heralding import Heralding
 from dispatcher.operations.measurements import Measurements
 from dispatcher.operations.resending import Resending
 from dispatcher.operations.splitting import Splitting
+from dispatcher.operations.telling import Telling
 from dispatcher.operations.transport import Transport
 from dispatcher.refusal import invalid
 from wire import dispatcher_pb2 as messages
@@ -26,6 +27,7 @@ def acts(
     resending: Resending,
     splitting: Splitting,
     heralding: Heralding,
+    telling: Telling,
 ) -> dict[str, Act]:
     """Return the act for each operation of a Step, called with node and request."""
 
@@ -80,6 +82,9 @@ def acts(
     async def split(node: str, request: messages.SplitRequest) -> messages.Feedback:
         return splitting.split(node, block_name(request.block), block_name(request.into))
 
+    async def tell(node: str, request: messages.TellRequest) -> messages.Feedback:
+        return telling.tell(node, request)
+
     return {
         "create": create,
         "apply": apply,
@@ -94,4 +99,5 @@ def acts(
         "attempt": attempt,
         "herald": herald,
         "split": split,
+        "tell": tell,
     }

@@ -29,6 +29,7 @@ REQUESTS: dict[str, type[Any]] = {
     "attempt": messages.AttemptRequest,
     "herald": messages.HeraldRequest,
     "split": messages.SplitRequest,
+    "tell": messages.TellRequest,
     "look": messages.LookRequest,
     "cross_connect": messages.CrossConnectRequest,
     "tune_port": messages.TunePortRequest,

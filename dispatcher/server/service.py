@@ -19,6 +19,7 @@ from dispatcher.operations.operation_handlers import acts
 from dispatcher.operations.resending import Resending
 from dispatcher.operations.splitting import Splitting
 from dispatcher.operations.switching import Switching
+from dispatcher.operations.telling import Telling
 from dispatcher.operations.transport import Transport
 from dispatcher.refusal import Refusal, denied, exhausted
 from dispatcher.sabot.dense import TooLarge
@@ -68,7 +69,9 @@ class Service(DispatcherServicer):
         self.switching = Switching(layer)
         self._operations = Operations(layer)
         parts = self._operations, Measurements(layer), self.transport, Gathering(layer)
-        self._acts = acts(*parts, Resending(layer), Splitting(layer), Heralding(layer))
+        self._acts = acts(
+            *parts, Resending(layer), Splitting(layer), Heralding(layer), Telling(layer)
+        )
         self._changes = changes(layer, self.switching)
 
     async def Challenge(

@@ -249,6 +249,9 @@ class Qnic(Protocol):
         fails, what was done before it is done, and what comes behind it is not.
         """
 
+    async def tell(self, instructions: str) -> None:
+        """Tell those who watch what is executed now; hardware that nobody watches does nothing."""
+
     async def look(self, block: BlockName, entangled: bool) -> "NDArray[np.complex128]":
         """Return the density matrix of a qubit here, perhaps with all it is entangled with.
 

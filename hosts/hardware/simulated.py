@@ -50,6 +50,7 @@ from wire.dispatcher_pb2 import (
     SplitRequest,
     Step,
     StoreRequest,
+    TellRequest,
     WatchRequest,
 )
 from wire.dispatcher_pb2_grpc import DispatcherStub
@@ -310,6 +311,10 @@ class SimulatedQnic:
             outcomes += b"".join(feedback.outcomes for feedback in feedbacks)
         assert len(outcomes) == sum(each.kind in OUTCOMES for each in operations)
         return list(outcomes)
+
+    async def tell(self, instructions: str) -> None:
+        """Tell those who watch what is executed now."""
+        await self._orders.perform(Step(tell=TellRequest(text=instructions)))
 
     async def look(self, block: BlockName, entangled: bool) -> NDArray[np.complex128]:
         """Return the density matrix of a qubit at this host."""

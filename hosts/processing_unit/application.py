@@ -26,6 +26,16 @@ from wire.outcomes import NO_CLICK
 FIELDS = 10  # that are told of each pair
 WORDS = 22  # of a request: NetQASM's SerializedCreateRequestIndex
 PHI_PLUS = 0
+MOST_TOLD = 1000  # characters of a subroutine that those who watch are told
+
+
+def told(subroutine: Subroutine) -> str:
+    """Return a subroutine in one line, or its beginning."""
+    instructions = [str(each) for each in subroutine.instructions]
+    text = "; ".join(instructions) or "no instruction"
+    if len(text) <= MOST_TOLD:
+        return text
+    return f"{text[:MOST_TOLD].rpartition(';')[0]}; ... of {len(instructions)} instructions"
 
 
 @dataclass(frozen=True)
@@ -72,8 +82,9 @@ class Application:
         self._sockets[message.remote_node, message.socket] = message.remote_socket
 
     async def run(self, subroutine: Subroutine) -> list[ReturnedArray | ReturnedRegister]:
-        """Execute a subroutine; return what it returns."""
+        """Execute a subroutine, and tell those who watch of it; return what it returns."""
         self._settle()
+        await self._qnic.tell(told(subroutine))
         return await self._machine.run(subroutine)
 
     async def look(self, qubit: int, entangled: bool) -> NDArray[np.complex128]:

@@ -54,6 +54,8 @@ def times(network: Description) -> Iterator[tuple[str, float]]:
     for host, device in network.hosts.items():
         yield f"T1 of {host}", device.memory.t1_s
         yield f"T2 of {host}", device.memory.t2_s
+        yield f"depolarizing_s of {host}", device.memory.depolarizing_s
+        yield f"retrieval_s of {host}", device.memory.retrieval_s
     for fiber in network.fibers:
         if fiber.optics.delay_s:
             yield f"the fibre from {fiber.a} to {fiber.b}", fiber.optics.delay_s

@@ -26,8 +26,8 @@ def software_facts(software: SoftwareTime, devices: Iterable[Device]) -> dict[st
 
 
 def coherence_s(memory: Memory) -> float:
-    """Return the shorter of T1 and T2."""
-    return min(memory.t1_s, memory.t2_s)
+    """Return the shortest time in which waiting does something, T1 and T2 among others."""
+    return memory.shortest_s
 
 
 def rows(facts: dict[str, Any]) -> dict[str, str]:

@@ -12,6 +12,7 @@ from qmn.sweeps.fresh_outcomes import FRESH_OUTCOMES
 from qmn.sweeps.gated_bell import GATED_BELL
 from qmn.sweeps.heralding import HERALDING
 from qmn.sweeps.interference import HOM
+from qmn.sweeps.light_sources import LIGHT_SOURCES
 from qmn.sweeps.multi_pair import MULTI_PAIR
 from qmn.sweeps.parameters import Values
 from qmn.sweeps.photon_splitting import PHOTON_SPLITTING
@@ -40,6 +41,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         FRESH_OUTCOMES,
         MULTI_PAIR,
         WEAK_PULSES,
+        LIGHT_SOURCES,
         DECOY_STATES,
         PHOTON_SPLITTING,
         POLARIZATION,

@@ -80,8 +80,13 @@ def way(values: Values) -> Fiber:
 def devices(decoys: Decoys) -> dict[str, Device]:
     """Return laser and detectors."""
     laser = PairSource("poisson", decoys.means[0], decoys=decoys.means[1:])
-    looks = Detectors(EFFICIENCY, -math.log1p(-DARK_COUNT) / GATE_S, GATE_S)
-    return {"alice": Device(laser), "bob": Device(detectors=looks)}
+    return {"alice": Device(laser), "bob": Device(detectors=detectors())}
+
+
+def detectors(mismatch: float = 0.0) -> Detectors:
+    """Return the detectors, of which that of 1 sees so much less."""
+    dark_count_hz = -math.log1p(-DARK_COUNT) / GATE_S
+    return Detectors(EFFICIENCY, dark_count_hz, GATE_S, efficiency_mismatch=mismatch)
 
 
 def key(decoys: Decoys, counts: Counts, pulses: int) -> Estimate:

@@ -35,7 +35,8 @@ from wire.parameters.physics import Memory
 FIBERS_PASSED = 4  # two by either half of a pair
 RATE = Parameter("classical_mbps", MOST_MBPS, LEAST_MBPS, MOST_MBPS, "Mbit/s")
 (DEPOLARIZING,) = (each for each in FIBER if each.name == "depolarizing")
-T1, T2 = (each for each in of_dataclass("memory_", Memory()) if each.unit == "s")
+MEMORY = {each.name: each for each in of_dataclass("memory_", Memory())}
+T1, T2 = MEMORY["memory_t1_s"], MEMORY["memory_t2_s"]
 STATE = Parameter("state", "random", choices=("random", "haar"))
 STATES = Parameter("states", 16_384, 100, 262_144)
 TIME_SCALE = Parameter("time_scale", LEAST_SCALE, LEAST_SCALE, MOST_SCALE)

@@ -366,6 +366,51 @@ SHEETS = (
         ],
     ),
     Sheet(
+        "light-sources",
+        "light-sources",
+        {
+            "length_km": "0:60:4",
+            "source": [
+                "single",
+                "single, g2 = 0.02",
+                "laser, mean 0.1",
+                "laser, mean 0.01",
+                "heralded",
+            ],
+            "pairs": 1_000_000,
+        },
+        [
+            Curve(
+                f"light-sources-{measure}",
+                f"BB84 by sources of light: {text}",
+                "length_km",
+                "length of the fibre (km)",
+                measure,
+                by=["source"],
+                logarithmic=measure != "qber",
+            )
+            for measure, text in (
+                ("gain", "pulses seen"),
+                ("qber", "error rate"),
+                ("key", "key of long blocks (GLLP)"),
+            )
+        ],
+    ),
+    Sheet(
+        "detector-mismatch",
+        "light-sources",
+        {"efficiency_mismatch": "0:1:6", "pairs": 1_000_000},
+        [
+            Curve(
+                "detector-mismatch",
+                "Detectors of unlike efficiency: (1 - m)/(2 - m) ones",
+                "efficiency_mismatch",
+                "mismatch m of the efficiencies",
+                "ones",
+            )
+        ],
+    ),
+    Sheet(
         "decoy-states",
         "decoy-states",
         {"length_km": "0:40:5", "mean_photons": [0.3, 0.5], "pairs": 8_000_000},

@@ -152,6 +152,19 @@ def sent_on(
     return max(0.0, wanted - several) / single, min(1.0, wanted / several)
 
 
+def no_click(statistics: str, mean: float, seen: float) -> float:
+    """Return how likely none of the photons of a pulse is seen, each of which is so likely."""
+    return math.exp(-mean * seen) if statistics == "poisson" else 1 / (1 + mean * seen)
+
+
+def gllp(gain: float, qber: float, single: float) -> float:
+    """Return W (1 - h(Q / W)) - h(Q) of the pulses seen, W of which are of one photon at least."""
+    if single <= 2 * qber:
+        return 0.0
+    phase, told = qber / single, entropy([qber, 1 - qber])
+    return gain * max(0.0, single * (1 - entropy([phase, 1 - phase])) - told)
+
+
 def key_without_decoys(mean: float, mean_seen: float) -> float:
     """Return secret bits per pulse of BB84 without errors: half the gain that is of single photons.
 

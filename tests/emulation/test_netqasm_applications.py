@@ -129,6 +129,9 @@ def test_three_nodes_have_as_noisy_pairs_as_their_ways_are_long(tmp_path: Path) 
 def test_the_teleport_of_the_sdk_runs_as_it_is(tmp_path: Path) -> None:
     words = ["--input", "sender.theta=1.1", "--rounds", "4"]
     result = run(tmp_path, "teleport", *words)
+    log = (tmp_path / "latest" / "quantum.log").read_text()
+    for host, instruction in (("alice", "recv_epr"), ("bob", "create_epr"), ("bob", "cnot Q0 Q1")):
+        assert re.search(rf" {host} +subroutine +set [^\n]*{instruction}", log)
     assert result["roles"] == {"receiver": "alice", "sender": "bob"}
     assert len(result["outputs"]) == 4
     for each in result["outputs"]:

@@ -133,6 +133,32 @@ def test_s_of_e91_is_that_of_pairs_of_which_eve_has_measured_some(tmp_path: Path
     assert told["key_bits"] == 0
 
 
+def test_heralded_photons_come_as_their_pairs_and_unlike_detectors_tell_fewer_ones(
+    tmp_path: Path,
+) -> None:
+    """Of thermal pairs n come with m^n / (1 + m)^(n + 1) (1 - (1 - e)^n); all of n = 1 to 39."""
+    mean, herald, mismatch = 0.1, 0.6, 0.5
+    source = [f"statistics=thermal,mean_pairs={mean},heralding_efficiency={herald}"]
+    words = [f"alice.source.{word}" for word in source[0].split(",")]
+    words.append(f"bob.detectors.efficiency_mismatch={mismatch}")
+    given = [part for word in words for part in ("--device", word)]
+    done, result = run_qkd(tmp_path, *given, "--count", "20000", "--bound", "asymptotic")
+    assert done.returncode == 0, done.stdout + done.stderr
+    told = result["asking"]
+    likely = [mean**n / (1 + mean) ** (n + 1) * (1 - (1 - herald) ** n) for n in range(40)]
+    several = sum(likely[2:])
+    assert abs(told["multi_photon"] - several) < 1e-9
+    zero, one = sum(likely), sum(p * (1 - mismatch**n) for n, p in enumerate(likely))
+    # In the other basis photons of a pulse part: neither of both with a mean of .75^n.
+    parted = sum(p * (1 - (1 - (2 - mismatch) / 2) ** n) for n, p in enumerate(likely))
+    gain = (zero + one) / 4 + parted / 2
+    assert abs(told["raw_bits"] - gain * told["photons"]) < 5 * sqrt(gain * told["photons"])
+    ones = one / (zero + one)
+    error = sqrt(ones * (1 - ones) / told["disclosed_bits"])
+    assert abs(told["ones_fraction"] - ones) < 5 * error
+    assert told["qber"] == 0
+
+
 def test_if_eve_measures_everything_the_key_is_refused(tmp_path: Path) -> None:
     keys = tmp_path / "keys"
     done, result = run_qkd(tmp_path, "--eve", "1", "--count", "20000", "--keys", str(keys))

@@ -122,6 +122,7 @@ class QuantumHost(ClassicalHost):
             pair_rate_hz=pair_rate_hz(network.devices.values()),
             t1_s=network.devices[self.name].memory.t1_s,
             t2_s=network.devices[self.name].memory.t2_s,
+            depolarizing_s=network.devices[self.name].memory.depolarizing_s,
             keys=network.key_folder(self.name),
             light=self.light,
         )

@@ -6,7 +6,7 @@ The default is an ideal fibre of 10 m. `optics` fills in what a kind of fibre br
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any, Self
 
-from wire.parameters.physics import BadParameter, check, choice, parameter
+from wire.parameters.physics import SUM_TOLERANCE, BadParameter, check, choice, parameter
 
 SPEED_IN_FIBER_M_PER_S = 2.04e8  # group index 1.468
 
@@ -50,6 +50,9 @@ class FiberOptics:
     connectors_db: float = parameter(0.0, 0.0, 100.0)  # of all connectors and splices together
     depolarizing: float = parameter(0.0, 0.0, 1.0)  # probability p: X, Y and Z each with p/4
     dephasing: float = parameter(0.0, 0.0, 1.0)  # probability of Z
+    pauli_x: float = parameter(0.0, 0.0, 1.0)  # a Pauli channel: probabilities of X, Y and Z,
+    pauli_y: float = parameter(0.0, 0.0, 1.0)  # one of which happens at most
+    pauli_z: float = parameter(0.0, 0.0, 1.0)
     # Birefringence turns the polarisation about any axis: rms angle, growing as the root of the
     # length, and how long it lasts. Qubits of other encodings do not see it.
     polarization_drift_rad_per_sqrt_km: float = parameter(0.0, 0.0, 100.0)
@@ -98,6 +101,9 @@ class FiberOptics:
     def check(self, where: str) -> None:
         """Raise BadParameter for what no fibre is like."""
         check(where, self)
+        if self.pauli_x + self.pauli_y + self.pauli_z > 1 + SUM_TOLERANCE:
+            told = f"pauli_x {self.pauli_x!r}, pauli_y {self.pauli_y!r}, pauli_z {self.pauli_z!r}"
+            raise BadParameter(f"{where}: {told} are together more than 1")
         if not isinstance(self.noise, str) or not isinstance(self.noise_parameters, dict):
             raise BadParameter(
                 f'{where}: noise {self.noise!r} is not "file.py:ClassName" with a dictionary of '

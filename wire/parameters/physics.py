@@ -91,11 +91,19 @@ class PairSource:
     # Two weaker means that its modulator can make for decoy states, of a laser (poisson): weak,
     # vacuum. mean_pairs is the signal's.
     decoys: tuple[float, ...] | None = None
+    # Of photons that the host prepares, halves of pairs: a detector of this efficiency looks at the
+    # other halves, and what it does not herald is not let out. 0: nothing is heralded.
+    heralding_efficiency: float = parameter(0.0, 0.0, 1.0)
 
     def check(self, where: str) -> None:
         """Raise BadParameter for what no source is like."""
         check(where, self)
         self._check_decoys(where)
+        if self.heralding_efficiency and self.statistics not in ("poisson", "thermal"):
+            raise BadParameter(
+                f"{where}: heralding_efficiency {self.heralding_efficiency!r} with statistics "
+                f"{self.statistics!r}; choose poisson or thermal pairs"
+            )
         if self.g2 and self.statistics != "single":
             raise BadParameter(
                 f"{where}: g2 {self.g2!r} with statistics {self.statistics!r}, which has its own"
@@ -128,6 +136,8 @@ class PairSource:
             raise BadParameter(
                 f"{where}: decoys with statistics {self.statistics!r}; choose poisson, a laser"
             )
+        if self.heralding_efficiency:
+            raise BadParameter(f"{where}: decoys with heralding_efficiency, which is of no laser")
 
     def _can_tell(self, weak: float, vacuum: float) -> bool:
         return 0 <= vacuum < weak and weak + vacuum < self.mean_pairs
@@ -139,12 +149,23 @@ class PairSource:
 
     @property
     def multi_photon(self) -> float:
-        """How likely a pulse has more than one pair, or photon that the host prepares."""
+        """How likely a pulse has more than one photon that the host prepares."""
+        if self.heralding_efficiency:
+            missed = 1 - self.heralding_efficiency
+            return self._several(1.0) - self._several(missed)
         if self.statistics == "poisson":
             return -math.expm1(-self.mean_pairs) - self.mean_pairs * math.exp(-self.mean_pairs)
         if self.statistics == "thermal":
             return (self.mean_pairs / (1 + self.mean_pairs)) ** 2
         return (1 - self.g2 - math.sqrt(1 - 2 * self.g2)) / self.g2 if self.g2 else 0.0
+
+    def _several(self, each: float) -> float:
+        """Return the sum of P(n) each^n over two and more pairs, of Poisson or thermal ones."""
+        mean = self.mean_pairs
+        if self.statistics == "poisson":
+            return math.exp(-mean) * (math.exp(mean * each) - 1 - mean * each)
+        share = mean / (1 + mean)
+        return (share * each) ** 2 / (1 - share * each) / (1 + mean)
 
     def bell_probabilities(self) -> tuple[float, ...]:
         """Return how likely Phi+, Psi+, Phi- and Psi- are."""
@@ -160,12 +181,22 @@ class Memory:
     # Where T2 > T1: approximate relaxation by Paulis, or follow it in state vectors (small blocks).
     damping: str = choice("twirl", "dense")
     efficiency: float = parameter(1.0, 0.0, 1.0)  # of storing and reading together
+    # A plain depolarising memory: with 1 - e^(-t / this) a qubit is replaced by noise.
+    depolarizing_s: float = parameter(float("inf"), 1e-12, float("inf"))
+    retrieval_s: float = parameter(
+        float("inf"), 1e-12, float("inf")
+    )  # efficiency falls e^(-t/this)
     capacity: int = parameter(4_000_000, 0, 4_000_000)  # qubits
 
     @property
     def decays(self) -> bool:
         """Whether waiting changes what it keeps."""
-        return min(self.t1_s, self.t2_s) < math.inf
+        return self.shortest_s < math.inf
+
+    @property
+    def shortest_s(self) -> float:
+        """The shortest time in which waiting does something."""
+        return min(self.t1_s, self.t2_s, self.depolarizing_s, self.retrieval_s)
 
     def check(self, where: str) -> None:
         """Raise BadParameter for what no memory is like."""
@@ -173,6 +204,11 @@ class Memory:
         if self.t2_s > 2 * self.t1_s:
             raise BadParameter(
                 f"{where}: t2_s {self.t2_s!r} is not 1e-12 to {2 * self.t1_s:g} (twice t1_s)"
+            )
+        if self.depolarizing_s < math.inf and self.t1_s < math.inf:
+            raise BadParameter(
+                f"{where}: depolarizing_s {self.depolarizing_s!r} beside t1_s {self.t1_s!r}: noise "
+                "of both at a time is not modelled; leave one of them out"
             )
 
 
@@ -206,6 +242,7 @@ class Detectors:
     afterpulse_s: float = parameter(1e-7, 1e-12, 1.0)  # mean delay, exponential
     jitter_ps: float = parameter(0.0, 0.0, 1e9)  # rms
     encoding: str = choice(*ENCODINGS)  # of the qubits that they tell, also for a Bell analyser
+    efficiency_mismatch: float = parameter(0.0, 0.0, 1.0)  # that of 1 has so much less of it
 
     def check(self, where: str) -> None:
         """Raise BadParameter for what no detector is like."""

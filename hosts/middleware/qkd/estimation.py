@@ -16,6 +16,7 @@ class Estimate:
 
     errors: int
     sample: int
+    ones: int = 0  # of alice's bits of it
 
     @property
     def qber(self) -> float:
@@ -43,7 +44,8 @@ def sample_mask(seed: bytes, sifted: int, sample: int) -> Mask:
 
 
 def compare(mine: Bits, theirs: Bits) -> Estimate:
-    """Count the errors of a disclosed sample; ValueError if there is nothing to compare."""
+    """Count errors in a disclosed sample of alice's; ValueError if there is nothing to compare."""
     if mine.size == 0 or mine.shape != theirs.shape:
         raise ValueError(f"samples of {mine.size} and {theirs.size} bits cannot be compared")
-    return Estimate(int(np.count_nonzero(mine != theirs)), mine.size)
+    errors, ones = np.count_nonzero(mine != theirs), np.count_nonzero(mine)
+    return Estimate(int(errors), mine.size, int(ones))

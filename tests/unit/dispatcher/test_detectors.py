@@ -9,7 +9,7 @@ from five_sigma import within
 from numpy.typing import NDArray
 
 from dispatcher.devices.detector import Detector, Train
-from dispatcher.devices.detectors import Detection, DetectorPair
+from dispatcher.devices.detectors import Detection, DetectorPair, Told
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.draws import Draws
 from wire.outcomes import NO_CLICK
@@ -184,3 +184,31 @@ def test_the_same_block_is_seen_the_same_whatever_was_measured_before() -> None:
     second.detect(BITS, None, TRAIN, random(1))
     one, other = (pair.detect(BITS, None, TRAIN, random(2)) for pair in (alone, second))
     assert np.array_equal(one.bits, other.bits)
+
+
+@pytest.mark.parametrize("mismatch", [0.3, 1.0])
+def test_one_detector_sees_less_than_the_other(mismatch: float) -> None:
+    efficiency = 0.8
+    found = look(efficiency=efficiency, efficiency_mismatch=mismatch)
+    seen = found.bits != NO_CLICK
+    assert (found.bits[seen] == BITS[seen]).all()
+    for bit, likely in ((0, efficiency), (1, efficiency * (1 - mismatch))):
+        own = bit == BITS
+        assert within(int(np.count_nonzero(seen & own)), int(np.count_nonzero(own)), likely)
+
+
+def test_so_it_is_with_photons_that_have_no_state_and_with_further_ones() -> None:
+    """Two photons each in either detector, of .6 and .3: none clicks in the first with .7^2."""
+    like = Detectors(efficiency=0.6, efficiency_mismatch=0.5)
+    noise = np.full(COUNT, 2, dtype=np.uint8)
+    found = DetectorPair(like).detect(DARK, noise, TRAIN, random())
+    neither = (1 - 0.45) ** 2
+    only_zero, only_one = (1 - 0.15) ** 2 - neither, (1 - 0.3) ** 2 - neither
+    both = 1 - neither - only_zero - only_one
+    assert within(int((found.bits == NO_CLICK).sum()), COUNT, neither)
+    assert within(int((found.bits == 0).sum()), COUNT, only_zero + both / 2)
+    assert within(int((found.bits == 1).sum()), COUNT, only_one + both / 2)
+    ones = Told(np.arange(COUNT), np.ones(COUNT, np.uint8))
+    further = DetectorPair(like).detect(DARK, None, TRAIN, random(), ones)
+    assert within(int((further.bits == 1).sum()), COUNT, 0.3)
+    assert not (further.bits == 0).any()

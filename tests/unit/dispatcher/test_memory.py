@@ -25,7 +25,7 @@ from dispatcher.devices.decay import Decay, decay
 from dispatcher.layer.ownership import BlockName
 from wire.dispatcher_pb2 import CreateRequest, DiscardRequest, Feedback, StoreRequest
 from wire.outcomes import NO_CLICK
-from wire.parameters.physics import Device, Memory, PairSource
+from wire.parameters.physics import BadParameter, Device, Memory, PairSource
 
 COUNT = 40_000
 GAMMA_WAIT_S = -np.log(0.7)  # damping of .3 for T1 = 1 s
@@ -105,6 +105,36 @@ def test_up_to_t2_of_t1_waiting_is_exact(
     expected = bell_probabilities(waited_s, t1_s, t2_s)
     assert sum(expected) == pytest.approx(1)
     assert all(within(n, COUNT, p) for n, p in zip(counts(feedback), expected, strict=True))
+
+
+def test_a_plain_depolarising_memory_replaces_qubits_by_noise(tmp_path: Path) -> None:
+    """Both halves of Phi+ for half its time: e^-1 of it is left, and a quarter of the rest."""
+    feedback = outcomes_after(tmp_path, 0.5, COUNT, depolarizing_s=1.0)
+    assert feedback.exact
+    left = np.exp(-1)
+    expected = [left + (1 - left) / 4, *[(1 - left) / 4] * 3]
+    assert all(within(n, COUNT, p) for n, p in zip(counts(feedback), expected, strict=True))
+
+
+def test_dephasing_and_depolarising_go_together(tmp_path: Path) -> None:
+    feedback = outcomes_after(tmp_path, 0.5, COUNT, depolarizing_s=1.0, t2_s=2.0)
+    left, flipped = np.exp(-1), (1 - np.exp(-0.5)) / 2
+    phi = [left * (1 - flipped), left * flipped]
+    found = counts(feedback)
+    assert within(found[0], COUNT, phi[0] + (1 - left) / 4)
+    assert within(found[2], COUNT, phi[1] + (1 - left) / 4)
+
+
+def test_what_can_be_read_falls_with_time(tmp_path: Path) -> None:
+    """Of either half e^(-.3 / .5), and .9 of it, whatever was looked into meanwhile."""
+    feedback = outcomes_after(tmp_path, 0.3, COUNT, retrieval_s=0.5, efficiency=0.9)
+    assert within(sum(counts(feedback)), COUNT, (0.9 * np.exp(-0.6)) ** 2)
+    assert counts(feedback)[0] == sum(counts(feedback))
+
+
+def test_noise_of_two_kinds_at_a_time_is_not_modelled() -> None:
+    with pytest.raises(BadParameter, match=r"alice: depolarizing_s 1\.0 beside t1_s 2\.0"):
+        Memory(t1_s=2.0, t2_s=1.0, depolarizing_s=1.0).check("alice")
 
 
 def test_beyond_that_the_twirl_is_an_approximation(tmp_path: Path) -> None:

@@ -6,11 +6,21 @@ from noise_cases import COUNT, START_NS, passage, within
 
 from dispatcher.fiber import fiber_noise
 from dispatcher.fiber.classical_light import ClassicalLight
-from dispatcher.fiber.noise import Dephasing, Depolarizing, Effect, Loss, Passage, Pattern, Schedule
+from dispatcher.fiber.noise import (
+    Dephasing,
+    Depolarizing,
+    Effect,
+    Loss,
+    Passage,
+    Pattern,
+    PauliChannel,
+    Schedule,
+)
 from dispatcher.fiber.noise_history import NoiseHistory
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.draws import Draws
 from wire.parameters.fiber import FiberOptics, optics
+from wire.parameters.physics import BadParameter
 
 
 class NoDraws:
@@ -49,6 +59,19 @@ def test_dephasing_flips_the_phase_and_nothing_else(p: float) -> None:
     assert paulis is not None
     assert within(int(np.count_nonzero(paulis == 2)), p)
     assert set(paulis.tolist()) <= {0, 2}
+
+
+def test_a_pauli_channel_has_its_probabilities() -> None:
+    paulis = PauliChannel(0.1, 0.05, 0.2).effect(passage()).paulis
+    assert paulis is not None
+    for number, p in ((1, 0.1), (3, 0.05), (2, 0.2)):  # X, XZ, Z
+        assert within(int(np.count_nonzero(paulis == number)), p)
+
+
+def test_paulis_are_together_certain_at_most() -> None:
+    optics = FiberOptics(pauli_x=0.5, pauli_y=0.3, pauli_z=0.3)
+    with pytest.raises(BadParameter, match="are together more than 1"):
+        optics.check("fibre")
 
 
 @pytest.mark.parametrize("length_km", [0.0, 0.01, 100.0])

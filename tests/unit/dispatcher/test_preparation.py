@@ -2,6 +2,7 @@
 
 import asyncio
 import io
+import math
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
 from typing import Any, Literal
@@ -195,3 +196,51 @@ def test_prepared_states_are_wrong_as_often_as_the_error_says(basis: int) -> Non
 def test_g2_of_light_that_is_not_single_is_refused() -> None:
     with pytest.raises(BadParameter, match=r"g2 0\.1 with statistics"):
         PairSource("poisson", 0.1, g2=0.1).check("alice, source")
+
+
+@pytest.mark.parametrize("statistics", ["poisson", "thermal"])
+@pytest.mark.parametrize("efficiency", [0.1, 0.6, 1.0])
+def test_photons_come_as_their_pairs_are_heralded(statistics: str, efficiency: float) -> None:
+    """P(n) (1 - (1 - e)^n) with P(n) = exp(-m) m^n / n! or m^n / (1 + m)^(n + 1), term by term."""
+    count, mean = 200_000, 0.4
+    source = PairSource(statistics, mean, heralding_efficiency=efficiency)
+    draws = PhotonRandom(Draws(1), (7, 0, 0), "source", count)
+    found = emit(source, draws, prepared=True).pairs
+    assert found is not None
+    likely = math.exp(-mean) if statistics == "poisson" else 1 / (1 + mean)
+    several = 0.0
+    for photons in range(1, 40):
+        likely *= mean / photons if statistics == "poisson" else mean / (1 + mean)
+        heralded = likely * (1 - (1 - efficiency) ** photons)
+        several += heralded if photons > 1 else 0.0
+        if photons < 4:
+            assert within(int((found == photons).sum()), count, heralded)
+    assert source.multi_photon == pytest.approx(several, rel=1e-9)
+    pairs = emit(source, draws).pairs  # of which both halves travel: nobody looks at one
+    assert pairs is not None
+    dark = math.exp(-mean) if statistics == "poisson" else 1 / (1 + mean)
+    assert within(int((pairs == 0).sum()), count, dark)
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"heralding_efficiency": 0.5}, "choose poisson or thermal pairs"),
+        (
+            {"statistics": "poisson", "mean_pairs": 0.1, "heralding_efficiency": 1.5},
+            "is not 0 to 1",
+        ),
+        (
+            {
+                "statistics": "poisson",
+                "mean_pairs": 0.5,
+                "decoys": (0.1, 0.0),
+                "heralding_efficiency": 0.5,
+            },
+            "which is of no laser",
+        ),
+    ],
+)
+def test_heralding_that_cannot_be_is_refused(given: dict[str, Any], says: str) -> None:
+    with pytest.raises(BadParameter, match=says):
+        PairSource(**given).check("alice, source")

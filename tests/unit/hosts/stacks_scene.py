@@ -330,6 +330,7 @@ async def start_host(
         intensities=list(device.source.intensities),
         t1_s=device.memory.t1_s,
         t2_s=device.memory.t2_s,
+        depolarizing_s=device.memory.depolarizing_s,
         pair_secrets=str(pair_secrets(folder)),
         keys=str(folder / "keys" / name),
         device_key=device_key(name),

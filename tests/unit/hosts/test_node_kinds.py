@@ -22,7 +22,7 @@ from wire.features import EMIT, GATE, HERALD, INTERFERE, MEASURE, STORE
 from wire.metadata import Message, Reason, Setup, Topic, Values, Verdict
 from wire.parameters.physics import Detectors, Device, Gates, Memory, PairSource
 
-LASTING = Lifetimes(float("inf"), float("inf")).numbers()
+LASTING = Lifetimes(*[float("inf")] * 3).numbers()
 IONS = replace(  # a faster one, and worse gates, so that a test is short and sees them
     ION_TRAP,
     source=replace(ION_TRAP.source, max_rate_hz=1e9),

@@ -73,7 +73,11 @@ def test_a_class_of_the_users_own_is_made_with_its_keywords(tmp_path: Path) -> N
     [
         ("Bright", OWN, "has no class Bright"),
         ("something", OWN, "has no class something"),
-        ("Empty", OWN, "Empty has no apply, arrivals, bell_measure, close, coincidences, "),
+        (
+            "Empty",
+            OWN,
+            "Empty has no apply, arrivals, attempt, bell_measure, close, coincidences, ",
+        ),
         ("Dimmed", "import nowhere_to_be_found", "cannot be loaded: No module named"),
         ("Dimmed", "class Dimmed(", "cannot be loaded"),
     ],

@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import pytest
 from dispatcher_status import require_nothing_left
@@ -100,3 +100,48 @@ def test_what_cannot_be_is_refused_by_name(tmp_path: Path) -> None:
             qubit.measure()
 
     played(tmp_path, [], alice=alice)
+
+
+def test_who_watches_sees_the_instructions(tmp_path: Path) -> None:
+    def alice(processor: Processor) -> int:
+        qubit = processor.qubit()
+        qubit.rotate("y", 3, 2)
+        return qubit.measure()
+
+    told = subroutines(tmp_path, alice)
+    assert told == [
+        "set Q0 0; qalloc Q0; init Q0; set Q0 0; rot_y Q0 3 2; set Q0 0; meas Q0 M0; qfree Q0; "
+        "ret_reg M0"
+    ]
+
+
+def test_of_a_long_subroutine_the_beginning_is_seen(tmp_path: Path) -> None:
+    def alice(processor: Processor) -> None:
+        qubit = processor.qubit()
+        for _ in range(300):
+            qubit.x()
+        processor.flush()
+
+    (told,) = subroutines(tmp_path, alice)
+    assert len(told) < 1100
+    assert told.startswith("set Q0 0; qalloc Q0; init Q0; set Q0 0; x Q0; set Q0 0; x Q0;")
+    assert told.endswith("; ... of 603 instructions")
+
+
+def subroutines(folder: Path, program: Program) -> list[str]:
+    """Return what the event log says of subroutines while alice runs a program."""
+
+    def perform() -> None:
+        with Processor(folder / "alice.sock") as processor:
+            program(processor)
+
+    async def run(events: TextIO) -> None:
+        async with network(folder, paths=[], events=events):
+            await asyncio.to_thread(perform)
+
+    with (folder / "quantum.log").open("w") as events:
+        asyncio.run(run(events))
+    lines = (folder / "quantum.log").read_text().splitlines()
+    parts = [line.partition(" subroutine ") for line in lines]
+    assert all(before.split()[-1] == "alice" for before, found, _text in parts if found)
+    return [text.strip() for _before, found, text in parts if found]

@@ -63,8 +63,9 @@ class Estimate:
     def after(self, waited_s: float, both: tuple[Lifetimes, Lifetimes]) -> float | None:
         """Return the fidelity after a further wait of both halves; None while none is known.
 
-        Coherence decays with T2 at either end, relaxation to |0> turns <ZZ> into
-        e e' <ZZ> + (1 - e)(1 - e'), e = exp(-t / T1): so for halves that are 0 as often as 1 now.
+        Depolarising takes from all alike; coherence decays with T2 at either end; relaxation to |0>
+        turns <ZZ> into e e' <ZZ> + (1 - e)(1 - e'), e = exp(-t / T1): so for halves that are 0 as
+        often as 1 now.
         """
         if not self.measured.all():
             return None
@@ -72,7 +73,8 @@ class Estimate:
         kept = [exp(-waited_s / memory.t1_s) for memory in both]
         coherent = exp(-sum(waited_s / memory.t2_s for memory in both))
         relaxed = kept[0] * kept[1] * z + (1 - kept[0]) * (1 - kept[1])
-        fidelity: float = (1 + coherent * (x + y) + relaxed) / 4
+        clean = exp(-sum(waited_s / memory.depolarizing_s for memory in both))
+        fidelity: float = (1 + clean * (coherent * (x + y) + relaxed)) / 4
         return min(max(fidelity, 0.0), 1.0)
 
     @property

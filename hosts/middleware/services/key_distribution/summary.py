@@ -59,6 +59,7 @@ def summary(progress: Progress, keys: End, ids: list[UUID]) -> dict[str, Any]:
         "qber_low": low,
         "qber_high": high,
         "disclosed_bits": report.sample,
+        "ones_fraction": estimate.ones / estimate.sample if estimate else None,
         "leaked_bits": report.leaked,
         "key_bits": report.key,
         "key_fraction": report.key / report.sifted if report.sifted else None,
