@@ -17,6 +17,7 @@ VERBS = (  # each a module of qmn.verbs
     "netqasm",
     "cli",
     "apart",
+    "worker",
     "script",
     "sweep",
     "curves",

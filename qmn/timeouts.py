@@ -20,6 +20,10 @@ CLUSTER_TIMEOUT_S = 10.0  # until a Dask scheduler answers
 NO_WORKER_TIMEOUT_S = 30.0  # that it may have no worker
 SWEEP_POLL_S = 0.1  # between two looks whether the sweep shall end
 
+# Other machines
+WORKERS_TIMEOUT_S = 20.0  # until as many Dask workers are there as machines are asked for
+AGENT_END_TIMEOUT_S = 5.0  # until an agent has ended whose runner has gone
+
 # Attacks
 TOLD_TIMEOUT_S = 20.0  # until an attacker's program has said that it goes on
 ATTACK_TIMEOUT_S = 60.0  # until an attack is over and has had its effect

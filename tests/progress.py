@@ -1,4 +1,4 @@
-"""Says, now and then, how far the tests are and how long the rest takes: a plug-in of pytest."""
+"""Says now and then how far the tests are, and at once which failed: a plug-in of pytest."""
 
 import time
 from collections.abc import Sequence
@@ -35,6 +35,11 @@ class Progress:
         self._total = max(self._total, total)
         self._began_s = self._told_s = time.monotonic()
 
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """Name a test that failed: why is told at the end, to which a stopped run does not come."""
+        if report.failed:
+            self._tell(f" failed: {report.nodeid}")
+
     def pytest_runtest_logfinish(self) -> None:
         """Count one, and tell if it is time."""
         self._done += 1
@@ -42,10 +47,14 @@ class Progress:
         if now_s - self._told_s < EVERY_S:
             return
         self._told_s = now_s
-        reporter = self._config.pluginmanager.get_plugin("terminalreporter")
-        if reporter is not None and self._done < self._total:
+        if self._done < self._total:
             rest = left(self._done, self._total, now_s - self._began_s)
-            reporter.write_line(f" {self._done:,} of {self._total:,} tests, about {rest} left")
+            self._tell(f" {self._done:,} of {self._total:,} tests, about {rest} left")
+
+    def _tell(self, line: str) -> None:
+        reporter = self._config.pluginmanager.get_plugin("terminalreporter")
+        if reporter is not None:
+            reporter.write_line(line)
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -2,11 +2,14 @@
 
 import re
 import time
+from io import BytesIO
 from pathlib import Path
 
+from topologies.machines.machine import Machine
 from topologies.programs import Program, stop_all
 from topologies.runtime import Runtime
 from topologies.timeouts import POLL_S, READY_TIMEOUT_S, SETTLE_S
+from wire.pcap_clock import with_clock
 
 BUFFER_KIB = 16_384  # in the kernel, for each capture
 MAX_PACKET_BYTES = 65_600  # TCP hands over up to 64 KiB at once, and its headers
@@ -21,6 +24,7 @@ class Captures:
     def __init__(self, network: Runtime) -> None:
         self._network = network
         self._files: dict[Program, Path] = {}  # of those that run
+        self._elsewhere: dict[Program, tuple[Machine, Path]] = {}  # and their files there
         self._starting: list[Program] = []
         self.packet_bytes = MAX_PACKET_BYTES  # that those which begin take at most
         self.packets_missed = 0  # by captures that have ended
@@ -42,6 +46,20 @@ class Captures:
         program.start([*capture_command(interface, file, self.packet_bytes), *expression], inside)
         return file
 
+    def begin_elsewhere(self, machine: Machine, interface: str, pid: int) -> Path:
+        """Start to capture what passes an interface of a process's network on another machine.
+
+        The file is here, by the clock of this machine, when captures have ended.
+        """
+        file = self._network.private_file(f"{interface}.pcap")
+        there = self._network.folder / file.name
+        program = Program(f"tcpdump-{interface}", self._network.folder / f"tcpdump-{interface}.log")
+        self._files[program], self._elsewhere[program] = file, (machine, there)
+        self._starting.append(program)
+        command = capture_command(interface, there, self.packet_bytes)
+        program.start_elsewhere(machine, command, pid, python=False)
+        return file
+
     def wait(self) -> None:
         """Return when all that were begun do capture."""
         for program in self._starting:
@@ -60,7 +78,18 @@ class Captures:
             for program in self._files:
                 said = program.log.read_text(errors="replace")
                 self.packets_missed += packets_missed(said)
+            self._bring_back()
             self._files.clear()
+
+    def _bring_back(self) -> None:
+        """Write here what was captured on other machines, by the clock of this one."""
+        for program, (machine, there) in self._elsewhere.items():
+            if machine.lost or (data := machine.get(there)) is None:
+                continue
+            ahead_ns = round(1e9 * machine.clock_offset().offset_s)
+            with self._files[program].open("wb") as file:
+                with_clock(BytesIO(data), file, ahead_ns)
+        self._elsewhere.clear()
 
     def _sizes(self) -> list[int]:
         return [file.stat().st_size for file in self._files.values() if file.exists()]

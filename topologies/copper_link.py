@@ -15,8 +15,9 @@ from mininet.link import Intf, Link
 from mininet.node import Node, Switch
 
 from topologies import runtime
-from topologies.interfaces import make_pair, quick
+from topologies.interfaces import quick
 from topologies.keywords import refuse_unknown
+from topologies.machines.laying import lay
 from topologies.programs import NetworkError
 from topologies.timeouts import COMMAND_TIMEOUT_S
 from wire.config import Cable
@@ -92,8 +93,14 @@ class CopperLink(Link):
         if not self._is_held:
             assert node1 is not None  # Mininet's `fast` links name them
             assert node2 is not None
-            make_pair([(intfname1, addr1, node1), (intfname2, addr2, node2)])
+            lay([(intfname1, addr1, node1), (intfname2, addr2, node2)])
             return
+        for node in (node1, node2):
+            if getattr(node, "machine", None) is not None:
+                raise NetworkError(
+                    f"copper to {node} is long, or loses packets: such a host is on the first "
+                    "machine alone"
+                )
         ends = (intfname1, node1), (intfname2, node2)
         one, other = (tap(name, node) for name, node in ends)
         cable = Cable(intfname1, intfname2, one, other, delay_s(self.length_km), self.loss)

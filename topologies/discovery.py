@@ -88,7 +88,8 @@ class Discovery:
 def up(interface: str) -> bool:
     """Whether an interface of this machine has light, or a carrier."""
     try:
-        return (INTERFACES / interface / "operstate").read_text().strip() == "up"
+        # What is between machines (VXLAN) does not know, but when it was set down.
+        return (INTERFACES / interface / "operstate").read_text().strip() in ("up", "unknown")
     except FileNotFoundError:
         return False
 

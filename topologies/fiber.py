@@ -7,8 +7,9 @@ from mininet.link import Intf, Link
 from mininet.node import Node, Switch
 
 from topologies import runtime
-from topologies.interfaces import make_pair, quick, switch_ipv6_off
+from topologies.interfaces import quick, switch_ipv6_off
 from topologies.keywords import refuse_unknown
+from topologies.machines.laying import lay
 from wire.parameters.fiber import Fiber, FiberEnd, FiberOptics, optics
 from wire.parameters.physics import BadParameter
 
@@ -54,7 +55,7 @@ class FiberLink(Link):
         """
         assert node1 is not None  # Mininet's `fast` links name them
         assert node2 is not None
-        make_pair([(intfname1, addr1, node1), (intfname2, addr2, node2)])
+        lay([(intfname1, addr1, node1), (intfname2, addr2, node2)])
         for node, name in ((node1, intfname1), (node2, intfname2)):
             switch_ipv6_off(node, name)
 

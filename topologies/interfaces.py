@@ -9,19 +9,22 @@ import array
 import ctypes
 import errno
 import fcntl
+import json
 import os
 import socket
 import struct
-from collections.abc import Iterator
+import subprocess
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from ipaddress import IPv4Interface
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from mininet.link import Intf
 from mininet.node import Node
 
 from topologies.programs import NetworkError
+from topologies.timeouts import COMMAND_TIMEOUT_S
 
 LIBC = ctypes.CDLL(None, use_errno=True)
 RTM_NEWLINK, NLMSG_ERROR = 16, 2
@@ -31,9 +34,10 @@ IFLA_INFO_KIND, IFLA_INFO_DATA, VETH_INFO_PEER = 1, 2, 1
 MESSAGE, LINK, ATTRIBUTE = struct.Struct("=IHHII"), struct.Struct("=BxHiII"), struct.Struct("=HH")
 ANSWER_BYTES = 4096
 SIOCGIFFLAGS, SIOCSIFFLAGS, SIOCSIFADDR, SIOCSIFNETMASK = 0x8913, 0x8914, 0x8916, 0x891C
-SIOCGIFHWADDR, SIOCETHTOOL = 0x8927, 0x8946
+SIOCGIFHWADDR, SIOCETHTOOL, SIOCSIFMTU = 0x8927, 0x8946, 0x8922
 ETHTOOL_SRXCSUM, ETHTOOL_STXCSUM = 0x15, 0x17
 IFF_UP = 0x1
+Result = TypeVar("Result")
 IPV6 = Path("/proc/sys/net/ipv6/conf")
 
 
@@ -53,12 +57,26 @@ def _enter(namespace: int) -> None:
         raise OSError(ctypes.get_errno(), "setns to a network namespace")
 
 
+def within(node: Any, function: Callable[..., Result], *arguments: Any) -> Result:
+    """Call a function of this module in the network namespace of a node, wherever that is."""
+    machine = getattr(node, "machine", None)
+    if machine is not None:
+        said: Result = machine.within(node.pid_there, function.__name__, arguments)
+        return said
+    with network_of(node):
+        return function(*arguments)
+
+
 def switch_ipv6_off(node: Node, *interfaces: str) -> None:
     """Switch IPv6 off at these of a node's interfaces; "default" are those to come."""
-    with network_of(node):
-        for name in interfaces:
-            with suppress(FileNotFoundError):  # of a kernel without IPv6
-                (IPV6 / name / "disable_ipv6").write_text("1")
+    within(node, write_ipv6_off, *interfaces)
+
+
+def write_ipv6_off(*interfaces: str) -> None:
+    """Switch IPv6 off at these interfaces of this thread's namespace."""
+    for name in interfaces:
+        with suppress(FileNotFoundError):  # of a kernel without IPv6
+            (IPV6 / name / "disable_ipv6").write_text("1")
 
 
 def make_pair(ends: list[tuple[str, str | None, Node]]) -> None:
@@ -111,6 +129,21 @@ def set_address(name: str, address: str) -> None:
             fcntl.ioctl(kernel, call, _request(name, told))
 
 
+def set_mtu(name: str, mtu: int) -> None:
+    """Let an interface of this thread's namespace send packets of so many bytes at most."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as kernel:
+        fcntl.ioctl(kernel, SIOCSIFMTU, _request(name, struct.pack("=i", mtu)))
+
+
+def mtu_of(address: str) -> int:
+    """Return what the interface of this machine with an IPv4 address sends at most."""
+    said = subprocess.check_output(["ip", "-json", "address"], timeout=COMMAND_TIMEOUT_S)
+    for interface in json.loads(said):
+        if address in [each.get("local") for each in interface["addr_info"]]:
+            return int(interface["mtu"])
+    raise NetworkError(f"no interface of this machine has {address}")
+
+
 def hardware_address(name: str) -> str:
     """Return that of an interface of this thread's namespace."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as kernel:
@@ -142,12 +175,10 @@ class QuickIntf(Intf):
         """Do what ifconfig would; return what it would print."""
         match " ".join(map(str, arguments)).split():
             case ["up"]:
-                with network_of(self.node):
-                    set_up(self.name)
+                within(self.node, set_up, self.name)
             case [address, "up"] if "/" in address:
-                with network_of(self.node):
-                    set_address(self.name, address)
-                    set_up(self.name)
+                within(self.node, set_address, self.name, address)
+                within(self.node, set_up, self.name)
             case _:
                 said: str = super().ifconfig(*arguments)
                 return said
@@ -155,8 +186,7 @@ class QuickIntf(Intf):
 
     def updateMAC(self) -> str:  # noqa: N802 (Mininet's name)
         """Return the hardware address that it has now."""
-        with network_of(self.node):
-            self.mac = hardware_address(self.name)
+        self.mac = within(self.node, hardware_address, self.name)
         return self.mac
 
 

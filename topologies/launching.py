@@ -6,12 +6,15 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from mininet.node import Node
 
+from topologies.machines.machine import Machine
 from topologies.programs import NetworkError, Program, python
 from topologies.runtime import Runtime, metrics_listener
-from wire.config import Config, ControllerConfig, MeasuredConfig
+from wire.config import Config, ControllerConfig, HostConfig, MeasuredConfig
+from wire.pair_secrets import secret_file
 
 
 def launch(
@@ -22,13 +25,37 @@ def launch(
     host: Node | None = None,
     descriptors: Sequence[int] = (),
 ) -> Program:
-    """Start one of our programs with its configuration, in a host's namespace if given."""
+    """Start one of our programs with its configuration, in a host's namespace if given.
+
+    Raise NetworkError for what cannot be on another machine than the first.
+    """
+    if (machine := getattr(host, "machine", None)) is not None:
+        return launch_elsewhere(network, name, module, config, host, machine)
     program = network.program(name)
     with listeners(network, name, type(config)) as own:
         path = write(network, name, config, own)
         command = [python(), "-m", module, "--config", str(path)]
         inherited = [*descriptors, *own.values()]
         program.start(command, host.pid if host else None, inherited, network.forks())
+    return program
+
+
+def launch_elsewhere(
+    network: Runtime, name: str, module: str, config: Config, host: Any, machine: Machine
+) -> Program:
+    """Start the stack of a host that is on another machine, which gets the files that it needs."""
+    if not isinstance(config, HostConfig):
+        raise NetworkError(f"{name} runs on the first machine alone: place {host.name} there")
+    if config.qnic:
+        raise NetworkError(f"{name}: hardware of one's own is on the first machine alone")
+    path, shared = write(network, name, config, {}), Path(config.pair_secrets)
+    needed = [secret_file(shared, name, other) for other in network.addresses if other != name]
+    for file in (path, Path(config.hosts_file), *needed):
+        machine.put(file, file.read_bytes())
+    for folder in (Path(config.socket).parent, shared, config.keys):
+        machine.ask("folder", path=str(folder))
+    program = network.program(name)
+    program.start_elsewhere(machine, ["-m", module, "--config", str(path)], host.pid_there)
     return program
 
 

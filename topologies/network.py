@@ -19,11 +19,15 @@ from topologies.captures import MAX_PACKET_BYTES, Captures
 from topologies.copper_lengths import assign_copper_lengths
 from topologies.discovery import Discovery
 from topologies.disk import DiskKeeper
+from topologies.fiber import FiberLink
+from topologies.machines.errand import Errand
+from topologies.machines.node import NodeElsewhere
 from topologies.management import bridge_of
 from topologies.nodes import QuantumController
 from topologies.nodes.copper import COPPER
 from topologies.owners import Owner
 from topologies.parallel import ParallelMininet
+from topologies.placing import place
 from topologies.programs import NetworkError, Program, stop_all
 from topologies.runtime import DISPATCHER, Runtime, folders_of_gone, only_run
 from topologies.shells import ShellWatcher
@@ -116,6 +120,7 @@ class Network:
         runtime.begin(self.runtime)
         topo = self._topo()
         assign_copper_lengths(topo, self.runtime.settings.copper_km)
+        place(topo, self.runtime.places)
         refuse_taken_names(topo)
         (self.runtime.folder / SWITCHES).write_text("\n".join(topo.switches()))
         # Mininet would raise kernel limits for the whole machine, which is not ours to change.
@@ -178,8 +183,19 @@ class Network:
         return hosts[name]
 
     def run_on(self, host: str, name: str, command: list[str]) -> Program:
-        """Start an application on a host; it ends with the network at the latest."""
-        return self._run(name, command, self.host(host).pid)
+        """Start an application on a host; it ends with the network at the latest.
+
+        To another machine the files that its words name go along, and come back.
+        """
+        node = self.host(host)
+        if host not in self.runtime.places:
+            return self._run(name, command, node.pid)
+        program = Program(name, self.runtime.logs / f"{name}.log")
+        errand = Errand(self.runtime.places[host], self.runtime.folder / name, command)
+        self._cleanup.callback(errand.bring_back)
+        self._cleanup.callback(program.stop)
+        errand.start(program, node.pid_there)
+        return program
 
     def run_beside(self, name: str, command: list[str]) -> Program:
         """Start a program on this machine itself; it ends with the network at the latest."""
@@ -196,16 +212,29 @@ class Network:
     ) -> list[Path]:
         """Capture every link of a switch from now on; return the files.
 
-        With `openflow` the last of them has what the controller and the switches say. Of each
-        packet so many bytes are captured at most.
+        A link to another machine is captured at its end there, too. With `openflow` the last file
+        has what the controller and the switches say. Of each packet so many bytes are captured at
+        most.
         """
         hidden = {"lo", *self.runtime.management}
         interfaces = [name for name in self.net.get(switch).intfNames() if name not in hidden]
         self.captures.packet_bytes = packet_bytes
         files = [self.captures.begin(name, interface=name) for name in interfaces]
+        files += [
+            self.captures.begin_elsewhere(node.machine, interface, node.pid_there)
+            for node, interface in self._copper_elsewhere(switch)
+        ]
         files += [self._begin_openflow()] if openflow else []
         self.captures.wait()
         return files
+
+    def _copper_elsewhere(self, switch: str) -> Iterator[tuple[NodeElsewhere, str]]:
+        """Yield hosts of other machines that have copper to a switch, each with its interface."""
+        for link in self.net.links:
+            for near, far in ((link.intf1, link.intf2), (link.intf2, link.intf1)):
+                is_there = near.node.name == switch and isinstance(far.node, NodeElsewhere)
+                if is_there and not isinstance(link, FiberLink):
+                    yield far.node, str(far)
 
     def capture_openflow(self) -> Path:
         """Capture from now on what the controller and the switches say; return the file."""
@@ -221,6 +250,8 @@ class Network:
     def check(self) -> None:
         """Raise if a signal has come or a program of the network has ended."""
         self._signals.check()
+        for machine in self.runtime.machines:
+            machine.check()
         openvswitch.require_alive(self._daemons)
         self._disk.check()
         for program in (*self.runtime.programs, *self.captures.programs):

@@ -73,6 +73,15 @@ class Forks(Protocol):
         """Start it as a child of this process, with its environment, and all as Program.start."""
 
 
+class Elsewhere(Protocol):
+    """Another machine, which starts programs (topologies/machines/machine.py)."""
+
+    def start(
+        self, command: Sequence[str], write: Callable[[bytes], None], pid: int, python: bool
+    ) -> Process:
+        """Start a command in the namespace of a process there; `write` takes what it says."""
+
+
 def python() -> str:
     """Return the interpreter that has our packages; Mininet's own `mn` runs on another."""
     inside = sys.prefix != sys.base_prefix
@@ -121,6 +130,19 @@ class Program:
                 start_new_session=True,
                 pass_fds=descriptors,
             )
+
+    def start_elsewhere(
+        self, machine: Elsewhere, command: Sequence[str], pid: int, python: bool = True
+    ) -> None:
+        """Start the command, or one of our modules, on another machine; its log is here."""
+        self._begins = self.log.stat().st_size if self.log.exists() else 0
+        self.log.touch()
+
+        def write(said: bytes) -> None:
+            with self.log.open("ab") as log:
+                log.write(said)
+
+        self._process = machine.start(command, write, pid, python)
 
     @property
     def pid(self) -> int:

@@ -19,6 +19,7 @@ from threading import Lock
 from typing import IO, Any
 
 from topologies.forks import ForkServer
+from topologies.machines.machine import Machine
 from topologies.owners import from_words, gone, this_process
 from topologies.programs import NetworkError, Program
 from topologies.timeouts import END_TIMEOUT_S
@@ -64,6 +65,7 @@ class Runtime:
     dispatcher: str = ""  # "10.0.0.4:50051"
     programs: list[Program] = field(default_factory=list)
     fork_server: ForkServer | None = None  # which starts most of them
+    places: dict[str, Machine] = field(default_factory=dict)  # of hosts that are not here
     tokens: dict[str, str] = field(default_factory=dict)
     prefix_length: int = 24  # of the hosts' network
     device_keys: dict[str, str] = field(default_factory=dict)  # of the hosts' node agents
@@ -79,6 +81,16 @@ class Runtime:
         self.logs = self.log_folder or self.folder
         self.logs.mkdir(mode=0o700, parents=True, exist_ok=True)
         self.token(RUNNER)
+
+    @property
+    def machines(self) -> list[Machine]:
+        """Return the other machines on which there are hosts."""
+        return sorted(set(self.places.values()), key=lambda machine: machine.name)
+
+    @property
+    def mtu(self) -> int | None:
+        """Return what copper passes at most where some of it is between machines; else None."""
+        return min((machine.mtu for machine in self.machines), default=None)
 
     def token(self, node: str) -> str:
         """Return the secret that names a node to the dispatcher."""

@@ -77,8 +77,13 @@ class ShellWatcher:
             close_fds=False,
             start_new_session=True,
         )
-        self.stdin = self.stdout = os.fdopen(self.master)
         self.pid = self.shell.pid
+        self.attach(self.shell, self.master)
+
+    def attach(self, shell: Any, terminal: int) -> None:
+        """Speak with a shell by its terminal, and wait for its prompt."""
+        self.shell, self.master = shell, terminal
+        self.stdin = self.stdout = os.fdopen(self.master)
         self.pollOut = select.poll()
         self.pollOut.register(self.stdout, select.POLLIN)
         nodes: Any = self

@@ -31,6 +31,13 @@ LAST_WORDS_TIMEOUT_S = 0.5  # that a daemon's monitor takes to write how it ende
 STAY_S = 0.5  # that no interface has gone in: the others stay until they are deleted
 RECONNECT_MS = 1000  # between a bridge's attempts to find its controller, at most
 
+# Other machines
+AGENT_CONNECT_TIMEOUT_S = 20.0  # until agents have connected to the runner
+AGENT_ANSWER_TIMEOUT_S = 15.0  # until one has done what it was asked
+AGENT_END_TIMEOUT_S = 5.0  # until the channels to them are closed
+BEAT_PERIOD_S = 1.0  # between two questions whether a machine is still there
+LOST_TIMEOUT_S = 5.0  # that it may say nothing
+
 # Fibres and files
 DISCOVERY_TIMEOUT_S = 20.0  # until the controller has found all fibres; more where copper is slow
 CUT_S = 2.0  # that a fibre which nobody has found is seen cut before that is the cause

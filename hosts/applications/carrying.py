@@ -2,6 +2,7 @@
 
 import json
 import time
+from collections.abc import Mapping
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -9,6 +10,10 @@ from typing import Any, BinaryIO
 from hosts.quantum_socket import QuantumSocket, QuantumSocketError
 
 CHUNK_BYTES = {"framed": 1 << 16, "per-pair": 16, "sequential": 16}
+# What is sent at a time once it is known how much light arrives; each time both ends wait for all.
+PAIRS_AT_A_TIME = 1 << 20
+LIGHT_S = 5.0  # of light at a time at most
+PAIRS_PER_BYTE = 4
 READ_BYTES = 1 << 16
 
 
@@ -18,23 +23,39 @@ def say(event: str, fields: dict[str, Any]) -> None:
 
 
 def send(sending: QuantumSocket, source: BinaryIO, chunk_bytes: int) -> None:
-    """Send all that a file holds; say after every chunk what the session has used so far."""
-    digest, started = sha256(), time.monotonic()
+    """Send all that a file holds; say after every chunk what the session has used so far.
+
+    The first chunk has so many bytes; those behind it are larger if the light is good.
+    """
+    digest, started, size = sha256(), time.monotonic(), chunk_bytes
 
     def used(event: str, **fields: str) -> None:
         elapsed_s = time.monotonic() - started
         say(event, {"elapsed_s": elapsed_s, **sending.statistics, **fields})
 
     try:
-        while chunk := source.read(chunk_bytes):
+        while chunk := source.read(size):
             sending.sendall(chunk)
             digest.update(chunk)
             used("result")
+            size = next_chunk(chunk_bytes, sending.statistics)
         sending.shutdown()
     except QuantumSocketError:
         used("result")  # how far it came
         raise
     used("done", sha256=digest.hexdigest())
+
+
+def next_chunk(first: int, used: Mapping[str, Any]) -> int:
+    """Return how many bytes to send next, by what a session has used: a multiple of the first ones.
+
+    It depends on nothing but the light, so that a run with the same seed has the same blocks.
+    """
+    if first < CHUNK_BYTES["framed"] or not used["bell_pairs"]:
+        return first
+    pairs = min(PAIRS_AT_A_TIME, used["rate_hz"] * LIGHT_S)
+    arriving = pairs * used["received_symbols"] / used["bell_pairs"]
+    return max(1, int(arriving * used["code_rate"] / PAIRS_PER_BYTE) // first) * first
 
 
 def receive(receiving: QuantumSocket, peer: str, output: Path) -> None:

@@ -8,6 +8,7 @@ import sys
 
 from hosts.applications.carrying import CHUNK_BYTES
 from hosts.applications.service import ask, ended_well
+from hosts.middleware.services.superdense.options import DEFAULT_BLOCK_PAIRS
 from wire.metadata import FEC_NAMES, Service
 
 OPTIONS = ("handshake", "frame_bytes", "block_pairs", "rate_hz", "fec", "interleave")
@@ -20,7 +21,7 @@ def main() -> int:
     parser.add_argument("--file", type=argparse.FileType("rb"), default=sys.stdin.buffer)
     parser.add_argument("--handshake", choices=sorted(CHUNK_BYTES), default="framed")
     parser.add_argument("--frame-bytes", type=int, default=256)
-    parser.add_argument("--block-pairs", type=int, default=65_536)
+    parser.add_argument("--block-pairs", type=int, default=DEFAULT_BLOCK_PAIRS)
     parser.add_argument("--rate-hz", type=int, default=50_000_000)
     parser.add_argument("--fec", choices=FEC_NAMES, default="none", help="error-correction code")
     parser.add_argument("--interleave", action="store_true", help="spread its codewords")

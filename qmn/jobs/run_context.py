@@ -4,7 +4,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +24,10 @@ from qmn.results.run_folder import give_to_invoker, given_at_the_end, make_folde
 from qmn.results.software_share import software_facts
 from qmn.results.timeline import timeline_of_run
 from topologies.causality import worst
+from topologies.machines.machine import Machine
 from topologies.network import Interrupted, Network, Signals
 from topologies.programs import NetworkError
+from topologies.runtime import Runtime
 from topologies.slow_copper import slow_metadata
 
 # Options that a result tells elsewhere, or that do not change what comes out.
@@ -109,7 +111,15 @@ def known_facts(context: RunContext, own: Mapping[str, Any]) -> dict[str, Any]:
 
 @contextmanager
 def running_network(context: RunContext, facts: dict[str, Any]) -> Iterator[Network]:
-    """Run a network with its captures, and add to the facts."""
+    """Run a network with its captures, on the machines that are asked for; add to the facts."""
+    with machines_of(context) as places, _running(context, facts, places) as network:
+        yield network
+
+
+@contextmanager
+def _running(
+    context: RunContext, facts: dict[str, Any], places: dict[str, Machine]
+) -> Iterator[Network]:
     description, run, console = context.network, context.options, context.console
     options, chosen = description.options, description.scale
     runtime = settings(
@@ -120,6 +130,7 @@ def running_network(context: RunContext, facts: dict[str, Any]) -> Iterator[Netw
         qasm=run.qasm,
         events=run.events,
     )
+    runtime.places = places
     facts["time_scale"], facts["time_scale_because"] = chosen.scale, chosen.reason or None
     console.print(f"starting the network ({options.controller}, seed {options.seed}) ...")
     if chosen.reason:
@@ -133,6 +144,8 @@ def running_network(context: RunContext, facts: dict[str, Any]) -> Iterator[Netw
             lambda cause: console.print(f"ending: {cause}", soft_wrap=True),
         ) as network,
     ):
+        if runtime.places:
+            facts["machines"] = machine_facts(runtime)
         facts["network"] = network_facts(network).to_dict()
         facts["backend"] = status(network).backend
         if run.classical_mbps is not None:
@@ -154,6 +167,33 @@ def running_network(context: RunContext, facts: dict[str, Any]) -> Iterator[Netw
         if run.report:
             begin_loading()  # meanwhile the network goes
     facts["packets_not_captured"] = network.captures.packets_missed
+
+
+@contextmanager
+def machines_of(context: RunContext) -> Iterator[dict[str, Machine]]:
+    """Give the machines of hosts that are not here."""
+    run = context.options
+    if run.machines == 1 and not run.place:
+        yield {}
+        return
+    # Dask takes a second to load: who has one machine does not wait for it.
+    from qmn.machines.workers import on_machines
+
+    hosts, check = context.network.hosts, context.signals.check
+    with on_machines(run.machines, run.place, run.scheduler, hosts, check) as places:
+        yield places
+
+
+def machine_facts(runtime: Runtime) -> dict[str, Any]:
+    """Return what other machines there are, with their hosts and how far their clocks are ahead."""
+    return {
+        machine.name: {
+            "address": machine.address,
+            "hosts": [host for host, each in runtime.places.items() if each is machine],
+            "clock": asdict(machine.clock_offset()),
+        }
+        for machine in runtime.machines
+    }
 
 
 @contextmanager

@@ -22,6 +22,17 @@ class RunOptions:
         metavar="MBPS",
         range=(LEAST_MBPS, MOST_MBPS),
     )
+    machines: int = option(
+        1, "over this one, m1, and workers on others (1)", metavar="N", range=(1, 64)
+    )
+    place: tuple[str, ...] = option(
+        (),
+        "a host on one of them, as bob=m2 (repeatable; none: in turn)",
+        metavar="HOST=MACHINE",
+    )
+    scheduler: str = option(
+        "", "Dask's, of the workers (that of DASK_SCHEDULER_ADDRESS)", metavar="tcp://…"
+    )
     qasm: bool = option(False, "write what is done to qubits to quantum.qasm")
     captures: str = option(
         "full",
@@ -37,3 +48,7 @@ class RunOptions:
     def packet_bytes(self) -> int:
         """Return how many bytes of each packet are captured at most; 0: there are no captures."""
         return CAPTURES[self.captures] if self.capture else 0
+
+
+# The options of jobs whose hosts can be on other machines.
+MACHINES = ("machines", "place", "scheduler")

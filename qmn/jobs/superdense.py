@@ -11,7 +11,7 @@ from rich.console import Console
 from hosts.applications.carrying import CHUNK_BYTES
 from hosts.middleware.services.superdense.coding import CODES
 from hosts.middleware.services.superdense.frame_format import FrameFormat
-from hosts.middleware.services.superdense.options import SuperdenseOptions
+from hosts.middleware.services.superdense.options import DEFAULT_BLOCK_PAIRS, SuperdenseOptions
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS, MAX_FRAME_BYTES, MIN_BLOCK_PAIRS
 from qmn.jobs import runner
 from qmn.jobs.run_context import RunContext, begin_folder
@@ -72,7 +72,7 @@ SESSION: Mapping[str, Words] = MappingProxyType(
         },
         "handshake": {"choices": sorted(EXPECTED_RATE), "help": "default: framed"},
         "frame_bytes": {"metavar": "N", "help": "bytes under one check (256)"},
-        "block_pairs": {"metavar": "N", "help": "pairs in a block (65536)"},
+        "block_pairs": {"metavar": "N", "help": f"pairs in a block ({DEFAULT_BLOCK_PAIRS})"},
         "rate_hz": {"metavar": "HZ", "help": "of the source (50000000)"},
         "fec": {"choices": FEC_NAMES, "help": "error-correction code (none)"},
         "interleave": {"help": "spread the codewords of --fec over a frame"},

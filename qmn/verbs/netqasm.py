@@ -8,7 +8,7 @@ from typing import Any
 from qmn.jobs import netqasm
 from qmn.jobs.netqasm import NetqasmRequest
 from qmn.jobs.run_context import guarded
-from qmn.jobs.run_options import RunOptions
+from qmn.jobs.run_options import MACHINES, RunOptions
 from qmn.network.options import KEYS, NetworkOptions
 from qmn.network.topologies import TOPOLOGIES, topology_name
 from qmn.options import add_options, read
@@ -25,7 +25,7 @@ def add_parser(verbs: Any) -> None:
     parser.add_argument("--topology", type=topology_name, default="sdc", metavar="NAME", help=text)
     add_options(parser, NetqasmRequest)
     add_options(parser, NetworkOptions, leave_out=KEYS)
-    add_options(parser, RunOptions)
+    add_options(parser, RunOptions, leave_out=MACHINES)
     parser.set_defaults(call=_call, needs_root=True)
 
 
@@ -39,5 +39,5 @@ def request_of(arguments: argparse.Namespace) -> NetqasmRequest:
         NetqasmRequest,
         arguments,
         network=read(NetworkOptions, arguments),
-        run=read(RunOptions, arguments),
+        run=read(RunOptions, arguments, place=()),  # its own are of roles
     )

@@ -12,7 +12,7 @@ from qmn.jobs.keys import KeysRequest
 from qmn.jobs.load import LoadRequest
 from qmn.jobs.passing_eavesdropper import PassingEve
 from qmn.jobs.run_context import guarded
-from qmn.jobs.run_options import RunOptions
+from qmn.jobs.run_options import MACHINES, RunOptions
 from qmn.jobs.service import ServiceRequest
 from qmn.jobs.service_verbs import SERVICE_PORT, VERBS, Verb
 from qmn.jobs.superdense import SuperdenseRequest
@@ -48,7 +48,7 @@ def _add_load(jobs: Any) -> None:
     text = f"over this network ({names}; default: ring)"
     parser.add_argument("--topology", type=topology_name, default="ring", metavar="NAME", help=text)
     add_options(parser, NetworkOptions, leave_out=KEYS)
-    add_options(parser, RunOptions)
+    add_options(parser, RunOptions, leave_out=MACHINES)
     parser.set_defaults(call=_call_load)
 
 
@@ -162,8 +162,9 @@ def _add_keys(jobs: Any) -> None:
     parser = jobs.add_parser(keys.NAME, help=text, description=text)
     parser.set_defaults(call=_call_keys)
     _add_topology(parser)
-    for kind in (KeysRequest, KeyServiceOptions, PassingEve, NetworkOptions, RunOptions):
+    for kind in (KeysRequest, KeyServiceOptions, PassingEve, NetworkOptions):
         add_options(parser, kind)
+    add_options(parser, RunOptions, leave_out=MACHINES)
 
 
 def _call_keys(arguments: argparse.Namespace) -> int:
@@ -188,8 +189,9 @@ def _add_vpn(jobs: Any) -> None:
     parser = jobs.add_parser(vpn.NAME, help=text, description=text)
     parser.set_defaults(call=_call_vpn)
     _add_topology(parser)
-    for kind in (VpnRequest, PassingEve, NetworkOptions, RunOptions):
+    for kind in (VpnRequest, PassingEve, NetworkOptions):
         add_options(parser, kind)
+    add_options(parser, RunOptions, leave_out=MACHINES)
 
 
 def _add_topology(parser: argparse.ArgumentParser) -> None:

@@ -115,7 +115,7 @@ def test_captures_of_headers_hold_set_up_messages_whole_and_little_else(
 def test_a_binary_file_of_many_blocks_arrives(tmp_path: Path) -> None:
     file = tmp_path / "file with spaces"
     file.write_bytes(bytes(range(256)) * 300)
-    result = run(tmp_path, "--file", str(file))
+    result = run(tmp_path, "--file", str(file), "--block-pairs", "65536")
     assert (tmp_path / "latest" / "received").read_bytes() == file.read_bytes()
     assert result["bell_pairs"] == 4 * 76_800
     log = (tmp_path / "latest" / "quantum.log").read_text()

@@ -6,7 +6,7 @@ from mininet.node import Host
 
 from topologies import openvswitch, runtime
 from topologies.confinement import ConfinedNode
-from topologies.interfaces import finish_checksums, network_of
+from topologies.interfaces import finish_checksums, set_mtu, within
 from topologies.keywords import refuse_unknown
 from topologies.nodes.node import QuantumNode
 from topologies.programs import Program
@@ -42,8 +42,9 @@ class ClassicalHost(QuantumNode, ConfinedNode, Host):
         """Configure the interfaces."""
         result: dict[str, object] = super().config(**params)
         if openvswitch.datapath() == "user":
-            with network_of(self):
-                finish_checksums(str(self.defaultIntf()))
+            within(self, finish_checksums, str(self.defaultIntf()))
+        if self.network.mtu:
+            within(self, set_mtu, str(self.defaultIntf()), self.network.mtu)
         if self.confined:
             self.confine(self.shown_folders(), covered_folders(self.network))
         self.find_our_programs()

@@ -21,6 +21,10 @@ class QuantumNode(ShellWatcher):
     def startShell(self, mnopts: str | None = None) -> None:  # noqa: N802 (Mininet's name)
         """Start the shell; in a network of its own IPv6 is off from the beginning."""
         super().startShell(mnopts)
+        self.without_ipv6()
+
+    def without_ipv6(self) -> None:
+        """Switch IPv6 off where that concerns nobody else."""
         if self.inNamespace:
             switch_ipv6_off(self, "all", "default")
 

@@ -1,19 +1,15 @@
 """What a host shares with each other host: random bytes that both were given before."""
 
-import os
-import secrets
 from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import suppress
 from pathlib import Path
 
-SECRET_BYTES = 32
+from wire.pair_secrets import secret_file
 
 
 class PairSecrets(Mapping[str, str]):
     """The secrets of one host by other host, in hex.
 
-    They are files in a private folder, one for two hosts. Which of the two first needs it draws
-    it: so what there is grows with the pairs that use it, and not with all that could.
+    They are files in a private folder (wire/pair_secrets.py).
     """
 
     def __init__(self, host: str, folder: str, hosts: Callable[[], Collection[str]]) -> None:
@@ -23,15 +19,7 @@ class PairSecrets(Mapping[str, str]):
     def __getitem__(self, other: str) -> str:
         if other not in self._others():
             raise KeyError(other)
-        file = Path(self._folder, ":".join(sorted((self._host, other))))
-        if not file.exists():
-            drawn = file.with_name(f".{file.name}-{os.getpid()}")
-            drawn.touch(mode=0o600)
-            drawn.write_text(secrets.token_hex(SECRET_BYTES))
-            with suppress(FileExistsError):  # the other has drawn it meanwhile
-                os.link(drawn, file)
-            drawn.unlink()
-        return file.read_text()
+        return secret_file(Path(self._folder), self._host, other).read_text()
 
     def __contains__(self, other: object) -> bool:
         return other in self._others()

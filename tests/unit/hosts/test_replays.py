@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from fault_scene import PORT, SERVICES, Once, require_no_session, running, session
+from fault_scene import DATA, PORT, SERVICES, Once, require_no_session, running, session
 from stacks_scene import DEADLINE_S, OWN_ADDRESS, arbitrated, grant
 
 from hosts.middleware.services.key_distribution import light as key_light
@@ -289,6 +289,7 @@ def test_a_pair_of_a_session_is_taken_once(tmp_path: Path) -> None:
                 "handshake": "per-pair",
                 "frame_bytes": 16,
                 "block_pairs": 256,
+                "data": DATA[:48],
             }
             told = await asyncio.to_thread(session, tmp_path, "sdc", **options)
             assert [each.text for each in told] == ["", ""]
@@ -303,7 +304,7 @@ def test_a_pair_of_a_session_is_taken_from_its_own_sender_alone(tmp_path: Path) 
 
     async def intrude(message: Message) -> Message:
         setup = next(setup for setup in recorder.granted if setup.block)
-        errors.append(await sent(replace(setup, block=500), "bob", OWN_ADDRESS["eve"]))
+        errors.append(await sent(replace(setup, block=150), "bob", OWN_ADDRESS["eve"]))
         return message
 
     async def run() -> None:
@@ -313,11 +314,12 @@ def test_a_pair_of_a_session_is_taken_from_its_own_sender_alone(tmp_path: Path) 
                 "handshake": "per-pair",
                 "frame_bytes": 16,
                 "block_pairs": 256,
+                "data": DATA[:48],
             }
             told = await asyncio.to_thread(session, tmp_path, "sdc", **options)
             assert [each.text for each in told] == ["", ""]
 
     asyncio.run(run())
-    assert max(setup.block for setup in recorder.granted) >= 500
-    words = f"pair 500 of a session of 127.0.0.1 from {OWN_ADDRESS['eve']}"
+    assert max(setup.block for setup in recorder.granted) >= 150
+    words = f"pair 150 of a session of 127.0.0.1 from {OWN_ADDRESS['eve']}"
     require_refused(errors, Reason.UNKNOWN_SESSION, words)

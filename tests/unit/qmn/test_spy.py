@@ -44,8 +44,8 @@ class Scene:
     def __init__(self, folder: Path, process: subprocess.Popen[str]) -> None:
         self.folder, self.process = folder, process
 
-    def act(self, session: int, count: int = 1) -> None:
-        """Let alice make blocks and send half 0 of each to bob: three events each."""
+    def act(self, session: int, count: int = 1, pairs: int = 4) -> None:
+        """Let alice make blocks of pairs and send half 0 of each to bob: three events each."""
         channel = grpc.insecure_channel(f"unix:{self.folder}/d.sock")
         with channel:
             stub = DispatcherStub(channel)  # type: ignore[no-untyped-call]
@@ -53,7 +53,7 @@ class Scene:
             for first in range(0, count, MAX_LAUNCHES):
                 numbers = range(first, min(count, first + MAX_LAUNCHES))
                 for number in numbers:
-                    create = CreateRequest(session=session, number=number, count=4)
+                    create = CreateRequest(session=session, number=number, count=pairs)
                     stub.Create(create, metadata=token, timeout=10)
                 blocks = [BlockId(session=session, number=number) for number in numbers]
                 launches = [Launch(block=block, port="alice-q0") for block in blocks]
@@ -183,11 +183,11 @@ def test_a_closed_pipe_ends_it_without_a_word(scene: Scene) -> None:
 
 def test_a_spy_that_does_not_read_is_told_what_was_dropped(scene: Scene) -> None:
     scene.act(session=1)
-    with scene.spy("--history") as process:
+    with scene.spy("--history", "--per-qubit") as process:
         assert process.stdout
         process.stdout.readline()
         os.kill(process.pid, signal.SIGSTOP)
-        scene.act(session=2, count=6000)
+        scene.act(session=2, count=20, pairs=1000)
         os.kill(process.pid, signal.SIGCONT)
         shown = []
         while "dropped" not in shown:

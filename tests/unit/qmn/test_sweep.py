@@ -15,6 +15,7 @@ from qmn.verbs import curves, sweep
 
 POINTS = ("--fidelity", "0.5,0.75,1", "--pairs", "6000")
 FIDELITY = 0.5
+ALONE = ("--workers", "1")
 
 
 def parse(*words: str) -> argparse.Namespace:
@@ -43,7 +44,7 @@ def rows(file: Path) -> list[list[str]]:
 def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Sweep with one worker."""
     folder = tmp_path_factory.mktemp("one")
-    assert run("sweep", "teleport", *POINTS, "--out", str(folder), "--workers", "1") == 0
+    assert run("sweep", "teleport", *POINTS, "--out", str(folder), *ALONE) == 0
     return folder
 
 
@@ -81,7 +82,7 @@ def test_a_cluster_measures_the_same_as_processes(swept: Path, tmp_path: Path) -
 
 
 def test_another_seed_measures_something_else(swept: Path, tmp_path: Path) -> None:
-    assert run("sweep", "teleport", *POINTS, "--seed", "2", "--out", str(tmp_path)) == 0
+    assert run("sweep", "teleport", *POINTS, "--seed", "2", *ALONE, "--out", str(tmp_path)) == 0
     values = [[line[-3] for line in rows(f / "teleport.csv")[:2]] for f in (swept, tmp_path)]
     assert values[0] != values[1]
 
@@ -94,7 +95,7 @@ def test_known_points_are_not_measured_again(
     known = ",".join([*cells[:3], "0.123", *cells[4:]])  # what no measurement would give
     table = tmp_path / "teleport.csv"
     table.write_text(header + known + second[:9])  # as a killed sweep leaves it
-    assert run("sweep", "teleport", *POINTS, "--out", str(tmp_path)) == 0
+    assert run("sweep", "teleport", *POINTS, *ALONE, "--out", str(tmp_path)) == 0
     said = capsys.readouterr().out
     assert "3 points, seed 1; 1 are in" in said
     assert "its last line was half written" in said
@@ -107,7 +108,7 @@ def test_a_file_with_a_grid_is_swept_and_flags_come_first(tmp_path: Path) -> Non
     file = tmp_path / "grid.toml"
     file.write_text('sweep = "teleport"\nseed = 4\n[grid]\nfidelity = [0.5, 0.9]\npairs = 6000\n')
     out = ("--out", str(tmp_path))
-    assert run("sweep", str(file), "--fidelity", "0.7", "--workers", "1", *out) == 0
+    assert run("sweep", str(file), "--fidelity", "0.7", *ALONE, *out) == 0
     (line, _header) = rows(tmp_path / "teleport.csv")
     assert line[:3] == ["4", "0.7", "6000"]
 
@@ -157,7 +158,7 @@ def one_sheet(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("one_sheet")
 def test_curves_that_agree_with_theory_pass(tmp_path: Path) -> None:
-    assert run("curves", "--out", str(tmp_path), "--workers", "1") == 0
+    assert run("curves", "--out", str(tmp_path), *ALONE) == 0
     assert matplotlib.image.imread(tmp_path / "small.png").std() > 0.05
 
 
@@ -167,7 +168,7 @@ def test_a_point_that_theory_does_not_explain_fails_the_command_and_is_named(
 ) -> None:
     # A theory that takes F for the fidelity of the teleported state: right for F = 1 alone.
     monkeypatch.setattr(theory, "teleported_fidelity", lambda fidelity: fidelity)
-    assert run("curves", "--out", str(tmp_path), "--workers", "1") == 1
+    assert run("curves", "--out", str(tmp_path), *ALONE) == 1
     said = capsys.readouterr().err
     assert "teleport at fidelity 0.5, pairs 60000: teleported 0.66" in said
     assert "theory 0.5" in said

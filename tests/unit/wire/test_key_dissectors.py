@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from dissection import errors_of_lua, segment, shown, tshark
+from dissection import segment, shown, tshark
 from test_dissectors import SEED, SETUP, mutated, plain
 from test_qkd import GOLDEN, SEQUENCE, SESSION, TAG, WRONG, whole
 
@@ -205,7 +205,6 @@ def test_what_python_refuses_is_marked_as_malformed_and_nothing_else(tmp_path: P
         if bool(row["qkd.malformed"]) != want
     ]
     assert wrong == []
-    assert errors_of_lua(tmp_path, frames) == []
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,10 @@ from hosts.middleware.session.options import (
     check_whole,
 )
 from hosts.middleware.session.service_options import SessionOptions
+from hosts.timeouts import MAX_BLOCK_S
 from wire.metadata import FEC_NAMES, Handshake, Reason
 
+DEFAULT_BLOCK_PAIRS = 131_072
 SEQUENTIAL = "sequential"
 # As they are called on the wire: whether handshakes wait for each other is the opener's own affair.
 HANDSHAKES = {
@@ -27,7 +29,7 @@ HANDSHAKES = {
 class SuperdenseOptions(SessionOptions):
     """Packetisation of a session that carries bytes."""
 
-    block_pairs: int = 65_536
+    block_pairs: int = DEFAULT_BLOCK_PAIRS  # or what slower light makes in MAX_BLOCK_S
     handshake: str = "framed"
     frame_bytes: int = 256
     fec: str = "none"  # error-correction code, one of FEC_NAMES
@@ -37,11 +39,19 @@ class SuperdenseOptions(SessionOptions):
         """Return the fields of the set-up message that say this."""
         return {
             **super().asked(),
+            "pairs": self.pairs_at_a_time,
             "handshake": HANDSHAKES[self.handshake],
             "frame_bytes": self.frame_bytes,
             "fec": FEC_NAMES[self.fec],
             "interleave": int(self.interleave),
         }
+
+    @property
+    def pairs_at_a_time(self) -> int:
+        """Return how many pairs a block has at most; fewer of slow light if none were chosen."""
+        if self.block_pairs != DEFAULT_BLOCK_PAIRS:
+            return self.block_pairs
+        return min(self.block_pairs, max(MIN_BLOCK_PAIRS, int(self.rate_hz * MAX_BLOCK_S)))
 
     def check(self) -> None:
         """Raise SessionError for a value out of range."""

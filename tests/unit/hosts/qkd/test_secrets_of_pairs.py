@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from hosts.middleware.qkd.pair_secrets import SECRET_BYTES, PairSecrets
+from hosts.middleware.qkd.pair_secrets import PairSecrets
+from wire.pair_secrets import SECRET_BYTES
 
 HOSTS = ("alice", "bob", "charlie")
 

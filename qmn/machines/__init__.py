@@ -1,0 +1,1 @@
+"""Networks over several machines: their Dask workers, and which hosts are where."""

@@ -1,0 +1,194 @@
+"""qmn run --machines: hosts on another machine, here network, processes and /run of their own.
+
+this one, m1: 192.0.2.1 ---- 192.0.2.2: m2, with a worker
+"""
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+from conftest import ROOT, wait_until
+from distributed import LocalCluster
+
+from qmn.sweeps.cluster import HTTP_ADDRESS
+from topologies.apart import OWN_NAMESPACES, inside
+from topologies.confinement import descendants
+from wire.pcapng import PcapReader
+
+HERE, THERE, PORT = "192.0.2.1", "192.0.2.2", 8786
+SCHEDULER = f"tcp://{HERE}:{PORT}"
+WORKER = f"exec {sys.executable} -m qmn worker {SCHEDULER} --name m2"
+SEED, BYTES = 7, 20_000
+NOISY = ("--depolarizing", "0.0005", "--loss-db-per-km", "0.02", "--frame-bytes", "32")
+LOST_WITHIN_S = 20.0  # 5 s until a machine is lost that says nothing, and the end of a network
+
+
+@dataclass
+class SecondMachine:
+    """The other machine."""
+
+    keeper: int  # the process that keeps its namespaces, by its id here
+    worker: subprocess.Popen[str]
+
+    def says(self, *command: str) -> str:
+        """Return what a command says there."""
+        enter = ["nsenter", f"--target={self.keeper}", "--all", *command]
+        return subprocess.run(enter, capture_output=True, text=True, check=True, timeout=10).stdout
+
+    def things(self) -> tuple[list[str], list[str], str]:
+        """Return its processes but the worker, its interfaces, and what is in /run."""
+        listed = self.says("ps", "-e", "-o", "args=").splitlines()
+        found = sorted(each for each in listed if "ps -e" not in each and "qmn worker" not in each)
+        links = sorted(each["ifname"] for each in json.loads(self.says("ip", "-json", "link")))
+        return found, links, self.says("ls", "/run")
+
+
+@pytest.fixture
+def second(tmp_path: Path) -> Iterator[SecondMachine]:
+    """Join this machine with another, on which a worker is ready."""
+    ip("link add under1 type veth peer name under2")
+    pipe = subprocess.PIPE
+    with subprocess.Popen([OWN_NAMESPACES, "sleep", "600"], stdin=pipe) as holder:
+        wait_until(lambda: len(inside(holder.pid)) == 2, "namespaces")
+        keeper = inside(holder.pid)[0]
+        enter = ["nsenter", f"--target={keeper}", "--all"]
+        ip(f"addr add {HERE}/24 dev under1", "link set under1 up")
+        ip(f"link set under2 netns {keeper}")
+        for words in (f"addr add {THERE}/24 dev under2", "link set under2 up"):
+            subprocess.run([*enter, "ip", *words.split()], check=True, timeout=10)
+        log = tmp_path / "worker.log"
+        try:
+            with (
+                LocalCluster(
+                    n_workers=0,
+                    protocol="tcp",
+                    host=HERE,
+                    scheduler_port=PORT,
+                    dashboard_address=HTTP_ADDRESS,
+                    scheduler_kwargs={"dashboard": False},
+                ),
+                log.open("w") as output,
+                subprocess.Popen(
+                    [*enter, f"--wd={ROOT}", "bash", "-c", WORKER],
+                    stdout=output,
+                    stderr=output,
+                    text=True,
+                    env={**os.environ, "PYTHONPATH": str(ROOT)},
+                ) as worker,
+            ):
+                try:
+                    wait_until(lambda: "ready" in log.read_text(), f"ready: {log}", 40)
+                    yield SecondMachine(keeper, worker)
+                finally:
+                    for pid in descendants(worker.pid):
+                        os.kill(pid, signal.SIGKILL)
+        finally:
+            ip("link delete under1")
+            holder.kill()
+
+
+def ip(*commands: str) -> None:
+    for words in commands:
+        subprocess.run(["ip", *words.split()], check=True, timeout=10)
+
+
+def command(runs: Path, file: Path, *words: str) -> list[str]:
+    """Return that of a run with noise, whose bytes are those of a file."""
+    job = ["run", "sdc", "--file", str(file), "--seed", str(SEED), "--runs", str(runs)]
+    return [sys.executable, "-m", "qmn", *job, *NOISY, *words]
+
+
+ON_SECOND = ("--machines", "2", "--place", "bob=m2", "--scheduler", SCHEDULER)
+
+
+def message(folder: Path, size: int) -> Path:
+    file = folder / "sent"
+    file.write_bytes(random.Random(SEED).randbytes(size))
+    return file
+
+
+def events(run: Path) -> list[str]:
+    """Return what happened to qubits, without when."""
+    lines = (run / "quantum.log").read_text().splitlines()
+    return sorted(line.split(maxsplit=1)[1] for line in lines)
+
+
+def facts(run: Path) -> dict[str, Any]:
+    """Return what a run says that time does not change."""
+    result = json.loads((run / "result.json").read_text())
+    same = ("delivered", "bell_pairs", "lost_pairs", "symbol_errors", "repeated_frames", "exact")
+    return {name: result[name] for name in same}
+
+
+def test_bob_on_a_second_machine_gets_what_he_gets_on_this_one(
+    second: SecondMachine, tmp_path: Path
+) -> None:
+    file = message(tmp_path, BYTES)
+    before = second.things()
+    for name, words in (("one", ()), ("two", ON_SECOND)):
+        done = subprocess.run(
+            command(tmp_path / name, file, *words),
+            cwd=ROOT,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=100,
+        )
+        assert done.returncode == 0, done.stderr
+    one, two = tmp_path / "one" / "latest", tmp_path / "two" / "latest"
+    assert (two / "received").read_bytes() == file.read_bytes()
+    assert facts(one)["symbol_errors"] > 0
+    assert facts(one)["lost_pairs"] > 0
+    assert facts(two) == facts(one)
+    assert events(two) == events(one)
+    machine = json.loads((two / "result.json").read_text())["machines"]["m2"]
+    assert (machine["address"], machine["hosts"]) == (THERE, ["bob"])
+    # It has the same clock: so far apart do they seem by the way there and back at most.
+    assert abs(machine["clock"]["offset_s"]) <= machine["clock"]["error_s"] < 0.1
+    near, far = (packets(two / f"{name}.pcap") for name in (copper_of_bob(two), "bob-eth0"))
+    seen = near.keys() & far.keys()
+    assert len(seen) > 20
+    limit_ns = 1e9 * (machine["clock"]["error_s"] + 0.5)
+    assert all(abs(near[data] - far[data]) < limit_ns for data in seen)
+    assert second.things() == before
+
+
+def packets(file: Path) -> dict[bytes, int]:
+    """Return when each packet was captured that did not come twice."""
+    with file.open("rb") as opened:
+        found = list(PcapReader(opened).packets())
+    often = Counter(packet.data for packet in found)
+    return {packet.data: packet.time_ns for packet in found if often[packet.data] == 1}
+
+
+def copper_of_bob(run: Path) -> str:
+    """Return the interface of s1 that leads to bob."""
+    copper = json.loads((run / "result.json").read_text())["network"]["copper"]
+    (name,) = (at_s1 for one, _, _, at_s1 in copper if one == "bob")
+    return str(name)
+
+
+def test_a_worker_that_is_killed_ends_the_run_by_name_and_leaves_nothing(
+    second: SecondMachine, tmp_path: Path
+) -> None:
+    before = second.things()
+    asking = tmp_path / "two" / "latest" / "asking.log"
+    words = command(tmp_path / "two", message(tmp_path, 1 << 20), *ON_SECOND)
+    pipe = subprocess.PIPE
+    with subprocess.Popen(words, cwd=ROOT, stdout=pipe, stderr=pipe, text=True) as run:
+        wait_until(lambda: asking.exists() and "delivered" in asking.read_text(), "bytes", 60)
+        assert any("-m hosts" in each for each in second.things()[0])
+        os.kill(next(descendants(second.worker.pid)), signal.SIGKILL)
+        _said, complaint = run.communicate(timeout=LOST_WITHIN_S)
+    assert run.returncode == 1
+    assert f"the machine m2 ({THERE}) was lost" in complaint
+    wait_until(lambda: second.things() == before, "nothing is left there", 5)

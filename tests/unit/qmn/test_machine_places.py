@@ -1,0 +1,34 @@
+"""Which hosts go to which machine."""
+
+import pytest
+
+from qmn.machines.workers import places
+from qmn.options import BadInput
+
+HOSTS, WORKERS = ("alice", "bob", "charlie", "dave"), ("m2", "m3")
+
+
+def test_hosts_that_are_placed_go_where_they_are_placed_and_others_stay() -> None:
+    assert places(("bob=m2", "alice=m1", "dave=m3"), HOSTS, WORKERS) == {"bob": "m2", "dave": "m3"}
+
+
+def test_hosts_go_to_the_machines_in_turn_if_none_is_placed() -> None:
+    assert places((), HOSTS, WORKERS) == {"bob": "m2", "charlie": "m3"}
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("bob", "write HOST=MACHINE"),
+        ("eve=m2", "choose a host of alice, bob, charlie, dave"),
+        ("bob=m4", "choose a machine of m1, m2, m3"),
+    ],
+)
+def test_places_that_there_are_not_are_refused(text: str, said: str) -> None:
+    with pytest.raises(BadInput, match=said):
+        places((text,), HOSTS, WORKERS)
+
+
+def test_a_host_is_placed_once() -> None:
+    with pytest.raises(BadInput, match="once a host"):
+        places(("bob=m2", "bob=m3"), HOSTS, WORKERS)

@@ -1,0 +1,1 @@
+"""Machines that share a network with the first one, on which the runner is."""
