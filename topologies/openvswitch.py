@@ -208,7 +208,8 @@ def revive_if_ours(owner: str) -> None:
 
 def stop_if_ours(owner: str) -> None:
     """Stop Open vSwitch if this run started it and no bridge is left in it."""
-    if starter() == owner and running() and not bridges():
+    revive_if_ours(owner)  # half of it may have ended before a bridge was made
+    if starter() == owner and not bridges():
         _run(CONTROL, "stop", timeout_s=OPENVSWITCH_TIMEOUT_S)
         (RUNTIME_ROOT / STARTED).unlink(missing_ok=True)  # last: a second signal may come between
 

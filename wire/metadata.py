@@ -18,7 +18,7 @@ from typing import ClassVar, TypeVar
 
 METADATA_PORT = 9010
 MAGIC = 0x514D  # "QM"
-VERSION = 3
+VERSION = 4
 MAX_LENGTH = 1 << 17
 MAX_FRAMES = 4096  # in one block
 SEAL_BYTES = 16
@@ -135,6 +135,7 @@ class Reason(IntEnum):
     CANNOT_HERALD = 26
     CANNOT_INTERFERE = 27
     PATH_BROKEN = 25  # within the optical network; the controller's record names the elements
+    TOO_LATE = 28  # no light by the deadline that the set-up message names
 
 
 class Pauli(IntEnum):
@@ -194,7 +195,7 @@ class Setup(Message):
     """Ask for light paths. First on its connection, one write, nothing after until answered."""
 
     KIND = 1
-    FIELDS = struct.Struct(f"!BB4sIIIHIBBBBBIiIIBBH{SEAL_BYTES}s")
+    FIELDS = struct.Struct(f"!BB4sIIIHIBBBBBIiIIBIBBH{SEAL_BYTES}s")
 
     service: int
     handshake: int
@@ -215,6 +216,8 @@ class Setup(Message):
     phase_mrad: int = 0
     sync_window_ps: int = 1_000_000
     fidelity_ppm: int = 0  # pair fidelity wanted at least; 0 is any
+    priority: int = 0  # among those that wait for light, if the policy heeds it: the higher first
+    deadline_ms: int = 0  # of the network, until light is wanted at the latest; 0: no deadline
     verdict: int = Verdict.PENDING
     rotation: int = Pauli.I  # known rotation of the paths, for the receiver to undo
     reason: int = Reason.OK

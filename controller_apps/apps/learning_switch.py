@@ -51,6 +51,8 @@ class LearningSwitch(App):
         port = self.mac_table.port_of(datapath.id, destination)
         if port is not None:
             self._remember(datapath, in_port, source, destination, port)
+        else:
+            port = self.mac_table.asked_at(datapath.id, in_port, frame)
         datapath.send_msg(flow_entries.packet_out(datapath, in_port, port, frame))
 
     def _remember(

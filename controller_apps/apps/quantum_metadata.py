@@ -133,8 +133,12 @@ class QuantumMetadata(App):
 
     def _tick_for_ever(self) -> None:
         while True:
-            hub.sleep(SESSION_TICK_S)
+            hub.sleep(min(SESSION_TICK_S, self._until_next_slot_s()))
             self.send_event(self.name, EventTick())
+
+    def _until_next_slot_s(self) -> float:
+        now = self._now()
+        return self.time.wall_s(self.arbiter.next_slot_s(now) - now)
 
     @on(EventTick)
     def time_passed(self, event: Any) -> None:
@@ -355,7 +359,9 @@ class QuantumMetadata(App):
     def _follow_policy(self) -> None:
         policy = self.permission.policy
         self.arbiter.taps, self.arbiter.schedule = policy.taps, policy.schedule
+        self.arbiter.follow(policy.queue)
         self.arbiter.needs_handshake = policy.filter.handshakes
+        self.mac_table.place(self.stations if policy.filter.addresses else [])
         self.network.closed = policy.closed
         for dpid, datapath in self.datapaths.items():
             if dpid not in self.quantum_switches:

@@ -24,6 +24,10 @@ between = ["q1", "q2"]
 [swap]
 schedule = "parallel"       # who swaps when, or "left-to-right", "nested": see sessions.schedules
 
+[queue]
+order = "fcfs"              # who waits gets light in this order, or "edf", "slots": policy.orders
+slot_s = 0.5                # of "slots": how long light is handed out for, in time of the network
+
 [filter]                    # against hosts that pose as others; for attack studies it can be off
 addresses = true            # switches drop what is not from the port's own MAC or IPv4 address
 handshakes = true           # a set-up needs a TCP connection that both ends have opened
@@ -43,6 +47,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, TypeVar
 
+from controller_apps.policy.orders import IN_TURN, ORDERS, SLOTS, Queue
 from controller_apps.policy.schedules import PARALLEL, SCHEDULES
 from wire.device import MAX_SHARE, PERIODS_S, DeviceSettings, check_settings, setting_number
 from wire.metadata import Service
@@ -64,6 +69,7 @@ LIMITS = {
 }
 MAX_RULES = 1024
 MAX_TAPS = 64
+SLOT_S = (0.05, 60.0)
 MAX_CLOSED = 256
 
 T = TypeVar("T")
@@ -174,6 +180,7 @@ class Policy:
     taps: tuple[Tap, ...] = ()
     schedule: str = PARALLEL  # of chains of repeaters
     filter: Filter = Filter()
+    queue: Queue = IN_TURN  # of those that wait for light
     closed: frozenset[frozenset[str]] = frozenset()  # pairs of switches, by their names
 
     def objection(self, request: SessionRequest, open_wishes: Iterable[SessionRequest]) -> str:
@@ -225,7 +232,7 @@ def parse_policy(text: str) -> Policy:
     _only(
         content,
         "the file",
-        {"default", "rule", "tap", "closed", "swap", "filter", "device", "report"},
+        {"default", "rule", "tap", "closed", "swap", "queue", "filter", "device", "report"},
     )
     rules = _array(content, "rule", MAX_RULES)
     devices = _table(content.get("device", {}), "device")
@@ -237,6 +244,7 @@ def parse_policy(text: str) -> Policy:
         _parse_taps(_array(content, "tap", MAX_TAPS)),
         _parse_schedule(_table(content.get("swap", {}), "swap")),
         _parse_filter(_table(content.get("filter", {}), "filter")),
+        _parse_queue(_table(content.get("queue", {}), "queue")),
         _parse_closed(_array(content, "closed", MAX_CLOSED)),
     )
 
@@ -306,6 +314,15 @@ def _parse_closed(given: list[Any]) -> frozenset[frozenset[str]]:
 def _parse_schedule(table: dict[str, Any]) -> str:
     _only(table, "swap", {"schedule"})
     return _one_of(table.get("schedule", PARALLEL), SCHEDULES, "swap: schedule")
+
+
+def _parse_queue(table: dict[str, Any]) -> Queue:
+    _only(table, "queue", {item.name for item in fields(Queue)})
+    order = _one_of(table.get("order", Queue.order), tuple(ORDERS), "queue: order")
+    if "slot_s" in table and order != SLOTS:
+        raise ValueError(f'queue: slot_s is of order = "{SLOTS}", not of {order!r}')
+    slot_s = table.get("slot_s", Queue.slot_s)
+    return Queue(order, float(_number(slot_s, *SLOT_S, "queue: slot_s", (int, float))))
 
 
 def _parse_filter(table: dict[str, Any]) -> Filter:

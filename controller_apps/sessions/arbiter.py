@@ -14,6 +14,7 @@ from math import inf
 
 from controller_apps.light.paths import Hop, Network, switches
 from controller_apps.packets.segments import RST, FiveTuple, parse
+from controller_apps.policy.orders import IN_TURN, ORDERS, SLOTS, Queue
 from controller_apps.policy.policy import Tap
 from controller_apps.policy.schedules import PARALLEL
 from controller_apps.sessions.actions import (
@@ -39,11 +40,13 @@ from controller_apps.sessions.sessions import (
     new_request,
     read_setup,
 )
+from controller_apps.sessions.slots import Slots
 from controller_apps.sessions.verdicts import Verdicts, released
 from controller_apps.timeouts import COUNTING_S, QUEUE_LOOK_S, SWITCH_GRACE_S
 from wire.metadata import (
     METADATA_PORT,
     SETUP_LENGTH,
+    Handshake,
     MalformedPacket,
     Reason,
     Service,
@@ -69,6 +72,7 @@ class Arbiter:
     sessions: Sessions = field(default_factory=Sessions)
     forbid: Callable[[Setup, FiveTuple], Admission | None] = lambda _setup, _connection: None
     taps: Sequence[Tap] = ()  # for sessions that are still to come
+    order: Queue = IN_TURN  # of those that wait for light; see `follow`
     schedule: str = PARALLEL  # for chains that are still to come: one of SCHEDULES
     keys: Mapping[str, str] = field(default_factory=dict)  # device keys, by address of the host
     needs_handshake: bool = False  # on the connection of a set-up; switches tell of them
@@ -81,6 +85,20 @@ class Arbiter:
         self.ordering = Ordering(self.sessions, self.light, self.verdicts)
         self.recovery = Recovery(self.sessions, self.light)
         self._looked = -inf  # at all that wait
+        self.slots: Slots | None = None
+        self.follow(self.order)
+
+    def follow(self, order: Queue) -> None:
+        """Let those that come wait in this order; slots that were reserved before are kept."""
+        self.order = order
+        if order.order != SLOTS:
+            self.slots = None
+        elif self.slots is None or self.slots.slot_s != order.slot_s:
+            self.slots = Slots(self.sessions, order.slot_s)
+
+    def next_slot_s(self, now: float) -> float:
+        """Return when there is something to do that must not wait for the next tick."""
+        return inf if self.slots is None else self.slots.next_start(now)
 
     def segment_arrived(self, dpid: int, in_port: int, frame: bytes, now: float) -> list[Action]:
         """Decide on a segment to or from the metadata port that a classical switch sent up."""
@@ -145,6 +163,9 @@ class Arbiter:
         admission = self.forbid(setup, request.five_tuple) or admit(
             setup, request.five_tuple, self.sessions, self.network, self.budget_mdb, self.taps
         )
+        lasts = setup.handshake == Handshake.FRAMED and setup.service != Service.SEAL
+        if self.slots and lasts and (admission.paths or admission.waits_for_light):
+            return self._reserve(request, now)
         if self.recovery.is_premature(admission.reason, now):
             return [Drop("premature", f"{admission.reason.name} may change soon; TCP repeats it")]
         waits = admission.waits_for_light and self._may_wait(setup, request.five_tuple)
@@ -163,6 +184,44 @@ class Arbiter:
         if not admission.paths:
             return self.verdicts.grant(request)
         return self.light.open(request, session, admission.paths)
+
+    def _reserve(self, request: Request, now: float) -> list[Action]:
+        """Let a request wait for a slot of its own, or refuse it if none is free in time."""
+        assert self.slots is not None
+        self.sessions.retired.pop(request.five_tuple, None)
+        session = self.sessions.join(request, now)
+        until = min(request.late, now + self.hold_timeout_s)
+        found = self.slots.reserve(request, until, now, self._find_light_beside)
+        if not found.paths:
+            in_vain = found.reason == Reason.TOO_LATE and request.late == inf
+            reason = Reason.BUSY if in_vain else found.reason
+            return self.verdicts.refuse(request, reason, now, found.detail, found.node)
+        self.sessions.queue[request.five_tuple] = request
+        return [Note("queued", session.number)]
+
+    def _hand_out(self, now: float) -> list[Action]:
+        """Take the light of slots that are over, and give that of the slot that has begun."""
+        if self.slots is None:
+            return []
+        actions: list[Action] = []
+        for session in self.slots.over(now):
+            actions += self.verdicts.tear_down(session, "its slot is over", now)
+        for request, reserved in self.slots.due(now):
+            asking = self.sessions.of(request)
+            assert asking is not None  # it waits
+            del self.sessions.queue[request.five_tuple]
+            request.block_pairs = reserved.block_pairs
+            hops = (hop for path in reserved.paths for hop in path.hops)
+            if self.network.is_whole(hops) and self.slots.is_free(asking, reserved):
+                actions += self.light.open(request, asking, reserved.paths)
+                continue
+            found = self._find_light(request)
+            if found.paths:
+                actions += self.light.open(request, asking, found.paths)
+            else:
+                told = found.reason, now, found.detail, found.node
+                actions += self.verdicts.refuse(request, *told)
+        return actions
 
     def _may_wait(self, setup: Setup, connection: FiveTuple) -> bool:
         """Tell whether a request waits for light that others have: as configured, and for seals.
@@ -192,14 +251,19 @@ class Arbiter:
         return self.ordering.node_answered(number, node, reason, now)
 
     def _serve_queue(self, now: float) -> list[Action]:
-        """Give light to those that wait for it, if any has become free: first come first served.
+        """Give light to those that wait for it, if any has become free, in the policy's order.
 
         A request whose light is still taken keeps no other from light that is free.
         """
         freed, changed = self.sessions.freed, self.sessions.changed
         self.sessions.freed, self.sessions.changed = set(), False
+        if self.slots is not None or not self.sessions.queue or not (freed or changed):
+            return []
         actions: list[Action] = []
-        for request in list(self.sessions.queue.values()) if freed or changed else ():
+        place = ORDERS[self.order.order]
+        for request in sorted(
+            self.sessions.queue.values(), key=lambda each: place(each.waiting_for_light)
+        ):
             if not changed and freed.isdisjoint(request.obstacles):
                 continue  # it would meet them again
             session = self.sessions.of(request)
@@ -216,13 +280,14 @@ class Arbiter:
         return actions
 
     def _find_light(self, request: Request) -> Admission:
-        connection, budget_mdb = request.five_tuple, self.budget_mdb
         self.sessions.obstacles.clear()
-        found = find_light(
-            request.setup, connection, self.sessions, self.network, budget_mdb, self.taps
-        )
+        found = self._find_light_beside(request, self.sessions)
         request.obstacles = frozenset(self.sessions.obstacles)
         return found
+
+    def _find_light_beside(self, request: Request, sessions: Sessions) -> Admission:
+        connection, budget_mdb = request.five_tuple, self.budget_mdb
+        return find_light(request.setup, connection, sessions, self.network, budget_mdb, self.taps)
 
     def _repeated(self, request: Request, arrival: Arrival) -> list[Action]:
         message = arrival.segment.payload[:SETUP_LENGTH]
@@ -395,8 +460,11 @@ class Arbiter:
             elif now - request.started >= self.hold_timeout_s:
                 actions += self.verdicts.refuse(request, Reason.SWITCH_TIMEOUT, now)
         for request in list(self.sessions.queue.values()):
-            if now - request.started >= self.hold_timeout_s:
+            if now >= request.late:
+                actions += self.verdicts.refuse(request, Reason.TOO_LATE, now)
+            elif now - request.started >= self.hold_timeout_s:
                 actions += self.verdicts.refuse(request, Reason.BUSY, now)
+        actions += self._hand_out(now)
         for session in self.light.overdue(now - self.hold_timeout_s):
             actions += self.verdicts.tear_down(session, "no switch in time for the other way", now)
         for session in list(self.sessions.by_number.values()):

@@ -5,11 +5,13 @@ session (FRAMED or PER_PAIR) owns it; others belong to it (ONE_PAIR, PAIR_SOURCE
 """
 
 from dataclasses import dataclass, field, replace
+from math import inf
 from typing import NamedTuple
 
 from controller_apps.light.paths import Direction, Hop, directions
 from controller_apps.light.routing import LightPath
 from controller_apps.packets.segments import FiveTuple, Segment
+from controller_apps.policy.orders import Waiting
 from wire.metadata import (
     SETUP_LENGTH,
     Handshake,
@@ -70,12 +72,18 @@ class Request:
     progress: int = SETUP_LENGTH  # how many bytes of the opener have been seen, the message's too
     acceptor_next: int | None = None  # sequence number of the acceptor's next byte, as last seen
     obstacles: frozenset[Direction] = frozenset()  # what others have of what it waits for
+    late: float = inf  # when its deadline is over
     doubted: tuple[int, float] | None = None  # where a close was that nobody expected, and when
 
     @property
     def lasts(self) -> bool:
         """Whether data will follow on the connection, so that a bypass is worth an entry."""
         return self.setup.service != Service.SDC or self.setup.handshake != Handshake.ONE_PAIR
+
+    @property
+    def waiting_for_light(self) -> Waiting:
+        """How schedulers see it while it waits."""
+        return Waiting(self.started, self.setup.priority, self.late)
 
     def offset(self, sequence: int) -> int:
         """Return where a sequence number is, in bytes from the beginning of the message."""
@@ -125,6 +133,8 @@ def new_request(
     message = segment.payload[:SETUP_LENGTH]
     request = Request(setup, arrival, segment.five_tuple, segment.sequence, message, now)
     request.acceptor_next = acceptor_next
+    if setup.deadline_ms:
+        request.late = now + setup.deadline_ms / 1000
     return request
 
 

@@ -68,12 +68,17 @@ def measured(folder: Path, hosts: int, signals: Signals) -> ManyHosts:
 
 def controller_share(network: Network) -> float:
     """Return how much of one processor the controller takes while nothing happens."""
-    (program,) = (each for each in network.runtime.programs if each.name == CONTROLLER)
-    began, before = time.monotonic(), processor_s(program.pid)
+    began, before = time.monotonic(), controller_s(network)
     while time.monotonic() < began + IDLE_S:
         network.check()
         time.sleep(POLL_S)
-    return (processor_s(program.pid) - before) / (time.monotonic() - began)
+    return (controller_s(network) - before) / (time.monotonic() - began)
+
+
+def controller_s(network: Network) -> float:
+    """Return the processor time that the controller of a network has used."""
+    (program,) = (each for each in network.runtime.programs if each.name == CONTROLLER)
+    return processor_s(program.pid)
 
 
 def processor_s(pid: int) -> float:

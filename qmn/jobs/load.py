@@ -11,6 +11,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from hosts.middleware.services import NAMES
 from hosts.middleware.session.channel import SessionError
+from qmn.benchmarks.many_hosts import controller_s
 from qmn.jobs.run_context import RunContext, begin_folder, ending, known_facts, running_network
 from qmn.jobs.run_options import RunOptions
 from qmn.network.checks import check_network
@@ -66,6 +67,12 @@ class LoadRequest:
         metavar="S",
         range=(1e-6, 600),
     )
+    urgent: float = option(
+        0.0,
+        "share of the sessions that have priority 1, for a policy that orders by it (0)",
+        metavar="SHARE",
+        range=(0, 1),
+    )
     senders: str = option(
         "", "hosts that ask, with commas (all but sources)", flag="--from", metavar="HOSTS"
     )
@@ -82,7 +89,7 @@ class LoadRequest:
 
 OWN_OPTIONS = (
     *("service", "count", "source", "traffic", "sessions", "rate_per_s", "holding_s", "constant"),
-    *("deadline_s", "senders", "receivers", "idle", "on_s", "off_s"),
+    *("deadline_s", "urgent", "senders", "receivers", "idle", "on_s", "off_s"),
 )
 
 
@@ -129,9 +136,19 @@ def traffic_of(request: LoadRequest, network: NetworkDescription) -> Traffic:
         raise BadInput(f"--file is of --traffic matrix or trace, not of {request.traffic}")
     if request.idle and request.traffic != "poisson":
         raise BadInput("--idle is of --traffic poisson: the others say who asks")
-    times = request.rate_per_s, request.holding_s, request.constant, request.deadline_s
-    bursts = request.on_s, request.off_s, request.file
-    return Traffic(openers, acceptors, *times, request.idle, *bursts)
+    return Traffic(
+        openers,
+        acceptors,
+        request.rate_per_s,
+        request.holding_s,
+        request.constant,
+        request.deadline_s,
+        request.urgent,
+        request.idle,
+        request.on_s,
+        request.off_s,
+        request.file,
+    )
 
 
 def chosen(option_name: str, named: str, hosts: Sequence[str]) -> list[str]:
@@ -184,6 +201,7 @@ def _drive(
             request.network.seed,
             network.runtime.time.scale,
         )
+        before_s = controller_s(network)
         try:
             _follow(driver, len(planned), network, context.console)
         finally:
@@ -191,6 +209,7 @@ def _drive(
                 **summary(
                     driver.outcomes, read_record(network.runtime.logs), network.runtime.time.scale
                 ),
+                "controller_ms": 1e3 * (controller_s(network) - before_s) / len(planned),
                 "began_ns": driver.began_ns,
                 "sessions": listed(driver.outcomes),
             }

@@ -17,6 +17,7 @@ from qmn.sweeps.multi_pair import MULTI_PAIR
 from qmn.sweeps.parameters import Values, point_seed
 from qmn.sweeps.photon_splitting import PHOTON_SPLITTING
 from qmn.sweeps.polarization import MODES, POLARIZATION
+from qmn.sweeps.scheduling import SCHEDULE
 from qmn.sweeps.seal import SEAL
 from qmn.sweeps.spied_pairs import SPIED_PAIRS
 from qmn.sweeps.superdense import SUPERDENSE
@@ -49,6 +50,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         DELAY_LINE,
         HERALDING,
         LIGHT,
+        SCHEDULE,
         SEAL,
     )
 }

@@ -618,6 +618,29 @@ SHEETS = (
         for channels in (1, 4)
     ),
     Sheet(
+        "schedulers",
+        "schedule",
+        {
+            "rate_per_s": [5.0, 10.0, 20.0, 30.0, 45.0, 60.0],
+            "order": ["fcfs", "edf", "slots"],
+            "sessions": 2_000,
+        },
+        [
+            Curve(
+                f"schedulers-{measure}",
+                f"{text} on the map of GARR, signalling included",
+                "rate_per_s",
+                "requests/s",
+                measure,
+                by=["order"],
+            )
+            for measure, text in (
+                ("in_time", "Requests that have light in time"),
+                ("urgent_in_time", "Urgent requests that have light in time"),
+            )
+        ],
+    ),
+    Sheet(
         "seal",
         "seal",
         {"tapped": list(TAPPED)},

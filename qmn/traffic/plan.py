@@ -12,9 +12,10 @@ from math import inf
 from pathlib import Path
 from random import Random
 
-COLUMNS = {"at_s", "opener", "acceptor", "holding_s", "deadline_s"}  # of a trace file
+COLUMNS = {"at_s", "opener", "acceptor", "holding_s", "deadline_s", "priority"}  # of a trace file
 OF_MATRIX = {"opener", "acceptor", "rate_per_s"}
 MOST_SESSIONS = 100_000
+MOST_PRIORITY = 255
 
 
 class BadTraffic(ValueError):
@@ -30,6 +31,7 @@ class Planned:
     acceptor: str
     holding_s: float
     deadline_s: float | None = None  # until it must have light; None: it waits as it is told to
+    priority: int = 0  # the higher the sooner, if the controller's policy orders by it
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,7 @@ class Traffic:
     holding_s: float
     constant: bool = False  # holding times, else exponential
     deadline_s: float | None = None
+    urgent: float = 0.0  # share of the sessions that have a priority of 1
     idle: bool = False  # whether hosts are chosen that are idle then
     on_s: float = 1.0  # mean, of on-off
     off_s: float = 1.0
@@ -104,7 +107,10 @@ def trace(traffic: Traffic, random: Random) -> Iterator[Planned]:
         holding_s = number(traffic, row, "holding_s", told.holding_s)
         deadline_s = number(traffic, row, "deadline_s", told.deadline_s or inf)
         deadline = None if deadline_s == inf else deadline_s
-        yield Planned(told.at_s, told.opener, told.acceptor, holding_s, deadline)
+        priority = number(traffic, row, "priority", told.priority)
+        if priority not in range(MOST_PRIORITY + 1):
+            raise BadTraffic(f"{traffic.file}: priority {priority:g}: choose 0 to {MOST_PRIORITY}")
+        yield Planned(told.at_s, told.opener, told.acceptor, holding_s, deadline, int(priority))
 
 
 MODELS: dict[str, Callable[[Traffic, Random], Iterator[Planned]]] = {
@@ -130,7 +136,8 @@ def planned(traffic: Traffic, random: Random, at_s: float, opener: str, acceptor
     """Return a session with a holding time."""
     mean_s = traffic.holding_s
     held = mean_s if traffic.constant or not mean_s else random.expovariate(1 / mean_s)
-    return Planned(at_s, opener, acceptor, held, traffic.deadline_s)
+    urgent = int(random.random() < traffic.urgent) if traffic.urgent else 0
+    return Planned(at_s, opener, acceptor, held, traffic.deadline_s, urgent)
 
 
 def ends(traffic: Traffic, random: Random) -> tuple[str, str]:

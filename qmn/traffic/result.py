@@ -43,10 +43,14 @@ def summary(load: dict[str, Any]) -> dict[str, Any]:
         "blocked": blocked,
         "late": load["late"],
         "broken": broken,
+        "offered_per_s": load["offered_per_s"],
+        "most_at_a_time": load["at_a_time"],
+        "carried_erlang": load["carried"],
         "setup_p50_s": load["setup_s"]["p50"],
         "setup_p99_s": load["setup_s"]["p99"],
         "pairs_per_s": load["pairs_per_s"],
         "fairness": load["fairness"],
+        "controller_ms_a_session": load["controller_ms"],
     }
 
 

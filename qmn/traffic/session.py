@@ -9,6 +9,7 @@ from typing import Any
 from qmn.timeouts import LOAD_LIMIT_S
 from qmn.traffic.plan import Planned
 from qmn.traffic.stack_calls import Refused, StackCalls, calls
+from wire.metadata import Reason
 from wire.socket_calls import Call
 
 ACCEPTED, BLOCKED, LATE, BROKEN = "accepted", "blocked", "late", "broken"
@@ -68,6 +69,8 @@ class SessionRun:
             told.outcome = ACCEPTED
         except Refused as error:
             told.outcome = BLOCKED if told.setup_s is None else BROKEN
+            if error.reason == Reason.TOO_LATE.name:
+                told.outcome = LATE
             told.reason, told.text = error.reason, str(error)
         except _TooLateError:
             told.outcome, told.reason = LATE, "DEADLINE"
@@ -84,6 +87,9 @@ class SessionRun:
             asked.say(Call.ACCEPT, port=self._port)
             asking = await stack.enter_async_context(calls(self._stacks[told.opener]))
             options = dict(wanted.options)
+            options |= {"priority": told.planned.priority}
+            if told.planned.deadline_s is not None:
+                options |= {"deadline_ms": max(round(told.planned.deadline_s * 1000), 1)}
             if wanted.own_source:
                 options["source"] = told.opener
             where = {"service": wanted.service, "host": told.acceptor, "port": self._port}

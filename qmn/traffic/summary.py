@@ -2,6 +2,7 @@
 
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
+from itertools import accumulate
 from math import sqrt
 from typing import Any
 
@@ -31,10 +32,30 @@ def summary(
         "setup_s": shares([each.setup_s for each in outcomes if each.setup_s is not None]),
         **light_times(list(record), scale),
         "span_s": span_s,
+        **load(outcomes, accepted, span_s),
         "pairs": pairs,
         "pairs_per_s": pairs / span_s if span_s else 0.0,
         "fidelity_by_age": fidelity_by_age(accepted),
         "fairness": fairness(outcomes),
+    }
+
+
+def load(
+    outcomes: Sequence[Outcome], accepted: Iterable[Outcome], span_s: float
+) -> dict[str, float | int | None]:
+    """Return which load that was: sessions asked for a second, and under way at a time.
+
+    `carried` is how many had light at a time on average, in erlang.
+    """
+    last_s = max((each.asked_s for each in outcomes), default=0.0)
+    begins = [(each.asked_s, 1) for each in outcomes]
+    ends = [(each.ended_s, -1) for each in outcomes]
+    under_way = accumulate(step for _at_s, step in sorted([*begins, *ends]))
+    lit_s = sum(each.ended_s - each.asked_s - (each.setup_s or 0.0) for each in accepted)
+    return {
+        "offered_per_s": len(outcomes) / last_s if last_s else None,
+        "at_a_time": max(under_way, default=0),
+        "carried": lit_s / span_s if span_s else None,
     }
 
 
@@ -135,6 +156,7 @@ def listed(outcomes: Iterable[Outcome]) -> list[dict[str, Any]]:
             "text": each.text,
             "setup_s": each.setup_s,
             "ended_s": each.ended_s,
+            "priority": each.planned.priority,
             "holding_s": each.planned.holding_s,
             "pairs": each.summary.get("pairs"),
             "session": each.summary.get("session"),

@@ -136,3 +136,13 @@ def test_daemons_of_a_run_that_was_killed_before_it_noted_them_are_the_next_one_
     assert openvswitch.starter() == "tests"
     openvswitch.stop_if_ours("tests")
     assert not openvswitch.daemons()
+
+
+@pytest.mark.usefixtures("no_open_vswitch")
+@pytest.mark.parametrize("daemon", openvswitch.DAEMONS)
+def test_what_is_left_of_it_stops_where_the_other_half_was_killed(daemon: str) -> None:
+    openvswitch.start("tests")
+    openvswitch.daemons()[daemon].signal(signal.SIGKILL)
+    wait_until(lambda: daemon not in openvswitch.daemons(), f"{daemon} is gone")
+    openvswitch.stop_if_ours("tests")
+    assert not openvswitch.daemons()

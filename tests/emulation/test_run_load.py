@@ -13,6 +13,31 @@ SESSIONS, FIBERS = 70, 2
 SIDES = [",".join(f"{side}{n}" for n in range(1, 7)) for side in "ab"]
 
 
+def test_light_is_handed_out_in_slots_and_none_is_given_too_late(tmp_path: Path) -> None:
+    """Six ask at once for two fibres; of slots of half a second, two or three begin in 1.2 s."""
+    policy, trace = tmp_path / "policy.toml", tmp_path / "trace.csv"
+    policy.write_text('[queue]\norder = "slots"\nslot_s = 0.5\n')
+    rows = [f"0.1,a{n},b{n},0.05,1.2,{n}" for n in range(1, 7)]
+    header = "at_s,opener,acceptor,holding_s,deadline_s,priority"
+    trace.write_text("\n".join([header, *rows]) + "\n")
+    words = ["run", "load", "--topology", f"{ROOT}/examples/trunk.py:Trunk", "--source", "own"]
+    words += ["--traffic", "trace", "--file", str(trace), "--policy", str(policy), "--no-capture"]
+    words += ["--from", SIDES[0], "--to", SIDES[1]]
+    done = subprocess.run(
+        [ROOT / "bin" / "qmn", *words, "--runs", str(tmp_path)],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=110,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    load = json.loads((tmp_path / "latest" / "result.json").read_text())["load"]
+    assert (load["offered"], load["forgotten"], load["blocked"]) == (6, 0, {})
+    assert load["accepted"] + load["late"] == 6
+    assert load["accepted"] in (4, 5, 6)
+    assert load["queued"] == 6
+
+
 def test_two_fibres_are_busy_as_often_as_erlang_says(tmp_path: Path) -> None:
     words = ["run", "load", "--topology", f"{ROOT}/examples/trunk.py:Trunk", "--seed", "1"]
     words += ["--from", SIDES[0], "--to", SIDES[1], "--source", "own", "--idle", "--no-capture"]

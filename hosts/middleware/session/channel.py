@@ -33,6 +33,8 @@ REMEDIES = {
     "cross-connect is stuck or a switch is away; the controller's record (controller.jsonl) says "
     "which",
     Reason.BUSY: "another session uses these fibres; try again when it has ended",
+    Reason.TOO_LATE: "others have the light until the deadline; ask for a later one, or of higher "
+    "priority if the policy orders by it",
     Reason.NOT_ALLOWED: "the controller's policy does not allow this service between these "
     "hosts, or not at this rate, frame size or number of sessions; ask who runs the network to "
     "change its policy file (`qmn run --policy`)",

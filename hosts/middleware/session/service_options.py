@@ -13,6 +13,9 @@ from hosts.middleware.session.options import (
 )
 from wire.metadata import Handshake, Reason
 
+MOST_PRIORITY = 255
+LATEST_MS = 3_600_000
+
 
 @dataclass(frozen=True)
 class SessionOptions(Options):
@@ -23,6 +26,8 @@ class SessionOptions(Options):
     block_pairs: int = 16_384  # in a block at most
     rate_hz: int = 50_000_000  # of the source
     source: str = ""  # host that makes the pairs, perhaps the one that asks; "": the network's
+    priority: int = 0  # among those that wait for light, if the controller's policy heeds it
+    deadline_ms: int = 0  # of the network, until light is wanted at the latest; 0: no deadline
 
     def asked(self) -> dict[str, Any]:
         """Return the fields of the set-up message that say this."""
@@ -32,11 +37,15 @@ class SessionOptions(Options):
             "frame_bytes": 1,
             "rate_hz": self.rate_hz,
             "port": self.port,
+            "priority": self.priority,
+            "deadline_ms": self.deadline_ms,
         }
 
     def check(self) -> None:
         """Raise SessionError for a value out of range."""
         check_whole("block_pairs", self.block_pairs, 1, MAX_BLOCK_PAIRS)
+        check_whole("priority", self.priority, 0, MOST_PRIORITY)
+        check_whole("deadline_ms", self.deadline_ms, 0, LATEST_MS)
         if not isinstance(self.source, str):
             raise SessionError(Reason.UNSUPPORTED, f"source {self.source!r} is not a name")
         check_where_and_how_fast(self.host, self.port, self.rate_hz)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from controller_apps.policy.orders import Queue
 from controller_apps.policy.policy import (
     SHIPPED,
     BadPolicy,
@@ -103,6 +104,9 @@ def test_overrides_and_reporting_are_read() -> None:
         schedule="nested",
     )
     assert parse_policy("").schedule == "parallel"
+    slots = parse_policy('[queue]\norder = "slots"\nslot_s = 0.25\n')
+    assert slots.queue == Queue("slots", 0.25)
+    assert parse_policy("").queue == Queue("fcfs", 0.5)
 
 
 @pytest.mark.parametrize(
@@ -136,6 +140,9 @@ def test_overrides_and_reporting_are_read() -> None:
         ("[swap]\nschedule = 'all'", "swap: schedule is 'all': choose one of parallel, left-to"),
         ("[filter]\naddresses = 1", "filter: addresses is 1: true or false"),
         ("[filter]\nnames = true", "filter: unknown 'names'"),
+        ("[queue]\norder = 'lifo'", "queue: order is 'lifo': choose one of fcfs, edf, slots"),
+        ("[queue]\nslot_s = 1", "queue: slot_s is of order = \"slots\", not of 'fcfs'"),
+        ("[queue]\norder = 'slots'\nslot_s = 0.01", "queue: slot_s is 0.01: choose 0.05 to 60"),
         ("[swap]\norder = 'all'", "swap: unknown 'order'; known are schedule"),
         ("[[rule]]\naction = 'deny'\nservice = 'link'", "service is 'link': choose one of *"),
         ("defualt = 'deny'", "the file: unknown 'defualt'"),

@@ -1,5 +1,6 @@
 """Heavy traffic: its models, the closed forms of its theory, and what is counted of it."""
 
+from dataclasses import replace
 from itertools import pairwise
 from math import factorial, sqrt
 from pathlib import Path
@@ -68,11 +69,19 @@ def test_a_matrix_says_who_asks_whom_how_often(tmp_path: Path) -> None:
 
 
 def test_a_trace_is_played_in_its_order_of_time(tmp_path: Path) -> None:
-    text = "at_s,opener,acceptor,holding_s,deadline_s\n2,h1,h2,0.25,\n1,h2,h3,0,0.75\n"
+    columns = "at_s,opener,acceptor,holding_s,deadline_s,priority"
+    text = f"{columns}\n2,h1,h2,0.25,,\n1,h2,h3,0,0.75,2\n"
     assert plan("trace", in_file(tmp_path / "t.csv", text), seed=1, sessions=9) == [
-        Planned(1.0, "h2", "h3", 0.0, 0.75),
+        Planned(1.0, "h2", "h3", 0.0, 0.75, priority=2),
         Planned(2.0, "h1", "h2", 0.25, None),
     ]
+
+
+def test_a_share_of_the_sessions_is_urgent_and_the_rest_of_the_plan_is_by_chance() -> None:
+    found = plan("poisson", replace(PLAIN, urgent=0.3), seed=1, sessions=4_000)
+    share = sum(each.priority for each in found) / 4_000
+    assert abs(share - 0.3) < 5 * sqrt(0.3 * 0.7 / 4_000)
+    assert not any(each.priority for each in plan("poisson", PLAIN, seed=1, sessions=100))
 
 
 @pytest.mark.parametrize(
@@ -88,6 +97,7 @@ def test_a_trace_is_played_in_its_order_of_time(tmp_path: Path) -> None:
         ("trace", "at_s,opener,acceptor\nnan,h1,h2\n", "at_s 'nan' is not a number from 0 on"),
         ("trace", "at_s,opener,acceptor\n1,h1,h1\n", "h1 asks itself; name two hosts"),
         ("trace", "at_s,opener,acceptor\n", "names no sessions"),
+        ("trace", "at_s,opener,acceptor,priority\n1,h1,h2,0.5\n", "priority 0.5: choose 0 to 255"),
         ("matrix", "opener,acceptor,rate_per_s\nh1,h2,0\n", "names no rate above 0"),
     ],
 )
@@ -151,6 +161,15 @@ def test_every_session_is_counted_once() -> None:
     assert (found["blocked"], found["broken"]) == ({"BUSY": 2}, {})
     assert found["setup_s"] == {"p50": 0.25, "p90": 0.25, "p99": 0.25, "n": 1}
     assert found["pairs_per_s"] == 3.0
+
+
+def test_the_load_is_that_of_sessions_by_littles_law() -> None:
+    """A session a second, each a quarter of a second without light and two with it."""
+    told = [outcome("h1", asked_s=at, setup_s=0.25, ended_s=at + 2.25) for at in range(100)]
+    found = summary(told, [])
+    assert found["offered_per_s"] == pytest.approx(100 / 99)
+    assert found["at_a_time"] == 3
+    assert found["carried"] == pytest.approx(100 * 2 / 101.25)
 
 
 def test_the_controller_s_record_says_who_waited_and_who_had_light() -> None:

@@ -18,11 +18,14 @@ from handlers_scene import (
 )
 from metadata_scene import (
     ALICE,
+    BOB,
+    CHARLIE,
     FRAMED,
     MACS,
     S1,
     frame,
 )
+from scapy.layers.l2 import ARP, Ether
 
 from controller_apps.console.questions import EventQuestion
 from controller_apps.openflow.framework import ofproto
@@ -129,6 +132,26 @@ def test_unknown_stations_are_flooded_and_known_ones_learned(ready: Scene) -> No
     }
     assert (entry.table_id, instructions(entry)) == (2, [("output", 1)])
     assert entry.idle_timeout > 0
+
+
+def test_arp_asks_the_port_that_a_station_must_be_at_and_all_for_others(tmp_path: Path) -> None:
+    def asked(scene: Scene, in_port: int, address: str, operation: int = 1) -> int:
+        message = ARP(op=operation, hwsrc=MACS[CHARLIE], psrc=CHARLIE, pdst=address)
+        broadcast = Ether(src=MACS[CHARLIE], dst="ff:ff:ff:ff:ff:ff")
+        scene.s1.take()
+        scene.packet_in(scene.s1, in_port, bytes(broadcast / message), table=2)
+        return int(scene.s1.take()[-1].port)
+
+    scene = Scene(tmp_path, policy="")
+    assert asked(scene, 3, ALICE) == 1
+    assert asked(scene, 3, BOB) == ofproto.OFPP_FLOOD  # bob is at another switch
+    assert asked(scene, 1, ALICE) == ofproto.OFPP_FLOOD  # who tells of itself
+    assert asked(scene, 3, ALICE, operation=2) == ofproto.OFPP_FLOOD
+    scene.policy_path.write_text(UNFILTERED)  # then anybody may be anywhere
+    question = EventQuestion("reload", {})
+    scene.quantum.asked(question)
+    question.wait()
+    assert asked(scene, 3, ALICE) == ofproto.OFPP_FLOOD
 
 
 def test_a_station_that_moves_is_found_again(ready: Scene) -> None:

@@ -1,0 +1,107 @@
+"""Time slots of light: each request has one in which its paths are its own, or none before its end.
+
+    now      slot 7            slot 8            slot 9
+    |........|-----------------|-----------------|---------
+      asked: a b c d           a, b              c           d is refused: its deadline is in slot 9
+
+Slots follow each other without a gap, and are numbered from 0 on the controller's clock. What was
+reserved is opened when the slot begins; who still has light when it ends loses it.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+from controller_apps.light.paths import Direction, directions
+from controller_apps.light.routing import LightPath
+from controller_apps.packets.segments import FiveTuple
+from controller_apps.sessions.admission import Admission
+from controller_apps.sessions.sessions import Request, Session, Sessions
+from wire.metadata import Reason
+
+ROUNDING = 1e-6  # of a slot: a moment that is that of its begin is not before it
+Find = Callable[[Request, Sessions], Admission]
+
+
+@dataclass(frozen=True)
+class Reserved:
+    """The slot of a request, and the paths that it has then."""
+
+    slot: int
+    paths: tuple[LightPath, ...]
+    block_pairs: int
+
+
+@dataclass
+class Slots:
+    """What is reserved, by slot."""
+
+    sessions: Sessions
+    slot_s: float
+    reserved: dict[FiveTuple, Reserved] = field(default_factory=dict)
+    _taken: dict[int, dict[Direction, int]] = field(default_factory=dict)
+    _given: dict[int, int] = field(default_factory=dict)  # slot by session, of those that had light
+
+    def number(self, now: float) -> int:
+        """Return in which slot it is now."""
+        return int(now / self.slot_s + ROUNDING)
+
+    def next_start(self, now: float) -> float:
+        """Return when the next slot begins."""
+        return (self.number(now) + 1) * self.slot_s
+
+    def reserve(self, request: Request, until: float, now: float, find: Find) -> Admission:
+        """Give a request the first slot that can carry it and begins by then; return why not.
+
+        `find` looks for its light beside the sessions that it is told of.
+        """
+        self._forget_those_over()
+        slot = self.number(now) + 1
+        found = Admission(Reason.TOO_LATE)
+        while slot * self.slot_s <= until:
+            taken = self._taken.get(slot, {})
+            found = find(request, replace(self.sessions, occupied=taken, obstacles=set()))
+            if found.paths:
+                reserved = Reserved(slot, found.paths, found.block_pairs)
+                hops = (hop for path in found.paths for hop in path.hops)
+                number = request.setup.session
+                self._taken.setdefault(slot, {}).update(dict.fromkeys(directions(hops), number))
+                self.reserved[request.five_tuple] = reserved
+                return found
+            if not found.waits_for_light:
+                return found
+            found, slot = Admission(Reason.TOO_LATE), slot + 1
+        return found
+
+    def due(self, now: float) -> list[tuple[Request, Reserved]]:
+        """Return the requests whose slot has begun; they are given light, or refused."""
+        self._forget_those_over()
+        number = self.number(now)
+        begun = [key for key, reserved in self.reserved.items() if reserved.slot <= number]
+        found = [(self.sessions.requests[key], self.reserved.pop(key)) for key in begun]
+        self._given.update((request.setup.session, each.slot) for request, each in found)
+        for slot in [slot for slot in self._taken if slot < number]:
+            del self._taken[slot]
+        return found
+
+    def over(self, now: float) -> list[Session]:
+        """Return the sessions that have light of a slot that is over."""
+        number = self.number(now)
+        ended = [session for session, slot in self._given.items() if slot < number]
+        for session in ended:
+            del self._given[session]
+        by_number = self.sessions.by_number
+        return [by_number[session] for session in ended if session in by_number]
+
+    def is_free(self, session: Session, reserved: Reserved) -> bool:
+        """Tell whether nobody has the paths that were reserved, as who asks for no slot may."""
+        hops = (hop for path in reserved.paths for hop in path.hops)
+        asking = session.number, session.frequency_mhz
+        return not any(self.sessions.blocks(way, *asking) for way in directions(hops))
+
+    def _forget_those_over(self) -> None:
+        """Let others have the slots of requests that wait no more."""
+        for five_tuple in self.reserved.keys() - self.sessions.queue.keys():
+            reserved = self.reserved.pop(five_tuple)
+            taken = self._taken[reserved.slot]
+            for direction in directions(hop for path in reserved.paths for hop in path.hops):
+                del taken[direction]

@@ -1,0 +1,134 @@
+"""The controller's own arbiter in counted time: requests come, wait, have light and go.
+
+    opener            controller            switches         acceptor
+      |--- set-up ------> |                    |                |
+      |                   |--- open ---------> |                |     each way takes its time
+      |                   | <----- barrier --- |                |
+      |                   |--- set-up -------- | -------------> |
+      | <--------- answer | ------------------ | -------------- |
+      |=== light for the holding time ==========================|
+      |--- FIN ---------> |
+
+Real set-up messages and the controller's own decisions; a time that is counted takes the place of
+the clock, so that thousands of sessions take seconds.
+"""
+
+import struct
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from heapq import heappop, heappush
+from ipaddress import IPv4Address
+from itertools import count
+
+from controller_apps.sessions.actions import Action, Note, OpenPaths
+from controller_apps.sessions.arbiter import Arbiter
+from controller_apps.timeouts import SESSION_TICK_S
+from wire.metadata import METADATA_PORT, SETUP_LENGTH, Handshake, Service, Setup
+
+S1 = 1 << 32  # datapath id of the classical switch, none of a quantum one
+FIRST_SEQUENCE = 100
+PUSH, FIN, ACK = 8, 1, 16
+_ETHERNET_IP_TCP = struct.Struct("!12sH BBHHHBBH4s4s HHIIBBHHH")
+
+
+def segment(
+    ends: tuple[str, str], source_port: int, sequence: int, flags: int, payload: bytes = b""
+) -> bytes:
+    """Return a frame of a connection to the metadata port; nobody here looks at checksums."""
+    addresses = [IPv4Address(end).packed for end in ends]
+    ip = 0x45, 0, 40 + len(payload), 0, 0, 64, 6, 0, *addresses
+    tcp = source_port, METADATA_PORT, sequence, 1, 5 << 4, flags | ACK, 65_535, 0, 0
+    return _ETHERNET_IP_TCP.pack(bytes(12), 0x0800, *ip, *tcp) + payload
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A request: two hosts by address, of which the opener makes the photons."""
+
+    at_s: float
+    opener: str
+    acceptor: str
+    holding_s: float
+    priority: int = 0
+    deadline_s: float = 0.0  # from the request on; 0: none
+
+
+@dataclass
+class Told:
+    """What becomes of a request, in its opener's time."""
+
+    asked: Asked
+    light_s: float | None = None  # when it may use its light
+    reason: str = ""  # of a refusal
+
+    @property
+    def waited_s(self) -> float | None:
+        """How long it was without light, if it has had some."""
+        return None if self.light_s is None else self.light_s - self.asked.at_s
+
+
+class CountedTime:
+    """An arbiter, and all that happens to it."""
+
+    def __init__(
+        self, arbiter: Arbiter, away_s: Callable[[str | int], float] = lambda _place: 0.0
+    ) -> None:
+        """`away_s` says how long a message takes to a host (address) or a switch (datapath id)."""
+        self._arbiter, self._away_s = arbiter, away_s
+        self._events: list[tuple[float, int, Callable[[float], Iterable[Action]]]] = []
+        self._order = count()
+        self._told: dict[int, Told] = {}
+
+    def run(self, requests: Sequence[Asked]) -> list[Told]:
+        """Let all of them happen; return what becomes of each, in their order."""
+        for number, asked in enumerate(requests, 1):
+            self._told[number] = Told(asked)
+            self._at(asked.at_s + self._away_s(asked.opener), self._asking(number, asked))
+        self._at(SESSION_TICK_S, self._tick)
+        while self._events:
+            now, _order, happens = heappop(self._events)
+            self._obey(happens(now), now)
+        return list(self._told.values())
+
+    def _tick(self, now: float) -> Iterable[Action]:
+        if self._events or self._arbiter.sessions.queue:
+            self._at(min(now + SESSION_TICK_S, self._arbiter.next_slot_s(now)), self._tick)
+        return self._arbiter.tick(now)
+
+    def _at(self, when_s: float, happens: Callable[[float], Iterable[Action]]) -> None:
+        heappush(self._events, (when_s, next(self._order), happens))
+
+    def _asking(self, number: int, asked: Asked) -> Callable[[float], Iterable[Action]]:
+        light = Service.BB84, Handshake.FRAMED, asked.opener, 1, 1, 1
+        deadline_ms = round(asked.deadline_s * 1000)
+        setup = Setup(number, *light, priority=asked.priority, deadline_ms=deadline_ms)
+        return self._saying(number, FIRST_SEQUENCE, PUSH, setup.encode())
+
+    def _saying(
+        self, number: int, sequence: int, flags: int, data: bytes = b""
+    ) -> Callable[[float], Iterable[Action]]:
+        asked = self._told[number].asked
+        ends, port = (asked.opener, asked.acceptor), 1_024 + number % 60_000
+        frame = segment(ends, port, sequence, flags, data)
+        return lambda now: self._arbiter.segment_arrived(S1, 1, frame, now)
+
+    def _obey(self, actions: Iterable[Action], now: float) -> None:
+        for action in actions:
+            if isinstance(action, OpenPaths):
+                self._opening(action, now)
+            elif isinstance(action, Note) and action.event == "path_ready":
+                self._ready(action.session, now)
+            elif isinstance(action, Note) and action.event == "refused":
+                self._told[action.session].reason = action.detail
+
+    def _opening(self, action: OpenPaths, now: float) -> None:
+        done_s = now + 2 * self._away_s(action.dpid)
+        number = action.transaction
+        self._at(done_s, lambda at: self._arbiter.barrier_passed(action.dpid, number, at))
+
+    def _ready(self, number: int, now: float) -> None:
+        told = self._told[number]
+        opener_s = self._away_s(told.asked.opener)
+        told.light_s = now + 2 * self._away_s(told.asked.acceptor) + opener_s
+        ended_s = told.light_s + told.asked.holding_s + opener_s
+        self._at(ended_s, self._saying(number, FIRST_SEQUENCE + SETUP_LENGTH, FIN))
