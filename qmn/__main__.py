@@ -6,6 +6,7 @@ import signal
 import sys
 from collections.abc import Sequence
 from importlib import import_module
+from typing import Any
 
 from qmn.as_root import NoRoot, become_root
 
@@ -42,9 +43,17 @@ VERBS = (  # each a module of qmn.verbs
 )
 
 
+class Parser(argparse.ArgumentParser):
+    """Takes options by their whole names alone: an abbreviation means another when options come."""
+
+    def __init__(self, **given: Any) -> None:
+        """Be argparse's own, but for that; so are the parsers of verbs."""
+        super().__init__(**{"allow_abbrev": False} | given)
+
+
 def described(words: Sequence[str] = ()) -> argparse.ArgumentParser:
     """Return a parser of the verb that is asked for, or of all, which takes longer to load."""
-    parser = argparse.ArgumentParser(prog="qmn", description=__doc__)
+    parser = Parser(prog="qmn", description=__doc__)
     verbs = parser.add_subparsers(metavar="VERB", required=True)
     for name in [name for name in VERBS if name in words[:1]] or VERBS:
         import_module(f"qmn.verbs.{name}").add_parser(verbs)

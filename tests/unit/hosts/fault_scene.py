@@ -32,6 +32,7 @@ SESSIONS: dict[str, dict[str, Any]] = {
     "swap": {"count": 400, "block_pairs": 300},
     "bb84": KEYS,
     "bbm92": KEYS,
+    "e91": KEYS,
     "seal": {"count": 900, "block_pairs": 500},
 }
 SERVICES = list(SESSIONS)

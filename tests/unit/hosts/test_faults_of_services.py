@@ -314,7 +314,7 @@ ASKED: list[tuple[dict[str, Any], str]] = [
     ({"verdict": Verdict.REFUSED, "reason": Reason.NOT_ALLOWED}, "policy does not allow"),
     ({"port": 8}, "no application listens on port 8; start it first"),
     ({"wavelength_pm": 1}, "wavelength 1 pm"),
-    ({"memory": 3}, "memory 3: only 0 is offered"),
+    ({"memory": 3}, "memory 3 for "),
     ({"polarization": 4}, "polarisation basis 4: only 0 is offered"),
     ({"phase_mrad": -5}, "phase -5: only 0 is offered"),
     ({"pairs": 1 << 31}, "2147483648 pairs"),
