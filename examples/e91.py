@@ -58,10 +58,10 @@ def bob(processor: Processor) -> str:
 
 def compared(found: Found, other: socket.socket, signs: dict[tuple[int, ...], int]) -> str:
     """Return S and the key; all axes are public, and outcomes along axes that differ."""
-    with other.makefile("rw") as lines:
+    with other.makefile() as lines:
 
         def told(mine: list[Any]) -> list[Any]:
-            print(json.dumps(mine), file=lines, flush=True)
+            other.sendall(f"{json.dumps(mine)}\n".encode())
             theirs: list[Any] = json.loads(lines.readline())
             return theirs
 

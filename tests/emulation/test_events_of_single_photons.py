@@ -14,7 +14,7 @@ from dispatcher.layer.history import WATCHED_PHOTONS
 from topologies.runtime import RUNTIME_ROOT
 
 PAIRS = 1_200  # of a block: more than a spy is told of one by one
-BLOCKS = 2
+BLOCKS = 1
 WRITTEN_PHOTONS = 5
 MESSAGE = ["--message", "x" * (BLOCKS * PAIRS // 4), "--frame-bytes", str(PAIRS // 4)]
 # Slow enough that the spy is there before bob's part begins.
@@ -44,7 +44,7 @@ def test_a_run_and_a_spy_tell_of_as_many_single_photons_as_were_asked_for(tmp_pa
     command = [*qmn_command(tmp_path), *MESSAGE, *PACE, "--per-qubit", str(WRITTEN_PHOTONS)]
     pipe = subprocess.PIPE
     with subprocess.Popen(command, cwd=ROOT, stdout=pipe, stderr=pipe, text=True) as run:
-        wait_until(lambda: list(RUNTIME_ROOT.glob("*/dispatcher.json")), "a dispatcher", 30)
+        wait_until(lambda: list(RUNTIME_ROOT.glob("*/dispatcher.sock")), "a dispatcher", 30)
         watch = [*SPY, "--per-qubit", "--node", "bob"]
         with subprocess.Popen(watch, cwd=ROOT, stdout=pipe, stderr=pipe, text=True) as spy:
             output, problem = run.communicate(timeout=60)
