@@ -1,4 +1,4 @@
-"""What a switch says, cut into messages, of which one says who it is."""
+"""Messages of a switch, cut out of its connection; one of them says who it is."""
 
 import struct
 from collections.abc import Collection
