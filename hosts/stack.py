@@ -23,7 +23,8 @@ from hosts.middleware.services.source import serve_pairs
 from hosts.middleware.services.swapping.serving import serve_link
 from hosts.middleware.session.abilities import refusal
 from hosts.middleware.session.arrangement import Arrangement, Light
-from hosts.middleware.session.channel import MetadataChannel, SessionError
+from hosts.middleware.session.channel import MetadataChannel
+from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.host_resources import HostResources
 from hosts.middleware.session.lifetimes import Lifetimes
 from hosts.middleware.session.session import AcceptingSession, OpeningSession, require_source

@@ -1,6 +1,6 @@
 """The abilities of both ends of a session, compared with those that its service needs."""
 
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.lifetimes import NUMBERS, Lifetimes
 from hosts.middleware.session.service import ConnectionEnd, OpenerEnd
 from wire.features import STORE, Abilities, Feature, names

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from hosts.hardware.qnic import BlockName
 from hosts.middleware.session.blocks import keep_of_all, store
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.service import ConnectionEnd
 from hosts.timeouts import HERALD_TIMEOUT_S
 from wire.metadata import Reason, Topic

@@ -23,7 +23,8 @@ from numpy.typing import ArrayLike
 
 from hosts.hardware.qnic import BlockName, Heralds, NoLight, Qnic, Stored
 from hosts.middleware.session.arrangement import Arrangement
-from hosts.middleware.session.channel import MetadataChannel, SessionError, unexpected
+from hosts.middleware.session.channel import MetadataChannel
+from hosts.middleware.session.errors import SessionError, unexpected
 from hosts.middleware.session.host_resources import HostResources
 from hosts.middleware.session.lifetimes import Lifetimes
 from hosts.middleware.session.values import Numbers, expect, values

@@ -8,12 +8,8 @@ from typing import Any, Protocol
 from hosts.hardware.qnic import HardwareError, Qnic, release
 from hosts.middleware.session import abilities
 from hosts.middleware.session.arrangement import Arrangement
-from hosts.middleware.session.channel import (
-    MetadataChannel,
-    SessionError,
-    SilentPeer,
-    unexpected,
-)
+from hosts.middleware.session.channel import MetadataChannel
+from hosts.middleware.session.errors import SessionError, SilentPeer, unexpected
 from hosts.middleware.session.host_resources import HostResources
 from hosts.middleware.session.lifetimes import Lifetimes
 from hosts.middleware.session.offers import check_light

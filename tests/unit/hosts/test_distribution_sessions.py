@@ -14,7 +14,8 @@ from dispatcher_status import held, require_nothing_left
 from stacks_scene import DEADLINE_S, OWN_ADDRESS, Cut, arbitrated, network, refusal
 
 from hosts.middleware.services.distribution import distribute
-from hosts.middleware.session.channel import MetadataChannel, SessionError
+from hosts.middleware.session.channel import MetadataChannel
+from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.lifetimes import Lifetimes
 from hosts.middleware.session.values import expect, values
 from hosts.service_socket import ServiceSocket

@@ -13,7 +13,8 @@ from stacks_scene import DEADLINE_S, OWN_ADDRESS, arbitrated, grant
 from hosts.middleware.services.key_distribution import light as key_light
 from hosts.middleware.services.key_distribution import messages as key_messages
 from hosts.middleware.session import service
-from hosts.middleware.session.channel import MetadataChannel, SessionError
+from hosts.middleware.session.channel import MetadataChannel
+from hosts.middleware.session.errors import SessionError
 from hosts.quantum_socket import QuantumSocket
 from hosts.service_socket import ServiceSocket
 from wire.metadata import (

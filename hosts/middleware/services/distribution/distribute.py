@@ -27,7 +27,7 @@ from hosts.middleware.services.distribution.pairs import Pairs
 from hosts.middleware.services.distribution.purification import PHOTONS, Protocol
 from hosts.middleware.session import abilities
 from hosts.middleware.session.blocks import store
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.lifetimes import NUMBERS, Lifetimes
 from hosts.middleware.session.service import AcceptorEnd, Answerer, OpenerEnd, ServiceKind
 from hosts.middleware.session.values import expect, values

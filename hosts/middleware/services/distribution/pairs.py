@@ -22,7 +22,7 @@ from hosts.middleware.session.blocks import (
     measure_some,
     take,
 )
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.lifetimes import Lifetimes
 from hosts.middleware.session.service import End
 from hosts.network_loop import now_s

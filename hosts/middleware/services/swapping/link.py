@@ -19,7 +19,7 @@ from hosts.hardware.qnic import BlockName, HardwareError, Qnic, release
 from hosts.middleware.services.swapping.bits import MAX_OPERATOR, Bits, Swapped
 from hosts.middleware.session.arrangement import Arrangement, Light
 from hosts.middleware.session.blocks import keep_of_all, store
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.heralded import correct_heralded
 from hosts.middleware.session.service import ConnectionEnd
 from hosts.middleware.session.values import values

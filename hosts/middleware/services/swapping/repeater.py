@@ -10,7 +10,7 @@ from hosts.hardware.qnic import Qnic
 from hosts.middleware.services.swapping.bits import Bits, Swapped
 from hosts.middleware.services.swapping.link import IncomingLink, OutgoingLink
 from hosts.middleware.session.blocks import take
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from wire.device import SwapOrder
 from wire.metadata import Reason
 

@@ -3,7 +3,8 @@
 from hosts.hardware.qnic import HardwareError, release
 from hosts.middleware.services.swapping.link import IncomingLink, OutgoingLink
 from hosts.middleware.services.swapping.repeater import Repeater
-from hosts.middleware.session.channel import MetadataChannel, SessionError
+from hosts.middleware.session.channel import MetadataChannel
+from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.host_resources import HostResources
 from hosts.middleware.session.offers import check_wavelength
 from hosts.middleware.session.service import ConnectionEnd

@@ -22,7 +22,7 @@ from hosts.middleware.services.distribution.pairs import Mask, Pairs
 from hosts.middleware.services.swapping.bits import Bits
 from hosts.middleware.services.swapping.link import IncomingLink, OutgoingLink
 from hosts.middleware.session.blocks import keep_of_all, store, take
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.service import (
     AcceptorEnd,
     Answerer,
