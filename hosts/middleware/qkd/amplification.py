@@ -38,4 +38,5 @@ def toeplitz(key: Bits, seed: Bits, length: int) -> Bits:
     rounded = np.rint(sums)
     if np.abs(sums - rounded).max() > MAX_ROUNDING:
         raise ArithmeticError(f"the transform of {size} points was not exact")
-    return (rounded.astype(np.int64) & 1).astype(np.uint8) ^ key[others:]
+    result: Bits = (rounded.astype(np.int64) & 1).astype(np.uint8) ^ key[others:]
+    return result
