@@ -20,7 +20,7 @@ from hosts.middleware.qkd.pair_secrets import PairSecrets
 from hosts.middleware.services import KINDS, NAMES
 from hosts.middleware.services.interception.interception import Interception, InterceptionOptions
 from hosts.middleware.services.source import serve_pairs
-from hosts.middleware.services.swapping.serving import serve_link
+from hosts.middleware.services.swapping.connections import serve_link
 from hosts.middleware.session.abilities import refusal
 from hosts.middleware.session.arrangement import Arrangement, Light
 from hosts.middleware.session.channel import MetadataChannel

@@ -113,8 +113,20 @@ SERVICES = ROOT / "hosts" / "middleware" / "services"
 # What an end of a session says and makes of what it hears; others carry it.
 PROTOCOLS = [
     *(ROOT / "hosts" / "middleware" / "qkd").glob("[a-z]*.py"),
-    *(SERVICES / "superdense" / f"{name}.py" for name in ("sender", "receiver", "outbox", "inbox")),
-    *(SERVICES / "teleportation" / f"{name}.py" for name in ("protocol", "qubit_states")),
+    *(
+        ROOT / "hosts" / "middleware" / "session" / f"{name}.py"
+        for name in ("abilities", "blocks", "errors", "protocol", "values")
+    ),
+    *(
+        SERVICES / service / f"{name}.py"
+        for service, names in {
+            "distribution": ("fidelity", "pairs", "protocol", "purification", "sharing"),
+            "superdense": ("sender", "receiver", "outbox", "inbox"),
+            "swapping": ("bits", "link", "protocol"),
+            "teleportation": ("protocol", "qubit_states"),
+        }.items()
+        for name in names
+    ),
 ]
 
 

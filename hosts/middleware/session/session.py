@@ -97,7 +97,8 @@ class OpeningSession:
         theirs, lifetimes = Abilities(NOTHING, 0), Lifetimes(inf, inf, inf)
         if abilities.are_told(self._kind.service):
             connection = ConnectionEnd(self._means.qnic, self._setup, channel)
-            pairs, theirs, lifetimes = await abilities.hear(connection)
+            heard = await connection.perform(abilities.hear(connection.side))
+            pairs, theirs, lifetimes = heard
             self._setup = replace(self._setup, pairs=pairs)
         if uses_source(self._kind.service, self._by):
             await self._arrangement.engage_source()
@@ -179,7 +180,7 @@ class AcceptingSession:
         )
         self._channel.send(self._accepted)
         if abilities.are_told(self._kind.service):
-            abilities.say(end, means.abilities, means.lifetimes)
+            await end.carry_out(abilities.say(end.side))
         self.answer = await self._kind.accept(end)
 
     async def join(self, channel: MetadataChannel, setup: Setup) -> None:
