@@ -152,6 +152,7 @@ class HostConfig(Config):
     t1_s: float = Device().memory.t1_s
     t2_s: float = Device().memory.t2_s
     depolarizing_s: float = Device().memory.depolarizing_s
+    cutoff_s: float = Device().memory.cutoff_s
 
     def __post_init__(self) -> None:
         if self.light not in LIGHT:

@@ -5,6 +5,7 @@
       | Values(ARRIVED) <----------------------------------> |  both keep what both have
       | Values(PURIFY), then OUTCOMES <--------------------> |  as often as it takes
       | Values(SAMPLE), BASES, then OUTCOMES <-------------> |  sacrificed for the estimate
+      | Values(ARRIVED) <----------------------------------> |  what the cut-off has left of a block
       | Values(DELIVER) -----------------------------------> |  pairs have numbers: 0, 1, 2, …
 
 Where both hosts have memories that emit, pairs are heralded instead (heralded.py). They stay in
@@ -14,7 +15,7 @@ ask to measure some (Pairs.answer). They are called by session and number.
 
 from collections.abc import Awaitable, Callable
 from functools import partial
-from math import ceil
+from math import ceil, inf
 
 import numpy as np
 
@@ -40,6 +41,7 @@ LEAST_SAMPLE = 30  # pairs; of which a fidelity is told
 LEAST_JUDGED = 300  # pairs; by which it is decided whether the fidelity wanted is reached
 MOST_EMITTED = 1_000_000  # pairs, and so many more for each that is wanted:
 MOST_EMITTED_EACH = 1000
+MOST_DROPPED, MOST_DROPPED_EACH = 100, 10  # pairs, for their age
 MOST_DARK = 10  # blocks in a row of which nothing arrives
 MARGIN = 1.05  # of light beyond what is expected to be needed
 
@@ -66,7 +68,7 @@ class Opening:
         """Make pairs until there are as many, and as good ones, as are wanted; deliver them."""
         pairs, count = self._pairs, self._options.count
         self._require_abilities()
-        while pairs.available < count or not self._judged or self._too_noisy:
+        while not await self._are_ready():
             if self._judged and self._too_noisy:
                 await self._purify_once_more()
             else:
@@ -79,6 +81,43 @@ class Opening:
         await pairs.deliver(count, self._end.lifetimes)
         await self._tell(count)
         return pairs.answer
+
+    async def _are_ready(self) -> bool:
+        """Return whether there are as many as are wanted when those too old are dropped."""
+        if self._short or self._too_noisy:
+            return False
+        if self._cutoff_s < inf:
+            await self._drop_old()
+        return not self._short
+
+    @property
+    def _short(self) -> bool:
+        return self._pairs.available < self._options.count or not self._judged
+
+    @property
+    def _cutoff_s(self) -> float:
+        """Return how old pairs may get in the memory that keeps them for the shorter time."""
+        return min(self._end.means.lifetimes.cutoff_s, self._end.lifetimes.cutoff_s)
+
+    async def _drop_old(self) -> None:
+        """Keep what both ends still hold; raise SessionError if nothing ever is."""
+        end, pairs = self._end, self._pairs
+        for number, portion in list(pairs.blocks.items()):
+            held = await pairs.held(number)
+            end.say(Topic.ARRIVED, number, held, 1)
+            theirs = await end.hear(Topic.ARRIVED, number, portion.size, 1)
+            await pairs.drop_old(number, held & theirs.astype(bool))
+        if pairs.dropped > MOST_DROPPED + MOST_DROPPED_EACH * self._options.count:
+            raise SessionError(
+                Reason.NO_LIGHT,
+                f"{pairs.dropped} pairs were older than {self._cutoff_s:g} s before there were "
+                f"{self._options.count}: choose {self._longer}, or ask for fewer at a time",
+            )
+
+    @property
+    def _longer(self) -> str:
+        told = "memory.cutoff_s, or what the controller has set"
+        return f"a longer cut-off than {self._cutoff_s:g} s ({told})"
 
     def _require_abilities(self) -> None:
         """Raise SessionError before any light for what cannot come to a good end."""
@@ -138,7 +177,8 @@ class Opening:
         elif good:
             kept = good / pairs.emitted
         else:
-            return max(1, min(most, 4 * self._size))
+            more = 4 if self._cutoff_s == inf else 1  # pairs of more light are older
+            return max(1, min(most, more * self._size))
         # What is beyond the pairs that are wanted is sacrificed, and of each block its share.
         wanted = max(missing + unsampled, missing / (1 - share))
         return max(1, min(most, ceil(MARGIN * wanted / kept) + 1))
@@ -194,7 +234,10 @@ class Opening:
         pairs, count = self._pairs, self._options.count
         if self._dark == MOST_DARK:
             text = f"no pair of the last {MOST_DARK} blocks of light has arrived at both ends"
-            raise SessionError(Reason.NO_LIGHT, f"{text}: see that fibres are whole, and the loss")
+            remedy = "see that fibres are whole, and the loss"
+            if self._cutoff_s < inf:
+                remedy += f", or choose {self._longer}"
+            raise SessionError(Reason.NO_LIGHT, f"{text}: {remedy}")
         if pairs.emitted > MOST_EMITTED + MOST_EMITTED_EACH * count:
             reason = Reason.TOO_NOISY if pairs.rounds else Reason.NO_LIGHT
             raise SessionError(
@@ -247,6 +290,12 @@ async def follow(end: AcceptorEnd, share: Share) -> Answerer:
             if protocol not in (Protocol.BBPSSW, Protocol.DEJMPS):
                 raise SessionError(Reason.UNSUPPORTED, f"purification by protocol {protocol}")
             await pairs.purify(number, Protocol(protocol), seed)
+        elif message.topic == Topic.ARRIVED:
+            size = pairs.portion(number).size
+            theirs = expect(message, Topic.ARRIVED, number, size, 1).astype(bool)
+            held = await pairs.held(number)
+            end.say(Topic.ARRIVED, number, held, 1)
+            await pairs.drop_old(number, held & theirs)
         elif message.topic == Topic.SAMPLE:
             size = pairs.portion(number).size
             chosen = expect(message, Topic.SAMPLE, number, size, 1).astype(bool)

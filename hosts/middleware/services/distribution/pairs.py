@@ -19,7 +19,9 @@ from hosts.middleware.session.blocks import (
     RESERVED,
     SAMPLE,
     keep,
+    keep_of_all,
     measure_some,
+    store,
     take,
 )
 from hosts.middleware.session.channel import SessionError
@@ -69,6 +71,7 @@ class Pairs:
         self.estimates: dict[int, Estimate] = {}  # by rounds of purification
         self._sampled: dict[int, Moments] = {}  # by rounds of purification
         self.rounds = self.emitted = self.shared = self.compared = self.survived = 0
+        self.dropped = 0  # too old
 
     @property
     def available(self) -> int:
@@ -104,6 +107,24 @@ class Pairs:
         """Count a new block, of which both ends have kept so many pairs, all of them shared."""
         self.emitted, self.shared = self.emitted + emitted, self.shared + size
         self.blocks[number] = Portion(size)
+        self._forget_empty(number)
+
+    async def held(self, number: int) -> Mask:
+        """Return which pairs of a block are at this end, and not too old; none gets so from now on.
+
+        Until this is asked again.
+        """
+        self.portion(number)
+        held = await store(self._end.qnic, self._name(number))
+        await self._end.qnic.store(self._name(number), for_good=True)
+        return held
+
+    async def drop_old(self, number: int, kept: Mask) -> None:
+        """Keep those pairs of a block alone that both ends hold."""
+        portion = self.portion(number)
+        self.dropped += portion.size - int(np.count_nonzero(kept))
+        self.facts["dropped"] = self.dropped
+        portion.size = await keep_of_all(self._end.qnic, self._name(number), kept)
         self._forget_empty(number)
 
     async def purify(self, number: int, protocol: Protocol, seed: int) -> None:
