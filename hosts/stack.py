@@ -20,10 +20,11 @@ from hosts.middleware.qkd.pair_secrets import PairSecrets
 from hosts.middleware.services import KINDS, NAMES
 from hosts.middleware.services.interception.interception import Interception, InterceptionOptions
 from hosts.middleware.services.source import serve_pairs
-from hosts.middleware.services.swapping.serving import serve_link
+from hosts.middleware.services.swapping.connections import serve_link
 from hosts.middleware.session.abilities import refusal
 from hosts.middleware.session.arrangement import Arrangement, Light
-from hosts.middleware.session.channel import MetadataChannel, SessionError
+from hosts.middleware.session.channel import MetadataChannel
+from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.host_resources import HostResources
 from hosts.middleware.session.lifetimes import Lifetimes
 from hosts.middleware.session.session import AcceptingSession, OpeningSession, require_source

@@ -226,10 +226,7 @@ class Operations:
                 f"{more} more qubits with {made} that {node} has made and that are live exceed its "
                 f"share of {layer.share}; measure or discard some first"
             )
-        if layer.ownership.count + len(names) > limits.MAX_BLOCKS:
-            raise exhausted(
-                f"{limits.MAX_BLOCKS} blocks are live; use larger blocks or discard some"
-            )
+        limits.require_blocks(layer, len(names), node)
 
     def _plan(self, node: str, block: Block, gates: Sequence[Gate]) -> list[PlannedGate]:
         """Look up everything that gates need, so that none fails halfway."""

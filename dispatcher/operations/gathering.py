@@ -54,7 +54,7 @@ class Gathering:
         blocks = [block for block, _positions in picked]
         self._require_free(node, into, [] if keep_rest else blocks)
         if keep_rest:
-            require_places(layer, sum(positions.size for _block, positions in picked))
+            require_places(layer, node, sum(positions.size for _block, positions in picked))
         stored = self._take_up(blocks)
         gathered = self._block(node, into, picked)
         if keep_rest:
@@ -133,10 +133,9 @@ class Gathering:
         )
 
 
-def require_places(layer: PhysicalLayer, more: int) -> None:
+def require_places(layer: PhysicalLayer, node: str, more: int) -> None:
     """Refuse to divide blocks again and again, of which little but their places is left."""
-    if layer.ownership.count >= limits.MAX_BLOCKS:
-        raise exhausted(f"{limits.MAX_BLOCKS} blocks are live; discard some")
+    limits.require_blocks(layer, 1, node)
     most = MOST_PLACES * layer.max_live_qubits
     if layer.ownership.places + more > most:
         raise exhausted(

@@ -157,11 +157,12 @@ class Heralding:
         layer = self._layer
         for offer in offers:
             layer.memories.require_room(offer.end.node, count)
+        limits.require_blocks(layer, 1, *(offer.end.node for offer in offers))
         live, most = layer.sabot.live_qubits, layer.max_live_qubits
-        if live + 2 * count > most or layer.ownership.count + 2 > limits.MAX_BLOCKS:
+        if live + 2 * count > most:
             raise exhausted(
-                f"{2 * count} more qubits with {live} live exceed the limit of {most}, or there "
-                f"are {limits.MAX_BLOCKS} blocks; discard some first"
+                f"{2 * count} more qubits with {live} live exceed the limit of {most}; discard "
+                "some first"
             )
 
     def _keep(

@@ -29,6 +29,7 @@ from hosts.hardware.qnic import (
 from hosts.hardware.steps import steps_of
 from hosts.timeouts import DISPATCHER_TIMEOUT_S
 from wire import dibits
+from wire.credentials import Credentials
 from wire.dispatcher_pb2 import (
     ApplyRequest,
     AttemptRequest,
@@ -69,12 +70,20 @@ class SimulatedQnic:
         self._dispatcher, self._token, self._ports = dispatcher, token, ports
         self._channel: grpc.aio.Channel | None = None
         self._cutoff_s: float | None = None  # that of the memory itself
+        self.credentials: Credentials | None = None  # without, it speaks plainly
 
     @cached_property
     def _stub(self) -> DispatcherStub:
         """The dispatcher, from the first order on: who waits for light needs no threads for it."""
-        self._channel = grpc.aio.insecure_channel(self._dispatcher, CHANNEL_OPTIONS)
+        self._channel = self._connect()
         return DispatcherStub(self._channel)  # type: ignore[no-untyped-call]
+
+    def _connect(self) -> grpc.aio.Channel:
+        if self.credentials is None:
+            return grpc.aio.insecure_channel(self._dispatcher, CHANNEL_OPTIONS)
+        authority, certificate, private_key = self.credentials.read()
+        shown = grpc.ssl_channel_credentials(authority, private_key, certificate)
+        return grpc.aio.secure_channel(self._dispatcher, shown, CHANNEL_OPTIONS)
 
     @cached_property
     def _orders(self) -> Orders:

@@ -9,6 +9,7 @@ from topologies.addresses import broadcast
 from topologies.fiber import python_file, qnics
 from topologies.launching import launch
 from topologies.nodes.classical_host import ClassicalHost
+from topologies.tls import credentials
 from wire.config import (
     CONTROLLER,
     LIGHT,
@@ -126,6 +127,7 @@ class QuantumHost(ClassicalHost):
             cutoff_s=network.devices[self.name].memory.cutoff_s,
             keys=network.key_folder(self.name),
             light=self.light,
+            credentials=credentials(network, self.name) if network.tls else None,
         )
         if self.light == STANDING:
             require_unrotated(network.switches.values())

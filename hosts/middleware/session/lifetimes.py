@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from wire.metadata import Reason
 
 NUMBERS = 4  # that they travel as
