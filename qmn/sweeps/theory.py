@@ -315,11 +315,12 @@ def attempts_until_two(chance: float, rounds: float) -> float:
 
     A geometric gap is short enough with s = 1 - (1 - p)^m: (1 + 1/s) / p by Wald's identity.
     """
-    return (1 + 1 / (1 - (1 - chance) ** rounds)) / chance
+    short = 1 - math.pow(1 - chance, rounds)
+    return (1 + 1 / short) / chance
 
 
 def kept_over_gap(chance: float, rounds: float, step: float) -> float:
     """Return the mean of step^g over geometric gaps g of at most so many rounds."""
     other = (1 - chance) * step
-    short = 1 - (1 - chance) ** rounds
-    return chance * step * (1 - other**rounds) / (1 - other) / short
+    short = 1 - math.pow(1 - chance, rounds)
+    return chance * step * (1 - math.pow(other, rounds)) / (1 - other) / short

@@ -42,7 +42,7 @@ def test_old_pairs_are_made_again(tmp_path: Path) -> None:
         return message
 
     devices = {"bob": Device(memory=Memory(cutoff_s=0.5))}
-    options = {"count": 60, "sample": 0}
+    options: dict[str, Any] = {"count": 60, "sample": 0}
     physics = {"devices": devices, "change": change}
     alice, bob = ask(tmp_path, "distribute", physics=physics, **options)
     assert alice["pairs"] == bob["pairs"] == 60
