@@ -33,6 +33,7 @@ Request = TypeVar("Request")
 Reply = TypeVar("Reply")
 Context = grpc.aio.ServicerContext[Any, Any]
 Failed = Callable[[BaseException], None]
+CERTIFIED = "x509_common_name"  # of a caller, as gRPC has it
 
 
 def call(
@@ -44,7 +45,8 @@ def call(
     async def answer(service: "Service", request: Request, context: Context) -> Reply:
         try:
             told = dict(context.invocation_metadata() or ())
-            node = service.callers.of_call(told, context.peer(), method.__name__)
+            certified = context.auth_context().get(CERTIFIED)
+            node = service.callers.of_call(told, context.peer(), method.__name__, certified)
             return await method(service, request, node, context)
         except Refusal as refusal:
             await context.abort(refusal.code, str(refusal))

@@ -6,7 +6,7 @@ there already, and do not rotate. A verdict that there is must be sealed all the
 
 from dataclasses import dataclass, field, replace
 
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from wire.metadata import Pauli, Reason, Setup, Verdict
 from wire.verdict import Connection, is_sealed
 

@@ -3,7 +3,7 @@
 import asyncio
 from typing import Any
 
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.service import Answerer
 from hosts.timeouts import ACCEPT_TIMEOUT_S, READ_TIMEOUT_S
 from wire.metadata import Reason

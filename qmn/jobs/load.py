@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from hosts.middleware.services import NAMES
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from qmn.benchmarks.many_hosts import controller_s
 from qmn.jobs.run_context import RunContext, begin_folder, ending, known_facts, running_network
 from qmn.jobs.run_options import RunOptions

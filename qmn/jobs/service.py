@@ -8,7 +8,7 @@ from rich.console import Console
 
 from controller_apps.policy.schedules import PARALLEL, SCHEDULES
 from hosts.middleware.services.teleportation import qubit_states
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.service_options import ServiceOptions
 from hosts.timeouts import MAX_BLOCK_S
 from qmn.jobs import eavesdropping, runner

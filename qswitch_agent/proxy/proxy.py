@@ -10,6 +10,7 @@ controller gets an ERROR with the xid of its FLOW_MOD before the reply.
 import asyncio
 import contextlib
 import logging
+import ssl
 import time
 from asyncio import StreamReader, StreamWriter
 from collections.abc import Coroutine
@@ -151,11 +152,18 @@ class Proxy(Server):
     """Serves the bridge's connections for one controller."""
 
     def __init__(
-        self, controller: Address, switch: Switch, hold_deadline_s: float = HOLD_DEADLINE_S
+        self,
+        controller: Address,
+        switch: Switch,
+        hold_deadline_s: float = HOLD_DEADLINE_S,
+        tls: ssl.SSLContext | None = None,
     ) -> None:
-        """Hold each barrier's reply until the switch is ready, or the deadline has passed."""
+        """Hold each barrier's reply until the switch is ready, or the deadline has passed.
+
+        The controller is reached by TLS, if there is a context for it.
+        """
         super().__init__(switch, hold_deadline_s)
-        self._controller = controller
+        self._controller, self._tls = controller, tls
 
     async def _connect(self, reader: StreamReader, writer: StreamWriter) -> None:
         """Connect the bridge to the controller until either of them ends it."""
@@ -199,7 +207,7 @@ class Proxy(Server):
         pause_s = FIRST_RETRY_S
         while True:
             try:
-                return await asyncio.open_connection(*self._controller)
+                return await asyncio.open_connection(*self._controller, ssl=self._tls)
             except OSError as error:
                 if pause_s == FIRST_RETRY_S:
                     log.warning("waiting for controller %s:%d: %s", *self._controller, error)

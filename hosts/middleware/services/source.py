@@ -6,7 +6,8 @@ Or of a station, where memories at both ends emit: it heralds pairs of their qub
 from collections.abc import Callable
 
 from hosts.hardware.qnic import HardwareError, Qnic, release
-from hosts.middleware.session.channel import MetadataChannel, SessionError, unexpected
+from hosts.middleware.session.channel import MetadataChannel
+from hosts.middleware.session.errors import SessionError, unexpected
 from hosts.middleware.session.offers import check_wavelength
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS
 from hosts.middleware.session.station_words import tell

@@ -1,6 +1,6 @@
 """Light that hosts offer: set-ups that ask for other light are refused."""
 
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from wire.metadata import MemoryState, Reason, Service, Setup
 from wire.optical import frequency_mhz
 from wire.services import HERALDED_LIGHT

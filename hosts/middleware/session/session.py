@@ -8,12 +8,8 @@ from typing import Any, Protocol
 from hosts.hardware.qnic import HardwareError, Qnic, release
 from hosts.middleware.session import abilities
 from hosts.middleware.session.arrangement import Arrangement
-from hosts.middleware.session.channel import (
-    MetadataChannel,
-    SessionError,
-    SilentPeer,
-    unexpected,
-)
+from hosts.middleware.session.channel import MetadataChannel
+from hosts.middleware.session.errors import SessionError, SilentPeer, unexpected
 from hosts.middleware.session.host_resources import HostResources
 from hosts.middleware.session.lifetimes import Lifetimes
 from hosts.middleware.session.offers import check_light
@@ -98,10 +94,11 @@ class OpeningSession:
 
     async def _arranged(self, answer: Answer, channel: MetadataChannel, tell: Tell) -> OpenerEnd:
         """Return this end, once it is known what the other can, and the source is there."""
-        theirs, lifetimes = Abilities(NOTHING, 0), Lifetimes(inf, inf, inf)
+        theirs, lifetimes = Abilities(NOTHING, 0), Lifetimes(inf, inf, inf, inf)
         if abilities.are_told(self._kind.service):
             connection = ConnectionEnd(self._means.qnic, self._setup, channel)
-            pairs, theirs, lifetimes = await abilities.hear(connection)
+            heard = await connection.perform(abilities.hear(connection.side))
+            pairs, theirs, lifetimes = heard
             self._setup = replace(self._setup, pairs=pairs)
         if uses_source(self._kind.service, self._by):
             await self._arrangement.engage_source()
@@ -183,7 +180,7 @@ class AcceptingSession:
         )
         self._channel.send(self._accepted)
         if abilities.are_told(self._kind.service):
-            abilities.say(end, means.abilities, means.lifetimes)
+            await end.carry_out(abilities.say(end.side))
         self.answer = await self._kind.accept(end)
 
     async def join(self, channel: MetadataChannel, setup: Setup) -> None:

@@ -8,7 +8,8 @@ opener                                station
 """
 
 from hosts.hardware.qnic import Heralds
-from hosts.middleware.session.channel import MetadataChannel, SessionError
+from hosts.middleware.session.channel import MetadataChannel
+from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.values import expect, values
 from hosts.timeouts import ANSWER_TIMEOUT_S
 from wire.metadata import Answer, Reason, Topic, Values

@@ -9,7 +9,8 @@ import pytest
 from stacks_scene import DEADLINE_S, OWN_ADDRESS, arbitrated, grant, network, sealed
 
 from hosts.middleware import verdicts
-from hosts.middleware.session.channel import MetadataChannel, SessionError
+from hosts.middleware.session.channel import MetadataChannel
+from hosts.middleware.session.errors import SessionError
 from hosts.middleware.verdicts import Verdicts
 from hosts.service_socket import ServiceSocket
 from wire.metadata import Answer, Reason, Service, Setup, Values, Verdict, decode

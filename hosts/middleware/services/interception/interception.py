@@ -13,7 +13,7 @@ from hosts.hardware.qnic import BlockName, NoLight, Qnic, Received
 from hosts.middleware.services.interception.attack import Attack
 from hosts.middleware.services.interception.intercept_resend import InterceptResend
 from hosts.middleware.services.interception.photon_splitting import PhotonSplitting, Way
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.options import Options, check_choice, check_whole
 from hosts.timeouts import RESENT_TIMEOUT_S
 from wire.metadata import Reason, Setup

@@ -19,7 +19,7 @@ from hosts.middleware.services.key_distribution.light import (
 from hosts.middleware.services.key_distribution.messages import Cutter, KeyMessages
 from hosts.middleware.services.key_distribution.session import pools, stored, tell_of_failure
 from hosts.middleware.services.key_distribution.summary import Progress, so_far, summary
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.service import AcceptorEnd
 from hosts.middleware.session.values import expect
 from hosts.timeouts import ANSWER_TIMEOUT_S, KEYS_TIMEOUT_S

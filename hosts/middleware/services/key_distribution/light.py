@@ -8,7 +8,7 @@ import numpy as np
 from hosts.hardware.qnic import BlockName, NoLight, Symbols
 from hosts.middleware.qkd.bell_test import BellOutcomes
 from hosts.middleware.qkd.sifting import Record
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.service import End
 from hosts.timeouts import KEY_GRACE_S, LIGHT_TIMEOUT_S
 from wire.metadata import Reason

@@ -10,7 +10,7 @@ from collections.abc import Awaitable, Callable, Iterator
 from hosts.middleware.qkd.alice import Alice
 from hosts.middleware.qkd.bob import Bob
 from hosts.middleware.qkd.end import State
-from hosts.middleware.session.channel import SessionError, unexpected
+from hosts.middleware.session.errors import SessionError, unexpected
 from hosts.middleware.session.service import End
 from hosts.timeouts import KEYS_TIMEOUT_S
 from wire.metadata import Answer, Envelope, MalformedPacket, Message, Reason, Topic

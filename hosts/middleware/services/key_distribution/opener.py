@@ -13,7 +13,7 @@ from hosts.middleware.services.key_distribution.messages import KeyMessages
 from hosts.middleware.services.key_distribution.options import KeyOptions
 from hosts.middleware.services.key_distribution.session import pools, stored, tell_of_failure
 from hosts.middleware.services.key_distribution.summary import Progress, so_far, summary
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.service import OpenerEnd
 from wire.metadata import Envelope, Reason, Topic
 

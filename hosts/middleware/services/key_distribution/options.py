@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from hosts.middleware.qkd.parameters import Parameters
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.options import check_choice, check_whole
 from hosts.middleware.session.service_options import ServiceOptions
 from hosts.timeouts import MAX_BLOCK_S

@@ -25,7 +25,7 @@ from hosts.middleware.qkd.bob import Bob
 from hosts.middleware.qkd.key_store import KeyStoreError
 from hosts.middleware.qkd.keyring import NothingShared
 from hosts.middleware.services.key_distribution.summary import Progress, summary
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.service import End
 from wire.metadata import Reason
 

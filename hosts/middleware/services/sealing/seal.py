@@ -24,7 +24,7 @@ from hosts.middleware.services.key_distribution.light import (
 )
 from hosts.middleware.services.sealing.options import SealOptions
 from hosts.middleware.services.sealing.sequential_test import SequentialTest
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.service import AcceptorEnd, OpenerEnd, ServiceKind
 from hosts.middleware.session.values import values
 from wire.metadata import Reason, Service, Topic

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from hosts.middleware.services.distribution.purification import Protocol
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.options import check_choice, check_whole
 from hosts.middleware.session.service_options import ServiceOptions
 from wire.metadata import Reason
