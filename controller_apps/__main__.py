@@ -16,7 +16,7 @@ from controller_apps.policy.policy import BadPolicy, read_policy
 from controller_apps.timeouts import READY_TIMEOUT_S
 from wire.config import BadConfig, ControllerConfig
 
-APPS = ("learning_switch", "quantum_metadata", "device_monitor")
+APPS = ("learning_switch", "quantum_metadata", "device_monitor", "key_relays")
 WSGI_APPS = {"ryu.app.ofctl_rest", "ryu.app.rest_topology"}
 
 
@@ -139,7 +139,7 @@ def start_apps(framework: Any, config: ControllerConfig) -> Any:
     contexts = {"config": config, "mac_table": MacTable(), "record": record, "state": state}
     guard = partial(Guard, address=config.rest, token=config.rest_token)
     apps = framework.start([*modules, *config.apps], guard, **contexts)
-    facts = Facts(apps["QuantumMetadata"], apps["DeviceMonitor"])
+    facts = Facts(apps["QuantumMetadata"], apps["DeviceMonitor"], apps["KeyRelays"])
     for server in (console, metrics):
         if server is not None:
             server.start(facts)

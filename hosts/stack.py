@@ -68,16 +68,24 @@ class Stack:
             config.abilities,
             config.multi_photon,
             tuple(config.intensities),
-            Lifetimes(config.t1_s, config.t2_s, config.depolarizing_s),
+            Lifetimes(config.t1_s, config.t2_s, config.depolarizing_s, config.cutoff_s),
         )
+        self._cut_off(None)
         self.active_sessions = ActiveSessions(self.swaps.opens)
-        self.device = Device(lambda: read_ports(config.qnics))
+        self.device = Device(lambda: read_ports(config.qnics), cut_off=self._cut_off)
         self.applications = ApplicationsPort(
             self.request, qnic.watch, self.intercept, self._opening, config.name
         )
         sessions = Sessions(self.request, self._opening, self.applications.expecting)
         self.unit = ProcessingUnit(config, qnic, sessions, self._new_session)
         self.applications.unit = self.unit
+
+    def _cut_off(self, cutoff_us: int | None) -> None:
+        """Have the memory drop what is older, by its own default if none is set."""
+        cutoff_s = self._config.cutoff_s if cutoff_us is None else cutoff_us / 1e6
+        self._qnic.set_cutoff(cutoff_s)
+        lifetimes = self._means.lifetimes._replace(cutoff_s=cutoff_s)
+        self._means = replace(self._means, lifetimes=lifetimes)
 
     def request(self, fields: dict[str, Any]) -> OpeningSession:
         """Prepare a session of a service; raise SessionError for what cannot be asked."""

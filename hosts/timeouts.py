@@ -58,5 +58,8 @@ TEXT_TIMEOUT_S = 5.0  # until its place for texts takes a connection
 GREETING_TIMEOUT_S = 1.0  # until who connects has said who it is
 TEXT_PAUSE_S = 0.05  # between two attempts to connect
 
-# Key managers
+# Key managers, by the wall but for the first
 FILLING_PAUSE_S = 5.0  # after sessions for keys that have failed, at most
+LINKS_PERIOD_S = 1.0  # between two reports of key links to the controller
+ROUTE_PAUSE_S = 0.3  # until the controller is asked again by whom keys can go
+ROUTE_TIMEOUT_S = 3.0  # until it has answered

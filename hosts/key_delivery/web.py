@@ -1,4 +1,4 @@
-"""HTTPS of a key manager: the paths of ETSI GS QKD 014, and that of other managers' assignments."""
+"""HTTPS of a key manager: the paths of ETSI GS QKD 014, and those of other managers."""
 
 import logging
 from collections.abc import Sequence
@@ -15,6 +15,7 @@ from hosts.timeouts import ANSWER_TIMEOUT_S
 from wire import key_delivery as bodies
 from wire.key_assignment import ASSIGNMENT_PATH, MAX_ASSIGNMENT, Assignment
 from wire.key_manager import KeyManagerConfig
+from wire.key_relay import RELAY_PATH
 from wire.metadata import MalformedPacket
 
 log = logging.getLogger("key-manager")
@@ -80,9 +81,9 @@ class Handler(RequestHandler):
 class StatusHandler(Handler):
     """…/{slave_SAE_ID}/status"""
 
-    def get(self, slave: str) -> None:
+    async def get(self, slave: str) -> None:
         """Say what keys there are."""
-        self.finish(bodies.encode_status(self.delivery.status(self.caller, slave)))
+        self.finish(bodies.encode_status(await self.delivery.status(self.caller, slave)))
 
 
 class GetKeyHandler(Handler):
@@ -127,6 +128,14 @@ class AssignmentHandler(Handler):
         await self.delivery.accept(self.caller, Assignment.decode(self.request.body))
 
 
+class RelayHandler(Handler):
+    """Where other key managers hand keys on."""
+
+    async def post(self) -> None:
+        """Take keys, or hand them on."""
+        await self.delivery.accept_relay(self.caller, self.request.body)
+
+
 class NothingHandler(Handler):
     """Every other path."""
 
@@ -144,6 +153,7 @@ def serve(config: KeyManagerConfig, delivery: KeyDelivery) -> HTTPServer:
         (rf"{keys}/enc_keys", GetKeyHandler, shared),
         (rf"{keys}/dec_keys", GetKeyWithIdsHandler, shared),
         (ASSIGNMENT_PATH, AssignmentHandler, shared),
+        (RELAY_PATH, RelayHandler, shared),
     ]
     server = HTTPServer(
         Application(paths, default_handler_class=NothingHandler, default_handler_args=shared),

@@ -12,7 +12,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from wire import device, dispatcher_pb2, events, metadata, optical, qkd
+from wire import device, dispatcher_pb2, events, key_routes, metadata, optical, qkd
 from wire.config import DISPATCHER_PORT
 from wire.dispatcher_pb2 import Event
 from wire.dissection.layout import (
@@ -93,7 +93,11 @@ def tables() -> dict[str, Any]:
         "device": {
             "port": device.DEVICE_PORT,
             "max_length": device.MAX_DATAGRAM,
-            "max_ports": device.MAX_PORTS,
+            "counts": {
+                "ports": {"least": 0, "most": device.MAX_PORTS},
+                "links": {"least": 0, "most": key_routes.MAX_LINKS},
+                "hops": {"least": 2, "most": key_routes.MAX_HOPS},
+            },
             "max_repeaters": device.MAX_REPEATERS,
             "trailer": device.TRAILER.size,
             "tag": device.TAG_BYTES,

@@ -67,7 +67,11 @@ class Managers:
             authority="",
             stack="",
         )
-        return KeyDelivery(config, tell)
+
+        async def send(to: str, body: bytes) -> None:
+            await self.of[to].accept_relay(manager_name(host), body)
+
+        return KeyDelivery(config, tell, send)
 
 
 Scene = Callable[[Managers], Awaitable[None]]
@@ -91,9 +95,9 @@ def test_master_and_slave_get_the_same_keys(tmp_path: Path, number: int, size: i
         assert [len(key.key) for key in keys] == [size // 8] * number
         assert managers.of["bob"].fetch("b", "a", ids(keys)[::-1]) == keys[::-1]
         left = STORED - number * -(-size // 256)
-        assert managers.of["alice"].status("a", "b").stored_key_count == left
+        assert (await managers.of["alice"].status("a", "b")).stored_key_count == left
         assert managers.of["bob"].stores["alice"].theirs == left
-        assert managers.of["bob"].status("b", "a").stored_key_count == STORED
+        assert (await managers.of["bob"].status("b", "a")).stored_key_count == STORED
         # No key went by the network where both ends have stored it.
         assert [key.masked for _to, told in managers.told for key in told.keys] == [b""] * number
 
@@ -135,7 +139,7 @@ def test_an_application_sees_only_its_own(tmp_path: Path) -> None:
                 await managers.of["alice"].get_keys(caller, "b", KeyRequest())
             assert refused.value.status == 401
             with pytest.raises(Refused):
-                managers.of["alice"].status(caller, "b")
+                await managers.of["alice"].status(caller, "b")
 
     play(tmp_path, scene)
 
