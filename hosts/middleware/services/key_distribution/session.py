@@ -15,28 +15,90 @@
 
 Blocks are for the key that was proposed last. The acceptor stores a key before it confirms it, and
 withdraws it if the session ends before the opener has kept it, too.
+opener.py and acceptor.py decide what is said and when; here it is carried out.
 """
 
 import asyncio
-from collections.abc import Sequence
 from contextlib import suppress
+from functools import partial
 from uuid import UUID
 
 from hosts.middleware.qkd.alice import Alice
 from hosts.middleware.qkd.authentication import KeyPool
 from hosts.middleware.qkd.bob import Bob
+from hosts.middleware.qkd.decoy import Decoys
+from hosts.middleware.qkd.end import Terms
 from hosts.middleware.qkd.key_store import KeyStoreError
 from hosts.middleware.qkd.keyring import NothingShared
+from hosts.middleware.qkd.parameters import Parameters
+from hosts.middleware.services.key_distribution.acceptor import AcceptorOfKeys, introduced
+from hosts.middleware.services.key_distribution.opener import Light, OpenerOfKeys
+from hosts.middleware.services.key_distribution.options import KeyOptions
 from hosts.middleware.services.key_distribution.summary import Progress, summary
-from hosts.middleware.services.key_distribution.under_way import NUMBERS
+from hosts.middleware.services.key_distribution.under_way import NUMBERS, KeysUnderWay
 from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.service import End
+from hosts.middleware.session.service import AcceptorEnd, End, OpenerEnd
+from hosts.network_loop import now_s
 from wire.metadata import Reason
+
+
+async def make_key(
+    end: OpenerEnd,
+    options: KeyOptions,
+    light: Light,
+    parameters: Parameters,
+    decoys: Decoys | None = None,
+) -> None:
+    """Make keys of this light, by these parameters, or whose pulses are decoys."""
+    host, peer, progress = end.means.keyring.host, end.arrangement.peer, Progress(now_s())
+
+    def new_key(number: int) -> Alice:
+        outgoing, incoming = pools(end, host, peer, number)
+        return Alice(terms(end, number, parameters, outgoing, incoming), decoys)
+
+    store = partial(stored, end, peer, opened=True)
+    protocol = OpenerOfKeys(end.side, options, light, new_key, progress, store)
+    try:
+        await end.perform_together(protocol.run())
+    except SessionError as error:
+        await give_up(end, protocol.keys, progress, error)
+        raise
+    end.summary = summary(progress, (), now_s())
+
+
+async def accept_key(end: AcceptorEnd, half: int, *, tests: bool = False) -> None:
+    """Make keys of what is measured of this half; tests: some photons are for a CHSH test."""
+    progress = Progress(now_s())
+    opener = await end.perform(introduced(tests))
+
+    def new_key(number: int) -> Bob:
+        incoming, outgoing = pools(end, opener.peer, end.means.keyring.host, number)
+        return Bob(terms(end, number, opener.parameters, outgoing, incoming))
+
+    store = partial(stored, end, opener.peer, opened=False)
+    protocol = AcceptorOfKeys(end.side, half, opener, new_key, progress, store)
+    try:
+        await end.perform_together(protocol.run())
+    except BaseException as error:
+        for ids in protocol.not_kept.values():
+            end.means.keyring.withdraw(opener.peer, ids)
+        if isinstance(error, SessionError):
+            await give_up(end, protocol.keys, progress, error)
+        raise
+    end.summary = summary(progress, (), now_s())
 
 
 def number_of(end: End, key: int) -> int:
     """Return by which number the messages of a key of this session go, and its ids."""
     return (end.setup.session + key) % NUMBERS
+
+
+def terms(
+    end: End, key: int, parameters: Parameters, outgoing: KeyPool, incoming: KeyPool
+) -> Terms:
+    """Return what this end of a key is given; its random bytes follow from the seed."""
+    draws = end.draws.spawn(1)[0]
+    return Terms(number_of(end, key), parameters, outgoing, incoming, draws.bytes)
 
 
 def pools(end: End, opener: str, acceptor: str, key: int) -> tuple[KeyPool, KeyPool]:
@@ -68,9 +130,11 @@ async def stored(end: End, peer: str, key: int, keys: Alice | Bob, *, opened: bo
         raise SessionError(Reason.BUSY, f"no key: {keyring.host}: {error}") from error
 
 
-async def tell_of_failure(end: End, progress: Progress, ends: Sequence[Alice | Bob]) -> None:
-    """Tell the application what was measured, if the error rate was; it may be gone."""
-    told = summary(progress, ends)
+async def give_up(end: End, keys: KeysUnderWay, progress: Progress, error: SessionError) -> None:
+    """Tell the other end that keys will not be made, and the application what was measured."""
+    for words in keys.give_up(str(error)):
+        end.channel.send(*words.messages)
+    told = summary(progress, keys.ends, now_s())
     if told["qber"] is not None or "chsh" in told:
-        with suppress(SessionError, ConnectionError):
+        with suppress(SessionError, ConnectionError):  # it may be gone
             await end.tell(**told)

@@ -11,7 +11,6 @@ from hosts.middleware.qkd.end import End
 from hosts.middleware.qkd.estimation import Estimate
 from hosts.middleware.qkd.key_length import asymptotic_fraction
 from hosts.middleware.qkd.key_store import KEY_BITS
-from hosts.network_loop import now_s
 
 CONFIDENCE = 0.95
 DECOYS = "pulses without a fixed phase, whose intensities nobody knows before they are measured"
@@ -64,19 +63,19 @@ class Counts:
 class Progress:
     """What one end has done so far."""
 
+    started_s: float  # of the network's clock
     photons: int = 0  # or pairs, that were made
     blocks: int = 0  # of them
-    started: float = field(default_factory=now_s)
     light_s: float = 0.0  # until the last block was sifted
     made: Counts = field(default_factory=Counts)  # of keys that are made
     ids: list[UUID] = field(default_factory=list)  # of those in the store
     _sifted_blocks: int = 0
 
-    def note(self, ends: Iterable[End]) -> None:
+    def note(self, ends: Iterable[End], now_s: float) -> None:
         """Note when blocks have been sifted."""
         blocks = self.made.blocks + sum(keys.blocks_sifted for keys in ends)
         if blocks > self._sifted_blocks:
-            self._sifted_blocks, self.light_s = blocks, now_s() - self.started
+            self._sifted_blocks, self.light_s = blocks, now_s - self.started_s
 
     def counts(self, ends: Iterable[End]) -> Counts:
         """Return the counts of all keys, also of those under way."""
@@ -93,7 +92,7 @@ def so_far(progress: Progress, ends: Iterable[End]) -> dict[str, Any]:
     return {**told, "key_bits": counts.key}
 
 
-def summary(progress: Progress, ends: Iterable[End] = ()) -> dict[str, Any]:
+def summary(progress: Progress, ends: Iterable[End], now_s: float) -> dict[str, Any]:
     """Return what is told at the end, also of keys that will not be made; None: not known.
 
     Photons, raw and sifted bits are per second of light and sifting, key bits per second of
@@ -101,7 +100,7 @@ def summary(progress: Progress, ends: Iterable[End] = ()) -> dict[str, Any]:
     """
     counts = progress.counts(ends)
     estimate = counts.estimate if counts.estimate.sample else None
-    elapsed_s = now_s() - progress.started
+    elapsed_s = now_s - progress.started_s
     light_s = progress.light_s or elapsed_s  # nothing was sifted
     low, high = estimate.interval(CONFIDENCE) if estimate else (None, None)
     qber = estimate.qber if estimate else None
