@@ -8,7 +8,7 @@ import numpy as np
 
 from dispatcher.devices import abilities
 from dispatcher.devices.source import most_further
-from dispatcher.layer import drift, further
+from dispatcher.layer import cutoff, drift, further
 from dispatcher.layer.layer import PhysicalLayer, block_name, tally
 from dispatcher.layer.ownership import Block, BlockName
 from dispatcher.operations import gate_noise, limits, preparation
@@ -175,10 +175,11 @@ class Operations:
         feedback.time_ns = done_ns
         return feedback
 
-    def store(self, node: str, name: BlockName) -> Feedback:
-        """Keep a block in the node's memory."""
+    def store(self, node: str, name: BlockName, cutoff_s: float | None = None) -> Feedback:
+        """Keep a block in the node's memory, and drop what is older than the cut-off."""
+        told = None if cutoff_s is None else cutoff.checked(cutoff_s)
         block = self._layer.ownership.require(name, node)
-        self._layer.memories.store(block)
+        self._layer.memories.store(block, told)
         self._layer.record(node, "store", block)
         feedback = self._layer.feedback(block)
         feedback.time_ns = block.stored_ns
@@ -225,10 +226,7 @@ class Operations:
                 f"{more} more qubits with {made} that {node} has made and that are live exceed its "
                 f"share of {layer.share}; measure or discard some first"
             )
-        if layer.ownership.count + len(names) > limits.MAX_BLOCKS:
-            raise exhausted(
-                f"{limits.MAX_BLOCKS} blocks are live; use larger blocks or discard some"
-            )
+        limits.require_blocks(layer, len(names), node)
 
     def _plan(self, node: str, block: Block, gates: Sequence[Gate]) -> list[PlannedGate]:
         """Look up everything that gates need, so that none fails halfway."""

@@ -55,7 +55,8 @@ def acts(
         return measurements.bell_measure(node, names, request.packed)
 
     async def store(node: str, request: messages.StoreRequest) -> messages.Feedback:
-        return operations.store(node, block_name(request.block))
+        told = request.cutoff_s if request.HasField("cutoff_s") else None
+        return operations.store(node, block_name(request.block), told)
 
     async def discard(node: str, request: messages.DiscardRequest) -> messages.Feedback:
         if request.HasField("block") == bool(request.session):
@@ -74,7 +75,9 @@ def acts(
 
     async def attempt(node: str, request: messages.AttemptRequest) -> messages.Feedback:
         frequency_mhz = request.frequency_mhz or DEFAULT_FREQUENCY_MHZ
-        return heralding.attempt(node, block_name(request.block), request.port, frequency_mhz)
+        told = request.cutoff_s if request.HasField("cutoff_s") else None
+        name = block_name(request.block)
+        return heralding.attempt(node, name, request.port, frequency_mhz, told)
 
     async def herald(node: str, request: messages.HeraldRequest) -> messages.Feedback:
         return await heralding.herald(node, request)

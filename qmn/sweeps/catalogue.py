@@ -4,6 +4,7 @@ import asyncio
 
 from qmn.sweeps.bell_test import CHSH
 from qmn.sweeps.contention import LIGHT
+from qmn.sweeps.cutoff import CUTOFF_TIMES
 from qmn.sweeps.dead_time import DEAD
 from qmn.sweeps.decoy_states import DECOY_STATES
 from qmn.sweeps.delay_line import DELAY_LINE
@@ -49,6 +50,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         TIMING,
         DELAY_LINE,
         HERALDING,
+        CUTOFF_TIMES,
         LIGHT,
         SCHEDULE,
         SEAL,

@@ -575,6 +575,21 @@ SHEETS = (
         ],
     ),
     Sheet(
+        "cutoff",
+        "cutoff",
+        {"cutoff_s": [0.0015, 0.0025, 0.0035, 0.0055, 0.0085, 0.0125, 0.0205, 0.0405]},
+        [
+            Curve(
+                f"cutoff-{measure}",
+                "Two pairs of a heralded link (p = 1/8, an attempt a ms, T2 = 20 ms)",
+                "cutoff_s",
+                "cut-off time of the memories",
+                measure,
+            )
+            for measure in ("rate", "fidelity")
+        ],
+    ),
+    Sheet(
         "blocking",
         "light",
         {

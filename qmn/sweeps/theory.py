@@ -308,3 +308,19 @@ def single_click(light: float, bright: float, visibility: float) -> tuple[float,
     both = bright**2 * (2 * light * (1 - light) + light**2 * (1 + visibility) / 2)
     chance = one + both
     return chance, one * (1 + math.sqrt(visibility)) / 2 / chance
+
+
+def attempts_until_two(chance: float, rounds: float) -> float:
+    """Return how many attempts it takes until a success comes within so many behind another.
+
+    A geometric gap is short enough with s = 1 - (1 - p)^m: (1 + 1/s) / p by Wald's identity.
+    """
+    short = 1 - math.pow(1 - chance, rounds)
+    return (1 + 1 / short) / chance
+
+
+def kept_over_gap(chance: float, rounds: float, step: float) -> float:
+    """Return the mean of step^g over geometric gaps g of at most so many rounds."""
+    other = (1 - chance) * step
+    short = 1 - math.pow(1 - chance, rounds)
+    return chance * step * (1 - math.pow(other, rounds)) / (1 - other) / short

@@ -186,6 +186,8 @@ class Memory:
     retrieval_s: float = parameter(
         float("inf"), 1e-12, float("inf")
     )  # efficiency falls e^(-t/this)
+    # What has been kept for longer is dropped; who stores may say otherwise.
+    cutoff_s: float = parameter(float("inf"), 1e-9, float("inf"))
     capacity: int = parameter(4_000_000, 0, 4_000_000)  # qubits
 
     @property

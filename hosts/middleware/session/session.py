@@ -94,7 +94,7 @@ class OpeningSession:
 
     async def _arranged(self, answer: Answer, channel: MetadataChannel, tell: Tell) -> OpenerEnd:
         """Return this end, once it is known what the other can, and the source is there."""
-        theirs, lifetimes = Abilities(NOTHING, 0), Lifetimes(inf, inf, inf)
+        theirs, lifetimes = Abilities(NOTHING, 0), Lifetimes(inf, inf, inf, inf)
         if abilities.are_told(self._kind.service):
             connection = ConnectionEnd(self._means.qnic, self._setup, channel)
             heard = await connection.perform(abilities.hear(connection.side))
