@@ -13,13 +13,14 @@ from hashlib import blake2b
 from typing import Any
 
 from hosts.hardware.ports import read_ports
-from hosts.hardware.qnic import HardwareError, Qnic
+from hosts.hardware.qnic import HardwareError, Qnic, release
 from hosts.middleware.device import Device
 from hosts.middleware.qkd.keyring import Keyring
 from hosts.middleware.qkd.pair_secrets import PairSecrets
 from hosts.middleware.services import KINDS, NAMES
-from hosts.middleware.services.interception.interception import Interception, InterceptionOptions
-from hosts.middleware.services.source import serve_pairs
+from hosts.middleware.services.interception.interception import Interception
+from hosts.middleware.services.interception.options import InterceptionOptions
+from hosts.middleware.services.source import check_source, make_pairs
 from hosts.middleware.services.swapping.connections import serve_link
 from hosts.middleware.session.abilities import refusal
 from hosts.middleware.session.arrangement import Arrangement, Light
@@ -27,6 +28,7 @@ from hosts.middleware.session.channel import MetadataChannel
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.host_resources import HostResources
 from hosts.middleware.session.lifetimes import Lifetimes
+from hosts.middleware.session.service import ConnectionEnd
 from hosts.middleware.session.session import AcceptingSession, OpeningSession, require_source
 from hosts.middleware.session.swap_orders import Swaps
 from hosts.middleware.verdicts import Verdicts
@@ -162,7 +164,12 @@ class Stack:
 
     async def _emit_pairs(self, channel: MetadataChannel, setup: Setup) -> None:
         with self.active_sessions.engage(setup.session, Role.SOURCE), self.device.serves(setup):
-            await serve_pairs(self._qnic, channel, setup, self.device.made)
+            end = ConnectionEnd(self._qnic, setup, channel)
+            check_source(end.side)
+            try:
+                await end.perform(make_pairs(end.side, self.device.made))
+            finally:
+                await release(self._qnic, setup.session)
 
     @contextmanager
     def _opening(self, session: OpeningSession) -> Iterator[None]:

@@ -25,6 +25,7 @@ from qmn.network.options import NetworkOptions
 from qmn.network.time_scale import REAL
 from qmn.options import BadInput, check_ranges
 from qmn.results import result
+from qmn.results.schema import RunFacts
 from topologies.key_managers import KeyService, start_key_managers
 from topologies.network import Network, Signals, require_root
 from topologies.programs import NetworkError, Program
@@ -116,7 +117,7 @@ def run(request: VpnRequest, signals: Signals, console: Console) -> int:
     folder = begin_folder(request.run.runs, NAME)
     eve = passing_eve(request, description, folder)
     context = RunContext(eve.with_policy(description), request.run, folder, signals, console)
-    facts = {"service": NAME, **known_facts(context, parameters(request)), "delivered": False}
+    facts = known_facts(context, NAME, parameters(request))
     with ending(folder, facts, result.complete, context.options.report):
         with running_network(context, facts) as network:
             use_network(request, network, eve, context, facts)
@@ -145,7 +146,7 @@ def use_network(
     network: Network,
     eve: PassingEavesdropper,
     context: RunContext,
-    facts: dict[str, Any],
+    facts: RunFacts,
 ) -> None:
     """Make keys, a tunnel of them, and move the file through it; add to the facts."""
     ends = request.sender, request.receiver

@@ -5,13 +5,12 @@ Fidelities are held against the closed form of the devices' numbers, within 5 st
 
 import json
 import subprocess
-import sys
 from math import exp, sqrt
 from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import ROOT
+from loaded import run_qmn
 
 from topologies.node_kinds import ION_TRAP
 
@@ -27,10 +26,7 @@ GOOD = "source.fidelity=0.99"  # of photonic hosts beside ions
 
 def run(runs: Path, *words: str) -> "subprocess.CompletedProcess[str]":
     """Run a service to its end."""
-    command = [sys.executable, "-m", "qmn", "run", *words, "--no-report", "--runs", str(runs)]
-    return subprocess.run(
-        command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=90
-    )
+    return run_qmn("run", *words, "--no-report", "--runs", str(runs))
 
 
 def result_of(runs: Path, *words: str) -> dict[str, Any]:

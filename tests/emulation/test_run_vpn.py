@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import ROOT, TSHARK, wait_until
+from conftest import TSHARK, wait_until
 from fabric_scene import running
+from loaded import run_qmn
 from scapy.layers.inet import UDP
 from scapy.utils import PcapReader
 from test_results_fit_schema import require_schema
@@ -85,10 +86,7 @@ def test_the_tunnel_closes_while_eve_listens_and_the_file_arrives(
         str(tmp_path / "runs"),
     ]
     words += ["--eve", "0.5", "--at", "2", "--until", "4"]
-    command = [sys.executable, "-m", "qmn", "run", "vpn", *words]
-    done = subprocess.run(
-        command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=110
-    )
+    done = run_qmn("run", "vpn", *words, timeout_s=110)
     assert done.returncode == 0, done.stdout + done.stderr
     folder = tmp_path / "runs" / "latest"
     assert (folder / "received").read_bytes() == file.read_bytes()

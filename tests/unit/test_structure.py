@@ -115,12 +115,16 @@ PROTOCOLS = [
     *(ROOT / "hosts" / "middleware" / "qkd").glob("[a-z]*.py"),
     *(
         ROOT / "hosts" / "middleware" / "session" / f"{name}.py"
-        for name in ("abilities", "blocks", "errors", "protocol", "values")
+        for name in ("abilities", "blocks", "errors", "protocol", "station_words", "values")
     ),
+    SERVICES / "source.py",
     *(
         SERVICES / service / f"{name}.py"
         for service, names in {
             "distribution": ("fidelity", "pairs", "protocol", "purification", "sharing"),
+            "interception": ("attacks", "passing"),
+            "key_distribution": ("acceptor", "light", "messages", "opener", "summary"),
+            "sealing": ("protocol", "sequential_test"),
             "superdense": ("sender", "receiver", "outbox", "inbox"),
             "swapping": ("bits", "link", "protocol"),
             "teleportation": ("protocol", "qubit_states"),

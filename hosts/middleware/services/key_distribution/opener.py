@@ -1,25 +1,23 @@
-"""The end that asks for keys: sends light until enough is sifted, answers questions, stores."""
+"""The protocol of the end that asks for keys: no socket, no clock.
+
+It has light sent until enough is sifted, answers questions, and has its key stored.
+"""
 
 from collections.abc import Awaitable, Callable
-from uuid import UUID
 
 from hosts.middleware.qkd.alice import Alice
-from hosts.middleware.qkd.decoy import Decoys
-from hosts.middleware.qkd.end import State, Terms
-from hosts.middleware.qkd.parameters import Parameters
+from hosts.middleware.qkd.end import State
 from hosts.middleware.qkd.sifting import Record
 from hosts.middleware.services.key_distribution.light import next_photons
 from hosts.middleware.services.key_distribution.messages import KeyMessages
-from hosts.middleware.services.key_distribution.options import KeyOptions
-from hosts.middleware.services.key_distribution.session import pools, stored, tell_of_failure
-from hosts.middleware.services.key_distribution.summary import Progress, so_far, summary
+from hosts.middleware.services.key_distribution.summary import Progress, so_far
 from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.service import OpenerEnd
+from hosts.middleware.session.protocol import Now, OpenerSide, Say, Steps, Tell
 from wire.metadata import Envelope, Reason, Topic
 
 DARK_BLOCKS = 3  # in a row without a sifted bit: the light does not arrive
 
-Light = Callable[[OpenerEnd, int, int], Awaitable[Record]]  # of a block: number, photons
+Light = Callable[[OpenerSide, int, int], Steps[Record]]  # of a block: number, photons
 
 
 class OpenerOfKeys:
@@ -27,48 +25,39 @@ class OpenerOfKeys:
 
     def __init__(
         self,
-        end: OpenerEnd,
-        options: KeyOptions,
+        side: OpenerSide,
+        count: int,
         light: Light,
-        parameters: Parameters,
-        decoys: Decoys | None = None,
+        alice: Alice,
+        progress: Progress,
+        store: Callable[[], Awaitable[None]],
     ) -> None:
-        """Make keys of this light, by these parameters, or whose pulses are decoys."""
-        self._end, self._options, self._light = end, options, light
-        self._peer = end.arrangement.peer
-        self._progress = Progress()
-        outgoing, incoming = pools(end, end.means.keyring.host, self._peer)
-        terms = Terms(end.setup.session, parameters, outgoing, incoming, end.draws.bytes)
-        self._alice = Alice(terms, decoys)
-        self._messages = KeyMessages(end, self._alice, self._store)
+        """Make a key of so many sifted bits of this light; store it before the end is told."""
+        self._side, self._count, self._light = side, count, light
+        self._alice, self._progress = alice, progress
+        self._messages = KeyMessages(side, alice, store)
         self._sizes: list[int] = []  # of the blocks that were announced
-        self._ids: list[UUID] = []
 
-    async def run(self) -> None:
-        """Send light, distil, store; SessionError if there is no key."""
-        end = self._end
-        end.channel.send(Envelope(end.setup.session, Topic.OPENER, end.means.keyring.host.encode()))
+    def run(self) -> Steps[None]:
+        """Send light, and distil; SessionError if there is no key."""
+        side, alice = self._side, self._alice
+        yield Say((Envelope(side.setup.session, Topic.OPENER, side.host.encode()),))
         try:
-            self._messages.say(self._alice.start())
-            await self._gather()
-            self._messages.say(self._alice.distil())
-            await self._messages.until(lambda: self._alice.state is State.DONE)
+            yield from self._messages.say(alice.start())
+            yield from self._gather()
+            yield from self._messages.say(alice.distil())
+            yield from self._messages.until(lambda: alice.state is State.DONE)
         except SessionError as error:
-            self._messages.give_up(str(error))
-            await tell_of_failure(end, self._progress, self._alice)
+            yield self._messages.give_up(str(error))
             raise
-        end.summary = summary(self._progress, self._alice, self._ids)
 
-    async def _store(self) -> None:
-        self._ids = await stored(self._end, self._peer, self._alice, opened=True)
-
-    async def _gather(self) -> None:
+    def _gather(self) -> Steps[None]:
         """Send blocks until enough is sifted; a block is sifted while the next one flies."""
-        dark, coming = 0, self._announce()
+        dark, coming = 0, (yield from self._announce())
         while coming is not None:
             before = self._alice.sifted_bits
-            following = self._announce()
-            await self._send(coming)
+            following = yield from self._announce()
+            yield from self._send(coming)
             dark = 0 if self._alice.sifted_bits > before else dark + 1
             if dark > DARK_BLOCKS:  # the newest may not be sifted yet
                 raise SessionError(
@@ -76,37 +65,37 @@ class OpenerOfKeys:
                     f"no key: of {DARK_BLOCKS} blocks in a row no photon was measured by both "
                     "ends: is a fibre cut, or its loss too high?",
                 )
-            await self._end.tell(**so_far(self._progress, self._alice))
+            yield Tell(so_far(self._progress, self._alice), at_the_end=False)
             if following is None:
-                await self._sifted(len(self._sizes))
-                following = self._announce()
+                yield from self._sifted(len(self._sizes))
+                following = yield from self._announce()
             coming = following
 
-    def _announce(self) -> int | None:
+    def _announce(self) -> Steps[int | None]:
         """Let the other end get ready for one more block; None if there may be enough."""
         alice, sizes = self._alice, self._sizes
         seen = sum(sizes[: alice.blocks_sifted])
         on_the_way = sum(sizes) - seen
-        count, most = self._options.count, self._end.setup.pairs
-        size = next_photons(count, alice.sifted_bits, seen, on_the_way, most)
+        most = self._side.setup.pairs
+        size = next_photons(self._count, alice.sifted_bits, seen, on_the_way, most)
         if size == 0:
             return None
         number = len(sizes)
         sizes.append(size)
-        self._end.say(Topic.COMING, number, [size], 32)
+        yield self._side.say(Topic.COMING, number, [size], 32)
         return number
 
-    async def _send(self, number: int) -> None:
+    def _send(self, number: int) -> Steps[None]:
         """Send a block that was announced, and wait until the one before it is sifted."""
-        end, photons = self._end, self._sizes[number]
-        await self._messages.answered()
-        record = await self._light(end, number, photons)
-        end.say(Topic.OVER, number, [], 1)
+        side, photons = self._side, self._sizes[number]
+        yield from self._messages.answered()
+        record = yield from self._light(side, number, photons)
+        yield side.say(Topic.OVER, number, [], 1)
         self._progress.photons += photons
-        self._messages.say(self._alice.add_block(record))
-        await self._sifted(number)
+        yield from self._messages.say(self._alice.add_block(record))
+        yield from self._sifted(number)
 
-    async def _sifted(self, blocks: int) -> None:
+    def _sifted(self, blocks: int) -> Steps[None]:
         """Wait until so many blocks are sifted."""
-        await self._messages.until(lambda: self._alice.blocks_sifted >= blocks)
-        self._progress.note(self._alice.blocks_sifted)
+        yield from self._messages.until(lambda: self._alice.blocks_sifted >= blocks)
+        self._progress.note(self._alice.blocks_sifted, (yield Now()))

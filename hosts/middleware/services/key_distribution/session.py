@@ -13,6 +13,7 @@
 
 The acceptor stores its keys before it confirms them, and withdraws them if the session does
 not end well; so the opener stores only what the acceptor has.
+opener.py and acceptor.py decide what is said and when; here it is carried out.
 """
 
 import asyncio
@@ -22,12 +23,66 @@ from uuid import UUID
 from hosts.middleware.qkd.alice import Alice
 from hosts.middleware.qkd.authentication import KeyPool
 from hosts.middleware.qkd.bob import Bob
+from hosts.middleware.qkd.decoy import Decoys
+from hosts.middleware.qkd.end import Terms
 from hosts.middleware.qkd.key_store import KeyStoreError
 from hosts.middleware.qkd.keyring import NothingShared
+from hosts.middleware.qkd.parameters import Parameters
+from hosts.middleware.services.key_distribution.acceptor import AcceptorOfKeys, introduced
+from hosts.middleware.services.key_distribution.opener import Light, OpenerOfKeys
+from hosts.middleware.services.key_distribution.options import KeyOptions
 from hosts.middleware.services.key_distribution.summary import Progress, summary
 from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.service import End
+from hosts.middleware.session.service import AcceptorEnd, End, OpenerEnd
+from hosts.network_loop import now_s
 from wire.metadata import Reason
+
+
+async def make_key(
+    end: OpenerEnd,
+    options: KeyOptions,
+    light: Light,
+    parameters: Parameters,
+    decoys: Decoys | None = None,
+) -> None:
+    """Make a key of this light, by these parameters, or whose pulses are decoys."""
+    peer, ids, progress = end.arrangement.peer, list[UUID](), Progress(now_s())
+    outgoing, incoming = pools(end, end.means.keyring.host, peer)
+    terms = Terms(end.setup.session, parameters, outgoing, incoming, end.draws.bytes)
+    alice = Alice(terms, decoys)
+
+    async def store() -> None:
+        ids.extend(await stored(end, peer, alice, opened=True))
+
+    protocol = OpenerOfKeys(end.side, options.count, light, alice, progress, store)
+    try:
+        await end.perform(protocol.run())
+    except SessionError:
+        await tell_of_failure(end, progress, alice)
+        raise
+    end.summary = summary(progress, alice, ids, now_s())
+
+
+async def accept_key(end: AcceptorEnd, half: int, *, tests: bool = False) -> None:
+    """Make a key of what is measured of this half; tests: some photons are for a CHSH test."""
+    ids, progress = list[UUID](), Progress(now_s())
+    opener = await end.perform(introduced(tests))
+    incoming, outgoing = pools(end, opener.peer, end.means.keyring.host)
+    draws = end.draws.bytes
+    bob = Bob(Terms(end.setup.session, opener.parameters, outgoing, incoming, draws))
+
+    async def store() -> None:
+        ids.extend(await stored(end, opener.peer, bob, opened=False))
+
+    try:
+        protocol = AcceptorOfKeys(end.side, half, opener, bob, progress, store)
+        await end.perform(protocol.run())
+    except BaseException as error:
+        end.means.keyring.withdraw(opener.peer, ids)
+        if isinstance(error, SessionError):
+            await tell_of_failure(end, progress, bob)
+        raise
+    end.summary = summary(progress, bob, ids, now_s())
 
 
 def pools(end: End, opener: str, acceptor: str) -> tuple[KeyPool, KeyPool]:
@@ -63,4 +118,4 @@ async def tell_of_failure(end: End, progress: Progress, keys: Alice | Bob) -> No
     """Tell the application what was measured, if the error rate was; it may be gone."""
     if keys.estimate is not None or keys.bell.pairs:
         with suppress(SessionError, ConnectionError):
-            await end.tell(**summary(progress, keys, []))
+            await end.tell(**summary(progress, keys, [], now_s()))

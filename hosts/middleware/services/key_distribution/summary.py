@@ -1,13 +1,12 @@
 """The summary of a key distribution: counts, rates and error rates, never a key."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 from uuid import UUID
 
 from hosts.middleware.qkd.end import End
 from hosts.middleware.qkd.key_length import asymptotic_fraction
 from hosts.middleware.qkd.key_store import KEY_BITS
-from hosts.network_loop import now_s
 
 CONFIDENCE = 0.95
 DECOYS = "pulses without a fixed phase, whose intensities nobody knows before they are measured"
@@ -21,16 +20,16 @@ SOURCES = {
 class Progress:
     """What one end has done so far, beside what its state machine counts."""
 
+    started_s: float  # of the network's clock
     photons: int = 0  # or pairs, that were made
     blocks: int = 0  # of them
-    started: float = field(default_factory=now_s)
     sifted_blocks: int = 0
     light_s: float = 0.0  # until the last of them was sifted
 
-    def note(self, sifted_blocks: int) -> None:
+    def note(self, sifted_blocks: int, now_s: float) -> None:
         """Note when blocks have been sifted."""
         if sifted_blocks > self.sifted_blocks:
-            self.sifted_blocks, self.light_s = sifted_blocks, now_s() - self.started
+            self.sifted_blocks, self.light_s = sifted_blocks, now_s - self.started_s
 
 
 def so_far(progress: Progress, keys: End) -> dict[str, Any]:
@@ -39,14 +38,14 @@ def so_far(progress: Progress, keys: End) -> dict[str, Any]:
     return {"photons": progress.photons, "raw_bits": report.raw, "sifted_bits": report.sifted}
 
 
-def summary(progress: Progress, keys: End, ids: list[UUID]) -> dict[str, Any]:
+def summary(progress: Progress, keys: End, ids: list[UUID], now_s: float) -> dict[str, Any]:
     """Return what is told at the end; None for what is not known.
 
     Photons, raw and sifted bits are per second of light and sifting, key bits per second of
     the whole session. The limit of the key fraction is that of endless keys.
     """
     report, estimate = keys.report, keys.estimate
-    elapsed_s = now_s() - progress.started
+    elapsed_s = now_s - progress.started_s
     light_s = progress.light_s or elapsed_s  # nothing was sifted
     low, high = estimate.interval(CONFIDENCE) if estimate else (None, None)
     qber = estimate.qber if estimate else None
