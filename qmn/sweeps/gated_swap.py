@@ -55,8 +55,8 @@ def fidelity(values: Values) -> float:
     """Return the theory of it: both ends decohere while the gate and the readings last."""
     waited_s = number(values, TWO_S.name) + number(values, READOUT_S.name)
     kept = math.exp(-2 * waited_s / number(values, T2.name))
-    errors = (number(values, each.name) for each in (ONE, TWO, MISREAD))
-    return theory.gated_swap_fidelity(*errors, kept)
+    one, two, misread = (number(values, each.name) for each in (ONE, TWO, MISREAD))
+    return theory.gated_swap_fidelity(one, two, misread, kept)
 
 
 GATED_SWAP = Experiment(
