@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from uuid import UUID
 
 from hosts.key_delivery.refusals import NOT_FOUND, bad_request, unauthorized, unavailable
+from hosts.timeouts import FETCH_TIMEOUT_S
 from wire.key_delivery import DeliveredKey
 
 MOST_WAITING = 4096  # keys for one application
-FETCH_S = 3600.0  # of the network: keys that nobody fetches for so long are thrown away
 
 
 @dataclass
@@ -43,7 +43,7 @@ class WaitingKeys:
         self.require_capacity(slaves, len(keys))
         if any(key.key_id in self._keys for key in keys):
             raise bad_request("a key_ID is assigned already")
-        until_s = self._now_s() + FETCH_S
+        until_s = self._now_s() + FETCH_TIMEOUT_S
         for key in keys:
             waiting = _Waiting(master, frozenset(slaves), set(slaves), key.key, until_s)
             self._keys[key.key_id] = waiting

@@ -54,8 +54,8 @@ def measure_halves(side: OpenerSide, number: int, pairs: int) -> Steps[Record]:
 
 async def open_bb84(end: OpenerEnd, options: KeyOptions) -> None:
     """Make a key with the acceptor, of decoy states if this host's source can make them."""
-    parameters = replace(options.parameters(), multi_photon=end.means.multi_photon)
-    intensities = end.means.intensities
+    parameters = replace(options.parameters(), multi_photon=end.resources.multi_photon)
+    intensities = end.resources.intensities
     decoys = Decoys(intensities) if len(intensities) == LEVELS else None
     light = partial(prepare_and_send, with_decoys=decoys is not None)
     await make_key(end, options, light, parameters, decoys)

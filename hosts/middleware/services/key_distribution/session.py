@@ -47,7 +47,7 @@ async def make_key(
 ) -> None:
     """Make a key of this light, by these parameters, or whose pulses are decoys."""
     peer, ids, progress = end.arrangement.peer, list[UUID](), Progress(now_s())
-    outgoing, incoming = pools(end, end.means.keyring.host, peer)
+    outgoing, incoming = pools(end, end.resources.keyring.host, peer)
     terms = Terms(end.setup.session, parameters, outgoing, incoming, end.draws.bytes)
     alice = Alice(terms, decoys)
 
@@ -67,7 +67,7 @@ async def accept_key(end: AcceptorEnd, half: int, *, tests: bool = False) -> Non
     """Make a key of what is measured of this half; tests: some photons are for a CHSH test."""
     ids, progress = list[UUID](), Progress(now_s())
     opener = await end.perform(introduced(tests))
-    incoming, outgoing = pools(end, opener.peer, end.means.keyring.host)
+    incoming, outgoing = pools(end, opener.peer, end.resources.keyring.host)
     draws = end.draws.bytes
     bob = Bob(Terms(end.setup.session, opener.parameters, outgoing, incoming, draws))
 
@@ -78,7 +78,7 @@ async def accept_key(end: AcceptorEnd, half: int, *, tests: bool = False) -> Non
         protocol = AcceptorOfKeys(end.side, half, opener, bob, progress, store)
         await end.perform(protocol.run())
     except BaseException as error:
-        end.means.keyring.withdraw(opener.peer, ids)
+        end.resources.keyring.withdraw(opener.peer, ids)
         if isinstance(error, SessionError):
             await tell_of_failure(end, progress, bob)
         raise
@@ -90,7 +90,7 @@ def pools(end: End, opener: str, acceptor: str) -> tuple[KeyPool, KeyPool]:
 
     Raise SessionError if the hosts share none, or if the keys could not be stored here.
     """
-    keyring = end.means.keyring
+    keyring = end.resources.keyring
     try:
         shared = keyring.pools(opener, acceptor, end.setup.session)
         keyring.store(acceptor if opener == keyring.host else opener)
@@ -102,7 +102,7 @@ def pools(end: End, opener: str, acceptor: str) -> tuple[KeyPool, KeyPool]:
 async def stored(end: End, peer: str, keys: Alice | Bob, *, opened: bool) -> list[UUID]:
     """Keep the key that has been made; SessionError if the store does not take it."""
     assert keys.key is not None
-    session, keyring = end.setup.session, end.means.keyring
+    session, keyring = end.setup.session, end.resources.keyring
     work = asyncio.to_thread(keyring.keep, peer, session, keys.key, opened=opened)
     keeping = asyncio.create_task(work)
     try:
