@@ -10,6 +10,7 @@ from pathlib import Path
 from uuid import UUID
 
 from hosts.applications.tunnel_commands import TunnelError, command, wait_until_it_works
+from hosts.timeouts import INITIATE_TIMEOUT_S
 
 INTERFACE = "ipsec0"  # which kernel-libipsec makes
 NAME, CHILD = "qmn", "inside"
