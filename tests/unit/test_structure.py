@@ -123,7 +123,14 @@ PROTOCOLS = [
         for service, names in {
             "distribution": ("fidelity", "pairs", "protocol", "purification", "sharing"),
             "interception": ("attacks", "passing"),
-            "key_distribution": ("acceptor", "light", "messages", "opener", "summary"),
+            "key_distribution": (
+                "acceptor",
+                "light",
+                "messages",
+                "opener",
+                "summary",
+                "under_way",
+            ),
             "sealing": ("protocol", "sequential_test"),
             "superdense": ("sender", "receiver", "outbox", "inbox"),
             "swapping": ("bits", "link", "protocol"),
