@@ -9,12 +9,7 @@ from hosts.hardware.qnic import HardwareError, Qnic, release
 from hosts.middleware.session import abilities
 from hosts.middleware.session.arrangement import Arrangement
 from hosts.middleware.session.channel import MetadataChannel
-from hosts.middleware.session.errors import SessionError, SilentPeer, unexpected
-from hosts.middleware.session.host_resources import HostResources
-from hosts.middleware.session.lifetimes import Lifetimes
-from hosts.middleware.session.offers import check_light
-from hosts.middleware.session.options import MAX_BLOCK_PAIRS
-from hosts.middleware.session.service import (
+from hosts.middleware.session.ends import (
     AcceptorEnd,
     Answerer,
     Carrier,
@@ -23,6 +18,11 @@ from hosts.middleware.session.service import (
     ServiceKind,
     Tell,
 )
+from hosts.middleware.session.errors import SessionError, SilentPeer, unexpected
+from hosts.middleware.session.host_resources import HostResources
+from hosts.middleware.session.lifetimes import Lifetimes
+from hosts.middleware.session.offers import check_light
+from hosts.middleware.session.options import MAX_BLOCK_PAIRS
 from hosts.middleware.session.service_options import SessionOptions
 from hosts.timeouts import IDLE_TIMEOUT_S, REPORT_TIMEOUT_S
 from wire.features import NOTHING, Abilities
