@@ -75,7 +75,8 @@ class EarlyStart:
             self._descriptors = own
             path = network.folder / f"{name}.json"
             command = [python(), "-m", module, "--config", str(path), "--after", str(reader)]
-            self.program.start([*command, *words], host.pid, [reader, *own.values()])
+            descriptors = [reader, *own.values()]
+            self.program.start([*command, *words], host.pid, descriptors, network.forks())
 
     def go_on(self, config: Config) -> None:
         """Tell it its configuration."""

@@ -156,6 +156,7 @@ class HostConfig(Config):
     t1_s: float = Device().memory.t1_s
     t2_s: float = Device().memory.t2_s
     depolarizing_s: float = Device().memory.depolarizing_s
+    cutoff_s: float = Device().memory.cutoff_s
     credentials: Credentials | None = None  # the dispatcher is reached by TLS
 
     @classmethod

@@ -48,7 +48,9 @@ RANGES = {
     "fec": (0, 255),
     "interleave": (0, 1),
     "wavelength_pm": (1_000_000, 2_000_000),
+    "cutoff_us": (1, (1 << 32) - 2),
 }
+OF_LIGHT = tuple(name for name in RANGES if name != "cutoff_us")  # what sessions ask for
 NAMED: dict[str, Mapping[str, int]] = {
     "fec": FEC_NAMES,
     "interleave": {"off": 0, "on": 1},
@@ -70,6 +72,7 @@ class DeviceSettings:
     fec: int | None = None  # number of the error-correction code; 0 is none
     interleave: int | None = None  # 1: spread its codewords
     wavelength_pm: int | None = None
+    cutoff_us: int | None = None  # what its memory has kept for longer is dropped
 
 
 def check_settings(settings: DeviceSettings) -> None:

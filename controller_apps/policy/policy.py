@@ -42,6 +42,7 @@ announcements = true        # LLDP in the name of a host needs that host's seal
 rate_hz = 1_000_000
 fec = "golay"               # or its number, as in wire.metadata.Fec
 interleave = true
+cutoff_us = 5000            # its memory drops what is older
 
 [report]                    # when devices tell their state: see wire.device.Subscribe
 period_s = 1.0

@@ -16,7 +16,7 @@ import grpc
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.layer import drift, further, pulses
+from dispatcher.layer import cutoff, drift, further, pulses
 from dispatcher.layer.layer import PhysicalLayer, block_name
 from dispatcher.layer.ownership import Block, BlockName
 from dispatcher.operations import limits
@@ -128,6 +128,9 @@ class Gathering:
             stores=max(block.stores for block in blocks),
             resends=max(block.resends for block in blocks),
             lineage=_lineage(picked),
+            cutoff_s=min(block.cutoff_s for block in blocks),
+            born_ns=cutoff.gather(picked),
+            kept=all(block.kept for block in blocks),
         )
 
 

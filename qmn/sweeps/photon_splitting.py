@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from dispatcher.laboratory import Laboratory, LaboratoryHost
 from dispatcher.sabot.backend import Bytes
 from hosts.middleware.qkd.decoy import LEVELS, SHARES, Decoys
-from hosts.middleware.services.interception.photon_splitting import SEVERAL, Way
+from hosts.middleware.services.interception.attacks import SEVERAL, Way
 from qmn.sweeps import theory
 from qmn.sweeps.decoy_states import key
 from qmn.sweeps.estimates import Estimate, proportion

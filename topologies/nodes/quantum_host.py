@@ -124,6 +124,7 @@ class QuantumHost(ClassicalHost):
             t1_s=network.devices[self.name].memory.t1_s,
             t2_s=network.devices[self.name].memory.t2_s,
             depolarizing_s=network.devices[self.name].memory.depolarizing_s,
+            cutoff_s=network.devices[self.name].memory.cutoff_s,
             keys=network.key_folder(self.name),
             light=self.light,
             credentials=credentials(network, self.name) if network.tls else None,

@@ -27,7 +27,7 @@ from wire.features import EVERYTHING, Abilities
 from wire.metadata import Handshake, Message, Service, Setup, Topic, decode
 
 SETUP = Setup(5, Service.DISTRIBUTE, Handshake.FRAMED, "10.0.0.3", 8, 1, 1_000_000)
-FOREVER = Lifetimes(np.inf, np.inf, np.inf)
+FOREVER = Lifetimes(np.inf, np.inf, np.inf, np.inf)
 ABILITIES = Abilities(EVERYTHING, 1000)
 WAITING = object()  # instead of an outcome that is not there yet
 Y = 2

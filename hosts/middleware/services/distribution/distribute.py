@@ -5,6 +5,7 @@
       | Values(ARRIVED) <----------------------------------> |  both keep what both have
       | Values(PURIFY), then OUTCOMES <--------------------> |  as often as it takes
       | Values(SAMPLE), BASES, then OUTCOMES <-------------> |  sacrificed for the estimate
+      | Values(ARRIVED) <----------------------------------> |  what the cut-off has left of a block
       | Values(DELIVER) -----------------------------------> |  pairs have numbers: 0, 1, 2, …
 
 Where both hosts have memories that emit, pairs are heralded instead (sharing.py). What is done when

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hosts.hardware.qnic import BlockName, Positions, Symbols
+from hosts.hardware.qnic import BlockName, Positions, Qnic, Symbols
 from hosts.middleware.services.distribution.fidelity import Estimate
 from hosts.middleware.services.distribution.purification import PHOTONS, Protocol, purify
 from hosts.middleware.session.blocks import (
@@ -19,12 +19,14 @@ from hosts.middleware.session.blocks import (
     RESERVED,
     SAMPLE,
     keep,
+    keep_of_all,
     measure_some,
+    store,
     take,
 )
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.lifetimes import Lifetimes
-from hosts.middleware.session.protocol import HostSide, Now, Steps, hear
+from hosts.middleware.session.protocol import HostSide, Now, Steps, do, hear
 from wire.metadata import Reason, Topic
 from wire.outcomes import BASES
 
@@ -68,6 +70,7 @@ class Pairs:
         self.estimates: dict[int, Estimate] = {}  # by rounds of purification
         self._sampled: dict[int, Moments] = {}  # by rounds of purification
         self.rounds = self.emitted = self.shared = self.compared = self.survived = 0
+        self.dropped = 0  # too old
 
     @property
     def available(self) -> int:
@@ -104,6 +107,24 @@ class Pairs:
         """Count a new block, of which both ends have kept so many pairs, all of them shared."""
         self.emitted, self.shared = self.emitted + emitted, self.shared + size
         self.blocks[number] = Portion(size)
+        self._forget_empty(number)
+
+    def held(self, number: int) -> Steps[Mask]:
+        """Return which pairs of a block are at this end, and not too old.
+
+        None gets too old from now on, until this is asked again.
+        """
+        self.portion(number)
+        held = yield from store(self._name(number))
+        yield from do(Qnic.store, self._name(number), for_good=True)
+        return held
+
+    def drop_old(self, number: int, kept: Mask) -> Steps[None]:
+        """Keep those pairs of a block alone that both ends hold."""
+        portion = self.portion(number)
+        self.dropped += portion.size - int(np.count_nonzero(kept))
+        self.facts["dropped"] = self.dropped
+        portion.size = yield from keep_of_all(self._name(number), kept)
         self._forget_empty(number)
 
     def purify(self, number: int, protocol: Protocol, seed: int) -> Steps[None]:

@@ -5,7 +5,7 @@ come to both ends is for others to say (sharing.py, and swapping, whose pairs co
 """
 
 from collections.abc import Callable
-from math import ceil
+from math import ceil, inf
 
 import numpy as np
 
@@ -26,6 +26,7 @@ LEAST_SAMPLE = 30  # pairs; of which a fidelity is told
 LEAST_JUDGED = 300  # pairs; by which it is decided whether the fidelity wanted is reached
 MOST_EMITTED = 1_000_000  # pairs, and so many more for each that is wanted:
 MOST_EMITTED_EACH = 1000
+MOST_DROPPED, MOST_DROPPED_EACH = 100, 10  # pairs, for their age
 MOST_DARK = 10  # blocks in a row of which nothing arrives
 MARGIN = 1.05  # of light beyond what is expected to be needed
 
@@ -55,7 +56,7 @@ class Opening:
         """Make pairs until there are as many, and as good ones, as are wanted; deliver them."""
         pairs, count = self._pairs, self._options.count
         self._require_abilities()
-        while pairs.available < count or not self._judged or self._too_noisy:
+        while not (yield from self._are_ready()):
             if self._judged and self._too_noisy:
                 yield from self._purify_once_more()
             else:
@@ -66,6 +67,43 @@ class Opening:
         yield from pairs.deliver(count, self._side.their_lifetimes)
         yield from self._tell(count)
         return pairs
+
+    def _are_ready(self) -> Steps[bool]:
+        """Return whether there are as many as are wanted when those too old are dropped."""
+        if self._short or self._too_noisy:
+            return False
+        if self._cutoff_s < inf:
+            yield from self._drop_old()
+        return not self._short
+
+    @property
+    def _short(self) -> bool:
+        return self._pairs.available < self._options.count or not self._judged
+
+    @property
+    def _cutoff_s(self) -> float:
+        """Return how old pairs may get in the memory that keeps them for the shorter time."""
+        return min(self._side.lifetimes.cutoff_s, self._side.their_lifetimes.cutoff_s)
+
+    def _drop_old(self) -> Steps[None]:
+        """Keep what both ends still hold; raise SessionError if nothing ever is."""
+        side, pairs = self._side, self._pairs
+        for number, portion in list(pairs.blocks.items()):
+            held = yield from pairs.held(number)
+            yield side.say(Topic.ARRIVED, number, held, 1)
+            theirs = yield from hear(Topic.ARRIVED, number, portion.size, 1)
+            yield from pairs.drop_old(number, held & theirs.astype(bool))
+        if pairs.dropped > MOST_DROPPED + MOST_DROPPED_EACH * self._options.count:
+            raise SessionError(
+                Reason.NO_LIGHT,
+                f"{pairs.dropped} pairs were older than {self._cutoff_s:g} s before there were "
+                f"{self._options.count}: choose {self._longer}, or ask for fewer at a time",
+            )
+
+    @property
+    def _longer(self) -> str:
+        told = "memory.cutoff_s, or what the controller has set"
+        return f"a longer cut-off than {self._cutoff_s:g} s ({told})"
 
     def _require_abilities(self) -> None:
         """Raise SessionError before any light for what cannot come to a good end."""
@@ -124,7 +162,8 @@ class Opening:
         elif good:
             kept = good / pairs.emitted
         else:
-            return max(1, min(most, 4 * self._size))
+            more = 4 if self._cutoff_s == inf else 1  # pairs of more light are older
+            return max(1, min(most, more * self._size))
         # What is beyond the pairs that are wanted is sacrificed, and of each block its share.
         wanted = max(missing + unsampled, missing / (1 - share))
         return max(1, min(most, ceil(MARGIN * wanted / kept) + 1))
@@ -180,7 +219,10 @@ class Opening:
         pairs, count = self._pairs, self._options.count
         if self._dark == MOST_DARK:
             text = f"no pair of the last {MOST_DARK} blocks of light has arrived at both ends"
-            raise SessionError(Reason.NO_LIGHT, f"{text}: see that fibres are whole, and the loss")
+            remedy = "see that fibres are whole, and the loss"
+            if self._cutoff_s < inf:
+                remedy += f", or choose {self._longer}"
+            raise SessionError(Reason.NO_LIGHT, f"{text}: {remedy}")
         if pairs.emitted > MOST_EMITTED + MOST_EMITTED_EACH * count:
             reason = Reason.TOO_NOISY if pairs.rounds else Reason.NO_LIGHT
             raise SessionError(
@@ -214,6 +256,12 @@ def follow(side: HostSide, share: Share, started_s: float) -> Steps[Pairs]:
             if protocol not in (Protocol.BBPSSW, Protocol.DEJMPS):
                 raise SessionError(Reason.UNSUPPORTED, f"purification by protocol {protocol}")
             yield from pairs.purify(number, Protocol(protocol), seed)
+        elif message.topic == Topic.ARRIVED:
+            size = pairs.portion(number).size
+            theirs = expect(message, Topic.ARRIVED, number, size, 1).astype(bool)
+            held = yield from pairs.held(number)
+            yield side.say(Topic.ARRIVED, number, held, 1)
+            yield from pairs.drop_old(number, held & theirs)
         elif message.topic == Topic.SAMPLE:
             size = pairs.portion(number).size
             chosen = expect(message, Topic.SAMPLE, number, size, 1).astype(bool)
