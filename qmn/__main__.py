@@ -24,6 +24,7 @@ VERBS = (  # each a module of qmn.verbs
     "curves",
     "devices",
     "paths",
+    "keys",
     "spy",
     "live",
     "wireshark",

@@ -29,6 +29,7 @@ TOLD_TIMEOUT_S = 20.0  # until an attacker's program has said that it goes on
 ATTACK_TIMEOUT_S = 60.0  # until an attack is over and has had its effect
 QUIET_S = 1.5  # without news before what has come of it is counted
 LIE_PERIOD_S = 0.1  # between two lies
+SPEAKER_TIMEOUT_S = 5.0  # that an impostor waits for the next message, or for who connects
 
 # Benchmarks
 RUN_TIMEOUT_S = 120.0  # for a whole run with a message

@@ -125,7 +125,7 @@ def record_run(folder: Path, captured: bool = True, delivered: bool = True) -> P
     (folder / "asking.log").write_text(f"{json.dumps({'event': 'said'})}\n{json.dumps(done)}\n")
     (folder / "message").write_bytes(b"two bits")
     (folder / "received").write_bytes(b"two bits" if delivered else b"")
-    facts = {
+    facts: Any = {
         "topology": "chain",
         "mode": "native",
         "controller": "ryu",
