@@ -104,7 +104,7 @@ class Laboratory:
         rest = Gathering(self.layer), Resending(self.layer), Splitting(self.layer)
         heralding = Heralding(self.layer)
         self._acts = acts(
-            operations, measurements, transport, *rest, heralding, Telling(self.layer)
+            self.layer, operations, measurements, transport, *rest, heralding, Telling(self.layer)
         )
 
     def host(self, name: str) -> "LaboratoryHost":

@@ -68,6 +68,7 @@ class Memories:
         self.require_room(block.node, block.register.remaining)
         stored[block] = block.register.remaining
         block.stored_ns, block.stores = self._clock.now_ns(), block.stores + 1
+        block.kept = True
 
     def require_room(self, node: str, more: int) -> None:
         """Refuse so many more qubits if a node's memory has no room for them."""

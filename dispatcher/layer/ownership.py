@@ -79,6 +79,9 @@ class Block:
     resends: int = 0  # how often photons were measured and replaced by others
     gates: int = 0  # how many gates were done to it whose noise was drawn
     cutoff_s: float = float("inf")  # of the memory: what is older is dropped
+    kept: bool = (
+        False  # qubits of the node, not light: they have been in its memory, or were made there
+    )
     born_ns: NDArray[np.int64] | None = None  # when each came, if it has been looked at; shape (k,)
     # What tells these photons from others of this name: which use of it, or where they come from.
     lineage: str = ""

@@ -130,6 +130,7 @@ class Gathering:
             lineage=_lineage(picked),
             cutoff_s=min(block.cutoff_s for block in blocks),
             born_ns=cutoff.gather(picked),
+            kept=all(block.kept for block in blocks),
         )
 
 

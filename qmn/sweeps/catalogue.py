@@ -11,6 +11,7 @@ from qmn.sweeps.delay_line import DELAY_LINE
 from qmn.sweeps.experiment import Experiment, Outcome
 from qmn.sweeps.fresh_outcomes import FRESH_OUTCOMES
 from qmn.sweeps.gated_bell import GATED_BELL
+from qmn.sweeps.gated_swap import GATED_SWAP
 from qmn.sweeps.heralding import HERALDING
 from qmn.sweeps.interference import HOM
 from qmn.sweeps.light_sources import LIGHT_SOURCES
@@ -38,6 +39,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         HOM,
         DEAD,
         GATED_BELL,
+        GATED_SWAP,
         WAITING,
         FRESH_OUTCOMES,
         MULTI_PAIR,

@@ -324,3 +324,14 @@ def kept_over_gap(chance: float, rounds: float, step: float) -> float:
     other = (1 - chance) * step
     short = 1 - math.pow(1 - chance, rounds)
     return chance * step * (1 - math.pow(other, rounds)) / (1 - other) / short
+
+
+def gated_swap_fidelity(one: float, two: float, misread: float, kept: float) -> float:
+    """Return the fidelity of perfect pairs joined by a Bell measurement by gates.
+
+    Depolarising of the CX leaves nothing of the outcome, that of the H flips the bit of the phase
+    with p/2; each bit is read wrongly so often. The ends keep so much of their coherence meanwhile.
+    """
+    clean, read = 1 - two, 1 - 2 * misread
+    phases = clean * (1 - one) * kept * read
+    return (1 + phases + phases * read + clean * read) / 4

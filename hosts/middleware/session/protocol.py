@@ -9,9 +9,12 @@
     Tell(summary), Now()        the application; seconds of the network's clock
     Through(connection, steps)  what comes of steps by way of another connection
     Wait(for_what)              what comes by another way, which who began the protocol knows
+    Work(function, ...)         what a function returns that takes long
+    Beside(steps)               further steps, carried out at the same time
+    Until(done)                 nothing, when it is so; steps beside these make it so
 
 No socket, no clock: what decides stands here and in the services, and whoever carries the orders
-out (service.py) waits. What goes wrong there is raised where the order was given.
+out (performing.py, ends.py) waits. What goes wrong there is raised where the order was given.
 """
 
 from collections.abc import Awaitable, Callable, Coroutine, Generator, Mapping
@@ -95,9 +98,10 @@ class Herald:
 
 @dataclass(frozen=True)
 class Tell:
-    """Tell the application what there is; it is its summary, too, if nothing comes behind it."""
+    """Tell the application what there is."""
 
     summary: dict[str, Any]
+    at_the_end: bool = True  # it is its summary, too, if nothing comes behind it
 
 
 @dataclass(frozen=True)
@@ -120,8 +124,46 @@ class Wait:
     for_what: Callable[[], Awaitable[Any]]
 
 
+@dataclass(frozen=True)
+class Work:
+    """Have worked out what takes long, while others go on."""
+
+    function: Callable[..., Any]
+    arguments: tuple[Any, ...]
+
+
+@dataclass(frozen=True)
+class Beside:
+    """Have other steps carried out at the same time; the first failure of all ends all.
+
+    They end with those that they are beside (Performer.perform_together).
+    """
+
+    steps: "Steps[None]"
+
+
+@dataclass(frozen=True)
+class Until:
+    """Wait until something is so, which steps that are carried out at the same time bring about."""
+
+    done: Callable[[], Any]
+
+
 Order: TypeAlias = (  # Begin is a Do
-    Say | Hear | HearNext | Do | Collect | Emit | Herald | Tell | Now | Through | Wait
+    Say
+    | Hear
+    | HearNext
+    | Do
+    | Collect
+    | Emit
+    | Herald
+    | Tell
+    | Now
+    | Through
+    | Wait
+    | Work
+    | Beside
+    | Until
 )
 Steps: TypeAlias = Generator[Order, Any, T]
 

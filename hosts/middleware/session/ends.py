@@ -16,21 +16,20 @@ is a way for bytes.
 import asyncio
 from collections.abc import Awaitable, Callable, Coroutine, Mapping
 from dataclasses import dataclass, field
-from typing import Any, TypeVar, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hosts.hardware.qnic import BlockName, HardwareError, NoLight, Qnic, Stored
+from hosts.hardware.qnic import BlockName, Stored
 from hosts.middleware.session import protocol
 from hosts.middleware.session.arrangement import Arrangement
 from hosts.middleware.session.channel import MetadataChannel
-from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.host_resources import HostResources
 from hosts.middleware.session.lifetimes import Lifetimes
-from hosts.middleware.session.protocol import HostSide, Light, OpenerSide, Order, Side, Steps
+from hosts.middleware.session.performing import Performer
+from hosts.middleware.session.protocol import HostSide, Light, OpenerSide, Order, Side
 from hosts.middleware.session.values import Numbers
-from hosts.network_loop import now_s
 from hosts.timeouts import ANSWER_TIMEOUT_S, LIGHT_TIMEOUT_S
 from wire.features import Abilities
 from wire.metadata import Answer, Handshake, Reason, Service, Setup, Values
@@ -38,7 +37,6 @@ from wire.metadata import Answer, Handshake, Reason, Service, Setup, Values
 Tell = Callable[..., Coroutine[Any, Any, None]]
 Answerer = Callable[[dict[str, Any]], Awaitable[dict[str, Any]]]
 Join = Callable[[MetadataChannel, Setup], Awaitable[None]]
-T = TypeVar("T")
 NO_BYTES = 0, bytes(32)
 
 
@@ -51,14 +49,12 @@ class Carrier:
 
 
 @dataclass
-class ConnectionEnd:
+class ConnectionEnd(Performer):
     """One end of a session's connection: its light, and the other end.
 
-    Its protocol is carried out by `perform`; services that do not wait for much by themselves call
-    the others.
+    It performs protocols (protocol.py); services that wait themselves call its other methods.
     """
 
-    qnic: Qnic
     setup: Setup
     channel: MetadataChannel  # to the other end
     arrangement: Arrangement | None = field(default=None, kw_only=True)  # if this end opened it
@@ -68,61 +64,21 @@ class ConnectionEnd:
         """This end as its protocol knows it."""
         return Side(self.setup, tuple(self.qnic.ports), self.channel.peer)
 
-    async def perform(self, steps: Steps[T]) -> T:
-        """Carry out what a protocol orders, one order after the other; return what it does.
-
-        Light that it has begun to expect and has not collected is not expected any more then.
-        """
-        lights: list[asyncio.Task[Any]] = []
-        outcome: Any = None
-        failure: SessionError | HardwareError | None = None
-        try:
-            while True:
-                try:
-                    order = steps.send(outcome) if failure is None else steps.throw(failure)
-                except StopIteration as end:
-                    return cast(T, end.value)
-                outcome = failure = None
-                try:
-                    outcome = await self.carry_out(order)
-                except (SessionError, HardwareError) as error:
-                    failure = error
-                if isinstance(order, protocol.Begin):
-                    lights.append(outcome)
-        finally:
-            steps.close()
-            for light in lights:
-                light.cancel()
-
     async def carry_out(self, order: Order) -> Any:
         """Do what is ordered; return what has come of it."""
         match order:
             case protocol.Say(messages):
-                self.channel.send(*messages)
+                return self.channel.send(*messages)
             case protocol.Hear(kind, timeout_s):
                 return await self.channel.receive(kind, timeout_s)
             case protocol.HearNext():
                 return await self.channel.next()
-            case protocol.Begin(operation, arguments, named):
-                light = getattr(self.qnic, operation)(*arguments, **named)
-                return asyncio.create_task(light, name=f"light of {arguments[0]}")
-            case protocol.Do(operation, arguments, named):
-                return await getattr(self.qnic, operation)(*arguments, **named)
-            case protocol.Collect(light, timeout_s):
-                return await collected(cast("asyncio.Task[Any]", light), timeout_s)
-            case protocol.Now():
-                return now_s()
-            case protocol.Through(connection, steps):
-                return await connection.perform(steps)
-            case protocol.Wait(for_what):
-                return await for_what()
             case protocol.Emit(block, pairs) if self.arrangement is not None:
-                await self.arrangement.emit(block, pairs)
+                return await self.arrangement.emit(block, pairs)
             case protocol.Herald(block, pairs) if self.arrangement is not None:
                 return await self.arrangement.herald(block, pairs)
             case _:
-                raise ValueError(f"{order} at {type(self).__name__}, which cannot do it")
-        return None
+                return await super().carry_out(order)
 
     def block(self, number: int, half: int = 0) -> BlockName:
         """Return the name of photons of this session."""
@@ -161,22 +117,11 @@ class ConnectionEnd:
         return await self.perform(self.side.next_values())
 
 
-async def collected(light: asyncio.Task[Any], timeout_s: float) -> Any:
-    """Return what has come of light that is over; None if no photon has in this time."""
-    try:
-        async with asyncio.timeout(timeout_s):
-            return await light
-    except (NoLight, TimeoutError):
-        return None
-    finally:
-        light.cancel()
-
-
 @dataclass
 class End(ConnectionEnd):
     """One end of a session of a service: also its application, and what its host has."""
 
-    means: HostResources
+    resources: HostResources
     tell: Tell  # called with fields for the application
     draws: np.random.Generator  # of this host's own choices; they follow from the seed
     summary: dict[str, Any] = field(default_factory=dict)  # for the application, at the end
@@ -186,23 +131,24 @@ class End(ConnectionEnd):
     @property
     def side(self) -> HostSide:
         """This end as its protocol knows it."""
-        means, ports = self.means, tuple(self.qnic.ports)
+        resources, ports = self.resources, tuple(self.qnic.ports)
         return HostSide(
             self.setup,
             ports,
             self.channel.peer,
-            means.name,
+            resources.name,
             self.draws,
-            means.abilities,
-            means.lifetimes,
-            means.distinguishable_states,
+            resources.abilities,
+            resources.lifetimes,
+            resources.distinguishable_states,
         )
 
     async def carry_out(self, order: Order) -> Any:
         """Do what is ordered; return what has come of it."""
         if not isinstance(order, protocol.Tell):
             return await super().carry_out(order)
-        self.summary = order.summary
+        if order.at_the_end:
+            self.summary = order.summary
         return await self.tell(**order.summary)
 
 
@@ -259,7 +205,9 @@ class ServiceKind:
     open: Callable[[OpenerEnd, Any], Awaitable[Answerer | Carrier | None]]
     accept: Callable[[AcceptorEnd], Awaitable[Answerer | None]]
     # What the acceptor says to a set-up; raises SessionError for one that cannot be served.
-    accepts: Callable[[HostResources, Setup], Answer] = lambda _means, setup: plain_answer(setup)
+    accepts: Callable[[HostResources, Setup], Answer] = lambda _resources, setup: plain_answer(
+        setup
+    )
     # What the opener refuses before anything is sent, by SessionError.
     check: Callable[[Setup], None] = lambda _setup: None
     handshakes: tuple[Handshake, ...] = (Handshake.FRAMED,)  # ONE_PAIR: those join a session

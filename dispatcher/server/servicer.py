@@ -72,7 +72,7 @@ class Service(DispatcherServicer):
         self._operations = Operations(layer)
         parts = self._operations, Measurements(layer), self.transport, Gathering(layer)
         self._acts = acts(
-            *parts, Resending(layer), Splitting(layer), Heralding(layer), Telling(layer)
+            layer, *parts, Resending(layer), Splitting(layer), Heralding(layer), Telling(layer)
         )
         self._changes = changes(layer, self.switching)
 
