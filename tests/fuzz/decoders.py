@@ -31,6 +31,7 @@ from wire import (
 from wire import (
     console,
     device,
+    dispatcher_record,
     events,
     frames,
     key_assignment,
@@ -40,7 +41,6 @@ from wire import (
     optical,
     pcapng,
     qkd,
-    record,
     record_pb2,
     socket_calls,
     verdict,
@@ -108,7 +108,7 @@ def _open(data: bytes) -> device.Datagram:
 
 
 def _entries(data: bytes) -> list[record_pb2.Entry]:
-    return list(record.read(io.BytesIO(data)))
+    return list(dispatcher_record.read(io.BytesIO(data)))
 
 
 def _packets(data: bytes) -> list[pcapng.Packet]:
@@ -158,8 +158,8 @@ def _text(data: bytes) -> str | None:
 
 def _written_record() -> bytes:
     file = io.BytesIO()
-    record.begin(file)
-    record.write(file, record_pb2.Entry(header=record_pb2.Header()))
+    dispatcher_record.begin(file)
+    dispatcher_record.write(file, record_pb2.Entry(header=record_pb2.Header()))
     return file.getvalue()
 
 
@@ -261,7 +261,7 @@ TARGETS: dict[str, Target] = {
             + json.dumps(events.to_json(event))
         ),
     ),
-    "record": Target([_written_record()], _entries, refusals=(record.BadRecord,)),
+    "record": Target([_written_record()], _entries, refusals=(dispatcher_record.BadRecord,)),
     "pcapng": Target([test_pcapng.written()], _packets),
     "pcap": Target([netqasm_samples.pcap(SEGMENT)], _pcap_packets),
     "frame": Target(

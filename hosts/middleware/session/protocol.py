@@ -14,7 +14,7 @@
     Until(done)                 nothing, when it is so; steps beside these make it so
 
 No socket, no clock: what decides stands here and in the services, and whoever carries the orders
-out (service.py) waits. What goes wrong there is raised where the order was given.
+out (performing.py, ends.py) waits. What goes wrong there is raised where the order was given.
 """
 
 from collections.abc import Awaitable, Callable, Coroutine, Generator, Mapping

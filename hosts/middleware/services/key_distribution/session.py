@@ -36,8 +36,8 @@ from hosts.middleware.services.key_distribution.opener import Light, OpenerOfKey
 from hosts.middleware.services.key_distribution.options import KeyOptions
 from hosts.middleware.services.key_distribution.summary import Progress, summary
 from hosts.middleware.services.key_distribution.under_way import NUMBERS, KeysUnderWay
+from hosts.middleware.session.ends import AcceptorEnd, End, OpenerEnd
 from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.service import AcceptorEnd, End, OpenerEnd
 from hosts.network_loop import now_s
 from wire.metadata import Reason
 
@@ -50,7 +50,7 @@ async def make_key(
     decoys: Decoys | None = None,
 ) -> None:
     """Make keys of this light, by these parameters, or whose pulses are decoys."""
-    host, peer, progress = end.means.keyring.host, end.arrangement.peer, Progress(now_s())
+    host, peer, progress = end.resources.keyring.host, end.arrangement.peer, Progress(now_s())
 
     def new_key(number: int) -> Alice:
         outgoing, incoming = pools(end, host, peer, number)
@@ -72,7 +72,7 @@ async def accept_key(end: AcceptorEnd, half: int, *, tests: bool = False) -> Non
     opener = await end.perform(introduced(tests))
 
     def new_key(number: int) -> Bob:
-        incoming, outgoing = pools(end, opener.peer, end.means.keyring.host, number)
+        incoming, outgoing = pools(end, opener.peer, end.resources.keyring.host, number)
         return Bob(terms(end, number, opener.parameters, outgoing, incoming))
 
     store = partial(stored, end, opener.peer, opened=False)
@@ -81,7 +81,7 @@ async def accept_key(end: AcceptorEnd, half: int, *, tests: bool = False) -> Non
         await end.perform_together(protocol.run())
     except BaseException as error:
         for ids in protocol.not_kept.values():
-            end.means.keyring.withdraw(opener.peer, ids)
+            end.resources.keyring.withdraw(opener.peer, ids)
         if isinstance(error, SessionError):
             await give_up(end, protocol.keys, progress, error)
         raise
@@ -106,7 +106,7 @@ def pools(end: End, opener: str, acceptor: str, key: int) -> tuple[KeyPool, KeyP
 
     Raise SessionError if the hosts share none, or if the keys could not be stored here.
     """
-    keyring = end.means.keyring
+    keyring = end.resources.keyring
     try:
         shared = keyring.pools(opener, acceptor, number_of(end, key))
         keyring.store(acceptor if opener == keyring.host else opener)
@@ -118,7 +118,7 @@ def pools(end: End, opener: str, acceptor: str, key: int) -> tuple[KeyPool, KeyP
 async def stored(end: End, peer: str, key: int, keys: Alice | Bob, *, opened: bool) -> list[UUID]:
     """Keep a key that has been made; SessionError if the store does not take it."""
     assert keys.key is not None
-    keyring = end.means.keyring
+    keyring = end.resources.keyring
     work = asyncio.to_thread(keyring.keep, peer, number_of(end, key), keys.key, opened=opened)
     keeping = asyncio.create_task(work)
     try:
