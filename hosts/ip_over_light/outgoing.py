@@ -21,7 +21,7 @@ from hosts.ip_over_light.refusals import PASSING, code
 from hosts.quantum_socket import QuantumSocket
 from hosts.stack_socket import QuantumSocketError, StackEnded
 from wire.ip_over_light import PACKETS_PORT, RETURNED_PACKETS_PORT, Neighbor
-from wire.ipv4 import Packet, Unreachable
+from wire.lost_packet import Packet, Unreachable
 from wire.metadata import Service
 
 log = logging.getLogger("q0")
