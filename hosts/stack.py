@@ -22,13 +22,13 @@ from hosts.middleware.services.interception.interception import Interception
 from hosts.middleware.services.interception.options import InterceptionOptions
 from hosts.middleware.services.source import check_source, make_pairs
 from hosts.middleware.services.swapping.connections import serve_link
-from hosts.middleware.session.abilities import refusal
 from hosts.middleware.session.arrangement import Arrangement, Light
 from hosts.middleware.session.channel import MetadataChannel
+from hosts.middleware.session.ends import ConnectionEnd
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.host_resources import HostResources
 from hosts.middleware.session.lifetimes import Lifetimes
-from hosts.middleware.session.service import ConnectionEnd
+from hosts.middleware.session.node_features import refusal
 from hosts.middleware.session.session import AcceptingSession, OpeningSession, require_source
 from hosts.middleware.session.swap_orders import Swaps
 from hosts.middleware.verdicts import Verdicts
@@ -58,14 +58,14 @@ class Stack:
         self._light = Light()
         self.swaps = Swaps(config.address)
         shared = PairSecrets(config.name, config.pair_secrets, lambda: config.hosts)
-        self._means = HostResources(
+        self._resources = HostResources(
             config.name,
             config.seed,
             qnic,
             config.analyser,
             Keyring(config.name, shared, config.keys),
             self.swaps,
-            config.abilities,
+            config.node_features,
             config.multi_photon,
             tuple(config.intensities),
             Lifetimes(config.t1_s, config.t2_s, config.depolarizing_s, config.cutoff_s),
@@ -84,8 +84,8 @@ class Stack:
         """Have the memory drop what is older, by its own default if none is set."""
         cutoff_s = self._config.cutoff_s if cutoff_us is None else cutoff_us / 1e6
         self._qnic.set_cutoff(cutoff_s)
-        lifetimes = self._means.lifetimes._replace(cutoff_s=cutoff_s)
-        self._means = replace(self._means, lifetimes=lifetimes)
+        lifetimes = self._resources.lifetimes._replace(cutoff_s=cutoff_s)
+        self._resources = replace(self._resources, lifetimes=lifetimes)
 
     def request(self, fields: dict[str, Any]) -> OpeningSession:
         """Prepare a session of a service; raise SessionError for what cannot be asked."""
@@ -107,11 +107,11 @@ class Stack:
         )
         setup = self._heralded(self.device.override(setup), source)
         arrangement = Arrangement(setup, peer, source, self._light)
-        return OpeningSession(kind, options, self._means, arrangement, setup, is_source)
+        return OpeningSession(kind, options, self._resources, arrangement, setup, is_source)
 
     def _heralded(self, setup: Setup, source: str) -> Setup:
         """Have pairs heralded where this host's memory emits and the source is a station."""
-        emits = HERALD in self._means.abilities.features
+        emits = HERALD in self._resources.node_features.features
         stations = self._config.stations
         # Of a chain the controller chooses them.
         stands = bool(stations) if setup.service == Service.SWAP else source in stations
@@ -179,7 +179,7 @@ class Stack:
 
     async def _accept(self, channel: MetadataChannel, setup: Setup) -> None:
         service = Service(setup.service)
-        session = AcceptingSession(KINDS[service], self._means, channel, setup)
+        session = AcceptingSession(KINDS[service], self._resources, channel, setup)
         with self.active_sessions.engage(setup.session, Role.ACCEPTOR):
             incoming = self.applications.incoming(setup.port, channel.peer, service.name.lower())
             with self.device.accepts(session):
@@ -211,7 +211,7 @@ class Stack:
 
     async def _link(self, channel: MetadataChannel, setup: Setup) -> None:
         with self.active_sessions.engage(setup.session, Role.ACCEPTOR), self.device.serves(setup):
-            await serve_link(self._means, channel, setup)
+            await serve_link(self._resources, channel, setup)
 
     def _peer(self, host: str) -> tuple[str, str]:
         """Return name and address of a host that is given by either."""

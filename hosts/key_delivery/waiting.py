@@ -13,11 +13,11 @@ from uuid import UUID
 
 from hosts.key_delivery.refusals import NOT_FOUND, bad_request, unauthorized, unavailable
 from hosts.middleware.qkd.key_store import KeyStoreError
+from hosts.timeouts import FETCH_TIMEOUT_S
 from wire.key_delivery import DeliveredKey
 
 UNFINISHED = ".new"
 MOST_WAITING = 4096  # keys for one application
-FETCH_S = 3600.0  # of the network: keys that nobody fetches for so long are thrown away
 
 
 @dataclass
@@ -53,7 +53,7 @@ class WaitingKeys:
         for unfinished in folder.glob(f"*{UNFINISHED}"):
             unfinished.unlink()
         found = sorted(map(_read, folder.iterdir()), key=lambda each: each[1].until_s)
-        latest_s = now_s() + FETCH_S  # by the clock of this network
+        latest_s = now_s() + FETCH_TIMEOUT_S  # by the clock of this network
         self._keys = {
             key_id: replace(waiting, until_s=min(waiting.until_s, latest_s))
             for key_id, waiting in found
@@ -75,7 +75,7 @@ class WaitingKeys:
         self.require_capacity(slaves, len(keys))
         if any(key.key_id in self._keys for key in keys):
             raise bad_request("a key_ID is assigned already")
-        until_s = self._now_s() + FETCH_S
+        until_s = self._now_s() + FETCH_TIMEOUT_S
         for key in keys:
             waiting = _Waiting(master, frozenset(slaves), set(slaves), key.key, until_s)
             self._keys[key.key_id] = waiting

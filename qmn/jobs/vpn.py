@@ -11,7 +11,7 @@ from typing import Any
 
 from rich.console import Console
 
-from hosts.middleware.services.key_distribution.options import MAX_COUNT
+from hosts.middleware.session.service_options import MAX_COUNT
 from qmn.jobs import eavesdropping, moments
 from qmn.jobs.keys import show
 from qmn.jobs.moments import Moments

@@ -11,8 +11,9 @@ import pytest
 from hosts.key_delivery.allowance import Allowance
 from hosts.key_delivery.delivery import KeyDelivery
 from hosts.key_delivery.refusals import NOT_FOUND, Refused, unavailable
-from hosts.key_delivery.waiting import FETCH_S, WaitingKeys
+from hosts.key_delivery.waiting import WaitingKeys
 from hosts.middleware.qkd.key_store import KeyStoreError, StoredKey
+from hosts.timeouts import FETCH_TIMEOUT_S
 from wire.key_assignment import Assignment
 from wire.key_delivery import DeliveredKey, KeyRequest
 from wire.key_manager import KeyManagerConfig, manager_name
@@ -271,7 +272,7 @@ def test_keys_that_wait_are_bounded_and_not_for_ever(
         waiting.add("a", ["b"], more)
     waiting.fetch("b", "a", [keys[0].key_id])
     waiting.add("a", ["b"], more)
-    now = FETCH_S + 1
+    now = FETCH_TIMEOUT_S + 1
     waiting.require_capacity(["b"], MOST)
     with pytest.raises(Refused, match=NOT_FOUND):
         waiting.fetch("b", "a", [keys[1].key_id])
