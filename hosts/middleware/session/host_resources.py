@@ -1,5 +1,6 @@
 """The resources of a host that its sessions share."""
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +28,7 @@ class HostResources:
     multi_photon: float  # how likely a pulse of its source has several photons
     intensities: tuple[float, ...]  # mean photon numbers of its pulses: signal, then decoys
     lifetimes: Lifetimes  # of its memory
+    addresses: Callable[[], Mapping[str, str]]  # of all hosts by name, read when one is asked for
 
     @property
     def distinguishable_states(self) -> frozenset[int]:
