@@ -82,7 +82,7 @@ def made(folder: Path, hosts: int, count: int = COUNT, **physics: Any) -> list[d
                 listener.listen(9, "ghz")
             others = [pool.submit(taken_part, listener) for listener in listeners]
             asking.settimeout(DEADLINE_S)
-            list(asking.request("ghz", ("bob", 9), count=count, hosts=",".join(line)))
+            list(asking.request("ghz", ("bob", 9), count=count, line=",".join(line)))
             asking.shutdown()
             found = [asking.summary, *(each.result(DEADLINE_S) for each in others)]
             for listener in listeners:
@@ -141,7 +141,7 @@ def test_where_a_fusion_is_not_seen_there_is_no_state(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("hosts", "words"),
+    ("line", "words"),
     [
         ("alice,bob", "name 3 to 16, each once"),
         ("alice,bob,bob", "name 3 to 16, each once"),
@@ -151,7 +151,7 @@ def test_where_a_fusion_is_not_seen_there_is_no_state(tmp_path: Path) -> None:
     ],
 )
 def test_a_line_that_cannot_be_is_refused_and_leaves_no_photon(
-    tmp_path: Path, hosts: str, words: str
+    tmp_path: Path, line: str, words: str
 ) -> None:
     def refused() -> str:
         with (
@@ -161,7 +161,7 @@ def test_a_line_that_cannot_be_is_refused_and_leaves_no_photon(
             asking.settimeout(DEADLINE_S)
             listener.listen(9, "ghz")
             with pytest.raises(QuantumSocketError) as caught:
-                list(asking.request("ghz", ("bob", 9), count=10, hosts=hosts))
+                list(asking.request("ghz", ("bob", 9), count=10, line=line))
         return str(caught.value)
 
     async def run() -> str:

@@ -13,22 +13,22 @@ LEAST_HOSTS, MOST_HOSTS = 3, 16
 class GhzOptions(ServiceOptions):
     """`count` states of all hosts, measured to tell how good they are."""
 
-    hosts: str = "alice,bob,charlie"  # in the order of their links: who asks, who is asked, others
+    line: str = "alice,bob,charlie"  # hosts by their links: who asks, who is asked, others
 
     @property
     def names(self) -> list[str]:
         """Return the names of all hosts."""
-        return self.hosts.split(",")
+        return self.line.split(",")
 
     def check(self) -> None:
         """Raise SessionError for a value out of range."""
         super().check()
-        if not isinstance(self.hosts, str):
-            raise SessionError(Reason.UNSUPPORTED, f"hosts {self.hosts!r}: write A,B,C")
+        if not isinstance(self.line, str):
+            raise SessionError(Reason.UNSUPPORTED, f"line {self.line!r}: write A,B,C")
         names = self.names
         if not LEAST_HOSTS <= len(set(names)) == len(names) <= MOST_HOSTS:
-            text = f"hosts {self.hosts}: name {LEAST_HOSTS} to {MOST_HOSTS}, each once, as A,B,C"
+            text = f"line {self.line}: name {LEAST_HOSTS} to {MOST_HOSTS}, each once, as A,B,C"
             raise SessionError(Reason.UNSUPPORTED, text)
         if names[1] != self.host:
-            text = f"hosts {self.hosts}: {self.host} is asked, so it has to be the second"
+            text = f"line {self.line}: {self.host} is asked, so it has to be the second"
             raise SessionError(Reason.UNSUPPORTED, text)
