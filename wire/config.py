@@ -152,6 +152,9 @@ class HostConfig(Config):
     t1_s: float = Device().memory.t1_s
     t2_s: float = Device().memory.t2_s
     depolarizing_s: float = Device().memory.depolarizing_s
+    # Interfaces that are channels of a fibre, and their frequencies; of all others light of any
+    # colour passes.
+    channels_mhz: dict[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.light not in LIGHT:

@@ -94,6 +94,7 @@ class Transport:
         block.interval_ns = departure.pattern.interval_ns
         block.source_rate_hz = float("inf")
         flight = Flight(block, departure, layer)
+        flight.announce(end)
         task = asyncio.create_task(self._fly(block, end, flight))
         self._flights.add(task)
         task.add_done_callback(self._landed)

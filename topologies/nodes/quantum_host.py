@@ -125,6 +125,12 @@ class QuantumHost(ClassicalHost):
             depolarizing_s=network.devices[self.name].memory.depolarizing_s,
             keys=network.key_folder(self.name),
             light=self.light,
+            channels_mhz={
+                end.port: fiber.fixed_mhz
+                for fiber in network.fibers
+                for end in (fiber.a, fiber.b)
+                if end.node == self.name and fiber.fixed_mhz is not None
+            },
         )
         if self.light == STANDING:
             require_unrotated(network.switches.values())

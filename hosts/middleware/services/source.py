@@ -8,7 +8,6 @@ from collections.abc import Callable
 from hosts.hardware.qnic import HardwareError, Qnic, release
 from hosts.middleware.session.channel import MetadataChannel
 from hosts.middleware.session.errors import SessionError, unexpected
-from hosts.middleware.session.offers import check_wavelength
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS
 from hosts.middleware.session.station_words import tell
 from hosts.timeouts import MAX_BLOCK_S
@@ -21,7 +20,6 @@ async def serve_pairs(
     """Answer Emit requests of one session until its connection ends; count the pairs made."""
     if len(qnic.ports) < 2:
         raise SessionError(Reason.UNSUPPORTED, "a pair source needs two fibres")
-    check_wavelength(setup)
     channel.send(Answer(setup.session, Reason.OK))
     try:
         while (request := await channel.next()) is not None:

@@ -12,7 +12,7 @@ from hosts.middleware.session.channel import MetadataChannel
 from hosts.middleware.session.errors import SessionError, SilentPeer, unexpected
 from hosts.middleware.session.host_resources import HostResources
 from hosts.middleware.session.lifetimes import Lifetimes
-from hosts.middleware.session.offers import check_light
+from hosts.middleware.session.offers import at_wavelength, check_light
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS
 from hosts.middleware.session.service import (
     AcceptorEnd,
@@ -56,7 +56,7 @@ class OpeningSession:
     ) -> None:
         kind.check(setup)
         self._by = making(setup, is_source)
-        require_fibers(setup, Role.OPENER, means.qnic, self._by)
+        require_fibers(setup, Role.OPENER, means.at(setup.wavelength_pm).qnic, self._by)
         self._kind, self._options, self._means = kind, options, means
         self._arrangement, self._setup, self._is_source = arrangement, setup, is_source
         self._end: OpenerEnd | None = None
@@ -94,6 +94,8 @@ class OpeningSession:
 
     async def _arranged(self, answer: Answer, channel: MetadataChannel, tell: Tell) -> OpenerEnd:
         """Return this end, once it is known what the other can, and the source is there."""
+        self._setup = at_wavelength(self._setup, answer)
+        self._means = self._means.at(self._setup.wavelength_pm)
         theirs, lifetimes = Abilities(NOTHING, 0), Lifetimes(inf, inf, inf)
         if abilities.are_told(self._kind.service):
             connection = ConnectionEnd(self._means.qnic, self._setup, channel)
@@ -149,7 +151,9 @@ class AcceptingSession:
         setup: Setup,
     ) -> None:
         check_asked(setup, kind.handshakes)
-        self._accepted = kind.accepts(means, setup)
+        means = means.at(setup.wavelength_pm)
+        accepted = kind.accepts(means, setup)
+        self._accepted = replace(accepted, wavelength_pm=setup.wavelength_pm)
         require_fibers(setup, Role.ACCEPTOR, means.qnic, making(setup, False))
         self._kind, self._means, self._channel, self._setup = kind, means, channel, setup
         self._end: AcceptorEnd | None = None

@@ -17,6 +17,7 @@ from wire.services import Role
 async def serve_link(means: HostResources, channel: MetadataChannel, setup: Setup) -> None:
     """Do what this host has been ordered to until the link is over; SessionError if it fails."""
     check_wavelength(setup)
+    means = means.at(setup.wavelength_pm)
     require_fibers(setup, Role.ACCEPTOR, means.qnic, making(setup, False))
     order = await means.swaps.order_of_link(setup.session)
     incoming = IncomingLink(ConnectionEnd(means.qnic, setup, channel), order)
