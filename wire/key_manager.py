@@ -43,6 +43,8 @@ class KeyManagerConfig(Config):
     keys_per_s: float = 0.0  # stored keys that one SAE gets in the long run; 0: no limit
     # Whether no key goes out for a host while the last session with it had too many errors.
     withhold: bool = False
+    report_to: str = ""  # IPv4 address to which what is for the controller goes; empty: no relays
+    device_key: str = ""  # that the host shares with the controller
     links: list[KeyLink] = field(default_factory=list)
 
     @classmethod

@@ -361,6 +361,8 @@ class QuantumMetadata(App):
         self.arbiter.taps, self.arbiter.schedule = policy.taps, policy.schedule
         self.arbiter.follow(policy.queue)
         self.arbiter.needs_handshake = policy.filter.handshakes
+        self.arbiter.needs_sequence = policy.filter.sequences
+        self.fibers.needs_seal = policy.filter.announcements
         self.mac_table.place(self.stations if policy.filter.addresses else [])
         self.network.closed = policy.closed
         for dpid, datapath in self.datapaths.items():

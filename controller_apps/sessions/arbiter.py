@@ -76,6 +76,7 @@ class Arbiter:
     schedule: str = PARALLEL  # for chains that are still to come: one of SCHEDULES
     keys: Mapping[str, str] = field(default_factory=dict)  # device keys, by address of the host
     needs_handshake: bool = False  # on the connection of a set-up; switches tell of them
+    needs_sequence: bool = True  # of a FIN or RST, that fits its connection
     handshakes: Handshakes = field(default_factory=Handshakes)
 
     def __post_init__(self) -> None:
@@ -322,7 +323,7 @@ class Arbiter:
         request = self.sessions.requests.get(opener)
         if request is None:
             return []
-        if is_expected(request, segment, from_opener):
+        if not self.needs_sequence or is_expected(request, segment, from_opener):
             return self.verdicts.over(request, "RST" if segment.flags & RST else "FIN", now)
         at = position(request, segment, from_opener)
         if request.bypassed and request.doubted is None and at is not None and at >= 0:

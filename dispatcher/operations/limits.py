@@ -4,9 +4,10 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from dispatcher.layer.ownership import Block
+from dispatcher.layer.layer import PhysicalLayer
+from dispatcher.layer.ownership import MAX_BLOCKS, Block
 from dispatcher.operations import preparation
-from dispatcher.refusal import invalid
+from dispatcher.refusal import exhausted, invalid
 from dispatcher.sabot.backend import Angle, Bytes
 from dispatcher.sabot.dense import Dense
 from dispatcher.sabot.gates import ROTATIONS
@@ -17,7 +18,6 @@ from wire import dibits
 from wire.dispatcher_pb2 import ApplyRequest, Connection, CreateRequest, Gate, TunePortRequest
 from wire.parameters.switch import TEMPERATURE_C, QuantumSwitch
 
-MAX_BLOCKS = 100_000
 MAX_ANGLE_RAD = 1e6
 MAX_STEPS = 64
 MAX_PICKS = 4096
@@ -106,6 +106,18 @@ def require_picks(count: int) -> None:
     """Refuse to gather from no blocks or from too many."""
     if not 1 <= count <= MAX_PICKS:
         raise invalid(f"{count} picks; name 1 to {MAX_PICKS} blocks")
+
+
+def require_blocks(layer: PhysicalLayer, more: int, *makers: str) -> None:
+    """Refuse more blocks than there may be, or than each of their makers may have."""
+    if layer.ownership.count + more > MAX_BLOCKS:
+        raise exhausted(f"{MAX_BLOCKS} blocks are live; use larger blocks or discard some")
+    for maker in makers:
+        if layer.ownership.blocks_made_by(maker) + more > layer.share_of_blocks:
+            raise exhausted(
+                f"{layer.share_of_blocks} blocks that {maker} has made are live, its share; use "
+                "larger blocks or discard some"
+            )
 
 
 def require_rate(rate_hz: int, longest: int) -> None:

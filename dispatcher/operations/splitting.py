@@ -46,7 +46,7 @@ class Splitting:
             raise Refusal(grpc.StatusCode.ALREADY_EXISTS, message)
         if into[:2] == name[:2]:
             raise invalid(f"{into} is of the block that is split; take another number")
-        require_places(layer, block.register.size)
+        require_places(layer, block.node, block.register.size)
         layer.take_up(block)
         counts = photons(block)
         taken = self._take(block, into, counts >= SEVERAL)

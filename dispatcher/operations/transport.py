@@ -8,7 +8,7 @@ import numpy as np
 
 from dispatcher.devices import abilities
 from dispatcher.fiber.noise import Pattern
-from dispatcher.layer import drift, further, pulses
+from dispatcher.layer import cutoff, drift, further, pulses
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.ownership import Block, BlockName
 from dispatcher.operations import limits
@@ -93,6 +93,8 @@ class Transport:
         layer.ownership.move(block, "")
         block.interval_ns = departure.pattern.interval_ns
         block.source_rate_hz = float("inf")
+        cutoff.forget(block)
+        block.kept = False
         flight = Flight(block, departure, layer)
         flight.announce(end)
         task = asyncio.create_task(self._fly(block, end, flight))

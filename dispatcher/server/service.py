@@ -33,6 +33,7 @@ Request = TypeVar("Request")
 Reply = TypeVar("Reply")
 Context = grpc.aio.ServicerContext[Any, Any]
 Failed = Callable[[BaseException], None]
+CERTIFIED = "x509_common_name"  # of a caller, as gRPC has it
 
 
 def call(
@@ -44,7 +45,8 @@ def call(
     async def answer(service: "Service", request: Request, context: Context) -> Reply:
         try:
             told = dict(context.invocation_metadata() or ())
-            node = service.callers.of_call(told, context.peer(), method.__name__)
+            certified = context.auth_context().get(CERTIFIED)
+            node = service.callers.of_call(told, context.peer(), method.__name__, certified)
             return await method(service, request, node, context)
         except Refusal as refusal:
             await context.abort(refusal.code, str(refusal))
@@ -70,7 +72,7 @@ class Service(DispatcherServicer):
         self._operations = Operations(layer)
         parts = self._operations, Measurements(layer), self.transport, Gathering(layer)
         self._acts = acts(
-            *parts, Resending(layer), Splitting(layer), Heralding(layer), Telling(layer)
+            layer, *parts, Resending(layer), Splitting(layer), Heralding(layer), Telling(layer)
         )
         self._changes = changes(layer, self.switching)
 

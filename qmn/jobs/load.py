@@ -18,6 +18,7 @@ from qmn.network.checks import check_network
 from qmn.network.description import NetworkDescription, describe_network
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput, check_ranges
+from qmn.results.schema import RunFacts
 from qmn.traffic import result
 from qmn.traffic.driver import Driver
 from qmn.traffic.plan import MODELS, MOST_SESSIONS, BadTraffic, Planned, Traffic, plan
@@ -102,7 +103,7 @@ def run(request: LoadRequest, signals: Signals, console: Console) -> int:
     context = RunContext(network, request.run, folder, signals, console)
     own = {name: getattr(request, name) for name in OWN_OPTIONS}
     own["file"] = str(request.file) if request.file else None
-    facts = {"service": request.service, **known_facts(context, own), "delivered": False}
+    facts = known_facts(context, request.service, own)
     with ending(folder, facts, result.complete, context.options.report):
         _drive(request, traffic, planned, wanted, context, facts)
     result.show(console, facts, folder)
@@ -185,7 +186,7 @@ def _drive(
     planned: Sequence[Planned],
     wanted: Wanted,
     context: RunContext,
-    facts: dict[str, Any],
+    facts: RunFacts,
 ) -> None:
     """Start the network, drive the traffic, and add to the facts."""
     with running_network(context, facts) as network:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from hosts.middleware.services.key_distribution.options import MAX_COUNT
+from hosts.middleware.session.service_options import MAX_COUNT
 from qmn.options import BadInput, check_range, check_ranges
 from topologies.key_managers import KeyService
 from wire.key_manager import KeyLink

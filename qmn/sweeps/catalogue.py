@@ -4,12 +4,14 @@ import asyncio
 
 from qmn.sweeps.bell_test import CHSH
 from qmn.sweeps.contention import LIGHT
+from qmn.sweeps.cutoff import CUTOFF_TIMES
 from qmn.sweeps.dead_time import DEAD
 from qmn.sweeps.decoy_states import DECOY_STATES
 from qmn.sweeps.delay_line import DELAY_LINE
 from qmn.sweeps.experiment import Experiment, Outcome
 from qmn.sweeps.fresh_outcomes import FRESH_OUTCOMES
 from qmn.sweeps.gated_bell import GATED_BELL
+from qmn.sweeps.gated_swap import GATED_SWAP
 from qmn.sweeps.heralding import HERALDING
 from qmn.sweeps.interference import HOM
 from qmn.sweeps.light_sources import LIGHT_SOURCES
@@ -37,6 +39,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         HOM,
         DEAD,
         GATED_BELL,
+        GATED_SWAP,
         WAITING,
         FRESH_OUTCOMES,
         MULTI_PAIR,
@@ -49,6 +52,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         TIMING,
         DELAY_LINE,
         HERALDING,
+        CUTOFF_TIMES,
         LIGHT,
         SCHEDULE,
         SEAL,

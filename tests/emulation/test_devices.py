@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from conftest import ROOT, wait_until
+from loaded import run_qmn
 
 from hosts.quantum_socket import QuantumSocket, QuantumSocketError
 from topologies.network import Network, Signals
@@ -30,8 +31,7 @@ def either(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Network]:
 
 def qmn(*words: str) -> subprocess.CompletedProcess[str]:
     """Run the command to its end."""
-    command = [sys.executable, "-m", "qmn", *words]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=30)
+    return run_qmn(*words, timeout_s=30)
 
 
 def devices() -> dict[str, Any]:

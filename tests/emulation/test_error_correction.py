@@ -1,12 +1,11 @@
 """Codes and three symbols over the real components."""
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
-from conftest import ROOT, qmn, wait_until
+from conftest import qmn, wait_until
+from loaded import run_qmn
 
 from hosts.quantum_socket import QuantumSocket
 from topologies.network import Network, Signals
@@ -28,8 +27,7 @@ class LinearTopo(SdcTopo):
 
 def change(*words: str) -> str:
     """Run `qmn set`; return what it prints."""
-    command = [sys.executable, "-m", "qmn", "set", *words]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=30)
+    done = run_qmn("set", *words, timeout_s=30)
     return done.stdout + done.stderr
 
 

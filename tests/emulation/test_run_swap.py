@@ -1,8 +1,6 @@
 """`qmn run swap` from outside: a chain of repeaters over the real components."""
 
 import json
-import subprocess
-import sys
 import time
 from functools import partial
 from math import exp, sqrt
@@ -10,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import ROOT, verb
+from conftest import verb
+from loaded import run_qmn
 
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
@@ -22,20 +21,7 @@ from wire.controller_record import read_record
 
 def run(runs: Path, *options: str) -> dict[str, Any]:
     """Run it to its end; return the result."""
-    command = [
-        sys.executable,
-        "-m",
-        "qmn",
-        "run",
-        "swap",
-        "--no-report",
-        "--runs",
-        str(runs),
-        *options,
-    ]
-    done = subprocess.run(
-        command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=90
-    )
+    done = run_qmn("run", "swap", "--no-report", "--runs", str(runs), *options)
     assert done.returncode == 0, done.stdout + done.stderr
     result: dict[str, Any] = json.loads((runs / "latest" / "result.json").read_text())
     return result

@@ -35,6 +35,7 @@ from wire import (
     frames,
     key_assignment,
     key_delivery,
+    key_relay,
     metadata,
     optical,
     pcapng,
@@ -46,6 +47,7 @@ from wire import (
 )
 from wire.dispatcher_pb2 import BlockId, Event
 from wire.features import EVERYTHING, Abilities
+from wire.key_routes import Hop
 from wire.metadata import MalformedPacket
 from wire.netqasm import messages, pair_requests, subroutine, texts
 
@@ -182,6 +184,16 @@ ASSIGNMENT = key_assignment.Assignment(
         key_assignment.AssignedKey(IDS[2], 8, (), b"k"),
     ),
 )
+RELAY = key_relay.Relay(
+    "sae-alice",
+    ("sae-bob",),
+    5,
+    (Hop("10.0.0.1"), Hop("10.0.0.2", b"t" * 16)),
+    ((IDS[0], 16),),
+    IDS[1],
+    (IDS[2],),
+    b"mm",
+)
 EVENT = Event(time_ns=5, node="bob", kind="receive", block=BlockId(session=7), photons=9)
 DATAGRAMS = [
     device.Datagram(message, "alice", 9).seal(KEY, device.Datagram.FROM_HOST)[: -device.TAG_BYTES]
@@ -312,6 +324,16 @@ TARGETS: dict[str, Target] = {
         [ASSIGNMENT.encode()],
         key_assignment.Assignment.decode,
         lambda a: a.encode(),
+        False,
+        spoiled_json,
+    ),
+    "relay of keys": Target(
+        [RELAY.encode()], key_relay.Relay.decode, lambda r: r.encode(), False, spoiled_json
+    ),
+    "relay of keys, sealed": Target(
+        [key_relay.encode_sealed(RELAY.encode(), b"t" * 16)],
+        key_relay.decode_sealed,
+        lambda both: key_relay.encode_sealed(*both),
         False,
         spoiled_json,
     ),

@@ -2,7 +2,8 @@
 
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.lifetimes import NUMBERS, Lifetimes
-from hosts.middleware.session.service import ConnectionEnd, OpenerEnd
+from hosts.middleware.session.protocol import HostSide, OpenerSide, Say, Side, Steps
+from hosts.middleware.session.protocol import hear as hear_numbers
 from wire.features import STORE, Abilities, Feature, names
 from wire.metadata import MalformedPacket, Reason, Service, Setup, Topic
 from wire.services import Role, needs
@@ -39,35 +40,36 @@ def are_told(service: Service) -> bool:
     return STORE in needs(service, Role.ACCEPTOR)
 
 
-def say(end: ConnectionEnd, ours: Abilities, lifetimes: Lifetimes) -> None:
+def say(side: HostSide) -> Say:
     """Tell the opener, and how large blocks may be: the controller may have granted less."""
-    numbers = [end.setup.pairs, ours.features.value, ours.memory_qubits, *lifetimes.numbers()]
-    end.say(Topic.ABILITIES, 0, numbers, 32)
+    ours, times = side.abilities, side.lifetimes.numbers()
+    numbers = [side.setup.pairs, ours.features.value, ours.memory_qubits, *times]
+    return side.say(Topic.ABILITIES, 0, numbers, 32)
 
 
-async def hear(end: ConnectionEnd) -> tuple[int, Abilities, Lifetimes]:
+def hear(side: Side) -> Steps[tuple[int, Abilities, Lifetimes]]:
     """Return how large blocks may be, and what the acceptor can do; or raise SessionError."""
-    numbers = await end.hear(Topic.ABILITIES, 0, 3 + NUMBERS, MAX_NUMBER)
+    numbers = yield from hear_numbers(Topic.ABILITIES, 0, 3 + NUMBERS, MAX_NUMBER)
     pairs, bits, memory_qubits, *rest = numbers.tolist()
-    if not 0 < pairs <= end.setup.pairs:
-        text = f"blocks of {pairs} pairs, {end.setup.pairs} were asked for"
+    if not 0 < pairs <= side.setup.pairs:
+        text = f"blocks of {pairs} pairs, {side.setup.pairs} were asked for"
         raise SessionError(Reason.PROTOCOL, text)
     try:
-        return pairs, Abilities.checked(bits, memory_qubits), Lifetimes.of(rest, end.channel.peer)
+        return pairs, Abilities.checked(bits, memory_qubits), Lifetimes.of(rest, side.peer)
     except MalformedPacket as error:
-        raise SessionError(Reason.PROTOCOL, f"{end.channel.peer}: {error}") from error
+        raise SessionError(Reason.PROTOCOL, f"{side.peer}: {error}") from error
 
 
-def room(end: OpenerEnd) -> int:
+def room(side: OpenerSide) -> int:
     """Return how many pairs both ends can keep."""
-    return end.means.abilities.both(end.theirs).memory_qubits
+    return side.abilities.both(side.theirs).memory_qubits
 
 
-def require_capacity(end: OpenerEnd, pairs: int, spare: int) -> None:
+def require_capacity(side: OpenerSide, pairs: int, spare: int) -> None:
     """Raise SessionError unless so many pairs fit into both memories, with spare ones."""
-    if pairs + spare <= room(end):
+    if pairs + spare <= room(side):
         return
-    least, who = min((abilities.memory_qubits, who) for abilities, who in _ends(end))
+    least, who = min((abilities.memory_qubits, who) for abilities, who in _ends(side))
     more = f" and {spare} more, to estimate or purify," if spare else ""
     raise SessionError(
         Reason.UNSUPPORTED,
@@ -76,12 +78,9 @@ def require_capacity(end: OpenerEnd, pairs: int, spare: int) -> None:
     )
 
 
-def require(end: OpenerEnd, feature: Feature, what: str, remedy: str) -> None:
+def require(side: OpenerSide, feature: Feature, what: str, remedy: str) -> None:
     """Raise SessionError unless both ends have a feature; what needs it is named."""
-    for abilities, who in (
-        (end.means.abilities, end.means.name),
-        (end.theirs, end.arrangement.peer),
-    ):
+    for abilities, who in _ends(side):
         if feature not in abilities.features:
             raise SessionError(
                 Reason.UNSUPPORTED,
@@ -90,6 +89,6 @@ def require(end: OpenerEnd, feature: Feature, what: str, remedy: str) -> None:
             )
 
 
-def _ends(end: OpenerEnd) -> tuple[tuple[Abilities, str], tuple[Abilities, str]]:
+def _ends(side: OpenerSide) -> tuple[tuple[Abilities, str], tuple[Abilities, str]]:
     """Return what each end can do, and its name."""
-    return (end.means.abilities, end.means.name), (end.theirs, end.arrangement.peer)
+    return (side.abilities, side.host), (side.theirs, side.other_host)

@@ -17,7 +17,7 @@ from hosts.timeouts import (
     HERALD_TIMEOUT_S,
     RETRY_PAUSE_S,
 )
-from wire.metadata import Answer, Emit, Reason, Service, Setup
+from wire.metadata import Answer, Emit, Reason, Service, Setup, Values
 
 
 @dataclass
@@ -98,7 +98,9 @@ class Arrangement:
         async with self._source_turn:  # its answers carry no number
             emit = Emit(session, block, pairs, self._setup.rate_hz)
             await self._pairs.request(emit, HERALD_TIMEOUT_S)
-            return await heralds_of(self._pairs, block, pairs)
+            counts = await self._pairs.receive(Values, ANSWER_TIMEOUT_S)
+            told = await self._pairs.receive(Values, ANSWER_TIMEOUT_S)
+            return heralds_of(counts, told, block, pairs)
 
     async def give_up(self, error: SessionError | HardwareError) -> None:
         """Tell the peer, if there is a session yet, why it ends."""

@@ -17,7 +17,7 @@ from wire.metadata import Pauli
 
 @dataclass(frozen=True)
 class HostResources:
-    """The means of one host."""
+    """What one host has, for all its sessions."""
 
     name: str
     seed: int

@@ -21,16 +21,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hosts.hardware.qnic import BlockName, Heralds, NoLight, Qnic, Stored
+from hosts.hardware.qnic import BlockName, Stored
+from hosts.middleware.session import protocol
 from hosts.middleware.session.arrangement import Arrangement
 from hosts.middleware.session.channel import MetadataChannel
-from hosts.middleware.session.errors import SessionError, unexpected
 from hosts.middleware.session.host_resources import HostResources
 from hosts.middleware.session.lifetimes import Lifetimes
-from hosts.middleware.session.values import Numbers, expect, values
-from hosts.timeouts import ANSWER_TIMEOUT_S, GRACE_S, LIGHT_TIMEOUT_S
+from hosts.middleware.session.performing import Performer
+from hosts.middleware.session.protocol import HostSide, Light, OpenerSide, Order, Side
+from hosts.middleware.session.values import Numbers
+from hosts.timeouts import ANSWER_TIMEOUT_S, LIGHT_TIMEOUT_S
 from wire.features import Abilities
-from wire.metadata import Answer, Finish, Handshake, Reason, Service, Setup, Topic, Values
+from wire.metadata import Answer, Handshake, Reason, Service, Setup, Values
 
 Tell = Callable[..., Coroutine[Any, Any, None]]
 Answerer = Callable[[dict[str, Any]], Awaitable[dict[str, Any]]]
@@ -47,12 +49,36 @@ class Carrier:
 
 
 @dataclass
-class ConnectionEnd:
-    """One end of a session's connection: its light, and the other end."""
+class ConnectionEnd(Performer):
+    """One end of a session's connection: its light, and the other end.
 
-    qnic: Qnic
+    It performs protocols (protocol.py); services that wait themselves call its other methods.
+    """
+
     setup: Setup
     channel: MetadataChannel  # to the other end
+    arrangement: Arrangement | None = field(default=None, kw_only=True)  # if this end opened it
+
+    @property
+    def side(self) -> Side:
+        """This end as its protocol knows it."""
+        return Side(self.setup, tuple(self.qnic.ports), self.channel.peer)
+
+    async def carry_out(self, order: Order) -> Any:
+        """Do what is ordered; return what has come of it."""
+        match order:
+            case protocol.Say(messages):
+                return self.channel.send(*messages)
+            case protocol.Hear(kind, timeout_s):
+                return await self.channel.receive(kind, timeout_s)
+            case protocol.HearNext():
+                return await self.channel.next()
+            case protocol.Emit(block, pairs) if self.arrangement is not None:
+                return await self.arrangement.emit(block, pairs)
+            case protocol.Herald(block, pairs) if self.arrangement is not None:
+                return await self.arrangement.herald(block, pairs)
+            case _:
+                return await super().carry_out(order)
 
     def block(self, number: int, half: int = 0) -> BlockName:
         """Return the name of photons of this session."""
@@ -60,11 +86,7 @@ class ConnectionEnd:
 
     def say(self, topic: int, block: int, numbers: ArrayLike, width: int) -> None:
         """Tell the other end numbers of so many bits."""
-        self.channel.send(self.words(topic, block, numbers, width))
-
-    def words(self, topic: int, block: int, numbers: ArrayLike, width: int) -> Values:
-        """Return the message of this session that carries numbers of so many bits."""
-        return values(self.setup.session, topic, block, numbers, width)
+        self.channel.send(self.side.words(topic, block, numbers, width))
 
     async def hear(
         self,
@@ -75,58 +97,59 @@ class ConnectionEnd:
         timeout_s: float = ANSWER_TIMEOUT_S,
     ) -> Numbers:
         """Return the numbers that the other end tells next; SessionError if it tells others."""
-        return expect(await self.channel.receive(Values, timeout_s), topic, block, count, most)
+        return await self.perform(protocol.hear(topic, block, count, most, timeout_s))
 
     def agree(self) -> None:
         """Answer that what was asked last is accepted."""
-        self.channel.send(Answer(self.setup.session, Reason.OK))
-
-    async def stored(self, light: asyncio.Task[Stored], photons: int) -> Stored:
-        """Return what has come of light that is over; nothing if no photon has."""
-        try:
-            async with asyncio.timeout(GRACE_S + photons / self.setup.rate_hz):
-                found = await light
-        except (NoLight, TimeoutError):
-            return Stored(np.zeros(photons, dtype=bool), 0)
-        finally:
-            light.cancel()
-        if found.arrived.size != photons:
-            raise SessionError(Reason.PROTOCOL, f"{found.arrived.size} photons, not {photons}")
-        return found
+        self.channel.send(*self.side.agree().messages)
 
     def expect_light(self, name: BlockName, port: str = "") -> asyncio.Task[Stored]:
         """Begin to store the photons that will arrive at a port, the first if none is named."""
         light = self.qnic.receive_into_memory(name, port or self.qnic.ports[0], LIGHT_TIMEOUT_S)
         return asyncio.create_task(light, name=f"light of {name}")
 
+    async def stored(self, light: asyncio.Task[Stored], photons: int) -> Stored:
+        """Return what has come of light that is over; nothing if no photon has."""
+        return await self.perform(self.side.stored(Light(light), photons))
+
     async def next_values(self) -> Values | None:
         """Return what the opener tells next; None at the end of the session."""
-        message = await self.channel.next()
-        if isinstance(message, Finish):
-            return None
-        if not isinstance(message, Values):
-            raise unexpected(message, self.channel.peer)
-        return message
-
-    @staticmethod
-    def coming(message: Values, most: int) -> tuple[int, int]:
-        """Return number and size of the block that a message announces."""
-        (count,) = expect(message, Topic.COMING, message.block, 1, most).tolist()
-        if count == 0:
-            raise SessionError(Reason.PROTOCOL, f"block {message.block} has no photons")
-        return message.block, count
+        return await self.perform(self.side.next_values())
 
 
 @dataclass
 class End(ConnectionEnd):
     """One end of a session of a service: also its application, and what its host has."""
 
-    means: HostResources
+    resources: HostResources
     tell: Tell  # called with fields for the application
     draws: np.random.Generator  # of this host's own choices; they follow from the seed
     summary: dict[str, Any] = field(default_factory=dict)  # for the application, at the end
     # Of wire.device.DeviceReport: what the session has used of this host's device so far.
     counts: Callable[[], Mapping[str, int]] = dict
+
+    @property
+    def side(self) -> HostSide:
+        """This end as its protocol knows it."""
+        resources, ports = self.resources, tuple(self.qnic.ports)
+        return HostSide(
+            self.setup,
+            ports,
+            self.channel.peer,
+            resources.name,
+            self.draws,
+            resources.abilities,
+            resources.lifetimes,
+            resources.distinguishable_states,
+        )
+
+    async def carry_out(self, order: Order) -> Any:
+        """Do what is ordered; return what has come of it."""
+        if not isinstance(order, protocol.Tell):
+            return await super().carry_out(order)
+        if order.at_the_end:
+            self.summary = order.summary
+        return await self.tell(**order.summary)
 
 
 @dataclass
@@ -140,35 +163,23 @@ class OpenerEnd(End):
     is_source: bool = field(kw_only=True)  # this host makes the pairs, and keeps half of each
     sent: tuple[int, bytes] = NO_BYTES  # how many bytes, and their SHA-256: what Finish says
 
+    @property
+    def side(self) -> OpenerSide:
+        """This end as its protocol knows it."""
+        return OpenerSide(
+            **vars(super().side),
+            other_host=self.arrangement.peer,
+            theirs=self.theirs,
+            their_lifetimes=self.lifetimes,
+            is_source=self.is_source,
+        )
+
     async def pairs(self, number: int, count: int) -> Stored:
         """Have a block of pairs made for both ends; return what has come of half 0.
 
         The other end has said that it is ready before any light is made.
         """
-        await self.channel.request(values(self.setup.session, Topic.COMING, number, [count], 32))
-        if self.is_source:
-            return await self._own_pairs(number, count)
-        light = self.expect_light(self.block(number))
-        try:
-            await self.arrangement.emit(number, count)
-            return await self.stored(light, count)
-        finally:
-            light.cancel()
-
-    async def heralded(self, number: int, count: int) -> Heralds:
-        """Have pairs heralded with qubits of this host that emit, as many as come; return them.
-
-        The other end's attempt when it has agreed.
-        """
-        name, port = self.block(number), self.qnic.ports[0]
-        await self.channel.request(values(self.setup.session, Topic.COMING, number, [count], 32))
-        await self.qnic.attempt(name, port, self.setup.wavelength_pm)
-        return await self.arrangement.herald(number, count)
-
-    async def _own_pairs(self, number: int, count: int) -> Stored:
-        setup, port = self.setup, self.qnic.ports[-1]
-        light = setup.rate_hz, setup.wavelength_pm
-        return await self.qnic.share_pairs(setup.session, number, count, port, *light)
+        return await self.perform(self.side.pairs(number, count))
 
 
 @dataclass
@@ -180,10 +191,7 @@ class AcceptorEnd(End):
 
     async def announced(self, most: int) -> tuple[int, int] | None:
         """Return number and size of the block that comes next; None at the end of the session."""
-        message = await self.next_values()
-        if message is None:
-            return None
-        return self.coming(message, most)
+        return await self.perform(self.side.announced(most))
 
 
 @dataclass(frozen=True)
@@ -197,7 +205,9 @@ class ServiceKind:
     open: Callable[[OpenerEnd, Any], Awaitable[Answerer | Carrier | None]]
     accept: Callable[[AcceptorEnd], Awaitable[Answerer | None]]
     # What the acceptor says to a set-up; raises SessionError for one that cannot be served.
-    accepts: Callable[[HostResources, Setup], Answer] = lambda _means, setup: plain_answer(setup)
+    accepts: Callable[[HostResources, Setup], Answer] = lambda _resources, setup: plain_answer(
+        setup
+    )
     # What the opener refuses before anything is sent, by SessionError.
     check: Callable[[Setup], None] = lambda _setup: None
     handshakes: tuple[Handshake, ...] = (Handshake.FRAMED,)  # ONE_PAIR: those join a session

@@ -2,7 +2,7 @@
 
 import pytest
 
-from hosts.middleware.services.distribution.distribute import DistributeOptions
+from hosts.middleware.services.distribution.options import DistributeOptions
 from hosts.middleware.services.teleportation.teleport import TeleportOptions
 from hosts.middleware.session.service_options import ServiceOptions
 from qmn.__main__ import described

@@ -70,6 +70,10 @@ def test_nobody_announces_the_fibre_of_another(
         scene.packet_in(scene.q1, 4, host_announcement(**{**told, "number": 6, **lie}))
     assert words in caplog.text
     assert set(scene.quantum.network.hosts) == {at}
+    scene.quantum.fibers.needs_seal = False  # for attack studies: all are believed
+    scene.packet_in(scene.q1, 9, host_announcement(**{**told, "number": 6, **lie}))
+    assert SwitchPort(Q1, 9) in scene.quantum.network.hosts
+    scene.quantum.fibers.needs_seal = True
     scene.packet_in(scene.q1, 4, host_announcement(**{**told, "number": 7}))
     assert SwitchPort(Q1, 4) in scene.quantum.network.hosts
 
