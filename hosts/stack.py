@@ -22,14 +22,14 @@ from hosts.middleware.services.interception.interception import Interception
 from hosts.middleware.services.interception.options import InterceptionOptions
 from hosts.middleware.services.source import check_source, make_pairs
 from hosts.middleware.services.swapping.connections import serve_link
-from hosts.middleware.session.abilities import refusal
 from hosts.middleware.session.arrangement import Arrangement, Light
 from hosts.middleware.session.channel import MetadataChannel
+from hosts.middleware.session.ends import ConnectionEnd
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.host_resources import HostResources
 from hosts.middleware.session.lifetimes import Lifetimes
+from hosts.middleware.session.node_features import refusal
 from hosts.middleware.session.offers import check_wavelength
-from hosts.middleware.session.service import ConnectionEnd
 from hosts.middleware.session.session import AcceptingSession, OpeningSession, require_source
 from hosts.middleware.session.swap_orders import Swaps
 from hosts.middleware.verdicts import Verdicts
@@ -67,7 +67,7 @@ class Stack:
             config.analyser,
             Keyring(config.name, shared, config.keys),
             self.swaps,
-            config.abilities,
+            config.node_features,
             config.multi_photon,
             tuple(config.intensities),
             Lifetimes(config.t1_s, config.t2_s, config.depolarizing_s, config.cutoff_s),
@@ -115,7 +115,7 @@ class Stack:
 
     def _heralded(self, setup: Setup, source: str) -> Setup:
         """Have pairs heralded where this host's memory emits and the source is a station."""
-        emits = HERALD in self._resources.abilities.features
+        emits = HERALD in self._resources.node_features.features
         stations = self._config.stations
         # Of a chain the controller chooses them.
         stands = bool(stations) if setup.service == Service.SWAP else source in stations

@@ -75,7 +75,7 @@ class Topic(IntEnum):
     DIRECTIONS = 12  # of states on the Bloch sphere: every theta, then every phi, in turns / 2^32
     # Of the acceptor, before all else: pairs in a block at most, its features (wire.features), and
     # how many qubits its memory takes.
-    ABILITIES = 13
+    NODE_FEATURES = 13
     KEPT = 14  # the opener holds the key of this number (block) in its store; no values
     PURIFY = 32  # protocol (1 BBPSSW, 2 DEJMPS) and seed of the twirl, of a round of a block
     # Of a station, or passed on by the opener: the Bell state of each heralded pair, as 0 Phi+,

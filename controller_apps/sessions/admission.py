@@ -12,18 +12,18 @@ from controller_apps.light.routing import Leg, LightPath, Limits, route, why_not
 from controller_apps.light.taps import CannotTap, tapped
 from controller_apps.packets.segments import FiveTuple
 from controller_apps.policy.policy import Tap
-from controller_apps.sessions.abilities import (
-    Want,
-    block_pairs,
-    first_want,
-    is_station,
-    want_of_repeater,
-)
 from controller_apps.sessions.chains import (
     find_chain,
     heralded_legs,
     ordered_link,
     repeaters_of,
+)
+from controller_apps.sessions.node_features import (
+    Want,
+    block_pairs,
+    first_want,
+    is_station,
+    want_of_repeater,
 )
 from controller_apps.sessions.returns import returned_on
 from controller_apps.sessions.sessions import Chain, Session, Sessions

@@ -7,7 +7,7 @@ undo, and where on its connection the set-up was. That is kept here, network byt
 
     session: seen (s), requests, paths; each request; each path with its hops; the number of nodes
              of a chain of repeaters, and each node's address
-    hosts:   each port: switch, port, address, three lengths, name of host and port, abilities
+    hosts:   each port: switch, port, address, three lengths, name of host and port, node_features
 """
 
 import struct
@@ -24,7 +24,7 @@ from controller_apps.packets.segments import FiveTuple
 from controller_apps.sessions.actions import Keep
 from controller_apps.sessions.sessions import Request, Session, Stop, read_setup
 from wire.device import MAX_REPEATERS, NOBODY
-from wire.features import Abilities
+from wire.features import NodeFeatures
 from wire.metadata import (
     METADATA_PORT,
     SETUP_LENGTH,
@@ -188,7 +188,7 @@ def encode_hosts(hosts: Mapping[SwitchPort, HostPort]) -> bytes:
     for at, host in hosts.items():
         names = host.host.encode(), host.name.encode()
         address = IPv4Address(host.address).packed
-        told = host.abilities.encode() if host.abilities else b""
+        told = host.node_features.encode() if host.node_features else b""
         texts = *names, told
         data += HOST.pack(*at, address, *map(len, texts)) + b"".join(texts)
     return data
@@ -201,7 +201,7 @@ def decode_hosts(data: bytes) -> dict[SwitchPort, HostPort]:
     while reader.left and len(hosts) < MAX_PORTS:
         dpid, port, address, host_length, name_length, told_length = reader.take(HOST)
         host, name = reader.text(host_length), reader.text(name_length)
-        told = Abilities.decode(reader.raw(told_length)) if told_length else None
+        told = NodeFeatures.decode(reader.raw(told_length)) if told_length else None
         hosts[SwitchPort(dpid, port)] = HostPort(host, str(IPv4Address(address)), name, told)
     reader.end()
     return hosts

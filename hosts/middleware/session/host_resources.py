@@ -11,7 +11,7 @@ from hosts.middleware.qkd.keyring import Keyring
 from hosts.middleware.session.encoding import DISTINGUISHABLE_STATES
 from hosts.middleware.session.lifetimes import Lifetimes
 from hosts.middleware.session.swap_orders import Swaps
-from wire.features import Abilities
+from wire.features import NodeFeatures
 from wire.metadata import Pauli
 
 
@@ -25,7 +25,7 @@ class HostResources:
     analyser: str  # its kind of Bell analyser (wire.parameters.physics.ANALYSERS)
     keyring: Keyring  # what this host shares with others
     swaps: Swaps  # the chains of repeaters that it is part of
-    abilities: Abilities
+    node_features: NodeFeatures
     multi_photon: float  # how likely a pulse of its source has several photons
     intensities: tuple[float, ...]  # mean photon numbers of its pulses: signal, then decoys
     lifetimes: Lifetimes  # of its memory

@@ -17,12 +17,12 @@ from controller_apps.sessions.snapshot import (
     encode_session,
 )
 from controller_apps.sessions.state_folder import StateFolder
-from wire.features import STORE, Abilities
+from wire.features import STORE, NodeFeatures
 from wire.metadata import SETUP_LENGTH, MalformedPacket, Verdict, decode
 
 NOW = 50.0
 HOSTS = {SwitchPort(Q1, port): host for port, host in FIBERS.items()}
-ABLE = {at: replace(host, abilities=Abilities(STORE, 32)) for at, host in HOSTS.items()}
+ABLE = {at: replace(host, node_features=NodeFeatures(STORE, 32)) for at, host in HOSTS.items()}
 
 
 def golden() -> bytes:

@@ -12,10 +12,10 @@ from hosts.middleware.services.swapping.link import (
 from hosts.middleware.services.swapping.repeater import Repeater
 from hosts.middleware.session.arrangement import Arrangement, Light
 from hosts.middleware.session.channel import MetadataChannel
+from hosts.middleware.session.ends import ConnectionEnd
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.host_resources import HostResources
 from hosts.middleware.session.offers import check_wavelength
-from hosts.middleware.session.service import ConnectionEnd
 from hosts.middleware.session.session import making, require_fibers
 from wire.device import SwapOrder
 from wire.metadata import MemoryState, Setup
