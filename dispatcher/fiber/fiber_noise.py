@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 from dispatcher.fiber import custom_noise
 from dispatcher.fiber.classical_light import ClassicalLight
@@ -12,6 +13,7 @@ from dispatcher.fiber.polarization_modes import (
     PolarizationModeDispersion,
 )
 from wire.parameters.fiber import FiberOptics
+from wire.parameters.switch import QuantumSwitch
 
 PS_PER_S_AND_PPM = 1e6
 
@@ -21,6 +23,18 @@ def models(optics: FiberOptics) -> dict[str, NoiseModel]:
     return {
         f"{number} {type(model).__name__}": model for number, model in enumerate(_models(optics))
     }
+
+
+@dataclass(frozen=True)
+class DepolarizingSwitch(Depolarizing):
+    """A switch that makes noise of some of what leaves it."""
+
+
+def of_switch(switch: QuantumSwitch) -> dict[str, NoiseModel]:
+    """Return the noise that light takes along from a switch into the fibres there."""
+    if not switch.depolarizing:
+        return {}
+    return {DepolarizingSwitch.__name__: DepolarizingSwitch(switch.depolarizing)}
 
 
 def _models(optics: FiberOptics) -> Iterator[NoiseModel]:
