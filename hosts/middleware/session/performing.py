@@ -1,6 +1,6 @@
 """The carrying out of what protocols order: everything that waits for hardware, clocks and threads.
 
-Who has a connection, too, carries out what is said and heard on it (service.py).
+Who has a connection, too, carries out what is said and heard on it (ends.py).
 """
 
 import asyncio

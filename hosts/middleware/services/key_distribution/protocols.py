@@ -25,8 +25,8 @@ from hosts.middleware.qkd.sifting import Record
 from hosts.middleware.services.key_distribution.light import measured, measuring, random_bases
 from hosts.middleware.services.key_distribution.options import KeyOptions
 from hosts.middleware.services.key_distribution.session import accept_key, make_key
+from hosts.middleware.session.ends import AcceptorEnd, OpenerEnd, ServiceKind
 from hosts.middleware.session.protocol import Emit, OpenerSide, Steps, do
-from hosts.middleware.session.service import AcceptorEnd, OpenerEnd, ServiceKind
 from wire.metadata import Service
 
 

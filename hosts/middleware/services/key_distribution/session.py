@@ -36,8 +36,8 @@ from hosts.middleware.services.key_distribution.opener import Light, OpenerOfKey
 from hosts.middleware.services.key_distribution.options import KeyOptions
 from hosts.middleware.services.key_distribution.summary import Progress, summary
 from hosts.middleware.services.key_distribution.under_way import NUMBERS, KeysUnderWay
+from hosts.middleware.session.ends import AcceptorEnd, End, OpenerEnd
 from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.service import AcceptorEnd, End, OpenerEnd
 from hosts.network_loop import now_s
 from wire.metadata import Reason
 

@@ -16,9 +16,9 @@ from hosts.middleware.services.superdense.receiver import (
 )
 from hosts.middleware.session.channel import MetadataChannel
 from hosts.middleware.session.encoding import DISTINGUISHABLE_STATES
+from hosts.middleware.session.ends import AcceptorEnd
 from hosts.middleware.session.errors import SessionError, unexpected
 from hosts.middleware.session.host_resources import HostResources
-from hosts.middleware.session.service import AcceptorEnd
 from hosts.timeouts import ARRIVED_TIMEOUT_S, PAIR_TIMEOUT_S
 from wire.metadata import Answer, Block, Finish, Reason, Setup
 

@@ -12,10 +12,10 @@ from hosts.middleware.services.swapping.link import (
 from hosts.middleware.services.swapping.repeater import Repeater
 from hosts.middleware.session.arrangement import Arrangement, Light
 from hosts.middleware.session.channel import MetadataChannel
+from hosts.middleware.session.ends import ConnectionEnd
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.host_resources import HostResources
 from hosts.middleware.session.offers import check_wavelength
-from hosts.middleware.session.service import ConnectionEnd
 from hosts.middleware.session.session import making, require_fibers
 from wire.device import SwapOrder
 from wire.metadata import MemoryState, Setup
@@ -61,6 +61,7 @@ async def serve_link(resources: HostResources, channel: MetadataChannel, setup: 
     SessionError if it fails.
     """
     check_wavelength(setup)
+    resources = resources.at(setup.wavelength_pm)
     require_fibers(setup, Role.ACCEPTOR, resources.qnic, making(setup, False))
     order = await resources.swaps.order_of_link(setup.session)
     connection = ConnectionEnd(resources.qnic, setup, channel)

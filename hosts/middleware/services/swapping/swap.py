@@ -20,15 +20,15 @@ from hosts.middleware.services.distribution.options import DistributeOptions
 from hosts.middleware.services.swapping.connections import OpenedLink
 from hosts.middleware.services.swapping.link import IncomingLink, OutgoingLink
 from hosts.middleware.services.swapping.protocol import Accepting, Opening
-from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.protocol import Connection
-from hosts.middleware.session.service import (
+from hosts.middleware.session.ends import (
     AcceptorEnd,
     Answerer,
     ConnectionEnd,
     OpenerEnd,
     ServiceKind,
 )
+from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.protocol import Connection
 from hosts.middleware.session.swap_orders import Arrived
 from hosts.timeouts import LINK_TIMEOUT_S
 from wire.metadata import Reason, Service

@@ -27,7 +27,7 @@ from hosts.middleware.services.teleportation.protocol import (
     Teleport,
 )
 from hosts.middleware.services.teleportation.qubit_states import RANDOM, Cardinal, States
-from hosts.middleware.session.service import AcceptorEnd, OpenerEnd, ServiceKind
+from hosts.middleware.session.ends import AcceptorEnd, OpenerEnd, ServiceKind
 from hosts.middleware.session.service_options import ServiceOptions
 from hosts.network_loop import now_s
 from hosts.timeouts import ANSWER_TIMEOUT_S
