@@ -2,6 +2,7 @@
 
 import json
 import os
+import time
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -60,7 +61,12 @@ def test_a_result_that_has_changed_is_read_again_and_others_are_not(
     runs_in(runs)
     read = run_index.read_run
     seen: list[str] = []
-    monkeypatch.setattr(run_index, "read_run", lambda path: seen.append(path.name) or read(path))
+
+    def noted(path: Path) -> Run:
+        seen.append(path.name)
+        return read(path)
+
+    monkeypatch.setattr(run_index, "read_run", noted)
     change(runs / NEW, loss_budget_db=3.0)
     assert runs_in(runs)[1].parameters == {"fec": "none <&>", "loss_budget_db": 3.0}
     assert seen == [NEW]
@@ -120,11 +126,9 @@ def test_the_oldest_are_pruned(
     """Three runs of a byte, 200, 100 and 0 s old."""
     began = ["2026-01-01 10:00:00", "2026-01-01 10:01:40", "2026-01-01 10:03:20"]
     listed = [
-        Run(name, 1, time, "", "{}", "done", 1) for name, time in zip("abc", began, strict=True)
+        Run(name, 1, moment, "", "{}", "done", 1) for name, moment in zip("abc", began, strict=True)
     ]
-    import time as clock
-
-    now = clock.mktime(clock.strptime(began[2], "%Y-%m-%d %H:%M:%S"))
+    now = time.mktime(time.strptime(began[2], "%Y-%m-%d %H:%M:%S"))
     assert [run.name for run in verb.to_prune(listed, older_than_s, keep_gb, now)] == doomed
 
 
