@@ -90,7 +90,9 @@ def test_a_cluster_measures_the_same_as_processes(
     assert rows(tmp_path / "teleport.csv") == rows(swept / "teleport.csv")
 
 
-def test_another_seed_measures_something_else(swept: Path, tmp_path: Path, scheduler: Words) -> None:
+def test_another_seed_measures_something_else(
+    swept: Path, tmp_path: Path, scheduler: Words
+) -> None:
     assert run("sweep", "teleport", *POINTS, "--seed", "2", *scheduler, "--out", str(tmp_path)) == 0
     values = [[line[-3] for line in rows(f / "teleport.csv")[:2]] for f in (swept, tmp_path)]
     assert values[0] != values[1]
