@@ -341,7 +341,8 @@ class Arbiter:
     def _count_doubted(self, now: float) -> list[Action]:
         return [
             CountBypass(dpid, request.five_tuple, request.setup.session)
-            for request in self.sessions.requests.values()
+            for session in self.sessions.by_number.values()
+            for request in session.requests.values()
             if request.doubted is not None and now - request.doubted[1] >= COUNTING_S
             for dpid in sorted(request.bypassed)[:1]
         ]
