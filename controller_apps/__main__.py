@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from controller_apps.policy.policy import BadPolicy, read_policy
-from controller_apps.timeouts import READY_TIMEOUT_S
+from controller_apps.timeouts import READY_POLL_S, READY_TIMEOUT_S
 from wire.config import BadConfig, ControllerConfig
 
-APPS = ("learning_switch", "quantum_metadata", "device_monitor")
+APPS = ("learning_switch", "quantum_metadata", "device_monitor", "key_relays")
 WSGI_APPS = {"ryu.app.ofctl_rest", "ryu.app.rest_topology"}
 
 
@@ -139,7 +139,7 @@ def start_apps(framework: Any, config: ControllerConfig) -> Any:
     contexts = {"config": config, "mac_table": MacTable(), "record": record, "state": state}
     guard = partial(Guard, address=config.rest, token=config.rest_token)
     apps = framework.start([*modules, *config.apps], guard, **contexts)
-    facts = Facts(apps["QuantumMetadata"], apps["DeviceMonitor"])
+    facts = Facts(apps["QuantumMetadata"], apps["DeviceMonitor"], apps["KeyRelays"])
     for server in (console, metrics):
         if server is not None:
             server.start(facts)
@@ -159,7 +159,7 @@ def wait_until_listening(framework: Any, host: str, port: int) -> None:
     """Return as soon as a connection to the OpenFlow server succeeds."""
     deadline = time.monotonic() + READY_TIMEOUT_S
     while time.monotonic() < deadline:
-        framework.hub.sleep(0.01)
+        framework.hub.sleep(READY_POLL_S)
         with contextlib.suppress(ConnectionRefusedError), socket.create_connection((host, port)):
             return
     raise Fatal(f"no OpenFlow server on {host}:{port} within {READY_TIMEOUT_S} s")

@@ -9,12 +9,12 @@ from dispatcher.clock import Clock
 from dispatcher.devices.hardware import Devices
 from dispatcher.layer import freed_memory
 from dispatcher.layer.event_capture import EventCapture
-from dispatcher.layer.history import History
+from dispatcher.layer.history import MOST_EVENTS, History
 from dispatcher.layer.journal import Journal
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.memory import Memories
 from dispatcher.layer.network import Network
-from dispatcher.layer.ownership import Ownership
+from dispatcher.layer.ownership import MAX_BLOCKS, Ownership
 from dispatcher.layer.software_time import SoftwareTime
 from dispatcher.recording.recorder import RecordedClock, Recorder, open_private
 from dispatcher.recording.traced import TracedSabot
@@ -28,6 +28,8 @@ from wire.config import BadConfig, DispatcherConfig
 from wire.dispatcher_service import RUNNER
 
 LEAST_SHARE = 1 << 22  # qubits
+LEAST_BLOCKS = 8192
+LEAST_EVENTS = 1_000_000
 
 
 def build_layer(
@@ -55,25 +57,32 @@ def build_layer(
         draws=draws,
         network=Network(config.fibers, config.switches),
         ownership=Ownership(),
-        history=History(config.history_depth, event_log, capture, config.per_qubit),
+        history=History(
+            config.history_depth,
+            event_log,
+            capture,
+            config.per_qubit,
+            equal_share(config, MOST_EVENTS, LEAST_EVENTS),
+        ),
         devices=devices,
         memories=Memories(devices, clock, sabot, draws, software),
         max_live_qubits=config.max_live_qubits,
-        share=share_of(config),
+        share=equal_share(config, config.max_live_qubits, LEAST_SHARE),
+        share_of_blocks=equal_share(config, MAX_BLOCKS, LEAST_BLOCKS),
         journal=journal or Journal(config.time),
         time=config.time,
         software=software,
     )
 
 
-def share_of(config: DispatcherConfig) -> int:
-    """Return how many qubits that one node has made may be live: no node starves the others.
+def equal_share(config: DispatcherConfig, whole: int, least: int) -> int:
+    """Return how much of something one node may take: no node starves the others.
 
-    Each host has an equal part, but in large networks as much as eight sessions have under way.
+    Each host has an equal part, but in large networks the least that it needs; of qubits that is as
+    much as eight sessions have under way.
     """
     hosts = config.tokens.keys() - {RUNNER, *(switch.name for switch in config.switches)}
-    equal = config.max_live_qubits // max(1, len(hosts))
-    return min(config.max_live_qubits, max(equal, LEAST_SHARE))
+    return min(whole, max(whole // max(1, len(hosts)), least))
 
 
 def open_layer(

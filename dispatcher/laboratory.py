@@ -104,7 +104,7 @@ class Laboratory:
         rest = Gathering(self.layer), Resending(self.layer), Splitting(self.layer)
         heralding = Heralding(self.layer)
         self._acts = acts(
-            operations, measurements, transport, *rest, heralding, Telling(self.layer)
+            self.layer, operations, measurements, transport, *rest, heralding, Telling(self.layer)
         )
 
     def host(self, name: str) -> "LaboratoryHost":
@@ -169,10 +169,16 @@ class LaboratoryHost:
             "apply", ApplyRequest(block=block_id(block), paulis=packed, gates=gates)
         )
 
-    async def send(self, launches: dict[BlockKey, str], rate_hz: int = RATE_HZ) -> Feedback:
-        """Launch blocks together, each into the port named; return when all have come out."""
+    async def send(
+        self, launches: dict[BlockKey, str], rate_hz: int = RATE_HZ, frequency_mhz: int = 0
+    ) -> Feedback:
+        """Launch blocks together, each into the port named; return when all have come out.
+
+        Their colour is that of channel 1, unless another is said.
+        """
         ways = [Launch(block=block_id(block), port=port) for block, port in launches.items()]
-        return await self._act("send", SendRequest(launches=ways, rate_hz=rate_hz))
+        request = SendRequest(launches=ways, rate_hz=rate_hz, frequency_mhz=frequency_mhz)
+        return await self._act("send", request)
 
     async def receive(self, block: BlockKey, port: str) -> Feedback | None:
         """Take a block from a port; return None if no light came.
@@ -211,13 +217,15 @@ class LaboratoryHost:
         request = BellMeasureRequest(first=block_id(first), second=block_id(second))
         return outcomes(await self._act("bell_measure", request))
 
-    async def store(self, block: BlockKey) -> Feedback:
-        """Put a block into the host's memory."""
-        return await self._act("store", StoreRequest(block=block_id(block)))
+    async def store(self, block: BlockKey, cutoff_s: float | None = None) -> Feedback:
+        """Put a block into the host's memory; what is older than the cut-off is dropped."""
+        request = StoreRequest(block=block_id(block), cutoff_s=cutoff_s)
+        return await self._act("store", request)
 
-    async def attempt(self, block: BlockKey, port: str) -> Feedback:
+    async def attempt(self, block: BlockKey, port: str, cutoff_s: float | None = None) -> Feedback:
         """Let qubits of the host's memory attempt to emit into a port."""
-        return await self._act("attempt", AttemptRequest(block=block_id(block), port=port))
+        request = AttemptRequest(block=block_id(block), port=port, cutoff_s=cutoff_s)
+        return await self._act("attempt", request)
 
     async def herald(
         self, count: int, ports: tuple[str, str], timeout_s: float, number: int = 0

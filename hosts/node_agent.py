@@ -13,7 +13,7 @@ from typing import cast
 
 from hosts.hardware.ports import link_changes, take_notices
 from hosts.middleware.device import Device, changed
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.swap_orders import Swaps
 from hosts.network_loop import wall_sleep, wall_timeout
 from hosts.timeouts import (

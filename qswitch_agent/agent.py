@@ -31,8 +31,9 @@ class Agent:
             config.switch,
         )
         hold_s = config.time.wall_s(HOLD_DEADLINE_S)
+        tls = config.credentials.client() if config.credentials is not None else None
         self._servers: list[tuple[Server, str]] = [
-            (Proxy(address(controller), self._switch, hold_s), config.listening(number))
+            (Proxy(address(controller), self._switch, hold_s, tls), config.listening(number))
             for number, controller in enumerate(config.controllers)
         ]
         if config.programs:

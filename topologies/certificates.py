@@ -4,7 +4,7 @@ They hold for a day, and their private keys are in the network's private folder,
 """
 
 import ipaddress
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -47,17 +47,23 @@ class CertificateAuthority:
         self.certificate = folder / AUTHORITY
         self.certificate.write_bytes(certificate.public_bytes(serialization.Encoding.PEM))
 
-    def issue(self, name: str, addresses: Mapping[str, str] | None = None) -> CertificateFiles:
-        """Make a certificate for a name; with addresses (by host name) also for a server there."""
+    def issue(
+        self, name: str, addresses: Mapping[str, str] | None = None, also: Iterable[str] = ()
+    ) -> CertificateFiles:
+        """Make a certificate for a name; with addresses (by host name) also for a server there.
+
+        Who is called otherwise, too, has these names `also`.
+        """
         key = ec.generate_private_key(ec.SECP256R1())
         usages = [ExtendedKeyUsageOID.CLIENT_AUTH]
         builder = self._begun(_subject(name), key.public_key())
         builder = builder.add_extension(x509.BasicConstraints(False, None), critical=True)
         builder = builder.add_extension(_usage(signs=False), critical=True)
+        names = [x509.DNSName(host) for host in (*(addresses or {}), *also)]
         if addresses:
             usages.append(ExtendedKeyUsageOID.SERVER_AUTH)
-            names = [x509.DNSName(host) for host in addresses]
-            own = [x509.IPAddress(ipaddress.ip_address(each)) for each in addresses.values()]
+        own = [x509.IPAddress(ipaddress.ip_address(each)) for each in (addresses or {}).values()]
+        if names:
             alternatives = x509.SubjectAlternativeName([*names, *own])
             builder = builder.add_extension(alternatives, critical=False)
         builder = builder.add_extension(x509.ExtendedKeyUsage(usages), critical=False)

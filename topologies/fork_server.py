@@ -19,7 +19,7 @@ from collections.abc import Callable, Sequence
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from topologies.timeouts import PARENT_POLL_S, PARENT_TIMEOUT_S
 
@@ -29,6 +29,7 @@ LEAST_NUMBER = 1 << 9  # of descriptors on their way: above those that a program
 PR_SET_PDEATHSIG = 1
 NAMESPACES = "net", "mnt"
 COMMAND_BEGIN, COMMAND_END = 45, 46  # fields of /proc/PID/stat after the name and the state
+RUNNERS_SIGNALS = signal.SIGINT, signal.SIGTERM, signal.SIGHUP  # that it waits for
 STATE = 1  # number of the first of these fields
 LIBC = ctypes.CDLL(None, use_errno=True)
 
@@ -39,9 +40,8 @@ def main() -> int:
     """Import what is to be forked, and fork until the runner ends."""
     descriptor, modules, _padding = sys.argv[1:]
     programs = {name: import_module(runnable(name)).main for name in modules.split(",")}
-    threads = len(os.listdir("/proc/self/task"))
-    if threads != 1:
-        print(f"fork server: {threads} threads after imports; only one can fork", file=sys.stderr)
+    if threads() != 1:
+        print(f"fork server: {threads()} threads after imports; only one can fork", file=sys.stderr)
         return 1
     gc.collect()
     gc.freeze()  # so that a collection in a child copies no memory that all share
@@ -50,6 +50,33 @@ def main() -> int:
     while (request := receive(channel)) is not None:
         channel.send(str(fork(programs, *request)).encode())
     return 0
+
+
+def serve(request: dict[str, Any], files: Sequence[int]) -> NoReturn:
+    """Be a fork server in a process that was forked off a runner, to whose code it never returns.
+
+    There, each `with` would clean up the network of the runner.
+    """
+    status: object = 1
+    try:
+        for number in RUNNERS_SIGNALS:
+            signal.signal(number, signal.SIG_DFL)
+        become(request, files)
+        status = main()
+    except SystemExit as end:
+        status = end.code
+    finally:
+        if (error := sys.exception()) is not None:
+            sys.excepthook(type(error), error, error.__traceback__)
+        if isinstance(status, str):
+            print(status, file=sys.stderr)
+        sys.stdout.flush()
+        os._exit(status if isinstance(status, int) else int(status is not None))
+
+
+def threads() -> int:
+    """Return how many threads this process has."""
+    return len(os.listdir("/proc/self/task"))
 
 
 def runnable(module: str) -> str:
@@ -144,7 +171,7 @@ def keep_files(files: Sequence[int], descriptors: Sequence[int]) -> None:
     last = 2
     for descriptor in sorted(descriptors):
         os.closerange(last + 1, descriptor)
-        last = descriptor
+        last = max(last, descriptor)
     os.closerange(last + 1, LEAST_NUMBER + len(files))
 
 

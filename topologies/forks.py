@@ -7,10 +7,14 @@ import select
 import signal
 import socket
 import subprocess
+import sys
 import time
 from collections.abc import Sequence
 from threading import Lock
+from typing import Any
 
+from topologies import fork_server
+from topologies.owners import mark
 from topologies.programs import ROOT, NetworkError, Program, python
 from topologies.timeouts import END_TIMEOUT_S, FORK_TIMEOUT_S, POLL_S
 
@@ -22,6 +26,7 @@ MODULES = (
     "hosts.ip_over_light",
     "qswitch_agent",
 )
+SERVER = "topologies.fork_server"
 PADDING = " " * 400  # where the commands of its children will be for `ps` to see
 ANSWER_BYTES = 64
 PR_SET_CHILD_SUBREAPER = 36
@@ -67,26 +72,30 @@ class Forked:
 
 
 class ForkServer:
-    """Has the modules loaded that programs of a network are made of, and forks them off."""
+    """Has the modules loaded that programs of a network are made of, and forks them off.
 
-    def __init__(self, program: Program) -> None:
+    It loads them itself, unless this process has: then it is forked off this one.
+    """
+
+    def __init__(self, program: Program, modules: Sequence[str] = MODULES) -> None:
         self._program = program
+        self._modules = modules
         self._one_at_a_time = Lock()
         self._fault: str | None = None  # why it answers no more: nobody waits for it twice
         self._channel, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._channel.settimeout(FORK_TIMEOUT_S)
-        command = [python(), "-m", "topologies.fork_server", str(theirs.fileno())]
+        command = [python(), "-m", SERVER, str(theirs.fileno()), ",".join(modules), PADDING]
         with theirs:
-            program.start([*command, ",".join(MODULES), PADDING], descriptors=[theirs.fileno()])
+            this = ThisProcess() if has_loaded(modules) else None
+            program.start(command, descriptors=[theirs.fileno()], forks=this)
 
     def close(self) -> None:
         """Let the server end; what it has forked goes on."""
         self._channel.close()
 
-    @staticmethod
-    def serves(command: Sequence[str]) -> bool:
+    def serves(self, command: Sequence[str]) -> bool:
         """Whether a command starts one of the modules with this interpreter."""
-        return [*command[:2]] == [python(), "-m"] and command[2] in MODULES
+        return [*command[:2]] == [python(), "-m"] and command[2] in self._modules
 
     def start(
         self,
@@ -100,21 +109,18 @@ class ForkServer:
 
         Raise NetworkError if the server has ended, or does not answer.
         """
-        request = {
-            "name": name,
-            "module": command[2],
-            "command": list(command),
-            "runner": os.getpid(),
-            "folder": str(ROOT),
-            "namespace_pid": namespace_pid,
-            "descriptors": list(descriptors),
-        }
+        asked = request(name, command, namespace_pid, descriptors)
+        return self.fork(asked, [log, *descriptors])
+
+    def fork(self, asked: dict[str, Any], files: Sequence[int]) -> Forked:
+        """Start what `request` describes: with these files, of which the first is its log."""
+        name = asked["name"]
         with self._one_at_a_time:
             if self._fault:
                 raise NetworkError(self._fault)
             adopt_orphans(True)
             try:
-                socket.send_fds(self._channel, [json.dumps(request).encode()], [log, *descriptors])
+                socket.send_fds(self._channel, [json.dumps(asked).encode()], files)
                 answer = self._channel.recv(ANSWER_BYTES)
             except TimeoutError as error:
                 self._fault = f"{self._program.name} did not start {name} in {FORK_TIMEOUT_S:g} s"
@@ -135,6 +141,52 @@ class ForkServer:
         deadline = time.monotonic() + END_TIMEOUT_S
         while self._program.running and time.monotonic() < deadline:
             time.sleep(POLL_S)
+
+
+class ThisProcess:
+    """Forks a fork server off this process, which another has forked off: all is loaded here."""
+
+    def serves(self, command: Sequence[str]) -> bool:
+        """Whether a command starts a fork server."""
+        return command[2] == SERVER
+
+    def start(
+        self,
+        name: str,
+        command: Sequence[str],
+        log: int,
+        namespace_pid: int | None,
+        descriptors: Sequence[int],
+    ) -> Forked:
+        """Start it, as Program.start says."""
+        asked = request(name, command, namespace_pid, descriptors)
+        own = mark()
+        pid = os.fork()
+        if not pid:
+            os.environ.update(own)
+            fork_server.serve(asked, [log, *descriptors])
+        return Forked(pid)
+
+
+def request(
+    name: str, command: Sequence[str], namespace_pid: int | None, descriptors: Sequence[int]
+) -> dict[str, Any]:
+    """Return what a fork server is asked for: by which descriptors its child keeps files."""
+    return {
+        "name": name,
+        "module": command[2],
+        "command": list(command),
+        "runner": os.getpid(),
+        "folder": str(ROOT),
+        "namespace_pid": namespace_pid,
+        "descriptors": list(descriptors),
+    }
+
+
+def has_loaded(modules: Sequence[str]) -> bool:
+    """Whether this process has imported all of these programs, and may fork: it has one thread."""
+    imported = all(fork_server.runnable(name) in sys.modules for name in modules)
+    return imported and fork_server.threads() == 1
 
 
 def adopt_orphans(yes: bool) -> None:

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from topologies.addresses import broadcast
 from topologies.certificates import AUTHORITY, CertificateAuthority, CertificateFiles
 from topologies.launching import launch
 from topologies.network import Network
@@ -80,6 +81,8 @@ def start_key_managers(network: Network, service: KeyService) -> KeyManagers:
             authority=str(folder / AUTHORITY),
             keys_per_s=service.keys_per_s,
             withhold=service.withhold,
+            report_to=broadcast(runtime.addresses.values(), runtime.prefix_length),
+            device_key=runtime.device_key(host),
             links=links_of(host, service),
         )
         programs[host] = launch(runtime, names[host], MODULE, config, nodes[host])

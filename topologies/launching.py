@@ -4,7 +4,7 @@ import os
 import socket
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
+from dataclasses import astuple, replace
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +50,8 @@ def launch_elsewhere(
         raise NetworkError(f"{name}: hardware of one's own is on the first machine alone")
     path, shared = write(network, name, config, {}), Path(config.pair_secrets)
     needed = [secret_file(shared, name, other) for other in network.addresses if other != name]
+    if config.credentials is not None:
+        needed += map(Path, astuple(config.credentials))
     for file in (path, Path(config.hosts_file), *needed):
         machine.put(file, file.read_bytes())
     for folder in (Path(config.socket).parent, shared, config.keys):
@@ -73,7 +75,8 @@ class EarlyStart:
             self._descriptors = own
             path = network.folder / f"{name}.json"
             command = [python(), "-m", module, "--config", str(path), "--after", str(reader)]
-            self.program.start([*command, *words], host.pid, [reader, *own.values()])
+            descriptors = [reader, *own.values()]
+            self.program.start([*command, *words], host.pid, descriptors, network.forks())
 
     def go_on(self, config: Config) -> None:
         """Tell it its configuration."""

@@ -65,6 +65,7 @@ class Network:
         self.runtime = settings
         self._signals = signals
         self.captures = Captures(settings)
+        self._openflow: Path | None = None  # its capture, from its beginning on
         self._cleanup = ExitStack()
         self._daemons: dict[str, Owner] = {}  # of Open vSwitch
         self._stopped: dict[str, float] = {}  # what a signal has stopped, since when
@@ -127,21 +128,25 @@ class Network:
         Mininet.inited = True
         self.net = ParallelMininet(topo=topo, controller=QuantumController, build=False)
         self._cleanup.callback(delete_interfaces_of, topo.switches())
+        if self.runtime.settings.tls:
+            self._cleanup.callback(openvswitch.forget_certificate, self.runtime.name.__eq__)
         self._cleanup.callback(end_processes_of, self.runtime.name)
         self._cleanup.callback(self.net.stop)
         self._cleanup.callback(self._stop_programs)
         self._cleanup.callback(openvswitch.revive_if_ours, self.runtime.name)
+        self._cleanup.callback(self.captures.end)
         self.runtime.hurried = True
         self._build_and_start()
         self._wait_until_ready()
         self.runtime.hurried = False
-        self._cleanup.callback(self.captures.end)
 
     def _build_and_start(self) -> None:
         """Let Mininet start all nodes; where it fails because of another's end, name that."""
         try:
             self.net.build()
             self._signals.check()
+            if self.runtime.settings.tls and self.runtime.log_folder is not None:
+                self.capture_openflow()  # Wireshark needs the beginnings of TLS
             self.net.start()
         except SystemExit as error:
             self.check()
@@ -243,9 +248,11 @@ class Network:
         return file
 
     def _begin_openflow(self) -> Path:
-        (c0,) = (each for each in self.net.controllers if isinstance(each, QuantumController))
-        port = "tcp", "port", str(self.runtime.settings.openflow_port)
-        return self.captures.begin(c0.name, bridge_of(c0.name), *port, inside=c0.pid)
+        if self._openflow is None:
+            (c0,) = (each for each in self.net.controllers if isinstance(each, QuantumController))
+            port = "tcp", "port", str(self.runtime.settings.openflow_port)
+            self._openflow = self.captures.begin(c0.name, bridge_of(c0.name), *port, inside=c0.pid)
+        return self._openflow
 
     def check(self) -> None:
         """Raise if a signal has come or a program of the network has ended."""
@@ -322,6 +329,7 @@ def sweep() -> None:
     """Remove what killed runs of ours have left: programs, bridges, interfaces, folders."""
     owners.end([process for process, run in owners.marked() if owners.gone(run)])
     openvswitch.delete(*bridges_of_gone())
+    openvswitch.forget_certificate(owners.gone)
     for folder in folders_of_gone():
         remove_links(switches_of(folder))
         shutil.rmtree(folder)

@@ -32,12 +32,22 @@ from wire.parameters.physics import (
 # an attempt, 1.2 us, and the light of either ion that clicks, sqrt(2 x 2.18e-4), in which losses of
 # detectors are. The fidelity of each ion and its photon is that of two alike which make .94.
 # Gates: errors of two-qubit gates on 43Ca+ of .5(1) % (arXiv:2402.12955), of one-qubit gates of
-# 8.4e-6 (arXiv:2407.07694). Preparation and measurement without errors are our idealisation.
+# 8.4e-6 (arXiv:2407.07694), some 100 us and 10 us long (Ballance et al., Phys. Rev. Lett. 117,
+# 060504; Harty et al., Phys. Rev. Lett. 113, 220501, with 6.8e-4 of preparation and readout, which
+# are one error here). A readout takes 145 us (Myerson et al., Phys. Rev. Lett. 100, 200502).
 ION_TRAP = Device(
     source=PairSource(fidelity=0.96, max_rate_hz=250.0),
     memory=Memory(t1_s=1e6, t2_s=30.0, capacity=32),
     analyser=BellAnalyser("gates"),
-    gates=Gates("any", 2 * 8.4e-6, 0.005 * 4 / 3),
+    gates=Gates(
+        "any",
+        2 * 8.4e-6,
+        0.005 * 4 / 3,
+        one_qubit_s=10e-6,
+        two_qubit_s=100e-6,
+        readout_s=145e-6,
+        readout_error=6.8e-4,
+    ),
     emitter=Emitter("two-click", efficiency=0.0209, fidelity=0.97, preparation_s=1.2e-6),
 )
 
@@ -47,12 +57,24 @@ ION_TRAP = Device(
 # degrees are of that experiment, too, as we remember it; phase_rad stands for both of the latter,
 # half of them for either host. A bright state of .3 makes 2 x .3 x 4e-4 / 5.5 us = 44 a second.
 # T2 = .4 s of either spin makes the 5 Hz. Ten qubits are those of the register of Bradley et al.,
-# Phys. Rev. X 9, 031045; gates of .5 % and 1 % are our estimate.
+# Phys. Rev. X 9, 031045; gates of .5 % and 1 % are our estimate. Gates on two spins of 500 us, a
+# readout of 3.7 us that is wrong for |0> with .05 and for |1> with .005, of which this is the mean,
+# and initialisation of a nuclear spin in 310 us are those of Dahlberg et al., arXiv:1903.09778, as
+# we remember their table; so is that of 20 us for gates on one such spin.
 NV_CENTRE = Device(
     source=PairSource("none"),
     memory=Memory(t1_s=3600.0, t2_s=0.4, capacity=10),
     analyser=BellAnalyser("gates"),
-    gates=Gates("any", 0.005, 0.01),
+    gates=Gates(
+        "any",
+        0.005,
+        0.01,
+        one_qubit_s=20e-6,
+        two_qubit_s=500e-6,
+        initialization_s=310e-6,
+        readout_s=3.7e-6,
+        readout_error=0.0275,
+    ),
     emitter=Emitter(
         "single-click",
         efficiency=4e-4,

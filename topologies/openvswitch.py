@@ -170,7 +170,7 @@ def start(owner: str) -> None:
     while not running():
         if time.monotonic() > deadline:
             raise NetworkError(f"Open vSwitch did not start in {OPENVSWITCH_TIMEOUT_S:g} s")
-        time.sleep(0.05)
+        time.sleep(POLL_S)
     _note_starter(owner)
 
 
@@ -254,6 +254,34 @@ def add(bridge: str, owner: str, controller: str) -> None:
     settings = [f"datapath_type={kind}", "protocols=OpenFlow14", "fail_mode=secure"]
     made = ["add-br", bridge, "--", "set", "bridge", bridge, *settings, f"{OWNER}={owner}"]
     vsctl(*made, "--", "set-controller", bridge, controller)
+
+
+def certify(owner: str, authority: str, certificate: str, private_key: str) -> None:
+    """Show this certificate in TLS; raise NetworkError if somebody else has set another."""
+    others = _certified_for()
+    if others is not None and not (others == owner or owners.gone(others)):
+        raise NetworkError(
+            "Open vSwitch has one certificate for all its bridges, and another is set: run without "
+            "--tls, or beside it by `qmn apart`; `ovs-vsctl get-ssl` shows it"
+        )
+    files = {"private_key": private_key, "certificate": certificate, "ca_cert": authority}
+    words = [f'{name}="{path}"' for name, path in files.items()]
+    made = ["--id=@tls", "create", "SSL", *words, f"{OWNER}={owner}"]
+    vsctl("del-ssl", "--", *made, "--", "set", "Open_vSwitch", ".", "ssl=@tls")
+
+
+def forget_certificate(is_ours: Callable[[str], bool]) -> None:
+    """Take away the certificate that a run of ours has set, if it is still there."""
+    owner = _certified_for()
+    if owner and is_ours(owner):
+        vsctl("del-ssl")
+
+
+def _certified_for() -> str | None:
+    """Return which run has set the certificate, "" if none of ours has, None if there is none."""
+    if not vsctl("--bare", "--columns=_uuid", "list", "SSL").strip():
+        return None
+    return vsctl("--if-exists", "get", "SSL", ".", OWNER).strip('"\n ')
 
 
 def delete(*names: str) -> None:

@@ -16,7 +16,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Lock
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING, Any
 
 from topologies.forks import ForkServer
 from topologies.machines.machine import Machine
@@ -28,6 +28,9 @@ from wire.dispatcher_service import RUNNER
 from wire.network_time import NetworkTime
 from wire.parameters.network import NetworkSettings
 from wire.parameters.physics import Device
+
+if TYPE_CHECKING:
+    from topologies.certificates import CertificateAuthority
 
 RUNTIME_ROOT = Path("/run/qmn")
 DISPATCHER = "dispatcher"  # the program, and its socket
@@ -74,6 +77,7 @@ class Runtime:
 
     def __post_init__(self) -> None:
         self._hosts_written, self._writing_hosts = 0, Lock()
+        self._authority: CertificateAuthority | None = None
         self.time = NetworkTime(self.time_scale, time.time_ns())
         self.name = str(this_process())
         self.folder = RUNTIME_ROOT / self.name
@@ -103,6 +107,19 @@ class Runtime:
             file.touch(mode=0o600)
             file.write_text(secrets.token_hex(16))
         return file.read_text()
+
+    @property
+    def tls(self) -> bool:
+        """Whether hosts reach the dispatcher by TLS; between machines they always do."""
+        return self.settings.tls or bool(self.places)
+
+    def authority(self) -> "CertificateAuthority":
+        """Return who signs the certificates of this run's programs."""
+        if self._authority is None:
+            from topologies.certificates import CertificateAuthority  # it takes a while to load
+
+            self._authority = CertificateAuthority(self.folder / "tls", f"qmn run {self.name}")
+        return self._authority
 
     def device_key(self, host: str) -> str:
         """Return the secret that a host's node agent shares with the controller."""

@@ -9,7 +9,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
-from wire.features import Abilities
+from wire.credentials import Credentials
+from wire.features import NodeFeatures
 from wire.network_time import NetworkTime
 from wire.parameters.fiber import Fiber, FiberEnd
 from wire.parameters.network import ControllerSettings, DispatcherSettings
@@ -26,6 +27,7 @@ __all__ = [
     "ControllerConfig",
     "CopperConfig",
     "DispatcherConfig",
+    "EntranceConfig",
     "Fiber",
     "FiberEnd",
     "HostConfig",
@@ -101,6 +103,7 @@ class DispatcherConfig(MeasuredConfig, DispatcherSettings):
     qasm: str = ""  # path of a dump of what is done to qubits (OpenQASM 2.0); empty: none
     # How long (s) news takes from each node to its neighbours at least; none: no time at all.
     news_s: dict[str, dict[str, float]] = field(default_factory=dict)
+    credentials: Credentials | None = None  # hosts come by TLS
 
     def __post_init__(self) -> None:
         check_options(self)
@@ -112,7 +115,8 @@ class DispatcherConfig(MeasuredConfig, DispatcherSettings):
         switches = [QuantumSwitch.from_dict(switch) for switch in fields["switches"]]
         given = fields.get("devices", {})
         devices = {name: Device.from_dict(device) for name, device in given.items()}
-        return cls(**{**fields, "fibers": fibers, "switches": switches, "devices": devices})
+        found = {"fibers": fibers, "switches": switches, "devices": devices}
+        return cls(**{**fields, **found, "credentials": Credentials.of(fields.get("credentials"))})
 
 
 # Who grants light to hosts: our controller, session by session, by a verdict in the set-up
@@ -152,13 +156,23 @@ class HostConfig(Config):
     t1_s: float = Device().memory.t1_s
     t2_s: float = Device().memory.t2_s
     depolarizing_s: float = Device().memory.depolarizing_s
+    # Interfaces that are channels of a fibre, and their frequencies; of all others light of any
+    # colour passes.
+    channels_mhz: dict[str, int] = field(default_factory=dict)
+    cutoff_s: float = Device().memory.cutoff_s
+    credentials: Credentials | None = None  # the dispatcher is reached by TLS
+
+    @classmethod
+    def from_dict(cls, fields: dict[str, Any]) -> "HostConfig":
+        """Build the configuration from decoded JSON."""
+        return cls(**{**fields, "credentials": Credentials.of(fields.get("credentials"))})
 
     def __post_init__(self) -> None:
         if self.light not in LIGHT:
             raise ValueError(f"light {self.light!r}: choose one of {', '.join(LIGHT)}")
         if self.analyser not in ANALYSERS:
             raise ValueError(f"analyser {self.analyser!r}: choose one of {', '.join(ANALYSERS)}")
-        _ = self.abilities
+        _ = self.node_features
 
     @cached_property
     def hosts(self) -> dict[str, str]:
@@ -173,9 +187,9 @@ class HostConfig(Config):
         return found
 
     @property
-    def abilities(self) -> Abilities:
+    def node_features(self) -> NodeFeatures:
         """Return what the host announces; raise ValueError for what none can be."""
-        return Abilities.checked(self.features, self.memory_qubits)
+        return NodeFeatures.checked(self.features, self.memory_qubits)
 
 
 @dataclass(frozen=True)
@@ -193,6 +207,12 @@ class AgentConfig(MeasuredConfig):
     # scpi: OpenFlow port number to the numbers of its [ingress, egress] at the instrument
     hardware_ports: dict[str, list[int]] = field(default_factory=dict)
     programs: str = ""  # path of a Unix socket for ovs-ofctl and the like; empty: none
+    credentials: Credentials | None = None  # controllers are reached by TLS
+
+    @classmethod
+    def from_dict(cls, fields: dict[str, Any]) -> "AgentConfig":
+        """Build the configuration from decoded JSON."""
+        return cls(**{**fields, "credentials": Credentials.of(fields.get("credentials"))})
 
     def listening(self, number: int) -> str:
         """Return where the bridge connects to for a controller, by its number."""
@@ -234,6 +254,22 @@ class CopperConfig(Config):
     def from_dict(cls, fields: dict[str, Any]) -> "CopperConfig":
         """Build the configuration from decoded JSON."""
         return cls(**{**fields, "cables": [Cable(**cable) for cable in fields["cables"]]})
+
+
+@dataclass(frozen=True)
+class EntranceConfig(Config):
+    """Where switches come in to the controller by TLS."""
+
+    listen: list[str]  # "198.18.1.1:6653"
+    controller: str  # "127.0.0.1:6653"
+    credentials: Credentials
+    datapath_ids: dict[str, int]  # of all switches by name
+    key_log: str = ""  # path of a file of secrets for Wireshark; empty: none
+
+    @classmethod
+    def from_dict(cls, fields: dict[str, Any]) -> "EntranceConfig":
+        """Build the configuration from decoded JSON."""
+        return cls(**{**fields, "credentials": Credentials(**fields["credentials"])})
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,8 @@ DeviceQuery, Subscribe, SetDevice ->
 SwapOrder                         ->
                               <-  Answer to SetDevice and SwapOrder
 
+Key managers speak by datagrams like these (wire.key_routes), from a port of their own.
+
 The header's session field numbers a request and its answer. The HMAC (SHA-256, cut to 16
 bytes) covers everything before it, and who speaks; its key is the device key that the
 runner gives to the host and to the controller alone. `number` is the speaker's clock in
@@ -23,6 +25,7 @@ from dataclasses import dataclass, fields, replace
 from ipaddress import IPv4Address
 from typing import ClassVar
 
+from wire.key_routes import KeyLinks, KeyRoute, KeyRouteRequest
 from wire.metadata import (
     FEC_NAMES,
     HEADER,
@@ -32,6 +35,7 @@ from wire.metadata import (
     MalformedPacket,
     Message,
 )
+from wire.padded_name import padded_name
 
 DEVICE_PORT = 9012
 MAX_DATAGRAM = 1400  # never a fragment: switches do not see the ports of those
@@ -44,7 +48,9 @@ RANGES = {
     "fec": (0, 255),
     "interleave": (0, 1),
     "wavelength_pm": (1_000_000, 2_000_000),
+    "cutoff_us": (1, (1 << 32) - 2),
 }
+OF_LIGHT = tuple(name for name in RANGES if name != "cutoff_us")  # what sessions ask for
 NAMED: dict[str, Mapping[str, int]] = {
     "fec": FEC_NAMES,
     "interleave": {"off": 0, "on": 1},
@@ -66,6 +72,7 @@ class DeviceSettings:
     fec: int | None = None  # number of the error-correction code; 0 is none
     interleave: int | None = None  # 1: spread its codewords
     wavelength_pm: int | None = None
+    cutoff_us: int | None = None  # what its memory has kept for longer is dropped
 
 
 def check_settings(settings: DeviceSettings) -> None:
@@ -212,7 +219,9 @@ class DeviceReport(Message):
         if len(body) < size or rest or count > MAX_PORTS:
             raise MalformedPacket(f"DeviceReport: {len(body)} bytes do not fit")
         *numbers, settings = cls.FIELDS.unpack_from(body)
-        ports = tuple(DevicePort(_text(name), up) for name, up in PORT.iter_unpack(body[size:]))
+        ports = tuple(
+            DevicePort(padded_name(name), up) for name, up in PORT.iter_unpack(body[size:])
+        )
         report = cls(session, *numbers)
         return replace(report, settings=_unpack_settings(settings), ports=ports)
 
@@ -296,7 +305,18 @@ class SwapOrder(Message):
 
 
 KINDS: dict[int, type[Message]] = {
-    kind.KIND: kind for kind in (DeviceQuery, Subscribe, SetDevice, DeviceReport, SwapOrder, Answer)
+    kind.KIND: kind
+    for kind in (
+        DeviceQuery,
+        Subscribe,
+        SetDevice,
+        DeviceReport,
+        SwapOrder,
+        KeyLinks,
+        KeyRouteRequest,
+        KeyRoute,
+        Answer,
+    )
 }
 
 
@@ -322,7 +342,7 @@ def host_of(data: bytes) -> str:
     if not HEADER.size + TRAILER.size + TAG_BYTES <= len(data) <= MAX_DATAGRAM:
         raise MalformedPacket(f"datagram of {len(data)} bytes")
     name, _number = TRAILER.unpack_from(data, len(data) - TAG_BYTES - TRAILER.size)
-    return _text(name)
+    return padded_name(name)
 
 
 def open_sealed(data: bytes, key: str, speaker: bytes) -> Datagram:
@@ -345,13 +365,3 @@ def _decode(data: bytes) -> Message:
     if (magic, version, length) != (MAGIC, VERSION, len(data)) or kind not in KINDS:
         raise MalformedPacket(f"device message: header {data[: HEADER.size].hex()}")
     return KINDS[kind].parse(session, data[HEADER.size :])
-
-
-def _text(padded: bytes) -> str:
-    try:
-        name = padded.rstrip(b"\0").decode("ascii")
-    except UnicodeDecodeError as error:
-        raise MalformedPacket(f"name {padded!r} is not ASCII") from error
-    if not name or not name.isprintable():
-        raise MalformedPacket(f"name {padded!r} is not a name")
-    return name

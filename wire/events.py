@@ -19,6 +19,7 @@ RECORD = struct.Struct("!HBx")  # magic, version; then the message
 MAGIC = 0x5145  # "QE"
 VERSION = 1
 DROPPED = "dropped"  # kind of the event that says how many were not told
+UNWRITTEN = "unwritten"  # the last of what a node has caused that is in log and capture
 _SHOWN = frozenset(
     {"time_ns", "node", "kind", "block", "port", "photons", "lost", "detail", "photon"}
 )

@@ -1,12 +1,15 @@
 """The configuration of a host's key manager: whom it serves, its certificates, its links."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any
 
 from wire.config import Config
 from wire.key_delivery import KEY_DELIVERY_PORT
 
-KEY_LINK_PORT = 14  # at the stacks: where key managers wait for each other's sessions
+# At the stacks: where key managers wait for each other's sessions, by protocol.
+KEY_LINK_PORTS: Mapping[str, int] = MappingProxyType({"bb84": 14, "bbm92": 17, "e91": 18})
 
 
 @dataclass(frozen=True)
@@ -43,6 +46,8 @@ class KeyManagerConfig(Config):
     keys_per_s: float = 0.0  # stored keys that one SAE gets in the long run; 0: no limit
     # Whether no key goes out for a host while the last session with it had too many errors.
     withhold: bool = False
+    report_to: str = ""  # IPv4 address to which what is for the controller goes; empty: no relays
+    device_key: str = ""  # that the host shares with the controller
     links: list[KeyLink] = field(default_factory=list)
 
     @classmethod

@@ -3,7 +3,8 @@
     section header | interface | interface | ... | packet | packet | ...
 
 All times are nanoseconds since 1970. Format: IETF draft-ietf-opsawg-pcapng, sections 4.1 to
-4.3 for the blocks, 3.5 for options; draft-ietf-opsawg-pcap for tcpdump's.
+4.3, and of decryption secrets, for the blocks, 3.5 for options; draft-ietf-opsawg-pcap for those
+of tcpdump.
 """
 
 import struct
@@ -16,7 +17,8 @@ from wire.metadata import MalformedPacket
 LINKTYPE_ETHERNET = 1
 LINKTYPE_USER0 = 147  # for private use: our events (wire.events)
 MAX_PACKET_BYTES = 262_144  # tcpdump's own limit
-_SECTION, _INTERFACE, _PACKET = 0x0A0D0D0A, 1, 6
+_SECTION, _INTERFACE, _PACKET, _SECRETS = 0x0A0D0D0A, 1, 6, 10
+_TLS_KEY_LOG = 0x544C534B
 _BYTE_ORDER = 0x1A2B3C4D
 _IF_NAME, _IF_TSRESOL, _USER_APPLICATION = 2, 9, 4
 _NANOSECONDS = b"\x09"  # 10^-9 s
@@ -24,6 +26,7 @@ _BLOCK = struct.Struct("<II")
 _LENGTH = struct.Struct("<I")
 _SECTION_BODY = struct.Struct("<IHHq")
 _INTERFACE_BODY = struct.Struct("<HHI")
+_SECRETS_BODY = struct.Struct("<II")
 _PACKET_BODY = struct.Struct("<IIIII")
 _PACKET_HEAD = struct.Struct("<IIIIIII")  # of the block and of its body
 TRAILER_BYTES = _LENGTH.size  # of a packet's block, behind data and padding
@@ -49,8 +52,10 @@ class Packet(NamedTuple):
 class Writer:
     """Writes one section; its interfaces are known from the start."""
 
-    def __init__(self, file: IO[bytes], interfaces: Sequence[Interface]) -> None:
-        """Write what comes before the packets."""
+    def __init__(
+        self, file: IO[bytes], interfaces: Sequence[Interface], key_log: bytes = b""
+    ) -> None:
+        """Write what comes before the packets, with what Wireshark needs to read TLS in them."""
         self._file = file
         application = _option(_USER_APPLICATION, b"qmn") + _option(0)
         file.write(_block(_SECTION, _SECTION_BODY.pack(_BYTE_ORDER, 1, 0, -1) + application))
@@ -59,6 +64,9 @@ class Writer:
             options += _option(_IF_TSRESOL, _NANOSECONDS) + _option(0)
             body = _INTERFACE_BODY.pack(interface.link_type, 0, MAX_PACKET_BYTES)
             file.write(_block(_INTERFACE, body + options))
+        if key_log:
+            body = _SECRETS_BODY.pack(_TLS_KEY_LOG, len(key_log)) + key_log
+            file.write(_block(_SECRETS, body + _PADDING[len(key_log) & 3]))
 
     def write(self, packet: Packet) -> None:
         """Write a packet behind the others."""

@@ -40,6 +40,7 @@ from controller_apps.sessions.chains import orders
 from controller_apps.timeouts import DEVICE_TICK_S, SET_TIMEOUT_S
 from wire.config import ControllerConfig
 from wire.device import DEVICE_PORT, PERIODS_S, DeviceQuery, DeviceSettings, check_settings
+from wire.key_routes import KEY_AGENT_PORT
 from wire.metadata import Answer, MalformedPacket, Message, Reason
 
 POLLS_PER_S = 100  # at most, of all devices: what they do meanwhile they report by themselves
@@ -195,6 +196,8 @@ class DeviceMonitor(App):
             return
         try:
             datagram = Frame.decode(frame)
+            if datagram.source_port == KEY_AGENT_PORT:
+                return  # of a key manager
             place = Place(
                 message.datapath.id,
                 message.match["in_port"],

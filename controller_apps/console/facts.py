@@ -14,10 +14,11 @@ class Facts:
 
     quantum: Any
     monitor: Any
+    relays: Any
 
     def devices(self) -> Any:
         """Return every device and its state, and what each host has announced that it can do."""
-        told = ask(self.quantum, "abilities")
+        told = ask(self.quantum, "node_features")
         unknown = {"features": None, "memory_qubits": None}
         return [
             device | told.get(device["name"], unknown) if device["kind"] == "host" else device
@@ -32,6 +33,10 @@ class Facts:
         """Return the light paths that stand, and the fibres they can use."""
         return {"paths": ask(self.quantum, "paths"), "fibers": ask(self.quantum, "fibers")}
 
+    def keys(self) -> Any:
+        """Return the nodes with key managers: key links, and applications that have keys."""
+        return {"qkd_nodes": ask(self.relays, "keys")}
+
     def set(self, device: str, settings: dict[str, int | None]) -> Any:
         """Override settings of a host, None leaves one to its applications again."""
         return ask(self.monitor, "set", device=device, settings=settings)
@@ -40,6 +45,7 @@ class Facts:
         """Read the policy file again; overrides become those of the file."""
         path = ask(self.quantum, "reload")
         ask(self.monitor, "reload")
+        ask(self.relays, "reload")
         return {"policy": path}
 
 
@@ -63,6 +69,7 @@ def perform(facts: Facts, request: object) -> Any:
         "devices": (set(), facts.devices),
         "sessions": (set(), facts.sessions),
         "paths": (set(), facts.paths),
+        "keys": (set(), facts.keys),
         "set": ({"device", "settings"}, lambda device, settings: _set(facts, device, settings)),
         "reload-policy": (set(), facts.reload_policy),
     }

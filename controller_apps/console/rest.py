@@ -1,6 +1,6 @@
 """The console's facts over HTTP, by Ryu's own WSGI server; os-ken has none.
 
-GET  /qmn/devices    GET  /qmn/paths    GET  /qmn/sessions
+GET  /qmn/devices    GET  /qmn/paths    GET  /qmn/sessions    GET  /qmn/keys
 POST /qmn/devices/alice    {"rate_hz": 1000000, "fec": "golay"}
 """
 
@@ -45,6 +45,11 @@ class Resources(wsgi().ControllerBase):  # type: ignore[misc]
         """Return every session."""
         return answer(lambda facts: facts.sessions())
 
+    @route("keys", "/qmn/keys", methods=["GET"])
+    def keys(self, request: Any, **_: Any) -> Any:
+        """Return key links and applications, in the words of ETSI GS QKD 015."""
+        return answer(lambda facts: facts.keys())
+
     @route("set", "/qmn/devices/{name}", methods=["POST"])
     def set(self, request: Any, name: str, **_: Any) -> Any:
         """Override settings of a host."""
@@ -61,7 +66,8 @@ class Resources(wsgi().ControllerBase):  # type: ignore[misc]
 
 def answer(call: Callable[[Facts], Any]) -> Any:
     """Return the facts, or 400 with the reason why not."""
-    apps = [app_manager.lookup_service_brick(name) for name in ("QuantumMetadata", "DeviceMonitor")]
+    names = "QuantumMetadata", "DeviceMonitor", "KeyRelays"
+    apps = [app_manager.lookup_service_brick(name) for name in names]
     try:
         return response(200, call(Facts(*apps)))
     except Refused as refused:

@@ -5,7 +5,7 @@ from typing import Any
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Network
 from controller_apps.sessions.sessions import Session, Sessions
-from wire.device import RANGES, setting_name
+from wire.device import OF_LIGHT, setting_name
 from wire.metadata import Handshake, Service
 
 
@@ -17,7 +17,7 @@ def sessions_view(sessions: Sessions, network: Network, now: float) -> list[dict
             "service": Service(session.setup.service).name.lower(),
             "handshake": Handshake(session.setup.handshake).name.lower().replace("_", "-"),
             **_parties(session, network),
-            **{name: setting_name(name, getattr(session.setup, name)) for name in RANGES},
+            **{name: setting_name(name, getattr(session.setup, name)) for name in OF_LIGHT},
             "open": session.open,
             "silent_s": round(now - session.seen, 3),
             "waits_for_light": session.owner in sessions.queue,
@@ -59,14 +59,14 @@ def fibers_view(network: Network) -> list[dict[str, Any]]:
     ]
 
 
-def abilities_view(network: Network) -> dict[str, dict[str, Any]]:
+def node_features_view(network: Network) -> dict[str, dict[str, Any]]:
     """Return what each host has announced that it can do; nothing of one that has not."""
     told = {}
     for host in network.hosts.values():
-        abilities = network.abilities_of(host.address)
-        if abilities is not None:
-            features = [str(feature.name).lower() for feature in abilities.features]
-            told[host.host] = {"features": features, "memory_qubits": abilities.memory_qubits}
+        node_features = network.node_features_of(host.address)
+        if node_features is not None:
+            features = [str(feature.name).lower() for feature in node_features.features]
+            told[host.host] = {"features": features, "memory_qubits": node_features.memory_qubits}
     return told
 
 

@@ -5,7 +5,7 @@ from typing import Any
 
 from controller_apps.devices.hosts_state import SILENT_AFTER, HostState
 from controller_apps.devices.switch_state import SwitchState
-from wire.device import RANGES, setting_name
+from wire.device import OF_LIGHT, setting_name
 
 
 def switch_view(switch: SwitchState, now: float, period_s: float) -> dict[str, Any]:
@@ -44,7 +44,7 @@ def host_view(name: str, state: HostState, silent: bool, age_s: float) -> dict[s
         "pairs_lost": report.pairs_lost,
         "symbol_errors": report.symbol_errors,
         "repeated_frames": report.repeated_frames,
-        "in_use": {name: setting_name(name, getattr(report, name)) for name in RANGES},
+        "in_use": {name: setting_name(name, getattr(report, name)) for name in OF_LIGHT},
         "overrides": {
             name: setting_name(name, value)
             for name, value in asdict(report.settings).items()

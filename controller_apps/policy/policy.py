@@ -21,6 +21,10 @@ by = "eve"
 [[closed]]                  # no session has light through the fibres between these two switches
 between = ["q1", "q2"]
 
+[[trusted]]                 # a host that may relay keys of others, and so may know them
+host = "r1"                 # "*": every host
+between = ["alice", "bob"]  # left out: of any two
+
 [swap]
 schedule = "parallel"       # who swaps when, or "left-to-right", "nested": see sessions.schedules
 
@@ -31,11 +35,14 @@ slot_s = 0.5                # of "slots": how long light is handed out for, in t
 [filter]                    # against hosts that pose as others; for attack studies it can be off
 addresses = true            # switches drop what is not from the port's own MAC or IPv4 address
 handshakes = true           # a set-up needs a TCP connection that both ends have opened
+sequences = true            # a FIN or RST counts only where its connection is
+announcements = true        # LLDP in the name of a host needs that host's seal
 
 [device.alice]              # overrides what applications on alice ask for
 rate_hz = 1_000_000
 fec = "golay"               # or its number, as in wire.metadata.Fec
 interleave = true
+cutoff_us = 5000            # its memory drops what is older
 
 [report]                    # when devices tell their state: see wire.device.Subscribe
 period_s = 1.0
@@ -71,6 +78,7 @@ MAX_RULES = 1024
 MAX_TAPS = 64
 SLOT_S = (0.05, 60.0)
 MAX_CLOSED = 256
+MAX_TRUSTED = 256
 
 T = TypeVar("T")
 
@@ -153,11 +161,25 @@ class Tap:
 
 
 @dataclass(frozen=True)
+class Trusted:
+    """A host that may know keys that it relays: of two others, or of all."""
+
+    host: str  # "*": every host
+    between: frozenset[str] = frozenset()  # empty: any two
+
+    def covers(self, host: str, ends: frozenset[str]) -> bool:
+        """Whether a host may relay keys of these two."""
+        return self.host in ("*", host) and self.between in (frozenset(), ends)
+
+
+@dataclass(frozen=True)
 class Filter:
     """What is done against hosts that pose as others."""
 
     addresses: bool = True  # switches drop what is not from the addresses of the host at the port
     handshakes: bool = True  # a set-up needs a connection that both ends have opened
+    sequences: bool = True  # a FIN or RST counts only where its connection is
+    announcements: bool = True  # LLDP in the name of a host needs that host's seal
 
 
 @dataclass(frozen=True)
@@ -182,6 +204,11 @@ class Policy:
     filter: Filter = Filter()
     queue: Queue = IN_TURN  # of those that wait for light
     closed: frozenset[frozenset[str]] = frozenset()  # pairs of switches, by their names
+    trusted: tuple[Trusted, ...] = ()  # with keys of others; without: nobody is
+
+    def trusts(self, host: str, ends: frozenset[str]) -> bool:
+        """Whether a host may relay keys of two others."""
+        return any(each.covers(host, ends) for each in self.trusted)
 
     def objection(self, request: SessionRequest, open_wishes: Iterable[SessionRequest]) -> str:
         """Return why a request is not allowed beside those already granted, "" if it is."""
@@ -232,7 +259,18 @@ def parse_policy(text: str) -> Policy:
     _only(
         content,
         "the file",
-        {"default", "rule", "tap", "closed", "swap", "queue", "filter", "device", "report"},
+        {
+            "default",
+            "rule",
+            "tap",
+            "closed",
+            "trusted",
+            "swap",
+            "queue",
+            "filter",
+            "device",
+            "report",
+        },
     )
     rules = _array(content, "rule", MAX_RULES)
     devices = _table(content.get("device", {}), "device")
@@ -246,6 +284,10 @@ def parse_policy(text: str) -> Policy:
         _parse_filter(_table(content.get("filter", {}), "filter")),
         _parse_queue(_table(content.get("queue", {}), "queue")),
         _parse_closed(_array(content, "closed", MAX_CLOSED)),
+        tuple(
+            _parse_trusted(table, f"trusted {number}")
+            for number, table in enumerate(_array(content, "trusted", MAX_TRUSTED), 1)
+        ),
     )
 
 
@@ -302,13 +344,34 @@ def _parse_closed(given: list[Any]) -> frozenset[frozenset[str]]:
         place = f"closed {number}"
         table = _table(value, place)
         _only(table, place, {"between"})
-        between = table.get("between")
-        two = isinstance(between, list) and len(between) == 2 and between[0] != between[1]
-        if not two or not all(isinstance(each, str) and each for each in between or ()):
-            remedy = 'write between = ["q1", "q2"], two different switches'
-            raise ValueError(f"{place}: between is {between!r}: {remedy}")
-        closed.add(frozenset(between or ()))
+        remedy = 'write between = ["q1", "q2"], two different switches'
+        closed.add(_two(table.get("between"), place, remedy))
     return frozenset(closed)
+
+
+def _parse_trusted(given: object, place: str) -> Trusted:
+    table = _table(given, place)
+    _only(table, place, {"host", "between"})
+    host = _typed(table.get("host"), str, f"{place}: host", 'a host, or "*"')
+    if "between" not in table:
+        return Trusted(host)
+    remedy = 'write between = ["alice", "bob"], two other hosts'
+    between = _two(table["between"], place, remedy)
+    if host in between:
+        raise ValueError(f"{place}: host {host!r} is one of between: {remedy}")
+    return Trusted(host, between)
+
+
+def _two(between: object, place: str, remedy: str) -> frozenset[str]:
+    """Return the two names of a list."""
+    names = between if isinstance(between, list) else []
+    if len(names) != 2 or names[0] == names[1] or not all(_is_name(each) for each in names):
+        raise ValueError(f"{place}: between is {between!r}: {remedy}")
+    return frozenset(names)
+
+
+def _is_name(value: object) -> bool:
+    return isinstance(value, str) and bool(value)
 
 
 def _parse_schedule(table: dict[str, Any]) -> str:

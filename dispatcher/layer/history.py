@@ -4,17 +4,19 @@ Noise models remember fibres to the same depth (dispatcher/fiber/noise_history.p
 """
 
 import asyncio
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TextIO
 
 from dispatcher.fiber.noise_history import NoiseHistory
 from dispatcher.layer.event_capture import EventCapture
+from dispatcher.layer.origin import causer
 from wire.dispatcher_pb2 import Event
-from wire.events import DROPPED, format_line
+from wire.events import DROPPED, UNWRITTEN, format_line
 
 WATCHER_DEPTH = 10_000
+MOST_EVENTS = 32_000_000  # written of all: some 8 GB
 WATCHED_PHOTONS = 1_000  # of a block, for a watcher who asks for them
 
 
@@ -80,11 +82,14 @@ class History:
         log: TextIO | None = None,
         capture: EventCapture | None = None,
         photons: int = 0,
+        share: int = MOST_EVENTS,
     ) -> None:
         """Remember `depth` events; write each to `log` as a line, to `capture` as a packet.
 
-        The events of the first `photons` photons of each block are written, too.
+        The events of the first `photons` photons of each block are written, too. Of what one node
+        causes, at any node, at most `share` events are written, and then a last one that says so.
         """
+        self._share, self._written = share, Counter[str]()  # events, by who has caused them
         self._photons = photons
         self.count = self.dropped = 0  # all events, and those that slow watchers have lost
         self._events: deque[Event] = deque(maxlen=depth)
@@ -115,11 +120,29 @@ class History:
                 self._tell(watcher, events[:WATCHED_PHOTONS])
 
     def _write(self, events: Sequence[Event]) -> None:
+        if self._log is None and self._capture is None:
+            return
+        events = self._within_share(events)
         if self._log is not None and events:
             self._log.write("".join(f"{format_line(event)}\n" for event in events))
             self._log.flush()
         if self._capture is not None and events:
             self._capture.record(*events)
+
+    def _within_share(self, events: Sequence[Event]) -> Sequence[Event]:
+        """Return those of events that may be written: nobody fills the disk of all."""
+        if not events:
+            return events
+        who = causer() or events[0].node
+        room = self._share - self._written[who]
+        self._written[who] += len(events)
+        if len(events) <= room:
+            return events
+        if room < 0:
+            return ()
+        detail = f"more than {self._share} events caused by {who}, its share"
+        last = Event(time_ns=events[0].time_ns, node="dispatcher", kind=UNWRITTEN, detail=detail)
+        return *events[:room], last
 
     def _tell(self, watcher: Watcher, events: Sequence[Event]) -> None:
         for event in events:

@@ -12,7 +12,7 @@ from dispatcher.layer.history import History
 from dispatcher.layer.journal import Journal
 from dispatcher.layer.memory import Memories
 from dispatcher.layer.network import Network
-from dispatcher.layer.ownership import Block, BlockName, Ownership
+from dispatcher.layer.ownership import MAX_BLOCKS, Block, BlockName, Ownership
 from dispatcher.layer.software_time import SoftwareTime
 from dispatcher.sabot.draws import Draws
 from dispatcher.sabot.simulation import Simulation
@@ -36,6 +36,7 @@ class PhysicalLayer:
     memories: Memories
     max_live_qubits: int
     share: int  # of these, for what one node has made
+    share_of_blocks: int = MAX_BLOCKS
     photons_lost: int = 0
     journal: Journal = field(default_factory=Journal)
     time: NetworkTime = REAL_TIME

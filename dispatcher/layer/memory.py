@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dispatcher.clock import Clock
-from dispatcher.devices import abilities
+from dispatcher.devices import required_features
 from dispatcher.devices.decay import LEAST, Decay, Each, Waits, decay
 from dispatcher.devices.hardware import Devices
-from dispatcher.layer import drift, further
+from dispatcher.layer import cutoff, drift, further
 from dispatcher.layer.ownership import Block
 from dispatcher.layer.software_time import SoftwareTime
 from dispatcher.photon_random import PhotonRandom
@@ -49,15 +49,26 @@ class Memories:
         self._sabot, self._draws = sabot, draws
         self._stored: dict[str, dict[Block, int]] = {}  # qubits of each block, by node
 
-    def store(self, block: Block) -> None:
-        """Put a block at a node into its memory, or keep it there; refuse what has no room."""
+    def store(self, block: Block, cutoff_s: float | None = None) -> None:
+        """Put a block at a node into its memory, or keep it there; refuse what has no room.
+
+        What is older than the cut-off is dropped: the one told, or that of the memory.
+        """
         stored = self._stored.setdefault(block.node, {})
-        if block in stored:
-            return
-        abilities.require(self._devices, block.node, STORE)
+        if block not in stored:
+            self._put(block, stored)
+        own = self._devices.of(block.node).memory.cutoff_s
+        if cutoff_s == cutoff.NEVER:
+            cutoff.remember(block)
+        block.cutoff_s = own if cutoff_s is None else cutoff_s
+        cutoff.drop(self._sabot, block, self._clock.now_ns())
+
+    def _put(self, block: Block, stored: dict[Block, int]) -> None:
+        required_features.require(self._devices, block.node, STORE)
         self.require_room(block.node, block.register.remaining)
         stored[block] = block.register.remaining
         block.stored_ns, block.stores = self._clock.now_ns(), block.stores + 1
+        block.kept = True
 
     def require_room(self, node: str, more: int) -> None:
         """Refuse so many more qubits if a node's memory has no room for them."""
@@ -105,15 +116,17 @@ class Memories:
             (now_ns, 0.0) if light is None else (light.start_ns, light.interval_ns)
         )
         waits = _waits(block, start_ns, interval_ns)
+        old = cutoff.drop(self._sabot, block, start_ns, interval_ns)
         memory = self._devices.of(block.node).memory
         self._software.waited(block.node, block.start_ns, start_ns, memory.decays)
         drift.twirl_turn(block, self._sabot, self._draws)
         self._damp(block, memory, waits)
+        cutoff.remember(block)
         block.start_ns, block.interval_ns, block.came_ns = start_ns, interval_ns, None
         block.first_ns, block.last_ns = start_ns, _time_ns(block, block.register.size - 1)
         where = f"memory of {block.node}, {block.fibers_passed}, {block.stores}"
         random = PhotonRandom(self._draws, block.name, block.draws_for(where), block.register.size)
-        counts = {}
+        counts = {"old": old}
         if leaves:
             self.forget(block)
             block.way_ns, block.retimed = 0, True

@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Any
 
-from dispatcher.layer.layer import block_name
+from dispatcher.layer.ownership import BlockName
 from wire.dispatcher_pb2 import BlockId
 
 _origin: ContextVar[str] = ContextVar("origin", default="")
@@ -26,6 +26,11 @@ def origin() -> str:
     return _origin.get()
 
 
+def causer() -> str:
+    """Return the node that has asked for what is done just now, empty if nobody has."""
+    return origin().partition(":")[0]
+
+
 def describe_request(node: str, kind: str, request: Any) -> str:
     """Return a request of a host as the origin of what it asks for."""
     act = f"{node}: {kind.replace('_', ' ')}"
@@ -34,5 +39,5 @@ def describe_request(node: str, kind: str, request: Any) -> str:
     for field in ("block", "first", "into"):
         name = getattr(request, field, None)
         if isinstance(name, BlockId):
-            return f"{act} {block_name(name)}"
+            return f"{act} {BlockName(name.session, name.number, name.half)}"
     return act

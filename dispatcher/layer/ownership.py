@@ -14,6 +14,7 @@ from dispatcher.sabot.registers import Register
 from wire.parameters.physics import ENCODINGS
 
 HALVES = (0, 1)
+MAX_BLOCKS = 100_000  # of all nodes: one takes 1 to 7 kB beside its qubits
 CLOSED_SESSIONS = 256  # remembered, for the light that is on its way when they end
 
 
@@ -77,6 +78,11 @@ class Block:
     stores: int = 0  # how often that was
     resends: int = 0  # how often photons were measured and replaced by others
     gates: int = 0  # how many gates were done to it whose noise was drawn
+    cutoff_s: float = float("inf")  # of the memory: what is older is dropped
+    kept: bool = (
+        False  # qubits of the node, not light: they have been in its memory, or were made there
+    )
+    born_ns: NDArray[np.int64] | None = None  # when each came, if it has been looked at; shape (k,)
     # What tells these photons from others of this name: which use of it, or where they come from.
     lineage: str = ""
     maker: str = ""  # the node that has made it; the first at which it is, unless told
@@ -98,6 +104,7 @@ class Ownership:
         self.count = 0
         self.places = 0  # for photons in all blocks, those that are lost included
         self._made: Counter[str] = Counter()  # places, by maker
+        self._blocks_made: Counter[str] = Counter()
 
     def close(self, node: str, session: int) -> None:
         """Note that a node wants no more light of a session."""
@@ -116,12 +123,16 @@ class Ownership:
         self.places += block.register.size
         block.maker = block.maker or block.node
         self._made[block.maker] += block.register.size
+        self._blocks_made[block.maker] += 1
 
     def remove(self, block: Block) -> None:
         """Forget a block."""
         self._made[block.maker] -= block.register.size
         if not self._made[block.maker]:
             del self._made[block.maker]
+        self._blocks_made[block.maker] -= 1
+        if not self._blocks_made[block.maker]:
+            del self._blocks_made[block.maker]
         parts = self._by_name[block.name]
         parts.remove(block)
         if not parts:
@@ -133,6 +144,10 @@ class Ownership:
     def made_by(self, node: str) -> int:
         """Return how many places for photons there are in the blocks that a node has made."""
         return self._made[node]
+
+    def blocks_made_by(self, node: str) -> int:
+        """Return how many blocks there are that a node has made, parts each by itself."""
+        return self._blocks_made[node]
 
     def move(self, block: Block, node: str, port: str = "") -> None:
         """Bring a block to a port of a node, or to the node itself."""

@@ -6,12 +6,12 @@ from typing import NamedTuple
 import grpc
 import numpy as np
 
-from dispatcher.devices import abilities
+from dispatcher.devices import required_features
 from dispatcher.devices.source import most_further
-from dispatcher.layer import drift, further
+from dispatcher.layer import cutoff, drift, further
 from dispatcher.layer.layer import PhysicalLayer, block_name, tally
 from dispatcher.layer.ownership import Block, BlockName
-from dispatcher.operations import gate_noise, limits, preparation
+from dispatcher.operations import durations, gate_noise, limits, preparation, readout
 from dispatcher.operations.emission import emit_into, emit_prepared
 from dispatcher.refusal import Refusal, exhausted, invalid
 from dispatcher.sabot.backend import Angle, Bytes, GateName
@@ -96,7 +96,7 @@ class Operations:
         text, halves = STATES[request.state]
         # Photons that leave are of a source; qubits that stay may be ions, too.
         makers = (EMIT,) if halves == PAIR else (EMIT, STORE)
-        abilities.require(layer.devices, node, *makers)
+        required_features.require(layer.devices, node, *makers)
         names = [BlockName(request.session, request.number, half) for half in range(halves)]
         source = layer.devices.of(node).source
         self._require_room(node, names, request.count, most_further(source, request.count))
@@ -118,12 +118,17 @@ class Operations:
             self.pairs_created += pairs
         else:
             told = emit_prepared(blocks[0], states, levels, layer)
+        seconds = 0.0
+        if request.state == CreateRequest.ZEROS:
+            blocks[0].kept, seconds = True, layer.devices.of(node).gates.initialization_s
+            wrong = readout.misprepared(layer, blocks[0])
+            told += f", in |1> {wrong}" if wrong else ""
         text += told
         if states is not None:
             text += f": {tally(states, preparation.STATES)}"
         each = None if states is None else lambda position: preparation.STATES[states[position]]
         layer.record(node, "create", blocks[0], detail=text, each=each)
-        return layer.feedback(blocks[0])
+        return durations.lasts(layer.feedback(blocks[0]), seconds, blocks)
 
     def _make(self, request: CreateRequest, states: Bytes | None) -> Sequence[Register]:
         """Return new registers, one for each half."""
@@ -140,7 +145,7 @@ class Operations:
         block = layer.ownership.require(block_name(request.block), node)
         planned = self._plan(node, block, request.gates)
         if planned:
-            abilities.require(layer.devices, node, GATE)
+            required_features.require(layer.devices, node, GATE)
         details = [gate.detail for gate in planned]
         values = limits.paulis(request, block.register.size)
         errors = 0
@@ -173,12 +178,18 @@ class Operations:
         layer.record(node, "apply", block, detail=" ".join(details), each=each)
         feedback = layer.feedback(block)
         feedback.time_ns = done_ns
-        return feedback
+        others = [gate.target for gate in planned if gate.target is not None]
+        if not all(each.kept for each in (block, *others)):
+            return feedback
+        singles = len(planned) - len(others) + int(values is not None and bool(values.any()))
+        seconds = durations.of_gates(layer.devices.of(node).gates, singles, len(others))
+        return durations.lasts(feedback, seconds, [block, *others])
 
-    def store(self, node: str, name: BlockName) -> Feedback:
-        """Keep a block in the node's memory."""
+    def store(self, node: str, name: BlockName, cutoff_s: float | None = None) -> Feedback:
+        """Keep a block in the node's memory, and drop what is older than the cut-off."""
+        told = None if cutoff_s is None else cutoff.checked(cutoff_s)
         block = self._layer.ownership.require(name, node)
-        self._layer.memories.store(block)
+        self._layer.memories.store(block, told)
         self._layer.record(node, "store", block)
         feedback = self._layer.feedback(block)
         feedback.time_ns = block.stored_ns
@@ -225,10 +236,7 @@ class Operations:
                 f"{more} more qubits with {made} that {node} has made and that are live exceed its "
                 f"share of {layer.share}; measure or discard some first"
             )
-        if layer.ownership.count + len(names) > limits.MAX_BLOCKS:
-            raise exhausted(
-                f"{limits.MAX_BLOCKS} blocks are live; use larger blocks or discard some"
-            )
+        limits.require_blocks(layer, len(names), node)
 
     def _plan(self, node: str, block: Block, gates: Sequence[Gate]) -> list[PlannedGate]:
         """Look up everything that gates need, so that none fails halfway."""

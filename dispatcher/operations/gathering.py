@@ -16,7 +16,7 @@ import grpc
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.layer import drift, further, pulses
+from dispatcher.layer import cutoff, drift, further, pulses
 from dispatcher.layer.layer import PhysicalLayer, block_name
 from dispatcher.layer.ownership import Block, BlockName
 from dispatcher.operations import limits
@@ -54,7 +54,7 @@ class Gathering:
         blocks = [block for block, _positions in picked]
         self._require_free(node, into, [] if keep_rest else blocks)
         if keep_rest:
-            require_places(layer, sum(positions.size for _block, positions in picked))
+            require_places(layer, node, sum(positions.size for _block, positions in picked))
         stored = self._take_up(blocks)
         gathered = self._block(node, into, picked)
         if keep_rest:
@@ -128,13 +128,15 @@ class Gathering:
             stores=max(block.stores for block in blocks),
             resends=max(block.resends for block in blocks),
             lineage=_lineage(picked),
+            cutoff_s=min(block.cutoff_s for block in blocks),
+            born_ns=cutoff.gather(picked),
+            kept=all(block.kept for block in blocks),
         )
 
 
-def require_places(layer: PhysicalLayer, more: int) -> None:
+def require_places(layer: PhysicalLayer, node: str, more: int) -> None:
     """Refuse to divide blocks again and again, of which little but their places is left."""
-    if layer.ownership.count >= limits.MAX_BLOCKS:
-        raise exhausted(f"{limits.MAX_BLOCKS} blocks are live; discard some")
+    limits.require_blocks(layer, 1, node)
     most = MOST_PLACES * layer.max_live_qubits
     if layer.ownership.places + more > most:
         raise exhausted(

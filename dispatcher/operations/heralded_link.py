@@ -18,6 +18,7 @@ class Offer(NamedTuple):
 
     end: FiberEnd
     frequency_mhz: int
+    cutoff_s: float  # of the memory: what is older is dropped
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,7 @@ class Link:
     ways: tuple[StationWay, StationWay]
     station: Device
     start_ns: int  # when the first attempt begins
+    cutoff_ns: float = float("inf")  # a pair with an older half is dropped and made again
 
     @property
     def emitters(self) -> tuple[Emitter, Emitter]:
@@ -89,8 +91,21 @@ class Link:
 
     def emitted_ns(self, half: int, rounds: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return when qubits have emitted, in these rounds: the nearer host waits for the other."""
+        return self._first_emission_ns(half) + rounds * self.period_ns
+
+    def _first_emission_ns(self, half: int) -> int:
         late_ns = self.flight_ns - self.ways[half].delay_ns
-        return self.start_ns + self.preparation_ns + late_ns + rounds * self.period_ns
+        return self.start_ns + self.preparation_ns + late_ns
+
+    @property
+    def youngest_ns(self) -> int:
+        """Return how old the older half of a pair is when its clicks are."""
+        return self.clicks_ns(1) - min(self._first_emission_ns(half) for half in (0, 1))
+
+    def young(self, rounds: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Return which pairs of these rounds, ascending, are kept when the last one clicks."""
+        ages_ns = (rounds[-1] - rounds) * self.period_ns + self.youngest_ns
+        return np.asarray(ages_ns <= self.cutoff_ns)
 
     def clicks_ns(self, rounds: int) -> int:
         """Return when the clicks of the last of so many rounds are."""

@@ -15,8 +15,9 @@ from collections.abc import Sequence
 import grpc
 import numpy as np
 
-from dispatcher.devices import abilities
+from dispatcher.devices import required_features
 from dispatcher.devices.heralding import ENTANGLED, KINDS
+from dispatcher.layer import cutoff
 from dispatcher.layer.layer import PhysicalLayer, tally
 from dispatcher.layer.ownership import HALVES, Block, BlockName
 from dispatcher.operations import limits
@@ -42,10 +43,19 @@ class Heralding:
         self._layer = layer
         self._offers: dict[BlockName, Offer] = {}
 
-    def attempt(self, node: str, name: BlockName, port: str, frequency_mhz: int) -> Feedback:
+    def attempt(
+        self,
+        node: str,
+        name: BlockName,
+        port: str,
+        frequency_mhz: int,
+        cutoff_s: float | None = None,
+    ) -> Feedback:
         """Let qubits of a node attempt to emit into one of its ports."""
         layer = self._layer
-        abilities.require(layer.devices, node, HERALD)
+        own_s = layer.devices.of(node).memory.cutoff_s
+        cutoff_s = own_s if cutoff_s is None else cutoff.checked(cutoff_s)
+        required_features.require(layer.devices, node, HERALD)
         end = layer.network.require_port(node, port)
         if name.half not in HALVES:
             raise invalid(f"half {name.half} of a pair; name 0 or 1")
@@ -56,7 +66,7 @@ class Heralding:
             raise Refusal(grpc.StatusCode.ALREADY_EXISTS, message)
         if len(self._offers) >= MAX_OFFERS:
             raise exhausted(f"{MAX_OFFERS} blocks are attempted at once; discard some sessions")
-        self._offers[name] = Offer(end, frequency_mhz)
+        self._offers[name] = Offer(end, frequency_mhz, cutoff_s)
         layer.record(node, "attempt", port=port, detail=str(name))
         return Feedback(time_ns=layer.clock.now_ns())
 
@@ -69,7 +79,7 @@ class Heralding:
     async def herald(self, node: str, request: HeraldRequest) -> Feedback:
         """Herald pairs of two nodes that attempt; return when all, or the time, have come."""
         layer = self._layer
-        abilities.require(layer.devices, node, INTERFERE)
+        required_features.require(layer.devices, node, INTERFERE)
         require_count(request.count)
         limit_s = limits.timeout(request.timeout_s)
         names = [BlockName(request.session, request.number, half) for half in HALVES]
@@ -79,12 +89,14 @@ class Heralding:
         for name in names:
             del self._offers[name]
         rounds = max(round(limit_s * 1e9) // link.period_ns, 1)
-        found, used = await Drawing(layer, link, names).draw(request.count, rounds)
+        drawing = Drawing(layer, link, names)
+        found, used = await drawing.draw(request.count, rounds)
         for offer in offers:
             way = offer.end.node, link.start_ns, node, layer.clock.now_ns()
             layer.software.light(*way)
         block = self._keep(link, names, offers, found) if found.count else None
         detail = f"{tally(found.told, BELL_STATES)} of {used * link.modes} attempts".strip()
+        detail += f", dropped={drawing.dropped}" if drawing.dropped else ""
         layer.record(node, "herald", block, detail=detail)
         return self._feedback(link, found, used)
 
@@ -113,7 +125,7 @@ class Heralding:
         layer = self._layer
         if len(ports) != len(HALVES) or ports[0] == ports[1]:
             raise invalid(f"ports {list(ports)}; name two, for the light of halves 0 and 1")
-        ways = [find_way(layer, *offer) for offer in offers]
+        ways = [find_way(layer, offer.end, offer.frequency_mhz) for offer in offers]
         for port, offer, way in zip(ports, offers, ways, strict=True):
             if way.end != layer.network.require_port(node, port):
                 raise precondition(
@@ -128,20 +140,29 @@ class Heralding:
             )
         if one.emitter.scheme == "two-click":
             for device in (one, other):
-                abilities.require_encoding(layer.devices, node, device.source.encoding)
+                required_features.require_encoding(layer.devices, node, device.source.encoding)
         start_ns = layer.clock.now_ns()
-        return Link((one, other), (ways[0], ways[1]), layer.devices.of(node), start_ns)
+        cutoff_ns = min(offer.cutoff_s for offer in offers) * 1e9
+        station = layer.devices.of(node)
+        link = Link((one, other), (ways[0], ways[1]), station, start_ns, cutoff_ns)
+        if link.youngest_ns > cutoff_ns:
+            raise precondition(
+                f"pairs are {link.youngest_ns / 1e9:g} s old when they are heralded, and dropped "
+                f"when they are older than {cutoff_ns / 1e9:g} s: choose a longer memory.cutoff_s"
+            )
+        return link
 
     def _require_room(self, offers: tuple[Offer, Offer], count: int) -> None:
         """Refuse, before any attempt, what the memories or the dispatcher cannot hold."""
         layer = self._layer
         for offer in offers:
             layer.memories.require_room(offer.end.node, count)
+        limits.require_blocks(layer, 1, *(offer.end.node for offer in offers))
         live, most = layer.sabot.live_qubits, layer.max_live_qubits
-        if live + 2 * count > most or layer.ownership.count + 2 > limits.MAX_BLOCKS:
+        if live + 2 * count > most:
             raise exhausted(
-                f"{2 * count} more qubits with {live} live exceed the limit of {most}, or there "
-                f"are {limits.MAX_BLOCKS} blocks; discard some first"
+                f"{2 * count} more qubits with {live} live exceed the limit of {most}; discard "
+                "some first"
             )
 
     def _keep(
@@ -165,7 +186,7 @@ class Heralding:
             blocks.append(block)
         self._set_states(blocks, found)
         for block in blocks:
-            layer.memories.store(block)
+            layer.memories.store(block, offers[block.name.half].cutoff_s)
             layer.record(block.node, "heralded", block)
         return blocks[0]
 

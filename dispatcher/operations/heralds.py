@@ -4,6 +4,7 @@ Between two heralds there is a geometrically distributed number of attempts: tho
 nothing here.
 """
 
+import asyncio
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -22,6 +23,7 @@ PSI_PLUS, PSI_MINUS = np.uint8(1), np.uint8(3)
 TURNED = np.array([1, 3, 2, 0], np.uint8)  # X, XZ, Z by their chances, or I
 STILL = Turn(np.zeros(1, np.int64), np.array([[1.0, 0.0, 0.0, 0.0]]))
 Bytes = NDArray[np.uint8]
+MAX_BATCHES = 5_000  # in which pairs are drawn; many of them are dropped for their age then
 
 
 @dataclass
@@ -38,6 +40,13 @@ class Heralded:
     def count(self) -> int:
         """Return how many there are."""
         return self.rounds.size
+
+    def only(self, chosen: NDArray[np.bool_]) -> "Heralded":
+        """Return some of them."""
+        first, second = (each[chosen] for each in self.paulis)
+        return Heralded(
+            self.rounds[chosen], self.kind[chosen], self.told[chosen], (first, second), self.exact
+        )
 
     @classmethod
     def none(cls) -> "Heralded":
@@ -65,6 +74,8 @@ class Drawing:
     def __init__(self, layer: PhysicalLayer, link: Link, names: Sequence[BlockName]) -> None:
         """Draw for the two halves of a block of pairs that a link makes."""
         self._layer, self._link, self._names = layer, link, names
+        self._batches = 0
+        self.dropped = 0  # pairs, by the cut-off of a memory
         self._followers = [
             Follower(layer, way, device.source, link.scheme == "single-click")
             for way, device in zip(link.ways, link.devices, strict=True)
@@ -73,27 +84,36 @@ class Drawing:
     async def draw(self, count: int, rounds: int) -> tuple[Heralded, int]:
         """Return heralds, at most so many of so many rounds, and how many rounds that took.
 
+        Pairs that get too old before there are as many are dropped, and made again.
         Returns when the clicks of the last round are. Light that proves not to have come through
         is drawn anew, from the attempt behind it.
         """
         link, chance = self._link, self._link.heralds.probability
         found, begin, most = Heralded.none(), 0, rounds * link.modes
-        batch = 0
-        while chance and found.count < count and begin < most:
-            wanted, batch = count - found.count, batch + 1
-            place = f"heralds {batch}"
+        while chance and found.count < count and begin < most and self._batches < MAX_BATCHES:
+            wanted, self._batches = count - found.count, self._batches + 1
+            place = f"heralds {self._batches}"
+            await asyncio.sleep(0)  # others are served meanwhile
             random = PhotonRandom(self._layer.draws, self._names[0], place, wanted)
             places = begin - 1 + _until(random.generator("gaps").geometric(chance, wanted), most)
             places = places[places < most]
             if places.size:
                 in_rounds = places // link.modes
                 await self._layer.clock.wait_until(link.clicks_ns(int(in_rounds[-1]) + 1))
-                found = found.joined(self._meet(in_rounds, place))
+                found = self._kept(found.joined(self._meet(in_rounds, place)))
             begin = int(places[-1]) + 1 if places.size == wanted else most
         used = -(-begin // link.modes) if chance else rounds
         await self._layer.clock.wait_until(link.clicks_ns(used))
         self._count(used * link.modes)
         return found, used
+
+    def _kept(self, found: Heralded) -> Heralded:
+        """Return those that are young enough when the last has come."""
+        if self._link.cutoff_ns == np.inf or not found.count:
+            return found
+        young = self._link.young(found.rounds)
+        self.dropped += int(np.count_nonzero(~young))
+        return found.only(young)
 
     def _count(self, attempts: int) -> None:
         """Let the switches count the photons of all attempts."""

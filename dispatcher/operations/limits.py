@@ -4,20 +4,20 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from dispatcher.layer.ownership import Block
+from dispatcher.layer.layer import PhysicalLayer
+from dispatcher.layer.ownership import MAX_BLOCKS, Block
 from dispatcher.operations import preparation
-from dispatcher.refusal import invalid
+from dispatcher.refusal import exhausted, invalid
 from dispatcher.sabot.backend import Angle, Bytes
 from dispatcher.sabot.dense import Dense
 from dispatcher.sabot.gates import ROTATIONS
 from dispatcher.sabot.limits import packed
-from dispatcher.switch.optical_switch import MAX_POWER_DBM
+from dispatcher.switch.optical_switch import MAX_POWER_DBM, Channel
 from dispatcher.timeouts import MAX_TIMEOUT_S
 from wire import dibits
 from wire.dispatcher_pb2 import ApplyRequest, Connection, CreateRequest, Gate, TunePortRequest
 from wire.parameters.switch import TEMPERATURE_C, QuantumSwitch
 
-MAX_BLOCKS = 100_000
 MAX_ANGLE_RAD = 1e6
 MAX_STEPS = 64
 MAX_PICKS = 4096
@@ -108,6 +108,18 @@ def require_picks(count: int) -> None:
         raise invalid(f"{count} picks; name 1 to {MAX_PICKS} blocks")
 
 
+def require_blocks(layer: PhysicalLayer, more: int, *makers: str) -> None:
+    """Refuse more blocks than there may be, or than each of their makers may have."""
+    if layer.ownership.count + more > MAX_BLOCKS:
+        raise exhausted(f"{MAX_BLOCKS} blocks are live; use larger blocks or discard some")
+    for maker in makers:
+        if layer.ownership.blocks_made_by(maker) + more > layer.share_of_blocks:
+            raise exhausted(
+                f"{layer.share_of_blocks} blocks that {maker} has made are live, its share; use "
+                "larger blocks or discard some"
+            )
+
+
 def require_rate(rate_hz: int, longest: int) -> None:
     """Refuse a rate at which the longest block of a launch would take too long."""
     if rate_hz == 0:
@@ -159,9 +171,19 @@ def require_direction(direction: int) -> None:
         raise invalid(f"direction {direction} is not known; choose 0 (both), 1 or 2")
 
 
-def require_tuning(switch: QuantumSwitch, frequency_mhz: int, power_dbm: float | None) -> None:
-    """Refuse what a switch's ports cannot be tuned to; frequency 0 and power None ask nothing."""
+def require_tuning(
+    switch: QuantumSwitch,
+    frequency_mhz: int,
+    power_dbm: float | None,
+    channel: Channel | None = None,
+) -> None:
+    """Refuse what a switch's port cannot be tuned to; frequency 0 and power None ask nothing.
+
+    The port of a channel has that one's frequency.
+    """
     least, most, grid = switch.min_frequency_mhz, switch.max_frequency_mhz, switch.grid_mhz
+    if channel is not None:
+        least, most = channel.frequency_mhz, channel.frequency_mhz
     if frequency_mhz and not least <= frequency_mhz <= most:
         raise invalid(f"frequency_mhz {frequency_mhz} is not between {least} and {most}")
     if frequency_mhz and (frequency_mhz - least) % grid:

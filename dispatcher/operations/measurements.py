@@ -4,7 +4,7 @@ from functools import partial
 
 import numpy as np
 
-from dispatcher.devices import abilities
+from dispatcher.devices import required_features
 from dispatcher.devices.analyser import Analyser, Half
 from dispatcher.devices.detector import Train
 from dispatcher.devices.detectors import Told
@@ -12,7 +12,7 @@ from dispatcher.devices.overlap import Overlap, overlap
 from dispatcher.layer import drift, further, pulses
 from dispatcher.layer.layer import PhysicalLayer, tally
 from dispatcher.layer.ownership import Block, BlockName
-from dispatcher.operations import gate_noise
+from dispatcher.operations import durations, gate_noise, readout
 from dispatcher.operations.blocks import require_pairs
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.refusal import invalid
@@ -40,8 +40,8 @@ class Measurements:
         """Measure and use up every photon, each in its basis."""
         layer = self._layer
         block = layer.ownership.require(name, node)
-        abilities.require(layer.devices, node, MEASURE)
-        abilities.require_encoding(layer.devices, node, block.pulses.encoding)
+        required_features.require(layer.devices, node, MEASURE)
+        required_features.require_encoding(layer.devices, node, block.pulses.encoding)
         size = block.register.size
         if basis not in MeasureRequest.Basis.values():
             raise invalid(f"basis {basis} is unknown; use {', '.join(BASES)}")
@@ -72,11 +72,16 @@ class Measurements:
             late_ps=pulses.late_ps(block.pulses, size, random),
             timed=True,
         )
-        told = f"{tally(values, BASES)}: {tally(found.bits, ('0', '1'))}"
-        each = partial(outcome, found.bits, ("0", "1"))
-        layer.record(node, "measure", block, detail=told + listed(found.incidents()), each=each)
-        feedback.clicks, feedback.outcomes = found.clicks, found.bits.tobytes()
-        return feedback
+        told, wrong = (
+            readout.misread(layer, block, found.bits, "measure") if block.kept else (found.bits, 0)
+        )
+        incidents = found.incidents() | ({"misread": wrong} if wrong else {})
+        detail = f"{tally(values, BASES)}: {tally(told, ('0', '1'))}" + listed(incidents)
+        each = partial(outcome, told, ("0", "1"))
+        layer.record(node, "measure", block, detail=detail, each=each)
+        feedback.clicks, feedback.outcomes = found.clicks, told.tobytes()
+        seconds = layer.devices.of(node).gates.readout_s if block.kept else 0.0
+        return durations.lasts(feedback, seconds)
 
     def bell_measure(
         self, node: str, names: tuple[BlockName, BlockName], packed: bool = False
@@ -85,9 +90,9 @@ class Measurements:
         layer = self._layer
         first, second = (layer.ownership.require(name, node) for name in names)
         require_pairs(first, second)
-        abilities.require(layer.devices, node, MEASURE)
+        required_features.require(layer.devices, node, MEASURE)
         for block in (first, second):
-            abilities.require_encoding(layer.devices, node, block.pulses.encoding)
+            required_features.require_encoding(layer.devices, node, block.pulses.encoding)
         layer.sabot.require_capacity(first.register, [GateStep("CX", second.register)])
         layer.take_up_pair(first, second)
         feedback = layer.feedback(first, second)
@@ -117,19 +122,24 @@ class Measurements:
         for block in (first, second):
             layer.ownership.remove(block)
         found = self._analyser(node).analyse(states, halves, random, matched, apart_ns * 1e3)
-        told = f"with {second.name.number}/{second.name.half}: {tally(found.outcomes, BELL_STATES)}"
+        outcomes = found.outcomes
+        if by_gates:
+            outcomes, wrong = readout.misread(layer, first, outcomes, "Bell", bits=2)
+            errors |= {"misread": wrong} if wrong else {}
+        told = f"with {second.name.number}/{second.name.half}: {tally(outcomes, BELL_STATES)}"
         told += waited + listed(errors)
-        each = partial(outcome, found.outcomes, BELL_STATES)
+        each = partial(outcome, outcomes, BELL_STATES)
         layer.record(node, "bell-measure", first, detail=told + listed(found.incidents), each=each)
         feedback.clicks = found.clicks
-        missed = found.outcomes == NO_CLICK
+        missed = outcomes == NO_CLICK
         feedback.coincidences = missed.size - int(np.count_nonzero(missed))
         if packed:
-            feedback.dibits = dibits.pack(found.outcomes & dibits.LARGEST, "little")
+            feedback.dibits = dibits.pack(outcomes & dibits.LARGEST, "little")
             feedback.missed = np.packbits(missed).tobytes() if missed.any() else b""
         else:
-            feedback.outcomes = found.outcomes.tobytes()
-        return feedback
+            feedback.outcomes = outcomes.tobytes()
+        gates = layer.devices.of(node).gates
+        return durations.lasts(feedback, durations.of_bell_measurement(gates) * by_gates)
 
     def _let_wait(
         self, like: BellAnalyser, matched: Overlap, halves: tuple[Block, Block]

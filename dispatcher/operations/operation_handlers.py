@@ -3,8 +3,9 @@
 from collections.abc import Awaitable, Callable
 from typing import Any
 
-from dispatcher.layer.layer import block_name
+from dispatcher.layer.layer import PhysicalLayer, block_name
 from dispatcher.operations.blocks import Operations
+from dispatcher.operations.durations import over
 from dispatcher.operations.gathering import Gathering
 from dispatcher.operations.heralding import Heralding
 from dispatcher.operations.measurements import Measurements
@@ -20,6 +21,7 @@ Act = Callable[[str, Any], Awaitable[messages.Feedback]]
 
 
 def acts(
+    layer: PhysicalLayer,
     operations: Operations,
     measurements: Measurements,
     transport: Transport,
@@ -32,10 +34,10 @@ def acts(
     """Return the act for each operation of a Step, called with node and request."""
 
     async def create(node: str, request: messages.CreateRequest) -> messages.Feedback:
-        return operations.create(node, request)
+        return await over(layer, node, operations.create(node, request))
 
     async def apply(node: str, request: messages.ApplyRequest) -> messages.Feedback:
-        return operations.apply(node, request)
+        return await over(layer, node, operations.apply(node, request))
 
     async def send(node: str, request: messages.SendRequest) -> messages.Feedback:
         launches = [(block_name(launch.block), launch.port) for launch in request.launches]
@@ -48,14 +50,16 @@ def acts(
 
     async def measure(node: str, request: messages.MeasureRequest) -> messages.Feedback:
         name = block_name(request.block)
-        return measurements.measure(node, name, request.basis, request.bases)
+        told = measurements.measure(node, name, request.basis, request.bases)
+        return await over(layer, node, told)
 
     async def bell_measure(node: str, request: messages.BellMeasureRequest) -> messages.Feedback:
         names = block_name(request.first), block_name(request.second)
-        return measurements.bell_measure(node, names, request.packed)
+        return await over(layer, node, measurements.bell_measure(node, names, request.packed))
 
     async def store(node: str, request: messages.StoreRequest) -> messages.Feedback:
-        return operations.store(node, block_name(request.block))
+        told = request.cutoff_s if request.HasField("cutoff_s") else None
+        return operations.store(node, block_name(request.block), told)
 
     async def discard(node: str, request: messages.DiscardRequest) -> messages.Feedback:
         if request.HasField("block") == bool(request.session):
@@ -70,11 +74,14 @@ def acts(
         return gathering.gather(node, into, request.picks, request.keep_rest)
 
     async def resend(node: str, request: messages.ResendRequest) -> messages.Feedback:
-        return resending.resend(node, block_name(request.block), request.bases)
+        told = resending.resend(node, block_name(request.block), request.bases)
+        return await over(layer, node, told)
 
     async def attempt(node: str, request: messages.AttemptRequest) -> messages.Feedback:
         frequency_mhz = request.frequency_mhz or DEFAULT_FREQUENCY_MHZ
-        return heralding.attempt(node, block_name(request.block), request.port, frequency_mhz)
+        told = request.cutoff_s if request.HasField("cutoff_s") else None
+        name = block_name(request.block)
+        return heralding.attempt(node, name, request.port, frequency_mhz, told)
 
     async def herald(node: str, request: messages.HeraldRequest) -> messages.Feedback:
         return await heralding.herald(node, request)

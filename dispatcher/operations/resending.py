@@ -12,11 +12,11 @@ from functools import partial
 
 import numpy as np
 
-from dispatcher.devices import abilities
+from dispatcher.devices import required_features
 from dispatcher.layer import drift, further, pulses
 from dispatcher.layer.layer import PhysicalLayer, tally
 from dispatcher.layer.ownership import Block, BlockName, Pulses
-from dispatcher.operations import preparation
+from dispatcher.operations import durations, preparation, readout
 from dispatcher.operations.measurements import listed, outcome, train
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.refusal import exhausted, invalid
@@ -41,8 +41,8 @@ class Resending:
         """Measure the photons that have a basis, and replace them by what was found."""
         layer = self._layer
         block = layer.ownership.require(name, node)
-        abilities.require(layer.devices, node, MEASURE)
-        abilities.require_encoding(layer.devices, node, block.pulses.encoding)
+        required_features.require(layer.devices, node, MEASURE)
+        required_features.require_encoding(layer.devices, node, block.pulses.encoding)
         size = block.register.size
         values = _bases(bases, size)
         fresh = self._fresh(size)
@@ -69,11 +69,16 @@ class Resending:
         outcomes = found.bits | (~chosen * np.uint8(NO_CLICK))
         again = (outcomes != NO_CLICK) & free
         self._replace(block, fresh, again, values << np.uint8(1) | outcomes & np.uint8(1))
-        told = f"{tally(values, BASES)}: {tally(outcomes, ('0', '1'))}{listed(found.incidents())}"
-        layer.record(node, "resend", block, detail=told, each=partial(_each, chosen, outcomes))
+        told, wrong = (
+            readout.misread(layer, block, outcomes, "resend") if block.kept else (outcomes, 0)
+        )
+        incidents = found.incidents() | ({"misread": wrong} if wrong else {})
+        detail = f"{tally(values, BASES)}: {tally(told, ('0', '1'))}{listed(incidents)}"
+        layer.record(node, "resend", block, detail=detail, each=partial(_each, chosen, told))
         feedback = layer.feedback(block)
-        feedback.clicks, feedback.outcomes = found.clicks, outcomes.tobytes()
-        return feedback
+        feedback.clicks, feedback.outcomes = found.clicks, told.tobytes()
+        seconds = layer.devices.of(node).gates.readout_s if block.kept else 0.0
+        return durations.lasts(feedback, seconds, [block])
 
     def _fresh(self, size: int) -> Register:
         """Return new qubits, one for each place; refuse if there is no room for them."""

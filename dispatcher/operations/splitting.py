@@ -15,7 +15,7 @@ import grpc
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.devices import abilities
+from dispatcher.devices import required_features
 from dispatcher.layer import drift
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.ownership import Block, BlockName, Further
@@ -40,13 +40,13 @@ class Splitting:
         """Count the photons of each pulse; take one of those that have several into a new block."""
         layer = self._layer
         block = layer.ownership.require(name, node)
-        abilities.require(layer.devices, node, MEASURE)
+        required_features.require(layer.devices, node, MEASURE)
         if layer.ownership.taken(into, node):
             message = f"{into} exists, here or elsewhere; discard it or take another number"
             raise Refusal(grpc.StatusCode.ALREADY_EXISTS, message)
         if into[:2] == name[:2]:
             raise invalid(f"{into} is of the block that is split; take another number")
-        require_places(layer, block.register.size)
+        require_places(layer, block.node, block.register.size)
         layer.take_up(block)
         counts = photons(block)
         taken = self._take(block, into, counts >= SEVERAL)

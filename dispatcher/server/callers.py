@@ -1,7 +1,7 @@
 """Callers: the token, and not the address, names the node, and the node says what it may do."""
 
 import hmac
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from hashlib import sha256
 
 import grpc
@@ -28,10 +28,23 @@ class Callers:
         self._switches = switches
         self.challenges = Challenges()
 
-    def of_call(self, metadata: Mapping[str, str | bytes], peer: str, method: str) -> str:
-        """Return the node that makes a call: by its token on the private socket, or by proof."""
+    def of_call(
+        self,
+        metadata: Mapping[str, str | bytes],
+        peer: str,
+        method: str,
+        certified: Iterable[bytes] | None = None,
+    ) -> str:
+        """Return the node that makes a call: by its token on the private socket, or by proof.
+
+        Where it comes by TLS, its certificate must name that node, too.
+        """
         if PROOF_KEY in metadata:
-            return self._proved(metadata, peer, method)
+            node = self._proved(metadata, peer, method)
+            if certified is not None and node.encode() not in certified:
+                names = b", ".join(certified).decode(errors="replace")
+                raise _unknown(f"the proof is {node}'s, and the certificate of {names}")
+            return node
         if TOKEN_KEY in metadata and not peer.startswith(PRIVATE):
             raise _unknown("a token came over the network, where others may read it; prove it")
         return self.identify(metadata.get(TOKEN_KEY))

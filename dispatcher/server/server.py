@@ -15,7 +15,7 @@ from dispatcher.clock import NetworkClock
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.server.callers import Callers
 from dispatcher.server.cross_connects import CrossConnects, bind
-from dispatcher.server.service import Failed, Service
+from dispatcher.server.servicer import Failed, Service
 from dispatcher.timeouts import STOP_GRACE_S, STOP_TIMEOUT_S
 from wire.config import BadConfig, DispatcherConfig
 from wire.dispatcher_pb2_grpc import add_DispatcherServicer_to_server
@@ -65,7 +65,7 @@ class Server:
         add_DispatcherServicer_to_server(service, self._grpc)  # type: ignore[no-untyped-call]
         self._cross_connects = CrossConnects(service.change, service.callers, service.failed)
         self._paths = config.socket, cross_connects_socket(config.socket)
-        _bind(self._grpc, config.listen)
+        _bind(self._grpc, config.listen, credentials(config))
         with _private(self._paths):
             _bind(self._grpc, f"unix:{config.socket}")
             self._listener = bind(self._paths[1])
@@ -126,9 +126,25 @@ async def serve(config: DispatcherConfig) -> None:
     log.info("stopped after %d events", layer.history.count)
 
 
-def _bind(server: grpc.aio.Server, address: str) -> None:
+def credentials(config: DispatcherConfig) -> grpc.ServerCredentials | None:
+    """Return what callers of a network see of the dispatcher in TLS, and must show; None: plain."""
+    if config.credentials is None:
+        return None
     try:
-        server.add_insecure_port(address)
+        authority, certificate, private_key = config.credentials.read()
+    except OSError as error:
+        raise BadConfig(f"the dispatcher's certificate: {error}") from error
+    return grpc.ssl_server_credentials([(private_key, certificate)], authority, True)
+
+
+def _bind(
+    server: grpc.aio.Server, address: str, credentials: grpc.ServerCredentials | None = None
+) -> None:
+    try:
+        if credentials is None:
+            server.add_insecure_port(address)
+        else:
+            server.add_secure_port(address, credentials)
     except RuntimeError as error:
         raise BadConfig(
             f"cannot listen on {address}: is the port taken, or the address not this host's?"

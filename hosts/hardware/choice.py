@@ -25,13 +25,21 @@ def chosen_qnic(config: HostConfig) -> ClosableQnic:
     if not config.qnic:
         if config.qnic_parameters:
             raise BadConfig("qnic_parameters are given without qnic; name the class, too")
-        return SimulatedQnic(*made_with)
+        return with_credentials(SimulatedQnic(*made_with), config)
     kind = load_class("qnic", config.qnic)
     needed = {each for each in vars(Qnic) if not each.startswith("_")} | {"close"}
     if missing := sorted(each for each in needed if not hasattr(kind, each)):
         text = f"qnic {config.qnic}: {kind.__name__} has no {', '.join(missing)}"
         raise BadConfig(f"{text}; see hosts/hardware/qnic.py")
     try:
-        return cast(ClosableQnic, kind(*made_with, **config.qnic_parameters))
+        made = cast(ClosableQnic, kind(*made_with, **config.qnic_parameters))
     except (TypeError, ValueError) as error:
         raise BadConfig(f"qnic {config.qnic} with {config.qnic_parameters}: {error}") from error
+    return with_credentials(made, config)
+
+
+def with_credentials(qnic: ClosableQnic, config: HostConfig) -> ClosableQnic:
+    """Let a QNIC that asks the dispatcher do so by TLS, if hosts do."""
+    if isinstance(qnic, SimulatedQnic):
+        qnic.credentials = config.credentials
+    return qnic

@@ -203,8 +203,14 @@ class Qnic(Protocol):
     async def controlled_x(self, control: BlockName, target: BlockName) -> None:
         """Apply CX to pairs of photons of two blocks of one size at this host."""
 
-    async def store(self, block: BlockName) -> Stored:
-        """Put photons at this host into memory, where they decohere until they are used."""
+    def set_cutoff(self, cutoff_s: float) -> None:
+        """Let the memory drop what it has kept for longer, from now on; infinite: nothing."""
+
+    async def store(self, block: BlockName, for_good: bool = False) -> Stored:
+        """Put photons at this host into memory, where they decohere until they are used.
+
+        What is too old is dropped, and not among those told; nothing that is stored for good.
+        """
 
     async def gather(
         self, into: BlockName, picks: Mapping[BlockName, Positions], keep_rest: bool = False

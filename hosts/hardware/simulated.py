@@ -29,6 +29,7 @@ from hosts.hardware.qnic import (
 from hosts.hardware.steps import steps_of
 from hosts.timeouts import DISPATCHER_TIMEOUT_S
 from wire import dibits
+from wire.credentials import Credentials
 from wire.dispatcher_pb2 import (
     ApplyRequest,
     AttemptRequest,
@@ -68,12 +69,21 @@ class SimulatedQnic:
     def __init__(self, dispatcher: str, token: str, ports: list[str]) -> None:
         self._dispatcher, self._token, self._ports = dispatcher, token, ports
         self._channel: grpc.aio.Channel | None = None
+        self._cutoff_s: float | None = None  # that of the memory itself
+        self.credentials: Credentials | None = None  # without, it speaks plainly
 
     @cached_property
     def _stub(self) -> DispatcherStub:
         """The dispatcher, from the first order on: who waits for light needs no threads for it."""
-        self._channel = grpc.aio.insecure_channel(self._dispatcher, CHANNEL_OPTIONS)
+        self._channel = self._connect()
         return DispatcherStub(self._channel)  # type: ignore[no-untyped-call]
+
+    def _connect(self) -> grpc.aio.Channel:
+        if self.credentials is None:
+            return grpc.aio.insecure_channel(self._dispatcher, CHANNEL_OPTIONS)
+        authority, certificate, private_key = self.credentials.read()
+        shown = grpc.ssl_channel_credentials(authority, private_key, certificate)
+        return grpc.aio.secure_channel(self._dispatcher, shown, CHANNEL_OPTIONS)
 
     @cached_property
     def _orders(self) -> Orders:
@@ -108,14 +118,16 @@ class SimulatedQnic:
         near, far = (_half(session, number, half) for half in (0, 1))
         send = _send([Launch(block=far, port=port)], rate_hz, wavelength_pm)
         _made, stored, sent = await self._orders.perform(
-            Step(create=create), Step(store=StoreRequest(block=near)), Step(send=send)
+            Step(create=create), self._storing(near), Step(send=send)
         )
         return _stored(stored.arrived, sent)
 
     async def attempt(self, block: BlockName, port: str, wavelength_pm: int) -> None:
         """Let qubits of the memory attempt to emit into a port."""
         frequency = frequency_mhz(wavelength_pm)
-        attempt = AttemptRequest(block=_named(block), port=port, frequency_mhz=frequency)
+        attempt = AttemptRequest(
+            block=_named(block), port=port, frequency_mhz=frequency, cutoff_s=self._cutoff_s
+        )
         await self._orders.perform(Step(attempt=attempt))
 
     async def herald(
@@ -231,7 +243,7 @@ class SimulatedQnic:
         name = _named(block)
         _received, feedback = await self._orders.perform(
             Step(receive=ReceiveRequest(block=name, port=port, timeout_s=timeout_s)),
-            Step(store=StoreRequest(block=name)),
+            self._storing(name),
         )
         return _stored(feedback.arrived, feedback)
 
@@ -251,10 +263,18 @@ class SimulatedQnic:
         gates = [Gate(name=Gate.CX, target=_named(target))]
         await self._orders.perform(Step(apply=ApplyRequest(block=_named(control), gates=gates)))
 
-    async def store(self, block: BlockName) -> Stored:
+    def set_cutoff(self, cutoff_s: float) -> None:
+        """Let the memory drop what it has kept for longer."""
+        self._cutoff_s = cutoff_s
+
+    async def store(self, block: BlockName, for_good: bool = False) -> Stored:
         """Put photons at this host into memory."""
-        (feedback,) = await self._orders.perform(Step(store=StoreRequest(block=_named(block))))
+        (feedback,) = await self._orders.perform(self._storing(_named(block), for_good))
         return _stored(feedback.arrived, feedback)
+
+    def _storing(self, block: BlockId, for_good: bool = False) -> Step:
+        cutoff_s = math.inf if for_good else self._cutoff_s
+        return Step(store=StoreRequest(block=block, cutoff_s=cutoff_s))
 
     async def gather(
         self, into: BlockName, picks: Mapping[BlockName, Positions], keep_rest: bool = False

@@ -1,5 +1,6 @@
 """Operations on single qubits as steps of the dispatcher's orders."""
 
+import math
 from collections.abc import Iterable, Iterator
 
 from hosts.hardware.operations import Kind, Operation
@@ -63,7 +64,8 @@ def _step(operation: Operation) -> Step:
         case Kind.OBSERVE:
             return Step(resend=ResendRequest(block=block, bases=IN_Z))
         case Kind.STORE:
-            return Step(store=StoreRequest(block=block))
+            # What an application has, it keeps, however old.
+            return Step(store=StoreRequest(block=block, cutoff_s=math.inf))
         case Kind.TAKE:
             assert operation.target is not None
             pick = Pick(block=block, photons=[operation.position])

@@ -11,7 +11,9 @@ from pathlib import Path
 from hosts import network_loop
 from hosts.key_delivery.delivery import KeyDelivery
 from hosts.key_delivery.filling import fill, open_to_others
+from hosts.key_delivery.link_states import KeyLinkStates
 from hosts.key_delivery.other_managers import OtherManagers
+from hosts.key_delivery.routes import open_routes
 from hosts.key_delivery.sessions import StackGone
 from hosts.key_delivery.web import serve
 from hosts.middleware.qkd.key_store import KeyStoreError
@@ -25,19 +27,27 @@ async def run(config: KeyManagerConfig) -> None:
     for number in (signal.SIGTERM, signal.SIGINT):
         asyncio.get_running_loop().add_signal_handler(number, stopped.set)
     others = OtherManagers(config)
-    delivery = KeyDelivery(config, others.tell)
+    delivery = KeyDelivery(config, others.tell, others.relay)
+    links = KeyLinkStates(config, delivery)
+    routes = await open_routes(config, links.all) if config.report_to else None
+    delivery.router = routes
     server = serve(config, delivery)
     async with open_to_others(config):
         print("ready", flush=True)
-        filling = asyncio.create_task(fill(config, delivery))
+        working = [asyncio.create_task(fill(config, delivery, links))]
+        if routes is not None:
+            working.append(asyncio.create_task(routes.run()))
         stopping = asyncio.create_task(stopped.wait())
-        await asyncio.wait([stopping, filling], return_when=asyncio.FIRST_COMPLETED)
-        if filling.done():
-            filling.result()
-        filling.cancel()
+        await asyncio.wait([stopping, *working], return_when=asyncio.FIRST_COMPLETED)
+        for task in working:
+            if task.done():
+                task.result()
+            task.cancel()
     server.stop()
     await server.close_all_connections()
     others.close()
+    if routes is not None:
+        routes.close()
 
 
 def main() -> int:

@@ -6,13 +6,15 @@
 
 Keys that this end hands out first become the master's; the slave's manager removes the same ones
 before the master gets any. A slave of a third host gets the key masked with keys shared with that
-host. Applications of one manager get keys that it draws: between them is no light.
+host. To a host without such keys they are relayed (relaying.py), by whom the controller chooses.
+Applications of one manager get keys that it draws: between them is no light.
 """
 
 import asyncio
 import os
 from collections.abc import Awaitable, Callable, Sequence
 from pathlib import Path
+from typing import Protocol
 from uuid import UUID, uuid4
 
 from hosts.key_delivery.allowance import Allowance
@@ -24,51 +26,62 @@ from hosts.key_delivery.refusals import (
     unauthorized,
     unavailable,
 )
+from hosts.key_delivery.relaying import Relaying, Send, stored_for
+from hosts.key_delivery.stored_keys import StoredKeys
 from hosts.key_delivery.waiting import WaitingKeys
-from hosts.middleware.qkd.key_store import KEY_BITS, KeyStore, MissingKey, StoredKey
-from hosts.middleware.qkd.keyring import CAPACITY, store_in
+from hosts.middleware.qkd.key_store import KEY_BITS, StoredKey
+from hosts.middleware.qkd.keyring import CAPACITY
 from hosts.network_loop import now_s
 from wire.key_assignment import MAX_BITS, AssignedKey, Assignment
 from wire.key_delivery import MAX_IDS, MAX_NAMES, DeliveredKey, KeyRequest, Status
 from wire.key_manager import KeyManagerConfig, manager_name
+from wire.key_routes import KeyRoute
 
+ASSIGNED = ".assigned"  # folder of keys that wait for applications; no host is called so
 MIN_BITS = 8
 BURST = MAX_IDS * MAX_BITS // KEY_BITS  # the largest request
-STORING_S = 2.0  # of the network: one end stores the keys of a session before the other
-LOOK_S = 0.05
-MOST_VOID = 4096  # ids that another manager has not been told to throw away
 
 Tell = Callable[[str, Assignment], Awaitable[None]]  # a host's key manager; raises Refused
+
+
+class Router(Protocol):
+    """Who knows by whom keys can go to other hosts."""
+
+    async def ask(self, host: str, stored: int, master: str, slave: str) -> KeyRoute:
+        """Return by whom so many stored keys can go to a host; raise Refused if by nobody."""
+
+    async def register(self, host: str, master: str, slave: str) -> None:
+        """Note an application whose keys need no relay."""
 
 
 class KeyDelivery:
     """The keys of one host's applications."""
 
-    def __init__(self, config: KeyManagerConfig, tell: Tell) -> None:
+    def __init__(self, config: KeyManagerConfig, tell: Tell, send: Send) -> None:
         """Open the stores; KeyStoreError if one cannot be."""
         self._config, self._tell = config, tell
-        others = [host for host in config.hosts if host != config.host]
-        self.stores: dict[str, KeyStore] = {
-            host: store_in(Path(config.keys), host) for host in others
-        }
-        self._waiting = WaitingKeys(now_s)
+        self._stored = StoredKeys(config)
+        self.stores, self.withheld = self._stored.stores, self._stored.withheld
+        self._waiting = WaitingKeys(now_s, Path(config.keys) / ASSIGNED)
         self._allowance = Allowance(config.keys_per_s, BURST, now_s)
-        self._void: dict[str, list[UUID]] = {host: [] for host in others}
+        self._linked = {link.peer for link in config.links}
+        self._relaying = Relaying(config, self._stored, send, self._waiting.add)
+        self._registered: dict[tuple[str, str], asyncio.Task[None]] = {}
+        self.router: Router | None = None  # None: there is no controller to ask
         self.withholds = config.withhold  # whether too many errors close the way to a host
-        self.withheld: dict[str, str] = {}  # hosts that no key goes out for: why
 
-    def status(self, caller: str, slave: str) -> Status:
+    async def status(self, caller: str, slave: str) -> Status:
         """Say what is there for a master and a slave; raise Refused for who is none."""
         self._require_own(caller)
         target = self._host_of(slave)
-        local = target == self._config.host
+        count = await self._available(caller, slave, target)
         return Status(
             source_KME_ID=manager_name(self._config.host),
             target_KME_ID=manager_name(target),
             master_SAE_ID=caller,
             slave_SAE_ID=slave,
             key_size=KEY_BITS,
-            stored_key_count=CAPACITY if local else self.stores[target].mine,
+            stored_key_count=count,
             max_key_count=CAPACITY,
             max_key_per_request=MAX_IDS,
             max_key_size=MAX_BITS,
@@ -86,22 +99,26 @@ class KeyDelivery:
         self._require_served(slaves)
         self._waiting.require_capacity(slaves.get(self._config.host, []), request.number)
         remote = [host for host in slaves if host != self._config.host]
-        for host in remote:
-            if self.stores[host].mine < count:
-                raise unavailable(
-                    f"{self.stores[host].mine} keys of {KEY_BITS} bits are left with "
-                    f"{manager_name(host)}, {count} are wanted: ask again later"
-                )
+        relayed = {
+            host: await self._route(caller, slaves[host][0], host, request.number, size)
+            for host in remote
+            if self._is_relayed(host)
+        }
+        direct = [host for host in remote if host not in relayed]
+        self._require_stored(direct, count)
         self._allowance.take(caller, count * max(1, len(remote)))
         ids = [uuid4() for _ in range(request.number)]
-        stored = {host: await self._taken(host, count, stored_each) for host in remote}
-        keys = self._made(ids, size // 8, stored.get(remote[0]) if remote else None)
-        for number, host in enumerate(remote):
+        stored = {host: await self._taken(host, count, stored_each) for host in direct}
+        keys = self._made(ids, size // 8, stored.get(direct[0]) if direct else None)
+        for number, host in enumerate(direct):
             assigned = [
                 _assigned(key, each, masked=number > 0)
                 for key, each in zip(keys, stored[host], strict=True)
             ]
             await self._assign(host, caller, slaves[host], assigned)
+            self._register(host, caller, slaves[host][0])
+        for host, route in relayed.items():
+            await self._relaying.send(route, caller, slaves[host], keys)
         if own := slaves.get(self._config.host):
             self._waiting.add(caller, own, keys)
         return keys
@@ -120,15 +137,19 @@ class KeyDelivery:
         for slave in assignment.slaves:
             self._require_own(slave)
         for unwanted in assignment.void:
-            self.stores[host].discard(unwanted)
+            self._stored.discard(host, unwanted)
         self._waiting.require_capacity(assignment.slaves, len(assignment.keys))
         wanted = [each for key in assignment.keys for each in key.stored]
-        found = dict(zip(wanted, await self._stored(host, wanted), strict=True))
+        found = dict(zip(wanted, await self._stored.taken_by_id(host, wanted), strict=True))
         keys = [
             DeliveredKey(key.key_id, _opened(key, b"".join(found[each] for each in key.stored)))
             for key in assignment.keys
         ]
         self._waiting.add(assignment.master, assignment.slaves, keys)
+
+    async def accept_relay(self, manager: str, body: bytes) -> None:
+        """Take keys that another key manager relays; or raise Refused or MalformedPacket."""
+        await self._relaying.accept(manager, body)
 
     def _require_own(self, sae: str) -> None:
         if self._config.saes.get(sae) != self._config.host:
@@ -165,17 +186,53 @@ class KeyDelivery:
 
     def _require_served(self, slaves: dict[str, list[str]]) -> None:
         for host in slaves:
-            if host in self.withheld:
+            if not self._is_relayed(host):
+                self._stored.require_given_out(host)
+
+    def _require_stored(self, hosts: Sequence[str], count: int) -> None:
+        for host in hosts:
+            if self.stores[host].mine < count:
                 raise unavailable(
-                    f"no key is given with {manager_name(host)}: {self.withheld[host]}"
+                    f"{self.stores[host].mine} keys of {KEY_BITS} bits are left with "
+                    f"{manager_name(host)}, {count} are wanted: ask again later"
                 )
+
+    def _is_relayed(self, host: str) -> bool:
+        """Whether keys go to a host by others: no light is between, or somebody listens to it."""
+        if self.router is None or host == self._config.host:
+            return False
+        return host in self.withheld or (host not in self._linked and not self.stores[host].mine)
+
+    async def _available(self, caller: str, slave: str, host: str) -> int:
+        """Return how many stored keys there are for a slave at a host."""
+        if host == self._config.host:
+            return CAPACITY
+        if self.router is None or not self._is_relayed(host):
+            return self.stores[host].mine
+        try:
+            route = await self.router.ask(host, stored_for(1, KEY_BITS), caller, slave)
+        except Refused:
+            return 0
+        return route.stored - 1  # one more authenticates
+
+    async def _route(self, caller: str, slave: str, host: str, number: int, size: int) -> KeyRoute:
+        """Return by whom keys go to a host; of one that is withheld, why is why if nobody can."""
+        assert self.router is not None  # or nothing is relayed
+        try:
+            return await self.router.ask(host, stored_for(number, size), caller, slave)
+        except Refused:
+            self._stored.require_given_out(host)
+            raise
+
+    def _register(self, host: str, caller: str, slave: str) -> None:
+        """Let the controller know of an application, once."""
+        if self.router is not None and (caller, slave) not in self._registered:
+            task = asyncio.create_task(self.router.register(host, caller, slave))
+            self._registered[caller, slave] = task
 
     async def _taken(self, host: str, count: int, each: int) -> list[list[StoredKey]]:
         """Return stored keys, so many for each key that is delivered."""
-        try:
-            taken = await asyncio.to_thread(self.stores[host].take_oldest, count)
-        except MissingKey as error:
-            raise unavailable(str(error)) from error
+        taken = await self._stored.taken(host, count)
         return [taken[start : start + each] for start in range(0, count, each)]
 
     def _made(
@@ -193,25 +250,12 @@ class KeyDelivery:
         self, host: str, master: str, slaves: list[str], keys: list[AssignedKey]
     ) -> None:
         """Tell a slave's manager; what it does not take is void, and it hears so next time."""
-        void = tuple(self._void[host])
-        self._void[host].clear()
+        void = self._stored.void(host)
         try:
             await self._tell(host, Assignment(master, tuple(slaves), tuple(keys), void))
         except Refused:
-            lost = [*void, *(each for key in keys for each in key.stored)]
-            self._void[host] = [*self._void[host], *lost][-MOST_VOID:]
+            self._stored.lose(host, [*void, *(each for key in keys for each in key.stored)])
             raise
-
-    async def _stored(self, host: str, wanted: Sequence[UUID]) -> list[bytes]:
-        """Return stored keys; of the newest session they may come a moment later."""
-        deadline = now_s() + STORING_S
-        while True:
-            try:
-                return await asyncio.to_thread(self.stores[host].take_all, wanted)
-            except MissingKey as error:
-                if now_s() > deadline:
-                    raise unavailable(str(error)) from error
-            await asyncio.sleep(LOOK_S)
 
 
 def _assigned(key: DeliveredKey, stored: Sequence[StoredKey], *, masked: bool) -> AssignedKey:

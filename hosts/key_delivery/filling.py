@@ -19,24 +19,23 @@ from contextlib import AsyncExitStack, asynccontextmanager
 from functools import partial
 
 from hosts.key_delivery.delivery import KeyDelivery
+from hosts.key_delivery.link_states import KeyLinkStates
 from hosts.key_delivery.sessions import Outcome, StackGone, hold, listening, offered
 from hosts.middleware.services.key_distribution.options import KeyOptions
 from hosts.network_loop import wall_sleep
 from hosts.timeouts import CHECK_PERIOD_S, FILLING_PAUSE_S
-from wire.key_manager import KEY_LINK_PORT, KeyLink, KeyManagerConfig
-
-PORTS = {"bb84": KEY_LINK_PORT, "bbm92": KEY_LINK_PORT + 1}
+from wire.key_manager import KEY_LINK_PORTS, KeyLink, KeyManagerConfig
 
 
-async def fill(config: KeyManagerConfig, delivery: KeyDelivery) -> None:
+async def fill(config: KeyManagerConfig, delivery: KeyDelivery, states: KeyLinkStates) -> None:
     """Keep all stores filled; StackGone when the host's stack has ended."""
     try:
         async with asyncio.TaskGroup() as group:
             for link in config.links:
                 if link.opens:
-                    group.create_task(_keep(config, delivery, link))
+                    group.create_task(_keep(config, delivery, states, link))
             for protocol in taken_part_in(config):
-                group.create_task(_take_part(config, delivery, protocol))
+                group.create_task(_take_part(config, delivery, states, protocol))
             group.create_task(asyncio.Event().wait())  # without links there is nothing to end
     except ExceptionGroup as faults:
         gone, others = faults.split(StackGone)
@@ -55,12 +54,14 @@ async def open_to_others(config: KeyManagerConfig) -> AsyncIterator[None]:
     """Let others open their sessions meanwhile."""
     async with AsyncExitStack() as doors:
         for protocol in taken_part_in(config):
-            door = listening(config.stack, protocol, PORTS[protocol])
+            door = listening(config.stack, protocol, KEY_LINK_PORTS[protocol])
             await doors.enter_async_context(door)
         yield
 
 
-async def _keep(config: KeyManagerConfig, delivery: KeyDelivery, link: KeyLink) -> None:
+async def _keep(
+    config: KeyManagerConfig, delivery: KeyDelivery, states: KeyLinkStates, link: KeyLink
+) -> None:
     """Open sessions with one host, as its store needs them."""
     store, pause_s = delivery.stores[link.peer], link.pause_s
     filling = False
@@ -70,23 +71,29 @@ async def _keep(config: KeyManagerConfig, delivery: KeyDelivery, link: KeyLink) 
         if not filling:
             await wall_sleep(CHECK_PERIOD_S)
             continue
-        port, options = PORTS[link.protocol], link.options
+        port, options = KEY_LINK_PORTS[link.protocol], link.options
         outcome = await hold(config.stack, link.protocol, link.peer, port, options)
+        states.ended(link.peer, outcome)
         note(delivery, link, outcome)
         pause_s = min(2 * pause_s, FILLING_PAUSE_S) if outcome.fault else link.pause_s
         await asyncio.sleep(pause_s)
 
 
-async def _take_part(config: KeyManagerConfig, delivery: KeyDelivery, protocol: str) -> None:
+async def _take_part(
+    config: KeyManagerConfig, delivery: KeyDelivery, states: KeyLinkStates, protocol: str
+) -> None:
     """Take part in the sessions that others open."""
     links = {config.hosts[link.peer]: link for link in config.links if not link.opens}
-    async for address, session in offered(config.stack, PORTS[protocol]):
+    async for address, session in offered(config.stack, KEY_LINK_PORTS[protocol]):
         if address in links:
-            session.add_done_callback(partial(_ended, delivery, links[address]))
+            session.add_done_callback(partial(_ended, delivery, states, links[address]))
 
 
-def _ended(delivery: KeyDelivery, link: KeyLink, session: asyncio.Task[Outcome]) -> None:
+def _ended(
+    delivery: KeyDelivery, states: KeyLinkStates, link: KeyLink, session: asyncio.Task[Outcome]
+) -> None:
     if not session.cancelled() and session.exception() is None:
+        states.ended(link.peer, session.result())
         note(delivery, link, session.result())
 
 

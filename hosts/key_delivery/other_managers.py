@@ -1,4 +1,4 @@
-"""Tells other hosts' key managers, over mutual TLS, what keys were assigned to whom."""
+"""Tells other hosts' key managers, over mutual TLS, what keys were assigned, and hands keys on."""
 
 import ssl
 
@@ -11,6 +11,8 @@ from hosts.timeouts import ANSWER_TIMEOUT_S, CONNECT_TIMEOUT_S
 from wire.key_assignment import ASSIGNMENT_PATH, Assignment
 from wire.key_delivery import MAX_REQUEST, decode_refusal
 from wire.key_manager import KeyManagerConfig, manager_name
+from wire.key_relay import RELAY_PATH
+from wire.key_routes import MAX_HOPS
 from wire.metadata import MalformedPacket
 
 
@@ -25,14 +27,21 @@ class OtherManagers:
 
     async def tell(self, host: str, assignment: Assignment) -> None:
         """Assign keys at a host; raise Refused if it does not take them."""
+        await self._post(host, ASSIGNMENT_PATH, assignment.encode(), ANSWER_TIMEOUT_S)
+
+    async def relay(self, host: str, body: bytes) -> None:
+        """Hand keys on to a host; raise Refused if they do not come to the end of their route."""
+        await self._post(host, RELAY_PATH, body, MAX_HOPS * ANSWER_TIMEOUT_S)
+
+    async def _post(self, host: str, path: str, body: bytes, timeout_s: float) -> None:
         request = HTTPRequest(
-            f"https://{self._config.hosts[host]}:{self._config.port}{ASSIGNMENT_PATH}",
+            f"https://{self._config.hosts[host]}:{self._config.port}{path}",
             method="POST",
             headers={"Content-Type": "application/json"},
-            body=assignment.encode(),
+            body=body,
             ssl_options=self._context,
             connect_timeout=CONNECT_TIMEOUT_S,
-            request_timeout=ANSWER_TIMEOUT_S,
+            request_timeout=timeout_s,
             follow_redirects=False,
         )
         name = manager_name(host)

@@ -1,4 +1,4 @@
-"""HTTPS of a key manager: the paths of ETSI GS QKD 014, and that of other managers' assignments."""
+"""HTTPS of a key manager: the paths of ETSI GS QKD 014, and those of other managers."""
 
 import logging
 from collections.abc import Sequence
@@ -11,16 +11,16 @@ from tornado.web import Application, HTTPError, RequestHandler
 from hosts.key_delivery.certificates import named, serving
 from hosts.key_delivery.delivery import KeyDelivery
 from hosts.key_delivery.refusals import BAD_REQUEST, UNAUTHORIZED, Refused, unauthorized
-from hosts.timeouts import ANSWER_TIMEOUT_S
+from hosts.timeouts import ANSWER_TIMEOUT_S, CLIENT_IDLE_S
 from wire import key_delivery as bodies
 from wire.key_assignment import ASSIGNMENT_PATH, MAX_ASSIGNMENT, Assignment
 from wire.key_manager import KeyManagerConfig
+from wire.key_relay import RELAY_PATH
 from wire.metadata import MalformedPacket
 
 log = logging.getLogger("key-manager")
 
 MAX_HEADER = 1 << 14
-IDLE_S = 60.0
 
 
 class Handler(RequestHandler):
@@ -80,9 +80,9 @@ class Handler(RequestHandler):
 class StatusHandler(Handler):
     """…/{slave_SAE_ID}/status"""
 
-    def get(self, slave: str) -> None:
+    async def get(self, slave: str) -> None:
         """Say what keys there are."""
-        self.finish(bodies.encode_status(self.delivery.status(self.caller, slave)))
+        self.finish(bodies.encode_status(await self.delivery.status(self.caller, slave)))
 
 
 class GetKeyHandler(Handler):
@@ -127,6 +127,14 @@ class AssignmentHandler(Handler):
         await self.delivery.accept(self.caller, Assignment.decode(self.request.body))
 
 
+class RelayHandler(Handler):
+    """Where other key managers hand keys on."""
+
+    async def post(self) -> None:
+        """Take keys, or hand them on."""
+        await self.delivery.accept_relay(self.caller, self.request.body)
+
+
 class NothingHandler(Handler):
     """Every other path."""
 
@@ -144,6 +152,7 @@ def serve(config: KeyManagerConfig, delivery: KeyDelivery) -> HTTPServer:
         (rf"{keys}/enc_keys", GetKeyHandler, shared),
         (rf"{keys}/dec_keys", GetKeyWithIdsHandler, shared),
         (ASSIGNMENT_PATH, AssignmentHandler, shared),
+        (RELAY_PATH, RelayHandler, shared),
     ]
     server = HTTPServer(
         Application(paths, default_handler_class=NothingHandler, default_handler_args=shared),
@@ -151,7 +160,7 @@ def serve(config: KeyManagerConfig, delivery: KeyDelivery) -> HTTPServer:
         max_header_size=MAX_HEADER,
         max_body_size=MAX_ASSIGNMENT,
         body_timeout=ANSWER_TIMEOUT_S,
-        idle_connection_timeout=IDLE_S,
+        idle_connection_timeout=CLIENT_IDLE_S,
     )
     server.listen(config.port, config.address)
     return server

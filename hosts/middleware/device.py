@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from hosts.middleware.services.superdense.coding import CODES, NAMES
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.options import overridden
 from wire.device import DevicePort, DeviceReport, DeviceSettings, Subscribe
 from wire.metadata import Reason, Setup
@@ -41,6 +41,7 @@ class Device:
     settings: DeviceSettings = field(default_factory=DeviceSettings)
     subscription: Subscribe = field(default_factory=lambda: Subscribe(0, 0, 0, 0))
     changed: Callable[[], None] = lambda: None  # called when more than counts may have changed
+    cut_off: Callable[[int | None], None] = lambda _us: None  # the memory; None: by its own default
     _opened: list[Counted] = field(default_factory=list)
     _accepted: list[Counted] = field(default_factory=list)
     _serving: int = 0
@@ -58,6 +59,7 @@ class Device:
             text = f"fec {settings.fec} is not known: choose one of {', '.join(NAMES)}"
             raise SessionError(Reason.UNSUPPORTED, text)
         self.settings = settings
+        self.cut_off(settings.cutoff_us)
 
     def override(self, setup: Setup) -> Setup:
         """Return the set-up of a new session as this device is set."""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hosts.hardware.qnic import BlockName, Qnic, release
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from hosts.network_loop import now_s
 from hosts.processing_unit.machine import Machine
 from hosts.processing_unit.measuring import choose, measurement

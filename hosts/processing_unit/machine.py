@@ -8,7 +8,7 @@ import asyncio
 from collections.abc import Awaitable, Callable
 from inspect import isawaitable
 
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from hosts.processing_unit.memory import ClassicalMemory, Value
 from hosts.processing_unit.qubits import GATES, PAIR_GATES, ROTATIONS, Outcome, Qubits
 from wire.metadata import Reason

@@ -3,7 +3,7 @@
 What was measured can be moved before it is known: then it is an Outcome.
 """
 
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from hosts.processing_unit.qubits import Outcome
 from wire.metadata import Reason
 from wire.netqasm.messages import MAX_ENTRIES

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from hosts.hardware.operations import OUTCOMES, Kind, Operation
 from hosts.hardware.qnic import BlockName, Qnic
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from wire.metadata import Reason
 from wire.outcomes import NO_CLICK
 

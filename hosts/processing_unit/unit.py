@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from hosts.hardware.qnic import Qnic
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from hosts.processing_unit.application import Application
 from hosts.processing_unit.pairs import PairMaking, Sessions
 from wire.config import HostConfig

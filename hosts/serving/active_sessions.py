@@ -8,7 +8,7 @@ the photons of the first.
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from wire.metadata import Reason
 from wire.services import Role
 

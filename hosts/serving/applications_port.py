@@ -9,7 +9,7 @@ from typing import Any
 
 from hosts.hardware.qnic import HardwareError
 from hosts.middleware.services.interception.interception import Interception
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.session import OpeningSession
 from hosts.processing_unit.pairs import SERVICES, Arriving
 from hosts.processing_unit.unit import ProcessingUnit

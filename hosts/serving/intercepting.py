@@ -6,7 +6,7 @@ from typing import Any
 
 from hosts.hardware.qnic import HardwareError
 from hosts.middleware.services.interception.interception import Interception
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from wire.metadata import Reason
 from wire.socket_calls import Call, encode_fields
 

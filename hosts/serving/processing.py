@@ -2,7 +2,7 @@
 
 import asyncio
 
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from hosts.processing_unit.unit import Connection, ProcessingUnit
 from hosts.serving.answering import reply
 from hosts.serving.opened_session import read_call, stopped, unless_gone

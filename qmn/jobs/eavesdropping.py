@@ -16,6 +16,7 @@ from controller_apps.policy.policy import DEFAULT
 from qmn.network.description import NetworkDescription
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput
+from qmn.results.schema import RunFacts
 from qmn.timeouts import START_TIMEOUT_S
 from topologies.description import Description
 from topologies.network import Network
@@ -104,7 +105,7 @@ def sender_of_light(service: str, sender: str, network: NetworkDescription) -> s
 
 
 @contextmanager
-def eavesdropping(network: Network, attack: Attack | None, facts: dict[str, Any]) -> Iterator[None]:
+def eavesdropping(network: Network, attack: Attack | None, facts: RunFacts) -> Iterator[None]:
     """Have eve attack meanwhile, if an attack is given; add what she saw to the facts."""
     if attack is None:
         yield

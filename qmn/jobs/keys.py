@@ -76,7 +76,7 @@ def run(request: KeysRequest, signals: Signals, console: Console) -> int:
     context = RunContext(eve.with_policy(description), request.run, folder, signals, console)
     own = {name: getattr(request.keys, name) for name in PARAMETERS}
     own |= vars(request.eve) if request.eve.eve is not None else {}
-    facts = {"service": NAME, **known_facts(context, own), "delivered": False}
+    facts = known_facts(context, NAME, own)
     with ending(folder, facts, result.complete, context.options.report):
         with running_network(context, facts) as network:
             managers = start_key_managers(network, service)

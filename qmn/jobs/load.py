@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from hosts.middleware.services import NAMES
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from qmn.benchmarks.many_hosts import controller_s
 from qmn.jobs.run_context import RunContext, begin_folder, ending, known_facts, running_network
 from qmn.jobs.run_options import RunOptions
@@ -18,6 +18,7 @@ from qmn.network.checks import check_network
 from qmn.network.description import NetworkDescription, describe_network
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput, check_ranges
+from qmn.results.schema import RunFacts
 from qmn.traffic import result
 from qmn.traffic.driver import Driver
 from qmn.traffic.plan import MODELS, MOST_SESSIONS, BadTraffic, Planned, Traffic, plan
@@ -102,7 +103,7 @@ def run(request: LoadRequest, signals: Signals, console: Console) -> int:
     context = RunContext(network, request.run, folder, signals, console)
     own = {name: getattr(request, name) for name in OWN_OPTIONS}
     own["file"] = str(request.file) if request.file else None
-    facts = {"service": request.service, **known_facts(context, own), "delivered": False}
+    facts = known_facts(context, request.service, own)
     with ending(folder, facts, result.complete, context.options.report):
         _drive(request, traffic, planned, wanted, context, facts)
     result.show(console, facts, folder)
@@ -185,7 +186,7 @@ def _drive(
     planned: Sequence[Planned],
     wanted: Wanted,
     context: RunContext,
-    facts: dict[str, Any],
+    facts: RunFacts,
 ) -> None:
     """Start the network, drive the traffic, and add to the facts."""
     with running_network(context, facts) as network:

@@ -27,6 +27,7 @@ from qmn.network.description import describe_network
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput, check_ranges
 from qmn.results import result
+from qmn.results.schema import RunFacts
 from qmn.timeouts import NETQASM_STALL_TIMEOUT_S
 from topologies.network import Network, Signals, require_root
 from topologies.programs import NetworkError, Program, python
@@ -77,13 +78,8 @@ def run(request: NetqasmRequest, signals: Signals, console: Console) -> int:
     folder = begin_folder(request.run.runs, "netqasm")
     context = RunContext(description, request.run, folder, signals, console)
     own = {"application": str(application.folder), "rounds": application.rounds}
-    facts = {
-        "service": "netqasm",
-        **known_facts(context, {**own, "input": list(request.input) or None}),
-        "delivered": False,
-        "roles": dict(application.hosts),
-        "outputs": [],
-    }
+    facts = known_facts(context, "netqasm", {**own, "input": list(request.input) or None})
+    facts["roles"], facts["outputs"] = dict(application.hosts), []
     with (
         ending(folder, facts, result.complete, context.options.report),
         running_network(context, facts) as network,
@@ -184,7 +180,7 @@ def _start(
     return network.run_on(application.hosts[role], f"netqasm-{role}", command)
 
 
-def rows(facts: Mapping[str, Any]) -> dict[str, str]:
+def rows(facts: RunFacts) -> dict[str, str]:
     """Return what a person is told of the outputs: those of the last rounds."""
     outputs = facts["outputs"]
     shown = {}

@@ -14,14 +14,18 @@ from qmn.jobs.run_options import RunOptions
 from qmn.jobs.transfer import TransferError
 from qmn.live.dispatcher_calls import status
 from qmn.live.metrics_targets import announce
+from qmn.live.running import announce_network
+from qmn.live_view.beside import live_view
 from qmn.network.custom_topology import BadTopology, short_name
 from qmn.network.description import NetworkDescription
 from qmn.network.options import settings
 from qmn.options import BadInput, option_names
 from qmn.reports.report_file import begin_loading, report_of_run
 from qmn.results.network_facts import network_facts
+from qmn.results.result import percentiles
 from qmn.results.run_folder import give_to_invoker, given_at_the_end, make_folder, point_latest
-from qmn.results.software_share import software_facts
+from qmn.results.schema import RunFacts
+from qmn.results.software_share import note_software
 from qmn.results.timeline import timeline_of_run
 from topologies.causality import worst
 from topologies.machines.machine import Machine
@@ -47,7 +51,7 @@ NO_PARAMETERS = {
 }
 
 Work = Callable[[Signals, Console], int]
-Complete = Callable[[dict[str, Any], Path], None]
+Complete = Callable[[RunFacts, Path], None]
 
 
 def guarded(work: Work) -> int:
@@ -89,37 +93,42 @@ def begin_folder(runs: Path, name: str) -> Path:
     return folder
 
 
-def known_facts(context: RunContext, own: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the facts that are known before the start; `own` are the job's parameters."""
+def known_facts(context: RunContext, service: str, own: Mapping[str, Any]) -> RunFacts:
+    """Return the facts before the start, as if nothing came of it; `own`: the job's parameters."""
     options, run = context.network.options, context.options
     said = {name: getattr(options, name) for name in option_names(options)}
     said = {name: value for name, value in said.items() if name not in NO_PARAMETERS}
     said = {**own, **said, "classical_mbps": run.classical_mbps}
     return {
+        "service": service,
+        "delivered": False,
         "topology": options.topology,
         "mode": os.environ.get("QMN_MODE", "native"),
         "controller": options.controller,
         "seed": options.seed,
         "parameters": {name: value for name, value in said.items() if value is not None},
-        **context.network.facts(),
+        "optics": context.network.optics,
+        "devices": context.network.devices,
         "captures": [],
         "events": run.events,
         "backend": options.backend,
         "exact": None,
+        "emulation": {},
+        "path_setup_ms": percentiles([]),
+        "packet_in_count": 0,
+        "timeline": "",
     }
 
 
 @contextmanager
-def running_network(context: RunContext, facts: dict[str, Any]) -> Iterator[Network]:
+def running_network(context: RunContext, facts: RunFacts) -> Iterator[Network]:
     """Run a network with its captures, on the machines that are asked for; add to the facts."""
     with machines_of(context) as places, _running(context, facts, places) as network:
         yield network
 
 
 @contextmanager
-def _running(
-    context: RunContext, facts: dict[str, Any], places: dict[str, Machine]
-) -> Iterator[Network]:
+def _running(context: RunContext, facts: RunFacts, places: dict[str, Machine]) -> Iterator[Network]:
     description, run, console = context.network, context.options, context.console
     options, chosen = description.options, description.scale
     runtime = settings(
@@ -147,6 +156,7 @@ def _running(
         if runtime.places:
             facts["machines"] = machine_facts(runtime)
         facts["network"] = network_facts(network).to_dict()
+        announce_network(network.runtime, facts["network"])
         facts["backend"] = status(network).backend
         if run.classical_mbps is not None:
             for host in description.hosts:
@@ -158,12 +168,13 @@ def _running(
         if run.packet_bytes:
             files = network.capture("s1", openflow=True, packet_bytes=run.packet_bytes)
             facts["captures"] = [str(file) for file in files]
-        yield network
+        with live_view(run.live, lambda text: console.print(text, soft_wrap=True)):
+            yield network
         reached = status(network)
         facts["exact"] = reached.exact
         early = worst(network.runtime)
         facts["acausal"] = early.to_dict() if early else None
-        facts |= software_facts(reached.software, network.runtime.devices.values())
+        note_software(facts, reached.software, network.runtime.devices.values())
         if run.report:
             begin_loading()  # meanwhile the network goes
     facts["packets_not_captured"] = network.captures.packets_missed
@@ -198,7 +209,7 @@ def machine_facts(runtime: Runtime) -> dict[str, Any]:
 
 @contextmanager
 def ending(
-    folder: Path, facts: dict[str, Any], complete: Complete, report: bool = True
+    folder: Path, facts: RunFacts, complete: Complete, report: bool = True
 ) -> Iterator[None]:
     """Leave timeline, facts and report behind, whatever happens inside.
 

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from qmn.jobs import eavesdropping
 from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
 from qmn.jobs.transfer import TransferError, follow
 from qmn.results import result
+from qmn.results.schema import RunFacts
 from qmn.timeouts import START_TIMEOUT_S
 from topologies.network import Network
 from topologies.programs import NetworkError, Program, python
@@ -38,25 +39,24 @@ class Job:
     rate: Callable[[Line], float] | None = None  # of them in a second, if that is shown
     file: Path | None = None  # of bytes to send, for a service that carries some
     eve: eavesdropping.Attack | None = None  # None: she does nothing
-    facts: dict[str, Any] = field(default_factory=dict)  # more that the result keeps
+    handshake: str | None = None  # how often light is asked for, if that is chosen
 
 
 def run(job: Job, context: RunContext) -> int:
     """Do the whole run and return its exit status."""
     folder, console = context.folder, context.console
-    facts = {
-        "service": job.service,
-        **known_facts(context, job.parameters),
-        "delivered": False,
-        **job.facts,
-    }
+    facts = known_facts(context, job.service, job.parameters)
+    if job.file is not None:
+        facts["file"] = str(job.file)
+    if job.handshake is not None:
+        facts["handshake"] = job.handshake
     with ending(folder, facts, result.complete, context.options.report):
         use_network(job, context, facts)
     result.show(console, facts, folder)
     return 0 if facts["delivered"] else 1
 
 
-def use_network(job: Job, context: RunContext, facts: dict[str, Any]) -> None:
+def use_network(job: Job, context: RunContext, facts: RunFacts) -> None:
     """Start the network, do the job, and add to the facts."""
     with running_network(context, facts) as network:
         context.console.print(job.said)
@@ -72,7 +72,7 @@ def _use(
     network: Network,
     job: Job,
     folder: Path,
-    facts: dict[str, Any],
+    facts: RunFacts,
     progress: Callable[[Line], None],
 ) -> None:
     """Start both ends' applications, and follow them to their last words."""
@@ -100,9 +100,7 @@ def _start(network: Network, job: Job, host: str, role: str, words: list[str]) -
 
 
 @contextmanager
-def _progress_bar(
-    console: Console, job: Job, facts: dict[str, Any]
-) -> Iterator[Callable[[Line], None]]:
+def _progress_bar(console: Console, job: Job, facts: RunFacts) -> Iterator[Callable[[Line], None]]:
     """Show how far the opener is; every line also goes into the facts."""
     rates = [TextColumn("{task.fields[rate]:,.0f} " + f"{job.unit}/s")] if job.rate else []
     columns = TextColumn(job.unit), BarColumn(), MofNCompleteColumn(), *rates, TimeRemainingColumn()

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from hosts.middleware.services.distribution.distribute_options import PROTOCOLS
+from hosts.middleware.services.distribution.options import PROTOCOLS
 from hosts.middleware.services.key_distribution.options import BOUNDS, CORRECTIONS, KeyOptions
 from hosts.middleware.services.teleportation import qubit_states
 from qmn.options import Words
@@ -81,6 +81,11 @@ VERBS: Mapping[str, Verb] = MappingProxyType(
             "distribute secret keys",
             "sifted_bits",
             {
+                "sifted_per_key": {
+                    "metavar": "N",
+                    "help": "sifted bits that one key is distilled of, at most "
+                    f"({KEYS.sifted_per_key:,})",
+                },
                 "correction": {
                     "choices": tuple(CORRECTIONS),
                     "help": f"of errors ({KEYS.correction})",

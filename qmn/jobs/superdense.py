@@ -125,7 +125,7 @@ def job(request: SuperdenseRequest, file: Path) -> runner.Job:
         done=lambda line: pairs * int(line["delivered_bytes"]) // max(size, 1),
         rate=lambda line: line["bell_pairs"] / max(line["elapsed_s"], 1e-9),
         file=file,
-        facts={"handshake": options.handshake, "file": str(file)},
+        handshake=options.handshake,
     )
 
 

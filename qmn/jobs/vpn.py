@@ -11,7 +11,7 @@ from typing import Any
 
 from rich.console import Console
 
-from hosts.middleware.services.key_distribution.options import MAX_COUNT
+from hosts.middleware.session.service_options import MAX_COUNT
 from qmn.jobs import eavesdropping, moments
 from qmn.jobs.keys import show
 from qmn.jobs.moments import Moments
@@ -25,13 +25,14 @@ from qmn.network.options import NetworkOptions
 from qmn.network.time_scale import REAL
 from qmn.options import BadInput, check_ranges
 from qmn.results import result
+from qmn.results.schema import RunFacts
 from topologies.key_managers import KeyService, start_key_managers
 from topologies.network import Network, Signals, require_root
 from topologies.programs import NetworkError, Program
 from topologies.timeouts import POLL_S
 from wire.key_manager import KeyLink
 from wire.parameters.option import option
-from wire.vpn import PROGRAMS, STRONGSWAN, WIREGUARD
+from wire.vpn import PROGRAMS, STRONGSWAN, TLS, WIREGUARD
 
 NAME = "vpn"
 NEEDED = {  # programs, and the Debian packages that have them
@@ -41,6 +42,7 @@ NEEDED = {  # programs, and the Debian packages that have them
         "charon-systemd strongswan-swanctl libcharon-extra-plugins "
         "libstrongswan-standard-plugins libstrongswan-extra-plugins",
     ),
+    TLS: (("openssl", "setpriv"), "openssl util-linux"),
 }
 ENOUGH = 4096  # keys that are never there: sessions follow one another, and notice who listens
 DEFAULT_S = 20.0  # that the default file takes at the rate that is asked for
@@ -116,7 +118,7 @@ def run(request: VpnRequest, signals: Signals, console: Console) -> int:
     folder = begin_folder(request.run.runs, NAME)
     eve = passing_eve(request, description, folder)
     context = RunContext(eve.with_policy(description), request.run, folder, signals, console)
-    facts = {"service": NAME, **known_facts(context, parameters(request)), "delivered": False}
+    facts = known_facts(context, NAME, parameters(request))
     with ending(folder, facts, result.complete, context.options.report):
         with running_network(context, facts) as network:
             use_network(request, network, eve, context, facts)
@@ -145,7 +147,7 @@ def use_network(
     network: Network,
     eve: PassingEavesdropper,
     context: RunContext,
-    facts: dict[str, Any],
+    facts: RunFacts,
 ) -> None:
     """Make keys, a tunnel of them, and move the file through it; add to the facts."""
     ends = request.sender, request.receiver

@@ -25,7 +25,8 @@ from topologies.presets import preset
 from wire.parameters.fiber import FiberOptics, optics
 from wire.parameters.physics import Device
 
-FIBER = ("length_km", "loss_db_per_km", "depolarizing", "kind")  # options of every fibre
+# Options of every fibre.
+FIBER = ("length_km", "loss_db_per_km", "depolarizing", "kind", "channels")
 
 
 @dataclass(frozen=True)
@@ -52,12 +53,15 @@ class NetworkDescription:
         """Return what Mininet builds."""
         return self.topo
 
-    def facts(self) -> dict[str, Any]:
-        """Return what fibres and hosts are like, for the result."""
-        return {
-            "optics": asdict(self.every_fiber) if self.every_fiber else {},
-            "devices": {host: differences(device) for host, device in self.stated_devices.items()},
-        }
+    @property
+    def optics(self) -> dict[str, Any]:
+        """What every fibre is like, if nothing else is said of it."""
+        return asdict(self.every_fiber) if self.every_fiber else {}
+
+    @property
+    def devices(self) -> dict[str, Any]:
+        """What is not ideal in the devices of hosts."""
+        return {host: differences(device) for host, device in self.stated_devices.items()}
 
 
 def describe_network(options: NetworkOptions) -> NetworkDescription:

@@ -50,12 +50,13 @@ def scale_of(given: float | str, network: Description) -> Scale:
 
 
 def times(network: Description) -> Iterator[tuple[str, float]]:
-    """Yield T1 and T2 of the memories and the delays of the fibres, each with its name."""
+    """Yield the times of memories and the delays of fibres, each with its name."""
     for host, device in network.hosts.items():
         yield f"T1 of {host}", device.memory.t1_s
         yield f"T2 of {host}", device.memory.t2_s
         yield f"depolarizing_s of {host}", device.memory.depolarizing_s
         yield f"retrieval_s of {host}", device.memory.retrieval_s
+        yield f"cutoff_s of {host}", device.memory.cutoff_s
     for fiber in network.fibers:
         if fiber.optics.delay_s:
             yield f"the fibre from {fiber.a} to {fiber.b}", fiber.optics.delay_s

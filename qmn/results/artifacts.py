@@ -9,18 +9,18 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from qmn.live.event_sources import RESULT
 from qmn.network.options import NetworkOptions
 from qmn.results.run_folder import PRIVATE
+from qmn.results.schema import NetworkResult
 from qmn.results.timeline import timeline_of_run
 from topologies.network import Interrupted
 from topologies.programs import NetworkError
 
 
 @contextmanager
-def artifacts_of(options: NetworkOptions, folder: Path | None) -> Iterator[dict[str, Any]]:
+def artifacts_of(options: NetworkOptions, folder: Path | None) -> Iterator[NetworkResult]:
     """Yield the facts of a network, to be added to; at its end leave them and the timeline.
 
     Without a folder nothing is left.
@@ -43,7 +43,7 @@ def artifacts_of(options: NetworkOptions, folder: Path | None) -> Iterator[dict[
         result.write_text(json.dumps(facts, indent=2) + "\n")
 
 
-def beginning(options: NetworkOptions) -> dict[str, Any]:
+def beginning(options: NetworkOptions) -> NetworkResult:
     """Return what is known before the start."""
     given = {name: value for name, value in asdict(options).items() if value not in (None, (), "")}
     return {
@@ -52,4 +52,6 @@ def beginning(options: NetworkOptions) -> dict[str, Any]:
         "controller": given.pop("controller"),
         "seed": given.pop("seed"),
         "parameters": given,
+        "captures": [],
+        "timeline": "",
     }

@@ -2,22 +2,14 @@
 
 from hashlib import file_digest
 from pathlib import Path
-from typing import Any
 
+from qmn.results.schema import RunFacts
 from wire.device import RANGES, setting_name
 
 RECEIVED = "received"  # in the folder of the run
-COUNTS = (
-    "bell_pairs",
-    "lost_pairs",
-    "repeated_frames",
-    "symbol_errors",
-    "corrected_symbols",
-    "filled_symbols",
-)
 
 
-def complete(facts: dict[str, Any], folder: Path) -> None:
+def complete(facts: RunFacts, folder: Path) -> None:
     """Put what both ends have said, and the digests of the bytes, in the place of their lines."""
     sender, receiver = facts.pop("asking", {}), facts.pop("asked", {})
     sent, received = Path(facts["file"]), folder / RECEIVED
@@ -25,8 +17,12 @@ def complete(facts: dict[str, Any], folder: Path) -> None:
     facts["sha256_sent"] = sha256(sent)
     facts["sha256_received"] = sha256(received)
     facts["delivered"] = facts["sha256_sent"] == facts["sha256_received"]
-    for name in COUNTS:
-        facts[name] = sender.get(name, 0)
+    facts["bell_pairs"] = sender.get("bell_pairs", 0)
+    facts["lost_pairs"] = sender.get("lost_pairs", 0)
+    facts["repeated_frames"] = sender.get("repeated_frames", 0)
+    facts["symbol_errors"] = sender.get("symbol_errors", 0)
+    facts["corrected_symbols"] = sender.get("corrected_symbols", 0)
+    facts["filled_symbols"] = sender.get("filled_symbols", 0)
     symbols = sender.get("received_symbols", 0)
     facts["symbol_error_rate"] = facts["symbol_errors"] / symbols if symbols else None
     in_use = {name: setting_name(name, sender[name]) for name in RANGES if name in sender}
@@ -47,7 +43,7 @@ def sha256(file: Path) -> str | None:
         return file_digest(opened, "sha256").hexdigest()
 
 
-def rows(facts: dict[str, Any]) -> dict[str, str]:
+def rows(facts: RunFacts) -> dict[str, str]:
     """Return what a person is told of the message."""
     rate = facts["symbol_error_rate"]
     outcome = "delivered exactly" if facts["delivered"] else "NOT DELIVERED"
@@ -62,7 +58,7 @@ def rows(facts: dict[str, Any]) -> dict[str, str]:
     }
 
 
-def coding(facts: dict[str, Any]) -> dict[str, str]:
+def coding(facts: RunFacts) -> dict[str, str]:
     """Return the lines about the error-correction code; none if there was no code."""
     in_use = facts["in_use"] or {}
     if in_use.get("fec", "none") == "none":

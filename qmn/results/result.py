@@ -2,6 +2,7 @@
 
 import json
 import statistics
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -9,40 +10,41 @@ from rich.console import Console
 
 from qmn.results import message_result, service_result, software_share
 from qmn.results.message_result import RECEIVED as RECEIVED
+from qmn.results.schema import RunFacts, SetUpTimes
 from topologies.runtime import EVENT_LOG
 from wire.controller_record import read_record
 
 EXACTNESS = {True: "exact", False: "with approximations", None: "exactness unknown"}
 
 
-def complete(facts: dict[str, Any], folder: Path) -> None:
+def complete(facts: RunFacts, folder: Path) -> None:
     """Add what the run has left in its folder, and write result.json."""
     (message_result if carries_bytes(facts) else service_result).complete(facts, folder)
-    facts["emulation"] = emulation(facts.get("asking", facts), facts)
-    facts.update(controller_facts(read_record(folder)))
+    facts["emulation"] = emulation(facts.get("asking", dict(facts)), facts)
+    note_controller(facts, read_record(folder))
     (folder / "result.json").write_text(json.dumps(facts, indent=2) + "\n")
 
 
-def carries_bytes(facts: dict[str, Any]) -> bool:
+def carries_bytes(facts: Mapping[str, Any]) -> bool:
     """Return whether the run was to bring a file from one host to the other."""
     return "file" in facts
 
 
-def emulation(told: dict[str, Any], facts: dict[str, Any]) -> dict[str, float]:
+def emulation(told: dict[str, Any], facts: RunFacts) -> dict[str, float]:
     """Return how long it took here, and rates by the wall: the speed of the emulation."""
     scale = facts.get("time_scale", 1.0)  # a run that did not start has none
     rates = {name: rate / scale for name, rate in told.items() if name.endswith("_per_s") and rate}
     return {"elapsed_s": told.get("elapsed_s", 0.0) * scale, **rates}
 
 
-def controller_facts(lines: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return path set-up times (ms) and packet-ins from the controller's record."""
+def note_controller(facts: RunFacts, lines: list[dict[str, Any]]) -> None:
+    """Add path set-up times (ms) and packet-ins from the controller's record."""
     times = [line["setup_ms"] for line in lines if line["event"] == "path_ready"]
     counts = [line["packet_in_count"] for line in lines if "packet_in_count" in line]
-    return {"path_setup_ms": percentiles(times), "packet_in_count": max(counts, default=0)}
+    facts["path_setup_ms"], facts["packet_in_count"] = percentiles(times), max(counts, default=0)
 
 
-def percentiles(times: list[float]) -> dict[str, Any]:
+def percentiles(times: list[float]) -> SetUpTimes:
     """Return p50, p99 and n; None where there is nothing to tell."""
     if not times:
         return {"p50": None, "p99": None, "n": 0}
@@ -52,7 +54,7 @@ def percentiles(times: list[float]) -> dict[str, Any]:
     return {"p50": hundredths[49], "p99": hundredths[98], "n": len(times)}
 
 
-def captures(facts: dict[str, Any], folder: Path) -> str:
+def captures(facts: RunFacts, folder: Path) -> str:
     """Return where packet captures are, and what they miss."""
     if not facts["captures"]:
         return "none"
@@ -60,7 +62,7 @@ def captures(facts: dict[str, Any], folder: Path) -> str:
     return f"{folder}/*.pcap" + (f", {missed:,} packets missed" if missed else "")
 
 
-def rows_of_every_run(facts: dict[str, Any], folder: Path) -> dict[str, str]:
+def rows_of_every_run(facts: RunFacts, folder: Path) -> dict[str, str]:
     """Return what is said of light paths, simulation and files, whatever the run was for."""
     setup = facts["path_setup_ms"]
     return {
@@ -77,7 +79,7 @@ def rows_of_every_run(facts: dict[str, Any], folder: Path) -> dict[str, str]:
     }
 
 
-def show(console: Console, facts: dict[str, Any], folder: Path) -> None:
+def show(console: Console, facts: RunFacts, folder: Path) -> None:
     """Print the table."""
     own = (message_result if carries_bytes(facts) else service_result).rows(facts)
     print_rows(console, {**own, **rows_of_every_run(facts, folder)})

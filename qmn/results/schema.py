@@ -91,6 +91,12 @@ class RunResult(NetworkResult, total=False):
     moments: list[dict[str, Any]]
 
 
+class RunFacts(RunResult, total=False):
+    """A result while its run goes on, with what is told of it and not kept."""
+
+    report: str  # file, or how to make it
+
+
 PLAIN = {str: "string", bool: "boolean", int: "integer", float: "number", NoneType: "null"}
 
 

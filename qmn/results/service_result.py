@@ -1,19 +1,26 @@
 """The part of a result that a run of a service adds: what both ends said at the end."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+
+from qmn.results.schema import RunFacts
 
 NOT_NUMBERS = ("event", "peer")
 
 
-def complete(facts: dict[str, Any], _folder: Path) -> None:
+def complete(facts: RunFacts, _folder: Path) -> None:
     """Keep what both ends have said."""
-    for end in ("asking", "asked"):
-        told = facts.get(end, {})
-        facts[end] = {name: value for name, value in told.items() if name not in NOT_NUMBERS}
+    facts["asking"] = numbers(facts.get("asking", {}))
+    facts["asked"] = numbers(facts.get("asked", {}))
 
 
-def rows(facts: dict[str, Any]) -> dict[str, str]:
+def numbers(told: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what an end has said, without how it said it."""
+    return {name: value for name, value in told.items() if name not in NOT_NUMBERS}
+
+
+def rows(facts: RunFacts) -> dict[str, str]:
     """Return what a person is told of the service, and of who listened in."""
     told = {name.replace("_", " "): number_text(value) for name, value in facts["asking"].items()}
     eve = {

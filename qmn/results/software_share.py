@@ -2,8 +2,8 @@
 
 from collections.abc import Iterable
 from math import inf
-from typing import Any
 
+from qmn.results.schema import RunFacts
 from wire.dispatcher_pb2 import SoftwareTime
 from wire.parameters.physics import Device, Memory
 
@@ -11,18 +11,16 @@ DOMINATED = 0.5  # of a wait
 MATTERS = 0.01  # of the shortest T1 or T2
 
 
-def software_facts(software: SoftwareTime, devices: Iterable[Device]) -> dict[str, Any]:
-    """Return the facts; None where no qubit waited in a memory."""
+def note_software(facts: RunFacts, software: SoftwareTime, devices: Iterable[Device]) -> None:
+    """Add how much was software; None where no qubit waited in a memory."""
     waited = software.largest_wait_share > 0 or software.longest_ns > 0
     longest_s = software.longest_ns / 1e9
     shortest_s = min((coherence_s(device.memory) for device in devices), default=inf)
-    return {
-        "software_share": software.largest_wait_share if waited else None,
-        "software_s": longest_s if waited else None,
-        "software_share_of_run": software.run_share,
-        "dominated_by_software": software.largest_decaying_share > DOMINATED
-        and longest_s > MATTERS * shortest_s,
-    }
+    facts["software_share"] = software.largest_wait_share if waited else None
+    facts["software_s"] = longest_s if waited else None
+    facts["software_share_of_run"] = software.run_share
+    decayed = software.largest_decaying_share > DOMINATED
+    facts["dominated_by_software"] = decayed and longest_s > MATTERS * shortest_s
 
 
 def coherence_s(memory: Memory) -> float:
@@ -30,7 +28,7 @@ def coherence_s(memory: Memory) -> float:
     return memory.shortest_s
 
 
-def rows(facts: dict[str, Any]) -> dict[str, str]:
+def rows(facts: RunFacts) -> dict[str, str]:
     """Return what is said of time, for a person to read."""
     scale = facts["time_scale"]
     told = {"time": f"1 s of the network took {scale:g} s here"}

@@ -9,6 +9,7 @@ from typing import IO
 
 from qmn.results.time_order import Place, in_time_order
 from topologies.runtime import EVENT_CAPTURE
+from topologies.tls import KEY_LOG
 from wire.dissection.dissectors import install
 from wire.metadata import MalformedPacket
 from wire.pcapng import TRAILER_BYTES, Interface, Packet, PcapReader, Reader, Writer
@@ -70,7 +71,7 @@ def merge(run: Path, target: Path | None = None, packet_bytes: int | None = None
         ordered = in_time_order(places, beside)
         unfinished.touch(mode=0o600)
         with unfinished.open("wb") as output:
-            writer = Writer(output, interfaces)
+            writer = Writer(output, interfaces, key_log(run))
             for time_ns, interface, number, offset, size, length in ordered:
                 if packet_bytes is not None and captures[number].suffix == ".pcap":
                     size = min(size, packet_bytes)
@@ -78,6 +79,12 @@ def merge(run: Path, target: Path | None = None, packet_bytes: int | None = None
                 writer.write(Packet(time_ns, data, length, interface))
     unfinished.replace(target)
     return target
+
+
+def key_log(run: Path) -> bytes:
+    """Return the secrets by which Wireshark reads OpenFlow that went by TLS; empty: it did not."""
+    file = run / KEY_LOG
+    return file.read_bytes() if file.exists() else b""
 
 
 def _places(

@@ -4,16 +4,19 @@ import asyncio
 
 from qmn.sweeps.bell_test import CHSH
 from qmn.sweeps.contention import LIGHT
+from qmn.sweeps.cutoff import CUTOFF_TIMES
 from qmn.sweeps.dead_time import DEAD
 from qmn.sweeps.decoy_states import DECOY_STATES
 from qmn.sweeps.delay_line import DELAY_LINE
 from qmn.sweeps.experiment import Experiment, Outcome
 from qmn.sweeps.fresh_outcomes import FRESH_OUTCOMES
 from qmn.sweeps.gated_bell import GATED_BELL
+from qmn.sweeps.gated_swap import GATED_SWAP
 from qmn.sweeps.heralding import HERALDING
 from qmn.sweeps.interference import HOM
 from qmn.sweeps.light_sources import LIGHT_SOURCES
 from qmn.sweeps.multi_pair import MULTI_PAIR
+from qmn.sweeps.pair_keys import PAIR_KEYS
 from qmn.sweeps.parameters import Values, point_seed
 from qmn.sweeps.photon_splitting import PHOTON_SPLITTING
 from qmn.sweeps.polarization import MODES, POLARIZATION
@@ -37,11 +40,13 @@ EXPERIMENTS: dict[str, Experiment] = {
         HOM,
         DEAD,
         GATED_BELL,
+        GATED_SWAP,
         WAITING,
         FRESH_OUTCOMES,
         MULTI_PAIR,
         WEAK_PULSES,
         LIGHT_SOURCES,
+        PAIR_KEYS,
         DECOY_STATES,
         PHOTON_SPLITTING,
         POLARIZATION,
@@ -49,6 +54,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         TIMING,
         DELAY_LINE,
         HERALDING,
+        CUTOFF_TIMES,
         LIGHT,
         SCHEDULE,
         SEAL,

@@ -397,6 +397,27 @@ SHEETS = (
         ],
     ),
     Sheet(
+        "pair-keys",
+        "pair-keys",
+        {"length_km": "0:60:4", "protocol": ["bbm92", "e91"], "pairs": 8_000_000},
+        [
+            Curve(
+                f"pair-keys-{measure}",
+                f"Keys by entangled pairs, source in the middle: {text}",
+                "length_km",
+                "length of both fibres (km)",
+                measure,
+                by=["protocol"],
+                logarithmic=measure != "qber",
+            )
+            for measure, text in (
+                ("gain", "pairs seen at both ends"),
+                ("qber", "error rate"),
+                ("key", "key of long blocks"),
+            )
+        ],
+    ),
+    Sheet(
         "detector-mismatch",
         "light-sources",
         {"efficiency_mismatch": "0:1:6", "pairs": 1_000_000},
@@ -572,6 +593,40 @@ SHEETS = (
                 "fidelity",
                 by=["scheme"],
             ),
+        ],
+    ),
+    Sheet(
+        "gated-swap",
+        "gated-swap",
+        {
+            "readout_error": "0:0.2:6",
+            "two_qubit_s": [0.0, 0.01, 0.05],
+            "two_qubit_depolarizing": 0.05,
+        },
+        [
+            Curve(
+                "gated-swap",
+                "A repeater that takes its time (T2 = .1 s at the ends, gate noise .05)",
+                "readout_error",
+                "error of each reading",
+                "fidelity",
+                by=["two_qubit_s"],
+            )
+        ],
+    ),
+    Sheet(
+        "cutoff",
+        "cutoff",
+        {"cutoff_s": [0.0015, 0.0025, 0.0035, 0.0055, 0.0085, 0.0125, 0.0205, 0.0405]},
+        [
+            Curve(
+                f"cutoff-{measure}",
+                "Two pairs of a heralded link (p = 1/8, an attempt a ms, T2 = 20 ms)",
+                "cutoff_s",
+                "cut-off time of the memories",
+                measure,
+            )
+            for measure in ("rate", "fidelity")
         ],
     ),
     Sheet(

@@ -308,3 +308,30 @@ def single_click(light: float, bright: float, visibility: float) -> tuple[float,
     both = bright**2 * (2 * light * (1 - light) + light**2 * (1 + visibility) / 2)
     chance = one + both
     return chance, one * (1 + math.sqrt(visibility)) / 2 / chance
+
+
+def attempts_until_two(chance: float, rounds: float) -> float:
+    """Return how many attempts it takes until a success comes within so many behind another.
+
+    A geometric gap is short enough with s = 1 - (1 - p)^m: (1 + 1/s) / p by Wald's identity.
+    """
+    short = 1 - math.pow(1 - chance, rounds)
+    return (1 + 1 / short) / chance
+
+
+def kept_over_gap(chance: float, rounds: float, step: float) -> float:
+    """Return the mean of step^g over geometric gaps g of at most so many rounds."""
+    other = (1 - chance) * step
+    short = 1 - math.pow(1 - chance, rounds)
+    return chance * step * (1 - math.pow(other, rounds)) / (1 - other) / short
+
+
+def gated_swap_fidelity(one: float, two: float, misread: float, kept: float) -> float:
+    """Return the fidelity of perfect pairs joined by a Bell measurement by gates.
+
+    Depolarising of the CX leaves nothing of the outcome, that of the H flips the bit of the phase
+    with p/2; each bit is read wrongly so often. The ends keep so much of their coherence meanwhile.
+    """
+    clean, read = 1 - two, 1 - 2 * misread
+    phases = clean * (1 - one) * kept * read
+    return (1 + phases + phases * read + clean * read) / 4

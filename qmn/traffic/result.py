@@ -8,7 +8,8 @@ from rich.console import Console
 
 from qmn.live.event_sources import recorded
 from qmn.results.network_facts import NetworkFacts
-from qmn.results.result import controller_facts, emulation, print_rows, rows_of_every_run
+from qmn.results.result import emulation, note_controller, print_rows, rows_of_every_run
+from qmn.results.schema import RunFacts
 from qmn.results.service_result import number_text
 from qmn.traffic.fiber_use import fiber_use, shares, span_of
 from topologies.runtime import EVENT_CAPTURE
@@ -17,7 +18,7 @@ from wire.controller_record import read_record
 BUSIEST = 3  # fibres that the table names
 
 
-def complete(facts: dict[str, Any], folder: Path) -> None:
+def complete(facts: RunFacts, folder: Path) -> None:
     """Add the use of every fibre, and what a person is told first; write result.json."""
     load = facts.setdefault("load", {})
     capture = folder / EVENT_CAPTURE
@@ -27,7 +28,7 @@ def complete(facts: dict[str, Any], folder: Path) -> None:
         load["fibers"] = shares(use, *span_of(use))
     facts["asking"], facts["asked"] = summary(load), {}
     facts["emulation"] = emulation({}, facts)
-    facts.update(controller_facts(read_record(folder)))
+    note_controller(facts, read_record(folder))
     (folder / "result.json").write_text(json.dumps(facts, indent=2) + "\n")
 
 
@@ -54,7 +55,7 @@ def summary(load: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def show(console: Console, facts: dict[str, Any], folder: Path) -> None:
+def show(console: Console, facts: RunFacts, folder: Path) -> None:
     """Print the table."""
     load = facts["load"]
     rows = {name.replace("_", " "): number_text(value) for name, value in facts["asking"].items()}

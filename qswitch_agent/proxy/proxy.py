@@ -10,6 +10,7 @@ controller gets an ERROR with the xid of its FLOW_MOD before the reply.
 import asyncio
 import contextlib
 import logging
+import ssl
 import time
 from asyncio import StreamReader, StreamWriter
 from collections.abc import Coroutine
@@ -23,11 +24,10 @@ from qswitch_agent.proxy.link import Link, Said
 from qswitch_agent.proxy.replies import Replies
 from qswitch_agent.proxy.requests import Requests
 from qswitch_agent.switch import Switch
-from qswitch_agent.timeouts import CLOSE_DEADLINE_S, HOLD_DEADLINE_S
+from qswitch_agent.timeouts import CLOSE_DEADLINE_S, FIRST_RETRY_S, HOLD_DEADLINE_S, LAST_RETRY_S
 from wire.metadata import MalformedPacket
 
 CHUNK = 1 << 16
-FIRST_RETRY_S, LAST_RETRY_S = 0.05, 1.0
 log = logging.getLogger(__name__)
 
 Address = tuple[str, int]
@@ -151,11 +151,18 @@ class Proxy(Server):
     """Serves the bridge's connections for one controller."""
 
     def __init__(
-        self, controller: Address, switch: Switch, hold_deadline_s: float = HOLD_DEADLINE_S
+        self,
+        controller: Address,
+        switch: Switch,
+        hold_deadline_s: float = HOLD_DEADLINE_S,
+        tls: ssl.SSLContext | None = None,
     ) -> None:
-        """Hold each barrier's reply until the switch is ready, or the deadline has passed."""
+        """Hold each barrier's reply until the switch is ready, or the deadline has passed.
+
+        The controller is reached by TLS, if there is a context for it.
+        """
         super().__init__(switch, hold_deadline_s)
-        self._controller = controller
+        self._controller, self._tls = controller, tls
 
     async def _connect(self, reader: StreamReader, writer: StreamWriter) -> None:
         """Connect the bridge to the controller until either of them ends it."""
@@ -199,7 +206,7 @@ class Proxy(Server):
         pause_s = FIRST_RETRY_S
         while True:
             try:
-                return await asyncio.open_connection(*self._controller)
+                return await asyncio.open_connection(*self._controller, ssl=self._tls)
             except OSError as error:
                 if pause_s == FIRST_RETRY_S:
                     log.warning("waiting for controller %s:%d: %s", *self._controller, error)

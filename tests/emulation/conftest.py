@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from fabric_scene import light_paths, running
+from loaded import forks, run_qmn, serving
 
 from topologies import openvswitch
 from topologies.network import Network
@@ -40,32 +41,24 @@ def wait_until(condition: Callable[[], object], what: str, timeout_s: float = 10
 
 def qmn(*arguments: str, runs: Path, report: bool = False) -> subprocess.CompletedProcess[str]:
     """Run the command to its end; a report takes a second more."""
-    return subprocess.run(
-        [*qmn_command(runs, report), *arguments],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=100,
-    )
+    return run_qmn(*qmn_words(runs, report), *arguments)
 
 
 def verb(*words: str) -> subprocess.CompletedProcess[str]:
     """Run another verb to its end; fail unless it succeeds."""
-    return subprocess.run(
-        [sys.executable, "-m", "qmn", *words],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=30,
-    )
+    done = run_qmn(*words)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done
 
 
-def qmn_command(runs: Path, report: bool = False) -> list[str]:
-    """Return how the command is called; its last argument names the folder for runs."""
-    words = [] if report else ["--no-report"]
-    return [sys.executable, "-m", "qmn", "run", "sdc", *words, "--runs", str(runs)]
+def qmn_words(runs: Path, report: bool = False) -> list[str]:
+    """Return what is said to the command; the last word names the folder for runs."""
+    return ["run", "sdc", *([] if report else ["--no-report"]), "--runs", str(runs)]
+
+
+def qmn_command(runs: Path) -> list[str]:
+    """Return how the command is called, as by who has not loaded it."""
+    return [sys.executable, "-m", "qmn", *qmn_words(runs)]
 
 
 def interfaces() -> set[str]:
@@ -75,11 +68,12 @@ def interfaces() -> set[str]:
 def our_processes() -> set[str]:
     """Return id and command line of all programs that these tests have started and that run now.
 
-    Wherever they are: on their own, as a daemon, in a network namespace.
+    Wherever they are: on their own, as a daemon, in a network namespace. What has loaded programs
+    for all tests is none of them.
     """
     found = set()
     for folder in Path("/proc").iterdir():
-        if not folder.name.isdigit():
+        if not folder.name.isdigit() or int(folder.name) in forks().pids:
             continue
         try:
             environment = (folder / "environ").read_bytes().split(b"\0")
@@ -101,6 +95,13 @@ def _open_vswitch() -> Iterator[None]:
     yield
     if started:
         openvswitch.stop_if_ours("tests")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _programs_loaded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Load what networks are made of once."""
+    with serving(tmp_path_factory.mktemp("loaded")):
+        yield
 
 
 @contextmanager

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from loaded import forks
 from mininet.topo import Topo
 
 from hosts.quantum_socket import QuantumSocket
@@ -22,7 +23,8 @@ TIMEOUT_S = 40.0
 @contextmanager
 def running(topo: Callable[[], Topo], folder: Path, **settings: Any) -> Iterator[Network]:
     """Run a network in this process."""
-    runtime = Runtime(NetworkSettings(**settings), log_folder=folder / "run")
+    asked, logs = NetworkSettings(**settings), folder / "run"
+    runtime = Runtime(asked, log_folder=logs, fork_server=forks())
     with Signals() as signals, Network(topo, runtime, signals) as network:
         yield network
 

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT, verb, wait_until
+from loaded import run_qmn
 from test_metrics_of_a_run import counted, metrics
 from test_timeline_of_a_run import fields
 
@@ -29,15 +30,7 @@ KEYBOARD_S = 15
 
 def cli(script: str, *options: str, runs: Path) -> subprocess.CompletedProcess[str]:
     """Run a script to its end."""
-    return subprocess.run(
-        [sys.executable, "-m", "qmn", "cli", *options, "--runs", str(runs)],
-        input=script,
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=TIMEOUT_S,
-    )
+    return run_qmn("cli", *options, "--runs", str(runs), commands=script, timeout_s=TIMEOUT_S)
 
 
 def test_every_verb_works_from_a_script(tmp_path: Path) -> None:

@@ -3,14 +3,12 @@
 import cmath
 import json
 import re
-import subprocess
-import sys
 from math import cos, sin, sqrt
 from pathlib import Path
 from typing import Any
 
 import netqasm.examples.apps
-from conftest import ROOT
+from loaded import run_qmn
 from scapy.layers.inet import IP, TCP
 from scapy.utils import PcapReader
 
@@ -21,15 +19,8 @@ APPS = Path(netqasm.examples.apps.__file__).parent
 
 def run(runs: Path, application: str, *options: str) -> dict[str, Any]:
     """Run an application to its end; return result.json."""
-    command = [sys.executable, "-m", "qmn", "netqasm", str(APPS / application)]
-    done = subprocess.run(
-        [*command, "--no-report", "--runs", str(runs), *options],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=100,
-    )
+    words = str(APPS / application), "--no-report", "--runs", str(runs)
+    done = run_qmn("netqasm", *words, *options)
     assert done.returncode == 0, done.stdout + done.stderr
     result: dict[str, Any] = json.loads((runs / "latest" / "result.json").read_text())
     assert result["delivered"] is True

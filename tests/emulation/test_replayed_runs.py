@@ -2,24 +2,18 @@
 
 import stat
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from conftest import qmn
+from loaded import run_qmn
 
 DEADLINE_S = 60
 
 
 def command(*words: str) -> subprocess.CompletedProcess[str]:
     """Run a command of qmn that needs no network."""
-    return subprocess.run(
-        [sys.executable, "-m", "qmn", *words],
-        capture_output=True,
-        text=True,
-        timeout=DEADLINE_S,
-        check=False,
-    )
+    return run_qmn(*words, timeout_s=DEADLINE_S)
 
 
 @pytest.mark.parametrize("handshake", ["framed", "per-pair"])

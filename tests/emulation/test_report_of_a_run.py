@@ -2,13 +2,11 @@
 
 import json
 import re
-import subprocess
-import sys
 from collections import Counter
 from pathlib import Path
 
 import numpy as np
-from conftest import ROOT, qmn
+from conftest import qmn, verb
 
 
 def test_a_run_ends_with_a_report_of_both_layers(tmp_path: Path) -> None:
@@ -55,15 +53,13 @@ def test_a_run_ends_with_a_report_of_both_layers(tmp_path: Path) -> None:
     text = "in the end: symbol errors {:,}, lost pairs {:,}, repeated frames {:,}."
     assert text.format(*counts) in page  # as the reports on the wire say
 
-    command = [sys.executable, "-m", "qmn", "report", str(run)]
-    subprocess.run(command, cwd=ROOT, check=True, timeout=60)
+    verb("report", str(run))
     assert (run / "report.html").read_text() == page
 
 
 def test_a_ring_is_drawn_with_the_ways_that_light_took(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "qmn", "run", "ring", "--runs", str(tmp_path)]
-    command += ["--length-km", "2", "--loss-db-per-km", "0.25", "--message", "around"]
-    subprocess.run(command, cwd=ROOT, check=True, timeout=100)
+    words = ["--length-km", "2", "--loss-db-per-km", "0.25", "--message", "around"]
+    verb("run", "ring", "--runs", str(tmp_path), *words)
     page = (tmp_path / "latest" / "report.html").read_text()
     assert "Not drawn" not in page
     ways = set(re.findall(r"<b [^>]*>(\S+ → \S+)</b>", page))

@@ -1,13 +1,12 @@
 """What whole runs leave in result.json is what its schema says."""
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from conftest import ROOT
 from json_schema import problems
+from loaded import run_qmn
 
 from qmn.scripting.network import start
 
@@ -31,8 +30,7 @@ def require_schema(folder: Path) -> None:
 def test_a_run_of_any_kind_leaves_a_result_that_fits(
     tmp_path: Path, words: tuple[str, ...]
 ) -> None:
-    command = [sys.executable, "-m", "qmn", "run", *words, "--runs", str(tmp_path)]
-    subprocess.run(command, cwd=ROOT, capture_output=True, check=False, timeout=100)
+    run_qmn("run", *words, "--runs", str(tmp_path), timeout_s=100)
     require_schema(tmp_path / "latest")
 
 

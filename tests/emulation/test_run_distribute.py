@@ -2,11 +2,10 @@
 
 import json
 import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from conftest import ROOT
+from loaded import run_qmn
 from scapy.layers.inet import IP, TCP
 from scapy.utils import PcapReader
 
@@ -26,20 +25,7 @@ BEGIN = MAGIC.to_bytes(2, "big") + bytes([VERSION, Setup.KIND])
 
 def run(runs: Path, *options: str) -> "subprocess.CompletedProcess[str]":
     """Run it to its end."""
-    command = [
-        sys.executable,
-        "-m",
-        "qmn",
-        "run",
-        "distribute",
-        "--no-report",
-        "--runs",
-        str(runs),
-        *options,
-    ]
-    return subprocess.run(
-        command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=60
-    )
+    return run_qmn("run", "distribute", "--no-report", "--runs", str(runs), *options)
 
 
 def test_alice_and_bob_hold_purified_pairs_of_charlie(tmp_path: Path) -> None:

@@ -3,13 +3,13 @@
 import json
 import re
 import subprocess
-import sys
 import tomllib
 from pathlib import Path
 from typing import Any
 
-from conftest import ROOT, wait_until
+from conftest import wait_until
 from fabric_scene import running
+from loaded import run_qmn
 from test_results_fit_schema import require_schema
 
 from hosts.middleware.qkd.key_store import KeyStore
@@ -23,20 +23,7 @@ from wire.key_manager import KeyLink
 
 def run_keys(runs: Path, *words: str) -> tuple[subprocess.CompletedProcess[str], dict[str, Any]]:
     """Keep keys for a while; return what was said, and the result."""
-    command = [
-        sys.executable,
-        "-m",
-        "qmn",
-        "run",
-        "keys",
-        *words,
-        "--no-report",
-        "--runs",
-        str(runs),
-    ]
-    done = subprocess.run(
-        command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=90
-    )
+    done = run_qmn("run", "keys", *words, "--no-report", "--runs", str(runs))
     return done, json.loads((runs / "latest" / "result.json").read_text())
 
 
@@ -103,16 +90,8 @@ def test_hosts_of_the_command_line_find_their_keys_with_certificates_that_were_g
     authority.issue("web")
     curl = "curl -sS --cert $SAE_CERT --key $SAE_KEY --cacert $KME_CA $KME/api/v1/keys"
     words = ["--key-pair", "alice:bob", "--sae", "web=bob", "--certificates", str(folder)]
-    command = [sys.executable, "-m", "qmn", "cli", "sdc", *words, "--runs", str(tmp_path / "runs")]
-    done = subprocess.run(
-        command,
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=60,
-        input=f"alice {curl}/web/status\nbob {curl}/sae-alice/status\n",
-    )
+    asked = f"alice {curl}/web/status\nbob {curl}/sae-alice/status\n"
+    done = run_qmn("cli", "sdc", *words, "--runs", str(tmp_path / "runs"), commands=asked)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "keys of alice: https://10.0.0.1:8443" in done.stdout
     said = [json.loads(each) for each in re.findall(r"\{.*?\}", done.stdout)]

@@ -1,11 +1,11 @@
 """Heavy traffic over a trunk of two fibres: every session is answered, as often as theory says."""
 
 import json
-import subprocess
 from math import sqrt
 from pathlib import Path
 
 from conftest import ROOT
+from loaded import run_qmn
 
 from qmn.traffic.erlang import erlang_b
 
@@ -23,13 +23,7 @@ def test_light_is_handed_out_in_slots_and_none_is_given_too_late(tmp_path: Path)
     words = ["run", "load", "--topology", f"{ROOT}/examples/trunk.py:Trunk", "--source", "own"]
     words += ["--traffic", "trace", "--file", str(trace), "--policy", str(policy), "--no-capture"]
     words += ["--from", SIDES[0], "--to", SIDES[1]]
-    done = subprocess.run(
-        [ROOT / "bin" / "qmn", *words, "--runs", str(tmp_path)],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=110,
-    )
+    done = run_qmn(*words, "--runs", str(tmp_path), timeout_s=110)
     assert done.returncode == 0, done.stdout + done.stderr
     load = json.loads((tmp_path / "latest" / "result.json").read_text())["load"]
     assert (load["offered"], load["forgotten"], load["blocked"]) == (6, 0, {})
@@ -42,13 +36,7 @@ def test_two_fibres_are_busy_as_often_as_erlang_says(tmp_path: Path) -> None:
     words = ["run", "load", "--topology", f"{ROOT}/examples/trunk.py:Trunk", "--seed", "1"]
     words += ["--from", SIDES[0], "--to", SIDES[1], "--source", "own", "--idle", "--no-capture"]
     words += ["--sessions", f"{SESSIONS}", "--rate-per-s", "12", "--holding-s", "0.15"]
-    done = subprocess.run(
-        [ROOT / "bin" / "qmn", *words, "--runs", str(tmp_path)],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=110,
-    )
+    done = run_qmn(*words, "--runs", str(tmp_path), timeout_s=110)
     assert done.returncode == 0, done.stdout + done.stderr
     result = json.loads((tmp_path / "latest" / "result.json").read_text())
     load = result["load"]

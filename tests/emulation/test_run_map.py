@@ -1,13 +1,12 @@
 """A network on a known map: light is lost by its kilometres, and spoilt by each of its fibres."""
 
 import json
-import subprocess
 from importlib.resources import files
 from math import sqrt
 from pathlib import Path
 
 import networkx
-from conftest import ROOT
+from loaded import run_qmn
 
 from qmn.sweeps import theory
 
@@ -27,13 +26,7 @@ def test_seattle_and_washington_teleport_as_the_lengths_of_the_map_say(tmp_path:
     words = ["run", "teleport", "--map", "abilene", "--hosts-at", ",".join(ENDS), "--seed", "1"]
     words += ["--from", "sttlng", "--to", "washng", "--count", f"{COUNT}", "--no-capture"]
     words += ["--loss-db-per-km", f"{LOSS_DB_PER_KM}", "--depolarizing", f"{DEPOLARIZING}"]
-    done = subprocess.run(
-        [ROOT / "bin" / "qmn", *words, "--runs", str(tmp_path)],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=110,
-    )
+    done = run_qmn(*words, "--runs", str(tmp_path), timeout_s=110)
     assert done.returncode == 0, done.stdout + done.stderr
     result = json.loads((tmp_path / "latest" / "result.json").read_text())
     graph = abilene()

@@ -2,13 +2,13 @@
 
 import json
 import subprocess
-import sys
 from math import exp, sqrt
 from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import ROOT, TSHARK, typed
+from conftest import TSHARK, typed
+from loaded import run_qmn
 from scapy.utils import rdpcap
 
 import wire.dissection.scapy_layers  # noqa: F401 (binds the layers)
@@ -20,20 +20,7 @@ FIBERS = {"bb84": 2, "bbm92": 4, "e91": 4}  # that two correlated outcomes have 
 
 def run_qkd(runs: Path, *words: str) -> tuple[subprocess.CompletedProcess[str], dict[str, Any]]:
     """Distribute keys; return what was said, and the result."""
-    command = [
-        sys.executable,
-        "-m",
-        "qmn",
-        "run",
-        "qkd",
-        *words,
-        "--no-report",
-        "--runs",
-        str(runs),
-    ]
-    done = subprocess.run(
-        command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=90
-    )
+    done = run_qmn("run", "qkd", *words, "--no-report", "--runs", str(runs))
     return done, json.loads((runs / "latest" / "result.json").read_text())
 
 

@@ -1,29 +1,19 @@
 """`qmn run seal` from outside: a fibre that is watched, and somebody who measures on it."""
 
 import json
-import subprocess
-import sys
 from math import sqrt
 from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import ROOT
+from loaded import run_qmn
 
 NOISE = 0.002
 
 
 def sealed(runs: Path, *words: str) -> dict[str, Any]:
     """Watch; return the result."""
-    command = [sys.executable, "-m", "qmn", "run", "seal", "--depolarizing", str(NOISE), *words]
-    done = subprocess.run(
-        [*command, "--runs", str(runs)],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=90,
-    )
+    done = run_qmn("run", "seal", "--depolarizing", str(NOISE), *words, "--runs", str(runs))
     assert done.returncode == 0, done.stdout + done.stderr
     result: dict[str, Any] = json.loads((runs / "latest" / "result.json").read_text())
     return {**result["asking"], "eve": result.get("eve")}

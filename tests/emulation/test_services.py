@@ -2,23 +2,20 @@
 
 import json
 import subprocess
-import sys
 from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import ROOT, TSHARK
+from conftest import TSHARK
+from loaded import run_qmn
 
 
 def run_service(runs: Path, *words: str, report: bool = False) -> dict[str, Any]:
     """Run a service; return its result."""
-    command = [sys.executable, "-m", "qmn", "run", *words, "--runs", str(runs)]
-    command += [] if report else ["--no-report"]
-    done = subprocess.run(
-        command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=90
-    )
+    told = [] if report else ["--no-report"]
+    done = run_qmn("run", *words, "--runs", str(runs), *told)
     assert done.returncode == 0, done.stdout + done.stderr
     result: dict[str, Any] = json.loads((runs / "latest" / "result.json").read_text())
     return result
@@ -85,9 +82,6 @@ def test_a_policy_may_allow_one_service_and_no_other(tmp_path: Path) -> None:
     policy.write_text('default = "deny"\n[[rule]]\naction = "allow"\nservice = "teleport"\n')
     words = ("--policy", str(policy))
     assert run_service(tmp_path, "teleport", "--count", "100", *words)["delivered"]
-    command = [sys.executable, "-m", "qmn", "run", "sdc", "--runs", str(tmp_path), *words]
-    done = subprocess.run(
-        command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=90
-    )
+    done = run_qmn("run", "sdc", "--runs", str(tmp_path), *words)
     assert done.returncode == 1
     assert "policy does not allow" in done.stderr

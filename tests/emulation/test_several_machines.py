@@ -18,10 +18,12 @@ from typing import Any
 import pytest
 from conftest import ROOT, wait_until
 from distributed import LocalCluster
+from test_tls import firsts
 
 from qmn.sweeps.cluster import HTTP_ADDRESS
 from topologies.apart import OWN_NAMESPACES, inside
 from topologies.confinement import descendants
+from wire.config import DISPATCHER_PORT
 from wire.pcapng import PcapReader
 
 HERE, THERE, PORT = "192.0.2.1", "192.0.2.2", 8786
@@ -160,6 +162,8 @@ def test_bob_on_a_second_machine_gets_what_he_gets_on_this_one(
     limit_ns = 1e9 * (machine["clock"]["error_s"] + 0.5)
     assert all(abs(near[data] - far[data]) < limit_ns for data in seen)
     assert second.things() == before
+    # Between machines hosts reach the dispatcher by TLS, whose records begin so (RFC 8446, 5.1).
+    assert {data[:2] for data in firsts([two / "bob-eth0.pcap"], DISPATCHER_PORT)} == {b"\x16\3"}
 
 
 def packets(file: Path) -> dict[bytes, int]:

@@ -1,10 +1,9 @@
 """`qmn fault` makes the quantum switch of a running network faulty, and whole again."""
 
-import subprocess
-import sys
 import threading
 
-from conftest import ROOT, wait_until
+from conftest import wait_until
+from loaded import run_qmn
 
 from hosts.quantum_socket import QuantumSocket
 from topologies.network import Network
@@ -12,10 +11,7 @@ from topologies.network import Network
 
 def fault(*words: str) -> tuple[int, str]:
     """Run the verb; return its exit status and what it says."""
-    command = [sys.executable, "-m", "qmn", "fault", *words]
-    done = subprocess.run(
-        command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=30
-    )
+    done = run_qmn("fault", *words, timeout_s=30)
     return done.returncode, done.stdout + done.stderr
 
 

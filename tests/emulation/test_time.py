@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import ROOT
+from loaded import run_qmn
 from scapy.layers.inet import ICMP
 from scapy.utils import rdpcap
 
@@ -94,20 +94,7 @@ def teleported(runs: Path, length_km: float, t2_s: float) -> dict[str, Any]:
         "--time-scale",
         "4000",
     ]
-    command = [
-        sys.executable,
-        "-m",
-        "qmn",
-        "run",
-        "teleport",
-        *words,
-        "--no-report",
-        "--runs",
-        str(runs),
-    ]
-    done = subprocess.run(
-        command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=SLOW_S
-    )
+    done = run_qmn("run", "teleport", *words, "--no-report", "--runs", str(runs), timeout_s=SLOW_S)
     assert done.returncode == 0, done.stdout + done.stderr
     result: dict[str, Any] = json.loads((runs / "latest" / "result.json").read_text())
     return result

@@ -7,7 +7,7 @@ from typing import Any
 from topologies import runtime
 from topologies.addresses import free_address
 from topologies.keywords import refuse_unknown
-from topologies.launching import EarlyStart
+from topologies.launching import EarlyStart, launch
 from topologies.management import lay_management
 from topologies.nodes.copper import connect_copper
 from topologies.nodes.node import QuantumNode
@@ -16,10 +16,12 @@ from topologies.nodes.stations import stations_of
 from topologies.programs import Program
 from topologies.runtime import CONSOLE
 from topologies.timeouts import READY_TIMEOUT_S
+from topologies.tls import ENTRANCE, certify_bridges, entrance
 from wire.config import ControllerConfig
 from wire.controller_record import RECORD
 from wire.parameters.network import ControllerSettings, part
 
+LOOPBACK, ANYWHERE = "127.0.0.1", "0.0.0.0"  # noqa: S104 (of its own namespace)
 STATE = "state"  # folder in which the controller keeps what its successor must know
 
 
@@ -50,10 +52,15 @@ class QuantumController(QuantumNode, ManagedController):
         )
         self.network = network
         self.addresses: dict[str, str] = {}  # on the management network, by switch
-        settings = {"port": self.network.settings.openflow_port, "inNamespace": True}
+        settings: dict[str, object] = {
+            "port": self.network.settings.openflow_port,
+            "inNamespace": True,
+        }
+        settings["protocol"] = "ssl" if self.network.settings.tls else "tcp"
         super().__init__(name, **{**params, **settings})
         self._early: EarlyStart | None = self._begin()
         self._launched = False
+        self._entrance: Program | None = None  # before it, for switches that come by TLS
 
     def checkListening(self) -> None:  # noqa: N802 (Mininet's name)
         """Let the controller itself find out whether its port is free."""
@@ -77,8 +84,10 @@ class QuantumController(QuantumNode, ManagedController):
         if not self.addresses:
             self.addresses = lay_management(self, network.bridges, network)
             connect_copper(network)
+        if network.settings.tls:
+            self._enter()
         config = ControllerConfig(
-            listen=f"0.0.0.0:{self.port}",
+            listen=f"{LOOPBACK if network.settings.tls else ANYWHERE}:{self.port}",
             framework=network.settings.controller,
             quantum_switches=dict(network.datapath_ids),
             record=str(network.logs / RECORD),
@@ -94,6 +103,13 @@ class QuantumController(QuantumNode, ManagedController):
         self._early.go_on(config)
         self._launched = True
 
+    def _enter(self) -> None:
+        """Let switches come in by TLS alone."""
+        network = self.network
+        certify_bridges(network)
+        config = entrance(network, self.name, self.port, self.addresses)
+        self._entrance = launch(network, ENTRANCE, "controller_apps.tls", config, self)
+
     def IP(self, intf: object = None) -> str:  # noqa: N802 (Mininet's name)
         """Return an address on the management network, if it has one."""
         return next(iter(self.addresses.values()), str(self.ip))
@@ -103,10 +119,15 @@ class QuantumController(QuantumNode, ManagedController):
         self.launch()
         assert self._early is not None
         self._early.program.wait_for("ready", READY_TIMEOUT_S)
+        if self._entrance is not None:
+            self._entrance.wait_for("ready", READY_TIMEOUT_S)
 
     def stop(self, *_args: object, **_params: object) -> None:
         """End the controller."""
         if self._early:
             self._early.stop()
             self._early, self._launched = None, False
+        if self._entrance is not None:
+            self._entrance.stop()
+            self._entrance = None
         self.terminate()

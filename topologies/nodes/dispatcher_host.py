@@ -5,7 +5,9 @@ from topologies.launching import launch
 from topologies.nodes.classical_host import ClassicalHost
 from topologies.nodes.copper import COPPER
 from topologies.runtime import DISPATCHER, EVENT_CAPTURE, EVENT_LOG
+from topologies.tls import credentials
 from wire.config import DISPATCHER_PORT, DispatcherConfig
+from wire.credentials import Credentials
 from wire.parameters.network import DispatcherSettings, part
 
 
@@ -36,10 +38,16 @@ class DispatcherHost(ClassicalHost):
             devices=network.devices,
             event_capture=str(network.private_file(EVENT_CAPTURE)) if network.events else "",
             news_s=ways_of_news(network),
+            credentials=self._credentials(),
             **part(DispatcherSettings, network.settings),
         )
         self.program = launch(network, DISPATCHER, "dispatcher", config, self)
         return result
+
+    def _credentials(self) -> Credentials | None:
+        if not self.network.tls:
+            return None
+        return credentials(self.network, self.name, {self.name: self.network.addresses[self.name]})
 
     def terminate(self) -> None:
         """End the dispatcher, then the copper to it, then the host."""

@@ -15,7 +15,9 @@ from topologies.nodes.reached import as_reached
 from topologies.programs import Program
 from topologies.runtime import DISPATCHER
 from topologies.timeouts import READY_TIMEOUT_S, RECONNECT_MS
+from topologies.tls import credentials
 from wire.config import AgentConfig, QuantumSwitch
+from wire.credentials import Credentials
 from wire.parameters.physics import BadParameter
 from wire.parameters.switch import OPTICS
 
@@ -79,6 +81,7 @@ class OpticalSwitch(ClassicalSwitch):
             ),
             hardware=self.hardware,
             hardware_ports=self.hardware_ports,
+            credentials=self._credentials(),
         )
         self.lay()
         # Who asks for the bridge by name, as ovs-ofctl does, comes to the agent.
@@ -100,6 +103,12 @@ class OpticalSwitch(ClassicalSwitch):
         assert self.program is not None
         self.program.wait_for("ready", READY_TIMEOUT_S)
         self._obey({target: {"max_backoff": RECONNECT_MS} for target in self._targets})
+
+    def _credentials(self) -> Credentials | None:
+        """Return what the agent shows our controller, if that wants to be shown something."""
+        if not self.network.settings.tls or self.controller_port is not None:
+            return None
+        return credentials(self.network, self.name)
 
     def _controllers(self, given: list[Controller]) -> list[str]:
         if self.controller_port is not None:

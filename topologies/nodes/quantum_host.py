@@ -9,6 +9,7 @@ from topologies.addresses import broadcast
 from topologies.fiber import python_file, qnics
 from topologies.launching import launch
 from topologies.nodes.classical_host import ClassicalHost
+from topologies.tls import credentials
 from wire.config import (
     CONTROLLER,
     LIGHT,
@@ -123,8 +124,16 @@ class QuantumHost(ClassicalHost):
             t1_s=network.devices[self.name].memory.t1_s,
             t2_s=network.devices[self.name].memory.t2_s,
             depolarizing_s=network.devices[self.name].memory.depolarizing_s,
+            cutoff_s=network.devices[self.name].memory.cutoff_s,
             keys=network.key_folder(self.name),
             light=self.light,
+            channels_mhz={
+                end.port: fiber.fixed_mhz
+                for fiber in network.fibers
+                for end in (fiber.a, fiber.b)
+                if end.node == self.name and fiber.fixed_mhz is not None
+            },
+            credentials=credentials(network, self.name) if network.tls else None,
         )
         if self.light == STANDING:
             require_unrotated(network.switches.values())

@@ -30,4 +30,5 @@ def as_reached(controller: Controller, switch: str) -> Any:
     """Return a controller as a switch reaches it: ours is on the management network."""
     if not isinstance(controller, ManagedController):
         return controller
-    return Reached(controller.name, controller.addresses[switch], controller.port)
+    address = controller.addresses[switch]
+    return Reached(controller.name, address, controller.port, controller.protocol)

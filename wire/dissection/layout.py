@@ -14,6 +14,7 @@ from typing import Any
 
 from wire import device, metadata, qkd
 from wire.device import DeviceReport, DeviceSettings
+from wire.key_routes import HOP, LINK, KeyLinks, KeyRoute, LinkState
 from wire.metadata import Answer, Block, Envelope, Frame, Message, Report, Values
 from wire.qkd import QkdMessage
 
@@ -119,6 +120,11 @@ def _field(name: str, offset: int, size: int, code: str, enums: Enums) -> Field:
             "source": "ipv4",
             "right": "ipv4",
             "station": "ipv4",
+            "target": "ipv4",
+            "peer": "ipv4",
+            "node": "ipv4",
+            "master": "text",
+            "slave": "text",
             "name": "text",
             "host": "text",
         }
@@ -162,6 +168,11 @@ def _tails(kind: type[Message]) -> tuple[Tail, ...]:
         return (Tail(fields(kind)[-1].name, BYTES),)
     if kind is DeviceReport:
         return (Tail("ports", UNTIL_END, placed(device.PORT, ["name", "up"])),)
+    if kind is KeyLinks:
+        names = [item.name for item in fields(LinkState)]
+        return (Tail("links", UNTIL_END, placed(LINK, names)),)
+    if kind is KeyRoute:
+        return (Tail("hops", UNTIL_END, placed(HOP, ["node", "tag"])),)
     return ()
 
 

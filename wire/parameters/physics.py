@@ -18,8 +18,8 @@ from wire.features import (
     MEASURE,
     NOTHING,
     STORE,
-    Abilities,
     Feature,
+    NodeFeatures,
 )
 
 BELL_STATES = ("Phi+", "Psi+", "Phi-", "Psi-")  # as Bell measurements number them
@@ -186,6 +186,8 @@ class Memory:
     retrieval_s: float = parameter(
         float("inf"), 1e-12, float("inf")
     )  # efficiency falls e^(-t/this)
+    # What has been kept for longer is dropped; who stores may say otherwise.
+    cutoff_s: float = parameter(float("inf"), 1e-9, float("inf"))
     capacity: int = parameter(4_000_000, 0, 4_000_000)  # qubits
 
     @property
@@ -224,6 +226,18 @@ class Gates:
     kind: str = choice("any", "paulis")
     one_qubit_depolarizing: float = parameter(0.0, 0.0, 1.0)  # by each gate but the identity
     two_qubit_depolarizing: float = parameter(0.0, 0.0, 1.0)
+    # How long it takes, for all qubits of a block at a time; the others decohere meanwhile.
+    one_qubit_s: float = parameter(0.0, 0.0, 10.0)
+    two_qubit_s: float = parameter(0.0, 0.0, 10.0)
+    initialization_s: float = parameter(0.0, 0.0, 10.0)  # of a qubit that is made in |0>
+    readout_s: float = parameter(0.0, 0.0, 10.0)  # of qubits that are kept here, not of light
+    initialization_error: float = parameter(0.0, 0.0, 0.5)  # it is in |1>
+    readout_error: float = parameter(0.0, 0.0, 0.5)  # what is told is not what was found
+
+    @property
+    def take_time(self) -> bool:
+        """Whether anything takes time."""
+        return any((self.one_qubit_s, self.two_qubit_s, self.initialization_s, self.readout_s))
 
     def check(self, where: str) -> None:
         """Raise BadParameter for what no gates are like."""
@@ -323,9 +337,9 @@ class Device:
         return INTERFERE in self.features and EMIT not in self.features
 
     @property
-    def abilities(self) -> Abilities:
+    def node_features(self) -> NodeFeatures:
         """Return what the host announces."""
-        return Abilities(self.features, self.memory.capacity)
+        return NodeFeatures(self.features, self.memory.capacity)
 
     @classmethod
     def from_dict(cls, given: Mapping[str, Any]) -> Self:

@@ -201,7 +201,7 @@ class Alice(End):
         return [self._amplify(length)]
 
     def _amplify(self, length: int) -> Amplify:
-        count = seed_bits(self._raw.size, length)
+        count = seed_bits(self._raw.size)
         seed = unpack(self._random_bytes((count + 7) // 8), count)
         self._final = toeplitz(self._raw, seed, length)
         self.state = State.CONFIRMING

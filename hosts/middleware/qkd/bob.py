@@ -183,7 +183,7 @@ class Bob(End):
 
     def _amplify(self, message: Amplify) -> list[QkdMessage]:
         length = self._key_length(self._leaked)
-        count = seed_bits(self._raw.size, length)
+        count = seed_bits(self._raw.size)
         if (message.length, message.count) != (length, count):
             raise SessionFailed(
                 AbortReason.PROTOCOL,

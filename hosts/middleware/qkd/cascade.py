@@ -16,10 +16,10 @@ Measured, means over 500, 200, 20 and 3 random keys, none of which kept an error
 
     bits    Q = 0.5 %         1 %         3 %         5 %        10 %
            f  rounds   f  rounds   f  rounds   f  rounds   f  rounds
-    10^3  1.271   25  1.190   35  1.125   36  1.133   29  1.154   27
-    10^4  1.070   83  1.063   96  1.078   63  1.105   45  1.135   39
-    10^5  1.052  164  1.044  172  1.067   93  1.101   61  1.133   49
-    10^6  1.039  258  1.043  225  1.070  124  1.100   73  1.131   64
+    10^3  1.293   25  1.203   34  1.137   36  1.143   29  1.157   26
+    10^4  1.061   83  1.055   95  1.079   55  1.110   40  1.141   34
+    10^5  1.048  131  1.049  109  1.076   61  1.104   45  1.137   40
+    10^6  1.054  139  1.050  126  1.081   67  1.104   51  1.134   45
 """
 
 from collections.abc import Generator
@@ -28,7 +28,7 @@ from math import ceil, log2
 
 import numpy as np
 
-from hosts.middleware.qkd.bits import Bits, Indices
+from hosts.middleware.qkd.bits import NO_BITS, Bits, Indices
 from hosts.middleware.qkd.parities import (
     Blocks,
     Intervals,
@@ -45,6 +45,8 @@ LONG_BLOCK = 8192
 HIDING_BITS = 11  # two errors that are left stay hidden with probability 2**-11
 LEAST_QBER = 1e-3  # what an error-free sample is taken for
 MOST_QBER = 0.25
+LEFT_FOR_LATER = 0.05  # of the odd blocks of a new pass
+MANY = 2  # times as many odd blocks outweigh that they are longer
 
 Questions = Generator[Query, Bits, None]
 
@@ -86,13 +88,28 @@ class _Pass:
         self.number = number
         self.size = size
         self.order = shuffled(seed, number, bits)
-        self.place = np.empty(bits, dtype=np.int64)
-        self.place[self.order] = np.arange(bits)
+        self._place = np.empty(bits, dtype=np.int32)
+        self._place[self.order] = np.arange(bits, dtype=np.int32)
+        self._bits = NO_BITS  # of the correcting end's key as it is now, in this order
         self.starts = block_starts(bits, size)
         self.stops = np.minimum(self.starts + size, bits)
         self._parts = 2 << (size - 1).bit_length()
         self._known = np.full(self.starts.size * self._parts, UNKNOWN, dtype=np.uint8)
         self.odd = np.zeros(self.starts.size, dtype=np.bool_)
+
+    def begin(self, key: Bits, parities: Bits) -> None:
+        """Compare a key with the parities of all blocks of the reference key."""
+        self._bits = key[self.order]
+        prefix = prefix_parities(self._bits)
+        self.odd = (prefix[self.starts] ^ prefix[self.stops] ^ parities).astype(np.bool_)
+
+    def prefixes(self, blocks: Indices) -> Bits:
+        """Return the parities of the first i bits of each of these blocks; (blocks, size + 1)."""
+        places = self.starts[blocks, None] + np.arange(self.size)
+        rows = self._bits.take(places, mode="clip")  # the last block may be shorter
+        prefixes = np.zeros((blocks.size, self.size + 1), dtype=np.uint8)
+        np.bitwise_xor.accumulate(rows, axis=1, out=prefixes[:, 1:])
+        return prefixes
 
     def learn(self, blocks: Indices, parts: Indices, parities: Bits) -> None:
         """Note parities of the reference key."""
@@ -103,9 +120,16 @@ class _Pass:
         parities: Bits = self._known[blocks * self._parts + parts]
         return parities
 
+    @property
+    def odd_blocks(self) -> int:
+        """How many blocks hold an odd number of errors."""
+        return int(np.count_nonzero(self.odd))
+
     def flip(self, places: Indices) -> None:
         """Note that bits of the key were put right."""
-        counts = np.bincount(self.place[places] // self.size, minlength=self.odd.size)
+        here = self._place[places]
+        self._bits[here] ^= 1
+        counts = np.bincount(here // self.size, minlength=self.odd.size)
         self.odd ^= (counts & 1).astype(np.bool_)
 
 
@@ -129,7 +153,7 @@ class Cascade:
         """Correct the key; each item is one message to the other end, which answers it."""
         for number, size in enumerate(self._sizes):
             yield from self._begin(number, 1, size)
-            yield from self._correct()
+            yield from self._correct(LEFT_FOR_LATER)
         yield from self._begin(len(self._sizes), *long_passes(self._key.size))
         yield from self._correct()
 
@@ -149,17 +173,20 @@ class Cascade:
         else:
             last = self._whole ^ int(np.bitwise_xor.reduce(parities, initial=0))
             parities = np.append(parities, np.uint8(last))
-        prefix = prefix_parities(self._key[new.order])
-        new.odd = (prefix[new.starts] ^ prefix[new.stops] ^ parities).astype(np.bool_)
+        new.begin(self._key, parities)
         self._passes.append(new)
 
-    def _correct(self) -> Questions:
-        """Halve odd blocks, those of the shortest pass first, until no block is odd."""
-        while True:
-            odd = [one for one in self._passes if one.odd.any()]
-            if not odd:
-                return
-            shortest = min(odd, key=lambda one: one.size)
+    def _correct(self, left: float = 0.0) -> Questions:
+        """Halve odd blocks, pass by pass, until no more than this share of them is odd.
+
+        Few are left to the next pass, and longer blocks come first where there are many more of
+        them: what that tells in vain is less than half of the rounds are worth.
+        """
+        enough = left * sum(one.odd_blocks for one in self._passes)
+        while sum(one.odd_blocks for one in self._passes) > enough:
+            most = max(one.odd_blocks for one in self._passes)
+            worthwhile = [one for one in self._passes if MANY * one.odd_blocks >= most]
+            shortest = min(worthwhile, key=lambda one: one.size)
             places = yield from self._halve(shortest)
             self._key[places] ^= 1
             self._errors += places.size
@@ -170,10 +197,10 @@ class Cascade:
 
     def _halve(self, one: _Pass) -> Generator[Query, Bits, Indices]:
         """Return the place in the key of one error in each odd block of a pass."""
-        prefix = prefix_parities(self._key[one.order])
         blocks = np.flatnonzero(one.odd)
+        prefixes = one.prefixes(blocks)
         parts = np.ones_like(blocks)
-        starts, stops = one.starts[blocks], one.stops[blocks]
+        begins, starts, stops = one.starts[blocks], one.starts[blocks], one.stops[blocks]
         while True:
             open_ = np.flatnonzero(stops - starts > 1)
             if not open_.size:
@@ -181,7 +208,8 @@ class Cascade:
             middles = (starts + stops) // 2
             yield from self._ask_left(one, *(a[open_] for a in (blocks, parts, starts, middles)))
             left = one.known(blocks[open_], 2 * parts[open_])
-            wrong = (prefix[starts[open_]] ^ prefix[middles[open_]]) != left
+            before, until = (a[open_] - begins[open_] for a in (starts, middles))
+            wrong = (prefixes[open_, before] ^ prefixes[open_, until]) != left
             stops[open_[wrong]] = middles[open_[wrong]]
             starts[open_[~wrong]] = middles[open_[~wrong]]
             parts[open_] = 2 * parts[open_] + ~wrong

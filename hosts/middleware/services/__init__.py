@@ -4,12 +4,12 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from hosts.middleware.services.distribution import distribute
-from hosts.middleware.services.key_distribution import bb84, bbm92, e91
+from hosts.middleware.services.key_distribution import protocols
 from hosts.middleware.services.sealing import seal
 from hosts.middleware.services.superdense import superdense
 from hosts.middleware.services.swapping import swap
 from hosts.middleware.services.teleportation import teleport
-from hosts.middleware.session.service import ServiceKind
+from hosts.middleware.session.ends import ServiceKind
 from wire.metadata import Service
 
 KINDS: Mapping[Service, ServiceKind] = MappingProxyType(
@@ -18,9 +18,9 @@ KINDS: Mapping[Service, ServiceKind] = MappingProxyType(
         for kind in (
             superdense.KIND,
             superdense.RETURN_KIND,
-            bb84.KIND,
-            bbm92.KIND,
-            e91.KIND,
+            protocols.BB84,
+            protocols.BBM92,
+            protocols.E91,
             distribute.KIND,
             seal.KIND,
             swap.KIND,

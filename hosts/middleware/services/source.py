@@ -1,40 +1,43 @@
-"""The service of a pair source: makes Bell pairs and sends both halves into its fibres.
+"""The protocol of a pair source: it makes Bell pairs and sends both halves into its fibres.
 
-Or of a station, where memories at both ends emit: it heralds pairs of their qubits.
+Or of a station, where memories at both ends emit: it heralds pairs of their qubits. No socket, no
+clock.
 """
 
 from collections.abc import Callable
 
-from hosts.hardware.qnic import HardwareError, Qnic, release
-from hosts.middleware.session.channel import MetadataChannel, SessionError, unexpected
-from hosts.middleware.session.offers import check_wavelength
+from hosts.hardware.qnic import HardwareError, Qnic
+from hosts.middleware.session.errors import SessionError, unexpected
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS
-from hosts.middleware.session.station_words import tell
+from hosts.middleware.session.protocol import HearNext, Say, Side, Steps, do
+from hosts.middleware.session.station_words import words_of
 from hosts.timeouts import MAX_BLOCK_S
-from wire.metadata import Answer, Emit, MemoryState, Reason, Setup
+from wire.metadata import Emit, MemoryState, Reason, Setup
 
 
-async def serve_pairs(
-    qnic: Qnic, channel: MetadataChannel, setup: Setup, made: Callable[[int], None]
-) -> None:
-    """Answer Emit requests of one session until its connection ends; count the pairs made."""
-    if len(qnic.ports) < 2:
+def check_source(side: Side) -> None:
+    """Raise SessionError for a set-up that this host cannot be the source of."""
+    if len(side.ports) < 2:
         raise SessionError(Reason.UNSUPPORTED, "a pair source needs two fibres")
-    check_wavelength(setup)
-    channel.send(Answer(setup.session, Reason.OK))
-    try:
-        while (request := await channel.next()) is not None:
-            if not isinstance(request, Emit):
-                raise unexpected(request, channel.peer)
-            _check(setup, request)
+
+
+def make_pairs(side: Side, made: Callable[[int], None]) -> Steps[None]:
+    """Answer Emit requests of one session until its connection ends; count the pairs made."""
+    setup = side.setup
+    yield side.agree()
+    while (request := (yield HearNext())) is not None:
+        if not isinstance(request, Emit):
+            raise unexpected(request, side.peer)
+        _check(setup, request)
+        try:
             if setup.memory == MemoryState.HERALDED:
-                made(await _herald(qnic, channel, request))
-            else:
-                await _emit(qnic, setup, request)
-                made(request.pairs)
-                channel.send(Answer(setup.session, Reason.OK))
-    finally:
-        await release(qnic, setup.session)
+                made((yield from _herald(side, request)))
+                continue
+            yield from _emit(side, request)
+        except HardwareError as error:
+            raise SessionError(Reason.HARDWARE, str(error)) from error
+        made(request.pairs)
+        yield side.agree()
 
 
 def _check(setup: Setup, request: Emit) -> None:
@@ -46,28 +49,18 @@ def _check(setup: Setup, request: Emit) -> None:
         raise SessionError(Reason.NOT_ALLOWED, text)
 
 
-async def _herald(qnic: Qnic, channel: MetadataChannel, request: Emit) -> int:
+def _herald(side: Side, request: Emit) -> Steps[int]:
     """Herald a block, and tell of it by a packet; return how many pairs."""
-    first, second = qnic.ports[:2]
     block = request.session, request.block, request.pairs
-    try:
-        heralds = await qnic.herald(*block, (first, second), MAX_BLOCK_S)
-    except HardwareError as error:
-        raise SessionError(Reason.HARDWARE, str(error)) from error
-    tell(channel, request.session, request.block, heralds)
+    first, second = side.ports[:2]
+    heralds = yield from do(Qnic.herald, *block, (first, second), MAX_BLOCK_S)
+    yield Say(words_of(request.session, request.block, heralds))
     return heralds.states.size
 
 
-async def _emit(qnic: Qnic, setup: Setup, request: Emit) -> None:
-    first, second = qnic.ports[:2]
-    try:
-        await qnic.emit_pairs(
-            setup.session,
-            request.block,
-            request.pairs,
-            (first, second),
-            request.rate_hz,
-            setup.wavelength_pm,
-        )
-    except HardwareError as error:
-        raise SessionError(Reason.HARDWARE, str(error)) from error
+def _emit(side: Side, request: Emit) -> Steps[None]:
+    """Make a block, and send both its halves."""
+    block = side.setup.session, request.block, request.pairs
+    light = request.rate_hz, side.setup.wavelength_pm
+    first, second = side.ports[:2]
+    yield from do(Qnic.emit_pairs, *block, (first, second), *light)

@@ -5,7 +5,9 @@ import math
 from dataclasses import dataclass, replace
 
 from hosts.hardware.qnic import HardwareError, Heralds
-from hosts.middleware.session.channel import MetadataChannel, SessionError
+from hosts.middleware.session.channel import MetadataChannel
+from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.offers import at_wavelength
 from hosts.middleware.session.station_words import heralds_of
 from hosts.network_loop import now_s, wall_sleep
 from hosts.timeouts import (
@@ -15,7 +17,7 @@ from hosts.timeouts import (
     HERALD_TIMEOUT_S,
     RETRY_PAUSE_S,
 )
-from wire.metadata import Answer, Emit, Reason, Service, Setup
+from wire.metadata import Answer, Emit, Reason, Service, Setup, Values
 
 
 @dataclass
@@ -64,6 +66,7 @@ class Arrangement:
             channel = await MetadataChannel.connect(*self._peer)
             try:
                 answer = await channel.request(self._setup)
+                self._setup = at_wavelength(self._setup, answer)
             except BaseException as error:
                 channel.close()
                 if not isinstance(error, SessionError):
@@ -95,7 +98,9 @@ class Arrangement:
         async with self._source_turn:  # its answers carry no number
             emit = Emit(session, block, pairs, self._setup.rate_hz)
             await self._pairs.request(emit, HERALD_TIMEOUT_S)
-            return await heralds_of(self._pairs, block, pairs)
+            counts = await self._pairs.receive(Values, ANSWER_TIMEOUT_S)
+            told = await self._pairs.receive(Values, ANSWER_TIMEOUT_S)
+            return heralds_of(counts, told, block, pairs)
 
     async def give_up(self, error: SessionError | HardwareError) -> None:
         """Tell the peer, if there is a session yet, why it ends."""

@@ -6,8 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hosts.hardware.qnic import BlockName, Positions, Qnic, Symbols
+from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.protocol import Side, Steps, do, hear
+from hosts.timeouts import HERALD_TIMEOUT_S
+from wire.metadata import Reason, Topic
+
+Mask = NDArray[np.bool_]  # shape (k,)
 
 LOST = 3  # instead of an outcome, where there was none; it fits into two bits
+MAX_STATE = 3
 
 # Numbers of blocks that are beside those of light, each for one use at a time.
 RESERVED = 0xFFFF_FF00
@@ -20,41 +27,80 @@ def reserved(name: BlockName, number: int) -> BlockName:
     return replace(name, number=number)
 
 
-async def keep(qnic: Qnic, name: BlockName, chosen: NDArray[np.bool_]) -> int:
+def keep(name: BlockName, chosen: Mask) -> Steps[int]:
     """Let go of all photons of a block but these; return how many there are now."""
-    await take(qnic, name, {name: np.flatnonzero(chosen)})
+    yield from take(name, {name: np.flatnonzero(chosen)})
     return int(np.count_nonzero(chosen))
 
 
-async def keep_of_all(qnic: Qnic, name: BlockName, chosen: NDArray[np.bool_]) -> int:
+def keep_of_all(name: BlockName, chosen: Mask) -> Steps[int]:
     """Do what `keep` does where each photon of the block is chosen or not; all: nothing."""
     if chosen.size and chosen.all():
         return chosen.size
-    return await keep(qnic, name, chosen)
+    return (yield from keep(name, chosen))
 
 
-async def take(qnic: Qnic, into: BlockName, picks: dict[BlockName, Positions]) -> None:
+def take(into: BlockName, picks: dict[BlockName, Positions]) -> Steps[None]:
     """Gather photons and let go of the rest, also where there are none to gather."""
     if any(positions.size for positions in picks.values()):
-        await qnic.gather(into, picks)
+        yield from do(Qnic.gather, into, picks)
     else:
         for name in picks:
-            await qnic.discard_block(name.session, name.number)
+            yield from do(Qnic.discard_block, name.session, name.number)
 
 
-async def measure_some(
-    qnic: Qnic, name: BlockName, number: int, positions: Positions, bases: Symbols
-) -> Symbols:
+def measure_some(
+    name: BlockName, number: int, positions: Positions, bases: Symbols
+) -> Steps[Symbols]:
     """Measure photons of a block, by way of another; return the outcomes, 3 where there is none.
 
     Their places in the block stay, empty.
     """
     part = reserved(name, number)
-    await qnic.gather(part, {name: positions}, keep_rest=True)
-    outcomes = await qnic.measure(part, bases)
+    yield from do(Qnic.gather, part, {name: positions}, keep_rest=True)
+    outcomes = yield from do(Qnic.measure, part, bases)
     return np.where(outcomes <= 1, outcomes, LOST).astype(np.uint8)
 
 
-async def store(qnic: Qnic, name: BlockName) -> NDArray[np.bool_]:
+def store(name: BlockName) -> Steps[Mask]:
     """Put a block into memory again; return which of its photons are there."""
-    return (await qnic.store(name)).arrived
+    stored = yield from do(Qnic.store, name)
+    return stored.arrived
+
+
+def stored_since(name: BlockName) -> Steps[int]:
+    """Put a block into memory again; return the mean time (ns) from which it waits there."""
+    stored = yield from do(Qnic.store, name)
+    return stored.since_ns
+
+
+def correct_rotation(name: BlockName, arrived: NDArray[np.bool_], rotation: int) -> Steps[Mask]:
+    """Undo what the light paths are known to do; return which photons are there then."""
+    if not arrived.any() or not rotation:
+        return arrived
+    yield from do(Qnic.apply, name, np.full(arrived.size, rotation, dtype=np.uint8))
+    return (yield from store(name))
+
+
+def correct_heralded(side: Side, name: BlockName, size: int, port: str) -> Steps[tuple[Mask, int]]:
+    """Do what the end does that does not ask the station, for a block that was announced.
+
+    It attempts, hears what was heralded, and makes Phi+ of that behind the paths. Return which of
+    the heralded pairs are kept, as the other end is told, and the mean time (ns) from which they
+    wait.
+    """
+    number = name.number
+    yield from do(Qnic.attempt, name, port, side.setup.wavelength_pm)
+    yield side.agree()
+    states = yield from hear(Topic.HERALDED, number, None, MAX_STATE, HERALD_TIMEOUT_S)
+    if states.size > size:
+        text = f"{states.size} pairs of block {number} heralded, of {size}"
+        raise SessionError(Reason.PROTOCOL, text)
+    kept, since_ns = np.zeros(0, dtype=bool), 0
+    if states.size:
+        since_ns = yield from stored_since(name)
+        yield from do(Qnic.apply, name, (states ^ side.setup.rotation).astype(np.uint8))
+        kept = yield from store(name)
+        yield from keep_of_all(name, kept)
+    yield side.say(Topic.ARRIVED, number, kept, 1)
+    return kept, since_ns

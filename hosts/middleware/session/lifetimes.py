@@ -4,18 +4,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from wire.metadata import Reason
 
-NUMBERS = 3  # that they travel as
+NUMBERS = 4  # that they travel as
 
 
 class Lifetimes(NamedTuple):
-    """T1, T2 and the time of depolarising in seconds, infinite where nothing decays."""
+    """T1, T2, the time of depolarising, and the cut-off, in seconds; infinite: there is none."""
 
     t1_s: float
     t2_s: float
     depolarizing_s: float
+    cutoff_s: float  # what is older is dropped
 
     def numbers(self) -> list[int]:
         """Return them as whole numbers of 32 bits: IEEE 754, single precision."""
@@ -26,7 +27,6 @@ class Lifetimes(NamedTuple):
         """Return what another end has told; SessionError for what no memory has."""
         times = cls(*np.array(numbers, np.uint32).view(np.float32).tolist())
         if not all(time_s > 0 for time_s in times):  # also what is not a number
-            text = f"{peer} has a memory with T1 = {times.t1_s} s and T2 = {times.t2_s} s"
-            noise = f", and is depolarised in {times.depolarizing_s} s"
-            raise SessionError(Reason.PROTOCOL, text + noise)
+            told = ", ".join(f"{name} {value}" for name, value in times._asdict().items())
+            raise SessionError(Reason.PROTOCOL, f"{peer} has a memory with {told}")
         return times

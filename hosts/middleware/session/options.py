@@ -4,9 +4,9 @@ from collections.abc import Collection
 from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from hosts.timeouts import MAX_BLOCK_S
-from wire.device import DeviceSettings
+from wire.device import OF_LIGHT, DeviceSettings
 from wire.metadata import Reason, Setup
 
 MAX_FRAME_BYTES = 1 << 16
@@ -73,7 +73,8 @@ def overridden(setup: Setup, settings: DeviceSettings) -> Setup:
 
     Blocks are made smaller where a lower rate would make them last too long.
     """
-    given = {name: value for name, value in vars(settings).items() if value is not None}
+    told = {name: getattr(settings, name) for name in OF_LIGHT}
+    given = {name: value for name, value in told.items() if value is not None}
     setup = replace(setup, **given)
     longest = max(MIN_BLOCK_PAIRS, int(MAX_BLOCK_S * setup.rate_hz))
     return replace(setup, pairs=min(setup.pairs, longest))

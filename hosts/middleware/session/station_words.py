@@ -8,9 +8,8 @@ opener                                station
 """
 
 from hosts.hardware.qnic import Heralds
-from hosts.middleware.session.channel import MetadataChannel, SessionError
+from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.values import expect, values
-from hosts.timeouts import ANSWER_TIMEOUT_S
 from wire.metadata import Answer, Reason, Topic, Values
 
 WORD = 32  # bits
@@ -18,21 +17,19 @@ MAX_WORD = (1 << WORD) - 1
 MAX_STATE = 3
 
 
-def tell(channel: MetadataChannel, session: int, block: int, heralds: Heralds) -> None:
-    """Tell the opener what has been heralded of a block."""
+def words_of(session: int, block: int, heralds: Heralds) -> tuple[Answer, Values, Values]:
+    """Return what tells the opener what has been heralded of a block."""
     counts = [heralds.attempts >> WORD, heralds.attempts & MAX_WORD]
-    channel.send(
+    return (
         Answer(session, Reason.OK),
         values(session, Topic.COUNTS, block, counts, WORD),
         values(session, Topic.HERALDED, block, heralds.states, 2),
     )
 
 
-async def heralds_of(channel: MetadataChannel, block: int, most: int) -> Heralds:
+def heralds_of(counts: Values, told: Values, block: int, most: int) -> Heralds:
     """Return what a station tells behind its answer; SessionError for more pairs than that."""
-    counts = await channel.receive(Values, ANSWER_TIMEOUT_S)
     high, low = expect(counts, Topic.COUNTS, block, 2, MAX_WORD).tolist()
-    told = await channel.receive(Values, ANSWER_TIMEOUT_S)
     states = expect(told, Topic.HERALDED, block, None, MAX_STATE).astype("u1")
     if states.size > most:
         text = f"{states.size} pairs of block {block} heralded, {most} were asked for"

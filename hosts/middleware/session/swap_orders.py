@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from hosts.hardware.qnic import HardwareError
-from hosts.middleware.session.channel import MetadataChannel, SessionError
+from hosts.middleware.session.channel import MetadataChannel
+from hosts.middleware.session.errors import SessionError
 from hosts.timeouts import ORDER_TIMEOUT_S, UNUSED_S
 from wire.device import SwapOrder
 from wire.metadata import Reason, Setup

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hosts.middleware.session.channel import SAME_VERSION, SessionError
+from hosts.middleware.session.errors import SAME_VERSION, SessionError
 from wire.metadata import Reason, Topic, Values
 
 Numbers = NDArray[np.uint32]

@@ -12,8 +12,10 @@ from dispatcher_network import JumpingClock, configuration, running
 
 from dispatcher.server import challenges
 from dispatcher.server.challenges import Challenges
+from topologies.certificates import CertificateAuthority
 from topologies.runtime import free_port
-from wire.dispatcher_pb2 import ChallengeRequest, StatusRequest
+from wire.credentials import Credentials
+from wire.dispatcher_pb2 import ChallengeRequest, CreateRequest, StatusRequest
 from wire.dispatcher_pb2_grpc import DispatcherStub
 from wire.dispatcher_service import NONCE_BYTES, metadata, proof, proving
 
@@ -74,6 +76,43 @@ def test_a_token_that_comes_over_a_network_is_not_taken(tmp_path: Path) -> None:
         await refused(one, (), "no token in the call's metadata")
 
     on_two_connections(tmp_path, act)
+
+
+def test_by_tls_a_call_is_of_whom_proof_and_certificate_name(tmp_path: Path) -> None:
+    authority = CertificateAuthority(tmp_path / "tls", "a run")
+    ca = str(authority.certificate)
+
+    def certified(name: str, **addresses: str) -> Credentials:
+        files = authority.issue(name, addresses)
+        return Credentials(ca, str(files.certificate), str(files.private_key))
+
+    async def run() -> None:
+        address = f"127.0.0.1:{free_port()}"
+        config = replace(
+            configuration(tmp_path), listen=address, credentials=certified("ed", ed="127.0.0.1")
+        )
+        pem, certificate, private_key = certified("alice").read()
+        shown = grpc.ssl_channel_credentials(pem, private_key, certificate)
+        async with running(config, JumpingClock()):
+            async with grpc.aio.secure_channel(address, shown) as channel:
+                alice: Any = DispatcherStub(channel)  # type: ignore[no-untyped-call]
+                nonce = await nonce_of(alice)
+                proof_of_alice = proving("token of alice", nonce, "Create")
+                create = CreateRequest(session=1, number=1, count=1)
+                await alice.Create(create, metadata=proof_of_alice, timeout=TIMEOUT_S)
+                told = proving("token of bob", await nonce_of(alice), "Status")
+                await refused(alice, told, "the proof is bob's, and the certificate of alice")
+            without = grpc.ssl_channel_credentials(pem)
+            for other in (
+                grpc.aio.insecure_channel(address),
+                grpc.aio.secure_channel(address, without),
+            ):
+                async with other:
+                    with pytest.raises(grpc.aio.AioRpcError) as caught:
+                        await nonce_of(DispatcherStub(other))  # type: ignore[no-untyped-call]
+                    assert caught.value.code() == grpc.StatusCode.UNAVAILABLE
+
+    asyncio.run(run())
 
 
 def test_the_proof_is_golden() -> None:

@@ -1,6 +1,7 @@
 """What one node has made leaves room for what others make."""
 
 import asyncio
+import io
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,9 +9,13 @@ import grpc
 import pytest
 from dispatcher_network import Bench, JumpingClock, block, configuration, running
 
-from dispatcher.build import LEAST_SHARE, share_of
+from dispatcher.build import LEAST_BLOCKS, LEAST_SHARE, equal_share
+from dispatcher.layer.history import History
+from dispatcher.layer.origin import caused_by
+from dispatcher.layer.ownership import MAX_BLOCKS
 from wire.config import QuantumSwitch
-from wire.dispatcher_pb2 import DiscardRequest
+from wire.dispatcher_pb2 import DiscardRequest, Event
+from wire.events import UNWRITTEN
 
 
 @pytest.mark.parametrize(
@@ -31,7 +36,8 @@ def test_each_host_has_a_share(tmp_path: Path, limit: int, hosts: int, share: in
         devices={},
         switches=[QuantumSwitch("q1")],
     )
-    assert share_of(config) == share
+    assert equal_share(config, limit, LEAST_SHARE) == share
+    assert equal_share(config, MAX_BLOCKS, LEAST_BLOCKS) == max(100_000 // hosts, LEAST_BLOCKS)
     assert LEAST_SHARE == 8 * 2 * 262_144
 
 
@@ -63,6 +69,43 @@ def test_who_makes_too_much_is_refused_and_others_are_not(tmp_path: Path) -> Non
             await act(bench)
 
     asyncio.run(run())
+
+
+def test_who_has_many_small_blocks_leaves_some_for_others(tmp_path: Path) -> None:
+    async def run() -> None:
+        async with running(replace(configuration(tmp_path), devices={}), JumpingClock()) as bench:
+            layer = bench.service.layer
+            layer.share_of_blocks = 7
+            for number in range(3):
+                await bench.alice.create(1, number=number)  # pairs: two blocks each
+            with pytest.raises(grpc.aio.AioRpcError) as caught:
+                await bench.alice.create(1, number=3)
+            assert caught.value.code() == grpc.StatusCode.RESOURCE_EXHAUSTED
+            assert "7 blocks that alice has made are live, its share" in str(caught.value)
+            await bench.bob.create(1)
+            await bench.alice.feedback("Discard", DiscardRequest(block=block(0, 0)))
+            await bench.alice.create(1, number=3)
+            for host in (bench.alice, bench.bob):
+                await host.feedback("Discard", DiscardRequest(session=7))
+            assert layer.ownership.blocks_made_by("alice") == 0
+            assert not layer.ownership._blocks_made
+
+    asyncio.run(run())
+
+
+def test_who_causes_many_events_fills_no_more_than_a_share_of_the_log() -> None:
+    log = io.StringIO()
+    history = History(10, log, share=3)
+    with caused_by("charlie: send block 0/0 of session 0000000000000007"):
+        for number in range(4):  # what charlie causes at bob counts as charlie's
+            history.record(Event(time_ns=number, node="bob", kind="arrive"), Event(node="bob"))
+    with caused_by("bob: measure block 0/0 of session 0000000000000007"):
+        history.record(Event(time_ns=9, node="bob", kind="measure"))
+    kinds = [line.split()[1:3] for line in log.getvalue().splitlines()]
+    assert [words[0] for words in kinds] == ["bob", "bob", "bob", "dispatcher", "bob"]
+    assert kinds[3][1] == UNWRITTEN
+    assert "more than 3 events caused by charlie" in log.getvalue()
+    assert history.count == 9
 
 
 def test_a_name_that_another_has_taken_first_is_there_for_its_owner(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ from contextlib import ExitStack
 
 import pytest
 
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from hosts.serving import active_sessions
 from hosts.serving.active_sessions import MAX_SESSIONS, ActiveSessions
 from wire.metadata import Reason

@@ -4,7 +4,8 @@ import asyncio
 
 import pytest
 
-from hosts.middleware.session.channel import MetadataChannel, SessionError
+from hosts.middleware.session.channel import MetadataChannel
+from hosts.middleware.session.errors import SessionError
 from wire.metadata import Answer, Emit, Finish, Message, Reason
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from hosts.middleware.device import Device, changed
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.options import overridden
 from hosts.middleware.session.swap_orders import Swaps
 from hosts.node_agent import start_node_agent

@@ -13,8 +13,9 @@ import pytest
 from dispatcher_status import held, require_nothing_left
 from stacks_scene import DEADLINE_S, OWN_ADDRESS, Cut, arbitrated, network, refusal
 
-from hosts.middleware.services.distribution import distribute
-from hosts.middleware.session.channel import MetadataChannel, SessionError
+from hosts.middleware.services.distribution import protocol
+from hosts.middleware.session.channel import MetadataChannel
+from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.lifetimes import Lifetimes
 from hosts.middleware.session.values import expect, values
 from hosts.service_socket import ServiceSocket
@@ -22,7 +23,7 @@ from hosts.stack_socket import QuantumSocketError
 from wire.metadata import Finish, Message, Reason, Service, Setup, Topic, Values
 from wire.parameters.physics import Device, Memory, PairSource
 
-LASTING = Lifetimes(*[float("inf")] * 3).numbers()
+LASTING = Lifetimes(*[float("inf")] * 4).numbers()
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "services.md"
 
 
@@ -252,8 +253,8 @@ def test_without_light_at_one_end_there_are_no_pairs(tmp_path: Path) -> None:
 def test_light_is_not_asked_for_without_end(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rounds: int, reason: Reason
 ) -> None:
-    monkeypatch.setattr(distribute, "MOST_EMITTED", 100)
-    monkeypatch.setattr(distribute, "MOST_EMITTED_EACH", 1)
+    monkeypatch.setattr(protocol, "MOST_EMITTED", 100)
+    monkeypatch.setattr(protocol, "MOST_EMITTED_EACH", 1)
 
     def scene() -> None:
         for error in failed(tmp_path, count=1000, rounds=rounds, block_pairs=200):
@@ -332,7 +333,7 @@ def test_an_opener_that_breaks_the_protocol_is_refused(
                 setup = Setup(5, Service.DISTRIBUTE, 1, "10.0.0.9", 16_384, 1, 1_000_000, port=9)
                 await channel.request(arbitrated(setup, "bob", channel))
                 told = await channel.receive(Values, DEADLINE_S)
-                assert expect(told, Topic.ABILITIES, 0, 6, 1 << 32).tolist()[0] == setup.pairs
+                assert expect(told, Topic.NODE_FEATURES, 0, 7, 1 << 32).tolist()[0] == setup.pairs
                 for message in messages:
                     channel.send(message)
                 with pytest.raises(SessionError, match=words):

@@ -344,14 +344,20 @@ def test_where_little_light_arrives_few_blocks_are_enough() -> None:
     assert transmit(outbox, inbox, noisy_line(9, 1 - arriving), limit=int(rounds)) == data
 
 
-def test_symbols_that_come_more_than_once_count_among_the_wrong_ones() -> None:
-    data, noisy = np.random.default_rng(10).bytes(600), noisy_line(11, 0.9, 0.01)
-    outbox, inbox = Outbox(4, 20_000, PLAIN), Inbox(4, PLAIN)
+@pytest.mark.parametrize(
+    ("loss", "errors", "frame_bytes"), [(0.9, 0.01, 4), (0.0, 0.05, 16)], ids=["copies", "versions"]
+)
+def test_all_that_arrives_counts_among_the_right_and_wrong_symbols(
+    loss: float, errors: float, frame_bytes: int
+) -> None:
+    data, noisy = np.random.default_rng(10).bytes(600), noisy_line(11, loss, errors)
+    outbox, inbox = Outbox(frame_bytes, 20_000, PLAIN), Inbox(frame_bytes, PLAIN)
     outbox.add(data)
-    wrong = arrived = 0
+    wrong = arrived = attempts = 0
 
     def line(symbols: Symbols) -> Symbols:
-        nonlocal wrong, arrived
+        nonlocal wrong, arrived, attempts
+        attempts = max(attempts, *outbox.attempts.values(), 0)
         received = noisy(symbols.copy())
         arrived += int((received != 255).sum())
         wrong += int(((received != symbols) & (received != 255)).sum())
@@ -359,6 +365,7 @@ def test_symbols_that_come_more_than_once_count_among_the_wrong_ones() -> None:
 
     assert transmit(outbox, inbox, line) == data
     assert wrong > 0
+    assert attempts > 16 or loss  # a frame came wrong many times
     assert inbox.symbols_seen == arrived > 4 * len(data)
     assert (inbox.symbol_errors, int(inbox.confusion.sum())) == (wrong, arrived)
 

@@ -10,7 +10,7 @@ import pytest
 from stacks_scene import ask, grant, network, requested
 from test_node_kinds import require_estimate
 
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.offers import check_light
 from hosts.stack_socket import QuantumSocketError
 from wire.config import PathOptics

@@ -23,7 +23,7 @@ from wire.features import EMIT, GATE, HERALD, INTERFERE, MEASURE, STORE
 from wire.metadata import Message, Reason, Setup, Topic, Values, Verdict
 from wire.parameters.physics import Detectors, Device, Gates, Memory, PairSource
 
-LASTING = Lifetimes(*[float("inf")] * 3).numbers()
+LASTING = Lifetimes(*[float("inf")] * 4).numbers()
 IONS = replace(  # a faster one, and worse gates, so that a test is short and sees them
     ION_TRAP,
     source=replace(ION_TRAP.source, max_rate_hz=1e9),
@@ -252,17 +252,17 @@ def told(folder: Path, physics: dict[str, Any], **options: Any) -> str:
         ([100, 1 << 20, 100, *LASTING], "features 0x100000"),
         ([100, 13, 100, *LASTING], "emit, gate, measure with a memory of 100 qubits"),
         ([100, 15, 0, *LASTING], "with a memory of 0 qubits"),
-        ([100, 15, 100, 0, *LASTING[1:]], "memory with T1 = 0.0 s"),
-        ([100, 15, 100, 0x7FC0_0000, *LASTING[1:]], "memory with T1 = nan s"),
-        ([100, 15], f"2 values of topic {Topic.ABILITIES}"),
+        ([100, 15, 100, 0, *LASTING[1:]], "memory with t1_s 0.0"),
+        ([100, 15, 100, 0x7FC0_0000, *LASTING[1:]], "memory with t1_s nan"),
+        ([100, 15], f"2 values of topic {Topic.NODE_FEATURES}"),
     ],
 )
 def test_abilities_that_no_host_has_end_the_session(
     tmp_path: Path, numbers: list[int], words: str
 ) -> None:
     def change(way: str, message: Message) -> Message:
-        if way == "back" and isinstance(message, Values) and message.topic == Topic.ABILITIES:
-            return values(message.session, Topic.ABILITIES, 0, numbers, 32)
+        if way == "back" and isinstance(message, Values) and message.topic == Topic.NODE_FEATURES:
+            return values(message.session, Topic.NODE_FEATURES, 0, numbers, 32)
         return message
 
     physics = {**scene(OWN), "change": change}

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from hosts.middleware.services.superdense.receiver import check_offer
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS, MAX_FRAME_BYTES
 from wire.metadata import Fec, Handshake, Reason, Service, Setup
 

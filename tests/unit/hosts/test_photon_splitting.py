@@ -16,7 +16,7 @@ from stacks_scene import DEADLINE_S, live_qubits, network, requested
 from hosts.middleware.qkd.alice import Alice
 from hosts.middleware.qkd.bob import Bob
 from hosts.middleware.qkd.sifting import Record
-from hosts.middleware.services.interception.photon_splitting import Way
+from hosts.middleware.services.interception.attacks import Way
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
 from wire.parameters.physics import Detectors, Device, Memory, PairSource

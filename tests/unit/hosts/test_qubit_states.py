@@ -14,7 +14,7 @@ from hosts.middleware.services.teleportation.qubit_states import (
     States,
     chosen,
 )
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.values import values
 from wire.metadata import Reason, Topic, Values
 

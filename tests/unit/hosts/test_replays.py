@@ -12,8 +12,9 @@ from stacks_scene import DEADLINE_S, OWN_ADDRESS, arbitrated, grant
 
 from hosts.middleware.services.key_distribution import light as key_light
 from hosts.middleware.services.key_distribution import messages as key_messages
-from hosts.middleware.session import service
-from hosts.middleware.session.channel import MetadataChannel, SessionError
+from hosts.middleware.session import protocol
+from hosts.middleware.session.channel import MetadataChannel
+from hosts.middleware.session.errors import SessionError
 from hosts.quantum_socket import QuantumSocket
 from hosts.service_socket import ServiceSocket
 from wire.metadata import (
@@ -205,7 +206,7 @@ def test_a_service_that_nobody_knows_is_refused_by_its_number(tmp_path: Path, nu
 @pytest.fixture
 def _short_waits(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let nobody wait long for what does not come."""
-    monkeypatch.setattr(service.ConnectionEnd.hear, "__defaults__", (0.3,))
+    monkeypatch.setattr(protocol.hear, "__defaults__", (0.3,))
     monkeypatch.setattr(key_light, "KEY_GRACE_S", 0.1)
     monkeypatch.setattr(key_messages, "KEYS_TIMEOUT_S", 0.3)
 

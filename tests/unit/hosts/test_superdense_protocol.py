@@ -28,7 +28,7 @@ from hosts.middleware.services.superdense.sender import (
     Singles,
     blocks_under_way,
 )
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from hosts.timeouts import DARK_LIMIT_S
 from wire.metadata import (
     Answer,

@@ -19,7 +19,7 @@ from hosts.middleware.services.teleportation.protocol import (
     Teleport,
 )
 from hosts.middleware.services.teleportation.qubit_states import NAMES, Cardinal
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.values import values
 from wire.metadata import Handshake, Pauli, Reason, Service, Setup, Topic, Values, decode
 

@@ -15,10 +15,11 @@ from qmn.jobs.run_options import RunOptions
 from qmn.jobs.superdense import SuperdenseRequest
 from qmn.network.options import NetworkOptions
 from qmn.results.result import complete, show
+from qmn.results.schema import RunFacts
 from topologies.network import Signals
 
 
-def begin(folder: Path, received: bytes | None) -> dict[str, Any]:
+def begin(folder: Path, received: bytes | None) -> Any:
     (folder / "message").write_bytes(b"two bits")
     if received is not None:
         (folder / "received").write_bytes(received)
@@ -37,7 +38,7 @@ def shown(folder: Path, **facts: Any) -> list[str]:
         "elapsed_s": 2.0,
     }
     complete(known, folder)
-    said: dict[str, Any] = {
+    said: Any = {
         "backend": "chp",
         "exact": True,
         "events": False,
@@ -46,7 +47,8 @@ def shown(folder: Path, **facts: Any) -> list[str]:
     }
     said["time_scale"] = 1.0
     text = StringIO()
-    show(Console(file=text, width=200), {**known, **said, "captures": True, **facts}, folder)
+    known |= {**said, "captures": True, **facts}
+    show(Console(file=text, width=200), known, folder)
     return [" ".join(line.split()) for line in text.getvalue().splitlines()]
 
 
@@ -74,7 +76,7 @@ def test_the_status_is_that_of_the_bytes(
 ) -> None:
     """Whatever a network leaves behind: a real one does not leave wrong bytes."""
 
-    def leave(job: runner.Job, context: RunContext, facts: dict[str, Any]) -> None:
+    def leave(job: runner.Job, context: RunContext, facts: RunFacts) -> None:
         assert job.file
         assert job.file.read_bytes() == b"two bits"
         facts["time_scale"] = 1.0

@@ -18,7 +18,7 @@ def test_percentiles_of_nothing_of_one_and_of_many() -> None:
     assert many == {"p50": 50.0, "p99": 99.0, "n": 101}
 
 
-def begin(folder: Path, received: bytes | None) -> dict[str, Any]:
+def begin(folder: Path, received: bytes | None) -> Any:
     (folder / "message").write_bytes(b"two bits")
     if received is not None:
         (folder / "received").write_bytes(received)
@@ -86,7 +86,7 @@ def test_a_line_that_is_still_being_written_is_left_out(tmp_path: Path) -> None:
 
 def test_rates_are_of_the_network_and_beside_them_of_the_emulation(tmp_path: Path) -> None:
     """The application measures two seconds here, which are a fifth of one in the network."""
-    facts = {**begin(tmp_path, b"two bits"), "time_scale": 10.0}
+    facts: Any = {**begin(tmp_path, b"two bits"), "time_scale": 10.0}
     facts["asking"] = {"bell_pairs": 40, "elapsed_s": 2.0}
     complete(facts, tmp_path)
     assert (facts["elapsed_s"], facts["pairs_per_s"]) == (0.2, 200.0)
@@ -95,4 +95,5 @@ def test_rates_are_of_the_network_and_beside_them_of_the_emulation(tmp_path: Pat
 
 def test_hosts_tell_the_time_of_the_network_which_took_longer_here() -> None:
     told = {"elapsed_s": 0.5, "key_bits_per_s": 800.0, "keys": 3, "qber": 0.1}
-    assert emulation(told, {"time_scale": 4.0}) == {"elapsed_s": 2.0, "key_bits_per_s": 200.0}
+    facts: Any = {"time_scale": 4.0}
+    assert emulation(told, facts) == {"elapsed_s": 2.0, "key_bits_per_s": 200.0}

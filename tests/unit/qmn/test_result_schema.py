@@ -42,7 +42,7 @@ def test_the_result_of_a_service_fits(tmp_path: Path) -> None:
     own = ("topology", "mode", "controller", "seed", "parameters", "optics", "devices", "captures")
     (tmp_path / "message").mkdir()
     message = of_message(tmp_path / "message")
-    facts = {name: message[name] for name in (*own, "events", "backend", "exact", "timeline")}
+    facts: Any = {name: message[name] for name in (*own, "events", "backend", "exact", "timeline")}
     facts |= {"service": "teleport", "delivered": True, "asking": told, "asked": told}
     complete(facts, tmp_path)
     assert wrong(json.loads((tmp_path / "result.json").read_text())) == []

@@ -8,6 +8,7 @@ import pytest
 from rich.console import Console
 
 from qmn.jobs.run_context import ending, guarded
+from qmn.results.schema import RunFacts
 from topologies.network import Interrupted, Signals
 from topologies.programs import NetworkError
 
@@ -22,10 +23,10 @@ from topologies.programs import NetworkError
 def test_a_run_that_fails_tells_why_and_where_its_report_is(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], fault: Exception, status: int, words: str
 ) -> None:
-    def complete(facts: dict[str, Any], folder: Path) -> None:
+    def complete(facts: RunFacts, folder: Path) -> None:
         (folder / "result.json").write_text(json.dumps(facts))
 
-    facts: dict[str, Any] = {}
+    facts: Any = {}
 
     def work(_signals: Signals, _console: Console) -> int:
         with ending(tmp_path, facts, complete):

@@ -102,3 +102,12 @@ def test_a_key_of_decoys_is_below_that_of_photons_told_one_by_one() -> None:
     seen = [theory.weak_pulse(mean * arrives, 0.0, 0.0) for mean in means]
     ones = arrives * sum(p * m * math.exp(-m) for p, m in zip(shares, means, strict=True)) / 4
     assert 0.93 * ones < theory.decoy_key(means, shares, seen, 1.0) < ones
+
+
+def test_two_pairs_within_one_attempt_come_one_behind_the_other() -> None:
+    """p = 1/8: the first after 8 attempts, and of 8 gaps of 8 on average one is of one attempt."""
+    assert theory.attempts_until_two(1 / 8, 1) == pytest.approx(72)
+    assert theory.attempts_until_two(1 / 8, math.inf) == pytest.approx(16)
+    assert theory.kept_over_gap(1 / 8, 1, 0.9) == pytest.approx(0.9)
+    gaps = (1 / 8 * 0.9, 7 / 64 * 0.81)
+    assert theory.kept_over_gap(1 / 8, 2, 0.9) == pytest.approx(sum(gaps) / (1 / 8 + 7 / 64))

@@ -2,11 +2,12 @@
 
 import argparse
 from functools import partial
+from typing import Any
 
 import pytest
 
 from qmn.network.time_scale import SHARE, SOFTWARE_S, scale, scale_of
-from qmn.results.software_share import rows, software_facts
+from qmn.results.software_share import note_software, rows
 from topologies.description import describe
 from topologies.sdc import SdcTopo
 from wire.dispatcher_pb2 import SoftwareTime
@@ -54,11 +55,13 @@ def test_a_network_without_a_time_of_its_own_runs_in_real_time() -> None:
     assert scale_of("auto", describe(SdcTopo(length_km=0.0))).scale == 1.0
 
 
-def facts_of(share: float, software_s: float, t2_s: float) -> dict[str, object]:
+def facts_of(share: float, software_s: float, t2_s: float) -> Any:
     told = SoftwareTime(
         largest_wait_share=share, largest_decaying_share=share, longest_ns=round(software_s * 1e9)
     )
-    return {"time_scale": 1.0, **software_facts(told, [Device(), Device(memory=Memory(t2_s=t2_s))])}
+    facts: Any = {"time_scale": 1.0}
+    note_software(facts, told, [Device(), Device(memory=Memory(t2_s=t2_s))])
+    return facts
 
 
 def test_a_result_is_marked_if_most_of_a_wait_that_matters_was_software() -> None:
@@ -71,6 +74,7 @@ def test_a_result_is_marked_if_most_of_a_wait_that_matters_was_software() -> Non
 
 
 def test_where_nothing_waited_no_share_is_made_up() -> None:
-    facts = {"time_scale": 1.0, **software_facts(SoftwareTime(), [Device()])}
+    facts: Any = {"time_scale": 1.0}
+    note_software(facts, SoftwareTime(), [Device()])
     assert facts["software_share"] is None
     assert "software" not in rows(facts)

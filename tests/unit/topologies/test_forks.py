@@ -29,11 +29,30 @@ from topologies.programs import Program, python
 folder = Path(sys.argv[1])
 programs = [Program(name, folder / f"{name}.log") for name in ("fork-server", "dispatcher")]
 server, dispatcher = programs
-command = [python(), "-m", "dispatcher", "--config", sys.argv[2]]
-dispatcher.start(command, forks=ForkServer(server))
+forks = ForkServer(server)
+dispatcher.start([python(), "-m", "dispatcher", "--config", sys.argv[2]], forks=forks)
 dispatcher.wait_for("ready", 20)
 print(server._process.pid, dispatcher._process.pid, flush=True)
 sys.stdin.read()
+"""
+# It has loaded what such a server loads.
+LOADED = """
+from importlib import import_module
+from topologies.fork_server import runnable
+from topologies.forks import MODULES
+for module in MODULES:
+    import_module(runnable(module))
+"""
+# A runner whose server cannot become one: the namespaces that it is to enter have gone.
+FAILING = """
+import os, sys
+from topologies.forks import ThisProcess
+try:
+    with open(sys.argv[1], "ab") as log:
+        command = [sys.executable, "-m", "topologies.fork_server"]
+        print(ThisProcess().start("server", command, log.fileno(), int(sys.argv[2]), []).wait(20))
+finally:
+    print("clean-up of", os.getpid())
 """
 
 
@@ -74,7 +93,7 @@ def pid_of(program: Program) -> int:
     return program._process.pid
 
 
-def proc(pid: int, name: str) -> str:
+def proc(pid: int | str, name: str) -> str:
     return Path("/proc", str(pid), name).read_text()
 
 
@@ -146,19 +165,39 @@ def test_one_that_is_killed_is_said_to_be(dispatcher: Program) -> None:
     assert dispatcher.end() == "killed by SIGKILL"
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
-def test_all_end_with_the_runner_however_it_ends(tmp_path: Path, number: int) -> None:
+@pytest.mark.parametrize(
+    ("number", "is_loaded"),
+    [(signal.SIGKILL, False), (signal.SIGTERM, False), (signal.SIGKILL, True)],
+)
+def test_all_end_with_the_runner_however_it_ends(
+    tmp_path: Path, number: int, is_loaded: bool
+) -> None:
     dispatcher_command(tmp_path)
-    command = [sys.executable, "-c", RUNNER, str(tmp_path), str(tmp_path / "dispatcher.json")]
+    program = (LOADED if is_loaded else "") + RUNNER
+    command = [sys.executable, "-c", program, str(tmp_path), str(tmp_path / "dispatcher.json")]
     pipe = subprocess.PIPE
-    with subprocess.Popen(command, cwd=ROOT, stdin=pipe, stdout=pipe, text=True) as runner:
-        assert runner.stdout is not None
+    options = {"cwd": ROOT, "env": {**os.environ, **ENVIRONMENT}, "text": True}
+    with subprocess.Popen(command, stdin=pipe, stdout=pipe, **options) as runner:  # type: ignore[call-overload]
         pids = runner.stdout.readline().split()
         assert len(pids) == 2
+        # What the runner has forked off itself still has its environment, and no mark of a run.
+        was_forked = proc(pids[0], "environ") == proc(runner.pid, "environ")
+        assert was_forked == is_loaded
         runner.send_signal(number)
         runner.wait(DEADLINE_S)
         for pid in pids:
             wait_until(lambda pid=pid: not Path("/proc", pid).exists(), f"{pid} is gone")  # type: ignore[misc]
+
+
+def test_what_fails_in_a_server_forked_off_a_runner_does_not_clean_up_there(tmp_path: Path) -> None:
+    with subprocess.Popen(["true"]) as gone:
+        pass
+    log = tmp_path / "log"
+    command = [sys.executable, "-c", FAILING, str(log), str(gone.pid)]
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as runner:
+        said, _ = runner.communicate(timeout=DEADLINE_S)
+    assert said.splitlines() == ["1", f"clean-up of {runner.pid}"]
+    assert f"/proc/{gone.pid}/ns/net" in log.read_text().splitlines()[-1]
 
 
 def test_a_server_that_was_killed_is_named_and_what_it_has_forked_goes_on(tmp_path: Path) -> None:

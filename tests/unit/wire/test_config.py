@@ -8,11 +8,13 @@ from wire.config import (
     BadConfig,
     ControllerConfig,
     DispatcherConfig,
+    EntranceConfig,
     Fiber,
     FiberEnd,
     HostConfig,
     QuantumSwitch,
 )
+from wire.credentials import Credentials
 from wire.parameters.physics import Detectors, Device
 
 
@@ -39,6 +41,14 @@ def test_a_written_file_reads_back_the_same_and_only_its_owner_may_read_it(tmp_p
     config.write(path)
     assert DispatcherConfig.read(path) == config
     assert path.stat().st_mode & 0o777 == 0o600
+
+
+def test_credentials_read_back_as_they_were_written(tmp_path: Path) -> None:
+    own = Credentials("/run/ca.pem", "/run/c0.pem", "/run/c0.key")
+    config = EntranceConfig(["198.18.1.1:6653"], "127.0.0.1:6653", own, {"q1": 1})
+    path = tmp_path / "c0-tls.json"
+    config.write(path)
+    assert EntranceConfig.read(path) == config
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"name": "alice"}', '{"unknown": 1}'])

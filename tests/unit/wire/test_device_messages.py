@@ -19,6 +19,16 @@ from wire.device import (
     setting_name,
     setting_number,
 )
+from wire.key_routes import (
+    MAX_HOPS,
+    MAX_LINKS,
+    Hop,
+    KeyLinks,
+    KeyRoute,
+    KeyRouteRequest,
+    LinkState,
+    route_tag,
+)
 from wire.metadata import HEADER, Answer, MalformedPacket, Message, Reason, Setup
 
 KEY, OTHER_KEY = "00112233445566778899aabbccddeeff", "ff" * 16
@@ -48,15 +58,21 @@ REPORT = DeviceReport(
 GOLDEN = {
     DeviceQuery(1): "514d 04 20 00000010 0000000000000001",
     Subscribe(2, 1000, 10_000, 0): "514d 04 21 0000001c 0000000000000002000003e8 00002710 00000000",
-    SetDevice(3, DeviceSettings(1_000_000, None, 3, 0, 1_551_720)): "514d 04 22 00000024"
-    "0000000000000003 000f4240 ffffffff 00000003 00000000 0017ad68",
+    SetDevice(3, DeviceSettings(1_000_000, None, 3, 0, 1_551_720, 5000)): "514d 04 22 00000028"
+    "0000000000000003 000f4240 ffffffff 00000003 00000000 0017ad68 00001388",
     SwapOrder(4, 0x0102030405060708, 3, "10.0.0.9", 6, 7, 1, 4, 2, 5, "10.0.0.8"): "514d 04 24"
     "00000027 0000000000000004 0102030405060708 03 0a000009 06 07 01 04 02 05 0a000008",
-    REPORT: "514d 04 23 0000009a 0000000000000005 0001 0002 0003"
+    KeyLinks(6, (LinkState("10.0.0.2", 128, 64, 50_000, 12_000, True),)): "514d 04 25 00000025"
+    "0000000000000006 0a000002 00000080 00000040 0000c350 00002ee0 01",
+    KeyRouteRequest(7, "10.0.0.3", 3, "sae-alice", "web"): "514d 04 26 00000098 0000000000000007"
+    "0a000003 00000003" + "7361652d616c696365" + "00" * 55 + "776562" + "00" * 61,
+    KeyRoute(8, 1, 5, (Hop("10.0.0.1"), Hop("10.0.0.9", b"\x07" * 16))): "514d 04 27 00000044"
+    "0000000000000008 0000000000000001 00000005 0a000001" + "00" * 16 + "0a000009" + "07" * 16,
+    REPORT: "514d 04 23 0000009e 0000000000000005 0001 0002 0003"
     "00000000000003e8 00000000000007d0 0000000000000bb8"
     "0000000000000028 0000000000000032 000000000000003c"
     "02faf080 00000100 00000003 00000001 0017a728 000003e8 00002710 00004e20"
-    "000f4240 ffffffff 00000000 ffffffff ffffffff"
+    "000f4240 ffffffff 00000000 ffffffff ffffffff ffffffff"
     "626f622d7130000000000000000000 01 626f622d7131000000000000000000 00",
 }
 
@@ -81,6 +97,13 @@ def test_the_envelope_is_golden() -> None:
     )
     datagram = open_sealed(sealed, KEY, CONTROLLER)
     assert datagram == Datagram(DeviceQuery(1), "bob", 0x0102030405060708)
+
+
+def test_the_tag_of_a_route_is_golden() -> None:
+    # By openssl over "key route", the time, and the addresses.
+    assert route_tag(KEY, 0x0102030405060708, ("10.0.0.1", "10.0.0.9")) == bytes.fromhex(
+        "0a55619c4e40628fb3cf3ab7a659bb10"
+    )
 
 
 def test_every_truncation_and_every_flipped_bit_is_malformed() -> None:
@@ -127,6 +150,11 @@ def test_another_key_and_the_other_direction_are_refused() -> None:
         replace(REPORT, ports=(DevicePort("q", True),) * (MAX_PORTS + 1)),
         replace(REPORT, ports=(DevicePort("", True),)),
         replace(REPORT, ports=(DevicePort("\n", True),)),
+        KeyLinks(1, (LinkState("10.0.0.2", 0, 0, 0),) * (MAX_LINKS + 1)),
+        KeyRouteRequest(1, "10.0.0.2", 1, "", "b"),
+        KeyRouteRequest(1, "10.0.0.2", 1, "a", "\n"),
+        KeyRoute(1, 1, 1, (Hop("10.0.0.1"),)),
+        KeyRoute(1, 1, 1, (Hop("10.0.0.1"),) * (MAX_HOPS + 1)),
         Setup(1, 1, 1, "10.0.0.3", 1, 1, 1),
     ],
 )

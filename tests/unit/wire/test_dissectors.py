@@ -28,6 +28,7 @@ from wire.dispatcher_pb2 import BlockId, Event
 from wire.dissection.dissectors import lua
 from wire.dissection.layout import COUNTED, Layout, device_layouts, metadata_layouts
 from wire.events import decode_record, encode_record
+from wire.key_routes import Hop, KeyLinks, KeyRoute, KeyRouteRequest, LinkState
 from wire.metadata import (
     HEADER,
     Answer,
@@ -121,6 +122,9 @@ DEVICES: list[Message] = [
     SetDevice(3, SETTINGS),
     SwapOrder(4, 1 << 63, 3, "10.0.0.9", 0, 1, 1, 5, 2, 4),
     REPORT,
+    KeyLinks(5, (LinkState("10.0.0.2", 1, 2, 3, 4, True), LinkState("10.0.0.3", 5, 6, 7, 8))),
+    KeyRouteRequest(6, "10.0.0.3", 9, "sae-alice", "web"),
+    KeyRoute(7, 10, 11, (Hop("10.0.0.1"), Hop("10.0.0.2", b"\x12" * 16))),
     Answer(5, Reason.NOT_ALLOWED, "no"),
 ]
 
@@ -148,8 +152,9 @@ def expected(message: Message, layout: Layout, prefix: str) -> dict[str, list[An
             if value and isinstance(value[0], int):
                 values[name] = list(value)
             for element in value if value and not isinstance(value[0], int) else ():
-                for key, number in vars(element).items():
-                    values.setdefault(f"{name}.{key}", []).append(number)
+                for key, told in vars(element).items():
+                    told = told.hex() if isinstance(told, bytes) else told
+                    values.setdefault(f"{name}.{key}", []).append(told)
         elif isinstance(value, bytes):
             values[name] = [value.hex()] if value else []
         else:

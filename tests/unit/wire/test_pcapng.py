@@ -163,3 +163,14 @@ def test_a_cut_pcap_gives_its_whole_packets(tmp_path: Path) -> None:
         assert len(list(reader.packets())) == (size - 24) // record
     with pytest.raises(MalformedPacket):
         PcapReader(io.BytesIO(whole[:23]))
+
+
+def test_a_key_log_is_where_wireshark_looks_for_it(tmp_path: Path) -> None:
+    secrets = b"CLIENT_RANDOM " + 64 * b"a" + b" " + 96 * b"b" + b"\n"
+    file, found = tmp_path / "a.pcapng", tmp_path / "keys"
+    with file.open("wb") as output:
+        Writer(output, INTERFACES, secrets).write(PACKETS[0])
+    tool("editcap", "--extract-secrets", str(file), str(found))
+    assert found.read_bytes() == secrets
+    with file.open("rb") as opened:
+        assert list(Reader(opened).packets()) == PACKETS[:1]

@@ -2,7 +2,7 @@
 
 local format, header_size = formats.device, formats.metadata.header
 local qdev = Proto("qdev", "Quantum device message")
-local kinds, names, made, ports_tail = {}, {}, {}, nil
+local kinds, names, made = {}, {}, {}
 
 for _, kind in ipairs(format.kinds) do
     kinds[kind.number], names[kind.number] = kind, kind.name
@@ -11,7 +11,7 @@ for _, kind in ipairs(format.kinds) do
     end
     for _, tail in ipairs(kind.tails) do
         for _, field in ipairs(tail.fields) do make_field(made, "qdev." .. tail.name, field) end
-        if #tail.fields == 0 then make_field(made, "qdev", tail) else ports_tail = tail end
+        if #tail.fields == 0 then make_field(made, "qdev", tail) end
     end
 end
 for _, field in ipairs(format.settings) do make_field(made, "qdev.settings", field) end
@@ -47,6 +47,16 @@ local function padded_name(range)
     return name
 end
 
+-- Returns which of the fields that are names is none, or nil.
+local function check_names(fields, range)
+    for _, field in ipairs(fields) do
+        if field.kind == "text" and not padded_name(range:range(field.offset, field.size)) then
+            return field.name .. " is not a name"
+        end
+    end
+    return nil
+end
+
 -- Adds device settings; what is not set is not shown. Returns why they are malformed, or nil.
 local function add_settings(tree, range)
     local branch, ranges = tree:add(qdev, range, "settings"), {}
@@ -64,12 +74,14 @@ local function add_settings(tree, range)
     return nil
 end
 
-local function add_ports(tree, range)
-    for offset = 0, range:len() - 1, ports_tail.size do
-        local place = range:range(offset, ports_tail.size)
-        local branch = tree:add(qdev, place, "port")
-        add_fields(branch, made, "qdev.ports", ports_tail.fields, place)
-        if not padded_name(place:range(0, ports_tail.size - 1)) then return "name of a port" end
+-- Adds the elements that follow the fixed fields. Returns why they are malformed, or nil.
+local function add_elements(tree, tail, range)
+    for offset = 0, range:len() - 1, tail.size do
+        local place = range:range(offset, tail.size)
+        local branch = tree:add(qdev, place, (tail.name:gsub("s$", "")))
+        add_fields(branch, made, "qdev." .. tail.name, tail.fields, place)
+        local problem = check_names(tail.fields, place)
+        if problem then return problem end
     end
     return nil
 end
@@ -79,9 +91,12 @@ local function check_size(kind, size)
     local rest = size - kind.size
     local tail = kind.tails[1]
     if rest < 0 or (rest > 0 and not tail) then return kind.name .. " of " .. size .. " bytes" end
-    if tail and tail.size > 0 and
-        (rest % tail.size ~= 0 or rest / tail.size > format.max_ports) then
-        return kind.name .. " of " .. size .. " bytes"
+    local counts = tail and format.counts[tail.name]
+    if counts then
+        local count = rest / tail.size
+        if rest % tail.size ~= 0 or count < counts.least or count > counts.most then
+            return kind.name .. " of " .. size .. " bytes"
+        end
     end
     return nil
 end
@@ -120,7 +135,7 @@ local function add_body(tree, kind, range)
         if field.name == "settings" then settings = field else plain[#plain + 1] = field end
     end
     local values = add_fields(tree, made, "qdev", plain, range)
-    problem = unnamed(plain, values)
+    problem = unnamed(plain, values) or check_names(plain, range)
     if kind.name == "Answer" then problem = problem or check_answer(values) end
     if kind.name == "SwapOrder" then
         local right, station
@@ -138,7 +153,7 @@ local function add_body(tree, kind, range)
     if tail and size > kind.size then
         local rest = range:range(kind.size)
         if #tail.fields > 0 then
-            problem = problem or add_ports(tree, rest)
+            problem = problem or add_elements(tree, tail, rest)
         else
             if is_utf8(rest:raw()) then tree:add(made["qdev." .. tail.name], rest, rest:raw())
             else problem = problem or "text is not UTF-8" end
@@ -148,7 +163,8 @@ local function add_body(tree, kind, range)
 end
 
 local function note_link(pinfo, kind, conversation)
-    if kind.name == "Answer" or kind.name == "DeviceReport" then
+    local answers = { Answer = true, DeviceReport = true, KeyRoute = true }
+    if answers[kind.name] then
         answer(ledger, conversation, pinfo, 0, function() return true end)
     else
         ask(ledger, conversation, pinfo, 0, kind.name)

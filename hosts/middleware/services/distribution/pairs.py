@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hosts.hardware.qnic import BlockName, Positions, Symbols
+from hosts.hardware.qnic import BlockName, Positions, Qnic, Symbols
 from hosts.middleware.services.distribution.fidelity import Estimate
 from hosts.middleware.services.distribution.purification import PHOTONS, Protocol, purify
 from hosts.middleware.session.blocks import (
@@ -19,13 +19,14 @@ from hosts.middleware.session.blocks import (
     RESERVED,
     SAMPLE,
     keep,
+    keep_of_all,
     measure_some,
+    store,
     take,
 )
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.lifetimes import Lifetimes
-from hosts.middleware.session.service import End
-from hosts.network_loop import now_s
+from hosts.middleware.session.protocol import HostSide, Now, Steps, do, hear
 from wire.metadata import Reason, Topic
 from wire.outcomes import BASES
 
@@ -59,16 +60,17 @@ class Moments:
 class Pairs:
     """Keeps, purifies, samples and delivers them; both ends take each step together."""
 
-    def __init__(self, end: End, half: int) -> None:
+    def __init__(self, side: HostSide, half: int, started_s: float) -> None:
         """Begin with none; half 0 is the opener's, half 1 the acceptor's."""
-        self._end, self._half = end, half
+        self._side, self._half = side, half
         self._used = np.zeros(0, dtype=bool)
-        self._started = now_s()
+        self._started_s = started_s
         self.blocks: dict[int, Portion] = {}
         self.facts: dict[str, Any] = {}  # beside those that there are of all pairs
         self.estimates: dict[int, Estimate] = {}  # by rounds of purification
         self._sampled: dict[int, Moments] = {}  # by rounds of purification
         self.rounds = self.emitted = self.shared = self.compared = self.survived = 0
+        self.dropped = 0  # too old
 
     @property
     def available(self) -> int:
@@ -95,10 +97,11 @@ class Pairs:
                 f"{MAX_BLOCKS} blocks are kept at most; choose larger ones (block_pairs)",
             )
 
-    async def share(self, number: int, ours: Mask, theirs: Mask) -> None:
+    def share(self, number: int, ours: Mask, theirs: Mask) -> Steps[None]:
         """Keep of a new block the pairs of which both halves have arrived."""
         self.admit(number)
-        self.add(number, ours.size, await keep(self._end.qnic, self._name(number), ours & theirs))
+        kept = yield from keep(self._name(number), ours & theirs)
+        self.add(number, ours.size, kept)
 
     def add(self, number: int, emitted: int, size: int) -> None:
         """Count a new block, of which both ends have kept so many pairs, all of them shared."""
@@ -106,35 +109,54 @@ class Pairs:
         self.blocks[number] = Portion(size)
         self._forget_empty(number)
 
-    async def purify(self, number: int, protocol: Protocol, seed: int) -> None:
+    def held(self, number: int) -> Steps[Mask]:
+        """Return which pairs of a block are at this end, and not too old.
+
+        None gets too old from now on, until this is asked again.
+        """
+        self.portion(number)
+        held = yield from store(self._name(number))
+        yield from do(Qnic.store, self._name(number), for_good=True)
+        return held
+
+    def drop_old(self, number: int, kept: Mask) -> Steps[None]:
+        """Keep those pairs of a block alone that both ends hold."""
+        portion = self.portion(number)
+        self.dropped += portion.size - int(np.count_nonzero(kept))
+        self.facts["dropped"] = self.dropped
+        portion.size = yield from keep_of_all(self._name(number), kept)
+        self._forget_empty(number)
+
+    def purify(self, number: int, protocol: Protocol, seed: int) -> Steps[None]:
         """Make fewer and better pairs of those of a block."""
         portion, name = self.portion(number), self._name(number)
         portion.rounds += 1
         self.rounds = max(self.rounds, portion.rounds)
         compared = portion.size // PHOTONS
         if compared:
-            ours = await purify(self._end.qnic, name, portion.size, protocol, seed)
-            agreed = (ours == await self._exchange(number, ours)) & (ours != LOST)
+            ours = yield from purify(name, portion.size, protocol, seed)
+            theirs = yield from self._exchange(number, ours)
+            agreed = (ours == theirs) & (ours != LOST)
         else:
             agreed = np.zeros(0, dtype=bool)
-        portion.size = await keep(self._end.qnic, name, agreed)
+        portion.size = yield from keep(name, agreed)
         self.compared, self.survived = self.compared + compared, self.survived + portion.size
         self._forget_empty(number)
 
-    async def sample(self, number: int, chosen: Mask, bases: Symbols) -> None:
+    def sample(self, number: int, chosen: Mask, bases: Symbols) -> Steps[None]:
         """Sacrifice pairs of a block: measure them, each in its basis, at both ends."""
         portion, name = self.portion(number), self._name(number)
         positions = np.flatnonzero(chosen)
-        ours = await measure_some(self._end.qnic, name, SAMPLE, positions, bases)
-        theirs = await self._exchange(number, ours)
+        ours = yield from measure_some(name, SAMPLE, positions, bases)
+        theirs = yield from self._exchange(number, ours)
         estimate = self.estimates.setdefault(portion.rounds, Estimate())
         estimate.add(bases, ours, theirs)
         sampled = self._sampled.setdefault(portion.rounds, Moments())
-        sampled.add(positions.size, now_s())
-        portion.size = await keep(self._end.qnic, name, ~chosen)
+        sampled.add(positions.size, (yield Now()))
+        portion.size = yield from keep(name, ~chosen)
         self._forget_empty(number)
 
-    async def deliver(self, count: int, theirs: Lifetimes) -> None:
+    def deliver(self, count: int, theirs: Lifetimes) -> Steps[None]:
         """Number so many pairs from 0, and let go of all others; SessionError if too few."""
         if not 0 < count <= self.available:
             raise SessionError(Reason.PROTOCOL, f"{count} of {self.available} pairs to deliver")
@@ -143,16 +165,16 @@ class Pairs:
         for number, portion in self.blocks.items():
             picks[self._name(number)] = np.arange(min(left, portion.size))
             left -= min(left, portion.size)
-        await take(self._end.qnic, self._name(PAIRS), picks)
+        yield from take(self._name(PAIRS), picks)
         self.blocks = {PAIRS: Portion(count, self.rounds)}
-        self.facts["fidelity_age_s"] = age_s = self._age_s()
-        both = self._end.means.lifetimes, theirs
+        self.facts["fidelity_age_s"] = age_s = self._age_s((yield Now()))
+        both = self._side.lifetimes, theirs
         self.facts["fidelity_expected"] = (
             None if age_s is None else self.estimate.after(age_s, both)
         )
         self._used = np.zeros(count, dtype=bool)
 
-    async def answer(self, question: dict[str, Any]) -> dict[str, Any]:
+    def answer(self, question: dict[str, Any]) -> Steps[dict[str, Any]]:
         """Measure pairs: {"measure": numbers, "basis": "X", "Y" or "Z"}; each can be used once.
 
         Return {"outcomes": 0 or 1 for each, None where no detector clicked}.
@@ -165,16 +187,15 @@ class Pairs:
         numbers = self._unused(question["measure"])
         self._used[numbers] = True
         bases = np.full(numbers.size, BASES.index(basis), dtype=np.uint8)
-        qnic, name = self._end.qnic, self._name(PAIRS)
-        outcomes = await measure_some(qnic, name, ASKED, numbers, bases)
+        outcomes = yield from measure_some(self._name(PAIRS), ASKED, numbers, bases)
         return {"outcomes": [None if told == LOST else int(told) for told in outcomes]}
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self, now_s: float) -> dict[str, Any]:
         """Return what the application is told; None where nothing is known."""
-        elapsed_s = now_s() - self._started
+        elapsed_s = now_s - self._started_s
         low, high = self.estimate.interval or (None, None)
         return {
-            "session": f"{self._end.setup.session:016x}",
+            "session": f"{self._side.setup.session:016x}",
             "pairs": self.available,
             "pairs_per_s": self.available / elapsed_s,
             "fidelity": self.estimate.fidelity,
@@ -190,10 +211,10 @@ class Pairs:
             **self.facts,
         }
 
-    def _age_s(self) -> float | None:
+    def _age_s(self, now_s: float) -> float | None:
         """Return how long ago the sample was measured on average; the pairs have waited since."""
         sampled = self._sampled.get(self.rounds)
-        return now_s() - sampled.mean_s if sampled else None
+        return now_s - sampled.mean_s if sampled else None
 
     def _unused(self, numbers: Any) -> NDArray[np.int64]:
         if not isinstance(numbers, list) or not 0 < len(numbers) <= MAX_ASKED:
@@ -209,14 +230,14 @@ class Pairs:
             raise SessionError(Reason.UNSUPPORTED, f"{which}: name each pair once")
         return chosen
 
-    async def _exchange(self, number: int, outcomes: Symbols) -> Symbols:
+    def _exchange(self, number: int, outcomes: Symbols) -> Steps[Symbols]:
         """Tell the other end what has been measured here; return what has been there."""
-        self._end.say(Topic.OUTCOMES, number, outcomes, 2)
-        theirs = await self._end.hear(Topic.OUTCOMES, number, outcomes.size, LOST)
+        yield self._side.say(Topic.OUTCOMES, number, outcomes, 2)
+        theirs = yield from hear(Topic.OUTCOMES, number, outcomes.size, LOST)
         return theirs.astype(np.uint8)
 
     def _name(self, number: int) -> BlockName:
-        return self._end.block(number, self._half)
+        return self._side.block(number, self._half)
 
     def _forget_empty(self, number: int) -> None:
         if not self.blocks[number].size:

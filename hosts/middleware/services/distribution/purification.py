@@ -14,6 +14,7 @@ import numpy as np
 
 from hosts.hardware.qnic import BlockName, LocalGate, Positions, Qnic, Symbols
 from hosts.middleware.session.blocks import LOST, TARGETS, THIRDS, reserved, store
+from hosts.middleware.session.protocol import Steps, do
 
 PHOTONS = 2  # that go into one
 
@@ -36,7 +37,7 @@ CYCLES: tuple[tuple[tuple[LocalGate, ...], ...], ...] = (
 QUARTER_TURNS: tuple[tuple[LocalGate, ...], ...] = (("H", "S", "H"), ("H", "S_DAG", "H"))
 
 
-async def purify(qnic: Qnic, name: BlockName, size: int, protocol: Protocol, seed: int) -> Symbols:
+def purify(name: BlockName, size: int, protocol: Protocol, seed: int) -> Steps[Symbols]:
     """Compare the pairs of a block two by two; return the outcomes, 3 where a photon was lost.
 
     The block holds one pair of each two afterwards, in memory: those are to be kept whose
@@ -44,30 +45,30 @@ async def purify(qnic: Qnic, name: BlockName, size: int, protocol: Protocol, see
     """
     order: Positions = np.arange(size)
     if protocol == Protocol.BBPSSW:
-        order = await _twirl(qnic, name, size, np.random.default_rng(seed))
+        order = yield from _twirl(name, size, np.random.default_rng(seed))
     else:
-        await qnic.rotate(name, QUARTER_TURNS[name.half])
+        yield from do(Qnic.rotate, name, QUARTER_TURNS[name.half])
     pairs, targets = size // PHOTONS, reserved(name, TARGETS)
-    await qnic.gather(targets, {name: order[1 : 2 * pairs : 2]}, keep_rest=True)
-    await qnic.gather(name, {name: order[0 : 2 * pairs : 2]})
-    await qnic.controlled_x(name, targets)
-    outcomes = await qnic.measure(targets, np.zeros(pairs, dtype=np.uint8))
-    arrived = await store(qnic, name)
+    yield from do(Qnic.gather, targets, {name: order[1 : 2 * pairs : 2]}, keep_rest=True)
+    yield from do(Qnic.gather, name, {name: order[0 : 2 * pairs : 2]})
+    yield from do(Qnic.controlled_x, name, targets)
+    outcomes = yield from do(Qnic.measure, targets, np.zeros(pairs, dtype=np.uint8))
+    arrived = yield from store(name)
     return np.where(arrived & (outcomes <= 1), outcomes, LOST).astype(np.uint8)
 
 
-async def _twirl(qnic: Qnic, name: BlockName, size: int, draws: np.random.Generator) -> Positions:
+def _twirl(name: BlockName, size: int, draws: np.random.Generator) -> Steps[Positions]:
     """Make Werner pairs of any; return where each is in the block now."""
-    await qnic.apply(name, draws.integers(0, 4, size, dtype=np.uint8))
+    yield from do(Qnic.apply, name, draws.integers(0, 4, size, dtype=np.uint8))
     chosen = draws.integers(0, len(THIRDS), size)
     thirds: dict[BlockName, Positions] = {name: np.zeros(0, dtype=np.int64)}
     for third, number in enumerate(THIRDS):
         mine = np.flatnonzero(chosen == third)
         if mine.size:
             part = reserved(name, number)
-            await qnic.gather(part, {name: mine}, keep_rest=True)
+            yield from do(Qnic.gather, part, {name: mine}, keep_rest=True)
             if gates := CYCLES[name.half][third]:
-                await qnic.rotate(part, gates)
+                yield from do(Qnic.rotate, part, gates)
             thirds[part] = np.arange(mine.size)
-    await qnic.gather(name, thirds)
+    yield from do(Qnic.gather, name, thirds)
     return np.argsort(np.argsort(chosen, kind="stable"))

@@ -6,60 +6,12 @@ Nothing is said to anybody: whoever is asked for this needs no session, only lig
 """
 
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass
 from typing import Any
 
-from hosts.hardware.qnic import BlockName, NoLight, Qnic, Received
-from hosts.middleware.services.interception.attack import Attack
-from hosts.middleware.services.interception.intercept_resend import InterceptResend
-from hosts.middleware.services.interception.photon_splitting import PhotonSplitting, Way
-from hosts.middleware.session.channel import SessionError
-from hosts.middleware.session.options import Options, check_choice, check_whole
-from hosts.timeouts import RESENT_TIMEOUT_S
-from wire.metadata import Reason, Setup
-from wire.optical import WAVELENGTHS_PM
-
-FIBERS = 2
-MAX_RATE_HZ = 4_000_000_000
-MAX_DB = 1_000.0
-RESEND, SPLIT = ATTACKS = ("resend", "split")
-
-
-@dataclass(frozen=True)
-class InterceptionOptions(Options):
-    """What an application chooses."""
-
-    fraction: float = 1.0  # of the photons; the others are only sent on
-    attack: str = RESEND
-    # Of splitting: what light loses from here to a click, as both ends expect it, and as it is.
-    expected_db: float = 0.0
-    onward_db: float = 0.0
-    wavelength_pm: int = Setup.wavelength_pm  # at which light is sent on
-
-    def check(self) -> None:
-        """Raise SessionError for a value out of range."""
-        check_choice("attack", self.attack, ATTACKS)
-        for name, most in (("fraction", 1), ("expected_db", MAX_DB), ("onward_db", MAX_DB)):
-            value = getattr(self, name)
-            number = isinstance(value, (int, float)) and not isinstance(value, bool)
-            if not number or not 0 <= value <= most:
-                raise refused(f"{name} is {value!r}: choose 0 to {most:g}")
-        check_whole("wavelength_pm", self.wavelength_pm, *WAVELENGTHS_PM)
-        if self.attack == SPLIT and self.fraction != 1:
-            raise refused(f"fraction is {self.fraction!r}: {SPLIT} is of every pulse, choose 1")
-        if self.attack == RESEND and (self.expected_db or self.onward_db):
-            raise refused(f"expected_db and onward_db are of {SPLIT}: leave them out")
-        if self.onward_db > self.expected_db:
-            raise refused(
-                f"onward_db is {self.onward_db!r}, more than expected_db {self.expected_db!r}: "
-                "who attacks so has a better way, not a worse one"
-            )
-
-
-def refused(text: str) -> SessionError:
-    """Return the refusal of what was asked."""
-    return SessionError(Reason.UNSUPPORTED, text)
-
+from hosts.hardware.qnic import Qnic
+from hosts.middleware.services.interception.options import InterceptionOptions
+from hosts.middleware.services.interception.passing import Passing
+from hosts.middleware.session.performing import Performer
 
 Tell = Callable[..., Awaitable[None]]
 
@@ -71,65 +23,25 @@ class Interception:
         self, qnic: Qnic, options: InterceptionOptions, seed: int, host: str, memory_qubits: int
     ) -> None:
         """Raise SessionError if this host has too few fibres, or lacks a memory."""
-        if len(qnic.ports) < FIBERS:
-            raise refused(f"interception needs {FIBERS} fibres, this host has {len(qnic.ports)}")
-        if options.attack == SPLIT and not memory_qubits:
-            raise refused("photons that are split off wait in a memory, and this host has none")
-        self._qnic, self._options = qnic, options
-        seeds = seed, *host.encode()
-        way = Way(options.expected_db, options.onward_db)
-        self._attack: Attack = (
-            InterceptResend(qnic, options.fraction, seeds)
-            if options.attack == RESEND
-            else PhotonSplitting(qnic, way, seeds, memory_qubits)
-        )
-        self._arrivals = qnic.arrivals(qnic.ports[0])  # from now on
-        self._blocks = self._photons = self._lost_blocks = 0
+        self._qnic, self._performer = qnic, Performer(qnic)
+        self._passing = Passing(qnic.ports, options, (seed, *host.encode()), memory_qubits)
+        self._arrivals = qnic.arrivals(self._passing.inward)  # from now on
 
     @property
     def summary(self) -> dict[str, Any]:
         """Return what the application is told in the end."""
-        return {
-            "attack": self._options.attack,
-            "fraction": self._options.fraction,
-            "blocks": self._blocks,  # that were sent on
-            "photons": self._photons,  # places for photons in them
-            **self._attack.summary,
-            "lost_blocks": self._lost_blocks,  # whose light was gone before it could be received
-        }
+        return self._passing.summary
 
     async def run(self, tell: Tell) -> None:
         """Go on until cancelled; tell of each block. Raise HardwareError if it cannot go on."""
         try:
             async for block in self._arrivals:
                 try:
-                    seen = await self._pass_on(block)
-                except NoLight:
-                    self._lost_blocks += 1
-                    continue
+                    seen = await self._performer.perform(self._passing.pass_on(block))
                 except BaseException:
                     await self._qnic.discard_block(block.session, block.number)
                     raise
-                name = {"session": f"{block.session:016x}", "block": block.number}
-                await tell(**name, half=block.half, **seen)
+                if seen is not None:
+                    await tell(**seen)
         finally:
-            await self._attack.end()
-
-    async def _pass_on(self, block: BlockName) -> dict[str, Any]:
-        """Return what is told of a block."""
-        inward, outward = self._qnic.ports[:FIBERS]
-        received = await self._qnic.receive(block, inward, RESENT_TIMEOUT_S)
-        seen = await self._attack.attack(block, received.photons)
-        wavelength_pm = self._options.wavelength_pm
-        await self._qnic.send(block, outward, rate_of(received), wavelength_pm)
-        self._blocks += 1
-        self._photons += received.photons
-        return {"photons": received.photons, **seen}
-
-
-def rate_of(received: Received) -> int:
-    """Return at which rate (Hz) photons came: what is sent on must not take longer."""
-    span_ns = received.last_ns - received.first_ns
-    if span_ns <= 0:
-        return MAX_RATE_HZ
-    return max(1, min(round((received.photons - 1) * 1e9 / span_ns), MAX_RATE_HZ))
+            await self._performer.perform(self._passing.attack.end())

@@ -1,14 +1,20 @@
-"""The end that is asked for keys: measures, announces, corrects its errors, stores."""
+"""The protocol of the end that is asked for keys: no socket, no clock.
 
-import asyncio
+It measures, announces, corrects its errors, and has its key stored.
+"""
+
 from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
 from uuid import UUID
 
 from hosts.hardware.qnic import Symbols
+from hosts.middleware.qkd.alice import Alice
 from hosts.middleware.qkd.bob import Bob
-from hosts.middleware.qkd.end import State, Terms
+from hosts.middleware.qkd.end import State
 from hosts.middleware.qkd.parameters import Parameters
-from hosts.middleware.qkd.sifting import Record
 from hosts.middleware.services.key_distribution.light import (
     measured,
     measuring,
@@ -16,119 +22,161 @@ from hosts.middleware.services.key_distribution.light import (
     record_of,
     with_tests,
 )
-from hosts.middleware.services.key_distribution.messages import Cutter, KeyMessages
-from hosts.middleware.services.key_distribution.session import pools, stored, tell_of_failure
-from hosts.middleware.services.key_distribution.summary import Progress, so_far, summary
-from hosts.middleware.session.channel import SessionError
-from hosts.middleware.session.service import AcceptorEnd
+from hosts.middleware.services.key_distribution.messages import Cutter
+from hosts.middleware.services.key_distribution.summary import Progress, so_far
+from hosts.middleware.services.key_distribution.under_way import (
+    MAX_UNDER_WAY,
+    KeysUnderWay,
+    Store,
+)
+from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.protocol import (
+    Beside,
+    Hear,
+    HostSide,
+    Light,
+    Steps,
+    Tell,
+    Until,
+    Wait,
+)
 from hosts.middleware.session.values import expect
-from hosts.timeouts import ANSWER_TIMEOUT_S, KEYS_TIMEOUT_S
+from hosts.timeouts import KEYS_TIMEOUT_S
 from wire.metadata import Envelope, Finish, Message, Reason, Topic, Values
 from wire.qkd import MAX_PHOTONS, Bound, Proposal, QkdMessage, Reconciliation, unframe
 
 MAX_NAME_BYTES = 64
-MAX_COMING = 2  # blocks: one is measured while the next is made
+MAX_COMING = 3  # blocks: one is measured, one is made, and one announced
+
+
+class Introduced(NamedTuple):
+    """Who opens a session for keys, what it proposes, and the message that says so."""
+
+    peer: str
+    parameters: Parameters
+    proposal: bytes  # with its tag, which nobody has looked at
+    cutter: Cutter  # of what comes behind it
+
+
+def introduced(tests: bool) -> Steps[Introduced]:
+    """Hear how a session for keys begins; tests: with some photons for a CHSH test."""
+    named = yield Hear(Envelope)
+    proposed = yield Hear(Envelope)
+    if (named.topic, proposed.topic) != (Topic.OPENER, Topic.KEYS):
+        raise SessionError(Reason.PROTOCOL, "key distribution does not begin so")
+    if len(named.content) > MAX_NAME_BYTES:
+        raise SessionError(Reason.PROTOCOL, f"a name of {len(named.content)} bytes")
+    cutter = Cutter()
+    try:
+        (data,) = cutter.feed(proposed.content)
+        message = unframe(data).open()
+        opener = Introduced(named.content.decode(), proposed_by(message), data, cutter)
+    except ValueError as error:  # MalformedPacket and UnicodeDecodeError are such
+        raise SessionError(Reason.PROTOCOL, f"no proposal of keys: {error}") from error
+    tested = opener.parameters.chsh_fraction
+    if bool(tested) is not tests:
+        raise SessionError(Reason.UNSUPPORTED, f"chsh_fraction {tested} in this service")
+    return opener
+
+
+@dataclass
+class Coming:
+    """A block of light that is announced, for a key."""
+
+    key: int
+    bases: Symbols
+    light: Light
 
 
 class AcceptorOfKeys:
     """The end that was asked for keys; it measures one half of each block."""
 
-    def __init__(self, end: AcceptorEnd, half: int, *, tests: bool = False) -> None:
-        """Measure this half; tests: some photons for a CHSH test."""
-        self._end, self._half, self._tests = end, half, tests
-        self._tested = 0.0  # of the photons, as the opener proposes
-        self._progress = Progress()
-        self._announced = 0  # blocks
-        self._coming: deque[tuple[Symbols, asyncio.Task[Symbols]]] = deque()  # bases, and light
-        self._ids: list[UUID] = []  # of the keys in the store
+    def __init__(
+        self,
+        side: HostSide,
+        half: int,
+        opener: Introduced,
+        new_key: Callable[[int], Bob],  # this end of a key, by its number in the session
+        progress: Progress,
+        store: Store,
+    ) -> None:
+        """Measure this half of each block; store keys before the other end is told."""
+        self._side, self._half, self._new_key, self._progress = side, half, new_key, progress
+        self._store, self._proposal = store, opener.proposal
+        self._tested = opener.parameters.chsh_fraction  # of the photons
+        self.keys = KeysUnderWay(side, progress, self._done, opener.cutter)
+        self._begun = self._announced = self._over = 0  # keys; blocks; of them that are over
+        self._coming: deque[Coming] = deque()
+        self.not_kept: dict[int, list[UUID]] = {}  # by the opener yet: keys in the store here
 
-    async def run(self) -> None:
-        """Measure, announce, correct, store, until the opener ends it; SessionError if it fails."""
-        peer, parameters, proposal, cutter = await self._introduced()
-        self._tested = parameters.chsh_fraction
-        if bool(self._tested) is not self._tests:
-            raise SessionError(Reason.UNSUPPORTED, f"chsh_fraction {self._tested} in this service")
-        incoming, outgoing = pools(self._end, peer, self._end.means.keyring.host)
-        session, draws = self._end.setup.session, self._end.draws
-        bob = Bob(Terms(session, parameters, outgoing, incoming, draws.bytes))
-
-        async def store() -> None:
-            self._ids = await stored(self._end, peer, bob, opened=False)
-
-        messages = KeyMessages(self._end, bob, store, cutter)
-        try:
-            await messages.hear_message(proposal)
-            await self._serve(bob, messages)
-        except BaseException as error:
-            self._end.means.keyring.withdraw(peer, self._ids)
-            if isinstance(error, SessionError):
-                await tell_of_failure(self._end, self._progress, bob)
-            raise
-        finally:
-            for _bases, light in self._coming:
-                light.cancel()
-        self._end.summary = summary(self._progress, bob, self._ids)
-
-    async def _introduced(self) -> tuple[str, Parameters, bytes, Cutter]:
-        """Return who opens, what it proposes, and the message that says so with its tag."""
-        named = await self._end.channel.receive(Envelope, ANSWER_TIMEOUT_S)
-        proposed = await self._end.channel.receive(Envelope, ANSWER_TIMEOUT_S)
-        if (named.topic, proposed.topic) != (Topic.OPENER, Topic.KEYS):
-            raise SessionError(Reason.PROTOCOL, "key distribution does not begin so")
-        if len(named.content) > MAX_NAME_BYTES:
-            raise SessionError(Reason.PROTOCOL, f"a name of {len(named.content)} bytes")
-        cutter = Cutter()
-        try:
-            (data,) = cutter.feed(proposed.content)
-            message = unframe(data).open()
-            return named.content.decode(), proposed_by(message), data, cutter
-        except ValueError as error:  # MalformedPacket and UnicodeDecodeError are such
-            raise SessionError(Reason.PROTOCOL, f"no proposal of keys: {error}") from error
-
-    async def _serve(self, bob: Bob, messages: KeyMessages) -> None:
-        channel = self._end.channel
-        while not isinstance(message := await channel.receive(Message, KEYS_TIMEOUT_S), Finish):
-            if isinstance(message, Envelope):
-                await messages.hear(message)
-            elif not isinstance(message, Values) or bob.state is not State.SIFTING:
-                what = (
-                    f"{type(message).__name__} from {channel.peer} while {bob.state.name.lower()}"
-                )
-                raise SessionError(Reason.PROTOCOL, what)
-            elif message.topic == Topic.COMING:
-                self._get_ready(message)
-            else:
-                messages.say(bob.add_block(await self._measure(message)))
-                await self._end.tell(**so_far(self._progress, bob))
-            self._progress.note(bob.blocks_sifted)
-        if bob.state is not State.DONE:
+    def run(self) -> Steps[None]:
+        """Measure, announce, correct, until the opener ends it; SessionError if it fails."""
+        yield from self.keys.hear_message(self._proposal, self._begin)
+        yield Beside(self._measure_all())
+        while not isinstance(message := (yield Hear(Message, KEYS_TIMEOUT_S)), Finish):
+            match message:
+                case Envelope():
+                    yield from self.keys.hear(message, self._begin)
+                case Values(topic=Topic.COMING):
+                    yield from self._get_ready(message)
+                case Values(topic=Topic.OVER) if self._over < self._announced:
+                    expect(message, Topic.OVER, self._over, 0, 0)
+                    self._over += 1
+                case Values(topic=Topic.KEPT) if message.block in self.not_kept:
+                    self._kept(message.block)
+                case _:
+                    what = f"{type(message).__name__} from {self._side.peer} out of its turn"
+                    raise SessionError(Reason.PROTOCOL, what)
+        if self.keys.numbers or not self._begun:
             raise SessionError(Reason.PROTOCOL, "the other end ended it before there was a key")
 
-    def _get_ready(self, message: Values) -> None:
-        """Begin to measure the block that comes next."""
+    def _begin(self, key: int) -> Steps[None]:
+        """Take part in the next key."""
+        if key != self._begun or len(self.keys.numbers) > MAX_UNDER_WAY:
+            raise SessionError(Reason.PROTOCOL, f"a message about key {key}, not {self._begun}")
+        self._begun += 1
+        return self.keys.begin(key, self._new_key(key))
+
+    def _done(self, key: int, bob: Alice | Bob) -> Steps[None]:
+        self.not_kept[key] = yield Wait(partial(self._store, key, bob))
+
+    def _kept(self, key: int) -> None:
+        """Count a key that both ends have."""
+        self._progress.made.add(self.keys.end_of(key))
+        self._progress.ids += self.not_kept.pop(key)
+        self.keys.forget(key)
+
+    def _get_ready(self, message: Values) -> Steps[None]:
+        """Begin to measure the block that comes next, for the newest key."""
         if len(self._coming) == MAX_COMING:
             raise SessionError(Reason.PROTOCOL, f"block {message.block} before others are over")
-        end, number = self._end, self._announced
-        most = min(end.setup.pairs, MAX_PHOTONS)
+        side, number = self._side, self._announced
+        most = min(side.setup.pairs, MAX_PHOTONS)
         (photons,) = expect(message, Topic.COMING, number, 1, most).tolist()
         if photons == 0:
             raise SessionError(Reason.PROTOCOL, f"block {number} has no photons")
-        bases = with_tests(end.draws, random_bases(end, photons), self._tested)
-        self._coming.append((bases, measuring(end, end.block(number, self._half), bases)))
+        bases = with_tests(side.draws, random_bases(side, photons), self._tested)
+        light = yield from measuring(side, side.block(number, self._half), bases)
+        self._coming.append(Coming(self._begun - 1, bases, light))
         self._announced += 1
-        end.agree()
+        yield side.agree()
 
-    async def _measure(self, message: Values) -> Record:
-        """Return what was measured of the block that is over."""
-        expect(message, Topic.OVER, self._progress.blocks, 0, 0)
-        if not self._coming:
-            raise SessionError(Reason.PROTOCOL, f"the end of block {message.block}, not begun")
-        bases, light = self._coming[0]
-        outcomes = await measured(self._end, light, bases.size)
-        self._coming.popleft()
-        self._progress.blocks += 1
-        self._progress.photons += bases.size
-        return record_of(outcomes, bases, self._end.setup.rotation, self._tests)
+    def _measure_all(self) -> Steps[None]:
+        """Announce what was measured of each block that is over."""
+        side, progress = self._side, self._progress
+        while True:
+            yield Until(lambda: progress.blocks < self._over)
+            coming = self._coming[0]
+            outcomes = yield from measured(side, coming.light, coming.bases.size)
+            self._coming.popleft()
+            progress.blocks += 1
+            progress.photons += coming.bases.size
+            record = record_of(outcomes, coming.bases, side.setup.rotation, bool(self._tested))
+            bob = self.keys.end_of(coming.key)
+            if not isinstance(bob, Bob) or bob.state not in (State.OPENING, State.SIFTING):
+                raise SessionError(Reason.PROTOCOL, f"light for key {coming.key}, sifted already")
+            yield from self.keys.step(coming.key, bob.add_block, record)
+            yield Tell(so_far(progress, self.keys.ends), at_the_end=False)
 
 
 def proposed_by(message: QkdMessage) -> Parameters:

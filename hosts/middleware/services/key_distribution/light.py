@@ -1,17 +1,22 @@
 """Light of key distribution: photons measured as they arrive, and how many to ask for."""
 
-import asyncio
 from math import ceil
 
 import numpy as np
 
-from hosts.hardware.qnic import BlockName, NoLight, Symbols
+from hosts.hardware.qnic import BlockName, Qnic, Symbols
 from hosts.middleware.qkd.bell_test import BellOutcomes
 from hosts.middleware.qkd.sifting import Record
-from hosts.middleware.session.channel import SessionError
-from hosts.middleware.session.service import End
+from hosts.middleware.session.protocol import (
+    Collect,
+    HostSide,
+    Light,
+    Side,
+    Steps,
+    begin,
+    require_size,
+)
 from hosts.timeouts import KEY_GRACE_S, LIGHT_TIMEOUT_S
-from wire.metadata import Reason
 from wire.outcomes import NO_COINCIDENCE, PAULI_BASES
 from wire.qkd import MAX_KEY_BITS
 
@@ -19,31 +24,23 @@ EVEN_CHANCE = 0.5  # that two random bases agree
 MARGIN, MARGIN_PHOTONS = 1.05, 64
 
 
-def random_bases(end: End, photons: int) -> Symbols:
+def random_bases(side: HostSide, photons: int) -> Symbols:
     """Return Z or X for each photon."""
-    return end.draws.integers(0, 2, photons, dtype=np.uint8)
+    return side.draws.integers(0, 2, photons, dtype=np.uint8)
 
 
-def measuring(end: End, name: BlockName, bases: Symbols) -> asyncio.Task[Symbols]:
+def measuring(side: Side, name: BlockName, bases: Symbols) -> Steps[Light]:
     """Begin to measure the photons that will arrive at the first port."""
-    port = end.qnic.ports[0]
-    return asyncio.create_task(
-        end.qnic.measure_arrivals(name, port, bases, LIGHT_TIMEOUT_S), name=f"light of {name}"
-    )
+    return begin(Qnic.measure_arrivals, name, side.ports[0], bases, LIGHT_TIMEOUT_S)
 
 
-async def measured(end: End, light: asyncio.Task[Symbols], photons: int) -> Symbols:
+def measured(side: Side, light: Light, photons: int) -> Steps[Symbols]:
     """Return the outcomes of light that is over; no click for any photon if none has come."""
-    try:
-        async with asyncio.timeout(KEY_GRACE_S + photons / end.setup.rate_hz):
-            outcomes = await light
-    except (NoLight, TimeoutError):
+    outcomes = yield Collect(light, KEY_GRACE_S + photons / side.setup.rate_hz)
+    if outcomes is None:
         return np.full(photons, NO_COINCIDENCE, dtype=np.uint8)
-    finally:
-        light.cancel()
-    if outcomes.size != photons:
-        raise SessionError(Reason.PROTOCOL, f"{outcomes.size} photons, not {photons}")
-    return outcomes
+    require_size(outcomes.size, photons)
+    return outcomes  # type: ignore[no-any-return]
 
 
 def with_tests(random: np.random.Generator, bases: Symbols, fraction: float) -> Symbols:

@@ -1,25 +1,39 @@
-"""The end that asks for keys: sends light until enough is sifted, answers questions, stores."""
+"""The protocol of the end that asks for keys: no socket, no clock.
 
-from collections.abc import Awaitable, Callable
-from uuid import UUID
+It has light sent until enough is sifted, answers questions, and has its keys stored.
+"""
+
+from collections.abc import Callable
+from functools import partial
 
 from hosts.middleware.qkd.alice import Alice
-from hosts.middleware.qkd.decoy import Decoys
-from hosts.middleware.qkd.end import State, Terms
-from hosts.middleware.qkd.parameters import Parameters
+from hosts.middleware.qkd.bob import Bob
 from hosts.middleware.qkd.sifting import Record
 from hosts.middleware.services.key_distribution.light import next_photons
-from hosts.middleware.services.key_distribution.messages import KeyMessages
 from hosts.middleware.services.key_distribution.options import KeyOptions
-from hosts.middleware.services.key_distribution.session import pools, stored, tell_of_failure
-from hosts.middleware.services.key_distribution.summary import Progress, so_far, summary
-from hosts.middleware.session.channel import SessionError
-from hosts.middleware.session.service import OpenerEnd
-from wire.metadata import Envelope, Reason, Topic
+from hosts.middleware.services.key_distribution.summary import Progress, so_far
+from hosts.middleware.services.key_distribution.under_way import (
+    MAX_UNDER_WAY,
+    KeysUnderWay,
+    Store,
+)
+from hosts.middleware.session.errors import SessionError, unexpected
+from hosts.middleware.session.protocol import (
+    Beside,
+    Hear,
+    OpenerSide,
+    Say,
+    Steps,
+    Tell,
+    Until,
+    Wait,
+)
+from hosts.timeouts import KEYS_TIMEOUT_S
+from wire.metadata import Answer, Envelope, Message, Reason, Topic
 
 DARK_BLOCKS = 3  # in a row without a sifted bit: the light does not arrive
 
-Light = Callable[[OpenerEnd, int, int], Awaitable[Record]]  # of a block: number, photons
+Light = Callable[[OpenerSide, int, int], Steps[Record]]  # of a block: number, photons
 
 
 class OpenerOfKeys:
@@ -27,86 +41,108 @@ class OpenerOfKeys:
 
     def __init__(
         self,
-        end: OpenerEnd,
+        side: OpenerSide,
         options: KeyOptions,
         light: Light,
-        parameters: Parameters,
-        decoys: Decoys | None = None,
+        new_key: Callable[[int], Alice],  # this end of a key, by its number in the session
+        progress: Progress,
+        store: Store,
     ) -> None:
-        """Make keys of this light, by these parameters, or whose pulses are decoys."""
-        self._end, self._options, self._light = end, options, light
-        self._peer = end.arrangement.peer
-        self._progress = Progress()
-        outgoing, incoming = pools(end, end.means.keyring.host, self._peer)
-        terms = Terms(end.setup.session, parameters, outgoing, incoming, end.draws.bytes)
-        self._alice = Alice(terms, decoys)
-        self._messages = KeyMessages(end, self._alice, self._store)
-        self._sizes: list[int] = []  # of the blocks that were announced
-        self._ids: list[UUID] = []
+        """Make keys of this light."""
+        self._side, self._options, self._light = side, options, light
+        self._new_key, self._progress, self._store = new_key, progress, store
+        self.keys = KeysUnderWay(side, progress, self._done)
+        self._answers = 0  # that nobody has waited for
+        self._blocks = self._dark = 0  # announced; in a row without a sifted bit
 
-    async def run(self) -> None:
-        """Send light, distil, store; SessionError if there is no key."""
-        end = self._end
-        end.channel.send(Envelope(end.setup.session, Topic.OPENER, end.means.keyring.host.encode()))
-        try:
-            self._messages.say(self._alice.start())
-            await self._gather()
-            self._messages.say(self._alice.distil())
-            await self._messages.until(lambda: self._alice.state is State.DONE)
-        except SessionError as error:
-            self._messages.give_up(str(error))
-            await tell_of_failure(end, self._progress, self._alice)
-            raise
-        end.summary = summary(self._progress, self._alice, self._ids)
+    def run(self) -> Steps[None]:
+        """Send light, and distil; SessionError if there is no key."""
+        yield Say((Envelope(self._side.setup.session, Topic.OPENER, self._side.host.encode()),))
+        yield Beside(self._read())
+        yield from self._make_all()
 
-    async def _store(self) -> None:
-        self._ids = await stored(self._end, self._peer, self._alice, opened=True)
+    def _read(self) -> Steps[None]:
+        """Take messages; none may be so late."""
+        while True:
+            match (yield Hear(Message, KEYS_TIMEOUT_S)):
+                case Envelope() as envelope:
+                    yield from self.keys.hear(envelope)
+                case Answer(reason=Reason.OK):
+                    self._answers += 1
+                case message:
+                    raise unexpected(message, self._side.peer)
 
-    async def _gather(self) -> None:
-        """Send blocks until enough is sifted; a block is sifted while the next one flies."""
-        dark, coming = 0, self._announce()
-        while coming is not None:
-            before = self._alice.sifted_bits
-            following = self._announce()
-            await self._send(coming)
-            dark = 0 if self._alice.sifted_bits > before else dark + 1
-            if dark > DARK_BLOCKS:  # the newest may not be sifted yet
-                raise SessionError(
-                    Reason.NO_LIGHT,
-                    f"no key: of {DARK_BLOCKS} blocks in a row no photon was measured by both "
-                    "ends: is a fibre cut, or its loss too high?",
-                )
-            await self._end.tell(**so_far(self._progress, self._alice))
-            if following is None:
-                await self._sifted(len(self._sizes))
-                following = self._announce()
+    def _make_all(self) -> Steps[None]:
+        """Make as many keys as are wanted; light for one comes while others are distilled."""
+        count, so_much = self._options.count, 0
+        keys = -(-count // self._options.sifted_per_key)
+        for number in range(keys):
+            yield Until(lambda: len(self.keys.numbers) < MAX_UNDER_WAY)
+            alice = self._new_key(number)
+            yield from self.keys.begin(number, alice)
+            yield from self.keys.step(number, alice.start)
+            share = -(-max(1, count - so_much) // (keys - number))
+            yield from self._gather(number, alice, share)
+            so_much += alice.sifted_bits
+            yield Beside(self.keys.step(number, alice.distil))
+        yield Until(lambda: not self.keys.numbers)
+
+    def _done(self, number: int, alice: Alice | Bob) -> Steps[None]:
+        """Store a key that the other end has stored, and say so."""
+        self._progress.ids += yield Wait(partial(self._store, number, alice))
+        self._progress.made.add(alice)
+        self.keys.forget(number)
+        yield self._side.say(Topic.KEPT, number, [], 1)
+
+    def _gather(self, key: int, alice: Alice, count: int) -> Steps[None]:
+        """Send blocks until so much is sifted; a block is sifted while the next one flies."""
+        sizes: list[int] = []
+        coming = yield from self._announce(alice, count, sizes)
+        while coming:
+            before = alice.sifted_bits
+            following = yield from self._announce(alice, count, sizes)
+            yield from self._send(key, alice, coming)
+            earlier = len(sizes) - (2 if following else 1)
+            yield Until(partial(sifted, alice, earlier))
+            self._look_for_light(alice.sifted_bits > before)
+            yield Tell(so_far(self._progress, self.keys.ends), at_the_end=False)
+            if not following:
+                yield Until(partial(sifted, alice, len(sizes)))
+                following = yield from self._announce(alice, count, sizes)
             coming = following
 
-    def _announce(self) -> int | None:
-        """Let the other end get ready for one more block; None if there may be enough."""
-        alice, sizes = self._alice, self._sizes
+    def _look_for_light(self, sifted: bool) -> None:
+        self._dark = 0 if sifted else self._dark + 1
+        if self._dark > DARK_BLOCKS:  # the newest may not be sifted yet
+            raise SessionError(
+                Reason.NO_LIGHT,
+                f"no key: of {DARK_BLOCKS} blocks in a row no photon was measured by both "
+                "ends: is a fibre cut, or its loss too high?",
+            )
+
+    def _announce(self, alice: Alice, count: int, sizes: list[int]) -> Steps[int]:
+        """Let the other end get ready for one more block; 0 if there may be enough."""
         seen = sum(sizes[: alice.blocks_sifted])
-        on_the_way = sum(sizes) - seen
-        count, most = self._options.count, self._end.setup.pairs
-        size = next_photons(count, alice.sifted_bits, seen, on_the_way, most)
-        if size == 0:
-            return None
-        number = len(sizes)
-        sizes.append(size)
-        self._end.say(Topic.COMING, number, [size], 32)
-        return number
+        most = self._side.setup.pairs
+        size = next_photons(count, alice.sifted_bits, seen, sum(sizes) - seen, most)
+        if size:
+            sizes.append(size)
+            yield self._side.say(Topic.COMING, self._blocks, [size], 32)
+            self._blocks += 1
+        return size
 
-    async def _send(self, number: int) -> None:
-        """Send a block that was announced, and wait until the one before it is sifted."""
-        end, photons = self._end, self._sizes[number]
-        await self._messages.answered()
-        record = await self._light(end, number, photons)
-        end.say(Topic.OVER, number, [], 1)
+    def _send(self, key: int, alice: Alice, photons: int) -> Steps[None]:
+        """Send a block that was announced."""
+        side, number = self._side, self._progress.blocks
+        yield Until(lambda: self._answers > 0)
+        self._answers -= 1
+        record = yield from self._light(side, number, photons)
+        yield side.say(Topic.OVER, number, [], 1)
+        self._progress.blocks += 1
         self._progress.photons += photons
-        self._messages.say(self._alice.add_block(record))
-        await self._sifted(number)
+        yield from self.keys.step(key, alice.add_block, record)
 
-    async def _sifted(self, blocks: int) -> None:
-        """Wait until so many blocks are sifted."""
-        await self._messages.until(lambda: self._alice.blocks_sifted >= blocks)
-        self._progress.note(self._alice.blocks_sifted)
+
+def sifted(alice: Alice, blocks: int) -> bool:
+    """Return whether so many blocks are sifted."""
+    return alice.blocks_sifted >= blocks

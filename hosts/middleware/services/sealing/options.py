@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from hosts.middleware.services.sealing.sequential_test import Question
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.service_options import ServiceOptions
 from wire.metadata import Reason
 

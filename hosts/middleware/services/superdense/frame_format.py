@@ -12,7 +12,7 @@ import numpy as np
 from hosts.hardware.qnic import Symbols
 from hosts.middleware.services.superdense.alphabet import ALPHABETS, Alphabet
 from hosts.middleware.services.superdense.coding import CODES, NAMES, Code, deinterleave, interleave
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS, MAX_FRAME_BYTES
 from wire import dibits
 from wire.metadata import Fec, Reason, Setup

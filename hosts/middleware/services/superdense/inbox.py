@@ -1,9 +1,10 @@
 """The receiver's side of framing: what has come, what must come again."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from zlib import crc32
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hosts.hardware.qnic import Symbols
 from hosts.middleware.services.superdense.frame_format import FrameFormat
@@ -18,8 +19,8 @@ from wire import dibits
 from wire.metadata import Block, Frame, Report
 from wire.outcomes import NO_COINCIDENCE
 
-MAX_REMEMBERED = 16  # wrong versions of a frame, and blocks with symbols that came twice
-DIAGONAL = np.diag_indices(4)
+SYMBOLS = 4
+DIAGONAL = np.diag_indices(SYMBOLS)
 
 
 @dataclass
@@ -28,8 +29,8 @@ class _Incoming:
 
     frame: Frame
     symbols: Symbols
-    rejected: list[Symbols] = field(default_factory=list)  # earlier, wrong versions
-    spares: list[tuple[Slots, Symbols]] = field(default_factory=list)  # came more than once
+    # What else came for each place, wrong versions and symbols that came twice: (pairs, 4) counts.
+    besides: NDArray[np.uint32] | None = None
 
     @property
     def complete(self) -> bool:
@@ -43,8 +44,20 @@ class _Incoming:
         first[np.unique(index, return_index=True)[1]] = True
         first &= self.symbols[index] == NO_COINCIDENCE
         self.symbols[index[first]] = symbols[first]
-        if not first.all() and len(self.spares) < MAX_REMEMBERED:
-            self.spares.append((index[~first], symbols[~first]))
+        self._remember(index[~first], symbols[~first])
+
+    def begin_again(self) -> None:
+        """Wait for every place anew; what came is kept to be counted when the frame is right."""
+        self._remember(np.arange(self.symbols.size), self.symbols)
+        self.symbols = np.full(self.symbols.size, NO_COINCIDENCE, dtype=np.uint8)
+
+    def _remember(self, index: Slots, symbols: Symbols) -> None:
+        arrived = symbols != NO_COINCIDENCE
+        if arrived.any():
+            if self.besides is None:
+                self.besides = np.zeros((self.symbols.size, SYMBOLS), dtype=np.uint32)
+            cells = SYMBOLS * index[arrived] + symbols[arrived]
+            np.add.at(self.besides.reshape(-1), cells, 1)
 
 
 class Inbox:
@@ -66,7 +79,8 @@ class Inbox:
         self.symbols_seen = 0
         self.symbols_lost = 0
         self.repeated_frames = 0
-        self.confusion = np.zeros((4, 4), dtype=np.int64)  # symbols sent x received, where known
+        # Symbols sent x received, where known.
+        self.confusion = np.zeros((SYMBOLS, SYMBOLS), dtype=np.int64)
         self._as_sent: list[Symbols] = []  # of frames that came without an error, to be counted
 
     def block(self, block: Block, symbols: Symbols) -> Report:
@@ -196,7 +210,7 @@ class Inbox:
         data = self._format.to_bytes(incoming.symbols, incoming.frame.size)
         if crc32(data) != incoming.frame.crc32:
             return False
-        if incoming.rejected or incoming.spares or self._format.fills_losses:
+        if incoming.besides is not None or self._format.fills_losses:
             self._count(incoming, self._format.to_symbols(data))
         else:  # nothing was put right: what came is what was sent
             self._as_sent.append(incoming.symbols)
@@ -209,31 +223,31 @@ class Inbox:
         corrected = int(((incoming.symbols != sent) & ~lost).sum())
         self.corrected_symbols += corrected
         self.filled_symbols += int(lost.sum())
-        rejected = sum(int((version != sent).sum()) for version in incoming.rejected)
-        spare = sum(int((symbols != sent[index]).sum()) for index, symbols in incoming.spares)
-        self.symbol_errors += corrected + rejected + spare
-        for version in (incoming.symbols, *incoming.rejected):
-            self._tally(sent, version)
-        for index, symbols in incoming.spares:
-            self._tally(sent[index], symbols)
+        self.symbol_errors += corrected
+        self._tally(sent, incoming.symbols)
+        if incoming.besides is not None:
+            besides = np.array(
+                [incoming.besides[sent == symbol].sum(axis=0) for symbol in range(SYMBOLS)]
+            )
+            self.symbol_errors += int(besides.sum() - besides.trace())
+            self.confusion += besides.astype(np.int64)
 
     def _tally_as_sent(self) -> None:
         """Count the symbols of right frames, those of a block at once: one by one takes longer."""
         if self._as_sent:
             symbols = np.concatenate(self._as_sent)
-            counts = [np.count_nonzero(symbols == symbol) for symbol in range(4)]
+            counts = [np.count_nonzero(symbols == symbol) for symbol in range(SYMBOLS)]
             self.confusion[DIAGONAL] += counts
             self._as_sent.clear()
 
     def _tally(self, sent: Symbols, received: Symbols) -> None:
         arrived = received != NO_COINCIDENCE
-        cells = 4 * sent[arrived] + received[arrived]
-        self.confusion += np.bincount(cells, minlength=16).reshape(4, 4)
+        cells = SYMBOLS * sent[arrived] + received[arrived]
+        counts = np.bincount(cells, minlength=SYMBOLS * SYMBOLS)
+        self.confusion += counts.reshape(SYMBOLS, SYMBOLS)
 
     def _reset(self, number: int) -> Slots:
         incoming = self._frames[number]
         self.repeated_frames += 1
-        if len(incoming.rejected) < MAX_REMEMBERED:
-            incoming.rejected.append(incoming.symbols)
-        incoming.symbols = np.full(incoming.symbols.size, NO_COINCIDENCE, dtype=np.uint8)
+        incoming.begin_again()
         return self._slots.frame(number, incoming.frame.size)

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.options import (
     MAX_BLOCK_PAIRS,
     MAX_FRAME_BYTES,

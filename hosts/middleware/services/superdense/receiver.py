@@ -21,8 +21,8 @@ from hosts.hardware.qnic import Symbols
 from hosts.middleware.services.superdense.frame_format import FrameFormat, agreed_format
 from hosts.middleware.services.superdense.framing import FramingError
 from hosts.middleware.services.superdense.inbox import Inbox
-from hosts.middleware.session.channel import SessionError
 from hosts.middleware.session.encoding import agreed_encoding, from_bell_states
+from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.offers import check_light, offer_nothing_but_0
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS, MAX_FRAME_BYTES
 from wire.metadata import Answer, Block, Finish, Handshake, Reason, Report, Setup

@@ -22,8 +22,8 @@ from hosts.hardware.qnic import Symbols
 from hosts.middleware.services.superdense.frame_format import agreed_format
 from hosts.middleware.services.superdense.framing import BLOCKS_UNDER_WAY, FramingError
 from hosts.middleware.services.superdense.outbox import Outbox, OutgoingBlock
-from hosts.middleware.session.channel import SessionError
 from hosts.middleware.session.encoding import to_paulis
+from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS
 from hosts.timeouts import DARK_LIMIT_S
 from wire.metadata import SYMBOLS, Answer, Block, Handshake, Reason, Report, Setup

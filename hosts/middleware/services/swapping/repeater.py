@@ -1,18 +1,13 @@
-"""A repeater: a link to either side, and Bell measurements between them."""
+"""A repeater at work: it waits for both its sides at a time; protocol.py says what it does."""
 
 import asyncio
 from collections.abc import Coroutine
 from typing import Any, TypeVar
 
-import numpy as np
-
-from hosts.hardware.qnic import Qnic
-from hosts.middleware.services.swapping.bits import Bits, Swapped
-from hosts.middleware.services.swapping.link import IncomingLink, OutgoingLink
-from hosts.middleware.session.blocks import take
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.services.swapping.link import IncomingLink, OutgoingLink, to_the_left_of
+from hosts.middleware.services.swapping.protocol import Turn, joined
+from hosts.middleware.session.ends import ConnectionEnd
 from wire.device import SwapOrder
-from wire.metadata import Reason
 
 A = TypeVar("A")
 B = TypeVar("B")
@@ -23,101 +18,74 @@ class Repeater:
 
     def __init__(
         self,
-        qnic: Qnic,
+        connections: tuple[ConnectionEnd, ConnectionEnd],
         links: tuple[IncomingLink, OutgoingLink],
         order: SwapOrder,
         distinguishable_states: frozenset[int],
     ) -> None:
         """Join two open links as ordered; these Bell states are told apart here."""
-        self._qnic, self._order, self._distinguishable_states = qnic, order, distinguishable_states
-        self._left, self._right = links
+        self._order, self._distinguishable_states = order, distinguishable_states
+        self._left, self._right = connections
+        self._incoming, self._outgoing = links
 
     async def run(self) -> None:
         """Swap block after block until the opener ends it; raise SessionError if it fails."""
-        while (coming := await self._left.announced()) is not None:
+        while (coming := await self._left.perform(self._incoming.announced())) is not None:
             await self._swap(*coming)
-        await self._right.finish()
-        self._left.agree()
+        await self._right.perform(self._outgoing.finish())
+        await self._left.carry_out(self._incoming.agree())
 
     async def _swap(self, number: int, size: int) -> None:
-        pairs = await together(self._left.take(number, size), self._right.make(number, size))
-        turn = Turn(self._order)
-        await together(self._pass_on(number, turn), self._join(number, pairs, turn))
+        there = await together(
+            self._left.perform(self._incoming.take(number, size)),
+            self._right.perform(self._outgoing.make(number, size)),
+        )
+        turn, has_come = Turn(self._order), asyncio.Event()
+        if turn.has_come:  # there may be none to wait for
+            has_come.set()
+        await together(self._pass_on(number, turn, has_come), self._join(number, there, has_come))
 
-    async def _pass_on(self, number: int, turn: "Turn") -> None:
+    async def _pass_on(self, number: int, turn: Turn, has_come: asyncio.Event) -> None:
         """Pass on all that others tell of their swaps."""
-        await together(self._pass_right(number, turn), self._pass_left(number, turn))
+        await together(
+            self._pass_right(number, turn, has_come), self._pass_left(number, turn, has_come)
+        )
         turn.require()
 
-    async def _pass_right(self, number: int, turn: "Turn") -> None:
+    async def _pass_right(self, number: int, turn: Turn, has_come: asyncio.Event) -> None:
         """Pass the bits of all swaps to the left on, as they come."""
-        async for swapped in self._left.swapped(number, self._order.place):
-            self._right.say(number, swapped)
+        missing = to_the_left_of(self._order.place)
+        while missing:
+            swapped = await self._left.perform(self._incoming.swapped(number, missing))
+            await self._right.carry_out(self._outgoing.say(number, swapped))
             turn.heard(swapped.place)
+            if turn.has_come:
+                has_come.set()
 
-    async def _pass_left(self, number: int, turn: "Turn") -> None:
+    async def _pass_left(self, number: int, turn: Turn, has_come: asyncio.Event) -> None:
         """Pass notices of swaps to the right on, as they come; one may be for this place."""
         for _ in range(self._order.notices):
-            place, waiting = await self._right.notice(number)
-            if not 0 < waiting <= self._order.place < place:
-                text = f"notice of a swap at place {place} for place {waiting}"
-                raise SessionError(Reason.PROTOCOL, f"{text}, at place {self._order.place}")
-            if waiting == self._order.place:
-                turn.heard(place)
-            else:
-                self._left.notify(number, place, waiting)
+            place, waiting = await self._right.perform(self._outgoing.notice(number))
+            if turn.noticed(place, waiting):
+                await self._left.carry_out(self._incoming.notify(number, place, waiting))
+            if turn.has_come:
+                has_come.set()
 
-    async def _join(self, number: int, pairs: tuple[int, int], turn: "Turn") -> None:
-        """Swap when it is this repeater's turn, and tell those who have to know."""
-        order = self._order
-        await turn.has_come()
-        self._right.say(number, await self._measure(number, *pairs))
+    async def _join(self, number: int, there: tuple[int, int], has_come: asyncio.Event) -> None:
+        """Swap when it is this repeater's turn, and tell those who have to know.
+
+        Whoever hears of the others has a deadline.
+        """
+        order, links = self._order, (self._incoming, self._outgoing)
+        await has_come.wait()
+        names = links[0].block(number), links[1].block(number)
+        since_ns = links[0].since_ns, links[1].since_ns
+        states = self._distinguishable_states
+        swapped = await self._right.perform(joined(names, there, since_ns, order.place, states))
+        await self._right.carry_out(self._outgoing.say(number, swapped))
         if order.tell_left:
-            self._left.notify(number, order.place, order.tell_left)
-
-    async def _measure(self, number: int, left: int, right: int) -> Swapped:
-        """Join the first pairs of both sides, and let go of the rest of either."""
-        size, place = min(left, right), self._order.place
-        names = self._left.block(number), self._right.block(number)
-        for name, there in zip(names, (left, right), strict=True):
-            if size < there:
-                await take(self._qnic, name, {name: np.arange(size)})
-        if not size:
-            return Swapped(
-                place,
-                0,
-                Bits.of_outcomes(np.zeros(0, dtype=np.uint8), self._distinguishable_states),
-            )
-        found = await self._qnic.coincidences(*names)
-        waited_ns = found.time_ns - (self._left.since_ns + self._right.since_ns) // 2
-        bits = Bits.of_outcomes(found.outcomes, self._distinguishable_states)
-        return Swapped(place, max(waited_ns // 1000, 0), bits)
-
-
-class Turn:
-    """When a repeater swaps a block: after those that it has been ordered to wait for."""
-
-    def __init__(self, order: SwapOrder) -> None:
-        """Wait for all of them."""
-        self._missing = {order.after_left, order.after_right} - {0}
-        self._come = asyncio.Event()
-        self.heard(0)  # of nobody: there may be none to wait for
-
-    def heard(self, place: int) -> None:
-        """Note that the repeater at this place has swapped."""
-        self._missing.discard(place)
-        if not self._missing:
-            self._come.set()
-
-    def require(self) -> None:
-        """Raise SessionError if somebody has not swapped, now that all have told."""
-        if self._missing:
-            text = f"nothing was heard of swaps at {sorted(self._missing)}, which come first"
-            raise SessionError(Reason.PROTOCOL, text)
-
-    async def has_come(self) -> None:
-        """Return when all have swapped; whoever hears of them has a deadline."""
-        await self._come.wait()
+            notice = self._incoming.notify(number, order.place, order.tell_left)
+            await self._left.carry_out(notice)
 
 
 async def together(one: Coroutine[Any, Any, A], other: Coroutine[Any, Any, B]) -> tuple[A, B]:

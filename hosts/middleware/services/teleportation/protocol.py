@@ -20,7 +20,7 @@ import numpy as np
 from hosts.hardware.qnic import Symbols
 from hosts.middleware.services.teleportation import qubit_states
 from hosts.middleware.services.teleportation.qubit_states import Heard, States
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.values import Numbers, expect, values
 from wire.metadata import Reason, Setup, Topic, Values
 from wire.outcomes import NO_COINCIDENCE

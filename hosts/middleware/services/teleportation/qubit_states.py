@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hosts.hardware.qnic import Directions, Symbols
-from hosts.middleware.session.channel import SessionError
+from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.values import Numbers, expect, values
 from wire.metadata import Reason, Topic, Values
 

@@ -24,7 +24,7 @@ class Known:
     def set(self, device: str, settings: dict[str, int | None]) -> list[Any]:
         return [device, settings]
 
-    sessions = paths = reload_policy = devices
+    sessions = paths = keys = reload_policy = devices
 
 
 @pytest.mark.parametrize(
@@ -73,7 +73,7 @@ def test_devices_are_shown_with_what_they_have_announced() -> None:
     switch = {"name": "q1", "kind": "quantum-switch"}
     devices = [switch, *({"name": name, "kind": "host"} for name in ("alice", "bob"))]
     told = {"features": ["store"], "memory_qubits": 32}
-    shown = Facts(Knowing({"alice": told}), Knowing(devices)).devices()
+    shown = Facts(Knowing({"alice": told}), Knowing(devices), None).devices()
     assert shown == [
         switch,
         {"name": "alice", "kind": "host", **told},

@@ -1,0 +1,154 @@
+"""Key relays: hears what key managers have, and chooses by whom keys of others are relayed.
+
+Key managers speak as node agents do (wire.key_routes), and their datagrams take the same way:
+up from the classical switch of their host, and back by it. All state belongs to this app's thread.
+"""
+
+import time
+from dataclasses import dataclass
+from typing import Any
+
+from controller_apps.console.questions import EventQuestion, Refused, reply
+from controller_apps.devices.hosts_state import Place
+from controller_apps.keys.key_network import KeyNetwork, NoRoute
+from controller_apps.keys.view import keys_view
+from controller_apps.openflow import flow_entries
+from controller_apps.openflow.framework import DEAD, MAIN, App, ofp_event, ofproto, on
+from controller_apps.packets.datagrams import CONTROLLER_MAC, Frame, is_udp
+from controller_apps.policy.policy import BadPolicy, read_policy
+from controller_apps.record import Record
+from wire.config import ControllerConfig
+from wire.device import DEVICE_PORT, Datagram, host_of, open_sealed
+from wire.key_routes import (
+    FROM_KEY_MANAGER,
+    KEY_AGENT_PORT,
+    TO_KEY_MANAGER,
+    Hop,
+    KeyLinks,
+    KeyRoute,
+    KeyRouteRequest,
+    route_tag,
+)
+from wire.metadata import Answer, MalformedPacket, Message, Reason
+
+
+@dataclass(frozen=True)
+class Heard:
+    """What a key manager has said, and where."""
+
+    host: str
+    place: Place
+    message: Message
+
+
+class KeyRelays(App):
+    """Knows the key links of the network."""
+
+    OFP_VERSIONS = (ofproto.OFP_VERSION,)
+
+    def __init__(self, config: ControllerConfig, record: Record, **contexts: Any) -> None:
+        super().__init__(**contexts)
+        self.quantum_switches = frozenset(config.quantum_switches.values())
+        self.address, self.policy_path = config.address, config.policy
+        self.keys, self.addresses = config.device_keys, config.addresses
+        self.record = record
+        self.datapaths: dict[int, Any] = {}
+        names = {address: host for host, address in config.addresses.items()}
+        self.network = KeyNetwork(names, read_policy(config.policy))
+        self._numbers: dict[str, int] = {}  # of the last datagram that was taken, by host
+        self._number = 0
+
+    @on(ofp_event.EventOFPStateChange, MAIN, DEAD)
+    def switch_changed(self, event: Any) -> None:
+        """Note which switches are connected."""
+        datapath = event.datapath
+        dpid = datapath.id
+        if event.state == MAIN:
+            self.datapaths[dpid] = datapath
+        elif self.datapaths.get(dpid) is datapath:
+            del self.datapaths[dpid]
+
+    @on(ofp_event.EventOFPPacketIn, MAIN)
+    def packet_arrived(self, event: Any) -> None:
+        """Take in the datagrams of key managers; the rest is not ours."""
+        message, frame = event.msg, bytes(event.msg.data)
+        classical = message.datapath.id not in self.quantum_switches
+        if not classical or message.table_id != flow_entries.METADATA_TABLE or not is_udp(frame):
+            return
+        try:
+            datagram = Frame.decode(frame)
+            if datagram.source_port != KEY_AGENT_PORT:
+                return  # of a node agent
+            heard = self._open(message, datagram)
+        except MalformedPacket as error:
+            self.logger.info("dropped: %s", error)
+            return
+        self._take_in(heard)
+
+    def _open(self, message: Any, frame: Frame) -> Heard:
+        host = host_of(frame.payload)
+        if host not in self.keys or host not in self.addresses:
+            raise MalformedPacket(f"no device key for {host!r}")
+        datagram = open_sealed(frame.payload, self.keys[host], FROM_KEY_MANAGER)
+        if datagram.number <= self._numbers.get(host, 0):
+            raise MalformedPacket(f"{host}: number {datagram.number} was used before")
+        self._numbers[host] = datagram.number
+        in_port = message.match["in_port"]
+        place = Place(message.datapath.id, in_port, frame.source_mac, frame.source)
+        return Heard(host, place, datagram.message)
+
+    def _take_in(self, heard: Heard) -> None:
+        address, now = self.addresses[heard.host], time.monotonic()
+        match heard.message:
+            case KeyLinks(_, links):
+                self.network.take(address, links, now)
+            case KeyRouteRequest() as request:
+                self._send(heard, self._answer(heard.host, address, request, now))
+            case other:
+                self.logger.info("dropped: %s of a key manager", type(other).__name__)
+
+    def _answer(self, host: str, address: str, request: KeyRouteRequest, now: float) -> Message:
+        fields = {"master": request.master, "slave": request.slave, "stored": request.stored}
+        try:
+            nodes, stored = self.network.serve(address, request, now)
+        except NoRoute as error:
+            self.logger.info("no route of keys for %s: %s", host, error)
+            self.record.write("key-route", host=host, **fields, text=str(error))
+            return Answer(request.session, Reason.NOT_ALLOWED, str(error))
+        route = [self.network.names[node] for node in nodes]
+        self.record.write("key-route", host=host, **fields, route=route)
+        issued_ns = time.time_ns()
+        first, *others = nodes
+        tags = [route_tag(self.keys[self.network.names[node]], issued_ns, nodes) for node in others]
+        hops = [Hop(first), *(Hop(*each) for each in zip(others, tags, strict=True))]
+        return KeyRoute(request.session, issued_ns, stored, tuple(hops))
+
+    def _send(self, heard: Heard, message: Message) -> None:
+        place = heard.place
+        datapath = self.datapaths.get(place.dpid)
+        if datapath is None:
+            return  # its switch is gone
+        self._number = max(self._number + 1, time.time_ns())
+        datagram = Datagram(message, heard.host, self._number)
+        payload = datagram.seal(self.keys[heard.host], TO_KEY_MANAGER)
+        ends = self.address, place.address
+        ports = DEVICE_PORT, KEY_AGENT_PORT
+        frame = Frame(CONTROLLER_MAC, place.mac, *ends, *ports, payload)
+        out = flow_entries.packet_out(datapath, ofproto.OFPP_CONTROLLER, place.port, frame.encode())
+        datapath.send_msg(out)
+
+    @on(EventQuestion)
+    def asked(self, question: Any) -> None:
+        """Answer what another thread wants to know."""
+        handlers = {
+            "keys": lambda: keys_view(self.network, time.monotonic()),
+            "reload": self._reload_policy,
+        }
+        reply(question, handlers)
+
+    def _reload_policy(self) -> str:
+        try:
+            self.network.policy = read_policy(self.policy_path)
+        except BadPolicy as error:
+            raise Refused(f"{error}; the policy before stays in force") from error
+        return self.policy_path

@@ -1,0 +1,1 @@
+"""Keys of the whole network, as the controller knows it: links, routes, applications."""

@@ -1,0 +1,81 @@
+"""The features that hosts have announced, compared with those that a session needs.
+
+A host that has announced nothing of it (one that is not ours) is taken to be able to everything,
+with a memory for any block: what it cannot do, it refuses itself.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from controller_apps.light.paths import Network
+from wire.features import EMIT, INTERFERE, STORE, Feature, names
+from wire.metadata import Reason, Service, Setup
+from wire.services import WANT_OF, Making, Role, making, needs
+
+HALVES = 2  # that a repeater keeps of each pair it makes, and that its memory has to take
+ENDS = (Role.OPENER, Role.ACCEPTOR)
+
+
+@dataclass(frozen=True)
+class Want:
+    """A host without a feature that a session needs of it."""
+
+    address: str
+    feature: Feature
+    role: Role
+
+    @property
+    def reason(self) -> Reason:
+        """Return why the session is refused."""
+        return WANT_OF[self.feature]
+
+    def __str__(self) -> str:
+        """Return it for the log."""
+        return f"{self.address} lacks {names(self.feature)}, which its {self.role.value} needs"
+
+
+def first_want(setup: Setup, hosts: Mapping[Role, str], network: Network) -> Want | None:
+    """Return what the first of the hosts lacks for its role, None if nothing."""
+    by = making(setup, hosts[Role.OPENER])
+    wants = (
+        _want(network, address, role, needs(Service(setup.service), role, by))
+        for role, address in hosts.items()
+    )
+    return next(filter(None, wants), None)
+
+
+def want_of_repeater(network: Network, address: str, by: Making = Making.SOURCE) -> Want | None:
+    """Return what a host lacks to be a repeater, None if nothing; `by`: who makes its pairs."""
+    want = _want(network, address, Role.REPEATER, needs(Service.SWAP, Role.REPEATER, by))
+    known = network.node_features_of(address)
+    if want is None and known is not None and known.memory_qubits < HALVES:
+        return Want(address, STORE, Role.REPEATER)
+    return want
+
+
+def is_station(network: Network, address: str) -> bool:
+    """Tell whether a host is known to herald pairs of others, and to make none itself."""
+    known = network.node_features_of(address)
+    return known is not None and INTERFERE in known.features and EMIT not in known.features
+
+
+def block_pairs(
+    setup: Setup, hosts: Mapping[Role, str], repeaters: Iterable[str], network: Network
+) -> int:
+    """Return how many pairs a block may have: what is asked for, or what all memories take."""
+    service = Service(setup.service)
+    keeping = [hosts[role] for role in ENDS if STORE in needs(service, role)]
+    taken = [(address, 1) for address in keeping] + [(address, HALVES) for address in repeaters]
+    known = [(network.node_features_of(address), qubits) for address, qubits in taken]
+    limits = (
+        node_features.memory_qubits // qubits for node_features, qubits in known if node_features
+    )
+    return min([setup.pairs, *limits])
+
+
+def _want(network: Network, address: str, role: Role, needed: Feature) -> Want | None:
+    known = network.node_features_of(address)
+    if known is None:
+        return None
+    missing = next(iter(needed & ~known.features), None)
+    return None if missing is None else Want(address, missing, role)

@@ -1,0 +1,1 @@
+"""Where switches come in by TLS, before the framework that serves them."""

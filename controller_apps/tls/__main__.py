@@ -1,0 +1,44 @@
+"""`python -m controller_apps.tls --config FILE`: let switches in to the controller by TLS."""
+
+import argparse
+import asyncio
+import logging
+import signal
+import sys
+from pathlib import Path
+
+import uvloop
+
+from controller_apps.tls.entrance import Entrance
+from wire.config import BadConfig, EntranceConfig
+
+
+async def serve(config: EntranceConfig) -> None:
+    """Serve until SIGTERM or SIGINT."""
+    stop = asyncio.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        asyncio.get_running_loop().add_signal_handler(number, stop.set)
+    entrance = Entrance(config)
+    await entrance.open()
+    print("ready", flush=True)
+    await stop.wait()
+    entrance.close()
+
+
+def main() -> int:
+    """Return 0 after a signal, 1 if the entrance cannot be."""
+    parser = argparse.ArgumentParser(prog="controller_apps.tls", description=__doc__)
+    parser.add_argument("--config", type=Path, required=True, help="written by the runner")
+    logging.basicConfig(
+        stream=sys.stderr, level=logging.INFO, format="%(asctime)s %(name)s: %(message)s"
+    )
+    try:
+        uvloop.run(serve(EntranceConfig.read(parser.parse_args().config)))
+    except (BadConfig, OSError) as error:
+        print(f"entrance: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

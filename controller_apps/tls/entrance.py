@@ -1,0 +1,91 @@
+"""The controller's entrance for TLS: switches with a certificate of the run, each as itself.
+
+    switch === TLS === entrance --- TCP, loopback of c0's namespace --- Ryu or os-ken
+
+It stands before the frameworks because neither writes a key log, neither asks whose certificate a
+datapath id comes with, and both read and write one TLS connection from two threads.
+"""
+
+import asyncio
+import contextlib
+import logging
+from asyncio import StreamReader, StreamWriter
+from collections.abc import Coroutine
+from typing import Any
+
+from controller_apps.timeouts import CONNECT_TIMEOUT_S
+from controller_apps.tls.switch_messages import Impostor, SwitchMessages
+from wire.config import EntranceConfig
+from wire.credentials import certified_names
+from wire.metadata import MalformedPacket
+
+CHUNK_BYTES = 1 << 16
+
+log = logging.getLogger("entrance")
+
+
+class Entrance:
+    """Takes in switches, and speaks for each with the framework."""
+
+    def __init__(self, config: EntranceConfig) -> None:
+        self._config = config
+        self._servers: list[asyncio.Server] = []
+
+    async def open(self) -> None:
+        """Take in switches from now on; raise OSError for an address that cannot be had."""
+        context = self._config.credentials.server(self._config.key_log)
+        for address in self._config.listen:
+            host, _, port = address.rpartition(":")
+            self._servers.append(
+                await asyncio.start_server(
+                    self._welcome,
+                    host,
+                    int(port),
+                    ssl=context,
+                    ssl_handshake_timeout=CONNECT_TIMEOUT_S,
+                )
+            )
+
+    def close(self) -> None:
+        """Take in nobody any more."""
+        for server in self._servers:
+            server.close()
+
+    async def _welcome(self, reader: StreamReader, writer: StreamWriter) -> None:
+        names = certified_names(writer.get_extra_info("peercert"))
+        known = self._config.datapath_ids
+        messages = SwitchMessages({known[name] for name in names & known.keys()})
+        host, _, port = self._config.controller.rpartition(":")
+        with contextlib.closing(writer):
+            try:
+                inner = await asyncio.open_connection(host, int(port))
+                with contextlib.closing(inner[1]):
+                    await first_end(
+                        passed_on(reader, inner[1], messages), passed_on(inner[0], writer)
+                    )
+            except (Impostor, MalformedPacket) as error:
+                log.warning("%s, certified as %s: sent away", error, ", ".join(sorted(names)))
+            except OSError as error:
+                log.info("connection of %s ended: %s", ", ".join(sorted(names)), error)
+
+
+async def passed_on(
+    reader: StreamReader, writer: StreamWriter, messages: SwitchMessages | None = None
+) -> None:
+    """Pass on what comes until its end; of a switch, whole messages."""
+    while data := await reader.read(CHUNK_BYTES):
+        writer.write(messages.feed(data) if messages is not None else data)
+        await writer.drain()
+
+
+async def first_end(*directions: Coroutine[Any, Any, None]) -> None:
+    """Let both directions run until one of them ends; raise what has ended it."""
+    tasks = [asyncio.create_task(direction) for direction in directions]
+    try:
+        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+    for task in done:
+        task.result()

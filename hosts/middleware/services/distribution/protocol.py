@@ -1,0 +1,279 @@
+"""The protocol of entanglement distribution at both ends: no socket, no clock.
+
+The opener decides, block by block, by what it has measured; the acceptor follows. How new blocks
+come to both ends is for others to say (sharing.py, and swapping, whose pairs come by repeaters).
+"""
+
+from collections.abc import Callable
+from math import ceil, inf
+
+import numpy as np
+
+from hosts.middleware.services.distribution.options import MAX_ROUNDS, DistributeOptions
+from hosts.middleware.services.distribution.pairs import Pairs
+from hosts.middleware.services.distribution.purification import PHOTONS, Protocol
+from hosts.middleware.session import node_features
+from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.lifetimes import NUMBERS, Lifetimes
+from hosts.middleware.session.protocol import HostSide, Now, OpenerSide, Steps, Tell, hear, request
+from hosts.middleware.session.values import expect
+from hosts.timeouts import MAX_BLOCK_S
+from wire.features import GATE, MEASURE
+from wire.metadata import Reason, Topic, Values
+
+MAX_NUMBER = (1 << 32) - 1
+LEAST_SAMPLE = 30  # pairs; of which a fidelity is told
+LEAST_JUDGED = 300  # pairs; by which it is decided whether the fidelity wanted is reached
+MOST_EMITTED = 1_000_000  # pairs, and so many more for each that is wanted:
+MOST_EMITTED_EACH = 1000
+MOST_DROPPED, MOST_DROPPED_EACH = 100, 10  # pairs, for their age
+MOST_DARK = 10  # blocks in a row of which nothing arrives
+MARGIN = 1.05  # of light beyond what is expected to be needed
+
+
+Make = Callable[[Pairs, int, int], Steps[None]]  # a block, by its number and size
+Share = Callable[[Pairs, Values], Steps[None]]  # what has been announced
+
+
+class Opening:
+    """What the opener does: it decides, and the acceptor follows."""
+
+    def __init__(
+        self, side: OpenerSide, options: DistributeOptions, make: Make, started_s: float
+    ) -> None:
+        """Begin with no pairs."""
+        self._side, self._options, self._make = side, options, make
+        self._protocol = Protocol[options.purification.upper()]
+        self._pairs = Pairs(side, half=0, started_s=started_s)
+        self._pairs.rounds = options.rounds or 0
+        self._number = self._dark = 0
+        self._size = 1
+        judged = LEAST_JUDGED if options.fidelity else LEAST_SAMPLE
+        self._least_sample = judged if options.sample else 0
+        self._capacity = node_features.capacity(side)
+
+    def run(self) -> Steps[Pairs]:
+        """Make pairs until there are as many, and as good ones, as are wanted; deliver them."""
+        pairs, count = self._pairs, self._options.count
+        self._require_node_features()
+        while not (yield from self._are_ready()):
+            if self._judged and self._too_noisy:
+                yield from self._purify_once_more()
+            else:
+                yield from self._acquire()
+            yield from self._tell(min(pairs.available, count))
+        ours = self._side.lifetimes
+        yield from request(self._side.words(Topic.DELIVER, 0, [count, *ours.numbers()], 32))
+        yield from pairs.deliver(count, self._side.their_lifetimes)
+        yield from self._tell(count)
+        return pairs
+
+    def _are_ready(self) -> Steps[bool]:
+        """Return whether there are as many as are wanted when those too old are dropped."""
+        if self._short or self._too_noisy:
+            return False
+        if self._cutoff_s < inf:
+            yield from self._drop_old()
+        return not self._short
+
+    @property
+    def _short(self) -> bool:
+        return self._pairs.available < self._options.count or not self._judged
+
+    @property
+    def _cutoff_s(self) -> float:
+        """Return how old pairs may get in the memory that keeps them for the shorter time."""
+        return min(self._side.lifetimes.cutoff_s, self._side.their_lifetimes.cutoff_s)
+
+    def _drop_old(self) -> Steps[None]:
+        """Keep what both ends still hold; raise SessionError if nothing ever is."""
+        side, pairs = self._side, self._pairs
+        for number, portion in list(pairs.blocks.items()):
+            held = yield from pairs.held(number)
+            yield side.say(Topic.ARRIVED, number, held, 1)
+            theirs = yield from hear(Topic.ARRIVED, number, portion.size, 1)
+            yield from pairs.drop_old(number, held & theirs.astype(bool))
+        if pairs.dropped > MOST_DROPPED + MOST_DROPPED_EACH * self._options.count:
+            raise SessionError(
+                Reason.NO_LIGHT,
+                f"{pairs.dropped} pairs were older than {self._cutoff_s:g} s before there were "
+                f"{self._options.count}: choose {self._longer}, or ask for fewer at a time",
+            )
+
+    @property
+    def _longer(self) -> str:
+        told = "memory.cutoff_s, or what the controller has set"
+        return f"a longer cut-off than {self._cutoff_s:g} s ({told})"
+
+    def _require_node_features(self) -> None:
+        """Raise SessionError before any light for what cannot come to a good end."""
+        options = self._options
+        node_features.require_capacity(self._side, options.count, self._spare)
+        if options.sample:
+            node_features.require(self._side, MEASURE, "an estimate", "choose sample 0")
+        if options.rounds:
+            self._require_gates()
+
+    def _require_gates(self) -> None:
+        remedy = "ask for less fidelity, use a better source, or take hosts with gates"
+        node_features.require(self._side, GATE | MEASURE, "purification", remedy)
+
+    @property
+    def _spare(self) -> int:
+        """Return for how many pairs there must be room to go on, beside those that are there."""
+        rounds = self._pairs.rounds
+        return PHOTONS**rounds if self._options.sample or rounds else 0
+
+    @property
+    def _judged(self) -> bool:
+        """Return whether enough has been sacrificed to know the fidelity."""
+        estimate = self._pairs.estimate
+        known = estimate.fidelity is not None or not self._least_sample
+        return known and estimate.total >= self._least_sample
+
+    @property
+    def _too_noisy(self) -> bool:
+        fidelity = self._pairs.estimate.fidelity
+        return fidelity is not None and fidelity < self._options.fidelity
+
+    def _tell(self, count: int) -> Steps[None]:
+        yield Tell(self._pairs.summary((yield Now())) | {"pairs": count})
+
+    def _acquire(self) -> Steps[None]:
+        """Have another block of light made, and bring its pairs to where the others are."""
+        pairs = self._pairs
+        node_features.require_capacity(self._side, pairs.available, self._spare)
+        self._number, self._size = self._number + 1, self._next_size()
+        yield from self._make(pairs, self._number, self._size)
+        self._dark = 0 if self._number in pairs.blocks else self._dark + 1
+        self._require_hope()
+        yield from self._bring_up(self._number)
+
+    def _next_size(self) -> int:
+        """Return how much light is worth asking for, by what has come of it so far."""
+        pairs, share = self._pairs, self._options.sample
+        room = self._capacity - pairs.available
+        most = min(self._side.setup.pairs, int(self._side.setup.rate_hz * MAX_BLOCK_S), room)
+        missing = max(self._options.count - pairs.available, 0)
+        unsampled = max(self._least_sample - pairs.estimate.total, 0)
+        good = pairs.available + pairs.estimate.total
+        if not pairs.emitted:
+            kept = float(PHOTONS) ** -pairs.rounds
+        elif good:
+            kept = good / pairs.emitted
+        else:
+            more = 4 if self._cutoff_s == inf else 1  # pairs of more light are older
+            return max(1, min(most, more * self._size))
+        # What is beyond the pairs that are wanted is sacrificed, and of each block its share.
+        wanted = max(missing + unsampled, missing / (1 - share))
+        return max(1, min(most, ceil(MARGIN * wanted / kept) + 1))
+
+    def _bring_up(self, number: int) -> Steps[None]:
+        """Purify a block as often as the others, and sacrifice a share of what is left."""
+        side, blocks = self._side, self._pairs.blocks
+        while number in blocks and blocks[number].rounds < self._pairs.rounds:
+            seed = int(side.draws.integers(MAX_NUMBER))
+            yield side.say(Topic.PURIFY, number, [self._protocol, seed], 32)
+            yield from self._pairs.purify(number, self._protocol, seed)
+        if number in blocks:
+            yield from self._sample(number, blocks[number].size)
+
+    def _sample(self, number: int, size: int) -> Steps[None]:
+        """Choose pairs and bases, each basis as often as the others, and measure."""
+        side, measured = self._side, self._pairs.estimate.total
+        count = int(self._options.sample * size + side.draws.random())
+        needless = self._pairs.available - self._options.count
+        count = max(count, min(size, needless, self._least_sample - measured))
+        if not count:
+            return
+        chosen = np.zeros(size, dtype=bool)
+        chosen[side.draws.choice(size, count, replace=False)] = True
+        bases = side.draws.permutation((np.arange(count) + measured) % 3).astype(np.uint8)
+        yield side.say(Topic.SAMPLE, number, chosen, 1)
+        yield side.say(Topic.BASES, number, bases, 2)
+        yield from self._pairs.sample(number, chosen, bases)
+
+    def _purify_once_more(self) -> Steps[None]:
+        """Purify all pairs once more; raise SessionError if that may not or cannot help."""
+        settled = self._protocol == Protocol.NONE or self._options.rounds is not None
+        interval = self._pairs.estimate.interval
+        hopeless = not self._pairs.rounds and interval is not None and interval[1] <= 0.5
+        if not settled and not hopeless:
+            self._require_gates()
+        if settled or hopeless or self._pairs.rounds == MAX_ROUNDS:
+            remedy = "pairs of 0.5 or less cannot be purified" if hopeless else self._remedy()
+            raise self._not_reached(remedy)
+        self._pairs.rounds += 1
+        for number in list(self._pairs.blocks):
+            yield from self._bring_up(number)
+
+    def _remedy(self) -> str:
+        if self._protocol == Protocol.NONE:
+            return "allow purification (bbpssw or dejmps)"
+        if self._pairs.rounds == MAX_ROUNDS:
+            return "more rounds are not made"
+        return f"allow more rounds (at most {MAX_ROUNDS})"
+
+    def _require_hope(self) -> None:
+        """Raise SessionError if all the light that may be asked for has been in vain."""
+        pairs, count = self._pairs, self._options.count
+        if self._dark == MOST_DARK:
+            text = f"no pair of the last {MOST_DARK} blocks of light has arrived at both ends"
+            remedy = "see that fibres are whole, and the loss"
+            if self._cutoff_s < inf:
+                remedy += f", or choose {self._longer}"
+            raise SessionError(Reason.NO_LIGHT, f"{text}: {remedy}")
+        if pairs.emitted > MOST_EMITTED + MOST_EMITTED_EACH * count:
+            reason = Reason.TOO_NOISY if pairs.rounds else Reason.NO_LIGHT
+            raise SessionError(
+                reason,
+                f"{pairs.available} of {count} pairs after {pairs.emitted} were made, of which "
+                f"{pairs.shared} arrived at both ends, and {pairs.rounds} rounds of purification: "
+                "use fibres of less loss or a better source, or ask for less fidelity",
+            )
+
+    def _not_reached(self, remedy: str) -> SessionError:
+        estimate = self._pairs.estimate
+        low, high = estimate.interval or (0.0, 1.0)
+        reached = f"{estimate.fidelity:.4f}" if estimate.fidelity is not None else "an unknown one"
+        return SessionError(
+            Reason.TOO_NOISY,
+            f"fidelity {self._options.fidelity} is wanted, {reached} (95 %: {low:.4f} to "
+            f"{high:.4f}) is reached after {self._pairs.rounds} rounds of purification: {remedy}, "
+            "or ask for less, or use a better source, fibres and memories",
+        )
+
+
+def follow(side: HostSide, share: Share, started_s: float) -> Steps[Pairs]:
+    """Do what the opener says until it delivers; new blocks are shared in this way."""
+    pairs = Pairs(side, half=1, started_s=started_s)
+    while (message := (yield from side.next_values())) is not None:
+        number = message.block
+        if message.topic == Topic.COMING:
+            yield from share(pairs, message)
+        elif message.topic == Topic.PURIFY:
+            protocol, seed = expect(message, Topic.PURIFY, number, 2, MAX_NUMBER).tolist()
+            if protocol not in (Protocol.BBPSSW, Protocol.DEJMPS):
+                raise SessionError(Reason.UNSUPPORTED, f"purification by protocol {protocol}")
+            yield from pairs.purify(number, Protocol(protocol), seed)
+        elif message.topic == Topic.ARRIVED:
+            size = pairs.portion(number).size
+            theirs = expect(message, Topic.ARRIVED, number, size, 1).astype(bool)
+            held = yield from pairs.held(number)
+            yield side.say(Topic.ARRIVED, number, held, 1)
+            yield from pairs.drop_old(number, held & theirs)
+        elif message.topic == Topic.SAMPLE:
+            size = pairs.portion(number).size
+            chosen = expect(message, Topic.SAMPLE, number, size, 1).astype(bool)
+            count = int(np.count_nonzero(chosen))
+            if not count:
+                raise SessionError(Reason.PROTOCOL, f"an empty sample of block {number}")
+            bases = yield from hear(Topic.BASES, number, count, 2)
+            yield from pairs.sample(number, chosen, bases.astype(np.uint8))
+        else:
+            told = expect(message, Topic.DELIVER, 0, 1 + NUMBERS, MAX_NUMBER).tolist()
+            yield from pairs.deliver(told[0], Lifetimes.of(told[1:], side.peer))
+            yield side.agree()
+            return pairs
+        yield Tell(pairs.summary((yield Now())))
+    raise SessionError(Reason.PROTOCOL, "the session was ended before pairs were delivered")

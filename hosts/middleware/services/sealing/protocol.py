@@ -1,0 +1,120 @@
+"""The protocol of a tamper seal at both ends: no socket, no clock."""
+
+import numpy as np
+
+from hosts.hardware.qnic import Qnic, Symbols
+from hosts.middleware.services.key_distribution.light import (
+    measured,
+    measuring,
+    random_bases,
+    turned_back,
+)
+from hosts.middleware.services.sealing.options import SealOptions
+from hosts.middleware.services.sealing.sequential_test import SequentialTest
+from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.protocol import (
+    Emit,
+    HostSide,
+    OpenerSide,
+    Steps,
+    Tell,
+    do,
+    hear,
+)
+from wire.metadata import Reason, Topic
+from wire.outcomes import NO_COINCIDENCE
+
+MOST_DARK = 5  # blocks in a row of which no pair can be compared
+
+
+class Watch:
+    """What the opener of a seal knows of the fibre so far."""
+
+    def __init__(self, side: OpenerSide, options: SealOptions) -> None:
+        """Begin with nothing seen."""
+        self._side, self._options = side, options
+        self._test = SequentialTest(options.question)
+        self._blocks = self._emitted = self._dark = 0
+        self._compared, self._errors = np.zeros(2, np.int64), np.zeros(2, np.int64)  # in Z, X
+
+    def run(self) -> Steps[None]:
+        """Watch until there is an alarm, or enough was seen."""
+        while not self._test.alarm and self._test.compared < self._options.count:
+            yield from self._look()
+            yield Tell(self.summary(), at_the_end=False)
+
+    def _look(self) -> Steps[None]:
+        """Have a block of pairs made, and compare."""
+        size, number = self._side.setup.pairs, self._blocks
+        bases = random_bases(self._side, size)
+        mine = yield from self._measure(number, bases)
+        self._blocks, self._emitted = number + 1, self._emitted + size
+        theirs = yield from hear(Topic.BASES, number, size, 1)
+        outcomes = yield from hear(Topic.OUTCOMES, number, size, NO_COINCIDENCE)
+        there = (mine != NO_COINCIDENCE) & (outcomes != NO_COINCIDENCE) & (bases == theirs)
+        self._require_light(bool(there.any()))
+        differ = (mine != outcomes)[there]
+        seen = self._test.compared
+        self._test.add(differ)
+        told = self._test.compared - seen  # what comes after an alarm is not looked at
+        self._compared += np.bincount(bases[there][:told], minlength=2)
+        self._errors += np.bincount(bases[there][:told][differ[:told]], minlength=2)
+
+    def _measure(self, number: int, bases: Symbols) -> Steps[Symbols]:
+        """Return what was found of the halves of a new block."""
+        side, size = self._side, bases.size
+        if side.is_source:  # it keeps this half
+            yield from side.pairs(number, size)
+            yield side.say(Topic.OVER, number, [], 1)
+            return (yield from do(Qnic.measure, side.block(number), bases))
+        yield from side.announce(number, size)
+        light = yield from measuring(side, side.block(number), bases)
+        yield Emit(number, size)
+        yield side.say(Topic.OVER, number, [], 1)
+        return (yield from measured(side, light, size))
+
+    def _require_light(self, seen: bool) -> None:
+        self._dark = 0 if seen else self._dark + 1
+        if self._dark == MOST_DARK:
+            text = f"of the last {MOST_DARK} blocks no pair was found in equal bases at both ends"
+            raise SessionError(Reason.NO_LIGHT, f"{text}: see that fibres are whole, and the loss")
+
+    def summary(self) -> dict[str, object]:
+        """Return what the application is told."""
+        question, test = self._options.question, self._test
+        compared, errors = int(self._compared.sum()), int(self._errors.sum())
+        both = [
+            1 - 2 * int(wrong) / int(all_) if all_ else None
+            for wrong, all_ in zip(self._errors, self._compared, strict=True)
+        ]
+        return {
+            "alarm": test.alarm,
+            "compared": test.compared,
+            "emitted": self._emitted,
+            "error_rate": errors / compared if compared else None,
+            "visibility_z": both[0],
+            "visibility_x": both[1],
+            "tests_whole": test.whole,
+            "score": test.score,
+            "score_of_alarm": question.bounds[1],
+            "false_alarm": question.false_alarm,
+            "missed": question.missed,
+            "light_s": self._emitted / self._side.setup.rate_hz,
+        }
+
+
+def answer(side: HostSide) -> Steps[None]:
+    """Measure the other half of each pair, and tell what was found."""
+    blocks = photons = 0
+    while (coming := (yield from side.announced(side.setup.pairs))) is not None:
+        number, size = coming
+        bases = random_bases(side, size)
+        light = yield from measuring(side, side.block(number, half=1), bases)
+        yield side.agree()
+        yield from hear(Topic.OVER, number, 0, 0)
+        outcomes = yield from measured(side, light, size)
+        yield side.say(Topic.BASES, number, bases, 1)
+        told = turned_back(outcomes, bases, side.setup.rotation)
+        yield side.say(Topic.OUTCOMES, number, told, 8)
+        blocks, photons = blocks + 1, photons + int(np.count_nonzero(told != NO_COINCIDENCE))
+        yield Tell({"blocks": blocks, "photons": photons})

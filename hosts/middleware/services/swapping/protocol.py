@@ -1,0 +1,192 @@
+"""The protocol of entanglement swapping at all its nodes: no socket, no clock.
+
+Links bring the pairs (link.py). The opener keeps of its halves those that the acceptor has
+corrected; a repeater swaps when it is its turn; the acceptor corrects by the bits of all swaps.
+"""
+
+from collections import defaultdict
+from collections.abc import Awaitable, Callable
+from functools import reduce
+
+import numpy as np
+
+from hosts.hardware.qnic import BlockName, Qnic
+from hosts.middleware.services.distribution.pairs import Mask, Pairs
+from hosts.middleware.services.swapping.bits import Bits, Swapped
+from hosts.middleware.services.swapping.link import IncomingLink, OutgoingLink, to_the_left_of
+from hosts.middleware.session.blocks import keep_of_all, store, take
+from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.protocol import (
+    Connection,
+    HostSide,
+    OpenerSide,
+    Steps,
+    Through,
+    Wait,
+    coming,
+    do,
+    hear,
+)
+from hosts.timeouts import BITS_TIMEOUT_S
+from wire.device import SwapOrder
+from wire.metadata import MemoryState, Reason, Topic, Values
+
+# The last link of a chain, and the place of its right end there; it comes when the chain is there.
+LastLink = Callable[[], Awaitable[tuple[Connection, IncomingLink, int]]]
+
+
+class Opening:
+    """How the opener has a block of pairs made of those of all links."""
+
+    def __init__(self, side: OpenerSide, connection: Connection, link: OutgoingLink) -> None:
+        """Begin with the link to the first repeater, which this connection carries."""
+        self._side, self._connection, self._link = side, connection, link
+
+    def make(self, pairs: Pairs, number: int, size: int) -> Steps[None]:
+        """Have a block made; keep half 0 of each pair."""
+        side, link = self._side, self._link
+        yield from side.announce(number, size)
+        there = yield Through(self._connection, link.make(number, size))
+        theirs = yield from hear(Topic.ARRIVED, number, None, 1, BITS_TIMEOUT_S)
+        if theirs.size > there:
+            text = f"{theirs.size} pairs of block {number}, at most {there} were sent"
+            raise SessionError(Reason.PROTOCOL, text)
+        pairs.admit(number)
+        chosen = np.flatnonzero(theirs)
+        if there:
+            yield from take(side.block(number), {link.block(number): chosen})
+        made = there if side.setup.memory == MemoryState.HERALDED else size
+        pairs.add(number, made, chosen.size)
+
+
+class Turn:
+    """When a repeater swaps a block: after those that it has been ordered to wait for."""
+
+    def __init__(self, order: SwapOrder) -> None:
+        """Wait for all of them."""
+        self._order = order
+        self._missing = {order.after_left, order.after_right} - {0}
+
+    @property
+    def has_come(self) -> bool:
+        """Whether all of them have swapped."""
+        return not self._missing
+
+    def heard(self, place: int) -> None:
+        """Note that the repeater at this place has swapped."""
+        self._missing.discard(place)
+
+    def noticed(self, place: int, waiting: int) -> bool:
+        """Note that a place to the right has swapped; return whether that is for one to the left.
+
+        Raise SessionError if nobody here or there can be meant.
+        """
+        if not 0 < waiting <= self._order.place < place:
+            text = f"notice of a swap at place {place} for place {waiting}"
+            raise SessionError(Reason.PROTOCOL, f"{text}, at place {self._order.place}")
+        if waiting == self._order.place:
+            self.heard(place)
+        return waiting != self._order.place
+
+    def require(self) -> None:
+        """Raise SessionError if somebody has not swapped, now that all have told."""
+        if self._missing:
+            text = f"nothing was heard of swaps at {sorted(self._missing)}, which come first"
+            raise SessionError(Reason.PROTOCOL, text)
+
+
+def joined(
+    names: tuple[BlockName, BlockName],
+    there: tuple[int, int],
+    since_ns: tuple[int, int],
+    place: int,
+    distinguishable_states: frozenset[int],
+) -> Steps[Swapped]:
+    """Join the first pairs of the links to both sides, and let go of the rest of either.
+
+    Of each side: its halves here, how many there are, and from when they wait.
+    """
+    size = min(there)
+    for name, count in zip(names, there, strict=True):
+        if size < count:
+            yield from take(name, {name: np.arange(size)})
+    if not size:
+        nothing = np.zeros(0, dtype=np.uint8)
+        return Swapped(place, 0, Bits.of_outcomes(nothing, distinguishable_states))
+    found = yield from do(Qnic.coincidences, *names)
+    waited_ns = found.time_ns - sum(since_ns) // 2
+    bits = Bits.of_outcomes(found.outcomes, distinguishable_states)
+    return Swapped(place, max(waited_ns // 1000, 0), bits)
+
+
+class Accepting:
+    """How the acceptor takes in what the last repeater sends, and corrects it."""
+
+    def __init__(self, side: HostSide, last_link: LastLink) -> None:
+        """Wait for the link only when it is needed."""
+        self._side, self._last_link = side, last_link
+        # The waits of all pairs, added up: here, and in the repeaters by their places.
+        self._corrected, self._waited_ms = 0, 0.0
+        self._repeaters_ms: defaultdict[int, float] = defaultdict(float)
+
+    def share(self, pairs: Pairs, message: Values) -> Steps[None]:
+        """Take a block in, correct what all swaps have told of, and keep that."""
+        side = self._side
+        number, size = coming(message, side.setup.pairs)
+        pairs.admit(number)
+        yield side.agree()
+        connection, link, place = yield Wait(self._last_link)
+        there, swaps = yield Through(connection, _taken(link, number, size, place))
+        bits = reduce(Bits.joined, (swapped.bits for swapped in swaps), Bits.none(there))
+        name = side.block(number, half=1)
+        if there:
+            yield from take(name, {link.block(number): np.flatnonzero(bits.seen)})
+        chosen = yield from self._correct(name, bits, link.since_ns)
+        for swapped in swaps:
+            waited_ms = np.count_nonzero(bits.seen) * swapped.waited_us / 1e3
+            self._repeaters_ms[swapped.place] += waited_ms
+        yield side.say(Topic.ARRIVED, number, chosen, 1)
+        pairs.add(number, size, int(np.count_nonzero(chosen)))
+        if self._corrected:
+            pairs.facts["waited_ms"] = self._waited_ms / self._corrected  # for the bits
+            pairs.facts["repeaters_waited_ms"] = [
+                waited_ms / self._corrected
+                for _place, waited_ms in sorted(self._repeaters_ms.items())
+            ]
+
+    def _correct(self, name: BlockName, bits: Bits, since_ns: int) -> Steps[Mask]:
+        """Return which of the pairs are in memory, corrected."""
+        seen = np.flatnonzero(bits.seen)
+        chosen = np.zeros(bits.size, dtype=bool)
+        if seen.size:
+            corrected_ns = yield from do(Qnic.apply, name, bits.operators[seen])
+            self._waited_ms += seen.size * (corrected_ns - since_ns) / 1e6
+            self._corrected += seen.size
+            kept = yield from store(name)
+            yield from keep_of_all(name, kept)
+            chosen[seen[kept]] = True
+        return chosen
+
+    def finish(self) -> Steps[None]:
+        """Agree to the end of all links; raise SessionError for anything else."""
+        connection, link, _place = yield Wait(self._last_link)
+        yield Through(connection, _ended(link))
+
+
+def _taken(
+    link: IncomingLink, number: int, size: int, place: int
+) -> Steps[tuple[int, list[Swapped]]]:
+    """Return how many pairs of a block have come, and what all repeaters tell of their swaps."""
+    if (yield from link.announced()) != (number, size):
+        raise SessionError(Reason.PROTOCOL, f"the last link does not bring block {number}")
+    there = yield from link.take(number, size)
+    missing, swaps = to_the_left_of(place), list[Swapped]()
+    while missing:
+        swaps.append((yield from link.swapped(number, missing)))
+    return there, swaps
+
+
+def _ended(link: IncomingLink) -> Steps[None]:
+    if (yield from link.announced()) is not None:
+        raise SessionError(Reason.PROTOCOL, "another block after all were delivered")
+    yield link.agree()

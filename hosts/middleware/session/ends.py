@@ -1,0 +1,218 @@
+"""The parts of a service: the work of its two ends once their light is granted.
+
+    opener                      controller, switches              acceptor
+      | Setup(service) ------ held until the paths are up ----------> |
+      | <------------------------------------------------ Answer(OK) |
+      |   kind.open(end)          messages and light    kind.accept(end)
+      |   applications use what is there, if it leaves anything
+      | Finish ----------------------------------------------------> |
+      | <------------------------------------------------ Answer(OK) |
+
+A service is a file of hosts/middleware/services that ends in a ServiceKind, and an entry in
+wire.services. Superdense coding is one of them: what it leaves for the application that opened it
+is a way for bytes.
+"""
+
+import asyncio
+from collections.abc import Awaitable, Callable, Coroutine, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hosts.hardware.qnic import BlockName, Stored
+from hosts.middleware.session import protocol
+from hosts.middleware.session.arrangement import Arrangement
+from hosts.middleware.session.channel import MetadataChannel
+from hosts.middleware.session.host_resources import HostResources
+from hosts.middleware.session.lifetimes import Lifetimes
+from hosts.middleware.session.performing import Performer
+from hosts.middleware.session.protocol import HostSide, Light, OpenerSide, Order, Side
+from hosts.middleware.session.values import Numbers
+from hosts.timeouts import ANSWER_TIMEOUT_S, LIGHT_TIMEOUT_S
+from wire.features import NodeFeatures
+from wire.metadata import Answer, Handshake, Reason, Service, Setup, Values
+
+Tell = Callable[..., Coroutine[Any, Any, None]]
+Answerer = Callable[[dict[str, Any]], Awaitable[dict[str, Any]]]
+Join = Callable[[MetadataChannel, Setup], Awaitable[None]]
+NO_BYTES = 0, bytes(32)
+
+
+@dataclass(frozen=True)
+class Carrier:
+    """A way for bytes that a service leaves for the application that opened it."""
+
+    # Returns when the other end holds every byte.
+    send: Callable[[bytes], Coroutine[Any, Any, None]]
+
+
+@dataclass
+class ConnectionEnd(Performer):
+    """One end of a session's connection: its light, and the other end.
+
+    It performs protocols (protocol.py); services that wait themselves call its other methods.
+    """
+
+    setup: Setup
+    channel: MetadataChannel  # to the other end
+    arrangement: Arrangement | None = field(default=None, kw_only=True)  # if this end opened it
+
+    @property
+    def side(self) -> Side:
+        """This end as its protocol knows it."""
+        return Side(self.setup, tuple(self.qnic.ports), self.channel.peer)
+
+    async def carry_out(self, order: Order) -> Any:
+        """Do what is ordered; return what has come of it."""
+        match order:
+            case protocol.Say(messages):
+                return self.channel.send(*messages)
+            case protocol.Hear(kind, timeout_s):
+                return await self.channel.receive(kind, timeout_s)
+            case protocol.HearNext():
+                return await self.channel.next()
+            case protocol.Emit(block, pairs) if self.arrangement is not None:
+                return await self.arrangement.emit(block, pairs)
+            case protocol.Herald(block, pairs) if self.arrangement is not None:
+                return await self.arrangement.herald(block, pairs)
+            case _:
+                return await super().carry_out(order)
+
+    def block(self, number: int, half: int = 0) -> BlockName:
+        """Return the name of photons of this session."""
+        return BlockName(self.setup.session, number, half)
+
+    def say(self, topic: int, block: int, numbers: ArrayLike, width: int) -> None:
+        """Tell the other end numbers of so many bits."""
+        self.channel.send(self.side.words(topic, block, numbers, width))
+
+    async def hear(
+        self,
+        topic: int,
+        block: int,
+        count: int | None,
+        most: int,
+        timeout_s: float = ANSWER_TIMEOUT_S,
+    ) -> Numbers:
+        """Return the numbers that the other end tells next; SessionError if it tells others."""
+        return await self.perform(protocol.hear(topic, block, count, most, timeout_s))
+
+    def agree(self) -> None:
+        """Answer that what was asked last is accepted."""
+        self.channel.send(*self.side.agree().messages)
+
+    def expect_light(self, name: BlockName, port: str = "") -> asyncio.Task[Stored]:
+        """Begin to store the photons that will arrive at a port, the first if none is named."""
+        light = self.qnic.receive_into_memory(name, port or self.qnic.ports[0], LIGHT_TIMEOUT_S)
+        return asyncio.create_task(light, name=f"light of {name}")
+
+    async def stored(self, light: asyncio.Task[Stored], photons: int) -> Stored:
+        """Return what has come of light that is over; nothing if no photon has."""
+        return await self.perform(self.side.stored(Light(light), photons))
+
+    async def next_values(self) -> Values | None:
+        """Return what the opener tells next; None at the end of the session."""
+        return await self.perform(self.side.next_values())
+
+
+@dataclass
+class End(ConnectionEnd):
+    """One end of a session of a service: also its application, and what its host has."""
+
+    resources: HostResources
+    tell: Tell  # called with fields for the application
+    draws: np.random.Generator  # of this host's own choices; they follow from the seed
+    summary: dict[str, Any] = field(default_factory=dict)  # for the application, at the end
+    # Of wire.device.DeviceReport: what the session has used of this host's device so far.
+    counts: Callable[[], Mapping[str, int]] = dict
+
+    @property
+    def side(self) -> HostSide:
+        """This end as its protocol knows it."""
+        resources, ports = self.resources, tuple(self.qnic.ports)
+        return HostSide(
+            self.setup,
+            ports,
+            self.channel.peer,
+            resources.name,
+            self.draws,
+            resources.node_features,
+            resources.lifetimes,
+            resources.distinguishable_states,
+        )
+
+    async def carry_out(self, order: Order) -> Any:
+        """Do what is ordered; return what has come of it."""
+        if not isinstance(order, protocol.Tell):
+            return await super().carry_out(order)
+        if order.at_the_end:
+            self.summary = order.summary
+        return await self.tell(**order.summary)
+
+
+@dataclass
+class OpenerEnd(End):
+    """The end that asked for the session."""
+
+    arrangement: Arrangement = field(kw_only=True)
+    answer: Answer = field(kw_only=True)  # of the other end, to the set-up
+    theirs: NodeFeatures = field(kw_only=True)  # of the other end; nothing where it does not tell
+    lifetimes: Lifetimes = field(kw_only=True)  # of its memory, likewise
+    is_source: bool = field(kw_only=True)  # this host makes the pairs, and keeps half of each
+    sent: tuple[int, bytes] = NO_BYTES  # how many bytes, and their SHA-256: what Finish says
+
+    @property
+    def side(self) -> OpenerSide:
+        """This end as its protocol knows it."""
+        return OpenerSide(
+            **vars(super().side),
+            other_host=self.arrangement.peer,
+            theirs=self.theirs,
+            their_lifetimes=self.lifetimes,
+            is_source=self.is_source,
+        )
+
+    async def pairs(self, number: int, count: int) -> Stored:
+        """Have a block of pairs made for both ends; return what has come of half 0.
+
+        The other end has said that it is ready before any light is made.
+        """
+        return await self.perform(self.side.pairs(number, count))
+
+
+@dataclass
+class AcceptorEnd(End):
+    """The end that was asked."""
+
+    deliver: Callable[[bytes], Awaitable[None]] = field(kw_only=True)  # bytes to the application
+    join: Join | None = None  # serves a further connection of the session
+
+    async def announced(self, most: int) -> tuple[int, int] | None:
+        """Return number and size of the block that comes next; None at the end of the session."""
+        return await self.perform(self.side.announced(most))
+
+
+@dataclass(frozen=True)
+class ServiceKind:
+    """A service: its entry in the vocabulary, its options, what its two ends do."""
+
+    service: Service
+    options: type[Any]  # a dataclass; its constructor raises SessionError for what cannot be
+    # A service that leaves something to be used returns what answers the application of an end
+    # until the opener's application ends the session; its accept returns before Finish, then.
+    open: Callable[[OpenerEnd, Any], Awaitable[Answerer | Carrier | None]]
+    accept: Callable[[AcceptorEnd], Awaitable[Answerer | None]]
+    # What the acceptor says to a set-up; raises SessionError for one that cannot be served.
+    accepts: Callable[[HostResources, Setup], Answer] = lambda _resources, setup: plain_answer(
+        setup
+    )
+    # What the opener refuses before anything is sent, by SessionError.
+    check: Callable[[Setup], None] = lambda _setup: None
+    handshakes: tuple[Handshake, ...] = (Handshake.FRAMED,)  # ONE_PAIR: those join a session
+
+
+def plain_answer(setup: Setup) -> Answer:
+    """Return that a set-up is accepted, with nothing more to say."""
+    return Answer(setup.session, Reason.OK)

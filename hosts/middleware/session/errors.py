@@ -1,0 +1,59 @@
+"""The errors of sessions: why one cannot go on, and what a person can do about it."""
+
+from wire.metadata import Answer, Message, Reason
+
+REMEDIES = {
+    Reason.NOT_ARBITRATED: "no controller has granted the light path; is c0 running and does "
+    "its switch send quantum metadata to it?",
+    Reason.NO_LISTENER: "no application listens on that port; start the receiver first",
+    Reason.UNKNOWN_HOST: "the controller has not seen the fibres of sender, receiver and source",
+    Reason.NO_PATH: "no light path joins sender, receiver and source; each needs the fibres that "
+    "the service asks for (for bytes the receiver and the source two, the sender one of its own)",
+    Reason.PATH_BROKEN: "no light path is whole: a fibre between quantum switches is cut, a "
+    "cross-connect is stuck or a switch is away; the controller's record (controller.jsonl) says "
+    "which",
+    Reason.BUSY: "another session uses these fibres; try again when it has ended",
+    Reason.TOO_LATE: "others have the light until the deadline; ask for a later one, or of higher "
+    "priority if the policy orders by it",
+    Reason.NOT_ALLOWED: "the controller's policy does not allow this service between these "
+    "hosts, or not at this rate, frame size or number of sessions; ask who runs the network to "
+    "change its policy file (`qmn run --policy`)",
+    Reason.LOSS_TOO_HIGH: "every free light path loses more than the controller's loss budget; "
+    "raise the budget, or use shorter or better fibres",
+    Reason.NO_WAVELENGTH: "no light path can be tuned to this wavelength from end to end; choose "
+    "one that every port on the way offers (`wavelength_pm`; the default is 1550120)",
+    Reason.UNKNOWN_SESSION: "the controller knows no such session",
+    Reason.UNSUPPORTED: "the other end does not offer what was asked for",
+    Reason.SWITCH_FAILED: "the quantum switch refused the light path; see its agent's log",
+    Reason.SWITCH_TIMEOUT: "the quantum switch was not ready in time; is its agent running?",
+    Reason.NODE_SILENT: "a node of the chain has not answered the controller's order; is its "
+    "stack running?",
+    Reason.NO_CHAIN: "no chain of 1 to 16 repeaters joins these hosts; a repeater is a host with "
+    "two whole fibres at least, and light to its neighbours within the loss budget",
+}
+
+SAME_VERSION = "do both hosts run the same version?"
+
+
+class SessionError(Exception):
+    """A session cannot go on; the reason travels to the other end, the text to a person."""
+
+    def __init__(self, reason: Reason, text: str = "") -> None:
+        super().__init__(text or REMEDIES[reason])
+        self.reason = reason
+
+
+class SilentPeer(SessionError):
+    """Nothing came in time."""
+
+
+def unexpected(message: Message | None, peer: str) -> SessionError:
+    """Return the error that a message is: a refusal, or one that has no place in a session."""
+    if message is None:
+        text = f"{peer} is gone: it closed the connection in mid-session; ask again when it is up"
+        return SessionError(Reason.PROTOCOL, text)
+    if isinstance(message, Answer) and message.reason != Reason.OK:
+        return SessionError(Reason(message.reason), message.text)
+    text = f"{type(message).__name__} from {peer} in mid-session, where it has no place; "
+    text += SAME_VERSION
+    return SessionError(Reason.PROTOCOL, text)

@@ -1,0 +1,121 @@
+"""The carrying out of what protocols order: everything that waits for hardware, clocks and threads.
+
+Who has a connection, too, carries out what is said and heard on it (ends.py).
+"""
+
+import asyncio
+from collections.abc import Callable, Coroutine
+from dataclasses import dataclass, field
+from typing import Any, TypeVar, cast
+
+from hosts.hardware.qnic import HardwareError, NoLight, Qnic
+from hosts.middleware.session import protocol
+from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.protocol import Order, Steps
+from hosts.network_loop import now_s
+
+T = TypeVar("T")
+
+
+@dataclass
+class Performer:
+    """A host's hardware, at the orders of protocols."""
+
+    qnic: Qnic
+    _beside: asyncio.TaskGroup | None = field(default=None, init=False, repr=False)
+    _going: list[asyncio.Task[None]] = field(default_factory=list, init=False, repr=False)
+    _changed: asyncio.Event = field(default_factory=asyncio.Event, init=False, repr=False)
+
+    async def perform_together(self, steps: Steps[T]) -> T:
+        """Carry out steps, and those that they order beside them; the first failure ends all."""
+        try:
+            async with asyncio.TaskGroup() as self._beside:
+                outcome = await self.perform(steps)
+                for task in self._going:
+                    task.cancel()
+                return outcome
+        except BaseExceptionGroup as failures:
+            raise failures.exceptions[0] from failures
+        finally:
+            self._beside = None
+
+    async def perform(self, steps: Steps[T]) -> T:
+        """Carry out what a protocol orders, one order after the other; return what it does.
+
+        Light that it has begun to expect and has not collected is not expected any more then.
+        """
+        lights: list[asyncio.Task[Any]] = []
+        outcome: Any = None
+        failure: SessionError | HardwareError | None = None
+        try:
+            while True:
+                try:
+                    order = steps.send(outcome) if failure is None else steps.throw(failure)
+                except StopIteration as end:
+                    return cast(T, end.value)
+                finally:
+                    self._changed.set()
+                outcome = failure = None
+                try:
+                    outcome = await self.carry_out(order)
+                except (SessionError, HardwareError) as error:
+                    failure = error
+                if isinstance(order, protocol.Begin):
+                    lights.append(outcome)
+        finally:
+            steps.close()
+            for light in lights:
+                light.cancel()
+
+    async def carry_out(self, order: Order) -> Any:
+        """Do what is ordered; return what has come of it."""
+        match order:
+            case protocol.Begin(operation, arguments, named):
+                light = getattr(self.qnic, operation)(*arguments, **named)
+                return asyncio.create_task(light, name=f"light of {arguments[0]}")
+            case protocol.Do(operation, arguments, named):
+                return await getattr(self.qnic, operation)(*arguments, **named)
+            case protocol.Collect(light, timeout_s):
+                return await collected(cast("asyncio.Task[Any]", light), timeout_s)
+            case protocol.Now():
+                return now_s()
+            case protocol.Through(connection, steps):
+                return await connection.perform(steps)
+            case protocol.Wait(for_what):
+                return await for_what()
+            case protocol.Work(function, arguments):
+                return await _to_the_end(asyncio.to_thread(function, *arguments))
+            case protocol.Beside(steps) if self._beside is not None:
+                going = [task for task in self._going if not task.done()]
+                self._going = [*going, self._beside.create_task(self.perform(steps))]
+                return None
+            case protocol.Until(done):
+                return await self._until(done)
+            case _:
+                raise ValueError(f"{order} at {type(self).__name__}, which cannot do it")
+
+    async def _until(self, done: Callable[[], Any]) -> None:
+        while not done():
+            self._changed.clear()
+            await self._changed.wait()
+
+
+async def _to_the_end(work: Coroutine[Any, Any, Any]) -> Any:
+    """Return what a thread returns; nobody goes on while it works, also not who is cancelled."""
+    going = asyncio.create_task(work)
+    try:
+        return await asyncio.shield(going)
+    except asyncio.CancelledError:
+        await asyncio.wait([going])
+        raise
+
+
+async def collected(light: asyncio.Task[Any], timeout_s: float) -> Any:
+    """Return what has come of light that is over; None if no photon has in this time."""
+    try:
+        async with asyncio.timeout(timeout_s):
+            return await light
+    except (NoLight, TimeoutError):
+        return None
+    finally:
+        light.cancel()

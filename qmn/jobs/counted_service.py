@@ -1,0 +1,209 @@
+"""The jobs of services that are about a number of things, as states or pairs: qmn run SERVICE."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from rich.console import Console
+
+from controller_apps.policy.schedules import PARALLEL, SCHEDULES
+from hosts.middleware.services.teleportation import qubit_states
+from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.service_options import ServiceOptions
+from hosts.timeouts import MAX_BLOCK_S
+from qmn.jobs import eavesdropping, runner
+from qmn.jobs.eavesdropping import ATTACKS, RESEND, SPLIT, SPLITTABLE, Attack
+from qmn.jobs.run_context import RunContext, begin_folder
+from qmn.jobs.run_options import RunOptions
+from qmn.jobs.service_verbs import verb_of
+from qmn.jobs.swap_schedule import scheduling_policy
+from qmn.network.checks import check_network, check_two_hosts
+from qmn.network.description import NetworkDescription, describe_network
+from qmn.network.options import NetworkOptions
+from qmn.options import BadInput, check_ranges
+from topologies.network import Signals, require_root
+from wire.features import EMIT
+from wire.parameters.option import option
+from wire.parameters.physics import Device
+
+
+@dataclass(frozen=True, kw_only=True)
+class ServiceRequest:
+    """What is asked of a service, and in which network."""
+
+    service: str
+    options: ServiceOptions  # of its session, with the host that is asked
+    sender: str = option("alice", "that asks (alice)", flag="--from", metavar="HOST")
+    # In place of those of the session; None: such that every source can make them.
+    block_pairs: int | None = option(None, "pairs in a block", metavar="N")
+    rate_hz: int | None = option(None, "of the source", metavar="HZ")
+    eve: float | None = option(
+        None,
+        "put eve on the fibre, who attacks this fraction of the photons",
+        metavar="FRACTION",
+        range=(0, 1),
+    )
+    eve_attack: str = option(
+        RESEND,
+        f"what she does: measure and resend, or split photons off pulses of several ({RESEND})",
+        choices=ATTACKS,
+    )
+    eve_hides_db: float | None = option(
+        None,
+        "split: by how much less light is lost from her to a click than both ends expect (0)",
+        metavar="DB",
+        range=(0, 100),
+    )
+    schedule: str | None = option(
+        None,
+        f"who swaps when ({PARALLEL}, or as --policy says; docs/services.md)",
+        choices=SCHEDULES,
+    )
+    network: NetworkOptions
+    run: RunOptions
+
+    @property
+    def receiver(self) -> str:
+        """The host that is asked."""
+        return self.options.host
+
+
+def run(request: ServiceRequest, signals: Signals, console: Console) -> int:
+    """Do the whole run and return its exit status."""
+    return runner.run(*begun(request, signals, console))
+
+
+def begun(
+    request: ServiceRequest, signals: Signals, console: Console
+) -> tuple[runner.Job, RunContext]:
+    """Return the job and its context, with a folder; raise before there is one."""
+    request, network = checked(request)
+    require_root()
+    folder = begin_folder(request.run.runs, request.service)
+    network = with_policy(request, network, folder)
+    context = RunContext(network, request.run, folder, signals, console)
+    return job(request, network), context
+
+
+def with_policy(
+    request: ServiceRequest, network: NetworkDescription, folder: Path
+) -> NetworkDescription:
+    """Return the network with the policy that eve or a schedule need, written into the folder."""
+    if request.eve is not None:
+        begin = request.options.source or eavesdropping.sender_of_light(
+            request.service, request.sender, network
+        )
+        return network.with_policy(eavesdropping.tapping_policy(begin, request.receiver, folder))
+    if request.schedule is not None:
+        return network.with_policy(scheduling_policy(request.schedule, folder))
+    return network
+
+
+def job(request: ServiceRequest, network: NetworkDescription) -> runner.Job:
+    """Return the use of a service."""
+    service, options, verb = request.service, request.options, verb_of(request.service)
+    named = verb.unit.replace("_", " ")
+    ends = {"sender": request.sender, "receiver": request.receiver}
+    own = ("count", "block_pairs", "rate_hz", "source", *verb.options)
+    return runner.Job(
+        service=service,
+        options=options,
+        opener=request.sender,
+        acceptor=request.receiver,
+        parameters={
+            **ends,
+            "eve": request.eve,
+            "eve_attack": request.eve_attack if request.eve is not None else None,
+            "eve_hides_db": request.eve_hides_db,
+            "schedule": request.schedule,
+            **{name: getattr(options, name) for name in own},
+        },
+        said=f"{service} from {request.sender} to {request.receiver}: {options.count:,} {named}",
+        unit=named,
+        total=options.count,
+        done=lambda line: line.get(verb.unit, 0),
+        eve=attack_of(request, network),
+    )
+
+
+def attack_of(request: ServiceRequest, network: NetworkDescription) -> Attack | None:
+    """Return what eve does; None: nothing."""
+    if request.eve is None:
+        return None
+    if request.eve_attack == SPLIT:
+        hides_db = request.eve_hides_db or 0.0
+        return eavesdropping.splitting(hides_db, request.receiver, network.parts)
+    return Attack(request.eve)
+
+
+def check_attack(request: ServiceRequest) -> None:
+    """Raise BadInput for what eve cannot do."""
+    splits = request.eve_attack == SPLIT
+    if splits and request.eve != 1:
+        raise BadInput(f"--eve-attack {SPLIT} is on every pulse: say --eve 1")
+    if splits and request.service not in SPLITTABLE:
+        raise BadInput(
+            f"--eve-attack {SPLIT}: in {request.service} no sender prepares pulses; "
+            f"choose --protocol {SPLITTABLE[0]}"
+        )
+    if request.eve_hides_db is not None and not splits:
+        raise BadInput(f"--eve-hides-db is of --eve-attack {SPLIT}: say both, or neither")
+
+
+def checked(request: ServiceRequest) -> tuple[ServiceRequest, NetworkDescription]:
+    """Return the request with what follows from it, and its network.
+
+    Raise BadInput or BadTopology before anything is started.
+    """
+    if request.eve is not None:
+        request = replace(request, network=eavesdropping.with_eve(request.network))
+    network, ends = describe_network(request.network), (request.sender, request.receiver)
+    check_two_hosts(*ends, network.hosts)
+    check_source(request.options, network.hosts)
+    check_network(request.network)
+    check_ranges(request.run)
+    check_ranges(request)
+    check_attack(request)
+    if request.eve is not None:
+        eavesdropping.check(ends, network)
+        attack_of(request, network)  # whether it can be
+    if request.schedule is not None and request.network.policy:
+        raise BadInput("--schedule makes a policy of its own: write [swap] schedule into --policy")
+    options = fitting_light(request, network.parts.hosts.values())
+    check_options(options, request.network.backend)
+    return replace(request, options=options), network
+
+
+def check_source(options: ServiceOptions, hosts: Sequence[str]) -> None:
+    """Raise BadInput for a source that is not a host."""
+    if options.source and options.source not in hosts:
+        raise BadInput(f"--source {options.source}: choose one of {', '.join(hosts)}")
+
+
+def check_options(options: ServiceOptions, backend: str) -> None:
+    """Raise BadInput for what the service, or what simulates its states, would not take."""
+    try:
+        options.check()
+    except SessionError as error:
+        raise BadInput(str(error)) from error
+    state = getattr(options, "state", qubit_states.RANDOM)
+    if backend != "dense" and qubit_states.needs_vectors(state):
+        raise BadInput(
+            f"--state {state} is not a stabiliser state, as --backend {backend} holds "
+            f"them: add --backend dense, or choose {', '.join(qubit_states.NAMES)} or random"
+        )
+
+
+def fitting_light(request: ServiceRequest, devices: Iterable[Device]) -> ServiceOptions:
+    """Return the session's options with a rate and a size of blocks that every source can make.
+
+    What is asked for by name stays.
+    """
+    options, rate_hz, block_pairs = request.options, request.rate_hz, request.block_pairs
+    sources = [device.source for device in devices if EMIT in device.features]
+    if rate_hz is None:
+        slowest = min((source.max_rate_hz for source in sources), default=options.rate_hz)
+        rate_hz = max(1, int(min(options.rate_hz, slowest)))
+    if block_pairs is None:
+        block_pairs = min(options.block_pairs, max(1, int(rate_hz * MAX_BLOCK_S)))
+    return replace(options, rate_hz=rate_hz, block_pairs=block_pairs)

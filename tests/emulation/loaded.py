@@ -1,0 +1,208 @@
+"""Programs that some processes have loaded for all networks of these tests, and fork off.
+
+Else each run would spend most of its processor time on loading them anew. What strikes at programs
+or signals starts `qmn` itself, as a user does, and so do the examples and the documentation.
+"""
+
+import os
+import subprocess
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryFile
+from threading import Lock
+from typing import IO, Any
+
+from topologies.forks import MODULES, Forked, ForkServer, request
+from topologies.programs import ENVIRONMENT, ROOT, Program, python
+
+QMN, CONTROLLER = "whole_qmn", "whole_controller"  # modules beside this one
+FRAMEWORK = "QMN_CONTROLLER_FRAMEWORK"  # names what to load
+FOLDER = Path(__file__).parent
+END_TIMEOUT_S, READY_TIMEOUT_S = 10.0, 60.0
+
+
+class LastingProgram(Program):
+    """A program of no network: it has not the mark by which one ends what is left of it."""
+
+    environment: dict[str, str]  # its own
+
+    def start(self, command: Sequence[str], *_: object, **options: Any) -> None:
+        """Start it with the files that it is to have; it ends when the other end of one closes."""
+        paths = {"PYTHONPATH": f"{ROOT}:{FOLDER}"}
+        with self.log.open("ab") as log:
+            self._process = subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                cwd=ROOT,
+                env={**os.environ, **ENVIRONMENT, **paths, **self.environment},
+                start_new_session=True,
+                pass_fds=options["descriptors"],
+            )
+
+
+class LastingForkServer(ForkServer):
+    """A fork server that is there for all networks, with modules of which the last is its own."""
+
+    def __init__(self, folder: Path, modules: Sequence[str], **environment: str) -> None:
+        self.program = LastingProgram("fork-server", folder / f"{modules[-1]}.log")
+        self.program.environment = environment
+        super().__init__(self.program, modules)
+        self.program.wait_for("ready", READY_TIMEOUT_S)
+
+    def end(self) -> None:
+        """End it."""
+        self.close()
+        assert self.program._process is not None
+        self.program._process.wait(END_TIMEOUT_S)
+
+
+class Loaded(ForkServer):
+    """The fork servers of these tests, as one; each is started when it is needed first."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder, self._starting = folder, Lock()
+        self._servers: dict[str, LastingForkServer] = {}
+
+    @property
+    def pids(self) -> set[int]:
+        """The process ids of the servers."""
+        return {server.program.pid for server in self._servers.values()}
+
+    def close(self) -> None:
+        """Stay, for the next network."""
+
+    def end(self) -> None:
+        """End the servers."""
+        for server in self._servers.values():
+            server.end()
+
+    def serves(self, command: Sequence[str]) -> bool:
+        """Whether a command starts what is loaded, or will be."""
+        is_python = [*command[:2]] == [python(), "-m"]
+        return is_python and command[2] in (*MODULES, "controller_apps")
+
+    def start(
+        self,
+        name: str,
+        command: Sequence[str],
+        log: int,
+        namespace_pid: int | None,
+        descriptors: Sequence[int],
+    ) -> Forked:
+        """Start it, as Program.start says."""
+        asked = request(name, command, namespace_pid, descriptors)
+        return self._fork(command, asked, [log, *descriptors])
+
+    def _fork(self, command: Sequence[str], asked: dict[str, Any], files: list[int]) -> Forked:
+        """Fork off what has loaded a command."""
+        module = command[2]
+        if module == "controller_apps":
+            framework = command[command.index("--framework") + 1]
+            server = self._server([CONTROLLER], **{FRAMEWORK: framework})
+            return server.fork(asked | {"module": CONTROLLER}, files)
+        asked["module"] = QMN if module == "qmn" else module
+        return self._server([*MODULES, QMN]).fork(asked, files)
+
+    def run(
+        self, words: tuple[str, ...], cwd: Path, commands: str, timeout_s: float
+    ) -> subprocess.CompletedProcess[str]:
+        """Run `qmn` as subprocess.run would, which raises subprocess.TimeoutExpired."""
+        command = [python(), "-m", "qmn", *words]
+        with TemporaryFile("w+") as given, TemporaryFile("w+") as out, TemporaryFile("w+") as err:
+            given.write(commands)
+            given.seek(0)
+            asked = request("qmn", command, None, [0, 2]) | {"folder": str(cwd)}
+            files = [file.fileno() for file in (out, given, err)]
+            process = self._fork(command, asked, files)
+            try:
+                status = process.wait(timeout_s)
+            finally:
+                process.kill()
+            return subprocess.CompletedProcess(command, status, read(out), read(err))
+
+    def begin(self, name: str, command: Sequence[str], errors: IO[str] | None = None) -> "Running":
+        """Begin to run a command; what it says as errors goes to a file, if one is given."""
+        reader, writer = os.pipe()
+        try:
+            files = [writer] if errors is None else [writer, errors.fileno()]
+            asked = request(name, command, None, [] if errors is None else [2])
+            return Running(self._fork(command, asked, files), os.fdopen(reader))
+        finally:
+            os.close(writer)
+
+    def _server(self, modules: Sequence[str], **environment: str) -> LastingForkServer:
+        name = ",".join((*modules, *environment.values()))
+        with self._starting:  # nodes start at the same time
+            if name not in self._servers:
+                self._servers[name] = LastingForkServer(self._folder, modules, **environment)
+            return self._servers[name]
+
+
+class Running:
+    """A program that runs, as subprocess.Popen has it, and what it says."""
+
+    def __init__(self, process: Forked, stdout: IO[str]) -> None:
+        self.stdout, self.pid = stdout, process.pid
+        self.send_signal, self.kill = process.send_signal, process.kill
+        self.poll, self.wait = process.poll, process.wait
+
+    @property
+    def returncode(self) -> int | None:
+        """The exit status, None while it runs."""
+        return self.poll()
+
+    def finish(self, timeout_s: float) -> str:
+        """Wait until it has ended; return what it has said since that was read last."""
+        self.wait(timeout_s)
+        return self.stdout.read()
+
+
+def read(file: IO[str]) -> str:
+    """Return all that is in a file."""
+    file.seek(0)
+    return file.read()
+
+
+_loaded: Loaded | None = None
+
+
+@contextmanager
+def serving(folder: Path) -> Iterator[None]:
+    """Let programs be forked off; end all that has loaded them."""
+    global _loaded
+    _loaded = Loaded(folder)
+    try:
+        yield
+    finally:
+        _loaded.end()
+        _loaded = None
+
+
+def forks() -> Loaded:
+    """Return who forks programs off in these tests."""
+    assert _loaded is not None, "the fixture that starts it comes first"
+    return _loaded
+
+
+@contextmanager
+def running_qmn(*words: str) -> Iterator[Running]:
+    """Run `qmn` beside the test, to its end."""
+    process = forks().begin("qmn", [python(), "-m", "qmn", *words])
+    with process.stdout:
+        try:
+            yield process
+        except BaseException:
+            process.kill()
+            raise
+        finally:
+            process.finish(END_TIMEOUT_S)
+
+
+def run_qmn(
+    *words: str, cwd: Path = ROOT, commands: str = "", timeout_s: float = 100.0
+) -> subprocess.CompletedProcess[str]:
+    """Run `qmn` to its end, with such lines to read; return what it printed, and its status."""
+    return forks().run(words, cwd, commands, timeout_s)

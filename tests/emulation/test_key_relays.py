@@ -1,0 +1,122 @@
+"""Keys relayed by a trusted host over a real network, by whom the controller and its policy say."""
+
+import base64
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from conftest import ROOT, nothing_left, wait_until
+from fabric_scene import facts, running
+from scapy.utils import rdpcap
+
+from topologies.key_managers import KeyService, start_key_managers
+from topologies.network import Network
+from topologies.sdc import SdcTopo
+from wire.key_manager import KeyLink
+
+LINK = KeyLink("", True, low=8, high=16, options={"count": 12_000})
+PAIRS = ("alice", "charlie"), ("charlie", "bob")
+TRUSTED = '[[trusted]]\nhost = "charlie"\n'
+CURL = 'curl -sS --cert $SAE_CERT --key $SAE_KEY --cacert $KME_CA -w "\\n%{http_code}"'
+
+
+class Scene:
+    """alice and bob, who have no key link with each other, and charlie, who has one with each."""
+
+    def __init__(self, network: Network, policy: Path) -> None:
+        self.network, self.policy = network, policy
+
+    def curl(self, host: str, path: str) -> tuple[int, Any]:
+        """Return status and body of a request of a host's application."""
+        said = self.network.host(host).cmd(f'{CURL} "$KME/api/v1/keys/{path}"')
+        body, _, status = str(said).replace("\r", "").strip().rpartition("\n")
+        return int(status), json.loads(body) if body else None
+
+    def qmn(self, *words: str) -> str:
+        """Return what a verb says about this network."""
+        command = [sys.executable, "-m", "qmn", *words]
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+        return done.stdout
+
+    def ready(self) -> int:
+        """Return how many keys alice can have with bob."""
+        _status, said = self.curl("alice", "sae-bob/status")
+        return int(said["stored_key_count"])
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory: pytest.TempPathFactory, _open_vswitch: None) -> Iterator[Scene]:
+    """Run the network of the module until charlie can relay."""
+    folder = tmp_path_factory.mktemp("run")
+    policy = folder / "policy.toml"
+    policy.write_text(TRUSTED)
+    settings: dict[str, Any] = {"policy": str(policy), "contention": "queue"}
+    with nothing_left(), running(SdcTopo, folder, **settings) as network:
+        network.capture("s1")
+        start_key_managers(network, KeyService(PAIRS, LINK))
+        made = Scene(network, policy)
+        wait_until(lambda: made.ready() >= 4, "keys of both links", 30.0)
+        yield made
+
+
+def test_alice_and_bob_get_the_same_key_by_way_of_charlie(scene: Scene) -> None:
+    status, got = scene.curl("alice", "sae-bob/enc_keys?number=2&size=264")
+    assert status == 200, got
+    for key in got["keys"]:
+        assert len(base64.b64decode(key["key"], validate=True)) == 33
+        said = scene.curl("bob", f"sae-alice/dec_keys?key_ID={key['key_ID']}")
+        assert said == (200, {"keys": [key]})
+    (chosen,) = [each for each in facts(scene.network, "key-route") if each["stored"] == 4]
+    assert chosen["route"] == ["alice", "charlie", "bob"]
+    packets = rdpcap(str(scene.network.runtime.logs / "s1-eth1.pcap"))
+    captured = b"".join(bytes(packet) for packet in packets)
+    assert len(captured) > 10_000
+    for key in got["keys"]:
+        assert base64.b64decode(key["key"]) not in captured
+        assert key["key_ID"].encode() not in captured  # under TLS
+
+
+def test_the_controller_tells_of_links_and_applications(scene: Scene) -> None:
+    scene.curl("alice", "sae-bob/enc_keys")
+    nodes = {
+        each["qkdn_location_id"]: each
+        for each in json.loads(scene.qmn("keys", "--json"))["qkd_nodes"]
+    }
+    links = nodes["charlie"]["qkd_links"]["qkd_link"]
+    assert [(each["qmn"]["to"], each["qkdl_type"]) for each in links] == [
+        ("bob", "PHYS"),
+        ("alice", "PHYS"),
+        ("bob", "VIRT"),
+    ]
+    for link in links[:2]:
+        assert link["qkdl_status"] == "ACTIVE"
+        assert link["qkdl_performance"]["skr"] > 0
+        (qber,) = link["qkdl_performance"]["phys_perf"]
+        assert (qber["perf_type"], qber["value"]) == ("QBER", 0.0)  # fibres without noise
+    virtual = links[2]
+    assert virtual["virt_prev_hop"] == nodes["alice"]["qkdn_id"]
+    assert virtual["virt_next_hop"] == [nodes["bob"]["qkdn_id"]]
+    (application,) = nodes["alice"]["qkd_applications"]["qkd_app"]
+    assert (application["server_app_id"], application["client_app_id"]) == (
+        "sae-alice",
+        ["sae-bob"],
+    )
+    assert application["backing_qkdl_id"] == [virtual["qkdl_id"]]
+    assert application["app_id"] in virtual["qkdl_applications"]
+    assert "sae-alice" in scene.qmn("keys")
+
+
+def test_a_policy_that_trusts_nobody_ends_the_relay(scene: Scene) -> None:
+    scene.policy.write_text("")
+    scene.qmn("policy", "reload")
+    status, said = scene.curl("alice", "sae-bob/enc_keys")
+    assert status == 503
+    assert "no host that the policy trusts joins alice and bob: charlie could" in said["message"]
+    assert scene.ready() == 0
+    scene.policy.write_text(TRUSTED + 'between = ["bob", "alice"]\n')
+    scene.qmn("policy", "reload")
+    assert scene.curl("alice", "sae-bob/enc_keys")[0] == 200

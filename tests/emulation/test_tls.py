@@ -1,0 +1,99 @@
+"""Networks whose programs speak by TLS, each certified by the run."""
+
+import socket
+import subprocess
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import pytest
+from conftest import qmn
+from scapy.layers.inet import IP, TCP
+from scapy.utils import rdpcap
+
+from qmn.scripting.network import start
+from topologies import openvswitch
+from topologies.interfaces import network_of
+from topologies.programs import NetworkError
+from wire.config import DISPATCHER_PORT
+from wire.dissection.dissectors import SCRIPT
+from wire.parameters.network import OPENFLOW_PORT
+
+HANDSHAKE = 22  # first byte of a record in TLS (RFC 8446, 5.1)
+FEATURES_REPLY, BUNDLE_ADD = "6", "34"  # OpenFlow 1.4, 7.1
+
+
+def certificates() -> str:
+    return openvswitch.vsctl("--bare", "--columns=certificate", "list", "SSL").strip()
+
+
+def kinds(run: Path, file: str, *options: str) -> set[str]:
+    """Return which kinds of OpenFlow messages Wireshark sees in a capture."""
+    words = ["-r", file, "-X", f"lua_script:{SCRIPT}", *options, "-Y", "openflow_v5"]
+    done = subprocess.run(
+        ["tshark", *words, "-T", "fields", "-e", "openflow_v5.type"],
+        capture_output=True,
+        cwd=run,
+        text=True,
+        check=True,
+        timeout=40,
+    )
+    return {kind for line in done.stdout.split() for kind in line.split(",")}
+
+
+def firsts(files: Iterable[Path], port: int) -> Iterator[bytes]:
+    """Yield what each end of each connection with a port has said first."""
+    for file in files:
+        heard = set()
+        for packet in rdpcap(str(file)):
+            said = bytes(packet[TCP].payload) if TCP in packet else b""
+            if not said or port not in (packet[TCP].sport, packet[TCP].dport):
+                continue
+            end = packet[IP].src, packet[TCP].sport, packet[TCP].dport
+            if end not in heard:
+                heard.add(end)
+                yield said
+
+
+def test_a_run_by_tls_is_read_by_who_has_its_key_log(tmp_path: Path) -> None:
+    done = qmn("--message", "hello", "--tls", runs=tmp_path)
+    assert done.returncode == 0, done.stderr
+    run = tmp_path / "latest"
+    assert (run / "received").read_bytes() == b"hello"
+    assert certificates() == ""
+    assert (run / "openflow.keys").stat().st_mode & 0o777 == 0o600
+    for files, port in [("c0.pcap", OPENFLOW_PORT), ("s1-*.pcap", DISPATCHER_PORT)]:
+        said = list(firsts(run.glob(files), port))
+        assert said
+        assert {data[0] for data in said} == {HANDSHAKE}
+    assert kinds(run, "c0.pcap") == set()
+    assert {FEATURES_REPLY, BUNDLE_ADD} <= kinds(run, "all.pcapng")
+    log = "-o", "tls.keylog_file:openflow.keys"
+    assert {FEATURES_REPLY, BUNDLE_ADD} <= kinds(run, "c0.pcap", *log)
+
+
+def test_who_is_not_certified_speaks_with_nobody(tmp_path: Path) -> None:
+    with start("sdc", folder=tmp_path, tls=True, controller="os-ken") as network:
+        assert network.send("alice", "bob", b"hello").data == b"hello"
+        c0 = network.net.get("c0")
+        for address in c0.addresses.values():
+            with socket.create_connection((address, OPENFLOW_PORT), 5) as plain:
+                plain.settimeout(10)
+                plain.sendall(bytes.fromhex("0500000800000001"))  # HELLO
+                assert plain.recv(100)[:1] in (b"", b"\x15")  # nothing, or an alert
+        with network_of(c0), pytest.raises(ConnectionRefusedError):
+            socket.create_connection(("127.0.0.2", OPENFLOW_PORT), 5).close()
+        assert network.send("alice", "bob", b"again").data == b"again"
+
+
+def test_a_certificate_of_somebody_elses_stays(tmp_path: Path) -> None:
+    files = [str(tmp_path / name) for name in ("key", "certificate", "authority")]
+    openvswitch.vsctl("set-ssl", *files)
+    try:
+        with pytest.raises(NetworkError, match="another is set"), start("sdc", tls=True):
+            pass
+        assert certificates() == files[1]
+        with start("sdc") as network:
+            assert network.send("alice", "bob", b"plain").data == b"plain"
+        assert certificates() == files[1]
+    finally:
+        openvswitch.vsctl("del-ssl")

@@ -1,0 +1,187 @@
+"""Both ends of entanglement distribution back to back: lists for a network, sets for memories.
+
+The pairs are ideal: a photon is in a memory or lost, and the halves of a pair show the same random
+bit in every basis but Y, in which they differ. Which photons arrive is written down here.
+"""
+
+from collections import deque
+from dataclasses import dataclass, field
+from functools import partial
+from itertools import count
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hosts.hardware.qnic import BlockName, Stored
+from hosts.middleware.services.distribution.options import DistributeOptions
+from hosts.middleware.services.distribution.pairs import Pairs
+from hosts.middleware.services.distribution.protocol import Opening, follow
+from hosts.middleware.services.distribution.sharing import make, share
+from hosts.middleware.session import protocol
+from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.lifetimes import Lifetimes
+from hosts.middleware.session.protocol import HostSide, Light, OpenerSide, Order, Steps
+from hosts.middleware.session.values import values
+from wire.features import EVERYTHING, NodeFeatures
+from wire.metadata import Handshake, Message, Service, Setup, Topic, decode
+
+SETUP = Setup(5, Service.DISTRIBUTE, Handshake.FRAMED, "10.0.0.3", 8, 1, 1_000_000)
+FOREVER = Lifetimes(np.inf, np.inf, np.inf, np.inf)
+NODE_FEATURES = NodeFeatures(EVERYTHING, 1000)
+WAITING = object()  # instead of an outcome that is not there yet
+Y = 2
+
+
+@dataclass
+class World:
+    """The pairs that were made: the random bit of each, and which halves are lost on their way."""
+
+    lost: tuple[set[int], set[int]]  # numbers of pairs, of the halves 0 and 1
+    bits: dict[int, int] = field(default_factory=dict)
+    made: dict[int, list[int]] = field(default_factory=dict)  # pairs by block
+
+
+@dataclass
+class Host:
+    """One end: its steps, what it has heard, and its memory: numbers of pairs, by block."""
+
+    steps: Steps[Pairs]
+    half: int
+    world: World
+    inbox: deque[Message] = field(default_factory=deque)
+    memory: dict[BlockName, list[int | None]] = field(default_factory=dict)
+    told: list[dict[str, Any]] = field(default_factory=list)
+
+    def carry_out(self, order: Order, other: "Host") -> Any:
+        """Return what comes of an order; WAITING if that is not known yet."""
+        match order:
+            case protocol.Say(messages):
+                other.inbox.extend(decode(message.encode()) for message in messages)
+                return None
+            case protocol.Hear(kind):
+                if not self.inbox:
+                    return WAITING
+                assert isinstance(self.inbox[0], kind)
+                return self.inbox.popleft()
+            case protocol.HearNext():
+                return self.inbox.popleft() if self.inbox else WAITING
+            case protocol.Begin("receive_into_memory", (name, *_)):
+                return Light(name)
+            case protocol.Collect(light):
+                assert isinstance(light, BlockName)
+                return self._stored(light)
+            case protocol.Emit(block, pairs):
+                first = len(self.world.bits)
+                numbers = range(first, first + pairs)
+                draws = np.random.default_rng([7, block])
+                self.world.made[block] = list(numbers)
+                drawn = draws.integers(0, 2, pairs).tolist()
+                self.world.bits |= dict(zip(numbers, drawn, strict=True))
+                return None
+            case protocol.Do(operation, arguments, named):
+                return getattr(self, operation)(*arguments, **named)
+            case protocol.Tell(summary):
+                self.told.append(summary)
+                return None
+            case protocol.Now():
+                return float(len(self.told) + 1)
+        raise AssertionError(order)
+
+    def _stored(self, name: BlockName) -> Stored:
+        lost = self.world.lost[self.half]
+        there = [None if pair in lost else pair for pair in self.world.made[name.number]]
+        self.memory[name] = there
+        return Stored(np.array([pair is not None for pair in there]), 0)
+
+    def gather(self, into: BlockName, picks: dict[BlockName, Any], keep_rest: bool = False) -> None:
+        """Take photons of blocks into another."""
+        taken = [self.memory[name][place] for name, places in picks.items() for place in places]
+        for name, places in picks.items():
+            if keep_rest:
+                for place in places:
+                    self.memory[name][place] = None
+            else:
+                del self.memory[name]
+        self.memory[into] = taken
+
+    def discard_block(self, session: int, number: int) -> None:
+        """Let go of a block."""
+        self.memory = {name: kept for name, kept in self.memory.items() if name.number != number}
+
+    def measure(self, name: BlockName, bases: Any) -> Any:
+        """Return the bits of a block's photons, those of half 1 the other way round in Y."""
+        found = [
+            255 if pair is None else self.world.bits[pair] ^ (self.half and int(basis == Y))
+            for pair, basis in zip(self.memory.pop(name), bases, strict=True)
+        ]
+        return np.array(found, dtype=np.uint8)
+
+
+def ends(world: World, **options: Any) -> tuple[Host, Host]:
+    """Return both ends of a session for pairs."""
+    ports = ("alice-q1",)
+    opener = OpenerSide(
+        *(SETUP, ports, "10.0.0.2", "alice", np.random.default_rng(1), NODE_FEATURES, FOREVER),
+        frozenset(range(4)),
+        *("bob", NODE_FEATURES, FOREVER, False),
+    )
+    acceptor = HostSide(
+        *(SETUP, ports, "10.0.0.1", "bob", np.random.default_rng(2), NODE_FEATURES, FOREVER),
+        frozenset(range(4)),
+    )
+    wanted = DistributeOptions("bob", 7, **options)
+    alice = Opening(opener, wanted, partial(make, opener), 0.0).run()
+    return Host(alice, 0, world), Host(follow(acceptor, partial(share, acceptor), 0.0), 1, world)
+
+
+def delivered(alice: Host, bob: Host) -> tuple[Pairs, Pairs]:
+    """Return what both ends have in the end."""
+    done: dict[int, Pairs] = {}
+    orders: list[Order | None] = [None, None]
+    for turn in count():
+        assert turn < 10_000, "neither end goes on"
+        one, other = (alice, bob) if turn % 2 == 0 else (bob, alice)
+        if one.half in done:
+            continue
+        try:
+            order = orders[one.half] or next(one.steps)
+            while (outcome := one.carry_out(order, other)) is not WAITING:
+                order = one.steps.send(outcome)
+            orders[one.half] = order
+        except StopIteration as end:
+            done[one.half] = end.value
+            if len(done) == 2:
+                return done[0], done[1]
+    raise AssertionError
+
+
+def test_pairs_of_which_both_halves_have_come_are_delivered_in_one_order() -> None:
+    world = World(({1, 4}, {4, 6, 9}))
+    alice, bob = ends(world, count=10, sample=0.0)
+    ours, theirs = delivered(alice, bob)
+    assert ours.available == theirs.available == 10
+    there = [pair for pair in world.bits if pair not in {1, 4, 6, 9}]
+    for host in (alice, bob):
+        (block,) = host.memory.values()
+        assert block == there[:10]
+    assert alice.told[-1]["pairs"] == 10
+
+
+def test_pairs_are_sampled_in_every_basis_and_those_are_gone() -> None:
+    world = World((set(), set()))
+    alice, bob = ends(world, count=20, sample=0.4)
+    ours, theirs = delivered(alice, bob)
+    assert ours.estimate.fidelity == theirs.estimate.fidelity == 1
+    assert (ours.estimate.measured > 0).all()
+    (kept,) = alice.memory.values()
+    assert [kept] == [*bob.memory.values()]
+    assert len(kept) == 20
+    assert ours.estimate.total + 20 <= len(world.bits)
+
+
+def test_an_acceptor_refuses_to_purify_what_it_does_not_have() -> None:
+    _alice, bob = ends(World((set(), set())), count=10)
+    assert next(bob.steps) == protocol.HearNext()
+    with pytest.raises(SessionError, match="there are no pairs of block 1"):
+        bob.steps.send(values(SETUP.session, Topic.PURIFY, 1, [2, 1], 32))

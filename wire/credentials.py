@@ -1,0 +1,58 @@
+"""Credentials of a program in TLS: what it shows to the others of its run, and knows them by."""
+
+import ssl
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Credentials:
+    """Paths of PEM files: the run's authority, and what it has signed for one node."""
+
+    authority: str
+    certificate: str
+    private_key: str
+
+    @classmethod
+    def of(cls, fields: Mapping[str, str] | None) -> "Credentials | None":
+        """Build them from decoded JSON; None stays None: this program speaks plainly."""
+        return cls(**fields) if fields is not None else None
+
+    def read(self) -> tuple[bytes, bytes, bytes]:
+        """Return authority, certificate and private key; raise OSError."""
+        authority, certificate, private_key = (
+            Path(path).read_bytes() for path in (self.authority, self.certificate, self.private_key)
+        )
+        return authority, certificate, private_key
+
+    def client(self) -> ssl.SSLContext:
+        """Return the context of who connects: the server has to have the address asked for."""
+        return self._loaded(ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT))
+
+    def server(self, key_log: str = "") -> ssl.SSLContext:
+        """Return the context of who is connected to, by those alone that the authority has signed.
+
+        Into the file `key_log` go the secrets of its connections, by which Wireshark reads them.
+        """
+        context = self._loaded(ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER))
+        context.verify_mode = ssl.CERT_REQUIRED
+        if key_log:
+            context.keylog_filename = key_log
+        return context
+
+    def _loaded(self, context: ssl.SSLContext) -> ssl.SSLContext:
+        context.minimum_version = ssl.TLSVersion.TLSv1_2
+        context.load_verify_locations(self.authority)
+        context.load_cert_chain(self.certificate, self.private_key)
+        return context
+
+
+def certified_names(certificate: Mapping[str, Any]) -> set[str]:
+    """Return the names in a certificate, as ssl.SSLSocket.getpeercert gives it."""
+    subject = {
+        value for part in certificate["subject"] for key, value in part if key == "commonName"
+    }
+    others = certificate.get("subjectAltName", ())
+    return subject | {value for kind, value in others if kind == "DNS"}
