@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from controller_apps.policy.policy import BadPolicy, read_policy
-from controller_apps.timeouts import READY_TIMEOUT_S
+from controller_apps.timeouts import READY_POLL_S, READY_TIMEOUT_S
 from wire.config import BadConfig, ControllerConfig
 
 APPS = ("learning_switch", "quantum_metadata", "device_monitor", "key_relays")
@@ -159,7 +159,7 @@ def wait_until_listening(framework: Any, host: str, port: int) -> None:
     """Return as soon as a connection to the OpenFlow server succeeds."""
     deadline = time.monotonic() + READY_TIMEOUT_S
     while time.monotonic() < deadline:
-        framework.hub.sleep(0.01)
+        framework.hub.sleep(READY_POLL_S)
         with contextlib.suppress(ConnectionRefusedError), socket.create_connection((host, port)):
             return
     raise Fatal(f"no OpenFlow server on {host}:{port} within {READY_TIMEOUT_S} s")

@@ -5,6 +5,7 @@ Those of sessions are of the network, all others of the wall clock.
 
 # Beginning and ending
 READY_TIMEOUT_S = 10.0  # until the apps listen to the switches
+READY_POLL_S = 0.01  # between two looks whether they do
 CONNECT_TIMEOUT_S = 5.0  # of a switch, until TLS has begun
 STATION_TIMEOUT_S = 60  # that a switch knows a station by which nothing comes
 

@@ -20,10 +20,10 @@ from dispatcher.recording.recorder import current_request, running_request
 from dispatcher.refusal import Refusal
 from dispatcher.server.recorded_requests import REQUESTS
 from dispatcher.server.server import build_service
-from dispatcher.server.service import Service
-from wire import record
+from dispatcher.server.servicer import Service
+from wire import dispatcher_record
 from wire.config import DispatcherConfig
-from wire.record import BadRecord
+from wire.dispatcher_record import BadRecord
 from wire.record_pb2 import Entry, Request
 
 MOST_TURNS = 1000  # of the event loop, until a task has come to its wait
@@ -96,7 +96,7 @@ def replay(file: BinaryIO, event_log: TextIO, allow_code: bool = False) -> int:
     Raise BadRecord if the file is not a record of this version of the dispatcher, NamesCode if it
     names code that is not allowed.
     """
-    entries = record.read(file)
+    entries = dispatcher_record.read(file)
     config = _config(next(entries, None))
     code = sorted({fiber.noise for fiber in config.fibers if fiber.noise})
     if code and not allow_code:

@@ -48,6 +48,11 @@ FIRST_REPORTS_S = 1.0  # between two to a controller that has not said how often
 UNSUBSCRIBED_PERIOD_S = 10.0  # the same, in the end
 SLOWER = 0.25  # a pause to the time that has passed, of what a host repeats until it is found
 
+# IP over light
+HOLDOFF_S = 1.0  # by the wall: after a refusal nobody asks for light again so soon
+LIGHT_RETRY_S = 0.05  # by the wall: between two requests for light of packets that wait
+YIELD_S = 0.1  # by the wall, without a packet: then others have the light, if this host wants some
+
 # Applications, by the wall
 COMMAND_TIMEOUT_S = 10.0  # until a command that sets an interface or a tunnel up has ended
 TUNNEL_TIMEOUT_S = 10.0  # until a tunnel's daemon is ready, or the other end's application answers
@@ -58,8 +63,21 @@ TEXT_TIMEOUT_S = 5.0  # until its place for texts takes a connection
 GREETING_TIMEOUT_S = 1.0  # until who connects has said who it is
 TEXT_PAUSE_S = 0.05  # between two attempts to connect
 
-# Key managers, by the wall but for the first
+DOWNLOAD_TIMEOUT_S = 120.0  # without a byte of a download
+DOWNLOAD_TELL_S = 0.5  # between two words of how far it is
+NEXT_KEY_PAUSE_S = 0.25  # of a tunnel, when no key could be had
+TUNNEL_HANDSHAKE_S = 15.0  # until both ends of a tunnel use a new key
+INITIATE_TIMEOUT_S = 2  # of strongSwan, for one attempt; a whole number
+KEEPALIVE_S = 1  # of WireGuard: the end that knows the other's address begins the handshake at once
+
+# Key managers
+FETCH_TIMEOUT_S = 3600.0  # keys that nobody fetches for so long are thrown away
+STORING_TIMEOUT_S = 2.0  # one end stores the keys of a session before the other
+STORING_LOOK_S = 0.05  # between two looks whether it has
 FILLING_PAUSE_S = 5.0  # after sessions for keys that have failed, at most
+
+# Key managers, by the wall
+CLIENT_IDLE_S = 60.0  # that a client may keep a connection open without a request
 LINKS_PERIOD_S = 1.0  # between two reports of key links to the controller
 ROUTE_PAUSE_S = 0.3  # until the controller is asked again by whom keys can go
 ROUTE_TIMEOUT_S = 3.0  # until it has answered

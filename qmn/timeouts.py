@@ -29,6 +29,7 @@ TOLD_TIMEOUT_S = 20.0  # until an attacker's program has said that it goes on
 ATTACK_TIMEOUT_S = 60.0  # until an attack is over and has had its effect
 QUIET_S = 1.5  # without news before what has come of it is counted
 LIE_PERIOD_S = 0.1  # between two lies
+SPEAKER_TIMEOUT_S = 5.0  # that an impostor waits for the next message, or for who connects
 
 # Benchmarks
 RUN_TIMEOUT_S = 120.0  # for a whole run with a message
@@ -39,3 +40,11 @@ TURN_TIMEOUT_S = 10.0  # for one light path, or one packet
 CLOSE_TIMEOUT_S = 5.0  # until a light path is taken down
 PATH_POLL_S = 0.0002  # between two looks whether it is
 IDLE_S = 5.0  # that a network without sessions is watched
+
+# Live view
+LIVE_POLL_S = 0.04  # between two looks for messages
+LIVE_DEVICES_S = 1.0  # between two questions about devices and sessions
+LIVE_ACT_S = 60.0  # for a command that a page asks for
+LIVE_START_S = 20.0  # until the page of a run can be opened
+LIVE_LAST_S = 1.0  # for the last words to those who read
+LIVE_END_S = 5.0  # until it has ended

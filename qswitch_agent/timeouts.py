@@ -5,6 +5,9 @@ BARRIER_DEADLINE_S = 5.0  # until the bridge answers a barrier
 HOLD_DEADLINE_S = 5.0  # that a reply waits for those of its members that are late
 CLOSE_DEADLINE_S = 0.5  # until a connection that is closed has taken what was said to it
 
+FIRST_RETRY_S = 0.05  # until the controller is called again at first
+LAST_RETRY_S = 1.0  # the same, in the end
+
 # Optics
 CALL_DEADLINE_S = 4.0  # until the hardware has done what it was told
 SCPI_POLL_S = 1.0  # between two questions for what an instrument does not tell by itself

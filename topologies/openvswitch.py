@@ -170,7 +170,7 @@ def start(owner: str) -> None:
     while not running():
         if time.monotonic() > deadline:
             raise NetworkError(f"Open vSwitch did not start in {OPENVSWITCH_TIMEOUT_S:g} s")
-        time.sleep(0.05)
+        time.sleep(POLL_S)
     _note_starter(owner)
 
 

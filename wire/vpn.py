@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from wire.config import Config
 from wire.key_delivery import KEY_DELIVERY_PORT
 
-PROGRAMS = WIREGUARD, STRONGSWAN = "wireguard", "strongswan"
+PROGRAMS = WIREGUARD, STRONGSWAN, TLS = "wireguard", "strongswan", "tls"
 AGREEMENT_PORT = 9414  # where the end that follows hears the ids of keys
 
 
@@ -15,7 +15,6 @@ class VpnConfig(Config):
 
     program: str  # one of PROGRAMS
     leads: bool  # whether it is this end that asks for new keys
-    private_key: str  # WireGuard: this end's, base64; strongSwan: the IKE secret of both, hex
     address: str  # of this host, where its key manager is, too
     other: str  # of the other host
     inside: str  # this end's address in the tunnel
@@ -26,8 +25,10 @@ class VpnConfig(Config):
     authority: str
     rotate_s: float  # a new key so often
     lifetime_s: float  # no key is used for longer
+    private_key: str = ""  # WireGuard: this end's, base64; strongSwan: the IKE secret of both, hex
     peer: str = ""  # WireGuard: public key of the other end; base64
-    interface: str = ""  # WireGuard: its name
+    interface: str = ""  # WireGuard, TLS: its name
     socket: str = ""  # strongSwan: path of charon's
+    session_file: str = ""  # TLS: path at which OpenSSL is given a key
     prefix_length: int = 24  # of the addresses in the tunnel
     port: int = KEY_DELIVERY_PORT

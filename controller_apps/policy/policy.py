@@ -37,6 +37,8 @@ slot_s = 0.5                # of "slots": how long light is handed out for, in t
 [filter]                    # against hosts that pose as others; for attack studies it can be off
 addresses = true            # switches drop what is not from the port's own MAC or IPv4 address
 handshakes = true           # a set-up needs a TCP connection that both ends have opened
+sequences = true            # a FIN or RST counts only where its connection is
+announcements = true        # LLDP in the name of a host needs that host's seal
 
 [device.alice]              # overrides what applications on alice ask for
 rate_hz = 1_000_000
@@ -191,6 +193,8 @@ class Filter:
 
     addresses: bool = True  # switches drop what is not from the addresses of the host at the port
     handshakes: bool = True  # a set-up needs a connection that both ends have opened
+    sequences: bool = True  # a FIN or RST counts only where its connection is
+    announcements: bool = True  # LLDP in the name of a host needs that host's seal
 
 
 @dataclass(frozen=True)

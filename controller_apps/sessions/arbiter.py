@@ -77,6 +77,7 @@ class Arbiter:
     purification: Purification = UNPURIFIED  # in those
     keys: Mapping[str, str] = field(default_factory=dict)  # device keys, by address of the host
     needs_handshake: bool = False  # on the connection of a set-up; switches tell of them
+    needs_sequence: bool = True  # of a FIN or RST, that fits its connection
     handshakes: Handshakes = field(default_factory=Handshakes)
 
     def __post_init__(self) -> None:
@@ -173,7 +174,7 @@ class Arbiter:
         if admission.reason != Reason.OK and not waits:
             told = admission.reason, now, admission.detail, admission.node
             return self.verdicts.refuse(request, *told)
-        request.block_pairs = admission.block_pairs
+        request.take(admission.block_pairs, admission.wavelength_pm)
         self.sessions.retired.pop(request.five_tuple, None)
         session = self.sessions.join(request, now)
         if waits:
@@ -212,7 +213,7 @@ class Arbiter:
             asking = self.sessions.of(request)
             assert asking is not None  # it waits
             del self.sessions.queue[request.five_tuple]
-            request.block_pairs = reserved.block_pairs
+            request.take(reserved.block_pairs, reserved.wavelength_pm)
             hops = (hop for path in reserved.paths for hop in path.hops)
             if self.network.is_whole(hops) and self.slots.is_free(asking, reserved):
                 actions += self.light.open(request, asking, reserved.paths)
@@ -274,7 +275,7 @@ class Arbiter:
             found = self._find_light(request)
             if found.paths:
                 del self.sessions.queue[request.five_tuple]
-                request.block_pairs = found.block_pairs
+                request.take(found.block_pairs, found.wavelength_pm)
                 actions += self.light.open(request, session, found.paths)
             elif not found.waits_for_light:
                 told = found.reason, now, found.detail, found.node
@@ -324,7 +325,7 @@ class Arbiter:
         request = self.sessions.requests.get(opener)
         if request is None:
             return []
-        if is_expected(request, segment, from_opener):
+        if not self.needs_sequence or is_expected(request, segment, from_opener):
             return self.verdicts.over(request, "RST" if segment.flags & RST else "FIN", now)
         at = position(request, segment, from_opener)
         if request.bypassed and request.doubted is None and at is not None and at >= 0:

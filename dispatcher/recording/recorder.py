@@ -12,7 +12,7 @@ from typing import Any, BinaryIO
 
 from dispatcher.clock import Clock
 from dispatcher.layer.journal import Journal
-from wire import record
+from wire import dispatcher_record
 from wire.config import DispatcherConfig
 from wire.record_pb2 import Clock as ClockEntry
 from wire.record_pb2 import Entry, Header, Request, Resumed
@@ -57,7 +57,7 @@ class Recorder(Journal):
         """Begin the record of a dispatcher."""
         super().__init__(config.time)
         self._file, self._numbers = file, count(1)
-        record.begin(file)
+        dispatcher_record.begin(file)
         # Its paths are of that run, and its tokens nobody's business.
         public = replace(
             config,
@@ -100,7 +100,7 @@ class Recorder(Journal):
             self._write(Entry(clock=ClockEntry(request=running.number, time_ns=time_ns)))
 
     def _write(self, entry: Entry) -> None:
-        record.write(self._file, entry)
+        dispatcher_record.write(self._file, entry)
 
 
 class RecordedClock:

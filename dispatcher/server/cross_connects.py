@@ -13,7 +13,7 @@ from google.protobuf.message import DecodeError
 
 from dispatcher.refusal import Refusal
 from dispatcher.server.callers import Callers
-from dispatcher.server.service import Failed
+from dispatcher.server.servicer import Failed
 from wire import frames
 from wire.dispatcher_pb2 import CrossConnectOutcome, CrossConnectRequest
 from wire.metadata import MalformedPacket

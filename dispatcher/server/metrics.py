@@ -9,7 +9,7 @@ from prometheus_client.registry import Collector
 
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.server.callers import Callers
-from dispatcher.server.service import Failed, Service
+from dispatcher.server.servicer import Failed, Service
 from wire.prometheus.metrics import SECONDS
 
 

@@ -15,7 +15,7 @@ from dispatcher.clock import NetworkClock
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.server.callers import Callers
 from dispatcher.server.cross_connects import CrossConnects, bind
-from dispatcher.server.service import Failed, Service
+from dispatcher.server.servicer import Failed, Service
 from dispatcher.timeouts import STOP_GRACE_S, STOP_TIMEOUT_S
 from wire.config import BadConfig, DispatcherConfig
 from wire.dispatcher_pb2_grpc import add_DispatcherServicer_to_server

@@ -14,9 +14,9 @@ from pathlib import Path
 from urllib.error import URLError
 from urllib.request import urlopen
 
-SILENCE_S = 120.0
+from hosts.timeouts import DOWNLOAD_TELL_S, DOWNLOAD_TIMEOUT_S
+
 CHUNKS_PER_S = 20
-TELL_S = 0.5
 
 
 def say(event: str, **fields: object) -> None:
@@ -28,14 +28,14 @@ def download(url: str, output: Path, bytes_per_s: float) -> None:
     """Write what comes to a file."""
     digest, received, chunk = sha256(), 0, max(1, int(bytes_per_s / CHUNKS_PER_S))
     told = time.monotonic()
-    with urlopen(url, timeout=SILENCE_S) as response, output.open("wb") as file:  # noqa: S310
+    with urlopen(url, timeout=DOWNLOAD_TIMEOUT_S) as response, output.open("wb") as file:  # noqa: S310
         whole = int(response.headers["Content-Length"])
         while data := response.read(chunk):
             begun = time.monotonic()
             file.write(data)
             digest.update(data)
             received += len(data)
-            if begun - told >= TELL_S:
+            if begun - told >= DOWNLOAD_TELL_S:
                 told = begun
                 say("received", bytes=received)
             time.sleep(len(data) / bytes_per_s)

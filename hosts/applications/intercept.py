@@ -11,7 +11,9 @@ import argparse
 import json
 import signal
 import sys
+from dataclasses import dataclass
 from types import FrameType
+from typing import Any
 
 from hosts.applications.carrying import say
 from hosts.service_socket import ServiceSocket
@@ -20,13 +22,27 @@ from hosts.stack_socket import QuantumSocketError
 SIGNALS = (signal.SIGTERM, signal.SIGINT)
 
 
-def intercept(arguments: argparse.Namespace) -> None:
+@dataclass(frozen=True)
+class Attack:
+    """An attack on light."""
+
+    fraction: float  # of the photons
+    attack: str  # resend or split
+    expected_db: float  # of split: loss from here to a click, as both ends expect it
+    onward_db: float  # the same as it is
+    stack: str | None  # socket of this host's stack; None: as the environment says
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """What the stack is told beside the fraction."""
+        losses = {"expected_db": self.expected_db, "onward_db": self.onward_db}
+        return {"attack": self.attack, **(losses if self.attack == "split" else {})}
+
+
+def intercept(attack: Attack) -> None:
     """Intercept until told to end."""
-    with ServiceSocket(arguments.stack) as intercepting:
-        options = {"attack": arguments.attack}
-        if arguments.attack == "split":
-            options |= {name: getattr(arguments, name) for name in ("expected_db", "onward_db")}
-        blocks = intercepting.intercept(arguments.fraction, **options)
+    with ServiceSocket(attack.stack) as intercepting:
+        blocks = intercepting.intercept(attack.fraction, **attack.options)
 
         def end(_number: int, _frame: FrameType | None) -> None:
             for number in SIGNALS:
@@ -35,7 +51,7 @@ def intercept(arguments: argparse.Namespace) -> None:
 
         for number in SIGNALS:
             signal.signal(number, end)
-        say("intercepting", {"fraction": arguments.fraction, **options})
+        say("intercepting", {"fraction": attack.fraction, **attack.options})
         for block in blocks:
             say("result", block)
         say("done", intercepting.summary)
@@ -53,9 +69,9 @@ def main() -> int:
     text = "split: the same as it is, by the way that this host has (0)"
     parser.add_argument("--onward-db", type=float, default=0.0, metavar="DB", help=text)
     parser.add_argument("fraction", type=float, help="of the photons, 0 to 1")
-    arguments = parser.parse_args()
+    attack = Attack(**vars(parser.parse_args()))
     try:
-        intercept(arguments)
+        intercept(attack)
     except QuantumSocketError as error:
         print(json.dumps({"event": "failed", "reason": error.reason.name, "text": str(error)}))
         print(f"intercept: {error}", file=sys.stderr)

@@ -8,7 +8,7 @@ import os
 import sys
 from pathlib import Path
 
-from hosts.applications.service import ended_well, wait
+from hosts.applications.service import Part, ended_well, wait
 from wire.metadata import Service
 
 
@@ -32,10 +32,10 @@ def main() -> int:
     text = "let the shell go on as soon as this listens"
     parser.add_argument("--background", action="store_true", help=text)
     parser.add_argument("port", type=int)
-    parser.set_defaults(service=Service.SDC.name.lower())
-    arguments = parser.parse_args()
-    listening = go_to_background if arguments.background else None
-    return ended_well("receive", lambda: wait(arguments, listening))
+    said = parser.parse_args()
+    part = Part(Service.SDC.name.lower(), said.port, said.stack, output=said.output)
+    listening = go_to_background if said.background else None
+    return ended_well("receive", lambda: wait(part, listening))
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ import argparse
 import sys
 
 from hosts.applications.carrying import CHUNK_BYTES
-from hosts.applications.service import ask, ended_well
+from hosts.applications.service import Part, ask, ended_well
 from hosts.middleware.services.superdense.options import DEFAULT_BLOCK_PAIRS
 from wire.metadata import FEC_NAMES, Service
 
@@ -27,10 +27,11 @@ def main() -> int:
     parser.add_argument("--interleave", action="store_true", help="spread its codewords")
     parser.add_argument("host")
     parser.add_argument("port", type=int)
-    parser.set_defaults(service=Service.SDC.name.lower())
-    arguments = parser.parse_args()
-    arguments.options = {name: getattr(arguments, name) for name in OPTIONS}
-    return ended_well("send", lambda: ask(arguments))
+    said = parser.parse_args()
+    options = {name: getattr(said, name) for name in OPTIONS}
+    service = Service.SDC.name.lower()
+    part = Part(service, said.port, said.stack, said.host, options, said.file)
+    return ended_well("send", lambda: ask(part))
 
 
 if __name__ == "__main__":

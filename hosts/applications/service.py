@@ -7,42 +7,56 @@ import argparse
 import json
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from hosts.applications.carrying import CHUNK_BYTES, receive, say, send
 from hosts.quantum_socket import QuantumSocket
 from hosts.stack_socket import QuantumSocketError
 
 
-def ask(arguments: argparse.Namespace) -> None:
+@dataclass(frozen=True)
+class Part:
+    """The part that this host takes in a service."""
+
+    service: str
+    port: int
+    stack: str | None = None  # its socket; None: as the environment says
+    host: str | None = None  # that is asked; None: this one is
+    options: dict[str, Any] = field(default_factory=dict)  # of the service, for who asks
+    file: BinaryIO | None = None  # to send, if the service carries bytes
+    output: Path | None = None  # for the bytes that come
+
+
+def ask(part: Part) -> None:
     """Ask the host for the service; send the file, if there is one."""
-    with QuantumSocket(arguments.stack) as asking:
-        address = arguments.host, arguments.port
-        for result in asking.request(arguments.service, address, **arguments.options):
+    assert part.host is not None
+    with QuantumSocket(part.stack) as asking:
+        for result in asking.request(part.service, (part.host, part.port), **part.options):
             say("result", result)
-        if arguments.file is not None:
-            handshake = arguments.options.get("handshake", "framed")
-            send(asking, arguments.file, CHUNK_BYTES[handshake])
+        if part.file is not None:
+            handshake = part.options.get("handshake", "framed")
+            send(asking, part.file, CHUNK_BYTES[handshake])
         else:
             asking.shutdown()
             say("done", asking.summary)
 
 
-def wait(arguments: argparse.Namespace, listening: Callable[[], None] | None = None) -> None:
+def wait(part: Part, listening: Callable[[], None] | None = None) -> None:
     """Wait for one host that asks; receive into the output file, if there is one.
 
     `listening` is called as soon as hosts can ask.
     """
-    with QuantumSocket(arguments.stack) as listener:
-        listener.listen(arguments.port, arguments.service)
-        say("listening", {"port": arguments.port})
+    with QuantumSocket(part.stack) as listener:
+        listener.listen(part.port, part.service)
+        say("listening", {"port": part.port})
         if listening is not None:
             listening()
         connection, peer = listener.accept()
     with connection:
-        if arguments.output is not None:
-            receive(connection, peer, arguments.output)
+        if part.output is not None:
+            receive(connection, peer, part.output)
             return
         while not connection.over:
             for result in connection.results():
@@ -83,9 +97,9 @@ def main() -> int:
     parser.add_argument("--file", type=argparse.FileType("rb"), default=None, help=text)
     text = "for the bytes that come, of a service that carries some"
     parser.add_argument("--output", type=Path, default=None, help=text)
-    arguments = parser.parse_args()
-    work = wait if arguments.host is None else ask
-    return ended_well("service", lambda: work(arguments))
+    part = Part(**vars(parser.parse_args()))
+    work = wait if part.host is None else ask
+    return ended_well("service", lambda: work(part))
 
 
 if __name__ == "__main__":

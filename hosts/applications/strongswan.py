@@ -10,12 +10,12 @@ from pathlib import Path
 from uuid import UUID
 
 from hosts.applications.tunnel_commands import TunnelError, command, wait_until_it_works
+from hosts.timeouts import INITIATE_TIMEOUT_S
 
 INTERFACE = "ipsec0"  # which kernel-libipsec makes
 NAME, CHILD = "qmn", "inside"
 IKE = "aes256-sha256-x25519"
 ESP = "aes256gcm16"
-MOST_TRY_S = "2"  # seconds
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,9 @@ class StrongSwan:
         if not self.begins:
             return False
         try:
-            command(self._swanctl("--initiate", "--child", CHILD, "--timeout", MOST_TRY_S))
+            command(
+                self._swanctl("--initiate", "--child", CHILD, "--timeout", str(INITIATE_TIMEOUT_S))
+            )
         except TunnelError:
             return False
         return True

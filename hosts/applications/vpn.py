@@ -22,17 +22,17 @@ from uuid import UUID
 
 from hosts.applications.key_client import KeyClient, NoKey
 from hosts.applications.strongswan import StrongSwan
+from hosts.applications.tls import Tls
 from hosts.applications.tunnel_commands import Tunnel, TunnelError
 from hosts.applications.wireguard import WireGuard
-from hosts.timeouts import TUNNEL_POLL_S, TUNNEL_TIMEOUT_S
+from hosts.ip_over_light.tun import TunError
+from hosts.timeouts import NEXT_KEY_PAUSE_S, TUNNEL_HANDSHAKE_S, TUNNEL_POLL_S, TUNNEL_TIMEOUT_S
 from wire.config import BadConfig
 from wire.key_delivery import KeyRequest, decode_key_ids, encode_key_ids
 from wire.metadata import MalformedPacket
-from wire.vpn import AGREEMENT_PORT, STRONGSWAN, VpnConfig
+from wire.vpn import AGREEMENT_PORT, STRONGSWAN, TLS, VpnConfig
 
 MAX_LINE = 256
-AGAIN_S = 0.25  # when no key could be had
-HANDSHAKE_S = 15.0
 
 
 def say(event: str, **fields: Any) -> None:
@@ -81,7 +81,7 @@ def lead(config: VpnConfig, keys: KeyClient, in_use: KeyInUse) -> None:
             except (NoKey, NoAgreement) as error:
                 if not wanting:
                     say("no_key", text=str(error))
-                wanting, next_s = True, time.monotonic() + AGAIN_S
+                wanting, next_s = True, time.monotonic() + NEXT_KEY_PAUSE_S
         time.sleep(TUNNEL_POLL_S)
 
 
@@ -92,7 +92,7 @@ def change(config: VpnConfig, keys: KeyClient, in_use: KeyInUse) -> None:
     in_use.change(key.key_id, key.key)
     begun = time.monotonic()
     while not in_use.tunnel.handshake_done():
-        if time.monotonic() - begun > min(HANDSHAKE_S, in_use.lifetime_s):
+        if time.monotonic() - begun > min(TUNNEL_HANDSHAKE_S, in_use.lifetime_s):
             raise NoAgreement("no handshake with the new key")
         time.sleep(TUNNEL_POLL_S)
     say("handshake", key_ID=str(key.key_id), seconds=round(time.monotonic() - begun, 3))
@@ -161,6 +161,15 @@ def tunnel_of(config: VpnConfig) -> Tunnel:
             config.other_inside,
             config.leads,
         )
+    if config.program == TLS:
+        return Tls(
+            config.interface,
+            config.session_file,
+            (config.address, config.other),
+            (config.inside, config.other_inside),
+            config.prefix_length,
+            config.leads,
+        )
     return WireGuard(
         config.interface,
         config.private_key,
@@ -186,7 +195,7 @@ def main() -> int:
         )
         in_use = KeyInUse(tunnel, config.lifetime_s)
         (lead if config.leads else follow)(config, keys, in_use)
-    except (BadConfig, TunnelError, OSError) as error:
+    except (BadConfig, TunnelError, TunError, OSError) as error:
         print(f"vpn: {error}", file=sys.stderr)
         return 1
     return 0

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from uuid import UUID
 
 from hosts.applications.tunnel_commands import TunnelError, command, wait_until_it_works
+from hosts.timeouts import KEEPALIVE_S
 
 PORT = 51_820
 MTU = 1420
-KEEPALIVE_S = 1  # the end that knows the other's address begins the handshake at once
 KEY_BYTES = 32
 
 

@@ -20,8 +20,9 @@ from typing import Any
 from hosts.ip_over_light.refusals import PASSING, code
 from hosts.quantum_socket import QuantumSocket
 from hosts.stack_socket import QuantumSocketError, StackEnded
+from hosts.timeouts import HOLDOFF_S, LIGHT_RETRY_S, YIELD_S
 from wire.ip_over_light import PACKETS_PORT, RETURNED_PACKETS_PORT, Neighbor
-from wire.ipv4 import Packet, Unreachable
+from wire.lost_packet import Packet, Unreachable
 from wire.metadata import Service
 
 log = logging.getLogger("q0")
@@ -31,9 +32,6 @@ RETURNED = Service.SDC_RETURN.name.lower()
 PORTS = {SENT: PACKETS_PORT, RETURNED: RETURNED_PACKETS_PORT}
 MOST_QUEUED_BYTES = 1 << 18  # then the interface's own queue fills, as that of a slow link
 BATCH_BYTES = 1 << 16  # that travel at a time: behind them waits what comes meanwhile
-HOLDOFF_S = 1.0  # after a refusal nobody asks again so soon
-RETRY_S = 0.05
-YIELD_S = 0.1  # without a packet: then light is given back if this host wants some elsewhere
 ATTEMPTS = 2  # of a batch whose session breaks: the other end may just have given light back
 
 Refuse = Callable[[Packet, Unreachable], None]
@@ -178,7 +176,7 @@ class Outgoing:
                     return service, light
                 light.close()
             with self._changed:
-                self._changed.wait(RETRY_S)
+                self._changed.wait(LIGHT_RETRY_S)
 
     def _stands(self, service: str, light: QuantumSocket) -> bool:
         """Note what a return goes back on; tell whether that is there still."""

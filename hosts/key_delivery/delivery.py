@@ -13,6 +13,7 @@ Applications of one manager get keys that it draws: between them is no light.
 import asyncio
 import os
 from collections.abc import Awaitable, Callable, Sequence
+from pathlib import Path
 from typing import Protocol
 from uuid import UUID, uuid4
 
@@ -36,6 +37,7 @@ from wire.key_delivery import MAX_IDS, MAX_NAMES, DeliveredKey, KeyRequest, Stat
 from wire.key_manager import KeyManagerConfig, manager_name
 from wire.key_routes import KeyRoute
 
+ASSIGNED = ".assigned"  # folder of keys that wait for applications; no host is called so
 MIN_BITS = 8
 BURST = MAX_IDS * MAX_BITS // KEY_BITS  # the largest request
 
@@ -60,7 +62,7 @@ class KeyDelivery:
         self._config, self._tell = config, tell
         self._stored = StoredKeys(config)
         self.stores, self.withheld = self._stored.stores, self._stored.withheld
-        self._waiting = WaitingKeys(now_s)
+        self._waiting = WaitingKeys(now_s, Path(config.keys) / ASSIGNED)
         self._allowance = Allowance(config.keys_per_s, BURST, now_s)
         self._linked = {link.peer for link in config.links}
         self._relaying = Relaying(config, self._stored, send, self._waiting.add)

@@ -9,10 +9,9 @@ from hosts.key_delivery.refusals import unavailable
 from hosts.middleware.qkd.key_store import KeyStore, MissingKey, StoredKey
 from hosts.middleware.qkd.keyring import store_in
 from hosts.network_loop import now_s
+from hosts.timeouts import STORING_LOOK_S, STORING_TIMEOUT_S
 from wire.key_manager import KeyManagerConfig, manager_name
 
-STORING_S = 2.0  # of the network: one end stores the keys of a session before the other
-LOOK_S = 0.05
 MOST_VOID = 4096  # ids that another manager has not been told to throw away
 
 
@@ -45,14 +44,14 @@ class StoredKeys:
 
         Raise Refused if they do not come.
         """
-        deadline = now_s() + STORING_S
+        deadline = now_s() + STORING_TIMEOUT_S
         while True:
             try:
                 return await asyncio.to_thread(self.stores[host].take_all, wanted)
             except MissingKey as error:
                 if now_s() > deadline:
                     raise unavailable(str(error)) from error
-            await asyncio.sleep(LOOK_S)
+            await asyncio.sleep(STORING_LOOK_S)
 
     def discard(self, host: str, unwanted: UUID) -> None:
         """Throw a key away that nobody will get."""

@@ -11,7 +11,7 @@ from tornado.web import Application, HTTPError, RequestHandler
 from hosts.key_delivery.certificates import named, serving
 from hosts.key_delivery.delivery import KeyDelivery
 from hosts.key_delivery.refusals import BAD_REQUEST, UNAUTHORIZED, Refused, unauthorized
-from hosts.timeouts import ANSWER_TIMEOUT_S
+from hosts.timeouts import ANSWER_TIMEOUT_S, CLIENT_IDLE_S
 from wire import key_delivery as bodies
 from wire.key_assignment import ASSIGNMENT_PATH, MAX_ASSIGNMENT, Assignment
 from wire.key_manager import KeyManagerConfig
@@ -21,7 +21,6 @@ from wire.metadata import MalformedPacket
 log = logging.getLogger("key-manager")
 
 MAX_HEADER = 1 << 14
-IDLE_S = 60.0
 
 
 class Handler(RequestHandler):
@@ -161,7 +160,7 @@ def serve(config: KeyManagerConfig, delivery: KeyDelivery) -> HTTPServer:
         max_header_size=MAX_HEADER,
         max_body_size=MAX_ASSIGNMENT,
         body_timeout=ANSWER_TIMEOUT_S,
-        idle_connection_timeout=IDLE_S,
+        idle_connection_timeout=CLIENT_IDLE_S,
     )
     server.listen(config.port, config.address)
     return server

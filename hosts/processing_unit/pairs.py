@@ -20,8 +20,8 @@ from typing import Any
 from hosts.hardware.operations import Kind, Operation
 from hosts.hardware.qnic import BlockName, HardwareError, Qnic
 from hosts.middleware.session.blocks import PAIRS
+from hosts.middleware.session.ends import Answerer
 from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.service import Answerer
 from hosts.middleware.session.session import OpeningSession
 from hosts.network_loop import now_s, wall_sleep
 from hosts.processing_unit.qubits import Qubits

@@ -1,8 +1,8 @@
 """Answers what applications ask about what a service has left them, such as pairs in memory."""
 
 from hosts.hardware.qnic import HardwareError
+from hosts.middleware.session.ends import Answerer
 from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.service import Answerer
 from wire.metadata import Reason
 from wire.socket_calls import Call, decode_fields, encode_fields
 

@@ -3,8 +3,8 @@
 import asyncio
 from typing import Any
 
+from hosts.middleware.session.ends import Answerer
 from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.service import Answerer
 from hosts.timeouts import ACCEPT_TIMEOUT_S, READ_TIMEOUT_S
 from wire.metadata import Reason
 from wire.socket_calls import MAX_PAYLOAD, Call, encode, encode_fields

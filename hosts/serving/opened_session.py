@@ -6,8 +6,8 @@ from collections.abc import Coroutine
 from typing import Any
 
 from hosts.hardware.qnic import HardwareError
+from hosts.middleware.session.ends import Carrier
 from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.service import Carrier
 from hosts.middleware.session.session import OpeningSession
 from hosts.serving.answering import reply
 from hosts.serving.incoming import failed

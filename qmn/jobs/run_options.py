@@ -44,6 +44,8 @@ class RunOptions:
     record: bool = option(True, "do not record what `qmn replay` needs")
     report: bool = option(True, "draw no report; `qmn report` makes it later")
 
+    live: bool = option(False, "serve a page of what happens, and say where (`qmn live`)")
+
     @property
     def packet_bytes(self) -> int:
         """Return how many bytes of each packet are captured at most; 0: there are no captures."""

@@ -81,6 +81,11 @@ VERBS: Mapping[str, Verb] = MappingProxyType(
             "distribute secret keys",
             "sifted_bits",
             {
+                "sifted_per_key": {
+                    "metavar": "N",
+                    "help": "sifted bits that one key is distilled of, at most "
+                    f"({KEYS.sifted_per_key:,})",
+                },
                 "correction": {
                     "choices": tuple(CORRECTIONS),
                     "help": f"of errors ({KEYS.correction})",

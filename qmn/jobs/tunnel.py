@@ -3,7 +3,7 @@
 import base64
 import os
 import secrets
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from qmn.timeouts import START_TIMEOUT_S
 from topologies.key_managers import KeyManagers, application_name
 from topologies.network import Network
 from topologies.programs import NetworkError, Program, python
-from wire.vpn import WIREGUARD, VpnConfig
+from wire.vpn import STRONGSWAN, TLS, WIREGUARD, VpnConfig
 
 INSIDE = ("192.168.77.1", "192.168.77.2")
 SOCKETS = Path("/var/run/wireguard")  # where wireguard-go and wg meet, by the interface's name
@@ -33,6 +33,9 @@ CHARON = (
     "}}\n"
 )
 RECEIVED = "received"
+
+Carry = Callable[[Network, str], Program]
+Tell = Callable[[Network, Sequence[str]], list[dict[str, Any]]]
 
 
 @dataclass(frozen=True)
@@ -61,9 +64,9 @@ def start_tunnel(
     program: str = WIREGUARD,
 ) -> RunningTunnel:
     """Start both ends; the first leads. NetworkError if one cannot be."""
-    start = start_wireguard if program == WIREGUARD else start_charon
-    carriers = [start(network, host) for host in hosts]
-    own = wireguard_words(hosts) if program == WIREGUARD else strongswan_words(network, hosts)
+    carry, tell = MADE_BY[program]
+    carriers = [carry(network, host) for host in hosts] if carry else []
+    own = tell(network, hosts)
     ends: list[Program] = []
     for number, host in reversed(list(enumerate(hosts))):  # who follows waits for who leads
         other = 1 - number
@@ -92,7 +95,7 @@ def start_tunnel(
     return RunningTunnel([*ends, *carriers], hosts)
 
 
-def wireguard_words(hosts: Sequence[str]) -> list[dict[str, Any]]:
+def wireguard_words(_network: Network, hosts: Sequence[str]) -> list[dict[str, Any]]:
     """Return what WireGuard's ends are told of keys and interfaces; the keys are new."""
     keys = [X25519PrivateKey.generate() for _ in hosts]
     private = [base64.b64encode(key.private_bytes_raw()).decode() for key in keys]
@@ -100,6 +103,14 @@ def wireguard_words(hosts: Sequence[str]) -> list[dict[str, Any]]:
     return [
         {"interface": interface_of(host), "private_key": mine, "peer": theirs}
         for host, mine, theirs in zip(hosts, private, reversed(public), strict=True)
+    ]
+
+
+def tls_words(network: Network, hosts: Sequence[str]) -> list[dict[str, Any]]:
+    """Return what the ends of TLS are told: their interface, and where OpenSSL gets keys."""
+    folder = network.runtime.folder
+    return [
+        {"interface": "tls0", "session_file": str(folder / f"tls-{host}.pem")} for host in hosts
     ]
 
 
@@ -137,6 +148,15 @@ def start_wireguard(network: Network, host: str) -> Program:
         )
     command = ["env", "LOG_LEVEL=error", "wireguard-go", "-f", name]
     return network.run_on(host, f"wireguard-{host}", command)
+
+
+# The program that carries a host's packets, if that is not the end's own child, and what ends are
+# told beside the rest.
+MADE_BY: dict[str, tuple[Carry | None, Tell]] = {
+    WIREGUARD: (start_wireguard, wireguard_words),
+    STRONGSWAN: (start_charon, strongswan_words),
+    TLS: (None, tls_words),
+}
 
 
 def serve_and_download(

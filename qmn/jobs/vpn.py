@@ -11,7 +11,7 @@ from typing import Any
 
 from rich.console import Console
 
-from hosts.middleware.services.key_distribution.options import MAX_COUNT
+from hosts.middleware.session.service_options import MAX_COUNT
 from qmn.jobs import eavesdropping, moments
 from qmn.jobs.keys import show
 from qmn.jobs.moments import Moments
@@ -32,7 +32,7 @@ from topologies.programs import NetworkError, Program
 from topologies.timeouts import POLL_S
 from wire.key_manager import KeyLink
 from wire.parameters.option import option
-from wire.vpn import PROGRAMS, STRONGSWAN, WIREGUARD
+from wire.vpn import PROGRAMS, STRONGSWAN, TLS, WIREGUARD
 
 NAME = "vpn"
 NEEDED = {  # programs, and the Debian packages that have them
@@ -42,6 +42,7 @@ NEEDED = {  # programs, and the Debian packages that have them
         "charon-systemd strongswan-swanctl libcharon-extra-plugins "
         "libstrongswan-standard-plugins libstrongswan-extra-plugins",
     ),
+    TLS: (("openssl", "setpriv"), "openssl util-linux"),
 }
 ENOUGH = 4096  # keys that are never there: sessions follow one another, and notice who listens
 DEFAULT_S = 20.0  # that the default file takes at the rate that is asked for

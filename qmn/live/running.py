@@ -1,11 +1,44 @@
 """The network that runs on this machine, as a second program finds it."""
 
+import json
 import os
+import time
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 from topologies.programs import NetworkError
-from topologies.runtime import DISPATCHER, RUNTIME_ROOT, folders_of_running
+from topologies.runtime import DISPATCHER, RUNTIME_ROOT, Runtime, folders_of_running
 from wire.config import BadConfig, DispatcherConfig
+
+NETWORK = "network.json"  # in the private folder of a network
+
+
+@dataclass(frozen=True)
+class RunningNetwork:
+    """What other programs are told of a network."""
+
+    folder: str  # of its files
+    since_ns: int  # on the clock of the captures
+    time_scale: float
+    stacks: dict[str, str]  # socket of each host's
+    network: dict[str, Any]  # as results keep it
+
+
+def announce_network(runtime: Runtime, network: dict[str, Any]) -> None:
+    """Tell other programs of a network that has started."""
+    stacks = {host: runtime.socket(host) for host in runtime.addresses}
+    told = RunningNetwork(str(runtime.logs), time.time_ns(), runtime.time_scale, stacks, network)
+    (runtime.folder / NETWORK).write_text(json.dumps(asdict(told)))
+
+
+def announced_network(root: Path = RUNTIME_ROOT) -> RunningNetwork:
+    """Return the network that runs; raise NetworkError if none has started."""
+    for folder in folders_of_running(root):
+        file = folder / NETWORK
+        if file.exists():
+            return RunningNetwork(**json.loads(file.read_text()))
+    raise NetworkError("no network has started on this machine; start one, as with `qmn cli sdc`")
 
 
 def dispatcher_of_running_network(root: Path = RUNTIME_ROOT) -> DispatcherConfig:

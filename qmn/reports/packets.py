@@ -41,10 +41,10 @@ class Flight:
     arrived_ns: int | None
 
 
-def flights(folder: Path, network: NetworkFacts, limit: int) -> list[Flight]:
+def flights(folder: Path, network: NetworkFacts, limit: int, since_ns: int = 0) -> list[Flight]:
     """Return the first messages between hosts in the captures of a run, by when they left.
 
-    At most `limit` are read from each capture: a report shows the beginning.
+    At most `limit` are taken from each capture, from a time on: a figure shows a beginning.
     """
     hosts = {address: host for host, address in network.addresses.items()}
     left: dict[tuple[Flow, int], tuple[int, Message]] = {}
@@ -54,7 +54,8 @@ def flights(folder: Path, network: NetworkFacts, limit: int) -> list[Flight]:
         host = network.host_at(file.stem)
         if host not in with_light:
             continue  # the dispatcher's capture is the longest, and has no metadata
-        for time_ns, flow, sequence, message in islice(messages(file), limit):
+        later = (each for each in messages(file) if each[0] >= since_ns)
+        for time_ns, flow, sequence, message in islice(later, limit):
             if hosts.get(flow.source) == host:
                 left[flow, sequence] = time_ns, message
             elif hosts.get(flow.target) == host:

@@ -65,17 +65,7 @@ class RunFacts:
 
 def read_run(folder: Path) -> RunFacts:
     """Read a run; raise BadRun for a folder without, MalformedPacket for a spoiled capture."""
-    try:
-        result = json.loads((folder / RESULT).read_text())
-        network = NetworkFacts.from_dict(result["network"])
-    except OSError as error:
-        text = "name the folder of a run that has ended, as runs/latest"
-        raise BadRun(f"cannot read {error.filename}: {error.strerror}; {text}") from error
-    except (ValueError, KeyError, TypeError) as error:
-        raise BadRun(
-            f"{folder / RESULT} does not say what the network was ({error}): it did not start, or "
-            "another version made the run"
-        ) from error
+    result, network = read_result(folder)
     if "delivered" not in result:
         raise BadRun(f"{folder} is of `qmn cli` or a script: only `qmn run` has a report")
     capture = folder / EVENT_CAPTURE
@@ -88,6 +78,21 @@ def read_run(folder: Path) -> RunFacts:
         [line["setup_ms"] for line in read_record(folder) if line["event"] == "path_ready"],
         _lines(folder / SENDER_LOG),
     )
+
+
+def read_result(folder: Path) -> tuple[dict[str, Any], NetworkFacts]:
+    """Return what a run or a network has left as its result, and the network; raise BadRun."""
+    try:
+        result = json.loads((folder / RESULT).read_text())
+        return result, NetworkFacts.from_dict(result["network"])
+    except OSError as error:
+        text = "name the folder of a run that has ended, as runs/latest"
+        raise BadRun(f"cannot read {error.filename}: {error.strerror}; {text}") from error
+    except (ValueError, KeyError, TypeError) as error:
+        raise BadRun(
+            f"{folder / RESULT} does not say what the network was ({error}): it did not start, or "
+            "another version made the run"
+        ) from error
 
 
 def _lines(file: Path) -> list[dict[str, Any]]:

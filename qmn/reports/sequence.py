@@ -42,10 +42,14 @@ Spoken = tuple[int, Flow, bytes]
 
 
 def handshake(
-    folder: Path, network: NetworkFacts, events: Sequence[Event], openflow_port: int
+    folder: Path,
+    network: NetworkFacts,
+    events: Sequence[Event],
+    openflow_port: int,
+    since_ns: int = 0,
 ) -> tuple[list[Step], int]:
-    """Return the first steps of a run from its first set-up on, and how many of these followed."""
-    seen = flights(folder, network, 2 * MAX_MOMENTS)
+    """Return the steps of a run from its first set-up behind a time on, and how many followed."""
+    seen = flights(folder, network, 2 * MAX_MOMENTS, since_ns)
     steps = [_metadata_step(flight) for flight in seen]
     begin = min((step.time_ns for step in steps), default=0)
     end = max((step.arrival_ns or step.time_ns for step in steps), default=1 << 63)

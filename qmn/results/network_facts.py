@@ -20,6 +20,7 @@ class NetworkFacts:
     copper: list[list[str]]  # of each link: node and interface at one end, and at the other
     # Where nodes are on a map, from left to right and upwards; empty: on none.
     positions: dict[str, tuple[float, float]] = field(default_factory=dict)
+    datapath_ids: dict[str, int] = field(default_factory=dict)  # of the quantum switches
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as JSON takes it."""
@@ -58,4 +59,5 @@ def network_facts(network: Network) -> NetworkFacts:
         list(runtime.switches.values()),
         copper,
         {name: (x, y) for name, (x, y) in getattr(network.net.topo, "positions", {}).items()},
+        dict(runtime.datapath_ids),
     )

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,8 +12,10 @@ from hosts.quantum_socket import QuantumSocket, QuantumSocketError
 from qmn.jobs.transfer import APPLICATION_PORT, TransferError, with_elements
 from qmn.timeouts import STALL_TIMEOUT_S
 from topologies.network import Network
+from wire.network_time import NetworkTime
 
 READ_BYTES = 1 << 16
+Ends = tuple[QuantumSocket, QuantumSocket]  # the sender's, the receiver's
 COUNTS = ("bell_pairs", "lost_pairs", "received_symbols", "symbol_errors", "repeated_frames")
 
 
@@ -61,7 +63,20 @@ def exchange(
 
     Raise TransferError if not all arrived, NetworkError if the network failed.
     """
-    received, size, network_time = bytearray(), 0, network.runtime.time
+    opening = connection(network, sender, receiver, **options)
+    chunk = CHUNK_BYTES[options.get("handshake", "framed")]
+    return carried(opening, parts, keep, network.runtime.time, chunk)
+
+
+def carried(
+    opening: AbstractContextManager[Ends],
+    parts: Iterable[bytes],
+    keep: bool,
+    network_time: NetworkTime,
+    chunk: int = CHUNK_BYTES["framed"],
+) -> Exchange:
+    """Open a session, and send the parts in pieces of at most `chunk` bytes."""
+    received, size = bytearray(), 0
 
     def take(data: bytes) -> None:
         nonlocal size
@@ -70,11 +85,9 @@ def exchange(
             received.extend(data)
 
     asked = time.monotonic()
-    with ThreadPoolExecutor(1) as pool, connection(network, sender, receiver, **options) as ends:
-        sending, receiving = ends
+    with ThreadPoolExecutor(1) as pool, opening as (sending, receiving):
         opened = time.monotonic()
         reading = pool.submit(_read, receiving, take)
-        chunk = CHUNK_BYTES[options.get("handshake", "framed")]
         for part in parts:
             for start in range(0, len(part), chunk):
                 sending.sendall(part[start : start + chunk])
@@ -97,24 +110,33 @@ def _read(receiving: QuantumSocket, take: Callable[[bytes], None]) -> None:
 
 
 @contextmanager
-def connection(
-    network: Network, sender: str, receiver: str, **options: Any
-) -> Iterator[tuple[QuantumSocket, QuantumSocket]]:
+def ends(
+    stack: Callable[[str], str], sender: str, receiver: str, limit_s: float, **options: Any
+) -> Iterator[Ends]:
+    """Open a session, and yield both its ends; `stack` says where that of a host listens.
+
+    Raise QuantumSocketError if it is refused or breaks, TimeoutError without progress.
+    """
+    with QuantumSocket(stack(receiver)) as listener, QuantumSocket(stack(sender)) as sending:
+        for each in (listener, sending):
+            each.settimeout(limit_s)
+        listener.listen(APPLICATION_PORT)
+        sending.connect((receiver, APPLICATION_PORT), **options)
+        receiving, _peer = listener.accept()
+        with receiving:  # what waits for it, waits no more
+            yield sending, receiving
+
+
+@contextmanager
+def connection(network: Network, sender: str, receiver: str, **options: Any) -> Iterator[Ends]:
     """Open a session, and yield both its ends.
 
     Raise TransferError if it is refused or breaks, NetworkError if the network failed.
     """
-    stack = network.runtime.socket
     limit_s = network.runtime.time.wall_s(STALL_TIMEOUT_S)
     try:
-        with QuantumSocket(stack(receiver)) as listener, QuantumSocket(stack(sender)) as sending:
-            for each in (listener, sending):
-                each.settimeout(limit_s)
-            listener.listen(APPLICATION_PORT)
-            sending.connect((receiver, APPLICATION_PORT), **options)
-            receiving, _peer = listener.accept()
-            with receiving:  # what waits for it, waits no more
-                yield sending, receiving
+        with ends(network.runtime.socket, sender, receiver, limit_s, **options) as both:
+            yield both
     except (QuantumSocketError, TimeoutError) as error:
         network.explain()
         if isinstance(error, TimeoutError):

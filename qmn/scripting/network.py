@@ -16,6 +16,7 @@ from mininet.topo import Topo
 from qmn.live.controller_console import ask
 from qmn.live.dispatcher_calls import held_blocks, switch_conditions, switch_statistics
 from qmn.live.metrics_targets import announce
+from qmn.live.running import announce_network
 from qmn.network.checks import check_network, check_two_hosts
 from qmn.network.description import (
     FIBER,
@@ -208,6 +209,7 @@ def running(description: NetworkDescription, folder: Path | None) -> Iterator[Qu
         try:
             with network, signals.at_once():
                 facts["network"] = network_facts(network).to_dict()
+                announce_network(network.runtime, facts["network"])
                 early = worst(network.runtime)
                 facts["acausal"] = early.to_dict() if early else None
                 if folder is not None and options.metrics:

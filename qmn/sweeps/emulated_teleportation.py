@@ -12,9 +12,9 @@ from typing import Any
 from rich.console import Console
 
 from hosts.middleware.services.teleportation.teleport import TeleportOptions
-from qmn.jobs import runner, service
+from qmn.jobs import counted_service, runner
+from qmn.jobs.counted_service import ServiceRequest
 from qmn.jobs.run_options import RunOptions
-from qmn.jobs.service import ServiceRequest
 from qmn.jobs.service_verbs import SERVICE_PORT
 from qmn.jobs.transfer import TransferError
 from qmn.network.custom_topology import BadTopology
@@ -46,7 +46,9 @@ WAITED = Parameter("measured_wait_s", 0.0)
 def measure(values: Values, seed: int, runs: Path, signals: Signals) -> Outcome:
     """Teleport states, all in one block: they wait equally long."""
     try:
-        job, context = service.begun(request(values, seed, runs), signals, Console(quiet=True))
+        job, context = counted_service.begun(
+            request(values, seed, runs), signals, Console(quiet=True)
+        )
         runner.run(job, context)
     except (NetworkError, TransferError, BadInput, BadTopology) as error:
         raise SweepError(f"{TELEPORT.place(values)} failed: {error}") from error

@@ -6,7 +6,10 @@ She keeps a photon of each pulse of several, sends on only as many pulses as are
 measures hers when the bases are told (Brassard, Luetkenhaus, Mor, Sanders 2000).
 """
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from dispatcher.laboratory import Laboratory, LaboratoryHost
 from dispatcher.sabot.backend import Bytes
@@ -32,15 +35,40 @@ KEPT, TRASH = 1 << 31, 3 << 30  # numbers of eve's blocks, beside that of the li
 NO_LEVELS = (1.0, 0.0, 0.0)
 
 
+class Exchange(NamedTuple):
+    """What became of pulses; arrays end with the level of their intensity."""
+
+    sent: NDArray[np.int64]
+    seen: NDArray[np.int64]
+    counts: NDArray[np.int64]  # sifted, by basis and by whether they are wrong
+    known: NDArray[np.int64]  # of these, to eve; by basis
+
+
 async def send(values: Values, seed: int) -> Outcome:
     """Send pulses past eve, and compare what bob and she have found with what was sent."""
-    means, shares = means_of(values), shares_of(values)
+    means = means_of(values)
+    sent, seen, counts, known = await exchange(values, seed)
+    signal = counts[:, :, 0].sum(axis=0)
+    gain = proportion(int(seen[0]), int(sent[0]))
+    decoys = values[DECOYS.name] == "on"
+    return {
+        "gain": gain,
+        "weak": proportion(int(seen[1]), int(sent[1])),
+        "qber": proportion(int(signal[1]), int(signal.sum())),
+        "known": proportion(int(known.sum()), int(counts.sum())),
+        "key": key(Decoys(means), counts, int(sent.sum())) if decoys else gllp(gain, means[0]),
+    }
+
+
+async def exchange(values: Values, seed: int) -> Exchange:
+    """Send pulses past eve, and count what bob and she have found of what was sent."""
+    shares = shares_of(values)
     laboratory = scene(values, seed)
     alice, eve, bob = (laboratory.host(name) for name in ("alice", "eve", "bob"))
     way = Way(number(values, LOSS.name)) if values[EVE.name] == "on" else None
     random = np.random.default_rng(seed)
     sent, seen = np.zeros(LEVELS, np.int64), np.zeros(LEVELS, np.int64)
-    counts, known = np.zeros((2, 2, LEVELS), np.int64), 0  # basis, wrong, level
+    counts, known = np.zeros((2, 2, LEVELS), np.int64), np.zeros(2, np.int64)
     for block, size in enumerate(blocks(int(values["pairs"]))):
         states, bases = random.integers(0, (4, 2), (size, 2), dtype=np.uint8).T.copy()
         levels = random.choice(LEVELS, size, p=shares).astype(np.uint8)
@@ -61,17 +89,8 @@ async def send(values: Values, seed: int) -> Outcome:
         same = clicked & (bases == told)
         right = states[same] & np.uint8(1)
         np.add.at(counts, (bases[same], bits[same] ^ right, levels[same]), 1)
-        known += int(np.count_nonzero(hers[same] == right))
-    signal = counts[:, :, 0].sum(axis=0)
-    gain = proportion(int(seen[0]), int(sent[0]))
-    decoys = values[DECOYS.name] == "on"
-    return {
-        "gain": gain,
-        "weak": proportion(int(seen[1]), int(sent[1])),
-        "qber": proportion(int(signal[1]), int(signal.sum())),
-        "known": proportion(known, int(counts.sum())),
-        "key": key(Decoys(means), counts, int(sent.sum())) if decoys else gllp(gain, means[0]),
-    }
+        known += np.bincount(bases[same][hers[same] == right], minlength=2)
+    return Exchange(sent, seen, counts, known)
 
 
 async def attack(eve: LaboratoryHost, block: int, way: Way, random: np.random.Generator) -> None:

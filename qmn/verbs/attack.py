@@ -1,12 +1,10 @@
 """qmn attack NAME: try an attack on an emulated network, without its defence and with it.
 
-The network is made for each trial, and nothing else is attacked. See docs/attacks.md.
+A network is made for each trial, and nothing else is attacked. See docs/attacks.md.
 """
 
 import argparse
 import sys
-import tempfile
-from pathlib import Path
 from typing import Any
 
 EVERY = "all"
@@ -51,14 +49,9 @@ def call(arguments: argparse.Namespace) -> int:
 def trial(name: str, defence: str, attempts: int | None) -> str:
     """Try an attack once, in a network of its own; return its count in words."""
     from qmn.attacks.laboratory import ATTACKS
-    from qmn.scripting.network import start
 
     attack = ATTACKS[name]
     attempts = attempts or attack.attempts
-    with tempfile.TemporaryDirectory(prefix="qmn-attack-") as folder:
-        policy = Path(folder) / "policy.toml"
-        policy.write_text(f"[filter]\n{attack.defence} = {'true' if defence == ON else 'false'}\n")
-        with start("sdc", folder=Path(folder) / "run", policy=str(policy)) as network:
-            reached = attack.conduct(network, attempts)
+    reached, tried = attack.trial(defence == ON, attempts)
     switch = f"{attack.defence} {defence}"
-    return f"{name:20} {switch:15} {reached:6} of {attempts} {attack.counted}"
+    return f"{name:20} {switch:18} {reached:6} of {tried} {attack.counted}"

@@ -5,10 +5,12 @@ Commands come from the keyboard, or from a file: qmn cli sdc < commands
 
 import argparse
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from qmn.live.metrics_targets import urls
+from qmn.live_view.beside import live_view
 from qmn.network.checks import check_network
 from qmn.network.custom_topology import BadTopology, short_name
 from qmn.network.description import describe_network
@@ -39,6 +41,7 @@ def add_parser(verbs: Any) -> None:
     add_options(parser, Q0Options)
     add = parser.add_argument
     add("--runs", type=Path, default=Path("runs"), metavar="DIR", help="where logs go (runs)")
+    add("--live", action="store_true", help="serve a page of what happens (`qmn live`)")
     add("--capture", action="store_true", help="capture packets, as `qmn run` does")
     parser.set_defaults(call=call, needs_root=True)
 
@@ -48,7 +51,8 @@ def call(arguments: argparse.Namespace) -> int:
     try:
         options, keys = read(NetworkOptions, arguments), read(KeyServiceOptions, arguments)
         q0 = read(Q0Options, arguments)
-        return start_and_obey(options, keys, q0, arguments.runs, arguments.capture)
+        extras = CliExtras(arguments.runs, arguments.capture, arguments.live)
+        return start_and_obey(options, keys, q0, extras)
     except (BadInput, BadTopology, NetworkError) as error:
         print(f"qmn: {error}", file=sys.stderr)
         return 1
@@ -60,8 +64,17 @@ def call(arguments: argparse.Namespace) -> int:
         return INTERRUPTED
 
 
+@dataclass(frozen=True)
+class CliExtras:
+    """What is done beside the network."""
+
+    runs: Path
+    capture: bool
+    live: bool
+
+
 def start_and_obey(
-    options: NetworkOptions, keys: KeyServiceOptions, q0: Q0Options, runs: Path, capture: bool
+    options: NetworkOptions, keys: KeyServiceOptions, q0: Q0Options, extras: CliExtras
 ) -> int:
     """Return the exit status: of a script 1 if a command has failed."""
     if not options.topology:
@@ -74,16 +87,16 @@ def start_and_obey(
     service = key_service(keys, description.hosts)
     require_root()
     try:
-        folder = make_folder(runs, short_name(options.topology))
+        folder = make_folder(extras.runs, short_name(options.topology))
     except OSError as error:
-        raise BadInput(f"cannot write to --runs {runs}: {error.strerror}") from error
+        raise BadInput(f"cannot write to --runs {extras.runs}: {error.strerror}") from error
     point_latest(folder)
     try:
         print(f"starting the network; its logs and quantum events: {folder}", flush=True)
         with running(description, folder) as network:
             for program, url in urls(network.runtime.metrics_addresses).items():
                 print(f"metrics of {program}: {url}", flush=True)
-            if capture:
+            if extras.capture:
                 network.capture("s1", openflow=True)
             if service is not None:
                 for host, url in start_key_managers(network, service).urls.items():
@@ -91,7 +104,8 @@ def start_and_obey(
             if interface is not None:
                 for host, address in start_ip_over_light(network, interface).items():
                     print(f"q0 of {host}: {address}", flush=True)
-            return obey(network)
+            with live_view(extras.live, lambda text: print(text, flush=True)):
+                return obey(network)
     finally:
         give_to_invoker(folder)
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, TextIO, cast
 
 from dispatcher.replay import NamesCode, replay
-from wire.record import BadRecord
+from wire.dispatcher_record import BadRecord
 
 RECORD = "dispatcher.record"
 EVENTS = "quantum.log"

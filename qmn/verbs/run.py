@@ -7,13 +7,13 @@ from typing import Any
 from hosts.middleware.services import NAMES
 from hosts.middleware.services.superdense.options import SuperdenseOptions
 from hosts.timeouts import MAX_BLOCK_S
-from qmn.jobs import keys, load, service, superdense, vpn
+from qmn.jobs import counted_service, keys, load, superdense, vpn
+from qmn.jobs.counted_service import ServiceRequest
 from qmn.jobs.keys import KeysRequest
 from qmn.jobs.load import LoadRequest
 from qmn.jobs.passing_eavesdropper import PassingEve
 from qmn.jobs.run_context import guarded
 from qmn.jobs.run_options import MACHINES, RunOptions
-from qmn.jobs.service import ServiceRequest
 from qmn.jobs.service_verbs import SERVICE_PORT, VERBS, Verb
 from qmn.jobs.superdense import SuperdenseRequest
 from qmn.jobs.transfer import APPLICATION_PORT
@@ -142,7 +142,7 @@ def _session_words(session: Any, verb: Verb) -> dict[str, Any]:
 
 
 def _call_service(arguments: argparse.Namespace) -> int:
-    return guarded(partial(service.run, service_request(arguments)))
+    return guarded(partial(counted_service.run, service_request(arguments)))
 
 
 def service_request(arguments: argparse.Namespace) -> ServiceRequest:

@@ -24,11 +24,10 @@ from qswitch_agent.proxy.link import Link, Said
 from qswitch_agent.proxy.replies import Replies
 from qswitch_agent.proxy.requests import Requests
 from qswitch_agent.switch import Switch
-from qswitch_agent.timeouts import CLOSE_DEADLINE_S, HOLD_DEADLINE_S
+from qswitch_agent.timeouts import CLOSE_DEADLINE_S, FIRST_RETRY_S, HOLD_DEADLINE_S, LAST_RETRY_S
 from wire.metadata import MalformedPacket
 
 CHUNK = 1 << 16
-FIRST_RETRY_S, LAST_RETRY_S = 0.05, 1.0
 log = logging.getLogger(__name__)
 
 Address = tuple[str, int]

@@ -6,29 +6,56 @@ import pytest
 from conftest import verb
 from fabric_scene import running
 
-from qmn.attacks.laboratory import ATTACKS
+from qmn.attacks.laboratory import ATTACKS, Attack
 from topologies.sdc import SdcTopo
 
-ATTEMPTS = {"arp-spoofing": 10, "flow-table-flooding": 60, "set-up-flooding": 40}
+ATTEMPTS = {
+    "arp-spoofing": 10,
+    "flow-table-flooding": 60,
+    "set-up-flooding": 40,
+    "blind-rst": 2,
+    "lldp-spoofing": 20,
+    "replay": 10,
+}
+TLS = {"impostor-switch": 3, "impostor-controller": 5}
+
+
+def conducted(name: str) -> Attack:
+    attack = ATTACKS[name]
+    assert isinstance(attack, Attack)
+    return attack
 
 
 @pytest.mark.parametrize("defended", [False, True])
 def test_attacks_succeed_without_their_defence_alone(tmp_path: Path, defended: bool) -> None:
-    """Undefended each attempt succeeds, as ARP, learning switches and TCP have it (RFC 826, 793).
+    """Undefended each attempt succeeds, as ARP, learning switches, TCP and LLDP have it.
 
-    A frame may be lost on its way to the controller, or bob may hear alice herself once.
+    (RFC 826, 793, IEEE 802.1AB.) A frame may be lost on its way to the controller, or bob may hear
+    alice herself once, or announce his fibres anew meanwhile.
     """
-    assert ATTEMPTS.keys() == ATTACKS.keys()
     policy = tmp_path / "policy.toml"
-    words = "true" if defended else "false"
-    policy.write_text(f"[filter]\naddresses = {words}\nhandshakes = {words}\n")
+    words = str(defended).lower()
+    switches = dict.fromkeys(("addresses", "handshakes", "sequences", "announcements"), words)
+    policy.write_text("[filter]\n" + "".join(f"{name} = {on}\n" for name, on in switches.items()))
     with running(SdcTopo, tmp_path, policy=str(policy)) as network:
         for name, attempts in ATTEMPTS.items():
-            reached = ATTACKS[name].conduct(network, attempts)
-            assert reached == 0 if defended else 0.8 * attempts <= reached <= attempts, name
+            reached = conducted(name).conduct(network, attempts)
+            assert reached == 0 if defended else 0.8 * attempts <= reached <= attempts, (
+                name,
+                reached,
+            )
+
+
+@pytest.mark.parametrize("tls", [False, True])
+def test_impostors_are_obeyed_without_tls_alone(tmp_path: Path, tls: bool) -> None:
+    """Nothing in OpenFlow itself says who speaks (version 1.4.0, 6.3.3)."""
+    with running(SdcTopo, tmp_path, tls=tls) as network:
+        for name, attempts in TLS.items():
+            assert conducted(name).conduct(network, attempts) == (0 if tls else attempts), name
 
 
 def test_the_verb_prints_the_count() -> None:
+    assert {*ATTEMPTS, *TLS} == {each for each in ATTACKS if isinstance(ATTACKS[each], Attack)}
     said = verb("attack", "set-up-flooding", "--attempts", "5", "--defence", "on").stdout
     assert "set-up-flooding" in said
     assert "handshakes on" in said

@@ -14,10 +14,11 @@ import pytest
 from conftest import TSHARK, wait_until
 from fabric_scene import running
 from loaded import run_qmn
-from scapy.layers.inet import UDP
+from scapy.layers.inet import TCP, UDP
 from scapy.utils import PcapReader
 from test_results_fit_schema import require_schema
 
+from hosts.applications.tls import PORT as TLS_PORT
 from hosts.applications.wireguard import PORT
 from qmn.jobs.tunnel import SOCKETS, start_tunnel
 from topologies.key_managers import KeyService, start_key_managers
@@ -46,6 +47,25 @@ tunnel.use(UUID(sys.argv[2]), bytes(32))
 print("handshake", tunnel.handshake_done())
 """
 
+# An end of the tunnel by itself, with a key that it is given.
+TLS_END = """
+import sys, tempfile, time
+from uuid import UUID
+from hosts.applications.tls import Tls
+own, other, inside, other_inside, key = sys.argv[1:]
+begins = own < other
+file = tempfile.mktemp()
+tunnel = Tls("tls0", file, (own, other), (inside, other_inside), 24, begins)
+tunnel.set_up()
+tunnel.use(UUID(int=1), bytes.fromhex(key))
+deadline = time.monotonic() + 3
+while begins and not tunnel.handshake_done() and time.monotonic() < deadline:
+    time.sleep(0.02)
+print("handshake", tunnel.handshake_done(), flush=True)
+while True:
+    time.sleep(1)
+"""
+
 
 @pytest.fixture(autouse=True)
 def _no_socket_is_left() -> Iterator[None]:
@@ -58,21 +78,28 @@ def lines_of(log: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in log.read_text().splitlines() if line.startswith("{")]
 
 
-def messages_of(capture: Path, port: int) -> list[tuple[float, int, int]]:
-    """Return when alice's link has seen which first byte on a UDP port, and how long it all was."""
+def messages_of(capture: Path, layer: type[UDP | TCP], port: int) -> list[tuple[float, int, int]]:
+    """Return when alice's link has seen which first byte on a port, and how long it all was."""
     with PcapReader(str(capture)) as packets:
         return [
-            (float(packet.time), bytes(packet[UDP].payload)[0], len(packet[UDP].payload))
+            (float(packet.time), data[0], len(data))
             for packet in packets
-            if UDP in packet and port in (packet[UDP].sport, packet[UDP].dport)
+            if layer in packet
+            and port in (packet[layer].sport, packet[layer].dport)
+            and (data := bytes(packet[layer].payload))
         ]
 
 
 @pytest.mark.parametrize(
-    ("program", "port"), [("wireguard", PORT), pytest.param("strongswan", 4500, marks=IF_THERE)]
+    ("program", "layer", "port"),
+    [
+        ("wireguard", UDP, PORT),
+        pytest.param("strongswan", UDP, 4500, marks=IF_THERE),
+        ("tls", TCP, TLS_PORT),
+    ],
 )
 def test_the_tunnel_closes_while_eve_listens_and_the_file_arrives(
-    tmp_path: Path, program: str, port: int
+    tmp_path: Path, program: str, layer: type[UDP | TCP], port: int
 ) -> None:
     file = tmp_path / "file"
     file.write_bytes(os.urandom(2_500_000))
@@ -96,17 +123,22 @@ def test_the_tunnel_closes_while_eve_listens_and_the_file_arrives(
         host: [each["key_ID"] for each in said if each["event"] == "key"]
         for host, said in (("alice", alice), ("bob", bob))
     }
-    assert keys["alice"] == keys["bob"]
+    # The last change of keys may be going on when the network ends.
+    assert all(one == other for one, other in zip(keys["alice"], keys["bob"], strict=False))
+    assert abs(len(keys["alice"]) - len(keys["bob"])) <= 1
     assert len(set(keys["alice"])) == len(keys["alice"]) >= 3
     packets = (folder / "s1-eth1.pcap").read_bytes()
     assert file.read_bytes()[1000:1032] not in packets
     alarm_comes_before_the_end(folder, alice)
-    messages = messages_of(folder / "s1-eth1.pcap", port)
+    messages = messages_of(folder / "s1-eth1.pcap", layer, port)
     nothing_passes_while_it_is_closed(messages, alice, bob)
     handshakes = sum(each["event"] == "handshake" for each in alice)
     if program == "wireguard":
         kinds = [kind for _at, kind, _length in messages]
         assert kinds.count(INITIATION) >= kinds.count(RESPONSE) >= handshakes
+    elif program == "tls":
+        hellos = client_hellos(folder / "s1-eth1.pcap", port)
+        assert set(hellos) >= set(keys["alice"][:handshakes])
     else:
         assert notifications(folder / "s1-eth1.pcap", USE_PPK) >= 2 * handshakes
 
@@ -149,6 +181,15 @@ def notifications(capture: Path, kind: int) -> int:
     return len(done.stdout.splitlines())
 
 
+def client_hellos(capture: Path, port: int) -> list[str]:
+    """Return the identities of preshared keys that are offered for TLS 1.3, by Wireshark."""
+    offered = f"tls.handshake.type == 1 && tcp.dstport == {port}"
+    fields = ["-T", "fields", "-e", "tls.handshake.extensions.psk.identity.identity"]
+    command = [*TSHARK, "-r", str(capture), "-d", f"tcp.port=={port},tls", "-Y", offered, *fields]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    return [bytes.fromhex(line.replace(":", "")).decode() for line in done.stdout.split()]
+
+
 @contextmanager
 def tunnelled(tmp_path: Path, program: str) -> Iterator[Network]:
     """Start a tunnel whose key stays as it is."""
@@ -185,6 +226,27 @@ def wrong_key_in_wireguard(network: Network) -> None:
     assert "100% packet loss" in alice.cmd(ping)
     use(right)
     assert " 0% packet loss" in alice.cmd(ping)
+
+
+def test_without_the_same_psk_tls_gives_up(tmp_path: Path) -> None:
+    script = tmp_path / "end.py"
+    script.write_text(TLS_END)
+    ping = "ping -c1 -W1 192.168.77.2"
+    right, wrong = "0b" * 32, "0c" * 32
+    with running(SdcTopo, tmp_path) as network:
+        for key, answer, lost in ((wrong, "False", "100%"), (right, "True", " 0%")):
+            ends = [
+                network.run_on(host, f"{host}-{answer}", [sys.executable, str(script), *words])
+                for host, words in (
+                    ("bob", ("10.0.0.2", "10.0.0.1", "192.168.77.2", "192.168.77.1", right)),
+                    ("alice", ("10.0.0.1", "10.0.0.2", "192.168.77.1", "192.168.77.2", key)),
+                )
+            ]
+            ends[1].wait_for("handshake", 30.0, network.check)
+            assert ends[1].said().split("handshake ")[1].strip() == answer
+            assert f"{lost} packet loss" in network.host("alice").cmd(ping)
+            for end in ends:
+                end.stop()
 
 
 @IF_THERE

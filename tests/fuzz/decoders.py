@@ -31,6 +31,7 @@ from wire import (
 from wire import (
     console,
     device,
+    dispatcher_record,
     events,
     frames,
     key_assignment,
@@ -40,13 +41,12 @@ from wire import (
     optical,
     pcapng,
     qkd,
-    record,
     record_pb2,
     socket_calls,
     verdict,
 )
 from wire.dispatcher_pb2 import BlockId, Event
-from wire.features import EVERYTHING, Abilities
+from wire.features import EVERYTHING, NodeFeatures
 from wire.key_routes import Hop
 from wire.metadata import MalformedPacket
 from wire.netqasm import messages, pair_requests, subroutine, texts
@@ -108,7 +108,7 @@ def _open(data: bytes) -> device.Datagram:
 
 
 def _entries(data: bytes) -> list[record_pb2.Entry]:
-    return list(record.read(io.BytesIO(data)))
+    return list(dispatcher_record.read(io.BytesIO(data)))
 
 
 def _packets(data: bytes) -> list[pcapng.Packet]:
@@ -158,8 +158,8 @@ def _text(data: bytes) -> str | None:
 
 def _written_record() -> bytes:
     file = io.BytesIO()
-    record.begin(file)
-    record.write(file, record_pb2.Entry(header=record_pb2.Header()))
+    dispatcher_record.begin(file)
+    dispatcher_record.write(file, record_pb2.Entry(header=record_pb2.Header()))
     return file.getvalue()
 
 
@@ -174,7 +174,9 @@ SEGMENT = bytes(
     / b"payload"
 )
 VERDICT = verdict.seal(test_metadata.SETUP.encode(), KEY, CONNECTION)
-LLDP = announcement("alice", "alice-q0", "10.0.0.1", b"\2" * 6, 3, Abilities(EVERYTHING, 9), KEY, 7)
+LLDP = announcement(
+    "alice", "alice-q0", "10.0.0.1", b"\2" * 6, 3, NodeFeatures(EVERYTHING, 9), KEY, 7
+)
 KEYS = key_delivery.encode_keys([key_delivery.DeliveredKey(each, b"k" * 32) for each in IDS])
 ASSIGNMENT = key_assignment.Assignment(
     "sae-alice",
@@ -235,7 +237,9 @@ TARGETS: dict[str, Target] = {
     ),
     "verdict": Target([VERDICT], _genuine, lambda _genuine: VERDICT),
     "LLDP": Target([LLDP], discovery.parse),
-    "features": Target([Abilities(EVERYTHING, 9).encode()], Abilities.decode, lambda a: a.encode()),
+    "features": Target(
+        [NodeFeatures(EVERYTHING, 9).encode()], NodeFeatures.decode, lambda a: a.encode()
+    ),
     "segment": Target([SEGMENT], segments.parse, lambda s: s.frame),
     "segment, rewritten": Target(
         [SEGMENT],
@@ -261,7 +265,7 @@ TARGETS: dict[str, Target] = {
             + json.dumps(events.to_json(event))
         ),
     ),
-    "record": Target([_written_record()], _entries, refusals=(record.BadRecord,)),
+    "record": Target([_written_record()], _entries, refusals=(dispatcher_record.BadRecord,)),
     "pcapng": Target([test_pcapng.written()], _packets),
     "pcap": Target([netqasm_samples.pcap(SEGMENT)], _pcap_packets),
     "frame": Target(

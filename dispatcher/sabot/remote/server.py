@@ -10,7 +10,7 @@ from pathlib import Path
 
 import grpc
 
-from dispatcher.sabot.remote.service import SabotService
+from dispatcher.sabot.remote.sabot_servicer import SabotService
 from dispatcher.timeouts import SIMULATOR_STOP_GRACE_S, SIMULATOR_STOP_TIMEOUT_S
 from wire.config import BadConfig
 from wire.dispatcher_service import MESSAGE_LIMITS

@@ -38,6 +38,10 @@ class Correlations:
         """Count pairs that both ends have detected."""
         np.add.at(self._counts, (bases, settings, differ), 1)
 
+    def include(self, other: "Correlations") -> None:
+        """Count what another test has counted."""
+        self._counts += other._counts
+
     @property
     def pairs(self) -> int:
         """How many were counted."""

@@ -23,6 +23,11 @@ class Estimate:
         """Fraction of wrong bits, 0 to 1."""
         return self.errors / self.sample
 
+    def beside(self, other: "Estimate") -> "Estimate":
+        """Return what both samples say together."""
+        sums = self.errors + other.errors, self.sample + other.sample, self.ones + other.ones
+        return Estimate(*sums)
+
     def interval(self, confidence: float = 0.95) -> tuple[float, float]:
         """Return the confidence interval of the error rate (Wilson 1927)."""
         z = NormalDist().inv_cdf((1 + confidence) / 2)

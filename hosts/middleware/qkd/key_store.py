@@ -220,18 +220,18 @@ def _write(path: Path, key: bytes) -> None:
 
 def _create(path: Path, key: bytes) -> None:
     """Create a file with its whole content, or raise DuplicateKey; the folder is not synced."""
-    unfinished = path.with_name(f"{path.name}.{os.getpid()}{_UNFINISHED}")
+    name = str(path)
+    unfinished = f"{name}.{os.getpid()}{_UNFINISHED}"
     descriptor = os.open(unfinished, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
     try:
-        with os.fdopen(descriptor, "wb") as file:
-            file.write(key)
-            file.flush()
-            os.fsync(file.fileno())
-        os.link(unfinished, path)
+        os.write(descriptor, key)
+        os.fsync(descriptor)
+        os.link(unfinished, name)
     except FileExistsError as error:
         raise DuplicateKey(f"key {path.name} is in the store already") from error
     finally:
-        unfinished.unlink()
+        os.close(descriptor)
+        os.unlink(unfinished)
 
 
 def _remove(folder: Path, name: str) -> bytes:

@@ -15,7 +15,7 @@ from hosts.middleware.qkd.bits import Bits
 from hosts.middleware.qkd.key_store import KeyStore, KeyStoreError, cut
 
 MESSAGES = 8192  # of one direction of a session, at most
-CAPACITY = 65_536  # keys shared with one other host
+CAPACITY = 262_144  # keys shared with one other host
 MAX_SESSIONS = 1_000_000  # that are remembered so that none is held twice
 
 

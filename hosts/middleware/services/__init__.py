@@ -9,7 +9,7 @@ from hosts.middleware.services.sealing import seal
 from hosts.middleware.services.superdense import superdense
 from hosts.middleware.services.swapping import swap
 from hosts.middleware.services.teleportation import teleport
-from hosts.middleware.session.service import ServiceKind
+from hosts.middleware.session.ends import ServiceKind
 from wire.metadata import Service
 
 KINDS: Mapping[Service, ServiceKind] = MappingProxyType(

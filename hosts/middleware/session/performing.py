@@ -1,10 +1,11 @@
 """The carrying out of what protocols order: everything that waits for hardware, clocks and threads.
 
-Who has a connection, too, carries out what is said and heard on it (service.py).
+Who has a connection, too, carries out what is said and heard on it (ends.py).
 """
 
 import asyncio
-from dataclasses import dataclass
+from collections.abc import Callable, Coroutine
+from dataclasses import dataclass, field
 from typing import Any, TypeVar, cast
 
 from hosts.hardware.qnic import HardwareError, NoLight, Qnic
@@ -21,6 +22,22 @@ class Performer:
     """A host's hardware, at the orders of protocols."""
 
     qnic: Qnic
+    _beside: asyncio.TaskGroup | None = field(default=None, init=False, repr=False)
+    _going: list[asyncio.Task[None]] = field(default_factory=list, init=False, repr=False)
+    _changed: asyncio.Event = field(default_factory=asyncio.Event, init=False, repr=False)
+
+    async def perform_together(self, steps: Steps[T]) -> T:
+        """Carry out steps, and those that they order beside them; the first failure ends all."""
+        try:
+            async with asyncio.TaskGroup() as self._beside:
+                outcome = await self.perform(steps)
+                for task in self._going:
+                    task.cancel()
+                return outcome
+        except BaseExceptionGroup as failures:
+            raise failures.exceptions[0] from failures
+        finally:
+            self._beside = None
 
     async def perform(self, steps: Steps[T]) -> T:
         """Carry out what a protocol orders, one order after the other; return what it does.
@@ -36,6 +53,8 @@ class Performer:
                     order = steps.send(outcome) if failure is None else steps.throw(failure)
                 except StopIteration as end:
                     return cast(T, end.value)
+                finally:
+                    self._changed.set()
                 outcome = failure = None
                 try:
                     outcome = await self.carry_out(order)
@@ -65,9 +84,30 @@ class Performer:
             case protocol.Wait(for_what):
                 return await for_what()
             case protocol.Work(function, arguments):
-                return await asyncio.to_thread(function, *arguments)
+                return await _to_the_end(asyncio.to_thread(function, *arguments))
+            case protocol.Beside(steps) if self._beside is not None:
+                going = [task for task in self._going if not task.done()]
+                self._going = [*going, self._beside.create_task(self.perform(steps))]
+                return None
+            case protocol.Until(done):
+                return await self._until(done)
             case _:
                 raise ValueError(f"{order} at {type(self).__name__}, which cannot do it")
+
+    async def _until(self, done: Callable[[], Any]) -> None:
+        while not done():
+            self._changed.clear()
+            await self._changed.wait()
+
+
+async def _to_the_end(work: Coroutine[Any, Any, Any]) -> Any:
+    """Return what a thread returns; nobody goes on while it works, also not who is cancelled."""
+    going = asyncio.create_task(work)
+    try:
+        return await asyncio.shield(going)
+    except asyncio.CancelledError:
+        await asyncio.wait([going])
+        raise
 
 
 async def collected(light: asyncio.Task[Any], timeout_s: float) -> Any:

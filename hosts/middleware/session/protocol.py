@@ -10,9 +10,11 @@
     Through(connection, steps)  what comes of steps by way of another connection
     Wait(for_what)              what comes by another way, which who began the protocol knows
     Work(function, ...)         what a function returns that takes long
+    Beside(steps)               further steps, carried out at the same time
+    Until(done)                 nothing, when it is so; steps beside these make it so
 
 No socket, no clock: what decides stands here and in the services, and whoever carries the orders
-out (service.py) waits. What goes wrong there is raised where the order was given.
+out (performing.py, ends.py) waits. What goes wrong there is raised where the order was given.
 """
 
 from collections.abc import Awaitable, Callable, Coroutine, Generator, Mapping
@@ -27,7 +29,7 @@ from hosts.middleware.session.errors import SessionError, unexpected
 from hosts.middleware.session.lifetimes import Lifetimes
 from hosts.middleware.session.values import Numbers, expect, values
 from hosts.timeouts import ANSWER_TIMEOUT_S, GRACE_S, LIGHT_TIMEOUT_S
-from wire.features import Abilities
+from wire.features import NodeFeatures
 from wire.metadata import Answer, Finish, Message, Reason, Setup, Topic, Values
 
 Light = NewType("Light", object)  # under way; only who carries orders out knows what it is
@@ -130,8 +132,38 @@ class Work:
     arguments: tuple[Any, ...]
 
 
+@dataclass(frozen=True)
+class Beside:
+    """Have other steps carried out at the same time; the first failure of all ends all.
+
+    They end with those that they are beside (Performer.perform_together).
+    """
+
+    steps: "Steps[None]"
+
+
+@dataclass(frozen=True)
+class Until:
+    """Wait until something is so, which steps that are carried out at the same time bring about."""
+
+    done: Callable[[], Any]
+
+
 Order: TypeAlias = (  # Begin is a Do
-    Say | Hear | HearNext | Do | Collect | Emit | Herald | Tell | Now | Through | Wait | Work
+    Say
+    | Hear
+    | HearNext
+    | Do
+    | Collect
+    | Emit
+    | Herald
+    | Tell
+    | Now
+    | Through
+    | Wait
+    | Work
+    | Beside
+    | Until
 )
 Steps: TypeAlias = Generator[Order, Any, T]
 
@@ -204,7 +236,7 @@ class HostSide(Side):
 
     host: str  # its name
     draws: np.random.Generator  # of this host's own choices; they follow from the seed
-    abilities: Abilities
+    node_features: NodeFeatures
     lifetimes: Lifetimes  # of its memory
     distinguishable_states: frozenset[int]  # by its Bell analyser
 
@@ -214,7 +246,7 @@ class OpenerSide(HostSide):
     """The side that asked for the session: also what the other has."""
 
     other_host: str  # its name
-    theirs: Abilities  # nothing where the other end does not tell
+    theirs: NodeFeatures  # nothing where the other end does not tell
     their_lifetimes: Lifetimes  # of its memory, likewise
     is_source: bool  # this host makes the pairs, and keeps half of each
 

@@ -13,6 +13,7 @@ from hosts.middleware.session.options import (
 )
 from wire.metadata import Handshake, Reason
 
+MAX_COUNT = 100_000_000
 MOST_PRIORITY = 255
 LATEST_MS = 3_600_000
 
@@ -74,7 +75,7 @@ class ServiceOptions(SessionOptions):
 
     def check(self) -> None:
         """Raise SessionError for a value out of range."""
-        check_whole("count", self.count, 1, 100_000_000)
+        check_whole("count", self.count, 1, MAX_COUNT)
         super().check()
 
     @property

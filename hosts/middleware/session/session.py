@@ -6,15 +6,10 @@ from math import inf
 from typing import Any, Protocol
 
 from hosts.hardware.qnic import HardwareError, Qnic, release
-from hosts.middleware.session import abilities
+from hosts.middleware.session import node_features
 from hosts.middleware.session.arrangement import Arrangement
 from hosts.middleware.session.channel import MetadataChannel
-from hosts.middleware.session.errors import SessionError, SilentPeer, unexpected
-from hosts.middleware.session.host_resources import HostResources
-from hosts.middleware.session.lifetimes import Lifetimes
-from hosts.middleware.session.offers import check_light
-from hosts.middleware.session.options import MAX_BLOCK_PAIRS
-from hosts.middleware.session.service import (
+from hosts.middleware.session.ends import (
     AcceptorEnd,
     Answerer,
     Carrier,
@@ -23,9 +18,14 @@ from hosts.middleware.session.service import (
     ServiceKind,
     Tell,
 )
+from hosts.middleware.session.errors import SessionError, SilentPeer, unexpected
+from hosts.middleware.session.host_resources import HostResources
+from hosts.middleware.session.lifetimes import Lifetimes
+from hosts.middleware.session.offers import at_wavelength, check_light
+from hosts.middleware.session.options import MAX_BLOCK_PAIRS
 from hosts.middleware.session.service_options import SessionOptions
 from hosts.timeouts import IDLE_TIMEOUT_S, REPORT_TIMEOUT_S
-from wire.features import NOTHING, Abilities
+from wire.features import NOTHING, NodeFeatures
 from wire.metadata import Answer, Finish, Handshake, MemoryState, Reason, Service, Setup
 from wire.services import Making, Role, fibers_needed, uses_source
 
@@ -49,15 +49,15 @@ class OpeningSession:
         self,
         kind: ServiceKind,
         options: SessionOptions,
-        means: HostResources,
+        resources: HostResources,
         arrangement: Arrangement,
         setup: Setup,
         is_source: bool,
     ) -> None:
         kind.check(setup)
         self._by = making(setup, is_source)
-        require_fibers(setup, Role.OPENER, means.qnic, self._by)
-        self._kind, self._options, self._means = kind, options, means
+        require_fibers(setup, Role.OPENER, resources.at(setup.wavelength_pm).qnic, self._by)
+        self._kind, self._options, self._resources = kind, options, resources
         self._arrangement, self._setup, self._is_source = arrangement, setup, is_source
         self._end: OpenerEnd | None = None
         self.answer: Answerer | None = None  # to the application's questions, if it may ask
@@ -94,21 +94,23 @@ class OpeningSession:
 
     async def _arranged(self, answer: Answer, channel: MetadataChannel, tell: Tell) -> OpenerEnd:
         """Return this end, once it is known what the other can, and the source is there."""
-        theirs, lifetimes = Abilities(NOTHING, 0), Lifetimes(inf, inf, inf, inf)
-        if abilities.are_told(self._kind.service):
-            connection = ConnectionEnd(self._means.qnic, self._setup, channel)
-            heard = await connection.perform(abilities.hear(connection.side))
+        self._setup = at_wavelength(self._setup, answer)
+        self._resources = self._resources.at(self._setup.wavelength_pm)
+        theirs, lifetimes = NodeFeatures(NOTHING, 0), Lifetimes(inf, inf, inf, inf)
+        if node_features.are_told(self._kind.service):
+            connection = ConnectionEnd(self._resources.qnic, self._setup, channel)
+            heard = await connection.perform(node_features.hear(connection.side))
             pairs, theirs, lifetimes = heard
             self._setup = replace(self._setup, pairs=pairs)
         if uses_source(self._kind.service, self._by):
             await self._arrangement.engage_source()
         return OpenerEnd(
-            self._means.qnic,
+            self._resources.qnic,
             self._setup,
             channel,
-            self._means,
+            self._resources,
             tell,
-            self._means.draws(self._setup.session),
+            self._resources.draws(self._setup.session),
             arrangement=self._arrangement,
             answer=answer,
             theirs=theirs,
@@ -135,8 +137,8 @@ class OpeningSession:
     async def close(self) -> None:
         """Let go of connections, orders and photons."""
         self._arrangement.close()
-        self._means.swaps.forget(self._setup.session)
-        await release(self._means.qnic, self._setup.session)
+        self._resources.swaps.forget(self._setup.session)
+        await release(self._resources.qnic, self._setup.session)
 
 
 class AcceptingSession:
@@ -145,14 +147,16 @@ class AcceptingSession:
     def __init__(
         self,
         kind: ServiceKind,
-        means: HostResources,
+        resources: HostResources,
         channel: MetadataChannel,
         setup: Setup,
     ) -> None:
         check_asked(setup, kind.handshakes)
-        self._accepted = kind.accepts(means, setup)
-        require_fibers(setup, Role.ACCEPTOR, means.qnic, making(setup, False))
-        self._kind, self._means, self._channel, self._setup = kind, means, channel, setup
+        resources = resources.at(setup.wavelength_pm)
+        accepted = kind.accepts(resources, setup)
+        self._accepted = replace(accepted, wavelength_pm=setup.wavelength_pm)
+        require_fibers(setup, Role.ACCEPTOR, resources.qnic, making(setup, False))
+        self._kind, self._resources, self._channel, self._setup = kind, resources, channel, setup
         self._end: AcceptorEnd | None = None
         self.answer: Answerer | None = None  # to the application's questions, if it may ask
 
@@ -173,14 +177,20 @@ class AcceptingSession:
 
     async def run(self, application: Application) -> None:
         """Do what the service does; raise SessionError if it fails."""
-        means, setup = self._means, self._setup
-        draws, deliver = means.draws(setup.session), application.deliver
+        has, setup = self._resources, self._setup
+        draws, deliver = has.draws(setup.session), application.deliver
         self._end = end = AcceptorEnd(
-            means.qnic, setup, self._channel, means, application.tell, draws, deliver=deliver
+            has.qnic,
+            setup,
+            self._channel,
+            has,
+            application.tell,
+            draws,
+            deliver=deliver,
         )
         self._channel.send(self._accepted)
-        if abilities.are_told(self._kind.service):
-            await end.carry_out(abilities.say(end.side))
+        if node_features.are_told(self._kind.service):
+            await end.carry_out(node_features.say(end.side))
         self.answer = await self._kind.accept(end)
 
     async def join(self, channel: MetadataChannel, setup: Setup) -> None:
@@ -202,7 +212,7 @@ class AcceptingSession:
 
     async def close(self) -> None:
         """Let go of photons."""
-        await release(self._means.qnic, self._setup.session)
+        await release(self._resources.qnic, self._setup.session)
 
 
 def require_source(service: Service, source: str, is_source: bool, peer: str) -> None:

@@ -141,6 +141,9 @@ def test_a_blind_close_ends_nothing(flags: str, seq: int, ack: int) -> None:
     assert arrive(state, blind, CHARLIE_PORT) == []
     assert arrive(state, from_bob("RA", ack & 0xFFFFFFFF, seq & 0xFFFFFFFF), CHARLIE_PORT) == []
     assert state.is_live(FRAMED.session)
+    state.needs_sequence = False  # for attack studies: any close counts
+    assert torn_down(arrive(state, blind, CHARLIE_PORT))
+    assert not state.is_live(FRAMED.session)
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from dispatcher.build import open_layer
 from dispatcher.clock import Clock
 from dispatcher.refusal import Refusal
 from dispatcher.server.server import build_server, build_service
-from dispatcher.server.service import Service
+from dispatcher.server.servicer import Service
 from qswitch_agent.hardware.dispatcher_link import DispatcherLink
 from wire.config import DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
 from wire.dispatcher_pb2 import (

@@ -29,7 +29,7 @@ from dispatcher.build import open_layer
 from dispatcher.clock import Clock, NetworkClock
 from dispatcher.replay import replay
 from dispatcher.server.server import build_service
-from wire import record
+from wire import dispatcher_record
 from wire.dispatcher_pb2 import (
     AdjustFiberRequest,
     ApplyRequest,
@@ -49,8 +49,8 @@ from wire.dispatcher_pb2 import (
     Step,
     StoreRequest,
 )
+from wire.dispatcher_record import BadRecord
 from wire.parameters.physics import BellAnalyser, Detectors, Device, Memory, PairSource
-from wire.record import BadRecord
 from wire.record_pb2 import Clock as ClockEntry
 from wire.record_pb2 import Entry, Header, Request, Resumed
 
@@ -411,16 +411,16 @@ def test_a_record_is_never_written_over(tmp_path: Path) -> None:
 def entries(*parts: Entry) -> bytes:
     """Return a record of these entries."""
     file = io.BytesIO()
-    record.begin(file)
+    dispatcher_record.begin(file)
     for part in parts:
-        record.write(file, part)
+        dispatcher_record.write(file, part)
     return file.getvalue()
 
 
 def header(folder: Path) -> Entry:
     """Return the header of a small network's record."""
     content, _log = recorded(folder, JumpingClock(), superdense)
-    return next(record.read(io.BytesIO(content)))
+    return next(dispatcher_record.read(io.BytesIO(content)))
 
 
 def test_every_cut_of_a_record_is_refused_or_shorter(tmp_path: Path) -> None:
@@ -437,10 +437,10 @@ def test_every_cut_of_a_record_is_refused_or_shorter(tmp_path: Path) -> None:
 
 def places(content: bytes) -> list[int]:
     """Return where the entries of a record begin; the first is the header."""
-    found = [len(record.MAGIC)]
+    found = [len(dispatcher_record.MAGIC)]
     while found[-1] < len(content):
-        (length,) = record.LENGTH.unpack_from(content, found[-1])
-        found.append(found[-1] + record.LENGTH.size + length)
+        (length,) = dispatcher_record.LENGTH.unpack_from(content, found[-1])
+        found.append(found[-1] + dispatcher_record.LENGTH.size + length)
     return found[:-1]
 
 

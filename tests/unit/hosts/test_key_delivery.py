@@ -11,15 +11,18 @@ import pytest
 from hosts.key_delivery.allowance import Allowance
 from hosts.key_delivery.delivery import KeyDelivery
 from hosts.key_delivery.refusals import NOT_FOUND, Refused, unavailable
-from hosts.key_delivery.waiting import FETCH_S, MOST_WAITING, WaitingKeys
-from hosts.middleware.qkd.key_store import StoredKey
+from hosts.key_delivery.waiting import WaitingKeys
+from hosts.middleware.qkd.key_store import KeyStoreError, StoredKey
+from hosts.timeouts import FETCH_TIMEOUT_S
+from wire.ip_over_light import PACKETS_PORT, RETURNED_PACKETS_PORT
 from wire.key_assignment import Assignment
 from wire.key_delivery import DeliveredKey, KeyRequest
-from wire.key_manager import KeyManagerConfig, manager_name
+from wire.key_manager import KEY_LINK_PORTS, KeyManagerConfig, manager_name
 
 HOSTS = {"alice": "10.0.0.1", "bob": "10.0.0.2", "carol": "10.0.0.3"}
 SAES = {"a": "alice", "a2": "alice", "b": "bob", "b2": "bob", "c": "carol"}
 STORED = 8  # keys of each direction
+MOST = 32  # that wait, in a test of that
 
 
 @pytest.fixture(autouse=True)
@@ -226,6 +229,11 @@ def test_what_a_manager_has_not_taken_is_thrown_away_with_the_next(tmp_path: Pat
     play(tmp_path, scene)
 
 
+def test_links_of_each_protocol_have_a_port_that_nothing_else_of_a_host_listens_on() -> None:
+    ports = [*KEY_LINK_PORTS.values(), PACKETS_PORT, RETURNED_PACKETS_PORT]
+    assert len(set(ports)) == len(ports)
+
+
 def test_no_key_goes_out_while_they_are_withheld(tmp_path: Path) -> None:
     async def scene(managers: Managers) -> None:
         alice = managers.of["alice"]
@@ -257,26 +265,59 @@ def test_an_allowance_fills_at_its_rate() -> None:
         allowance.take("a", 1)
 
 
-def test_keys_that_wait_are_bounded_and_not_for_ever() -> None:
+def test_keys_that_wait_are_bounded_and_not_for_ever(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("hosts.key_delivery.waiting.MOST_WAITING", MOST)
     now = 0.0
-    waiting = WaitingKeys(lambda: now)
-    keys = [DeliveredKey(uuid4(), b"k") for _ in range(MOST_WAITING)]
+    waiting = WaitingKeys(lambda: now, tmp_path)
+    keys = [DeliveredKey(uuid4(), b"k") for _ in range(MOST)]
     waiting.add("a", ["b"], keys)
     more = [DeliveredKey(uuid4(), b"k")]
-    with pytest.raises(Refused, match="4096 keys to fetch first"):
+    with pytest.raises(Refused, match="32 keys to fetch first"):
         waiting.add("a", ["b"], more)
     waiting.fetch("b", "a", [keys[0].key_id])
     waiting.add("a", ["b"], more)
-    now = FETCH_S + 1
-    waiting.require_capacity(["b"], MOST_WAITING)
+    now = FETCH_TIMEOUT_S + 1
+    waiting.require_capacity(["b"], MOST)
     with pytest.raises(Refused, match=NOT_FOUND):
         waiting.fetch("b", "a", [keys[1].key_id])
 
 
-def test_a_key_id_is_assigned_once() -> None:
-    waiting = WaitingKeys(lambda: 0.0)
+def test_a_key_id_is_assigned_once(tmp_path: Path) -> None:
+    waiting = WaitingKeys(lambda: 0.0, tmp_path)
     key = DeliveredKey(uuid4(), b"k")
     waiting.add("a", ["b"], [key])
     with pytest.raises(Refused, match="assigned already"):
         waiting.add("a", ["b"], [DeliveredKey(key.key_id, b"other")])
     assert waiting.fetch("b", "a", [key.key_id]) == [key]
+
+
+def test_keys_that_wait_survive_the_manager_and_go_out_once(tmp_path: Path) -> None:
+    waiting = WaitingKeys(lambda: 0.0, tmp_path)
+    keys = [DeliveredKey(uuid4(), os.urandom(33)) for _ in range(3)]
+    waiting.add("a", ["b", "b2"], keys)
+    assert waiting.fetch("b", "a", ids(keys[:2])) == keys[:2]
+    assert waiting.fetch("b2", "a", ids(keys[:1])) == keys[:1]
+    again = WaitingKeys(lambda: 0.0, tmp_path)
+    with pytest.raises(Refused, match=NOT_FOUND):  # b has had it
+        again.fetch("b", "a", ids(keys[1:]))
+    assert again.fetch("b", "a", ids(keys[2:])) == keys[2:]
+    assert again.fetch("b2", "a", ids(keys[1:])) == keys[1:]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_files_of_keys_that_wait_are_private_and_what_is_unfinished_goes(tmp_path: Path) -> None:
+    waiting = WaitingKeys(lambda: 0.0, tmp_path / "assigned")
+    key = DeliveredKey(uuid4(), b"k" * 32)
+    waiting.add("a", ["b"], [key])
+    (file,) = (tmp_path / "assigned").iterdir()
+    assert (file.stat().st_mode & 0o777, file.parent.stat().st_mode & 0o777) == (0o600, 0o700)
+    cut_short = file.with_name(f"{uuid4()}.new")
+    cut_short.write_text("{")
+    again = WaitingKeys(lambda: 0.0, tmp_path / "assigned")
+    assert not cut_short.exists()
+    assert again.fetch("b", "a", [key.key_id]) == [key]
+    file.write_text("{}")
+    with pytest.raises(KeyStoreError, match="is no assigned key"):
+        WaitingKeys(lambda: 0.0, tmp_path / "assigned")

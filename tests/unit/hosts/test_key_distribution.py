@@ -22,6 +22,7 @@ from stacks_scene import (
 )
 
 from hosts.middleware.qkd import keyring
+from hosts.middleware.qkd.key_length import finite_key_length
 from hosts.middleware.services.key_distribution import light as key_light
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS
 from hosts.middleware.session.values import values
@@ -118,6 +119,25 @@ def test_both_stores_end_with_the_same_keys(tmp_path: Path, protocol: str, corre
     assert {name: alice[name] for name in alice.keys() - timed} == {
         name: bob[name] for name in bob.keys() - timed
     }
+
+
+@protocols
+def test_a_session_makes_keys_one_after_another_as_long_as_bits_are_wanted(
+    tmp_path: Path, protocol: str
+) -> None:
+    """Each is that of the finite-key bound for a third of the bits, and all are in both stores."""
+    words: dict[str, Any] = {"physics": {"depolarizing": 0.005}, "block_pairs": 16_384}
+    alice, bob = distribute(tmp_path, protocol, count=90_000, sifted_per_key=30_000, **words)
+    assert 90_000 <= alice["sifted_bits"] < 90_000 + 2 * 16_384
+    one = finite_key_length(27_000, 3_000, alice["qber"], alice["leaked_bits"] // 3, 1e-10, 1e-15)
+    assert alice["key_bits"] == pytest.approx(3 * one, rel=0.15)
+    assert alice["keys"] == bob["keys"] > 3 * one // 256 * 0.85
+    for ours, theirs in (("first", "second"), ("second", "first")):
+        mine = keys(tmp_path, "alice", "bob", ours)
+        assert mine == keys(tmp_path, "bob", "alice", theirs)
+    held = [keys(tmp_path, "alice", "bob", way) for way in ("first", "second")]
+    assert sum(map(len, held)) == alice["keys"]
+    assert len({key for each in held for key in each.values()}) == alice["keys"]
 
 
 @protocols
@@ -321,7 +341,8 @@ def test_a_full_store_is_told_and_nothing_is_kept_at_either_end(
         ({"max_qber": "low"}, "max_qber is 'low': choose a fraction between 0 and 1"),
         ({"epsilon": 0.0}, "epsilon is 0.0: choose a fraction"),
         ({"test_fraction": 1.5}, "test_fraction is 1.5"),
-        ({"count": 2_000_000}, "count is 2000000: choose 1 to 1000000"),
+        ({"count": 200_000_000}, "count is 200000000: choose 1 to 100000000"),
+        ({"sifted_per_key": 2_000_000}, "sifted_per_key is 2000000: choose 1 to 1000000"),
         ({"rate_hz": 100, "count": 10}, "take more than 5 s"),
     ],
 )

@@ -36,7 +36,7 @@ TRUSTED = '[[trusted]]\nhost = "r1"\n[[trusted]]\nhost = "r2"\nbetween = ["bob",
 def _nothing_waits(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave out what only a power cut or a slow session would show."""
     monkeypatch.setattr(os, "fsync", lambda _file: None)
-    monkeypatch.setattr("hosts.key_delivery.stored_keys.STORING_S", 0.0)
+    monkeypatch.setattr("hosts.key_delivery.stored_keys.STORING_TIMEOUT_S", 0.0)
 
 
 class Row:

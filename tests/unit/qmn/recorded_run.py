@@ -115,7 +115,10 @@ def record_run(folder: Path, captured: bool = True, delivered: bool = True) -> P
         captures(folder)
     with (folder / "quantum.pcapng").open("wb") as opened:
         EventCapture(opened, NETWORK.fibers).record(*events())
-    times = [{"event": "path_ready", "setup_ms": time, "packet_in_count": 1} for time in (2.5, 3.5)]
+    times = [
+        {"time_ns": START_NS + MS, "event": "path_ready", "setup_ms": time, "packet_in_count": 1}
+        for time in (2.5, 3.5)
+    ]
     (folder / RECORD).write_text("".join(json.dumps(line) + "\n" for line in times))
     done = {"event": "done", "elapsed_s": 0.01, "bell_pairs": 100, "lost_pairs": 40}
     done |= {"symbol_errors": 3, "received_symbols": 60, "repeated_frames": 1, "symbols": 4}

@@ -6,8 +6,8 @@ import pytest
 
 from controller_apps.policy.policy import DEFAULT, Tap, read_policy
 from qmn.__main__ import described
+from qmn.jobs.counted_service import ServiceRequest, attack_of, checked, with_policy
 from qmn.jobs.eavesdropping import Attack
-from qmn.jobs.service import ServiceRequest, attack_of, checked, with_policy
 from qmn.options import BadInput
 from qmn.verbs.run import service_request
 

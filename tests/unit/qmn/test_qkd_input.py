@@ -6,7 +6,7 @@ import pytest
 
 from hosts.middleware.services.key_distribution.options import KeyOptions
 from qmn.__main__ import described
-from qmn.jobs.service import ServiceRequest, checked
+from qmn.jobs.counted_service import ServiceRequest, checked
 from qmn.options import BadInput
 from qmn.verbs.run import service_request
 

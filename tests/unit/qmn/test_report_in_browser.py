@@ -51,15 +51,20 @@ FRAME = """<!doctype html><meta name="color-scheme" content="light dark">
   onload="document.body.dataset.seen = this.contentDocument.body.dataset.seen"></iframe></body>"""
 
 
+def installed_browser() -> str:
+    """Return the path of a browser."""
+    browsers = [path for name in BROWSERS if (path := shutil.which(name))]
+    assert browsers, f"none of {', '.join(BROWSERS)} is there: setup/browser installs one"
+    return browsers[0]
+
+
 def browse(folder: Path, width: int, scheme: int, script: str = "") -> tuple[dict[str, Any], str]:
     """Return what the page says of itself, and what the browser's console said."""
     report = (folder / "report.html").read_text() + script + ASK
     page = folder / "asked.html"
     page.write_text(FRAME.format(width=width, page=html.escape(report)))
-    browsers = [name for name in BROWSERS if shutil.which(name)]
-    assert browsers, f"none of {', '.join(BROWSERS)} is there: setup/browser installs one"
     command = [
-        browsers[0],
+        installed_browser(),
         "--headless",
         "--no-sandbox",
         "--disable-gpu",

@@ -6,7 +6,7 @@ from hosts.middleware.services.distribution.options import DistributeOptions
 from hosts.middleware.services.teleportation.teleport import TeleportOptions
 from hosts.middleware.session.service_options import ServiceOptions
 from qmn.__main__ import described
-from qmn.jobs.service import ServiceRequest, checked
+from qmn.jobs.counted_service import ServiceRequest, checked
 from qmn.network.custom_topology import BadTopology
 from qmn.options import BadInput
 from qmn.verbs.run import service_request

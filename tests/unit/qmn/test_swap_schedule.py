@@ -7,7 +7,7 @@ import pytest
 from controller_apps.policy.policy import DEFAULT, read_policy
 from controller_apps.policy.schedules import SCHEDULES, Purification
 from qmn.__main__ import described
-from qmn.jobs.service import ServiceRequest, checked, with_policy
+from qmn.jobs.counted_service import ServiceRequest, checked, with_policy
 from qmn.options import BadInput
 from qmn.verbs.run import service_request
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import matplotlib.image
 import pytest
 
-from qmn.jobs import service
+from qmn.jobs import counted_service
 from qmn.sweeps import running, theory
 from qmn.sweeps.emulated import EMULATED
 from qmn.sweeps.emulated_teleportation import WAITED, outcome, request
@@ -109,7 +109,7 @@ def test_a_point_is_what_qmn_run_can_be_told(tmp_path: Path, state: str, backend
     network = asked.network
     assert (asked.run.classical_mbps, network.backend, network.seed) == (0.5, backend, 7)
     assert network.device == ("bob.memory.t1_s=inf", f"bob.memory.t2_s={T2_S}")
-    options = service.checked(asked)[0].options
+    options = counted_service.checked(asked)[0].options
     assert options.count == options.block_pairs  # all in one block
 
 

@@ -20,13 +20,7 @@ from hosts.middleware.services.distribution.options import DistributeOptions
 from hosts.middleware.services.distribution.pairs import Pairs
 from hosts.middleware.services.distribution.protocol import Make, Opening, Share, follow
 from hosts.middleware.services.distribution.sharing import make, share
-from hosts.middleware.session.service import (
-    AcceptorEnd,
-    Answerer,
-    End,
-    OpenerEnd,
-    ServiceKind,
-)
+from hosts.middleware.session.ends import AcceptorEnd, Answerer, End, OpenerEnd, ServiceKind
 from hosts.network_loop import now_s
 from wire.metadata import Service
 

@@ -4,14 +4,17 @@ It measures, announces, corrects its errors, and has its key stored.
 """
 
 from collections import deque
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
+from uuid import UUID
 
 from hosts.hardware.qnic import Symbols
+from hosts.middleware.qkd.alice import Alice
 from hosts.middleware.qkd.bob import Bob
 from hosts.middleware.qkd.end import State
 from hosts.middleware.qkd.parameters import Parameters
-from hosts.middleware.qkd.sifting import Record
 from hosts.middleware.services.key_distribution.light import (
     measured,
     measuring,
@@ -19,17 +22,31 @@ from hosts.middleware.services.key_distribution.light import (
     record_of,
     with_tests,
 )
-from hosts.middleware.services.key_distribution.messages import Cutter, KeyMessages
+from hosts.middleware.services.key_distribution.messages import Cutter
 from hosts.middleware.services.key_distribution.summary import Progress, so_far
+from hosts.middleware.services.key_distribution.under_way import (
+    MAX_UNDER_WAY,
+    KeysUnderWay,
+    Store,
+)
 from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.protocol import Hear, HostSide, Light, Now, Steps, Tell
+from hosts.middleware.session.protocol import (
+    Beside,
+    Hear,
+    HostSide,
+    Light,
+    Steps,
+    Tell,
+    Until,
+    Wait,
+)
 from hosts.middleware.session.values import expect
 from hosts.timeouts import KEYS_TIMEOUT_S
 from wire.metadata import Envelope, Finish, Message, Reason, Topic, Values
 from wire.qkd import MAX_PHOTONS, Bound, Proposal, QkdMessage, Reconciliation, unframe
 
 MAX_NAME_BYTES = 64
-MAX_COMING = 2  # blocks: one is measured while the next is made
+MAX_COMING = 3  # blocks: one is measured, one is made, and one announced
 
 
 class Introduced(NamedTuple):
@@ -62,6 +79,15 @@ def introduced(tests: bool) -> Steps[Introduced]:
     return opener
 
 
+@dataclass
+class Coming:
+    """A block of light that is announced, for a key."""
+
+    key: int
+    bases: Symbols
+    light: Light
+
+
 class AcceptorOfKeys:
     """The end that was asked for keys; it measures one half of each block."""
 
@@ -70,39 +96,58 @@ class AcceptorOfKeys:
         side: HostSide,
         half: int,
         opener: Introduced,
-        bob: Bob,
+        new_key: Callable[[int], Bob],  # this end of a key, by its number in the session
         progress: Progress,
-        store: Callable[[], Awaitable[None]],
+        store: Store,
     ) -> None:
-        """Measure this half of each block; store the key before the other end is told."""
-        self._side, self._half, self._bob, self._progress = side, half, bob, progress
-        self._proposal = opener.proposal
+        """Measure this half of each block; store keys before the other end is told."""
+        self._side, self._half, self._new_key, self._progress = side, half, new_key, progress
+        self._store, self._proposal = store, opener.proposal
         self._tested = opener.parameters.chsh_fraction  # of the photons
-        self._messages = KeyMessages(side, bob, store, opener.cutter)
-        self._announced = 0  # blocks
-        self._coming: deque[tuple[Symbols, Light]] = deque()  # bases, and light
+        self.keys = KeysUnderWay(side, progress, self._done, opener.cutter)
+        self._begun = self._announced = self._over = 0  # keys; blocks; of them that are over
+        self._coming: deque[Coming] = deque()
+        self.not_kept: dict[int, list[UUID]] = {}  # by the opener yet: keys in the store here
 
     def run(self) -> Steps[None]:
         """Measure, announce, correct, until the opener ends it; SessionError if it fails."""
-        bob, messages, progress = self._bob, self._messages, self._progress
-        yield from messages.hear_message(self._proposal)
+        yield from self.keys.hear_message(self._proposal, self._begin)
+        yield Beside(self._measure_all())
         while not isinstance(message := (yield Hear(Message, KEYS_TIMEOUT_S)), Finish):
-            if isinstance(message, Envelope):
-                yield from messages.hear(message)
-            elif not isinstance(message, Values) or bob.state is not State.SIFTING:
-                what = f"{type(message).__name__} from {self._side.peer}"
-                raise SessionError(Reason.PROTOCOL, f"{what} while {bob.state.name.lower()}")
-            elif message.topic == Topic.COMING:
-                yield from self._get_ready(message)
-            else:
-                yield from messages.say(bob.add_block((yield from self._measure(message))))
-                yield Tell(so_far(progress, bob), at_the_end=False)
-            progress.note(bob.blocks_sifted, (yield Now()))
-        if bob.state is not State.DONE:
+            match message:
+                case Envelope():
+                    yield from self.keys.hear(message, self._begin)
+                case Values(topic=Topic.COMING):
+                    yield from self._get_ready(message)
+                case Values(topic=Topic.OVER) if self._over < self._announced:
+                    expect(message, Topic.OVER, self._over, 0, 0)
+                    self._over += 1
+                case Values(topic=Topic.KEPT) if message.block in self.not_kept:
+                    self._kept(message.block)
+                case _:
+                    what = f"{type(message).__name__} from {self._side.peer} out of its turn"
+                    raise SessionError(Reason.PROTOCOL, what)
+        if self.keys.numbers or not self._begun:
             raise SessionError(Reason.PROTOCOL, "the other end ended it before there was a key")
 
+    def _begin(self, key: int) -> Steps[None]:
+        """Take part in the next key."""
+        if key != self._begun or len(self.keys.numbers) > MAX_UNDER_WAY:
+            raise SessionError(Reason.PROTOCOL, f"a message about key {key}, not {self._begun}")
+        self._begun += 1
+        return self.keys.begin(key, self._new_key(key))
+
+    def _done(self, key: int, bob: Alice | Bob) -> Steps[None]:
+        self.not_kept[key] = yield Wait(partial(self._store, key, bob))
+
+    def _kept(self, key: int) -> None:
+        """Count a key that both ends have."""
+        self._progress.made.add(self.keys.end_of(key))
+        self._progress.ids += self.not_kept.pop(key)
+        self.keys.forget(key)
+
     def _get_ready(self, message: Values) -> Steps[None]:
-        """Begin to measure the block that comes next."""
+        """Begin to measure the block that comes next, for the newest key."""
         if len(self._coming) == MAX_COMING:
             raise SessionError(Reason.PROTOCOL, f"block {message.block} before others are over")
         side, number = self._side, self._announced
@@ -112,21 +157,26 @@ class AcceptorOfKeys:
             raise SessionError(Reason.PROTOCOL, f"block {number} has no photons")
         bases = with_tests(side.draws, random_bases(side, photons), self._tested)
         light = yield from measuring(side, side.block(number, self._half), bases)
-        self._coming.append((bases, light))
+        self._coming.append(Coming(self._begun - 1, bases, light))
         self._announced += 1
         yield side.agree()
 
-    def _measure(self, message: Values) -> Steps[Record]:
-        """Return what was measured of the block that is over."""
-        expect(message, Topic.OVER, self._progress.blocks, 0, 0)
-        if not self._coming:
-            raise SessionError(Reason.PROTOCOL, f"the end of block {message.block}, not begun")
-        bases, light = self._coming[0]
-        outcomes = yield from measured(self._side, light, bases.size)
-        self._coming.popleft()
-        self._progress.blocks += 1
-        self._progress.photons += bases.size
-        return record_of(outcomes, bases, self._side.setup.rotation, bool(self._tested))
+    def _measure_all(self) -> Steps[None]:
+        """Announce what was measured of each block that is over."""
+        side, progress = self._side, self._progress
+        while True:
+            yield Until(lambda: progress.blocks < self._over)
+            coming = self._coming[0]
+            outcomes = yield from measured(side, coming.light, coming.bases.size)
+            self._coming.popleft()
+            progress.blocks += 1
+            progress.photons += coming.bases.size
+            record = record_of(outcomes, coming.bases, side.setup.rotation, bool(self._tested))
+            bob = self.keys.end_of(coming.key)
+            if not isinstance(bob, Bob) or bob.state not in (State.OPENING, State.SIFTING):
+                raise SessionError(Reason.PROTOCOL, f"light for key {coming.key}, sifted already")
+            yield from self.keys.step(coming.key, bob.add_block, record)
+            yield Tell(so_far(progress, self.keys.ends), at_the_end=False)
 
 
 def proposed_by(message: QkdMessage) -> Parameters:

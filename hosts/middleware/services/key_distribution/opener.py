@@ -1,19 +1,35 @@
 """The protocol of the end that asks for keys: no socket, no clock.
 
-It has light sent until enough is sifted, answers questions, and has its key stored.
+It has light sent until enough is sifted, answers questions, and has its keys stored.
 """
 
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
+from functools import partial
 
 from hosts.middleware.qkd.alice import Alice
-from hosts.middleware.qkd.end import State
+from hosts.middleware.qkd.bob import Bob
 from hosts.middleware.qkd.sifting import Record
 from hosts.middleware.services.key_distribution.light import next_photons
-from hosts.middleware.services.key_distribution.messages import KeyMessages
+from hosts.middleware.services.key_distribution.options import KeyOptions
 from hosts.middleware.services.key_distribution.summary import Progress, so_far
-from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.protocol import Now, OpenerSide, Say, Steps, Tell
-from wire.metadata import Envelope, Reason, Topic
+from hosts.middleware.services.key_distribution.under_way import (
+    MAX_UNDER_WAY,
+    KeysUnderWay,
+    Store,
+)
+from hosts.middleware.session.errors import SessionError, unexpected
+from hosts.middleware.session.protocol import (
+    Beside,
+    Hear,
+    OpenerSide,
+    Say,
+    Steps,
+    Tell,
+    Until,
+    Wait,
+)
+from hosts.timeouts import KEYS_TIMEOUT_S
+from wire.metadata import Answer, Envelope, Message, Reason, Topic
 
 DARK_BLOCKS = 3  # in a row without a sifted bit: the light does not arrive
 
@@ -26,76 +42,107 @@ class OpenerOfKeys:
     def __init__(
         self,
         side: OpenerSide,
-        count: int,
+        options: KeyOptions,
         light: Light,
-        alice: Alice,
+        new_key: Callable[[int], Alice],  # this end of a key, by its number in the session
         progress: Progress,
-        store: Callable[[], Awaitable[None]],
+        store: Store,
     ) -> None:
-        """Make a key of so many sifted bits of this light; store it before the end is told."""
-        self._side, self._count, self._light = side, count, light
-        self._alice, self._progress = alice, progress
-        self._messages = KeyMessages(side, alice, store)
-        self._sizes: list[int] = []  # of the blocks that were announced
+        """Make keys of this light."""
+        self._side, self._options, self._light = side, options, light
+        self._new_key, self._progress, self._store = new_key, progress, store
+        self.keys = KeysUnderWay(side, progress, self._done)
+        self._answers = 0  # that nobody has waited for
+        self._blocks = self._dark = 0  # announced; in a row without a sifted bit
 
     def run(self) -> Steps[None]:
         """Send light, and distil; SessionError if there is no key."""
-        side, alice = self._side, self._alice
-        yield Say((Envelope(side.setup.session, Topic.OPENER, side.host.encode()),))
-        try:
-            yield from self._messages.say(alice.start())
-            yield from self._gather()
-            yield from self._messages.say(alice.distil())
-            yield from self._messages.until(lambda: alice.state is State.DONE)
-        except SessionError as error:
-            yield self._messages.give_up(str(error))
-            raise
+        yield Say((Envelope(self._side.setup.session, Topic.OPENER, self._side.host.encode()),))
+        yield Beside(self._read())
+        yield from self._make_all()
 
-    def _gather(self) -> Steps[None]:
-        """Send blocks until enough is sifted; a block is sifted while the next one flies."""
-        dark, coming = 0, (yield from self._announce())
-        while coming is not None:
-            before = self._alice.sifted_bits
-            following = yield from self._announce()
-            yield from self._send(coming)
-            dark = 0 if self._alice.sifted_bits > before else dark + 1
-            if dark > DARK_BLOCKS:  # the newest may not be sifted yet
-                raise SessionError(
-                    Reason.NO_LIGHT,
-                    f"no key: of {DARK_BLOCKS} blocks in a row no photon was measured by both "
-                    "ends: is a fibre cut, or its loss too high?",
-                )
-            yield Tell(so_far(self._progress, self._alice), at_the_end=False)
-            if following is None:
-                yield from self._sifted(len(self._sizes))
-                following = yield from self._announce()
+    def _read(self) -> Steps[None]:
+        """Take messages; none may be so late."""
+        while True:
+            match (yield Hear(Message, KEYS_TIMEOUT_S)):
+                case Envelope() as envelope:
+                    yield from self.keys.hear(envelope)
+                case Answer(reason=Reason.OK):
+                    self._answers += 1
+                case message:
+                    raise unexpected(message, self._side.peer)
+
+    def _make_all(self) -> Steps[None]:
+        """Make as many keys as are wanted; light for one comes while others are distilled."""
+        count, so_much = self._options.count, 0
+        keys = -(-count // self._options.sifted_per_key)
+        for number in range(keys):
+            yield Until(lambda: len(self.keys.numbers) < MAX_UNDER_WAY)
+            alice = self._new_key(number)
+            yield from self.keys.begin(number, alice)
+            yield from self.keys.step(number, alice.start)
+            share = -(-max(1, count - so_much) // (keys - number))
+            yield from self._gather(number, alice, share)
+            so_much += alice.sifted_bits
+            yield Beside(self.keys.step(number, alice.distil))
+        yield Until(lambda: not self.keys.numbers)
+
+    def _done(self, number: int, alice: Alice | Bob) -> Steps[None]:
+        """Store a key that the other end has stored, and say so."""
+        self._progress.ids += yield Wait(partial(self._store, number, alice))
+        self._progress.made.add(alice)
+        self.keys.forget(number)
+        yield self._side.say(Topic.KEPT, number, [], 1)
+
+    def _gather(self, key: int, alice: Alice, count: int) -> Steps[None]:
+        """Send blocks until so much is sifted; a block is sifted while the next one flies."""
+        sizes: list[int] = []
+        coming = yield from self._announce(alice, count, sizes)
+        while coming:
+            before = alice.sifted_bits
+            following = yield from self._announce(alice, count, sizes)
+            yield from self._send(key, alice, coming)
+            earlier = len(sizes) - (2 if following else 1)
+            yield Until(partial(sifted, alice, earlier))
+            self._look_for_light(alice.sifted_bits > before)
+            yield Tell(so_far(self._progress, self.keys.ends), at_the_end=False)
+            if not following:
+                yield Until(partial(sifted, alice, len(sizes)))
+                following = yield from self._announce(alice, count, sizes)
             coming = following
 
-    def _announce(self) -> Steps[int | None]:
-        """Let the other end get ready for one more block; None if there may be enough."""
-        alice, sizes = self._alice, self._sizes
-        seen = sum(sizes[: alice.blocks_sifted])
-        on_the_way = sum(sizes) - seen
-        most = self._side.setup.pairs
-        size = next_photons(self._count, alice.sifted_bits, seen, on_the_way, most)
-        if size == 0:
-            return None
-        number = len(sizes)
-        sizes.append(size)
-        yield self._side.say(Topic.COMING, number, [size], 32)
-        return number
+    def _look_for_light(self, sifted: bool) -> None:
+        self._dark = 0 if sifted else self._dark + 1
+        if self._dark > DARK_BLOCKS:  # the newest may not be sifted yet
+            raise SessionError(
+                Reason.NO_LIGHT,
+                f"no key: of {DARK_BLOCKS} blocks in a row no photon was measured by both "
+                "ends: is a fibre cut, or its loss too high?",
+            )
 
-    def _send(self, number: int) -> Steps[None]:
-        """Send a block that was announced, and wait until the one before it is sifted."""
-        side, photons = self._side, self._sizes[number]
-        yield from self._messages.answered()
+    def _announce(self, alice: Alice, count: int, sizes: list[int]) -> Steps[int]:
+        """Let the other end get ready for one more block; 0 if there may be enough."""
+        seen = sum(sizes[: alice.blocks_sifted])
+        most = self._side.setup.pairs
+        size = next_photons(count, alice.sifted_bits, seen, sum(sizes) - seen, most)
+        if size:
+            sizes.append(size)
+            yield self._side.say(Topic.COMING, self._blocks, [size], 32)
+            self._blocks += 1
+        return size
+
+    def _send(self, key: int, alice: Alice, photons: int) -> Steps[None]:
+        """Send a block that was announced."""
+        side, number = self._side, self._progress.blocks
+        yield Until(lambda: self._answers > 0)
+        self._answers -= 1
         record = yield from self._light(side, number, photons)
         yield side.say(Topic.OVER, number, [], 1)
+        self._progress.blocks += 1
         self._progress.photons += photons
-        yield from self._messages.say(self._alice.add_block(record))
-        yield from self._sifted(number)
+        yield from self.keys.step(key, alice.add_block, record)
 
-    def _sifted(self, blocks: int) -> Steps[None]:
-        """Wait until so many blocks are sifted."""
-        yield from self._messages.until(lambda: self._alice.blocks_sifted >= blocks)
-        self._progress.note(self._alice.blocks_sifted, (yield Now()))
+
+def sifted(alice: Alice, blocks: int) -> bool:
+    """Return whether so many blocks are sifted."""
+    return alice.blocks_sifted >= blocks

@@ -12,14 +12,15 @@ from wire.qkd import Bound, Reconciliation
 
 CORRECTIONS = {kind.name.lower(): kind for kind in Reconciliation}  # what users call them
 BOUNDS = {kind.name.lower(): kind for kind in Bound}
-MAX_COUNT = 1_000_000  # sifted bits of one session: one key is distilled of all of them
+MAX_SIFTED_PER_KEY = 1_000_000  # the last block may bring some more: wire.qkd.MAX_KEY_BITS
 
 
 @dataclass(frozen=True)
 class KeyOptions(ServiceOptions):
-    """`count` sifted bits at least, of which one key is distilled."""
+    """`count` sifted bits at least, of which keys are distilled one after another."""
 
     count: int = 500_000
+    sifted_per_key: int = MAX_SIFTED_PER_KEY  # at most; keys are alike in that
     block_pairs: int = 131_072
     correction: str = "cascade"
     max_qber: float = 0.1  # of the disclosed sample: no key above
@@ -32,7 +33,7 @@ class KeyOptions(ServiceOptions):
     def check(self) -> None:
         """Raise SessionError for a value out of range."""
         super().check()
-        check_whole("count", self.count, 1, MAX_COUNT)
+        check_whole("sifted_per_key", self.sifted_per_key, 1, MAX_SIFTED_PER_KEY)
         check_choice("correction", self.correction, tuple(CORRECTIONS))
         check_choice("bound", self.bound, tuple(BOUNDS))
         if self.block_pairs / self.rate_hz > MAX_BLOCK_S:

@@ -25,8 +25,8 @@ from hosts.middleware.qkd.sifting import Record
 from hosts.middleware.services.key_distribution.light import measured, measuring, random_bases
 from hosts.middleware.services.key_distribution.options import KeyOptions
 from hosts.middleware.services.key_distribution.session import accept_key, make_key
+from hosts.middleware.session.ends import AcceptorEnd, OpenerEnd, ServiceKind
 from hosts.middleware.session.protocol import Emit, OpenerSide, Steps, do
-from hosts.middleware.session.service import AcceptorEnd, OpenerEnd, ServiceKind
 from wire.metadata import Service
 
 
@@ -54,8 +54,8 @@ def measure_halves(side: OpenerSide, number: int, pairs: int) -> Steps[Record]:
 
 async def open_bb84(end: OpenerEnd, options: KeyOptions) -> None:
     """Make a key with the acceptor, of decoy states if this host's source can make them."""
-    parameters = replace(options.parameters(), multi_photon=end.means.multi_photon)
-    intensities = end.means.intensities
+    parameters = replace(options.parameters(), multi_photon=end.resources.multi_photon)
+    intensities = end.resources.intensities
     decoys = Decoys(intensities) if len(intensities) == LEVELS else None
     light = partial(prepare_and_send, with_decoys=decoys is not None)
     await make_key(end, options, light, parameters, decoys)

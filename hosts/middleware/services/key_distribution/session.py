@@ -1,23 +1,26 @@
 """The session of any key distribution: from blocks of light to keys in both stores.
 
     opener (alice of hosts.middleware.qkd)                     acceptor (bob)
-      | Envelope(OPENER), Envelope(KEYS: Proposal) -------------> |
+      | Envelope(OPENER), Envelope(KEYS: Proposal) -------------> |  a key begins
       | Values(COMING) -----------------------------------------> |  gets ready to measure
       | <-------------------------------------------- Answer(OK)  |  one block ahead
       |   light, as the protocol makes it                         |
       | Values(OVER) -------------------------------------------> |
       | <----------------------------- Envelope(KEYS: Detections) |
       | Envelope(KEYS: Sifted) ---------------------------------> |  while the next block comes
-      |   ... blocks ..., then error correction by envelopes      |
-      | Finish: the opener holds the key in its store ----------> |
+      |   ... blocks, then error correction by envelopes ...      |
+      |   ... and beside it Proposal, COMING, light of the next   |
+      | Values(KEPT): the opener holds a key in its store ------> |
+      | Finish: it holds all ----------------------------------> |
 
-The acceptor stores its keys before it confirms them, and withdraws them if the session does
-not end well; so the opener stores only what the acceptor has.
+Blocks are for the key that was proposed last. The acceptor stores a key before it confirms it, and
+withdraws it if the session ends before the opener has kept it, too.
 opener.py and acceptor.py decide what is said and when; here it is carried out.
 """
 
 import asyncio
 from contextlib import suppress
+from functools import partial
 from uuid import UUID
 
 from hosts.middleware.qkd.alice import Alice
@@ -32,8 +35,9 @@ from hosts.middleware.services.key_distribution.acceptor import AcceptorOfKeys, 
 from hosts.middleware.services.key_distribution.opener import Light, OpenerOfKeys
 from hosts.middleware.services.key_distribution.options import KeyOptions
 from hosts.middleware.services.key_distribution.summary import Progress, summary
+from hosts.middleware.services.key_distribution.under_way import NUMBERS, KeysUnderWay
+from hosts.middleware.session.ends import AcceptorEnd, End, OpenerEnd
 from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.service import AcceptorEnd, End, OpenerEnd
 from hosts.network_loop import now_s
 from wire.metadata import Reason
 
@@ -45,65 +49,77 @@ async def make_key(
     parameters: Parameters,
     decoys: Decoys | None = None,
 ) -> None:
-    """Make a key of this light, by these parameters, or whose pulses are decoys."""
-    peer, ids, progress = end.arrangement.peer, list[UUID](), Progress(now_s())
-    outgoing, incoming = pools(end, end.means.keyring.host, peer)
-    terms = Terms(end.setup.session, parameters, outgoing, incoming, end.draws.bytes)
-    alice = Alice(terms, decoys)
+    """Make keys of this light, by these parameters, or whose pulses are decoys."""
+    host, peer, progress = end.resources.keyring.host, end.arrangement.peer, Progress(now_s())
 
-    async def store() -> None:
-        ids.extend(await stored(end, peer, alice, opened=True))
+    def new_key(number: int) -> Alice:
+        outgoing, incoming = pools(end, host, peer, number)
+        return Alice(terms(end, number, parameters, outgoing, incoming), decoys)
 
-    protocol = OpenerOfKeys(end.side, options.count, light, alice, progress, store)
+    store = partial(stored, end, peer, opened=True)
+    protocol = OpenerOfKeys(end.side, options, light, new_key, progress, store)
     try:
-        await end.perform(protocol.run())
-    except SessionError:
-        await tell_of_failure(end, progress, alice)
+        await end.perform_together(protocol.run())
+    except SessionError as error:
+        await give_up(end, protocol.keys, progress, error)
         raise
-    end.summary = summary(progress, alice, ids, now_s())
+    end.summary = summary(progress, (), now_s())
 
 
 async def accept_key(end: AcceptorEnd, half: int, *, tests: bool = False) -> None:
-    """Make a key of what is measured of this half; tests: some photons are for a CHSH test."""
-    ids, progress = list[UUID](), Progress(now_s())
+    """Make keys of what is measured of this half; tests: some photons are for a CHSH test."""
+    progress = Progress(now_s())
     opener = await end.perform(introduced(tests))
-    incoming, outgoing = pools(end, opener.peer, end.means.keyring.host)
-    draws = end.draws.bytes
-    bob = Bob(Terms(end.setup.session, opener.parameters, outgoing, incoming, draws))
 
-    async def store() -> None:
-        ids.extend(await stored(end, opener.peer, bob, opened=False))
+    def new_key(number: int) -> Bob:
+        incoming, outgoing = pools(end, opener.peer, end.resources.keyring.host, number)
+        return Bob(terms(end, number, opener.parameters, outgoing, incoming))
 
+    store = partial(stored, end, opener.peer, opened=False)
+    protocol = AcceptorOfKeys(end.side, half, opener, new_key, progress, store)
     try:
-        protocol = AcceptorOfKeys(end.side, half, opener, bob, progress, store)
-        await end.perform(protocol.run())
+        await end.perform_together(protocol.run())
     except BaseException as error:
-        end.means.keyring.withdraw(opener.peer, ids)
+        for ids in protocol.not_kept.values():
+            end.resources.keyring.withdraw(opener.peer, ids)
         if isinstance(error, SessionError):
-            await tell_of_failure(end, progress, bob)
+            await give_up(end, protocol.keys, progress, error)
         raise
-    end.summary = summary(progress, bob, ids, now_s())
+    end.summary = summary(progress, (), now_s())
 
 
-def pools(end: End, opener: str, acceptor: str) -> tuple[KeyPool, KeyPool]:
-    """Return the authentication keys of the session: of what the opener says, the acceptor.
+def number_of(end: End, key: int) -> int:
+    """Return by which number the messages of a key of this session go, and its ids."""
+    return (end.setup.session + key) % NUMBERS
+
+
+def terms(
+    end: End, key: int, parameters: Parameters, outgoing: KeyPool, incoming: KeyPool
+) -> Terms:
+    """Return what this end of a key is given; its random bytes follow from the seed."""
+    draws = end.draws.spawn(1)[0]
+    return Terms(number_of(end, key), parameters, outgoing, incoming, draws.bytes)
+
+
+def pools(end: End, opener: str, acceptor: str, key: int) -> tuple[KeyPool, KeyPool]:
+    """Return the authentication keys of a key: of what the opener says, the acceptor.
 
     Raise SessionError if the hosts share none, or if the keys could not be stored here.
     """
-    keyring = end.means.keyring
+    keyring = end.resources.keyring
     try:
-        shared = keyring.pools(opener, acceptor, end.setup.session)
+        shared = keyring.pools(opener, acceptor, number_of(end, key))
         keyring.store(acceptor if opener == keyring.host else opener)
     except (NothingShared, KeyStoreError) as error:
         raise SessionError(Reason.NOT_ALLOWED, f"no key: {error}") from error
     return shared
 
 
-async def stored(end: End, peer: str, keys: Alice | Bob, *, opened: bool) -> list[UUID]:
-    """Keep the key that has been made; SessionError if the store does not take it."""
+async def stored(end: End, peer: str, key: int, keys: Alice | Bob, *, opened: bool) -> list[UUID]:
+    """Keep a key that has been made; SessionError if the store does not take it."""
     assert keys.key is not None
-    session, keyring = end.setup.session, end.means.keyring
-    work = asyncio.to_thread(keyring.keep, peer, session, keys.key, opened=opened)
+    keyring = end.resources.keyring
+    work = asyncio.to_thread(keyring.keep, peer, number_of(end, key), keys.key, opened=opened)
     keeping = asyncio.create_task(work)
     try:
         return await asyncio.shield(keeping)
@@ -114,8 +130,11 @@ async def stored(end: End, peer: str, keys: Alice | Bob, *, opened: bool) -> lis
         raise SessionError(Reason.BUSY, f"no key: {keyring.host}: {error}") from error
 
 
-async def tell_of_failure(end: End, progress: Progress, keys: Alice | Bob) -> None:
-    """Tell the application what was measured, if the error rate was; it may be gone."""
-    if keys.estimate is not None or keys.bell.pairs:
-        with suppress(SessionError, ConnectionError):
-            await end.tell(**summary(progress, keys, [], now_s()))
+async def give_up(end: End, keys: KeysUnderWay, progress: Progress, error: SessionError) -> None:
+    """Tell the other end that keys will not be made, and the application what was measured."""
+    for words in keys.give_up(str(error)):
+        end.channel.send(*words.messages)
+    told = summary(progress, keys.ends, now_s())
+    if told["qber"] is not None or "chsh" in told:
+        with suppress(SessionError, ConnectionError):  # it may be gone
+            await end.tell(**told)

@@ -1,10 +1,14 @@
 """The summary of a key distribution: counts, rates and error rates, never a key."""
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from copy import deepcopy
+from dataclasses import dataclass, field
 from typing import Any
 from uuid import UUID
 
+from hosts.middleware.qkd.bell_test import Correlations
 from hosts.middleware.qkd.end import End
+from hosts.middleware.qkd.estimation import Estimate
 from hosts.middleware.qkd.key_length import asymptotic_fraction
 from hosts.middleware.qkd.key_store import KEY_BITS
 
@@ -17,73 +21,126 @@ SOURCES = {
 
 
 @dataclass
+class Counts:
+    """What keys of a session have come to, all in one; in bits, if nothing else is said."""
+
+    raw: int = 0
+    sifted: int = 0
+    blocks: int = 0  # of light that are sifted
+    estimate: Estimate = field(default_factory=lambda: Estimate(0, 0))
+    leaked: int = 0
+    key: int = 0
+    authentication: int = 0
+    single: float = 0.0  # sifted bits of single photons
+    multi_photon: float = 0.0
+    means: tuple[float, ...] = ()  # of decoys
+    bell: Correlations = field(default_factory=Correlations)
+
+    def add(self, keys: End) -> None:
+        """Count one more key, or what there is of it."""
+        report, found = keys.report, keys.estimate
+        self.raw += report.raw
+        self.sifted += report.sifted
+        self.blocks += keys.blocks_sifted
+        self.leaked += report.leaked
+        self.key += report.key
+        self.authentication += report.authentication
+        self.single += keys.single_share * report.sifted
+        self.multi_photon = keys.multi_photon
+        self.bell.include(keys.bell)
+        if found is not None:
+            self.estimate = self.estimate.beside(found)
+        if keys.decoys is not None:
+            self.means = tuple(keys.decoys.means)
+
+    @property
+    def single_share(self) -> float:
+        """The share of the sifted bits that single photons have brought at least."""
+        return self.single / self.sifted if self.sifted else 0.0
+
+
+@dataclass
 class Progress:
-    """What one end has done so far, beside what its state machine counts."""
+    """What one end has done so far."""
 
     started_s: float  # of the network's clock
     photons: int = 0  # or pairs, that were made
     blocks: int = 0  # of them
-    sifted_blocks: int = 0
-    light_s: float = 0.0  # until the last of them was sifted
+    light_s: float = 0.0  # until the last block was sifted
+    made: Counts = field(default_factory=Counts)  # of keys that are made
+    ids: list[UUID] = field(default_factory=list)  # of those in the store
+    _sifted_blocks: int = 0
 
-    def note(self, sifted_blocks: int, now_s: float) -> None:
+    def note(self, ends: Iterable[End], now_s: float) -> None:
         """Note when blocks have been sifted."""
-        if sifted_blocks > self.sifted_blocks:
-            self.sifted_blocks, self.light_s = sifted_blocks, now_s - self.started_s
+        blocks = self.made.blocks + sum(keys.blocks_sifted for keys in ends)
+        if blocks > self._sifted_blocks:
+            self._sifted_blocks, self.light_s = blocks, now_s - self.started_s
+
+    def counts(self, ends: Iterable[End]) -> Counts:
+        """Return the counts of all keys, also of those under way."""
+        counts = deepcopy(self.made)
+        for keys in ends:
+            counts.add(keys)
+        return counts
 
 
-def so_far(progress: Progress, keys: End) -> dict[str, Any]:
+def so_far(progress: Progress, ends: Iterable[End]) -> dict[str, Any]:
     """Return what is told while light is sent."""
-    report = keys.report
-    return {"photons": progress.photons, "raw_bits": report.raw, "sifted_bits": report.sifted}
+    counts = progress.counts(ends)
+    told = {"photons": progress.photons, "raw_bits": counts.raw, "sifted_bits": counts.sifted}
+    return {**told, "key_bits": counts.key}
 
 
-def summary(progress: Progress, keys: End, ids: list[UUID], now_s: float) -> dict[str, Any]:
-    """Return what is told at the end; None for what is not known.
+def summary(progress: Progress, ends: Iterable[End], now_s: float) -> dict[str, Any]:
+    """Return what is told at the end, also of keys that will not be made; None: not known.
 
     Photons, raw and sifted bits are per second of light and sifting, key bits per second of
     the whole session. The limit of the key fraction is that of endless keys.
     """
-    report, estimate = keys.report, keys.estimate
+    counts = progress.counts(ends)
+    estimate = counts.estimate if counts.estimate.sample else None
     elapsed_s = now_s - progress.started_s
     light_s = progress.light_s or elapsed_s  # nothing was sifted
     low, high = estimate.interval(CONFIDENCE) if estimate else (None, None)
     qber = estimate.qber if estimate else None
     limit = None
-    if qber is not None and keys.decoys is None:
-        limit = asymptotic_fraction(qber, keys.single_share)
+    if qber is not None and not counts.means:
+        limit = asymptotic_fraction(qber, counts.single_share)
+    ids = progress.ids
     return {
-        **so_far(progress, keys),
+        "photons": progress.photons,
+        "raw_bits": counts.raw,
+        "sifted_bits": counts.sifted,
         "qber": qber,
         "qber_low": low,
         "qber_high": high,
-        "disclosed_bits": report.sample,
+        "disclosed_bits": counts.estimate.sample,
         "ones_fraction": estimate.ones / estimate.sample if estimate else None,
-        "leaked_bits": report.leaked,
-        "key_bits": report.key,
-        "key_fraction": report.key / report.sifted if report.sifted else None,
+        "leaked_bits": counts.leaked,
+        "key_bits": counts.key,
+        "key_fraction": counts.key / counts.sifted if counts.sifted else None,
         "key_fraction_limit": limit,
-        "multi_photon": keys.multi_photon,
-        "single_photon_fraction": keys.single_share if report.sifted else None,
-        "assumed": DECOYS if keys.decoys else SOURCES[keys.multi_photon > 0],
-        **({"intensities": list(keys.decoys.means)} if keys.decoys else {}),
-        **(bell_test(keys) if keys.bell.pairs else {}),
+        "multi_photon": counts.multi_photon,
+        "single_photon_fraction": counts.single_share if counts.sifted else None,
+        "assumed": DECOYS if counts.means else SOURCES[counts.multi_photon > 0],
+        **({"intensities": list(counts.means)} if counts.means else {}),
+        **(bell_test(counts.bell) if counts.bell.pairs else {}),
         "keys": len(ids),
         "bits_of_a_key": KEY_BITS,
         "first_key_id": str(ids[0]) if ids else None,
         "last_key_id": str(ids[-1]) if ids else None,
-        "authentication_bits": report.authentication,
-        "net_key_bits": report.net,
+        "authentication_bits": counts.authentication,
+        "net_key_bits": counts.key - counts.authentication,
         "light_s": light_s,
         "elapsed_s": elapsed_s,
         "photons_per_s": progress.photons / light_s,
-        "raw_bits_per_s": report.raw / light_s,
-        "sifted_bits_per_s": report.sifted / light_s,
-        "key_bits_per_s": report.key / elapsed_s,
+        "raw_bits_per_s": counts.raw / light_s,
+        "sifted_bits_per_s": counts.sifted / light_s,
+        "key_bits_per_s": counts.key / elapsed_s,
     }
 
 
-def bell_test(keys: End) -> dict[str, Any]:
+def bell_test(bell: Correlations) -> dict[str, Any]:
     """Return what the CHSH test has told."""
-    bell = keys.bell
     return {"chsh": bell.s, "chsh_error": bell.error, "chsh_pairs": bell.pairs}

@@ -16,7 +16,7 @@ protocol.py decides; here it is carried out.
 
 from hosts.middleware.services.sealing.options import SealOptions
 from hosts.middleware.services.sealing.protocol import Watch, answer
-from hosts.middleware.session.service import AcceptorEnd, OpenerEnd, ServiceKind
+from hosts.middleware.session.ends import AcceptorEnd, OpenerEnd, ServiceKind
 from wire.metadata import Service
 
 

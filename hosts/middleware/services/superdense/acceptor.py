@@ -16,16 +16,16 @@ from hosts.middleware.services.superdense.receiver import (
 )
 from hosts.middleware.session.channel import MetadataChannel
 from hosts.middleware.session.encoding import DISTINGUISHABLE_STATES
+from hosts.middleware.session.ends import AcceptorEnd
 from hosts.middleware.session.errors import SessionError, unexpected
 from hosts.middleware.session.host_resources import HostResources
-from hosts.middleware.session.service import AcceptorEnd
 from hosts.timeouts import ARRIVED_TIMEOUT_S, PAIR_TIMEOUT_S
 from wire.metadata import Answer, Block, Finish, Reason, Setup
 
 
-def accepted(means: HostResources, setup: Setup) -> Answer:
+def accepted(resources: HostResources, setup: Setup) -> Answer:
     """Return what is said to a set-up, by what this host's analyser can do; or SessionError."""
-    symbols = DISTINGUISHABLE_STATES[means.analyser]
+    symbols = DISTINGUISHABLE_STATES[resources.analyser]
     check_offer(setup, symbols)
     return answer_to(setup, symbols, setup.rotation)
 
@@ -45,7 +45,7 @@ class Acceptor:
 
     def __init__(self, end: AcceptorEnd) -> None:
         self._end, self._qnic, self._channel, self._setup = end, end.qnic, end.channel, end.setup
-        symbols = DISTINGUISHABLE_STATES[end.means.analyser]
+        symbols = DISTINGUISHABLE_STATES[end.resources.analyser]
         self.receiver = Receiver(end.setup, symbols, end.channel.peer)
         self._singles: dict[int, asyncio.Task[Symbols]] = {}
         end.counts, end.join = self.receiver.counts, self.one_pair

@@ -24,7 +24,7 @@ from hosts.middleware.services.superdense.halves import sent_half
 from hosts.middleware.services.superdense.options import SEQUENTIAL, SuperdenseOptions
 from hosts.middleware.services.superdense.per_pair import Agreed, PerPair, cancelled
 from hosts.middleware.services.superdense.sender import Light, Sender, Singles
-from hosts.middleware.session.service import Carrier, OpenerEnd
+from hosts.middleware.session.ends import Carrier, OpenerEnd
 from hosts.network_loop import now_s
 from hosts.timeouts import GRACE_S, LIGHT_TIMEOUT_S, REPORT_TIMEOUT_S
 from wire.metadata import Report

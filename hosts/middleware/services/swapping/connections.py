@@ -12,10 +12,10 @@ from hosts.middleware.services.swapping.link import (
 from hosts.middleware.services.swapping.repeater import Repeater
 from hosts.middleware.session.arrangement import Arrangement, Light
 from hosts.middleware.session.channel import MetadataChannel
+from hosts.middleware.session.ends import ConnectionEnd
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.host_resources import HostResources
 from hosts.middleware.session.offers import check_wavelength
-from hosts.middleware.session.service import ConnectionEnd
 from hosts.middleware.session.session import making, require_fibers
 from wire.device import SwapOrder
 from wire.metadata import MemoryState, Setup
@@ -54,41 +54,42 @@ class OpenedLink(ConnectionEnd):
         await release(self.qnic, self.setup.session)
 
 
-async def serve_link(means: HostResources, channel: MetadataChannel, setup: Setup) -> None:
+async def serve_link(resources: HostResources, channel: MetadataChannel, setup: Setup) -> None:
     """Do what this host has been ordered to until a link that has come is over.
 
     It goes to the session that expects it if the chain ends here, else to a repeater. Raise
     SessionError if it fails.
     """
     check_wavelength(setup)
-    require_fibers(setup, Role.ACCEPTOR, means.qnic, making(setup, False))
-    order = await means.swaps.order_of_link(setup.session)
-    connection = ConnectionEnd(means.qnic, setup, channel)
+    resources = resources.at(setup.wavelength_pm)
+    require_fibers(setup, Role.ACCEPTOR, resources.qnic, making(setup, False))
+    order = await resources.swaps.order_of_link(setup.session)
+    connection = ConnectionEnd(resources.qnic, setup, channel)
     incoming = IncomingLink(connection.side, order)
     try:
         if not order.last:
-            await _repeat(means, connection, incoming, order)
+            await _repeat(resources, connection, incoming, order)
         else:
             connection.agree()
-            await means.swaps.hand_over(order, channel, setup)
+            await resources.swaps.hand_over(order, channel, setup)
     finally:
-        await release(means.qnic, setup.session)
+        await release(resources.qnic, setup.session)
 
 
 async def _repeat(
-    means: HostResources, left: ConnectionEnd, incoming: IncomingLink, order: SwapOrder
+    resources: HostResources, left: ConnectionEnd, incoming: IncomingLink, order: SwapOrder
 ) -> None:
     """Open the link to the right, say that the chain is there, and swap."""
     try:
-        right = await OpenedLink.open(means.qnic, order, left.setup, means.swaps.address)
+        right = await OpenedLink.open(resources.qnic, order, left.setup, resources.swaps.address)
         try:
             left.agree()
             links = incoming, OutgoingLink(right.side, right.port)
-            await Repeater((left, right), links, order, means.distinguishable_states).run()
+            await Repeater((left, right), links, order, resources.distinguishable_states).run()
         except (SessionError, HardwareError) as error:
             await right.give_up(error)
             raise
         finally:
             await right.close()
     finally:
-        means.swaps.forget(order.chain)
+        resources.swaps.forget(order.chain)

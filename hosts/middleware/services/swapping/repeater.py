@@ -6,7 +6,7 @@ from typing import Any, TypeVar
 
 from hosts.middleware.services.swapping.link import IncomingLink, OutgoingLink, to_the_left_of
 from hosts.middleware.services.swapping.protocol import Turn, joined
-from hosts.middleware.session.service import ConnectionEnd
+from hosts.middleware.session.ends import ConnectionEnd
 from wire.device import SwapOrder
 
 A = TypeVar("A")

@@ -20,15 +20,15 @@ from hosts.middleware.services.distribution.options import DistributeOptions
 from hosts.middleware.services.swapping.connections import OpenedLink
 from hosts.middleware.services.swapping.link import IncomingLink, OutgoingLink
 from hosts.middleware.services.swapping.protocol import Accepting, Opening
-from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.protocol import Connection
-from hosts.middleware.session.service import (
+from hosts.middleware.session.ends import (
     AcceptorEnd,
     Answerer,
     ConnectionEnd,
     OpenerEnd,
     ServiceKind,
 )
+from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.protocol import Connection
 from hosts.middleware.session.swap_orders import Arrived
 from hosts.timeouts import LINK_TIMEOUT_S
 from wire.device import SwapOrder
@@ -39,8 +39,8 @@ async def swap(end: OpenerEnd, options: DistributeOptions) -> Answerer:
     """Make pairs with the acceptor; return what answers this end's application."""
     session = end.setup.session
     try:
-        order = await end.means.swaps.order(session)
-        connection = await OpenedLink.open(end.qnic, order, end.setup, end.means.swaps.address)
+        order = await end.resources.swaps.order(session)
+        connection = await OpenedLink.open(end.qnic, order, end.setup, end.resources.swaps.address)
         try:
             link = OutgoingLink(connection.side, connection.port)
             opening = Opening(end.side, connection, link, order)
@@ -52,13 +52,13 @@ async def swap(end: OpenerEnd, options: DistributeOptions) -> Answerer:
         finally:
             await connection.close()
     finally:
-        end.means.swaps.forget(session)
+        end.resources.swaps.forget(session)
     return answer
 
 
 async def receive(end: AcceptorEnd) -> Answerer:
     """Follow the opener until it delivers; return what answers this end's application."""
-    with end.means.swaps.expecting(end.setup.session) as expected:
+    with end.resources.swaps.expecting(end.setup.session) as expected:
         accepting = Accepting(end.side, partial(_last_link, end, expected))
         answer = await share_pairs(end, accepting.share)
         await end.perform(accepting.finish())

@@ -27,7 +27,7 @@ from hosts.middleware.services.teleportation.protocol import (
     Teleport,
 )
 from hosts.middleware.services.teleportation.qubit_states import RANDOM, Cardinal, States
-from hosts.middleware.session.service import AcceptorEnd, OpenerEnd, ServiceKind
+from hosts.middleware.session.ends import AcceptorEnd, OpenerEnd, ServiceKind
 from hosts.middleware.session.service_options import ServiceOptions
 from hosts.network_loop import now_s
 from hosts.timeouts import ANSWER_TIMEOUT_S
@@ -51,7 +51,7 @@ class TeleportOptions(ServiceOptions):
 
 async def teleport(end: OpenerEnd, options: TeleportOptions) -> None:
     """Teleport all states, block after block."""
-    known, started = end.means.distinguishable_states, now_s()
+    known, started = end.resources.distinguishable_states, now_s()
     sender = Sender(end.setup, options.state, options.count, known, end.draws)
     while (order := sender.next_block()) is not None:
         for message in sender.measured(await _send(end, order)):

@@ -31,7 +31,7 @@ from hosts.middleware.session.performing import Performer
 from hosts.middleware.session.protocol import HostSide, Light, OpenerSide, Order, Side
 from hosts.middleware.session.values import Numbers
 from hosts.timeouts import ANSWER_TIMEOUT_S, LIGHT_TIMEOUT_S
-from wire.features import Abilities
+from wire.features import NodeFeatures
 from wire.metadata import Answer, Handshake, Reason, Service, Setup, Values
 
 Tell = Callable[..., Coroutine[Any, Any, None]]
@@ -121,7 +121,7 @@ class ConnectionEnd(Performer):
 class End(ConnectionEnd):
     """One end of a session of a service: also its application, and what its host has."""
 
-    means: HostResources
+    resources: HostResources
     tell: Tell  # called with fields for the application
     draws: np.random.Generator  # of this host's own choices; they follow from the seed
     summary: dict[str, Any] = field(default_factory=dict)  # for the application, at the end
@@ -131,16 +131,16 @@ class End(ConnectionEnd):
     @property
     def side(self) -> HostSide:
         """This end as its protocol knows it."""
-        means, ports = self.means, tuple(self.qnic.ports)
+        resources, ports = self.resources, tuple(self.qnic.ports)
         return HostSide(
             self.setup,
             ports,
             self.channel.peer,
-            means.name,
+            resources.name,
             self.draws,
-            means.abilities,
-            means.lifetimes,
-            means.distinguishable_states,
+            resources.node_features,
+            resources.lifetimes,
+            resources.distinguishable_states,
         )
 
     async def carry_out(self, order: Order) -> Any:
@@ -158,7 +158,7 @@ class OpenerEnd(End):
 
     arrangement: Arrangement = field(kw_only=True)
     answer: Answer = field(kw_only=True)  # of the other end, to the set-up
-    theirs: Abilities = field(kw_only=True)  # of the other end; nothing where it does not tell
+    theirs: NodeFeatures = field(kw_only=True)  # of the other end; nothing where it does not tell
     lifetimes: Lifetimes = field(kw_only=True)  # of its memory, likewise
     is_source: bool = field(kw_only=True)  # this host makes the pairs, and keeps half of each
     sent: tuple[int, bytes] = NO_BYTES  # how many bytes, and their SHA-256: what Finish says
@@ -205,7 +205,9 @@ class ServiceKind:
     open: Callable[[OpenerEnd, Any], Awaitable[Answerer | Carrier | None]]
     accept: Callable[[AcceptorEnd], Awaitable[Answerer | None]]
     # What the acceptor says to a set-up; raises SessionError for one that cannot be served.
-    accepts: Callable[[HostResources, Setup], Answer] = lambda _means, setup: plain_answer(setup)
+    accepts: Callable[[HostResources, Setup], Answer] = lambda _resources, setup: plain_answer(
+        setup
+    )
     # What the opener refuses before anything is sent, by SessionError.
     check: Callable[[Setup], None] = lambda _setup: None
     handshakes: tuple[Handshake, ...] = (Handshake.FRAMED,)  # ONE_PAIR: those join a session

@@ -1,0 +1,127 @@
+"""The keys of a session that are under way, at either end: several at a time.
+
+Each key has a state machine (hosts.middleware.qkd) and messages of its own, which carry the number
+of the session plus how many keys came before. Steps of their own take the messages of each key in
+their order, so that errors of one key are corrected while light is made for the next.
+"""
+
+from collections import deque
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass, field
+from uuid import UUID
+
+from hosts.middleware.qkd.alice import Alice
+from hosts.middleware.qkd.bob import Bob
+from hosts.middleware.qkd.end import State
+from hosts.middleware.services.key_distribution.messages import Cutter, failure_of, in_envelopes
+from hosts.middleware.services.key_distribution.summary import Progress
+from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.protocol import Beside, Now, Say, Side, Steps, Until, Work
+from wire.metadata import Envelope, MalformedPacket, Reason, Topic
+from wire.qkd import unframe
+
+MAX_UNDER_WAY = 4  # one is sifted, the errors of others are corrected
+NUMBERS = 1 << 64
+
+Store = Callable[[int, Alice | Bob], Awaitable[list[UUID]]]  # puts a key into this host's store
+WhenDone = Callable[[int, Alice | Bob], Steps[None]]  # before this end says that it has the key
+
+
+@dataclass
+class Making:
+    """A key in the making: this end of it, and what the other has said of it."""
+
+    keys: Alice | Bob
+    heard: deque[bytes] = field(default_factory=deque)
+    busy: bool = False  # with a step; it takes one at a time
+
+
+class KeysUnderWay:
+    """Carries what this end says and hears of its keys, each by its number in the session."""
+
+    def __init__(
+        self, side: Side, progress: Progress, when_done: WhenDone, cutter: Cutter | None = None
+    ) -> None:
+        """Take messages from where a cutter is, if some have been read."""
+        self._side, self._progress, self._when_done = side, progress, when_done
+        self._cutter = cutter or Cutter()
+        self._makings: dict[int, Making] = {}
+
+    @property
+    def numbers(self) -> list[int]:
+        """Which keys are under way."""
+        return list(self._makings)
+
+    @property
+    def ends(self) -> list[Alice | Bob]:
+        """This end of all keys that are under way."""
+        return [making.keys for making in self._makings.values()]
+
+    def end_of(self, number: int) -> Alice | Bob:
+        """Return this end of a key; SessionError if it is not under way."""
+        if number not in self._makings:
+            raise SessionError(Reason.PROTOCOL, f"key {number} is not under way")
+        return self._makings[number].keys
+
+    def begin(self, number: int, keys: Alice | Bob) -> Steps[None]:
+        """Have a key made: take messages about it from now on."""
+        self._makings[number] = making = Making(keys)
+        yield Beside(self._take(number, making))
+
+    def forget(self, number: int) -> None:
+        """Take no more messages about a key."""
+        del self._makings[number]
+
+    def step(self, number: int, act: Callable[..., list[bytes]], *given: object) -> Steps[None]:
+        """Have this end of a key take a step, beside all else, and say what comes of it.
+
+        Raise SessionError if that is its last, without a key.
+        """
+        making = self._makings[number]
+        yield Until(lambda: not making.busy)
+        making.busy = True
+        was = making.keys.state
+        answers = yield Work(act, given)
+        if making.keys.state is State.DONE is not was:
+            yield from self._when_done(number, making.keys)
+        yield self._said(answers)
+        self._progress.note(self.ends, (yield Now()))
+        making.busy = False
+        if (failed := failure_of(making.keys, self._side.peer)) is not None:
+            raise failed
+
+    def hear(
+        self, envelope: Envelope, begin: Callable[[int], Steps[None]] | None = None
+    ) -> Steps[None]:
+        """Hand on what the other end says; `begin` begins a new key."""
+        if envelope.topic != Topic.KEYS:
+            raise SessionError(Reason.PROTOCOL, f"an envelope of topic {envelope.topic}")
+        try:
+            for data in self._cutter.feed(envelope.content):
+                yield from self.hear_message(data, begin)
+        except MalformedPacket as error:
+            raise SessionError(Reason.PROTOCOL, f"no key: {error}") from error
+
+    def hear_message(
+        self, data: bytes, begin: Callable[[int], Steps[None]] | None = None
+    ) -> Steps[None]:
+        """Hand on one message."""
+        number = (unframe(data).session - self._side.setup.session) % NUMBERS
+        if number not in self._makings and begin is not None:
+            yield from begin(number)
+        if number not in self._makings:
+            raise SessionError(Reason.PROTOCOL, f"a message about key {number}, not under way")
+        self._makings[number].heard.append(data)
+
+    def give_up(self, text: str) -> list[Say]:
+        """Return what tells the other end that keys will not be made, unless it was told."""
+        return [self._said(keys.cancel(text)) for keys in self.ends]
+
+    def _take(self, number: int, making: Making) -> Steps[None]:
+        while self._makings.get(number) is making:
+            yield Until(lambda: making.heard or self._makings.get(number) is not making)
+            if making.heard:
+                yield from self.step(number, making.keys.receive, making.heard.popleft())
+
+    def _said(self, messages: list[bytes]) -> Say:
+        return Say(tuple(in_envelopes(self._side.setup.session, messages)))

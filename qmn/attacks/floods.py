@@ -1,0 +1,83 @@
+"""Attacks by many frames on switch and controller, and by lies about who has an address."""
+
+import re
+import subprocess
+
+from qmn.attacks.conduct import (
+    ATTACKER,
+    FRAMES,
+    POSED,
+    VICTIM,
+    facts_of,
+    settled,
+    told_count,
+    wait_for_line,
+)
+from qmn.timeouts import ATTACK_TIMEOUT_S, TOLD_TIMEOUT_S
+from topologies.network import Network
+from topologies.programs import NetworkError
+
+PINGS_A_SECOND = 10
+DECIDED = ("granted", "refused", "forbidden")
+
+
+def arp_spoofing(network: Network, pings: int) -> int:
+    """Tell bob that alice is at charlie; return how many of bob's pings to alice charlie gets."""
+    attacker, victim, posed = (network.host(name) for name in (ATTACKER, VICTIM, POSED))
+    victim.cmd(f"ping -c 1 -W 1 {posed.IP()}")  # so that there is something to be changed
+    words = ["poison", str(attacker.defaultIntf()), victim.IP(), victim.MAC(), posed.IP()]
+    with attacker.popen([*FRAMES, *words], text=True) as liar:
+        try:
+            wait_for_line(network, liar, "told")
+            victim.cmd(f"ping -c {pings} -i {1 / PINGS_A_SECOND:g} -W 1 {posed.IP()}")
+        finally:
+            liar.terminate()
+        said, errors = liar.communicate(timeout=ATTACK_TIMEOUT_S)
+    return told_count(said + errors)
+
+
+def flow_table_flooding(network: Network, stations: int) -> int:
+    """Speak as so many stations; return how many entries that has put into s1's tables."""
+    meet(network)
+    before = entries("s1")
+    flood(network, "stations", stations)
+    return settled(network, lambda: entries("s1")) - before
+
+
+def set_up_flooding(network: Network, set_ups: int) -> int:
+    """Ask for light on connections that nobody opened; return how often the controller decided."""
+    meet(network)
+    addresses = [network.host(name).IP() for name in (ATTACKER, VICTIM)]
+    flood(network, "set-ups", set_ups, *addresses)
+    return settled(network, lambda: len(decided(network)))
+
+
+def meet(network: Network) -> None:
+    """Let s1 learn where charlie and bob are."""
+    network.host(VICTIM).cmd(f"ping -c 1 -W 1 {network.host(ATTACKER).IP()}")
+
+
+def flood(network: Network, what: str, count: int, *words: str) -> None:
+    """Let charlie send so many frames, to bob."""
+    attacker, victim = network.host(ATTACKER), network.host(VICTIM)
+    command = [*FRAMES, what, str(attacker.defaultIntf()), str(count), victim.MAC(), *words]
+    with attacker.popen(command, text=True) as sender:
+        said, errors = sender.communicate(timeout=ATTACK_TIMEOUT_S)
+    if told_count(said + errors) != count:
+        raise NetworkError(f"{ATTACKER} could not send {count} frames: {said}{errors}")
+
+
+def entries(switch: str) -> int:
+    """Return how many entries there are in the tables of a switch."""
+    command = ["ovs-ofctl", "-O", "OpenFlow14", "dump-aggregate", switch]
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=True, timeout=TOLD_TIMEOUT_S
+    )
+    found = re.search(r"flow_count=(\d+)", done.stdout)
+    assert found, done.stdout
+    return int(found[1])
+
+
+def decided(network: Network) -> set[str]:
+    """Return the sessions that the controller has decided on."""
+    return {str(fact["session"]) for fact in facts_of(network, *DECIDED)}

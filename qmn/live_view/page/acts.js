@@ -1,0 +1,91 @@
+// What can be done to what is chosen: each a form, which becomes a command of qmn.
+
+import { device, element, table } from "./panels.js";
+
+const field = (name, words, value = "", kind = "") => ({ name, words, value, kind });
+
+function formsOf(chosen, network) {
+  const hosts = network.nodes.filter((node) => node.kind === "host").map((node) => node.name);
+  if (chosen.kind === "fiber") {
+    const [a, b] = chosen.fiber.ends.map((end) => end[0]), ends = { a, b };
+    return [
+      { act: "link", label: "cut", given: { ...ends, state: "down" } },
+      { act: "link", label: "mend", given: { ...ends, state: "up" } },
+      { act: "tap", label: "put eve on it", given: ends, fields: [field("fraction", "fraction measured", "1")] },
+      { act: "tap", label: "take eve off", given: { ...ends, fraction: "0" } },
+      { act: "classical", label: "classical light", given: ends, fields: [field("mw", "mW", "1")] },
+      { act: "calibrate", label: "calibrate", given: ends },
+    ];
+  }
+  if (chosen.kind === "quantum switch") {
+    const given = { switch: chosen.name };
+    return [
+      { act: "stuck", label: "stuck", given, fields: [field("in_port", "in port"), field("out_port", "out port")] },
+      { act: "temperature", label: "temperature", given, fields: [field("celsius", "°C", "60")] },
+      { act: "repair", label: "repair", given },
+    ];
+  }
+  if (chosen.kind === "host") {
+    const others = hosts.filter((name) => name !== chosen.name);
+    return [
+      { act: "send", label: "send", given: { from: chosen.name },
+        fields: [field("to", "to", others[0] ?? ""), field("text", "text", "hello", "text")] },
+      { act: "set", label: "set", given: { host: chosen.name },
+        fields: [field("setting", "setting", "rate-hz"), field("value", "value (or default)", "1000000")] },
+    ];
+  }
+  return [];
+}
+
+export function show(at, chosen, network, state, perform) {
+  const head = element("h2", chosen ? `${chosen.kind === "fiber" ? "fibre" : chosen.kind} ${chosen.name}` : "Choose a node or a fibre");
+  at.replaceChildren(head);
+  if (!chosen) return;
+  const facts = document.createElement("table");
+  facts.id = "facts";
+  at.append(facts);
+  refresh(facts, chosen, state);
+  if (!network.acts) {
+    at.append(element("p", network.live ? "This view is to be looked at alone." : "This run is over: nothing can be done to it."));
+    return;
+  }
+  const forms = document.createElement("div");
+  forms.className = "acts";
+  const said = element("p", "");
+  said.setAttribute("role", "status");
+  for (const form of formsOf(chosen, network)) forms.append(made(form, perform, said));
+  forms.append(made({ act: "policy", label: "reload the policy", given: {} }, perform, said));
+  at.append(forms, said);
+}
+
+export function refresh(facts, chosen, state) {
+  const rows = chosen.kind === "fiber"
+    ? [["length", `${chosen.fiber.km} km`], ["loss", `${chosen.fiber.loss_db.toFixed(2)} dB`]]
+    : device(state, chosen.name);
+  table(facts, ["", ""], rows, "");
+}
+
+function made({ act, label, given, fields = [] }, perform, said) {
+  const form = document.createElement("form");
+  const inputs = fields.map(({ name, words, value, kind }) => {
+    const box = document.createElement("label"), input = document.createElement("input");
+    input.name = name;
+    input.value = value;
+    input.required = true;
+    input.className = kind;
+    box.append(`${words} `, input);
+    return box;
+  });
+  const button = element("button", label);
+  form.append(...inputs, button);
+  form.addEventListener("submit", async (event) => {
+    event.preventDefault();
+    button.disabled = true;
+    said.textContent = "…";
+    const done = await perform({ act, ...given, ...Object.fromEntries(new FormData(form)) });
+    said.replaceChildren(element("code", done.command ? ["qmn", ...done.command].join(" ") : ""), ` ${done.said}`);
+    said.className = done.status ? "failed" : "good";
+    button.disabled = false;
+  });
+  return form;
+}

@@ -1,0 +1,129 @@
+// The page: messages come in, the state of one moment is shown, acts go out.
+
+import * as acts from "./acts.js";
+import { Charts } from "./charts.js";
+import { Drawing } from "./network.js";
+import * as panels from "./panels.js";
+import { Timeline } from "./timeline.js";
+
+const TABLES_MS = 250; // between two drawings of tables and charts
+const at = (id) => document.getElementById(id);
+const network = await (await fetch("network.json")).json();
+const timeline = new Timeline(network.dpids);
+const charts = new Charts(at("rates"), at("losses"));
+const view = { follow: true, playing: network.live, t: 0, chosen: null, ended: false, connected: false };
+const drawing = new Drawing(at("network"), network, choose);
+let drawn = { tables: 0, count: -1, t: -1 }, last = performance.now(), state = timeline.state;
+
+document.title = `${network.name} · qmn`;
+at("name").textContent = network.name;
+choose(null);
+
+function choose(chosen) {
+  view.chosen = chosen;
+  acts.show(at("chosen"), chosen, network, state ?? timeline.state, perform);
+  drawn.t = -1;
+}
+
+async function perform(fields) {
+  try {
+    const answer = await fetch("act", {
+      method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(fields),
+    });
+    if (answer.ok || answer.status === 400) return await answer.json();
+    return { said: `${answer.status} ${answer.statusText}`, status: 1 };
+  } catch (error) {
+    return { said: `the view does not answer (${error.message}): has the network ended?`, status: 1 };
+  }
+}
+
+function listen() {
+  const source = new EventSource("messages");
+  source.addEventListener("open", () => { view.connected = true; status(); });
+  source.addEventListener("messages", (event) => { timeline.add(JSON.parse(event.data)); });
+  source.addEventListener("missed", (event) => { timeline.missed += Number(event.data); });
+  source.addEventListener("ended", () => { view.ended = true; source.close(); status(); });
+  source.addEventListener("error", () => { view.connected = false; status(); });
+}
+
+function status() {
+  const words = !network.live ? "a run that is over"
+    : view.ended ? "the network has ended"
+    : view.connected ? (view.follow ? "live" : "live, looking back") : "no connection: has the network ended?";
+  const missed = timeline.missed + timeline.state.missed;
+  const text = missed ? `${words}; ${panels.count(missed)} earlier messages are not shown` : words;
+  if (at("status").textContent !== text) at("status").textContent = text;
+  const label = view.playing ? "pause" : "play";
+  if (at("play").textContent !== label) at("play").textContent = label;
+}
+
+function step(now) {
+  const passed = ((now - last) / 1000) * Number(at("speed").value);
+  last = now;
+  if (view.follow) view.t = timeline.end;
+  else if (view.playing) {
+    view.t = Math.min(view.t + passed, timeline.end);
+    if (view.t >= timeline.end && (!network.live || view.ended)) view.playing = false, status();
+  }
+  if (drawn.stale && now - drawn.tables > TABLES_MS) tables(now);
+  const count = timeline.messages.length + timeline.missed;
+  if (view.t !== drawn.t || (view.follow && count !== drawn.count)) show(now, count);
+  else if (view.follow && network.live && !view.ended && state.flows.size) drawing.show(moving(), view.chosen);
+  requestAnimationFrame(step);
+}
+
+// Between messages time goes on: photons that were seen pass.
+function moving() {
+  return { ...state, t: state.t + (performance.now() - drawn.at) / 1000 };
+}
+
+function show(now, count) {
+  state = view.follow ? timeline.state : timeline.at(view.t);
+  drawing.show(state, view.chosen);
+  const slider = at("slider");
+  slider.min = timeline.begin;
+  slider.max = Math.max(timeline.end, timeline.begin + 1e-3);
+  slider.value = view.t;
+  at("clock").value = `${view.t.toFixed(3)} s`;
+  drawn = { ...drawn, t: view.t, count, at: performance.now() };
+  drawn.stale = true;
+}
+
+function tables(now) {
+  drawn.tables = now;
+  drawn.stale = false;
+  panels.sessions(at("sessions"), state);
+  panels.outcomes(at("outcomes"), state);
+  panels.memories(at("memories"), state);
+  panels.job(at("job"), state);
+  panels.decisions(at("decisions"), state);
+  charts.show(state);
+  const facts = document.getElementById("facts");
+  if (view.chosen && facts) acts.refresh(facts, view.chosen, state);
+  status();
+}
+
+at("slider").addEventListener("input", (event) => {
+  Object.assign(view, { follow: false, playing: false, t: Number(event.target.value) });
+  status();
+});
+at("play").addEventListener("click", () => {
+  if (!view.playing && view.t >= timeline.end && !(network.live && !view.ended)) view.t = timeline.begin;
+  Object.assign(view, { playing: !view.playing, follow: false });
+  status();
+});
+at("now").addEventListener("click", () => {
+  Object.assign(view, { follow: true, playing: network.live && !view.ended });
+  status();
+});
+at("nearer").addEventListener("click", () => drawing.zoom(1 / 1.3));
+at("farther").addEventListener("click", () => drawing.zoom(1.3));
+at("whole").addEventListener("click", () => drawing.fit());
+at("draw").addEventListener("click", async (event) => {
+  event.target.disabled = true;
+  at("handshake").innerHTML = await (await fetch("handshake")).text();
+  event.target.disabled = false;
+});
+
+listen();
+requestAnimationFrame(step);

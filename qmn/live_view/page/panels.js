@@ -1,0 +1,96 @@
+// The tables beside the drawing. Each number says its unit in the head of its column.
+
+const SHOWN_SESSIONS = 30, SHOWN_MEMORIES = 40, SHOWN_DECISIONS = 200;
+
+export const count = (number) => (number ?? 0).toLocaleString("en");
+
+function element(kind, text, kinds = "") {
+  const made = document.createElement(kind);
+  made.textContent = text;
+  if (kinds) made.className = kinds;
+  return made;
+}
+
+function table(at, heads, rows, empty) {
+  if (!rows.length) {
+    at.replaceChildren(element("caption", empty));
+    return;
+  }
+  const head = document.createElement("thead"), body = document.createElement("tbody");
+  const line = document.createElement("tr");
+  line.append(...heads.map((text) => { const th = element("th", text); th.scope = "col"; return th; }));
+  head.append(line);
+  for (const row of rows) {
+    const made = document.createElement("tr");
+    made.append(...row.map((cell) => (cell instanceof Node ? cell : element("td", cell, typeof cell === "number" ? "number" : ""))));
+    body.append(made);
+  }
+  at.replaceChildren(head, body);
+}
+
+export function sessions(at, state) {
+  const newest = [...state.sessions.values()].sort((one, two) => two.last - one.last).slice(0, SHOWN_SESSIONS);
+  table(at, ["session", "between", "state", "set-up (ms)", "pairs", "pairs/s", "photons arrived", "lost (%)", "measured"],
+    newest.map((each) => {
+      const took = Math.max(each.last - each.since, 1e-3);
+      const ends = each.told.from ? `${each.told.from} → ${each.told.to}` : [...each.nodes].join(", ");
+      const arrived = each.arrived - each.lost;
+      return [
+        element("td", each.id.slice(-6)), ends, each.says || "-", each.setup_ms?.toFixed(1) ?? "-", count(each.pairs),
+        each.pairs ? count(Math.round(each.pairs / took)) : "-", count(arrived),
+        each.arrived ? ((100 * each.lost) / each.arrived).toFixed(1) : "-", count(each.measured),
+      ];
+    }), "No session yet.");
+}
+
+export function outcomes(at, state) {
+  const names = Object.keys(state.outcomes).sort();
+  const total = names.reduce((sum, name) => sum + state.outcomes[name], 0);
+  table(at, ["state", "pairs", "share (%)"], names.map((name) => {
+    const share = (100 * state.outcomes[name]) / total, cell = element("td", ` ${share.toFixed(1)}`);
+    const bar = element("span", "", "bar");
+    bar.style.width = `${share}px`;
+    cell.prepend(bar);
+    return [name, count(state.outcomes[name]), cell];
+  }), "No Bell measurement yet.");
+}
+
+export function memories(at, state) {
+  const rows = [];
+  for (const [node, blocks] of state.memories) {
+    const held = [...blocks.values()];
+    if (!held.length) continue;
+    const qubits = held.reduce((sum, each) => sum + each.photons, 0);
+    rows.push([node, count(qubits), (state.t - Math.min(...held.map((each) => each.t))).toFixed(3)]);
+  }
+  table(at, ["node", "qubits stored", "oldest (s)"], rows.slice(0, SHOWN_MEMORIES), "No qubit is in a memory.");
+}
+
+export function job(at, state) {
+  const rows = Object.entries(state.job).filter(([, value]) => value !== null && typeof value !== "object");
+  table(at, ["what the program says", ""], rows.map(([name, value]) => [
+    name.replaceAll("_", " "), typeof value === "number" ? value.toLocaleString("en", { maximumSignificantDigits: 6 }) : String(value),
+  ]), "No program has said anything.");
+}
+
+export function decisions(at, state) {
+  const newest = state.decisions.slice(-SHOWN_DECISIONS).reverse();
+  at.replaceChildren(...newest.map(({ t, who, text }) => {
+    const item = document.createElement("li");
+    item.append(element("time", `${t.toFixed(3)} s `), element("b", `${who} `), text);
+    return item;
+  }));
+}
+
+// Devices as the controller knows them: counts of a host, ports of a switch.
+export function device(state, name) {
+  const known = state.devices[name];
+  if (!known) return [];
+  const rows = [];
+  for (const [field, value] of Object.entries(known)) {
+    if (typeof value === "number" || typeof value === "string") rows.push([field.replaceAll("_", " "), String(value)]);
+  }
+  return rows;
+}
+
+export { element, table };

@@ -1,0 +1,177 @@
+// The state of a network as messages tell it, one after the other. `apply` is all that changes it.
+
+const GATHERED = /^(\d+) of \d+ of (\d+\/\d+)(, still stored)?/;
+const OUTCOME = /(?:Phi|Psi)[+-]=(\d+)/g;
+export const BUCKET_S = 0.1;
+const MOST_DECISIONS = 300;
+const ENDED = new Set(["torn_down", "refused", "forbidden"]);
+
+export function blank() {
+  return {
+    t: 0,
+    ways: new Map(), // "q1:2" -> "4": cross-connects that stand
+    sessions: new Map(),
+    memories: new Map(), // node -> Map of block -> {photons, t}
+    flows: new Map(), // "alice-q0" -> {photons, lost, t, session} of the last arrival or sending there
+    outcomes: {},
+    buckets: new Map(), // number of a BUCKET_S -> {pairs, arrived, lost}
+    decisions: [],
+    cut: new Set(), // "q1:2"
+    tapped: new Map(), // "alice q1" -> fraction
+    faulty: new Map(), // switch -> text
+    devices: {}, // of hosts and switches, as the controller knows them
+    job: {},
+    missed: 0,
+  };
+}
+
+export function apply(state, message, names) {
+  state.t = Math.max(state.t, message.t);
+  handlers[message.what]?.(state, message, names);
+}
+
+const handlers = { event, controller, act, devices, job, fault };
+
+function event(state, m) {
+  const here = m.session && session(state, m.session, m.t);
+  const count = m.photons ?? 0;
+  if (here) here.nodes.add(m.node);
+  switch (m.kind) {
+    case "open": {
+      const [from, , to] = m.detail.split(" ");
+      state.ways.set(`${m.node}:${from}`, to);
+      break;
+    }
+    case "close":
+      state.ways.delete(`${m.node}:${m.port}`);
+      break;
+    case "create":
+      if (here) here.pairs += count;
+      bucket(state, m.t).pairs += count;
+      break;
+    case "send":
+      flow(state, m);
+      break;
+    case "arrive":
+      flow(state, m);
+      if (here) here.arrived += count, here.lost += m.lost ?? 0;
+      bucket(state, m.t).arrived += count - (m.lost ?? 0);
+      bucket(state, m.t).lost += m.lost ?? 0;
+      break;
+    case "bell-measure":
+      for (const [text, number] of m.detail.matchAll(OUTCOME)) {
+        const name = text.split("=")[0];
+        state.outcomes[name] = (state.outcomes[name] ?? 0) + Number(number);
+      }
+      if (here) here.measured += count;
+      break;
+    case "measure":
+      if (here) here.measured += count;
+      break;
+    case "store":
+      memory(state, m.node).set(block(m), { photons: count, t: m.t });
+      break;
+    case "gather": {
+      const [, moved, from, stored] = m.detail.match(GATHERED) ?? [];
+      if (!stored) break;
+      const held = memory(state, m.node), old = held.get(`${m.session} ${from}`) ?? held.get(found(held, from));
+      if (!old) break;
+      old.photons -= Number(moved);
+      if (old.photons <= 0) held.delete([...held].find(([, each]) => each === old)[0]);
+      held.set(block(m), { photons: Number(moved), t: old.t });
+      break;
+    }
+    case "recall":
+    case "discard":
+      memory(state, m.node).delete(block(m));
+      break;
+    case "dropped":
+      state.missed += parseInt(m.detail);
+      break;
+  }
+}
+
+function flow(state, m) {
+  if (m.port) state.flows.set(m.port, { photons: m.photons ?? 0, lost: m.lost ?? 0, t: m.t, session: m.session });
+}
+
+// The block of this number that has been stored longest: pairs of a link pass to another session.
+function found(held, number) {
+  return [...held.keys()].find((key) => key.endsWith(` ${number}`));
+}
+
+function block(m) {
+  return `${m.session} ${m.block}/${m.half}`;
+}
+
+function memory(state, node) {
+  if (!state.memories.has(node)) state.memories.set(node, new Map());
+  return state.memories.get(node);
+}
+
+function bucket(state, t) {
+  const number = Math.floor(t / BUCKET_S);
+  if (!state.buckets.has(number)) state.buckets.set(number, { pairs: 0, arrived: 0, lost: 0 });
+  return state.buckets.get(number);
+}
+
+function session(state, id, t) {
+  if (!state.sessions.has(id)) {
+    state.sessions.set(id, {
+      id, nodes: new Set(), says: "", since: t, last: t, pairs: 0, arrived: 0, lost: 0, measured: 0, told: {},
+    });
+  }
+  const found = state.sessions.get(id);
+  found.last = t;
+  return found;
+}
+
+function controller(state, m, names) {
+  if (m.session) {
+    const here = session(state, m.session, m.t);
+    here.says = m.event === "refused" || m.event === "forbidden" ? `${m.event}: ${m.detail}` : m.event.replaceAll("_", " ");
+    here.over = ENDED.has(m.event);
+    if (m.setup_ms !== undefined) here.setup_ms = m.setup_ms;
+  }
+  if (m.event === "port") {
+    const end = `${names[m.dpid] ?? m.dpid}:${m.at}`;
+    if (m.up) state.cut.delete(end);
+    else state.cut.add(end);
+  }
+  if (m.event === "device" && m.name) state.devices[m.name] = { ...state.devices[m.name], state: m.state };
+  if (m.event !== "tuned" && m.event !== "fiber" && m.event !== "link") decide(state, m.t, "c0", words(m));
+}
+
+function words(m) {
+  const { t, what, event, packet_in_count, ...rest } = m;
+  const more = Object.entries(rest).map(([name, value]) => `${name} ${typeof value === "object" ? JSON.stringify(value) : value}`);
+  return [event.replaceAll("_", " "), ...more].join(", ");
+}
+
+function act(state, m) {
+  decide(state, m.t, "you", `${["qmn", ...m.command].join(" ")}: ${m.said || (m.status ? "failed" : "done")}`);
+  if (m.status) return;
+  const [verb, first, second, third] = m.command;
+  if (verb === "tap") state.tapped.set([first, second].sort().join(" "), Number(third));
+  if (verb === "fault" && second === "repair") state.faulty.delete(first);
+  else if (verb === "fault") state.faulty.set(first, m.said);
+}
+
+function decide(state, t, who, text) {
+  state.decisions.push({ t, who, text });
+  if (state.decisions.length > MOST_DECISIONS) state.decisions.shift();
+}
+
+function devices(state, m) {
+  for (const device of m.devices) state.devices[device.name] = device;
+  for (const told of m.sessions) session(state, told.session, m.t).told = told;
+}
+
+function job(state, m) {
+  const { t, what, ...rest } = m;
+  state.job = rest;
+}
+
+function fault(state, m) {
+  decide(state, m.t, "qmn", m.text);
+}

@@ -1,0 +1,212 @@
+"""The server of a live view: one page on the loopback, under a path that is a secret.
+
+GET  /SECRET/                 the page, and its modules beside it
+GET  /SECRET/network.json     nodes with places, fibres, copper
+GET  /SECRET/messages?after=N server-sent events: lists of messages (timeline.py)
+GET  /SECRET/handshake        the newest handshake as the report draws it
+POST /SECRET/act              one of acts.py, as JSON
+"""
+
+import asyncio
+import json
+import secrets
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from tornado.httpserver import HTTPServer
+from tornado.iostream import StreamClosedError
+from tornado.netutil import bind_sockets
+from tornado.web import Application, HTTPError, RequestHandler, StaticFileHandler
+
+from qmn.live_view.acts import BadAct, perform, words_of
+from qmn.live_view.sources import ACT
+from qmn.live_view.timeline import Timeline
+from qmn.timeouts import LIVE_LAST_S, LIVE_POLL_S
+from wire.bounded_json import decode_json
+from wire.metadata import MalformedPacket
+
+PAGE = Path(__file__).with_name("page")
+STYLE = Path(__file__).parents[1] / "reports" / "report.css"
+LOOPBACK = "127.0.0.1"
+AT_ONCE = 2000  # messages in one list
+MOST_REQUEST = 1 << 16  # bytes
+MOST_DEPTH = 2  # of objects in a request
+POLICY = "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; "
+POLICY += "frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
+
+
+@dataclass
+class View:
+    """What is shown, and what may be done."""
+
+    name: str
+    network: dict[str, Any]  # layout.described
+    timeline: Timeline
+    folder: Path  # of the run
+    live: bool  # whether it goes on, or is over
+    acts: bool  # whether one may act
+    handshake: Callable[[], str]  # an element of the page, or words in its place
+    streams: set["asyncio.Task[Any]"] = field(default_factory=set)  # of messages, being sent
+
+
+def address_of(socket: Any, secret: str) -> str:
+    """Return where the page is."""
+    return f"http://{LOOPBACK}:{socket.getsockname()[1]}/{secret}/"
+
+
+async def serve(view: View, port: int, opened: Callable[[str], None]) -> None:
+    """Serve until this task is cancelled; `opened` gets the address once it can be asked.
+
+    Raise OSError if the port cannot be had.
+    """
+    secret = secrets.token_urlsafe(16)
+    sockets = bind_sockets(port, LOOPBACK)
+    given = {"view": view}
+    application = Application(
+        [
+            (rf"/{secret}/network.json", Network, given),
+            (rf"/{secret}/messages", Messages, given),
+            (rf"/{secret}/handshake", Handshake, given),
+            (rf"/{secret}/act", Act, given),
+            (rf"/{secret}/(report\.css)", File, {"path": str(STYLE.parent)}),
+            (rf"/{secret}/(.*)", File, {"path": str(PAGE), "default_filename": "index.html"}),
+        ],
+        log_function=lambda _handler: None,
+    )
+    server = HTTPServer(application, max_body_size=MOST_REQUEST)
+    server.add_sockets(sockets)
+    try:
+        opened(address_of(sockets[0], secret))
+        await asyncio.Event().wait()
+    finally:
+        server.stop()
+        view.timeline.ended = True
+        if view.streams:  # that tell their readers so
+            await asyncio.wait(view.streams, timeout=LIVE_LAST_S)
+        await server.close_all_connections()
+
+
+class Guarded(RequestHandler):
+    """Answers pages of this server alone: a name that leads here from elsewhere is refused."""
+
+    def prepare(self) -> None:
+        """Refuse a foreign name in Host, or a foreign page in Origin."""
+        host = self.request.host.partition(":")[0]
+        if host not in (LOOPBACK, "localhost"):
+            raise HTTPError(403, reason="this page is served on the loopback alone")
+        origin = self.request.headers.get("Origin")
+        if origin is not None and origin != f"http://{self.request.host}":
+            raise HTTPError(403, reason="asked by another page")
+
+    def set_default_headers(self) -> None:
+        """Let the page load nothing from elsewhere, and nobody keep a copy."""
+        self.set_header("Content-Security-Policy", POLICY)
+        self.set_header("Referrer-Policy", "no-referrer")
+        self.set_header("X-Content-Type-Options", "nosniff")
+        self.set_header("Cache-Control", "no-store")
+
+
+class File(Guarded, StaticFileHandler):
+    """A file of the page."""
+
+    def set_extra_headers(self, _path: str) -> None:
+        """Load it anew with each version of qmn."""
+        self.set_header("Cache-Control", "no-store")
+
+
+class Answer(Guarded):
+    """An answer about one view."""
+
+    def initialize(self, view: View) -> None:
+        """Know the view."""
+        self.view = view
+
+
+class Network(Answer):
+    """What the network is made of."""
+
+    def get(self) -> None:
+        """Answer with it."""
+        view = self.view
+        self.write(
+            {
+                "name": view.name,
+                "live": view.live,
+                "acts": view.acts,
+                "origin_ns": str(view.timeline.origin_ns),
+                **view.network,
+            }
+        )
+
+
+class Handshake(Answer):
+    """The drawing of the newest handshake."""
+
+    async def get(self) -> None:
+        """Draw it beside whatever else is served."""
+        self.set_header("Content-Type", "text/html; charset=utf-8")
+        self.write(await asyncio.to_thread(self.view.handshake))
+
+
+class Messages(Answer):
+    """The messages, as server-sent events."""
+
+    async def get(self) -> None:
+        """Send lists of messages until there are no more, or nobody reads."""
+        timeline = self.view.timeline
+        try:
+            position = int(
+                self.request.headers.get("Last-Event-ID", self.get_argument("after", "0"))
+            )
+        except ValueError as error:
+            raise HTTPError(400, reason="after is a number") from error
+        self.set_header("Content-Type", "text/event-stream")
+        task = asyncio.current_task()
+        assert task is not None
+        self.view.streams.add(task)
+        try:
+            await self.flush()  # it is connected, though nothing may happen for long
+            while True:
+                over = timeline.ended
+                messages, position, missed = timeline.after(position, AT_ONCE)
+                if missed:
+                    await self._send("missed", position, missed)
+                if messages:
+                    await self._send("messages", position, messages)
+                elif over:
+                    await self._send("ended", position, None)
+                    return
+                else:
+                    await asyncio.sleep(LIVE_POLL_S)
+        except StreamClosedError:
+            pass  # nobody reads any more
+        finally:
+            self.view.streams.discard(task)
+
+    async def _send(self, event: str, position: int, data: object) -> None:
+        text = json.dumps(data, separators=(",", ":"))
+        self.write(f"event: {event}\nid: {position}\ndata: {text}\n\n")
+        await self.flush()
+
+
+class Act(Answer):
+    """What the page asks to be done."""
+
+    async def post(self) -> None:
+        """Do it, and say what it was and what came of it."""
+        view = self.view
+        if not view.acts:
+            raise HTTPError(403, reason="this view is to be looked at alone")
+        if self.request.headers.get("Content-Type", "").partition(";")[0] != "application/json":
+            raise HTTPError(415, reason="an act is application/json")
+        try:
+            words = words_of(decode_json(self.request.body, MOST_REQUEST, MOST_DEPTH))
+        except (BadAct, MalformedPacket) as error:
+            self.set_status(400)
+            self.write({"said": str(error), "status": 2})
+            return
+        time_ns, done = await perform(words, view.folder)
+        view.timeline.add(ACT, time_ns, done)
+        self.write(done)

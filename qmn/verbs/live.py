@@ -1,0 +1,106 @@
+"""qmn live [RUN]: see what happens in the network that runs, or happened in a run, in the browser.
+
+The page is served on the loopback, under an address that nobody can guess, until Ctrl-C.
+"""
+
+import argparse
+import asyncio
+import os
+import signal
+import sys
+import webbrowser
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from qmn.live.running import announced_network, dispatcher_of_running_network
+from qmn.live_view.handshakes import drawn_handshake
+from qmn.live_view.layout import described
+from qmn.live_view.server import View, serve
+from qmn.live_view.sources import following, timeline_of_run
+from qmn.live_view.timeline import Timeline
+from qmn.options import add_options, read
+from qmn.reports.run_facts import BadRun, read_result
+from qmn.results.network_facts import NetworkFacts
+from topologies.programs import NetworkError
+from wire.metadata import MalformedPacket
+from wire.parameters.option import option
+
+
+@dataclass(frozen=True)
+class LiveOptions:
+    """What shall be shown, and how."""
+
+    port: int = option(0, "of the page, on the loopback (one that is free)", range=(0, 65535))
+    read_only: bool = option(False, "a page to look at: one cannot act")
+    browser: bool = option(True, "do not open a browser")
+
+
+def add_parser(verbs: Any) -> None:
+    """Describe the verb."""
+    parser = verbs.add_parser("live", help="see it in the browser", description=__doc__)
+    text = "folder of a run, such as runs/latest (default: the network that runs)"
+    parser.add_argument("run", type=Path, nargs="?", metavar="RUN", help=text)
+    add_options(parser, LiveOptions)
+    parser.set_defaults(call=call, needs_root=lambda arguments: arguments.run is None)
+
+
+def call(arguments: argparse.Namespace) -> int:
+    """Serve until Ctrl-C; turn what is wrong into one line and an exit status."""
+    options = read(LiveOptions, arguments)
+    try:
+        with shown(arguments.run, options.read_only) as view:
+            asyncio.run(until_the_end(view, options))
+    except (BadRun, MalformedPacket, NetworkError, OSError) as error:
+        print(f"qmn: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+async def until_the_end(view: View, options: LiveOptions) -> None:
+    """Serve until a signal that ends it."""
+    serving = asyncio.ensure_future(
+        serve(view, options.port, lambda address: say(address, options.browser))
+    )
+    for number in (signal.SIGINT, signal.SIGTERM):
+        asyncio.get_running_loop().add_signal_handler(number, serving.cancel)
+    with suppress(asyncio.CancelledError):
+        await serving
+
+
+@contextmanager
+def shown(run: Path | None, read_only: bool) -> Iterator[View]:
+    """Yield what is shown of a run, or of the network that runs."""
+    if run is not None:
+        _result, network = read_result(run)
+        timeline = timeline_of_run(run)
+        yield _view(run.resolve(), network, timeline, live=False, acts=False)
+        return
+    config = dispatcher_of_running_network()
+    running = announced_network()
+    folder = Path(running.folder)
+    network = NetworkFacts.from_dict(running.network)
+    timeline = Timeline(running.since_ns)
+    with following(timeline, config, folder):
+        yield _view(folder, network, timeline, live=True, acts=not read_only)
+
+
+def _view(folder: Path, network: NetworkFacts, timeline: Timeline, live: bool, acts: bool) -> View:
+    return View(
+        folder.name,
+        described(network),
+        timeline,
+        folder,
+        live,
+        acts,
+        lambda: drawn_handshake(folder, network),
+    )
+
+
+def say(address: str, browser: bool) -> None:
+    """Tell where the page is, and open it where there is a browser of the user's own."""
+    print(f"live view: {address}", flush=True)
+    if browser and os.environ.get("DISPLAY") and os.geteuid() != 0:
+        webbrowser.open(address)

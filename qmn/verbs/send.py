@@ -1,0 +1,51 @@
+"""qmn send HOST HOST TEXT: send a text between two hosts of the running network, as light."""
+
+import argparse
+import sys
+from typing import Any
+
+from hosts.quantum_socket import QuantumSocketError
+from qmn.live.running import announced_network
+from qmn.scripting.exchange import carried, ends
+from qmn.timeouts import STALL_TIMEOUT_S
+from topologies.programs import NetworkError
+from wire.network_time import NetworkTime
+
+
+def add_parser(verbs: Any) -> None:
+    """Describe the verb."""
+    parser = verbs.add_parser("send", help="send a text as light", description=__doc__)
+    parser.add_argument("sender", metavar="HOST", help="that sends, as alice")
+    parser.add_argument("receiver", metavar="HOST", help="that receives, as bob")
+    parser.add_argument("text", metavar="TEXT")
+    parser.set_defaults(call=call, needs_root=True)
+
+
+def call(arguments: argparse.Namespace) -> int:
+    """Send, and say what has arrived; turn what is wrong into one line and an exit status."""
+    try:
+        print(sent(arguments.sender, arguments.receiver, arguments.text))
+    except (NetworkError, QuantumSocketError) as error:
+        print(f"qmn: {error}", file=sys.stderr)
+    except TimeoutError:
+        words = f"{arguments.sender} to {arguments.receiver}"
+        print(f"qmn: {words}: no progress for {STALL_TIMEOUT_S:g} s", file=sys.stderr)
+    else:
+        return 0
+    return 1
+
+
+def sent(sender: str, receiver: str, text: str) -> str:
+    """Send a text; return what a person shall read."""
+    network = announced_network()
+    for host in (sender, receiver):
+        if host not in network.stacks:
+            known = ", ".join(network.stacks)
+            raise NetworkError(f"unknown host {host!r}: choose one of {known}")
+    if sender == receiver:
+        raise NetworkError(f"{sender} to itself: choose two hosts")
+    scale = NetworkTime(network.time_scale)
+    opening = ends(network.stacks.__getitem__, sender, receiver, scale.wall_s(STALL_TIMEOUT_S))
+    done = carried(opening, [text.encode()], True, scale)
+    received = done.data.decode()
+    return f"{receiver} received {received!r} from {sender} with {done.bell_pairs} pairs"

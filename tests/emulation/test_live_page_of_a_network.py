@@ -1,0 +1,125 @@
+"""The live view of a network that runs: what it tells, and what it does when it is asked."""
+
+import json
+import re
+import subprocess
+import sys
+import threading
+import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from conftest import ROOT, qmn, wait_until
+
+from qmn.live_view.acts import ACTS
+
+ADDRESS = re.compile(r"live view: (http\S+)")
+DEADLINE_S = 60.0
+
+
+class Reader(threading.Thread):
+    """Reads the server-sent events of a page to their end."""
+
+    def __init__(self, url: str) -> None:
+        super().__init__()
+        self.messages: list[dict[str, Any]] = []
+        self.ended = False
+        self._url = url
+        self.start()
+
+    def run(self) -> None:
+        with urllib.request.urlopen(f"{self._url}messages", timeout=DEADLINE_S) as response:  # noqa: S310
+            event = ""
+            for line in response:
+                name, _colon, value = line.decode().strip().partition(": ")
+                if name == "event":
+                    event = value
+                elif name == "data" and event == "messages":
+                    self.messages += json.loads(value)
+                self.ended |= event == "ended"
+
+    def has(self, what: str, **fields: Any) -> bool:
+        return any(
+            message["what"] == what and fields.items() <= message.items()
+            for message in list(self.messages)
+        )
+
+
+@contextmanager
+def network_with_a_page(tmp_path: Path) -> Iterator[str]:
+    """Run a network with its page, and end it as its user would; yield the address."""
+    command = [sys.executable, "-m", "qmn", "cli", "sdc", "--live", "--capture"]
+    command += ["--runs", str(tmp_path)]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, cwd=ROOT, stdin=pipe, stdout=pipe, text=True) as network:
+        assert network.stdin is not None
+        assert network.stdout is not None
+        found = next(filter(None, map(ADDRESS.search, network.stdout)))
+        yield found[1]
+        network.stdin.write("exit\n")
+        network.stdin.close()
+        network.stdout.read()
+        assert network.wait(DEADLINE_S) == 0
+
+
+def act(url: str, **fields: str) -> dict[str, Any]:
+    """Have something done; return what came of it."""
+    request = urllib.request.Request(  # noqa: S310
+        f"{url}act", json.dumps(fields).encode(), {"Content-Type": "application/json"}
+    )
+    with urllib.request.urlopen(request, timeout=DEADLINE_S) as response:  # noqa: S310
+        done: dict[str, Any] = json.loads(response.read())
+    return done
+
+
+def test_one_sees_and_acts(tmp_path: Path) -> None:
+    with network_with_a_page(tmp_path) as url:
+        with urllib.request.urlopen(f"{url}network.json", timeout=DEADLINE_S) as response:  # noqa: S310
+            drawn = json.load(response)
+        assert {node["name"] for node in drawn["nodes"]} >= {"alice", "bob", "charlie", "q1", "s1"}
+        assert (len(drawn["fibers"]), drawn["live"], drawn["acts"]) == (5, True, True)
+        reader = Reader(url)
+
+        done = act(url, act="send", **{"from": "alice", "to": "bob", "text": "hello"})
+        assert (done["status"], done["command"]) == (0, ["send", "alice", "bob", "hello"])
+        assert "bob received 'hello'" in done["said"]
+        wait_until(lambda: reader.has("event", node="bob", kind="bell-measure"), "light at bob")
+        wait_until(lambda: reader.has("controller", event="granted"), "the controller's word")
+        wait_until(lambda: reader.has("act", status=0), "the act")
+        wait_until(lambda: reader.has("devices"), "what hosts report")
+        with urllib.request.urlopen(f"{url}handshake", timeout=DEADLINE_S) as response:  # noqa: S310
+            handshake = response.read().decode()
+        assert "Setup SDC" in handshake
+        assert "bell-measure" in handshake
+
+        dpid = int(next(dpid for dpid, name in drawn["dpids"].items() if name == "q1"))
+        assert act(url, act="link", a="alice", b="q1", state="down")["status"] == 0
+        cut = {"event": "port", "dpid": dpid, "up": False}
+        wait_until(lambda: reader.has("controller", **cut), "the cut fibre")
+        refused = act(url, act="send", **{"from": "alice", "to": "bob", "text": "hello"})
+        assert refused["status"] == 1
+        assert "a fibre that is cut" in refused["said"]
+        assert act(url, act="link", a="q1", b="alice", state="up")["status"] == 0
+        wait_until(lambda: reader.has("controller", **{**cut, "up": True}), "the mended fibre")
+        done = act(url, act="tap", a="alice", b="q1", fraction="1")
+        assert (done["status"], done["said"][:7]) == (0, "1 fibre")
+        assert act(url, act="tap", a="alice", b="q9", fraction="1")["status"] == 1
+    reader.join(DEADLINE_S)
+    assert reader.ended
+    noted = [json.loads(line) for line in (tmp_path / "latest" / ACTS).read_text().splitlines()]
+    assert [each["command"][0] for each in noted] == ["send", "link", "send", "link", "tap", "tap"]
+
+
+def test_a_run_has_its_page_as_long_as_it_lasts(tmp_path: Path) -> None:
+    done = qmn("--live", "--message", "hello", runs=tmp_path)
+    assert done.returncode == 0, done.stderr
+    found = ADDRESS.search(done.stdout)
+    assert found
+    try:
+        urllib.request.urlopen(found[1], timeout=10)  # noqa: S310
+    except OSError:
+        pass  # nobody is there any more
+    else:
+        raise AssertionError(f"{found[1]} still answers")

@@ -1,0 +1,187 @@
+"""The live view without a browser: messages, acts, and who may ask the server what."""
+
+import base64
+import hashlib
+import json
+import urllib.error
+import urllib.request
+from pathlib import Path
+from typing import Any
+
+import pytest
+from live_page import live, served
+from recorded_run import MS, START_NS, record_run
+
+from qmn.__main__ import described as parser
+from qmn.live_view import acts
+from qmn.live_view.layout import placed
+from qmn.live_view.server import PAGE
+from qmn.live_view.sources import timeline_of_run
+from qmn.live_view.timeline import Timeline
+from qmn.results.network_facts import NetworkFacts
+
+EXAMPLES = {
+    "link": {"a": "alice", "b": "q1", "state": "down"},
+    "tap": {"a": "alice", "b": "q1", "fraction": "0.5"},
+    "classical": {"a": "alice", "b": "q1", "mw": "1"},
+    "calibrate": {"a": "alice", "b": "q1"},
+    "stuck": {"switch": "q1", "in_port": "2", "out_port": "3"},
+    "temperature": {"switch": "q1", "celsius": "-5.5"},
+    "repair": {"switch": "q1"},
+    "set": {"host": "alice", "setting": "rate-hz", "value": "1000"},
+    "policy": {},
+    "send": {"from": "alice", "to": "bob", "text": "hello; rm -rf /"},
+}
+
+
+def test_a_run_is_told_in_the_order_of_time(tmp_path: Path) -> None:
+    timeline = timeline_of_run(record_run(tmp_path))
+    messages, position, missed = timeline.after(0, 1000)
+    assert timeline.ended
+    assert (timeline.origin_ns, position, missed) == (START_NS + MS, len(messages), 0)
+    times = [message["t"] for message in messages]
+    assert times == sorted(times)
+    kinds = [message.get("kind", message["what"]) for message in messages]
+    assert kinds == [
+        *("controller", "controller", "open", "open", "create", "send", "arrive"),
+        *("bell-measure", "close", "job"),
+    ]
+    assert messages[6]["t"] == pytest.approx(3e-3)  # bob's light, 4 ms, since 1 ms
+    assert messages[-1]["bell_pairs"] == 100
+
+
+def test_a_reader_who_is_slow_is_told_how_much_was_missed() -> None:
+    timeline = Timeline(0, most=3)
+    for number in range(5):
+        timeline.add("event", number * 10**9, {"number": number})
+    messages, position, missed = timeline.after(1, 2)
+    assert ([m["number"] for m in messages], position, missed) == ([2, 3], 4, 1)
+    assert timeline.after(4, 2) == ([{"t": 4.0, "what": "event", "number": 4}], 5, 0)
+    assert timeline.after(5, 2) == ([], 5, 0)
+
+
+@pytest.mark.parametrize("name", acts.VERBS)
+def test_every_act_is_a_command_that_qmn_takes(name: str) -> None:
+    words = acts.words_of({"act": name, **EXAMPLES[name]})
+    parsed = parser(words).parse_args(words)
+    assert set(EXAMPLES[name].values()) <= {
+        value if isinstance(value, str) else f"{value:g}"
+        for value in vars(parsed).values()
+        if isinstance(value, str | int | float)
+    }
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ([], "an act is an object"),
+        ({"act": "reboot"}, "unknown act 'reboot': one of link"),
+        ({"act": "repair"}, "repair has the fields switch"),
+        ({"act": "repair", "switch": "q1", "more": "x"}, "repair has the fields switch"),
+        ({"act": "repair", "switch": 1}, "switch of repair is a text"),
+        ({"act": "repair", "switch": ""}, "switch of repair is a text"),
+        ({"act": "repair", "switch": "q\0"}, "switch of repair is a text"),
+        ({"act": "repair", "switch": "q" * 5000}, "switch of repair is a text"),
+        ({"act": "repair", "switch": "--help"}, "'--help' of repair begins as an option"),
+    ],
+)
+def test_what_is_no_act_is_refused(given: object, words: str) -> None:
+    with pytest.raises(acts.BadAct, match=words):
+        acts.words_of(given)
+
+
+def answer(url: str, body: bytes | None = None, **headers: str) -> tuple[int, str]:
+    """Return status and text of an answer."""
+    names = {name.replace("_", "-"): value for name, value in headers.items()}
+    request = urllib.request.Request(url, body, names)  # noqa: S310 (our own http)
+    try:
+        with urllib.request.urlopen(request, timeout=10) as response:  # noqa: S310
+            return response.status, response.read().decode()
+    except urllib.error.HTTPError as error:
+        return error.code, error.read().decode()
+
+
+def test_only_who_knows_the_address_is_answered(tmp_path: Path) -> None:
+    with served(live(tmp_path)) as url:
+        assert answer(url)[0] == 200
+        assert json.loads(answer(f"{url}network.json")[1])["name"] == "a network"
+        base = url.rsplit("/", 2)[0]
+        for path in ("/", "/network.json", "/act", "/wrong/", f"/{'x' * 22}/network.json"):
+            assert answer(base + path)[0] == 404, path
+        assert answer(f"{url}../../../etc/passwd")[0] in (403, 404)
+        assert answer(f"{url}%2e%2e/server.py")[0] in (403, 404)
+
+
+def test_another_page_of_the_browser_may_not_ask(tmp_path: Path) -> None:
+    act = json.dumps({"act": "policy"}).encode()
+    with served(live(tmp_path)) as url:
+        assert answer(url, Host="evil.example")[0] == 403
+        assert answer(f"{url}network.json", Origin="http://evil.example")[0] == 403
+        assert answer(f"{url}act", act, Content_Type="text/plain")[0] == 415
+        json_type = {"Content_Type": "application/json"}
+        assert answer(f"{url}act", act, Origin="http://127.0.0.1:1", **json_type)[0] == 403
+    assert not (tmp_path / acts.ACTS).exists()
+
+
+@pytest.mark.parametrize("body", [b"", b"{", b"[" * 30_000, b'{"act": 5}', b"\xff"])
+def test_what_is_no_request_changes_nothing(tmp_path: Path, body: bytes) -> None:
+    with served(live(tmp_path)) as url:
+        status, text = answer(f"{url}act", body, Content_Type="application/json")
+    assert (status, json.loads(text)["status"]) == (400, 2)
+    assert not (tmp_path / acts.ACTS).exists()
+
+
+def test_a_view_to_be_looked_at_takes_no_acts(tmp_path: Path) -> None:
+    act = json.dumps({"act": "policy"}).encode()
+    with served(live(tmp_path, acts=False)) as url:
+        assert answer(f"{url}act", act, Content_Type="application/json")[0] == 403
+
+
+def streamed(url: str) -> list[tuple[str, Any]]:
+    """Return the server-sent events until the last."""
+    with urllib.request.urlopen(f"{url}messages?after=1", timeout=10) as response:  # noqa: S310
+        blocks = response.read().decode().strip().split("\n\n")
+    fields = [dict(line.split(": ", 1) for line in block.splitlines()) for block in blocks]
+    return [(each["event"], json.loads(each["data"])) for each in fields]
+
+
+def test_messages_come_until_the_network_has_ended(tmp_path: Path) -> None:
+    view = live(tmp_path, most=2)
+    for number in range(4):
+        view.timeline.add("event", START_NS, {"number": number})
+    view.timeline.ended = True
+    with served(view) as url:
+        assert streamed(url) == [
+            ("missed", 1),
+            ("messages", [{"t": 0.0, "what": "event", "number": n} for n in (2, 3)]),
+            ("ended", None),
+        ]
+        assert answer(f"{url}messages?after=x")[0] == 400
+
+
+def test_a_thousand_hosts_have_places_of_their_own() -> None:
+    switches = [{"name": f"q{number}"} for number in range(32)]
+    fibers = [
+        {"a": {"node": f"h{n}", "port": f"h{n}-q0"}, "b": {"node": f"q{n % 32}", "port": f"{n}"}}
+        for n in range(1024)
+    ]
+    fibers += [
+        {"a": {"node": f"q{n}", "port": "2000"}, "b": {"node": "q0", "port": f"{2000 + n}"}}
+        for n in range(1, 32)
+    ]
+    facts = {"addresses": {f"h{n}": f"10.0.{n // 250}.{n % 250}" for n in range(1024)}}
+    facts |= {"source": "h0", "fibers": fibers, "switches": switches, "copper": []}  # type: ignore[dict-item]
+    places = placed(NetworkFacts.from_dict(facts))
+    assert len(places) == 1024 + 32
+    assert len(set(places.values())) == len(places)
+
+
+def test_the_chart_library_is_the_published_one() -> None:
+    """The SHA-512 of the package is that of the registry; its files are these."""
+    said = json.loads((PAGE / "uplot" / "origin.json").read_text())
+    files = {
+        name: base64.b64encode(hashlib.sha512((PAGE / "uplot" / name).read_bytes()).digest())
+        for name in said["sha512"]
+    }
+    assert {name: value.decode() for name, value in files.items()} == said["sha512"]
+    assert "MIT License" in (PAGE / "uplot" / "LICENSE").read_text()

@@ -1,0 +1,200 @@
+"""The live view as Chromium shows it: large and small, by mouse and keyboard, to its end."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from live_page import browser, live, served
+from playwright.sync_api import Browser, Page, expect
+from recorded_run import START_NS, record_run
+
+from qmn.live_view.layout import described
+from qmn.live_view.server import View
+from qmn.live_view.sources import timeline_of_run
+from qmn.reports.run_facts import read_result
+
+SESSION = "18f3be73bfbdb225"
+DEADLINE_MS = 30_000
+expect.set_options(timeout=DEADLINE_MS)
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Browser]:
+    with browser() as started:
+        yield started
+
+
+@pytest.fixture
+def said() -> Iterator[list[str]]:
+    """Errors of scripts, and words to the browser's console: there are none at the end."""
+    heard: list[str] = []
+    yield heard
+    assert heard == []
+
+
+def opened(chromium: Browser, url: str, said: list[str], **options: Any) -> Page:
+    """Open the page."""
+    page = chromium.new_page(**options)
+    page.set_default_timeout(DEADLINE_MS)
+    page.on("pageerror", lambda error: said.append(str(error)))
+    page.on("console", lambda message: said.append(message.text))
+    page.goto(url)
+    return page
+
+
+def tell(view: View, t: float, kind: str, node: str, **fields: Any) -> None:
+    """Let something happen at a time, in seconds."""
+    view.timeline.add("event", START_NS + round(t * 1e9), {"node": node, "kind": kind, **fields})
+
+
+def light(view: View, t: float) -> None:
+    """Open the path of the recorded network from alice to bob, and send light over it."""
+    tell(view, t, "open", "q1", port="2", detail="2 -> 3")
+    tell(view, t, "open", "q2", port="1", detail="1 -> 2")
+    block = {"session": SESSION, "block": 1, "half": 0, "photons": 100}
+    tell(view, t, "create", "alice", **block)
+    tell(view, t, "send", "alice", port="alice-q0", **block)
+    tell(view, t + 0.001, "arrive", "bob", port="bob-q0", lost=40, **block)
+    tell(view, t + 0.002, "store", "bob", **block)
+
+
+def test_a_finished_run_is_shown_at_any_time(
+    chromium: Browser, tmp_path: Path, said: list[str]
+) -> None:
+    folder = record_run(tmp_path)
+    network = described(read_result(folder)[1])
+    view = View("over", network, timeline_of_run(folder), folder, False, False, lambda: "")
+    with served(view) as url:
+        page = opened(chromium, url, said)
+        expect(page.locator("#status")).to_have_text("a run that is over")
+        expect(page.locator("#sessions tbody tr")).to_have_count(1)
+        cells = page.locator("#sessions tbody td")
+        expect(cells.nth(4)).to_have_text("100")  # pairs
+        expect(cells.nth(6)).to_have_text("60")  # photons that arrived
+        expect(cells.nth(7)).to_have_text("40.0")  # % lost
+        expect(page.locator("#outcomes")).to_contain_text("Phi+")
+        expect(page.locator("#job")).to_contain_text("bell pairs")
+        expect(page.locator(".fiber.lit")).to_have_count(0)  # at its end the path is closed
+        page.get_by_label("time in s").fill("0.0035")
+        expect(page.locator(".fiber.lit")).to_have_count(3)
+        expect(page.locator("#outcomes")).to_have_text("No Bell measurement yet.")
+        page.get_by_label("time in s").fill("0.0")
+        expect(page.locator(".fiber.lit")).to_have_count(0)
+        page.get_by_role("button", name="play").click()
+        expect(page.locator("#outcomes")).to_contain_text("Phi+")
+        expect(page.get_by_role("button", name="play")).to_be_visible()
+        page.get_by_role("button", name="host alice").click()
+        expect(page.locator("#chosen")).to_contain_text("nothing can be done to it")
+        page.close()
+
+
+def test_what_happens_is_shown_as_it_happens(
+    chromium: Browser, tmp_path: Path, said: list[str]
+) -> None:
+    view = live(tmp_path)
+    with served(view) as url:
+        page, second = (opened(chromium, url, said) for _tab in range(2))
+        expect(page.locator("#status")).to_have_text("live")
+        light(view, 1.0)
+        for each in (page, second):  # two tabs
+            expect(each.locator(".fiber.lit.flowing")).to_have_count(3)
+            expect(each.locator("#memories tbody tr")).to_have_count(1)
+        second.reload()
+        expect(second.locator(".fiber.lit")).to_have_count(3)
+        facts = {"event": "refused", "session": SESSION, "detail": "BUSY"}
+        view.timeline.add("controller", START_NS + 2 * 10**9, facts)
+        expect(page.locator("#sessions")).to_contain_text("refused: BUSY")
+        expect(page.locator("#decisions li").first).to_contain_text("2.000 s c0 refused")
+        page.get_by_label("time in s").fill("0.5")
+        expect(page.locator("#status")).to_have_text("live, looking back")
+        expect(page.locator(".fiber.lit")).to_have_count(0)
+        page.get_by_role("button", name="latest").click()
+        expect(page.locator(".fiber.lit")).to_have_count(3)
+        view.timeline.ended = True
+        expect(page.locator("#status")).to_have_text("the network has ended")
+        page.close()
+        second.close()
+
+
+def test_a_network_that_is_gone_is_told(chromium: Browser, tmp_path: Path) -> None:
+    view = live(tmp_path)
+    with served(view) as url:
+        page = chromium.new_page()
+        page.goto(url)
+        expect(page.locator("#status")).to_have_text("live")
+    expect(page.locator("#status")).to_have_text("the network has ended")
+    page.get_by_role("button", name="host alice").click()
+    page.get_by_role("button", name="reload the policy").click()
+    expect(page.locator("#chosen .failed")).to_contain_text("has the network ended?")
+    page.close()
+
+
+def test_an_act_shows_its_command_and_what_came_of_it(
+    chromium: Browser, tmp_path: Path, said: list[str]
+) -> None:
+    view = live(tmp_path)
+    with served(view) as url:
+        page = opened(chromium, url, said)
+        fiber = page.get_by_role("button", name=re.compile("^fibre alice-q0"))
+        fiber.focus()
+        page.keyboard.press("Enter")
+        page.get_by_role("button", name="cut").click()
+        answer = page.locator("#chosen .failed")  # no network runs here
+        expect(answer).to_contain_text("qmn link alice q1 down")
+        expect(answer).to_contain_text("qmn: no network")
+        expect(page.locator("#decisions li").first).to_contain_text("you qmn link alice q1 down")
+        page.close()
+    assert '"command": ["link", "alice", "q1", "down"]' in (tmp_path / "acts.jsonl").read_text()
+
+
+def test_nothing_can_be_done_in_a_view_to_be_looked_at(
+    chromium: Browser, tmp_path: Path, said: list[str]
+) -> None:
+    with served(live(tmp_path, acts=False)) as url:
+        page = opened(chromium, url, said)
+        page.get_by_role("button", name="host alice").click()
+        expect(page.locator("#chosen")).to_contain_text("to be looked at alone")
+        expect(page.locator("#chosen button")).to_have_count(0)
+        page.close()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", [390, 1600])
+def test_it_fits_a_phone_and_a_screen(
+    chromium: Browser, tmp_path: Path, said: list[str], width: int, scheme: Any
+) -> None:
+    view = live(tmp_path)
+    light(view, 0.1)
+    with served(view) as url:
+        page = opened(
+            chromium, url, said, viewport={"width": width, "height": 800}, color_scheme=scheme
+        )
+        expect(page.locator(".fiber.lit")).to_have_count(3)
+        overflow = "document.documentElement.scrollWidth - window.innerWidth"
+        assert page.evaluate(f"() => {overflow}") <= 0
+        dark = page.evaluate("() => getComputedStyle(document.body).backgroundColor")
+        assert (dark == "rgb(255, 255, 255)") == (scheme == "light")
+        page.close()
+
+
+def test_everything_has_a_name_for_who_does_not_see_it(
+    chromium: Browser, tmp_path: Path, said: list[str]
+) -> None:
+    with served(live(tmp_path)) as url:
+        page = opened(chromium, url, said)
+        page.get_by_role("button", name="quantum switch q1").click()
+        nameless = page.evaluate(
+            """() => [...document.querySelectorAll('button, input, select, [role=button]')]
+            .filter(each => !(each.ariaLabel || each.textContent.trim() || each.labels?.length))
+            .map(each => each.outerHTML)"""
+        )
+        assert nameless == []
+        for _ in range(60):  # by the keyboard alone one comes to every node
+            page.keyboard.press("Tab")
+            label = page.evaluate("() => document.activeElement.ariaLabel ?? ''")
+            if label == "host bob":
+                break
+        assert label == "host bob"
+        page.close()
