@@ -40,8 +40,8 @@ def take_part(listener: ServiceSocket) -> None:
             list(connection.results())
 
 
-def watch(network: QuantumNetwork, opener: str, acceptor: str) -> bool:
-    """Watch a way for a moment, by pairs that the opener makes; return whether all is well."""
+def watch(network: QuantumNetwork, opener: str, acceptor: str) -> str:
+    """Watch a way for a moment, by pairs that the opener makes; return what is found."""
     mine, theirs = (network.runtime.socket(host) for host in (opener, acceptor))
     with (
         ThreadPoolExecutor(1) as pool,
@@ -59,13 +59,13 @@ def watch(network: QuantumNetwork, opener: str, acceptor: str) -> bool:
             listener.close()  # nobody asks
             other.exception(LONGEST_S)
             say(f"{opener} to {acceptor}: at work")
-            return True
+            return "at work"
         other.result(LONGEST_S)
     found = asking.summary
     verdict = "ALARM" if found["alarm"] else "whole"
     visibility = 1 - 2 * found["error_rate"]
     say(f"{opener} to {acceptor}: {verdict}, {found['compared']} pairs, {visibility:.2f} visible")
-    return not found["alarm"]
+    return verdict
 
 
 def close(policy: Path, one: str, other: str) -> None:
@@ -87,16 +87,17 @@ def main(policy: Path) -> None:
     """Watch; send a message; have a fibre tapped, and send another message round it."""
     with start("ring", switches=5, policy=str(policy)) as network, ThreadPoolExecutor(1) as pool:
         sending, tapped = pool.submit(network.send, "alice", "bob", MESSAGE), False
-        while not (broken := [ways for ends, ways in WAYS.items() if not watch(network, *ends)]):
+        while "ALARM" not in (found := {ends: watch(network, *ends) for ends in WAYS}).values():
             if time.monotonic() - BEGUN > LONGEST_S:
                 raise TimeoutError(f"no alarm in {LONGEST_S:g} s")
-            if sending.done() and not tapped:
+            if sending.done() and not tapped and set(found.values()) == {"whole"}:
                 say(f"message arrived: {sending.result().data == MESSAGE}")
                 tap("q2", "q3")
                 tapped = True
             time.sleep(PAUSE_S)
-        for switches in broken:
-            close(policy, *switches)
+        for ends, switches in WAYS.items():
+            if found[ends] == "ALARM":
+                close(policy, *switches)
         result = network.send("alice", "bob", MESSAGE)
         say(f"message arrived: {result.data == MESSAGE}, errors {result.symbol_error_rate:g}")
         for path in network.trace("alice", "bob"):

@@ -173,7 +173,7 @@ class Arbiter:
         if admission.reason != Reason.OK and not waits:
             told = admission.reason, now, admission.detail, admission.node
             return self.verdicts.refuse(request, *told)
-        request.block_pairs = admission.block_pairs
+        request.take(admission.block_pairs, admission.wavelength_pm)
         self.sessions.retired.pop(request.five_tuple, None)
         session = self.sessions.join(request, now)
         if waits:
@@ -211,7 +211,7 @@ class Arbiter:
             asking = self.sessions.of(request)
             assert asking is not None  # it waits
             del self.sessions.queue[request.five_tuple]
-            request.block_pairs = reserved.block_pairs
+            request.take(reserved.block_pairs, reserved.wavelength_pm)
             hops = (hop for path in reserved.paths for hop in path.hops)
             if self.network.is_whole(hops) and self.slots.is_free(asking, reserved):
                 actions += self.light.open(request, asking, reserved.paths)
@@ -273,7 +273,7 @@ class Arbiter:
             found = self._find_light(request)
             if found.paths:
                 del self.sessions.queue[request.five_tuple]
-                request.block_pairs = found.block_pairs
+                request.take(found.block_pairs, found.wavelength_pm)
                 actions += self.light.open(request, session, found.paths)
             elif not found.waits_for_light:
                 told = found.reason, now, found.detail, found.node

@@ -34,7 +34,11 @@ def find_chain(
     `unable` says what a host lacks to be a repeater; `stations` which hosts herald, where each link
     has one between its ends.
     """
-    ports = {host.address: network.ports_of(host.address) for host in network.hosts.values()}
+    frequency = limits.frequency_mhz
+    ports = {
+        host.address: network.channel_ports_of(host.address, frequency)
+        for host in network.hosts.values()
+    }
     joins = Joins(network, ports, limits, stations)
     waiting: deque[Chain] = deque([(Stop(opener),)])
     seen: set[tuple[str, int]] = set()  # repeaters, and by which fibre light comes to them

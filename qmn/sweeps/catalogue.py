@@ -16,6 +16,7 @@ from qmn.sweeps.heralding import HERALDING
 from qmn.sweeps.interference import HOM
 from qmn.sweeps.light_sources import LIGHT_SOURCES
 from qmn.sweeps.multi_pair import MULTI_PAIR
+from qmn.sweeps.pair_keys import PAIR_KEYS
 from qmn.sweeps.parameters import Values, point_seed
 from qmn.sweeps.photon_splitting import PHOTON_SPLITTING
 from qmn.sweeps.polarization import MODES, POLARIZATION
@@ -45,6 +46,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         MULTI_PAIR,
         WEAK_PULSES,
         LIGHT_SOURCES,
+        PAIR_KEYS,
         DECOY_STATES,
         PHOTON_SPLITTING,
         POLARIZATION,

@@ -11,7 +11,6 @@ import signal
 import socket
 import socketserver
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -22,13 +21,14 @@ from typing import Any
 
 import grpc
 import pytest
+from loaded import Running, forks
 from os_ken.ofproto import ofproto_v1_4 as ofp
 from os_ken.ofproto import ofproto_v1_4_parser as parser
 from os_ken.ofproto.ofproto_parser import msg as parse
 from os_ken.ofproto.ofproto_protocol import ProtocolDesc
 
 from qswitch_agent.openflow.messages import HEADER, Framer
-from topologies.programs import ENVIRONMENT
+from topologies.programs import python
 from topologies.runtime import free_port
 from wire import dispatcher_pb2 as pb
 from wire import frames, optical
@@ -43,7 +43,6 @@ DEADLINE_S = 10.0
 FIBER_PORTS = [1, 2, 3, 4]
 DATAPATH = ProtocolDesc(version=ofp.OFP_VERSION)
 BRIDGE = f"qat{os.getpid()}"
-ROOT = Path(__file__).parents[2]
 TOKEN = "0f1e2d"
 
 needs_open_vswitch = pytest.mark.skipif(
@@ -315,28 +314,18 @@ class Switch:
             fiber_ports=list(fiber_ports),
         ).write(self.config)
         self.log = folder / "agent.log"
-        self.agents: list[subprocess.Popen[str]] = []
+        self.agents: list[Running] = []
 
     @property
-    def agent(self) -> subprocess.Popen[str]:
+    def agent(self) -> Running:
         """The agent that was started last."""
         return self.agents[-1]
 
     def start_agent(self) -> None:
         """Start the agent and wait until it is ready."""
-        command = [sys.executable, "-m", "qswitch_agent", "--config", str(self.config)]
+        command = [python(), "-m", "qswitch_agent", "--config", str(self.config)]
         with self.log.open("a") as log:
-            self.agents.append(
-                subprocess.Popen(
-                    command,
-                    stdout=subprocess.PIPE,
-                    stderr=log,
-                    text=True,
-                    cwd=ROOT,
-                    env={**os.environ, **ENVIRONMENT},
-                )
-            )
-        assert self.agent.stdout is not None
+            self.agents.append(forks().begin("q1-agent", command, log))
         lines: queue.Queue[str] = queue.Queue()
         threading.Thread(
             target=lambda out: lines.put(out.readline()), args=[self.agent.stdout]
@@ -351,7 +340,6 @@ class Switch:
     def ended(self) -> int:
         """Wait for the agent's end and return its exit status."""
         status = self.agent.wait(DEADLINE_S)
-        assert self.agent.stdout is not None
         self.agent.stdout.close()
         return status
 

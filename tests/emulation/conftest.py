@@ -41,7 +41,7 @@ def wait_until(condition: Callable[[], object], what: str, timeout_s: float = 10
 
 def qmn(*arguments: str, runs: Path, report: bool = False) -> subprocess.CompletedProcess[str]:
     """Run the command to its end; a report takes a second more."""
-    return run_qmn(*qmn_command(runs, report)[3:], *arguments)
+    return run_qmn(*qmn_words(runs, report), *arguments)
 
 
 def verb(*words: str) -> subprocess.CompletedProcess[str]:
@@ -51,10 +51,14 @@ def verb(*words: str) -> subprocess.CompletedProcess[str]:
     return done
 
 
-def qmn_command(runs: Path, report: bool = False) -> list[str]:
-    """Return how the command is called; its last argument names the folder for runs."""
-    words = [] if report else ["--no-report"]
-    return [sys.executable, "-m", "qmn", "run", "sdc", *words, "--runs", str(runs)]
+def qmn_words(runs: Path, report: bool = False) -> list[str]:
+    """Return what is said to the command; the last word names the folder for runs."""
+    return ["run", "sdc", *([] if report else ["--no-report"]), "--runs", str(runs)]
+
+
+def qmn_command(runs: Path) -> list[str]:
+    """Return how the command is called, as by who has not loaded it."""
+    return [sys.executable, "-m", "qmn", *qmn_words(runs)]
 
 
 def interfaces() -> set[str]:

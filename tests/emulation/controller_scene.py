@@ -5,12 +5,12 @@ import select
 import signal
 import socket
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from loaded import forks
 from scapy.contrib.lldp import (
     LLDPDUChassisID,
     LLDPDUEndOfLLDPDU,
@@ -21,6 +21,7 @@ from scapy.contrib.lldp import (
 from scapy.layers.inet import IP, TCP
 from scapy.layers.l2 import Ether
 
+from topologies.programs import python
 from topologies.runtime import free_port
 from wire.config import ControllerConfig
 from wire.metadata import METADATA_PORT, Handshake, Service, Setup, decode
@@ -113,13 +114,8 @@ class Controller:
         )
         config.write(folder / "config.json")
         self.log = (folder / "log").open("w+")
-        self.process = subprocess.Popen(
-            [sys.executable, "-m", "controller_apps", "--config", str(folder / "config.json")],
-            stdout=subprocess.PIPE,
-            stderr=self.log,
-            text=True,
-        )
-        assert self.process.stdout is not None
+        command = [python(), "-m", "controller_apps", "--config", str(folder / "config.json")]
+        self.process = forks().begin("c0", [*command, "--framework", framework], self.log)
         assert self.process.stdout.readline() == "ready\n"
 
     def record(self, event: str) -> list[dict[str, object]]:
@@ -129,7 +125,6 @@ class Controller:
     def close(self) -> None:
         self.process.kill()
         self.process.wait(DEADLINE_S)
-        assert self.process.stdout is not None
         self.process.stdout.close()
         self.log.close()
 

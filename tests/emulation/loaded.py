@@ -94,11 +94,17 @@ class Loaded(ForkServer):
     ) -> Forked:
         """Start it, as Program.start says."""
         asked = request(name, command, namespace_pid, descriptors)
-        if command[2] in MODULES:
-            return self._whole().fork(asked, [log, *descriptors])
-        framework = command[command.index("--framework") + 1]
-        asked["module"] = CONTROLLER
-        return self._controller(framework).fork(asked, [log, *descriptors])
+        return self._fork(command, asked, [log, *descriptors])
+
+    def _fork(self, command: Sequence[str], asked: dict[str, Any], files: list[int]) -> Forked:
+        """Fork off what has loaded a command."""
+        module = command[2]
+        if module == "controller_apps":
+            framework = command[command.index("--framework") + 1]
+            server = self._server([CONTROLLER], **{FRAMEWORK: framework})
+            return server.fork(asked | {"module": CONTROLLER}, files)
+        asked["module"] = QMN if module == "qmn" else module
+        return self._server([*MODULES, QMN]).fork(asked, files)
 
     def run(
         self, words: tuple[str, ...], cwd: Path, commands: str, timeout_s: float
@@ -108,19 +114,24 @@ class Loaded(ForkServer):
         with TemporaryFile("w+") as given, TemporaryFile("w+") as out, TemporaryFile("w+") as err:
             given.write(commands)
             given.seek(0)
-            asked = request("qmn", command, None, [0, 2]) | {"module": QMN, "folder": str(cwd)}
-            process = self._whole().fork(asked, [file.fileno() for file in (out, given, err)])
+            asked = request("qmn", command, None, [0, 2]) | {"folder": str(cwd)}
+            files = [file.fileno() for file in (out, given, err)]
+            process = self._fork(command, asked, files)
             try:
                 status = process.wait(timeout_s)
             finally:
                 process.kill()
             return subprocess.CompletedProcess(command, status, read(out), read(err))
 
-    def _whole(self) -> LastingForkServer:
-        return self._server([*MODULES, QMN])
-
-    def _controller(self, framework: str) -> LastingForkServer:
-        return self._server([CONTROLLER], **{FRAMEWORK: framework})
+    def begin(self, name: str, command: Sequence[str], errors: IO[str] | None = None) -> "Running":
+        """Begin to run a command; what it says as errors goes to a file, if one is given."""
+        reader, writer = os.pipe()
+        try:
+            files = [writer] if errors is None else [writer, errors.fileno()]
+            asked = request(name, command, None, [] if errors is None else [2])
+            return Running(self._fork(command, asked, files), os.fdopen(reader))
+        finally:
+            os.close(writer)
 
     def _server(self, modules: Sequence[str], **environment: str) -> LastingForkServer:
         name = ",".join((*modules, *environment.values()))
@@ -128,6 +139,25 @@ class Loaded(ForkServer):
             if name not in self._servers:
                 self._servers[name] = LastingForkServer(self._folder, modules, **environment)
             return self._servers[name]
+
+
+class Running:
+    """A program that runs, as subprocess.Popen has it, and what it says."""
+
+    def __init__(self, process: Forked, stdout: IO[str]) -> None:
+        self.stdout, self.pid = stdout, process.pid
+        self.send_signal, self.kill = process.send_signal, process.kill
+        self.poll, self.wait = process.poll, process.wait
+
+    @property
+    def returncode(self) -> int | None:
+        """The exit status, None while it runs."""
+        return self.poll()
+
+    def finish(self, timeout_s: float) -> str:
+        """Wait until it has ended; return what it has said since that was read last."""
+        self.wait(timeout_s)
+        return self.stdout.read()
 
 
 def read(file: IO[str]) -> str:
@@ -155,6 +185,20 @@ def forks() -> Loaded:
     """Return who forks programs off in these tests."""
     assert _loaded is not None, "the fixture that starts it comes first"
     return _loaded
+
+
+@contextmanager
+def running_qmn(*words: str) -> Iterator[Running]:
+    """Run `qmn` beside the test, to its end."""
+    process = forks().begin("qmn", [python(), "-m", "qmn", *words])
+    with process.stdout:
+        try:
+            yield process
+        except BaseException:
+            process.kill()
+            raise
+        finally:
+            process.finish(END_TIMEOUT_S)
 
 
 def run_qmn(

@@ -9,14 +9,13 @@ from typing import Any
 
 import pytest
 from conftest import ROOT, wait_until
+from fabric_scene import running
 from loaded import run_qmn
 
 from hosts.quantum_socket import QuantumSocket, QuantumSocketError
-from topologies.network import Network, Signals
-from topologies.runtime import Runtime
+from topologies.network import Network
 from topologies.sdc import SdcTopo
 from wire.metadata import Reason
-from wire.parameters.network import NetworkSettings
 
 FRAMEWORKS = ("ryu", "os-ken")
 
@@ -24,9 +23,8 @@ FRAMEWORKS = ("ryu", "os-ken")
 @pytest.fixture(params=FRAMEWORKS)
 def either(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Network]:
     """The network under each controller framework."""
-    settings = Runtime(NetworkSettings(controller=request.param), log_folder=tmp_path / "run")
-    with Signals() as signals, Network(SdcTopo, settings, signals) as running:
-        yield running
+    with running(SdcTopo, tmp_path, controller=request.param) as network:
+        yield network
 
 
 def qmn(*words: str) -> subprocess.CompletedProcess[str]:
@@ -153,10 +151,7 @@ def connect(network: Network, sender: str, receiver: str) -> None:
 def test_the_policy_decides_until_it_is_changed(tmp_path: Path, framework: str) -> None:
     policy = tmp_path / "policy.toml"
     policy.write_text((ROOT / "controller_apps/policy/deny.toml").read_text())
-    settings = Runtime(
-        NetworkSettings(controller=framework, policy=str(policy)), log_folder=tmp_path / "run"
-    )
-    with Signals() as signals, Network(SdcTopo, settings, signals) as network:
+    with running(SdcTopo, tmp_path, controller=framework, policy=str(policy)) as network:
         connect(network, "alice", "bob")
         with pytest.raises(QuantumSocketError, match="policy does not allow") as caught:
             connect(network, "bob", "alice")

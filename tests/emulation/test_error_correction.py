@@ -5,11 +5,11 @@ from pathlib import Path
 from typing import Any
 
 from conftest import qmn, wait_until
+from fabric_scene import running
 from loaded import run_qmn
 
 from hosts.quantum_socket import QuantumSocket
-from topologies.network import Network, Signals
-from topologies.runtime import Runtime
+from topologies.network import Network
 from topologies.sdc import SdcTopo
 from wire.metadata import Fec, Pauli
 from wire.parameters.physics import BellAnalyser
@@ -63,8 +63,7 @@ def test_a_noisy_network_delivers_by_an_interleaved_code(tmp_path: Path) -> None
 
 def test_linear_optics_carries_eleven_bits_in_seven_pairs_and_codes_too(tmp_path: Path) -> None:
     data = bytes(range(220))
-    settings = Runtime(log_folder=tmp_path / "run")
-    with Signals() as signals, Network(LinearTopo, settings, signals) as network:
+    with running(LinearTopo, tmp_path) as network:
         plain = send(network, data)
         assert (plain["symbols"], plain["bell_pairs"]) == (3, 160 * 7)
         wait_until(lambda: "fec golay" in change("alice", "fec", "golay"), "alice is set")

@@ -3,7 +3,6 @@
 import csv
 import json
 import re
-import subprocess
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -12,11 +11,11 @@ from uuid import UUID
 import numpy as np
 import pytest
 from conftest import ROOT
+from loaded import run_qmn
 from scapy.layers.inet import TCP
 from scapy.utils import rdpcap
 
 EXAMPLES = ROOT / "examples"
-QMN = str(ROOT / "bin" / "qmn")
 TIMEOUT_S = 110
 PROTOCOLS = {  # programs of hosts.qubits, and where they run beside alice
     "ghz": ("bob", "charlie"),
@@ -27,15 +26,7 @@ PROTOCOLS = {  # programs of hosts.qubits, and where they run beside alice
 
 def run(*words: str, cwd: Path = ROOT, commands: str = "") -> str:
     """Run qmn to success; return what it printed."""
-    done = subprocess.run(
-        [QMN, *words],
-        cwd=cwd,
-        input=commands,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=TIMEOUT_S,
-    )
+    done = run_qmn(*words, cwd=cwd, commands=commands, timeout_s=TIMEOUT_S)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 

@@ -11,25 +11,34 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from conftest import ROOT, qmn, qmn_command, wait_until
+from conftest import ROOT, qmn, qmn_command, qmn_words, wait_until
+from loaded import Running, running_qmn
 
 from topologies import openvswitch
 from topologies.runtime import RUNTIME_ROOT
 
 
 @contextmanager
-def long_run(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
+def long_run(tmp_path: Path) -> Iterator[Running]:
     """Start a run that lasts much longer than the test."""
     file = tmp_path / "long"
     file.write_bytes(bytes(40 << 20))
-    command = [*qmn_command(tmp_path), "--file", str(file)]
-    with subprocess.Popen(
-        command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
-    ) as process:
+    with running_qmn(*qmn_words(tmp_path), "--file", str(file)) as process:
         yield process
 
 
-def read_until(process: subprocess.Popen[str], text: str) -> None:
+@contextmanager
+def run_to_kill(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
+    """Start such a run as a user does: all of it is marked, for who comes after it."""
+    file = tmp_path / "long"
+    file.write_bytes(bytes(40 << 20))
+    words = [*qmn_command(tmp_path), "--file", str(file)]
+    output = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
+    with subprocess.Popen(words, cwd=ROOT, text=True, **output) as process:  # type: ignore[call-overload]
+        yield process
+
+
+def read_until(process: Running | subprocess.Popen[str], text: str) -> None:
     """Read what the run prints until a line has the text."""
     assert process.stdout is not None
     for line in process.stdout:
@@ -38,7 +47,7 @@ def read_until(process: subprocess.Popen[str], text: str) -> None:
     raise AssertionError(f"the run ended without printing {text!r}")
 
 
-def child(process: subprocess.Popen[str], module: str) -> int:
+def child(process: Running, module: str) -> int:
     """Return the process id of a program that the run has started, or a keeper of shells has."""
     parents, commands = {}, {}
     for folder in Path("/proc").iterdir():
@@ -65,7 +74,7 @@ def test_a_program_that_dies_in_mid_run_is_named(tmp_path: Path, module: str, na
     with long_run(tmp_path) as process:
         read_until(process, "sending")
         os.kill(child(process, module), signal.SIGKILL)
-        output, _ = process.communicate(timeout=20)
+        output = process.finish(20)
     assert process.returncode == 1
     assert f"qmn: {name} died in mid-run: killed by SIGKILL" in output
     result = json.loads((tmp_path / "latest" / "result.json").read_text())
@@ -77,7 +86,7 @@ def test_a_node_whose_shell_is_killed_is_named(tmp_path: Path, name: str) -> Non
     with long_run(tmp_path) as process:
         read_until(process, "sending")
         os.kill(child(process, f"mininet:{name}"), signal.SIGKILL)
-        output, _ = process.communicate(timeout=20)
+        output = process.finish(20)
     assert process.returncode == 1
     assert f"qmn: {name} died in mid-run: its shell was ended" in output
 
@@ -102,13 +111,13 @@ def test_a_signal_ends_the_run_cleanly(tmp_path: Path, moment: str, number: sign
     with long_run(tmp_path) as process:
         read_until(process, moment)
         process.send_signal(number)
-        output, _ = process.communicate(timeout=20)
+        output = process.finish(20)
     assert process.returncode == 128 + number
     assert f"interrupted by {number.name}" in output
 
 
 def test_the_run_after_a_killed_one_works(tmp_path: Path) -> None:
-    with long_run(tmp_path) as process:
+    with run_to_kill(tmp_path) as process:
         read_until(process, "sending")
         process.kill()
     assert qmn("--message", "after", runs=tmp_path).returncode == 0
@@ -205,5 +214,5 @@ def test_what_ends_a_run_is_told_before_clean_up(tmp_path: Path) -> None:
         os.kill(child(process, "dispatcher"), signal.SIGKILL)
         read_until(process, "ending: dispatcher died in mid-run: killed by SIGKILL")
         assert list(RUNTIME_ROOT.glob("*/dispatcher.json"))  # clean-up removes it last
-        process.communicate(timeout=20)
+        process.finish(20)
     assert process.returncode == 1

@@ -2,13 +2,12 @@
 
 import os
 import signal
-import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from conftest import interfaces, our_processes, qmn_command, wait_until
-from test_faults import long_run, read_until
+from conftest import interfaces, our_processes, qmn, wait_until
+from test_faults import long_run, read_until, run_to_kill
 
 from topologies import openvswitch
 from topologies.owners import from_words
@@ -32,7 +31,7 @@ def struck(tmp_path: Path, daemon: str, number: signal.Signals) -> str:
     with long_run(tmp_path) as process:
         read_until(process, "sending")
         openvswitch.daemons()[daemon].signal(number)
-        output, _ = process.communicate(timeout=SAID_IN_S)
+        output = process.finish(SAID_IN_S)
     assert process.returncode == 1
     return output
 
@@ -57,7 +56,7 @@ def test_a_daemon_that_a_signal_has_stopped_is_named(tmp_path: Path, daemon: str
     with long_run(tmp_path) as process:
         read_until(process, "sending")
         openvswitch.daemons()[daemon].signal(signal.SIGSTOP)
-        output, _ = process.communicate(timeout=40)
+        output = process.finish(40)
     assert process.returncode == 1
     assert f"qmn: {daemon} does not answer: a signal has stopped it (SIGSTOP)" in output
 
@@ -69,8 +68,7 @@ def test_a_daemon_of_somebody_else_is_not_started_again(tmp_path: Path) -> None:
         assert openvswitch.SWITCH_DAEMON not in openvswitch.daemons()
         assert "died in mid-run" in output
         assert not interfaces() & {"s1", "q1"}
-        command = [*qmn_command(tmp_path), "--message", "x"]
-        again = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+        again = qmn("--message", "x", runs=tmp_path)
         assert again.returncode == 1
         assert "Open vSwitch runs in part: ovs-vswitchd does not run: restart" in again.stderr
     finally:
@@ -87,15 +85,14 @@ def test_bridges_that_cannot_be_removed_are_named_and_go_later(tmp_path: Path) -
     owner = openvswitch.owner_of("q1")
     assert (run := from_words(owner)) is not None
     assert not run.alive
-    command = [*qmn_command(tmp_path), "--message", "x"]
-    assert subprocess.run(command, check=False, timeout=60, capture_output=True).returncode == 0
+    assert qmn("--message", "x", runs=tmp_path).returncode == 0
     assert openvswitch.bridges() == []
 
 
 def test_a_killed_run_s_programs_that_are_stopped_are_ended_by_the_next(tmp_path: Path) -> None:
     """Told to end with the runner, a stopped one does not."""
     others = our_processes()
-    with long_run(tmp_path) as process:
+    with run_to_kill(tmp_path) as process:
         read_until(process, "sending")
         config = next(RUNTIME_ROOT.glob("*/alice.json"))
         for found in our_processes() - others:
@@ -103,8 +100,7 @@ def test_a_killed_run_s_programs_that_are_stopped_are_ended_by_the_next(tmp_path
                 os.kill(int(found.split()[0]), signal.SIGSTOP)
         process.kill()
     wait_until(lambda: len(our_processes() - others) == 1, "only the stopped one is left")
-    command = [*qmn_command(tmp_path), "--message", "x"]
-    assert subprocess.run(command, check=False, timeout=60, capture_output=True).returncode == 0
+    assert qmn("--message", "x", runs=tmp_path).returncode == 0
     assert our_processes() == others
 
 
@@ -117,8 +113,7 @@ def test_a_folder_that_is_not_of_a_run_is_left_alone(tmp_path: Path) -> None:
     reused.mkdir()
     (reused / "switches").write_text("s1")
     try:
-        command = [*qmn_command(tmp_path), "--message", "x"]
-        assert subprocess.run(command, check=False, timeout=60, capture_output=True).returncode == 0
+        assert qmn("--message", "x", runs=tmp_path).returncode == 0
         assert all(folder.exists() for folder in foreign)
         assert not reused.exists()
     finally:

@@ -9,13 +9,12 @@ from typing import Any
 
 import pytest
 from conftest import verb
+from fabric_scene import running
 from loaded import run_qmn
 
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
-from topologies.network import Network, Signals
 from topologies.repeaters import RepeatersTopo
-from topologies.runtime import Runtime
 from wire.controller_record import read_record
 
 
@@ -68,9 +67,8 @@ def fidelity(waited_s: float) -> float:
 
 
 def test_a_repeater_that_is_dead_is_named_to_the_one_who_asks(tmp_path: Path) -> None:
-    settings = Runtime(log_folder=tmp_path / "run")
-    topology = partial(RepeatersTopo, repeaters=2)
-    with Signals() as signals, Network(topology, settings, signals):
+    with running(partial(RepeatersTopo, repeaters=2), tmp_path) as network:
+        settings = network.runtime
         next(program for program in settings.programs if program.name == "r2").kill()
         sockets = (settings.socket("alice"), settings.socket("bob"))
         with ServiceSocket(sockets[0]) as asking, ServiceSocket(sockets[1]) as listener:

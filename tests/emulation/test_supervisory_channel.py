@@ -6,11 +6,10 @@ import time
 from collections import Counter
 from pathlib import Path
 
+from fabric_scene import running
 from mininet.node import Node
 
-from topologies.network import Network, Signals
 from topologies.nodes import ClassicalHost
-from topologies.runtime import Runtime
 from topologies.sdc import SdcTopo
 
 LISTENING_S = 7.0  # longer than the pause between two announcements
@@ -21,8 +20,7 @@ def test_nothing_but_lldp_passes_a_fibre(tmp_path: Path) -> None:
     everything = socket.htons(0x0003)
     with (
         socket.socket(socket.AF_PACKET, socket.SOCK_RAW, everything) as listener,
-        Signals() as signals,
-        Network(SdcTopo, Runtime(log_folder=tmp_path), signals) as network,
+        running(SdcTopo, tmp_path) as network,
     ):
         fibers = {name for name in network.net.get("q1").intfNames() if name != "lo"}
         fibers -= {"q1-eth1", "q1-c0"}  # copper to s1 and to the controller
@@ -46,8 +44,7 @@ class CopperTopo(SdcTopo):
 
 
 def test_quantum_switch_forwards_its_own_classical_traffic(tmp_path: Path) -> None:
-    settings = Runtime(log_folder=tmp_path)
-    with Signals() as signals, Network(CopperTopo, settings, signals) as network:
+    with running(CopperTopo, tmp_path) as network:
         dave, q1 = network.net.get("dave", "q1")
         assert " 0% packet loss" in dave.cmd("ping -c 3 -i 0.2 -W 2 10.0.0.1")
         learned = [line for line in flows(q1) if "dl_dst=" in line]

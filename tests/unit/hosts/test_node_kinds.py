@@ -250,15 +250,15 @@ def told(folder: Path, physics: dict[str, Any], **options: Any) -> str:
         ([100, 15, 0, *LASTING], "with a memory of 0 qubits"),
         ([100, 15, 100, 0, *LASTING[1:]], "memory with t1_s 0.0"),
         ([100, 15, 100, 0x7FC0_0000, *LASTING[1:]], "memory with t1_s nan"),
-        ([100, 15], f"2 values of topic {Topic.ABILITIES}"),
+        ([100, 15], f"2 values of topic {Topic.NODE_FEATURES}"),
     ],
 )
 def test_abilities_that_no_host_has_end_the_session(
     tmp_path: Path, numbers: list[int], words: str
 ) -> None:
     def change(way: str, message: Message) -> Message:
-        if way == "back" and isinstance(message, Values) and message.topic == Topic.ABILITIES:
-            return values(message.session, Topic.ABILITIES, 0, numbers, 32)
+        if way == "back" and isinstance(message, Values) and message.topic == Topic.NODE_FEATURES:
+            return values(message.session, Topic.NODE_FEATURES, 0, numbers, 32)
         return message
 
     physics = {**scene(OWN), "change": change}

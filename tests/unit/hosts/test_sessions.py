@@ -254,10 +254,10 @@ def test_light_of_another_wavelength_than_the_switch_is_tuned_to_is_lost(
 def test_a_source_refuses_what_is_no_wavelength_of_light(tmp_path: Path) -> None:
     def no_wavelength(setup: Setup) -> Setup:
         source = setup.service == Service.PAIR_SOURCE
-        wavelength_pm = 0 if source else setup.wavelength_pm
+        wavelength_pm = 1 if source else setup.wavelength_pm
         return replace(setup, verdict=Verdict.GRANTED, wavelength_pm=wavelength_pm)
 
-    with pytest.raises(QuantumSocketError, match="wavelength 0 pm is not"):
+    with pytest.raises(QuantumSocketError, match="wavelength 1 pm is not"):
         exchange(tmp_path, b"x", no_wavelength)
 
 
