@@ -29,7 +29,7 @@ async def run(config: HostConfig) -> None:
     pairs = await asyncio.start_server(stack.unit.pairs.serve, config.address, PAIRS_PORT)
     local = await asyncio.start_unix_server(stack.applications.serve, config.socket)
     announcing = announce(
-        config.name, config.address, config.qnics, config.abilities, config.device_key
+        config.name, config.address, config.qnics, config.node_features, config.device_key
     )
     speaking = [asyncio.create_task(announcing)]
     if config.device_key:

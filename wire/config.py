@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from wire.credentials import Credentials
-from wire.features import Abilities
+from wire.features import NodeFeatures
 from wire.network_time import NetworkTime
 from wire.parameters.fiber import Fiber, FiberEnd
 from wire.parameters.network import ControllerSettings, DispatcherSettings
@@ -156,6 +156,9 @@ class HostConfig(Config):
     t1_s: float = Device().memory.t1_s
     t2_s: float = Device().memory.t2_s
     depolarizing_s: float = Device().memory.depolarizing_s
+    # Interfaces that are channels of a fibre, and their frequencies; of all others light of any
+    # colour passes.
+    channels_mhz: dict[str, int] = field(default_factory=dict)
     cutoff_s: float = Device().memory.cutoff_s
     credentials: Credentials | None = None  # the dispatcher is reached by TLS
 
@@ -169,7 +172,7 @@ class HostConfig(Config):
             raise ValueError(f"light {self.light!r}: choose one of {', '.join(LIGHT)}")
         if self.analyser not in ANALYSERS:
             raise ValueError(f"analyser {self.analyser!r}: choose one of {', '.join(ANALYSERS)}")
-        _ = self.abilities
+        _ = self.node_features
 
     @cached_property
     def hosts(self) -> dict[str, str]:
@@ -184,9 +187,9 @@ class HostConfig(Config):
         return found
 
     @property
-    def abilities(self) -> Abilities:
+    def node_features(self) -> NodeFeatures:
         """Return what the host announces; raise ValueError for what none can be."""
-        return Abilities.checked(self.features, self.memory_qubits)
+        return NodeFeatures.checked(self.features, self.memory_qubits)
 
 
 @dataclass(frozen=True)
@@ -205,6 +208,7 @@ class AgentConfig(MeasuredConfig):
     hardware_ports: dict[str, list[int]] = field(default_factory=dict)
     programs: str = ""  # path of a Unix socket for ovs-ofctl and the like; empty: none
     credentials: Credentials | None = None  # controllers are reached by TLS
+    gnmi: str = ""  # where telemetry is served: "127.0.0.1:9339"; empty: nowhere
 
     @classmethod
     def from_dict(cls, fields: dict[str, Any]) -> "AgentConfig":

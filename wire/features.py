@@ -35,7 +35,7 @@ EVERYTHING = EMIT | STORE | GATE | MEASURE | HERALD | INTERFERE
 
 
 @dataclass(frozen=True)
-class Abilities:
+class NodeFeatures:
     """The features of a node, and how many qubits its memory takes (0 without STORE)."""
 
     features: Feature
@@ -46,14 +46,14 @@ class Abilities:
         return _FIELDS.pack(self.features.value, self.memory_qubits)
 
     @classmethod
-    def decode(cls, data: bytes) -> "Abilities":
+    def decode(cls, data: bytes) -> "NodeFeatures":
         """Read what a host has announced; raise MalformedPacket for what no host can be."""
         if len(data) != _FIELDS.size:
             raise MalformedPacket(f"features in {len(data)} bytes, not {_FIELDS.size}")
         return cls.checked(*_FIELDS.unpack(data))
 
     @classmethod
-    def checked(cls, bits: int, memory_qubits: int) -> "Abilities":
+    def checked(cls, bits: int, memory_qubits: int) -> "NodeFeatures":
         """Return what another node says of itself; raise MalformedPacket for what none can be."""
         if bits > EVERYTHING.value:
             raise MalformedPacket(f"features {bits:#04x}, of which {EVERYTHING.value:#04x} exist")
@@ -62,10 +62,10 @@ class Abilities:
             raise MalformedPacket(f"{names(features)} with a memory of {memory_qubits} qubits")
         return cls(features, memory_qubits)
 
-    def both(self, other: "Abilities") -> "Abilities":
+    def both(self, other: "NodeFeatures") -> "NodeFeatures":
         """Return what is true of both."""
         fewer = min(self.memory_qubits, other.memory_qubits)
-        return Abilities(self.features & other.features, fewer)
+        return NodeFeatures(self.features & other.features, fewer)
 
 
 def names(features: Feature) -> str:

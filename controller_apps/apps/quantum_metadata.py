@@ -12,9 +12,9 @@ from typing import Any
 from controller_apps.apps.swap_orders import EventNodeAnswered, EventSwapsOrdered
 from controller_apps.console.questions import EventQuestion, Refused, reply
 from controller_apps.console.views import (
-    abilities_view,
     fibers_view,
     name_of,
+    node_features_view,
     paths_view,
     sessions_view,
 )
@@ -330,7 +330,7 @@ class QuantumMetadata(App):
             "sessions": lambda: sessions_view(self.arbiter.sessions, self.network, self._now()),
             "paths": lambda: paths_view(self.arbiter.sessions, self.network),
             "fibers": lambda: fibers_view(self.network),
-            "abilities": lambda: abilities_view(self.network),
+            "node_features": lambda: node_features_view(self.network),
             "reload": self._reload_policy,
         }
         reply(question, handlers)
@@ -359,6 +359,7 @@ class QuantumMetadata(App):
     def _follow_policy(self) -> None:
         policy = self.permission.policy
         self.arbiter.taps, self.arbiter.schedule = policy.taps, policy.schedule
+        self.arbiter.purification = policy.purification
         self.arbiter.follow(policy.queue)
         self.arbiter.needs_handshake = policy.filter.handshakes
         self.arbiter.needs_sequence = policy.filter.sequences

@@ -18,7 +18,7 @@ class Facts:
 
     def devices(self) -> Any:
         """Return every device and its state, and what each host has announced that it can do."""
-        told = ask(self.quantum, "abilities")
+        told = ask(self.quantum, "node_features")
         unknown = {"features": None, "memory_qubits": None}
         return [
             device | told.get(device["name"], unknown) if device["kind"] == "host" else device

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from controller_apps.light.optics import Optics
 from controller_apps.light.optics import SwitchPort as SwitchPort
-from wire.features import Abilities
+from wire.features import NodeFeatures
 
 MAX_PORTS = 4096
 
@@ -42,7 +42,7 @@ class HostPort:
     host: str
     address: str  # IPv4, of its classical interface
     name: str  # of the port
-    abilities: Abilities | None = None  # None: it says nothing of them
+    node_features: NodeFeatures | None = None  # None: it says nothing of them
 
 
 def directions(hops: Iterable[Hop]) -> list[Direction]:
@@ -75,18 +75,18 @@ class HostIndex:
 
     hosts: dict[SwitchPort, HostPort]  # of which it is
     ports: dict[str, list[SwitchPort]]
-    abilities: dict[str, Abilities]
+    node_features: dict[str, NodeFeatures]
 
     @classmethod
     def of(cls, hosts: dict[SwitchPort, HostPort]) -> "HostIndex":
         """Build it, ports in order of their names."""
         ports: defaultdict[str, list[SwitchPort]] = defaultdict(list)
-        told: defaultdict[str, list[Abilities]] = defaultdict(list)
+        told: defaultdict[str, list[NodeFeatures]] = defaultdict(list)
         for at, host in sorted(hosts.items(), key=lambda item: natural_order(item[1].name)):
             ports[host.address].append(at)
-            if host.abilities is not None:
-                told[host.address].append(host.abilities)
-        can = {address: reduce(Abilities.both, each) for address, each in told.items()}
+            if host.node_features is not None:
+                told[host.address].append(host.node_features)
+        can = {address: reduce(NodeFeatures.both, each) for address, each in told.items()}
         return cls(hosts, dict(ports), can)
 
 
@@ -198,9 +198,16 @@ class Network:
         """Return where the ports of a host are, in order of their names; empty if unknown."""
         return self._hosts_by_address().ports.get(address, [])
 
-    def abilities_of(self, address: str) -> Abilities | None:
+    def channel_ports_of(self, address: str, frequency_mhz: int | None) -> list[SwitchPort]:
+        """Return the same of one channel, and ports that are of no channel; None: of any."""
+        ports = self.ports_of(address)
+        if frequency_mhz is None:
+            return ports
+        return [at for at in ports if self.optics.is_of_channel(at, frequency_mhz)]
+
+    def node_features_of(self, address: str) -> NodeFeatures | None:
         """Return what a host can do, if its ports say different things what all of them say."""
-        return self._hosts_by_address().abilities.get(address)
+        return self._hosts_by_address().node_features.get(address)
 
     def links_from(self, dpid: int) -> list[tuple[SwitchPort, SwitchPort]]:
         """Return the whole fibres from a switch to others: its port, and the far port."""

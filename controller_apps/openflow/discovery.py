@@ -20,7 +20,7 @@ from controller_apps.light.paths import HostPort
 from controller_apps.openflow.framework import lldp
 from controller_apps.timeouts import LINK_TTL_S
 from wire.announcement import SUBTYPE as HOST_SEAL
-from wire.features import OUI, SUBTYPE, Abilities
+from wire.features import OUI, SUBTYPE, NodeFeatures
 from wire.metadata import MalformedPacket
 
 IPV4_ADDRESS = 1  # IANA address family number
@@ -83,7 +83,7 @@ def _host(chassis: Any, port: Any, ttl: Any, tlvs: list[Any]) -> Announcement:
     host = _name(chassis.subtype, chassis.chassis_id)
     address = str(IPv4Address(addresses[0]))
     name = _name(port.subtype, port.port_id)
-    return Announcement(HostPort(host, address, name, _abilities(tlvs)), ttl.ttl == 0)
+    return Announcement(HostPort(host, address, name, _node_features(tlvs)), ttl.ttl == 0)
 
 
 def _sealed(data: bytes, tlvs: list[Any]) -> tuple[bytes, bytes]:
@@ -96,12 +96,12 @@ def _sealed(data: bytes, tlvs: list[Any]) -> tuple[bytes, bytes]:
     return b"", b""
 
 
-def _abilities(tlvs: list[Any]) -> Abilities | None:
+def _node_features(tlvs: list[Any]) -> NodeFeatures | None:
     """Return what a host says that it can do; None if it says nothing of it."""
     told = _ours(tlvs, SUBTYPE)
     if len(told) > 1:
         raise MalformedPacket(f"LLDP that tells {len(told)} times what a host can do")
-    return Abilities.decode(told[0]) if told else None
+    return NodeFeatures.decode(told[0]) if told else None
 
 
 def _ours(tlvs: list[Any], subtype: int) -> list[bytes]:

@@ -7,7 +7,7 @@ undo, and where on its connection the set-up was. That is kept here, network byt
 
     session: seen (s), requests, paths; each request; each path with its hops; the number of nodes
              of a chain of repeaters, and each node's address
-    hosts:   each port: switch, port, address, three lengths, name of host and port, abilities
+    hosts:   each port: switch, port, address, three lengths, name of host and port, node_features
 """
 
 import struct
@@ -24,7 +24,7 @@ from controller_apps.packets.segments import FiveTuple
 from controller_apps.sessions.actions import Keep
 from controller_apps.sessions.sessions import Request, Session, Stop, read_setup
 from wire.device import MAX_REPEATERS, NOBODY
-from wire.features import Abilities
+from wire.features import NodeFeatures
 from wire.metadata import (
     METADATA_PORT,
     SETUP_LENGTH,
@@ -36,11 +36,12 @@ from wire.metadata import (
     Setup,
     Verdict,
 )
+from wire.optical import ANY_WAVELENGTH
 from wire.services import LIGHT
 
 MAX_KEPT_REQUESTS = 8  # of one session; it needs two
 SESSION = struct.Struct("!dBB")
-REQUEST = struct.Struct(f"!4sH4sIBI{SETUP_LENGTH}s")  # to the metadata port
+REQUEST = struct.Struct(f"!4sH4sIBII{SETUP_LENGTH}s")  # to the metadata port
 PATH = struct.Struct("!IBB")  # loss in thousandths of a dB, rotation, hops
 HOP = struct.Struct("!QII")
 NODES = struct.Struct("!B")
@@ -71,6 +72,7 @@ def encode_session(session: Session) -> bytes:
             request.sequence,
             request.rotation,
             request.granted.pairs,
+            request.granted.wavelength_pm,
             request.message,
         )
     for path in paths:
@@ -100,6 +102,7 @@ def decode_session(data: bytes, now: float) -> Session:
         raise MalformedPacket(f"a session of {requests} requests")
     owner, *others = (_request(reader, now) for _ in range(requests))
     session = Session(owner.setup.session, owner.setup, owner.five_tuple, seen, open=True)
+    session.requests = {owner.five_tuple: owner}
     session.paths = tuple(_path(reader) for _ in range(paths))
     session.light_owner = session.owner if paths else None
     (nodes,) = reader.take(NODES)
@@ -116,7 +119,8 @@ def decode_session(data: bytes, now: float) -> Session:
 
 
 def _request(reader: "_Reader", now: float) -> Request:
-    source, port, destination, sequence, rotation, pairs, message = reader.take(REQUEST)
+    source, port, destination, sequence, rotation, *granted, message = reader.take(REQUEST)
+    pairs, wavelength_pm = granted
     ends = str(IPv4Address(source)), port, str(IPv4Address(destination)), METADATA_PORT
     setup = read_setup(message)
     if setup.verdict != Verdict.PENDING or setup.session == 0 or rotation > max(Pauli):
@@ -124,7 +128,9 @@ def _request(reader: "_Reader", now: float) -> Request:
     if not 0 < pairs <= setup.pairs:
         raise MalformedPacket(f"{pairs} pairs granted of {setup.pairs}")
     request = Request(setup, None, FiveTuple(*ends), sequence, message, now, b"", rotation)
-    request.block_pairs = pairs
+    if setup.wavelength_pm not in (ANY_WAVELENGTH, wavelength_pm):
+        raise MalformedPacket(f"{wavelength_pm} pm granted of {setup.wavelength_pm}")
+    request.block_pairs, request.wavelength_pm = pairs, wavelength_pm
     answer = replace(request.granted, verdict=Verdict.GRANTED, rotation=rotation, reason=Reason.OK)
     request.answer = answer.encode()
     return request
@@ -182,7 +188,7 @@ def encode_hosts(hosts: Mapping[SwitchPort, HostPort]) -> bytes:
     for at, host in hosts.items():
         names = host.host.encode(), host.name.encode()
         address = IPv4Address(host.address).packed
-        told = host.abilities.encode() if host.abilities else b""
+        told = host.node_features.encode() if host.node_features else b""
         texts = *names, told
         data += HOST.pack(*at, address, *map(len, texts)) + b"".join(texts)
     return data
@@ -195,7 +201,7 @@ def decode_hosts(data: bytes) -> dict[SwitchPort, HostPort]:
     while reader.left and len(hosts) < MAX_PORTS:
         dpid, port, address, host_length, name_length, told_length = reader.take(HOST)
         host, name = reader.text(host_length), reader.text(name_length)
-        told = Abilities.decode(reader.raw(told_length)) if told_length else None
+        told = NodeFeatures.decode(reader.raw(told_length)) if told_length else None
         hosts[SwitchPort(dpid, port)] = HostPort(host, str(IPv4Address(address)), name, told)
     reader.end()
     return hosts

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import grpc
 import numpy as np
 
-from dispatcher.devices import abilities
+from dispatcher.devices import required_features
 from dispatcher.devices.source import most_further
 from dispatcher.layer import cutoff, drift, further
 from dispatcher.layer.layer import PhysicalLayer, block_name, tally
@@ -96,7 +96,7 @@ class Operations:
         text, halves = STATES[request.state]
         # Photons that leave are of a source; qubits that stay may be ions, too.
         makers = (EMIT,) if halves == PAIR else (EMIT, STORE)
-        abilities.require(layer.devices, node, *makers)
+        required_features.require(layer.devices, node, *makers)
         names = [BlockName(request.session, request.number, half) for half in range(halves)]
         source = layer.devices.of(node).source
         self._require_room(node, names, request.count, most_further(source, request.count))
@@ -145,7 +145,7 @@ class Operations:
         block = layer.ownership.require(block_name(request.block), node)
         planned = self._plan(node, block, request.gates)
         if planned:
-            abilities.require(layer.devices, node, GATE)
+            required_features.require(layer.devices, node, GATE)
         details = [gate.detail for gate in planned]
         values = limits.paulis(request, block.register.size)
         errors = 0

@@ -4,7 +4,7 @@ from functools import partial
 
 import numpy as np
 
-from dispatcher.devices import abilities
+from dispatcher.devices import required_features
 from dispatcher.devices.analyser import Analyser, Half
 from dispatcher.devices.detector import Train
 from dispatcher.devices.detectors import Told
@@ -40,8 +40,8 @@ class Measurements:
         """Measure and use up every photon, each in its basis."""
         layer = self._layer
         block = layer.ownership.require(name, node)
-        abilities.require(layer.devices, node, MEASURE)
-        abilities.require_encoding(layer.devices, node, block.pulses.encoding)
+        required_features.require(layer.devices, node, MEASURE)
+        required_features.require_encoding(layer.devices, node, block.pulses.encoding)
         size = block.register.size
         if basis not in MeasureRequest.Basis.values():
             raise invalid(f"basis {basis} is unknown; use {', '.join(BASES)}")
@@ -90,9 +90,9 @@ class Measurements:
         layer = self._layer
         first, second = (layer.ownership.require(name, node) for name in names)
         require_pairs(first, second)
-        abilities.require(layer.devices, node, MEASURE)
+        required_features.require(layer.devices, node, MEASURE)
         for block in (first, second):
-            abilities.require_encoding(layer.devices, node, block.pulses.encoding)
+            required_features.require_encoding(layer.devices, node, block.pulses.encoding)
         layer.sabot.require_capacity(first.register, [GateStep("CX", second.register)])
         layer.take_up_pair(first, second)
         feedback = layer.feedback(first, second)

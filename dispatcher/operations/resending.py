@@ -12,7 +12,7 @@ from functools import partial
 
 import numpy as np
 
-from dispatcher.devices import abilities
+from dispatcher.devices import required_features
 from dispatcher.layer import drift, further, pulses
 from dispatcher.layer.layer import PhysicalLayer, tally
 from dispatcher.layer.ownership import Block, BlockName, Pulses
@@ -41,8 +41,8 @@ class Resending:
         """Measure the photons that have a basis, and replace them by what was found."""
         layer = self._layer
         block = layer.ownership.require(name, node)
-        abilities.require(layer.devices, node, MEASURE)
-        abilities.require_encoding(layer.devices, node, block.pulses.encoding)
+        required_features.require(layer.devices, node, MEASURE)
+        required_features.require_encoding(layer.devices, node, block.pulses.encoding)
         size = block.register.size
         values = _bases(bases, size)
         fresh = self._fresh(size)

@@ -13,11 +13,11 @@ from hosts.timeouts import (
     FASTEST_ANNOUNCEMENTS_S,
     SLOWER,
 )
-from wire.features import Abilities
+from wire.features import NodeFeatures
 
 
 async def announce(
-    name: str, address: str, ports: list[str], abilities: Abilities, key: str
+    name: str, address: str, ports: list[str], node_features: NodeFeatures, key: str
 ) -> None:
     """Announce every fibre port for ever, quickly at first (802.1AB fast start)."""
     channels = {port: _open(port) for port in ports}
@@ -25,7 +25,16 @@ async def announce(
         for pause in pauses():
             for port, channel in channels.items():
                 mac = channel.getsockname()[4]
-                told = name, port, address, mac, ANNOUNCEMENT_TTL_S, abilities, key, time.time_ns()
+                told = (
+                    name,
+                    port,
+                    address,
+                    mac,
+                    ANNOUNCEMENT_TTL_S,
+                    node_features,
+                    key,
+                    time.time_ns(),
+                )
                 frame = announcement(*told)
                 with suppress(OSError):  # a fibre that is set down says nothing
                     channel.send(frame)

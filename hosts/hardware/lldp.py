@@ -10,7 +10,7 @@ from ipaddress import IPv4Address
 
 from wire.announcement import SUBTYPE as SEAL_SUBTYPE
 from wire.announcement import seal
-from wire.features import OUI, SUBTYPE, Abilities
+from wire.features import OUI, SUBTYPE, NodeFeatures
 
 NEAREST_BRIDGE = bytes.fromhex("0180c200000e")
 ETHER_TYPE = 0x88CC
@@ -27,7 +27,7 @@ def announcement(
     address: str,
     mac: bytes,
     ttl_s: int,
-    abilities: Abilities,
+    node_features: NodeFeatures,
     key: str = "",
     number: int = 0,
 ) -> bytes:
@@ -44,7 +44,7 @@ def announcement(
             _tlv(PORT_ID, LOCALLY_ASSIGNED + port.encode()),
             _tlv(TTL, struct.pack("!H", ttl_s)),
             _tlv(MANAGEMENT_ADDRESS, management),
-            _tlv(ORGANIZATIONAL, OUI + bytes([SUBTYPE]) + abilities.encode()),
+            _tlv(ORGANIZATIONAL, OUI + bytes([SUBTYPE]) + node_features.encode()),
         )
     )
     if key:

@@ -26,7 +26,7 @@ from scapy.layers.l2 import ARP, Ether
 
 from hosts.hardware.lldp import ETHER_TYPE, announcement
 from qmn.timeouts import LIE_PERIOD_S, TOLD_TIMEOUT_S
-from wire.features import EVERYTHING, Abilities
+from wire.features import EVERYTHING, NodeFeatures
 from wire.metadata import METADATA_PORT, Service, Setup
 
 BEFORE_TOLD = 20  # lies, more than a kernel overhears because it has asked a second ago
@@ -144,9 +144,9 @@ def resets(interface: str, count: int, to_mac: str, posed: str, to: str, port: s
 
 def announcements(interface: str, count: int, name: str, address: str) -> int:
     """Announce as many fibres in the name of another as there are to be frames."""
-    mac, abilities = own_mac(opened(interface)), Abilities(EVERYTHING, 8)
+    mac, node_features = own_mac(opened(interface)), NodeFeatures(EVERYTHING, 8)
     frames = (
-        announcement(name, f"{name}-x{number}", address, mac, TTL_S, abilities)
+        announcement(name, f"{name}-x{number}", address, mac, TTL_S, node_features)
         for number in range(count)
     )
     return sent(interface, frames)

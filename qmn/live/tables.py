@@ -75,14 +75,14 @@ def hosts_table(hosts: list[dict[str, Any]]) -> Table:
 def host_row(host: dict[str, Any]) -> list[str]:
     """Return the line of one host."""
     if "ports" not in host:
-        return [host["name"], host["state"], abilities(host)]
+        return [host["name"], host["state"], features_of(host)]
     fibers = " ".join(f"{port['name']}{'' if port['up'] else ' (cut)'}" for port in host["ports"])
     counts = [number_text(host[f"pairs_{what}"]) for what in ("sent", "made", "received", "lost")]
     used = settings(host["in_use"]) if host["in_use"]["rate_hz"] else "-"
     return [
         host["name"],
         state(host),
-        abilities(host),
+        features_of(host),
         fibers,
         number_text(sum(host["sessions"].values())),
         *counts,
@@ -92,7 +92,7 @@ def host_row(host: dict[str, Any]) -> list[str]:
     ]
 
 
-def abilities(host: dict[str, Any]) -> str:
+def features_of(host: dict[str, Any]) -> str:
     """Return what a host has announced that it can do, and how much it stores."""
     features = host.get("features")
     if features is None:

@@ -17,7 +17,7 @@ from test_service_faults import BOB, CHARLIE, facts, listening, require_nothing_
 from hosts.hardware.lldp import announcement
 from topologies.network import Network
 from topologies.sdc import SdcTopo
-from wire.features import EVERYTHING, Abilities
+from wire.features import EVERYTHING, NodeFeatures
 from wire.metadata import (
     METADATA_PORT,
     Answer,
@@ -131,7 +131,7 @@ channel.send(bytes.fromhex(sys.argv[2]))
 
 def test_a_host_cannot_announce_the_fibre_of_another(network: Network) -> None:
     log = network.runtime.logs / "c0.log"
-    frame = announcement("bob", "bob-q0", BOB, bytes(6), 30, Abilities(EVERYTHING, 8))
+    frame = announcement("bob", "bob-q0", BOB, bytes(6), 30, NodeFeatures(EVERYTHING, 8))
     script = network.runtime.logs.parent / "announce.py"
     script.write_text(ANNOUNCE)
     said = network.host("charlie").cmd(f"{sys.executable} {script} charlie-q0 {frame.hex()}")

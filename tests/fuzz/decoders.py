@@ -46,7 +46,7 @@ from wire import (
     verdict,
 )
 from wire.dispatcher_pb2 import BlockId, Event
-from wire.features import EVERYTHING, Abilities
+from wire.features import EVERYTHING, NodeFeatures
 from wire.key_routes import Hop
 from wire.metadata import MalformedPacket
 from wire.netqasm import messages, pair_requests, subroutine, texts
@@ -174,7 +174,9 @@ SEGMENT = bytes(
     / b"payload"
 )
 VERDICT = verdict.seal(test_metadata.SETUP.encode(), KEY, CONNECTION)
-LLDP = announcement("alice", "alice-q0", "10.0.0.1", b"\2" * 6, 3, Abilities(EVERYTHING, 9), KEY, 7)
+LLDP = announcement(
+    "alice", "alice-q0", "10.0.0.1", b"\2" * 6, 3, NodeFeatures(EVERYTHING, 9), KEY, 7
+)
 KEYS = key_delivery.encode_keys([key_delivery.DeliveredKey(each, b"k" * 32) for each in IDS])
 ASSIGNMENT = key_assignment.Assignment(
     "sae-alice",
@@ -235,7 +237,9 @@ TARGETS: dict[str, Target] = {
     ),
     "verdict": Target([VERDICT], _genuine, lambda _genuine: VERDICT),
     "LLDP": Target([LLDP], discovery.parse),
-    "features": Target([Abilities(EVERYTHING, 9).encode()], Abilities.decode, lambda a: a.encode()),
+    "features": Target(
+        [NodeFeatures(EVERYTHING, 9).encode()], NodeFeatures.decode, lambda a: a.encode()
+    ),
     "segment": Target([SEGMENT], segments.parse, lambda s: s.frame),
     "segment, rewritten": Target(
         [SEGMENT],

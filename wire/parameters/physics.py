@@ -18,8 +18,8 @@ from wire.features import (
     MEASURE,
     NOTHING,
     STORE,
-    Abilities,
     Feature,
+    NodeFeatures,
 )
 
 BELL_STATES = ("Phi+", "Psi+", "Phi-", "Psi-")  # as Bell measurements number them
@@ -337,9 +337,9 @@ class Device:
         return INTERFERE in self.features and EMIT not in self.features
 
     @property
-    def abilities(self) -> Abilities:
+    def node_features(self) -> NodeFeatures:
         """Return what the host announces."""
-        return Abilities(self.features, self.memory.capacity)
+        return NodeFeatures(self.features, self.memory.capacity)
 
     @classmethod
     def from_dict(cls, given: Mapping[str, Any]) -> Self:

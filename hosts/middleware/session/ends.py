@@ -31,7 +31,7 @@ from hosts.middleware.session.performing import Performer
 from hosts.middleware.session.protocol import HostSide, Light, OpenerSide, Order, Side
 from hosts.middleware.session.values import Numbers
 from hosts.timeouts import ANSWER_TIMEOUT_S, LIGHT_TIMEOUT_S
-from wire.features import Abilities
+from wire.features import NodeFeatures
 from wire.metadata import Answer, Handshake, Reason, Service, Setup, Values
 
 Tell = Callable[..., Coroutine[Any, Any, None]]
@@ -138,7 +138,7 @@ class End(ConnectionEnd):
             self.channel.peer,
             resources.name,
             self.draws,
-            resources.abilities,
+            resources.node_features,
             resources.lifetimes,
             resources.distinguishable_states,
         )
@@ -158,7 +158,7 @@ class OpenerEnd(End):
 
     arrangement: Arrangement = field(kw_only=True)
     answer: Answer = field(kw_only=True)  # of the other end, to the set-up
-    theirs: Abilities = field(kw_only=True)  # of the other end; nothing where it does not tell
+    theirs: NodeFeatures = field(kw_only=True)  # of the other end; nothing where it does not tell
     lifetimes: Lifetimes = field(kw_only=True)  # of its memory, likewise
     is_source: bool = field(kw_only=True)  # this host makes the pairs, and keeps half of each
     sent: tuple[int, bytes] = NO_BYTES  # how many bytes, and their SHA-256: what Finish says

@@ -1,15 +1,17 @@
 """The resources of a host that its sessions share."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from hosts.hardware.channels import carrying
 from hosts.hardware.qnic import Qnic
 from hosts.middleware.qkd.keyring import Keyring
 from hosts.middleware.session.encoding import DISTINGUISHABLE_STATES
 from hosts.middleware.session.lifetimes import Lifetimes
 from hosts.middleware.session.swap_orders import Swaps
-from wire.features import Abilities
+from wire.features import NodeFeatures
 from wire.metadata import Pauli
 
 
@@ -23,10 +25,19 @@ class HostResources:
     analyser: str  # its kind of Bell analyser (wire.parameters.physics.ANALYSERS)
     keyring: Keyring  # what this host shares with others
     swaps: Swaps  # the chains of repeaters that it is part of
-    abilities: Abilities
+    node_features: NodeFeatures
     multi_photon: float  # how likely a pulse of its source has several photons
     intensities: tuple[float, ...]  # mean photon numbers of its pulses: signal, then decoys
     lifetimes: Lifetimes  # of its memory
+    channels_mhz: Mapping[str, int] = field(
+        default_factory=dict
+    )  # of its interfaces that are channels
+
+    def at(self, wavelength_pm: int) -> "HostResources":
+        """Return the same with the fibres, or channels of them, that carry a session's light."""
+        if not self.channels_mhz:
+            return self
+        return replace(self, qnic=carrying(self.qnic, self.channels_mhz, wavelength_pm))
 
     @property
     def distinguishable_states(self) -> frozenset[int]:

@@ -29,7 +29,7 @@ from hosts.middleware.session.errors import SessionError, unexpected
 from hosts.middleware.session.lifetimes import Lifetimes
 from hosts.middleware.session.values import Numbers, expect, values
 from hosts.timeouts import ANSWER_TIMEOUT_S, GRACE_S, LIGHT_TIMEOUT_S
-from wire.features import Abilities
+from wire.features import NodeFeatures
 from wire.metadata import Answer, Finish, Message, Reason, Setup, Topic, Values
 
 Light = NewType("Light", object)  # under way; only who carries orders out knows what it is
@@ -236,7 +236,7 @@ class HostSide(Side):
 
     host: str  # its name
     draws: np.random.Generator  # of this host's own choices; they follow from the seed
-    abilities: Abilities
+    node_features: NodeFeatures
     lifetimes: Lifetimes  # of its memory
     distinguishable_states: frozenset[int]  # by its Bell analyser
 
@@ -246,7 +246,7 @@ class OpenerSide(HostSide):
     """The side that asked for the session: also what the other has."""
 
     other_host: str  # its name
-    theirs: Abilities  # nothing where the other end does not tell
+    theirs: NodeFeatures  # nothing where the other end does not tell
     their_lifetimes: Lifetimes  # of its memory, likewise
     is_source: bool  # this host makes the pairs, and keeps half of each
 

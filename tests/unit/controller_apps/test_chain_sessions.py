@@ -15,7 +15,7 @@ from controller_apps.sessions.permission import Permission
 from controller_apps.sessions.sessions import Stop
 from controller_apps.sessions.snapshot import decode_session
 from controller_apps.timeouts import NODE_TIMEOUT_S
-from wire.features import EVERYTHING, Abilities
+from wire.features import EVERYTHING, NodeFeatures
 from wire.metadata import MalformedPacket, Reason, Service, Setup, Verdict
 
 SWAP = replace(FRAMED, service=Service.SWAP, fidelity_ppm=900_000)
@@ -246,9 +246,9 @@ def test_a_fault_of_a_chain_is_no_switchs() -> None:
 
 def test_a_link_comes_with_the_blocks_that_memories_take_and_no_larger_ones() -> None:
     state = arbiter()
-    small = Abilities(EVERYTHING, 32)
+    small = NodeFeatures(EVERYTHING, 32)
     state.network.hosts = {
-        at: replace(host, abilities=small) for at, host in state.network.hosts.items()
+        at: replace(host, node_features=small) for at, host in state.network.hosts.items()
     }
     chained(state)
     larger = ask_link(state, FIRST)

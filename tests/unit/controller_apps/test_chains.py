@@ -10,12 +10,12 @@ from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import HostPort, Network
 from controller_apps.light.routing import Limits
 from controller_apps.policy.schedules import SCHEDULES
-from controller_apps.sessions.abilities import is_station
 from controller_apps.sessions.actions import Forward, SwapsOrdered
 from controller_apps.sessions.chains import find_chain, orders
+from controller_apps.sessions.node_features import is_station
 from controller_apps.sessions.sessions import Chain, Stop
 from wire.device import NOBODY, SwapOrder
-from wire.features import EVERYTHING, INTERFERE, MEASURE, Abilities
+from wire.features import EVERYTHING, INTERFERE, MEASURE, NodeFeatures
 from wire.metadata import HEADER, Reason, Service, Setup, Verdict, decode
 
 SWAP = replace(FRAMED, service=Service.SWAP)
@@ -58,7 +58,7 @@ def test_a_line_has_a_chain_in_the_other_direction_too(repeaters: int) -> None:
 def with_stations(discovered: Network, links: int) -> list[str]:
     """Give each link a station with two fibres; return their addresses."""
     addresses = [f"10.0.1.{number}" for number in range(1, links + 1)]
-    able = Abilities(MEASURE | INTERFERE, 0)
+    able = NodeFeatures(MEASURE | INTERFERE, 0)
     for number, address in enumerate(addresses, 1):
         for fiber in (0, 1):
             port = HostPort(f"m{number}", address, f"m{number}-q{fiber}", able)
@@ -84,7 +84,9 @@ def test_each_heralded_link_has_a_station_of_its_own() -> None:
 def test_a_host_that_makes_pairs_itself_is_no_station() -> None:
     discovered, hosts = line(1)
     assert not is_station(discovered, hosts[1])  # it says nothing of what it can
-    discovered.attach(SwitchPort(9, 1), HostPort("x", "10.0.9.9", "x-q0", Abilities(EVERYTHING, 1)))
+    discovered.attach(
+        SwitchPort(9, 1), HostPort("x", "10.0.9.9", "x-q0", NodeFeatures(EVERYTHING, 1))
+    )
     assert not is_station(discovered, "10.0.9.9")
 
 

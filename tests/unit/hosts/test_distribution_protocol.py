@@ -23,12 +23,12 @@ from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.lifetimes import Lifetimes
 from hosts.middleware.session.protocol import HostSide, Light, OpenerSide, Order, Steps
 from hosts.middleware.session.values import values
-from wire.features import EVERYTHING, Abilities
+from wire.features import EVERYTHING, NodeFeatures
 from wire.metadata import Handshake, Message, Service, Setup, Topic, decode
 
 SETUP = Setup(5, Service.DISTRIBUTE, Handshake.FRAMED, "10.0.0.3", 8, 1, 1_000_000)
 FOREVER = Lifetimes(np.inf, np.inf, np.inf, np.inf)
-ABILITIES = Abilities(EVERYTHING, 1000)
+NODE_FEATURES = NodeFeatures(EVERYTHING, 1000)
 WAITING = object()  # instead of an outcome that is not there yet
 Y = 2
 
@@ -122,12 +122,12 @@ def ends(world: World, **options: Any) -> tuple[Host, Host]:
     """Return both ends of a session for pairs."""
     ports = ("alice-q1",)
     opener = OpenerSide(
-        *(SETUP, ports, "10.0.0.2", "alice", np.random.default_rng(1), ABILITIES, FOREVER),
+        *(SETUP, ports, "10.0.0.2", "alice", np.random.default_rng(1), NODE_FEATURES, FOREVER),
         frozenset(range(4)),
-        *("bob", ABILITIES, FOREVER, False),
+        *("bob", NODE_FEATURES, FOREVER, False),
     )
     acceptor = HostSide(
-        *(SETUP, ports, "10.0.0.1", "bob", np.random.default_rng(2), ABILITIES, FOREVER),
+        *(SETUP, ports, "10.0.0.1", "bob", np.random.default_rng(2), NODE_FEATURES, FOREVER),
         frozenset(range(4)),
     )
     wanted = DistributeOptions("bob", 7, **options)

@@ -333,7 +333,7 @@ def test_an_opener_that_breaks_the_protocol_is_refused(
                 setup = Setup(5, Service.DISTRIBUTE, 1, "10.0.0.9", 16_384, 1, 1_000_000, port=9)
                 await channel.request(arbitrated(setup, "bob", channel))
                 told = await channel.receive(Values, DEADLINE_S)
-                assert expect(told, Topic.ABILITIES, 0, 7, 1 << 32).tolist()[0] == setup.pairs
+                assert expect(told, Topic.NODE_FEATURES, 0, 7, 1 << 32).tolist()[0] == setup.pairs
                 for message in messages:
                     channel.send(message)
                 with pytest.raises(SessionError, match=words):

@@ -95,7 +95,7 @@ def first_message(way: str, _message: Message) -> bool:
 
 def first_report(way: str, message: Message) -> bool:
     """The acceptor, whose application has accepted, tells something of the light."""
-    able = getattr(message, "topic", 0) == Topic.ABILITIES
+    able = getattr(message, "topic", 0) == Topic.NODE_FEATURES
     return way == "back" and not isinstance(message, Answer) and not able
 
 

@@ -7,11 +7,11 @@ from scapy.contrib.lldp import LLDPDUGenericOrganisationSpecific, LLDPDUManageme
 from scapy.layers.l2 import Ether
 
 from hosts.hardware.lldp import announcement
-from wire.features import EMIT, EVERYTHING, STORE, Abilities
+from wire.features import EMIT, EVERYTHING, STORE, NodeFeatures
 
 MAC = bytes.fromhex("020000000100")
 KEY = "00112233445566778899aabbccddeeff"
-ABLE = Abilities(EMIT | STORE, 32)
+ABLE = NodeFeatures(EMIT | STORE, 32)
 GOLDEN = (
     "0180c200000e 020000000100 88cc"
     "0206 07 616c696365"  # alice
@@ -37,7 +37,7 @@ def test_a_sealed_frame_has_these_bytes() -> None:
 
 
 def test_os_ken_reads_what_was_meant() -> None:
-    able = Abilities(EVERYTHING, 1 << 31)
+    able = NodeFeatures(EVERYTHING, 1 << 31)
     read = packet.Packet(announcement("bob", "b" * 255, "10.0.1.255", MAC, 65_535, able))
     assert read.get_protocol(ethernet.ethernet).src == "02:00:00:00:01:00"
     host, port, ttl, management, ours, end = read.get_protocol(lldp.lldp).tlvs
@@ -46,7 +46,7 @@ def test_os_ken_reads_what_was_meant() -> None:
     assert ttl.ttl == 65_535
     assert IPv4Address(management.addr) == IPv4Address("10.0.1.255")
     assert (management.addr_subtype, management.intf_subtype, management.oid) == (1, 1, b"")
-    assert (ours.oui, ours.subtype, Abilities.decode(ours.info)) == (b"\x02QM", 2, able)
+    assert (ours.oui, ours.subtype, NodeFeatures.decode(ours.info)) == (b"\x02QM", 2, able)
     assert isinstance(end, lldp.End)
 
 

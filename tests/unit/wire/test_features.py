@@ -13,7 +13,7 @@ from wire.features import (
     MEASURE,
     NOTHING,
     STORE,
-    Abilities,
+    NodeFeatures,
     names,
 )
 from wire.metadata import MalformedPacket, Service
@@ -31,9 +31,9 @@ from wire.services import (
 )
 
 GOLDEN = [
-    (Abilities(EVERYTHING, 4_000_000), "3f003d0900"),
-    (Abilities(EMIT | STORE | MEASURE, 32), "0b00000020"),
-    (Abilities(NOTHING, 0), "0000000000"),
+    (NodeFeatures(EVERYTHING, 4_000_000), "3f003d0900"),
+    (NodeFeatures(EMIT | STORE | MEASURE, 32), "0b00000020"),
+    (NodeFeatures(NOTHING, 0), "0000000000"),
 ]
 REFUSED = [
     ("", "features in 0 bytes, not 5"),
@@ -46,21 +46,21 @@ REFUSED = [
 ]
 
 
-@pytest.mark.parametrize(("abilities", "data"), GOLDEN)
-def test_abilities_are_these_bytes_both_ways(abilities: Abilities, data: str) -> None:
-    assert abilities.encode().hex() == data
-    assert Abilities.decode(bytes.fromhex(data)) == abilities
+@pytest.mark.parametrize(("node_features", "data"), GOLDEN)
+def test_abilities_are_these_bytes_both_ways(node_features: NodeFeatures, data: str) -> None:
+    assert node_features.encode().hex() == data
+    assert NodeFeatures.decode(bytes.fromhex(data)) == node_features
 
 
 @pytest.mark.parametrize(("data", "message"), REFUSED)
 def test_what_no_host_can_be_is_refused(data: str, message: str) -> None:
     with pytest.raises(MalformedPacket, match=re.escape(message)):
-        Abilities.decode(bytes.fromhex(data))
+        NodeFeatures.decode(bytes.fromhex(data))
 
 
 def test_of_two_announcements_only_what_both_say_is_true() -> None:
-    one, other = Abilities(EMIT | STORE, 32), Abilities(STORE | GATE, 10)
-    assert one.both(other) == other.both(one) == Abilities(STORE, 10)
+    one, other = NodeFeatures(EMIT | STORE, 32), NodeFeatures(STORE | GATE, 10)
+    assert one.both(other) == other.both(one) == NodeFeatures(STORE, 10)
 
 
 def test_features_have_names() -> None:

@@ -15,8 +15,8 @@ from wire.features import (
     INTERFERE,
     MEASURE,
     STORE,
-    Abilities,
     Feature,
+    NodeFeatures,
 )
 from wire.parameters.physics import (
     BadParameter,
@@ -119,4 +119,4 @@ def test_what_a_device_can_do_follows_from_its_parts(device: Device, wanting: Fe
 
 def test_a_host_announces_what_its_device_can_do_and_how_much_it_stores() -> None:
     device = Device(memory=Memory(capacity=32), gates=Gates("paulis"))
-    assert device.abilities == Abilities(EMIT | STORE | MEASURE | INTERFERE, 32)
+    assert device.node_features == NodeFeatures(EMIT | STORE | MEASURE | INTERFERE, 32)

@@ -12,7 +12,7 @@ import numpy as np
 from hosts.middleware.services.distribution.options import MAX_ROUNDS, DistributeOptions
 from hosts.middleware.services.distribution.pairs import Pairs
 from hosts.middleware.services.distribution.purification import PHOTONS, Protocol
-from hosts.middleware.session import abilities
+from hosts.middleware.session import node_features
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.lifetimes import NUMBERS, Lifetimes
 from hosts.middleware.session.protocol import HostSide, Now, OpenerSide, Steps, Tell, hear, request
@@ -50,12 +50,12 @@ class Opening:
         self._size = 1
         judged = LEAST_JUDGED if options.fidelity else LEAST_SAMPLE
         self._least_sample = judged if options.sample else 0
-        self._room = abilities.room(side)
+        self._capacity = node_features.capacity(side)
 
     def run(self) -> Steps[Pairs]:
         """Make pairs until there are as many, and as good ones, as are wanted; deliver them."""
         pairs, count = self._pairs, self._options.count
-        self._require_abilities()
+        self._require_node_features()
         while not (yield from self._are_ready()):
             if self._judged and self._too_noisy:
                 yield from self._purify_once_more()
@@ -105,18 +105,18 @@ class Opening:
         told = "memory.cutoff_s, or what the controller has set"
         return f"a longer cut-off than {self._cutoff_s:g} s ({told})"
 
-    def _require_abilities(self) -> None:
+    def _require_node_features(self) -> None:
         """Raise SessionError before any light for what cannot come to a good end."""
         options = self._options
-        abilities.require_capacity(self._side, options.count, self._spare)
+        node_features.require_capacity(self._side, options.count, self._spare)
         if options.sample:
-            abilities.require(self._side, MEASURE, "an estimate", "choose sample 0")
+            node_features.require(self._side, MEASURE, "an estimate", "choose sample 0")
         if options.rounds:
             self._require_gates()
 
     def _require_gates(self) -> None:
         remedy = "ask for less fidelity, use a better source, or take hosts with gates"
-        abilities.require(self._side, GATE | MEASURE, "purification", remedy)
+        node_features.require(self._side, GATE | MEASURE, "purification", remedy)
 
     @property
     def _spare(self) -> int:
@@ -142,7 +142,7 @@ class Opening:
     def _acquire(self) -> Steps[None]:
         """Have another block of light made, and bring its pairs to where the others are."""
         pairs = self._pairs
-        abilities.require_capacity(self._side, pairs.available, self._spare)
+        node_features.require_capacity(self._side, pairs.available, self._spare)
         self._number, self._size = self._number + 1, self._next_size()
         yield from self._make(pairs, self._number, self._size)
         self._dark = 0 if self._number in pairs.blocks else self._dark + 1
@@ -152,7 +152,7 @@ class Opening:
     def _next_size(self) -> int:
         """Return how much light is worth asking for, by what has come of it so far."""
         pairs, share = self._pairs, self._options.sample
-        room = self._room - pairs.available
+        room = self._capacity - pairs.available
         most = min(self._side.setup.pairs, int(self._side.setup.rate_hz * MAX_BLOCK_S), room)
         missing = max(self._options.count - pairs.available, 0)
         unsampled = max(self._least_sample - pairs.estimate.total, 0)

@@ -229,8 +229,8 @@ def asked_optics(datapath: Datapath) -> int:
 def announcement(
     host_port: HostPort, ttl: int = 120, subtype: int = 7, told: tuple[bytes, ...] = ()
 ) -> bytes:
-    """Return an announcement; `told` are what TLVs of abilities hold, if not the port's own."""
-    abilities = (host_port.abilities.encode(),) if host_port.abilities else told
+    """Return an announcement; `told` are what TLVs of features hold, if not the port's own."""
+    node_features = (host_port.node_features.encode(),) if host_port.node_features else told
     address = bytes(int(part) for part in host_port.address.split("."))
     frame = (
         Ether(dst="01:80:c2:00:00:0e", src="02:00:00:00:01:00", type=0x88CC)
@@ -243,7 +243,7 @@ def announcement(
             interface_numbering_subtype=1,
         )
     )
-    for data in abilities:
+    for data in node_features:
         code = int.from_bytes(OUI, "big")
         frame /= LLDPDUGenericOrganisationSpecific(org_code=code, subtype=SUBTYPE, data=data)
     return bytes(frame / LLDPDUEndOfLLDPDU())

@@ -31,7 +31,7 @@ from controller_apps.light.optics import SwitchPort
 from controller_apps.openflow import discovery, framework
 from controller_apps.openflow.framework import ofproto
 from hosts.hardware.lldp import announcement as host_announcement
-from wire.features import EVERYTHING, OUI, Abilities
+from wire.features import EVERYTHING, OUI, NodeFeatures
 from wire.metadata import (
     MalformedPacket,
 )
@@ -62,7 +62,7 @@ def test_nobody_announces_the_fibre_of_another(
         "mac": bytes(6),
         "ttl_s": 30,
     }
-    told |= {"abilities": Abilities(EVERYTHING, 8), "key": KEY, "number": 5}
+    told |= {"node_features": NodeFeatures(EVERYTHING, 8), "key": KEY, "number": 5}
     scene.packet_in(scene.q1, 2, host_announcement(**told))
     at = SwitchPort(Q1, 2)
     assert set(scene.quantum.network.hosts) == {at}
@@ -234,10 +234,10 @@ def test_malformed_lldp_is_counted_and_changes_nothing(scene: Scene) -> None:
 
 
 def test_hosts_say_what_they_can_do_or_what_they_say_is_not_heard(scene: Scene) -> None:
-    able = replace(FIBERS[1], abilities=Abilities(EVERYTHING, 32))
+    able = replace(FIBERS[1], node_features=NodeFeatures(EVERYTHING, 32))
     data = announcement(able)
     assert discovery.parse(data) == discovery.Announcement(able, leaving=False)
-    told = able.abilities.encode() if able.abilities else b""
+    told = able.node_features.encode() if able.node_features else b""
     refused = [told[:length] for length in range(len(told))]
     refused += [told + b"\0", b"\x7f" + told[1:], b"\x02" + bytes(4), b"\x0d" + told[1:]]
     for number, info in enumerate(refused, 1):
@@ -250,8 +250,8 @@ def test_hosts_say_what_they_can_do_or_what_they_say_is_not_heard(scene: Scene) 
         discovery.parse(announcement(FIBERS[1], told=(told, told)))
     assert not scene.quantum.network.hosts
     scene.packet_in(scene.q1, 1, data)
-    assert scene.quantum.network.abilities_of(able.address) == able.abilities
-    question = EventQuestion("abilities", {})
+    assert scene.quantum.network.node_features_of(able.address) == able.node_features
+    question = EventQuestion("node_features", {})
     scene.quantum.asked(question)
     features = ["emit", "store", "gate", "measure", "herald", "interfere"]
     assert question.wait() == {"alice": {"features": features, "memory_qubits": 32}}

@@ -7,36 +7,36 @@ import pytest
 from metadata_scene import ALICE, BOB, CHARLIE, FIBERS, FRAMED, Q1, arbiter, frame, payload_of
 from test_chains import line
 
-from controller_apps.console.views import abilities_view
+from controller_apps.console.views import node_features_view
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import HostPort, Network
 from controller_apps.light.routing import Limits
 from controller_apps.packets.segments import FiveTuple
-from controller_apps.sessions.abilities import want_of_repeater
 from controller_apps.sessions.actions import Forward, Note, OpenPaths, SwapsOrdered
 from controller_apps.sessions.admission import Admission, find_light
 from controller_apps.sessions.chains import find_chain, repeaters_of
+from controller_apps.sessions.node_features import want_of_repeater
 from controller_apps.sessions.sessions import Sessions
-from wire.features import EMIT, EVERYTHING, GATE, MEASURE, STORE, Abilities, Feature
+from wire.features import EMIT, EVERYTHING, GATE, MEASURE, STORE, Feature, NodeFeatures
 from wire.metadata import METADATA_PORT, Reason, Service, Setup, Verdict, decode
 from wire.services import NEEDS, WANT_OF, Role
 
 ADDRESSES = {Role.OPENER: ALICE, Role.ACCEPTOR: BOB, Role.SOURCE: CHARLIE}
-ABLE = Abilities(EVERYTHING, 4_000_000)
+ABLE = NodeFeatures(EVERYTHING, 4_000_000)
 CONNECTION = FiveTuple(ALICE, 40_000, BOB, METADATA_PORT)
 
 
-def without(feature: Feature) -> Abilities:
-    """Return the abilities of a host that lacks a feature."""
-    return Abilities(EVERYTHING & ~feature, 0 if feature == STORE else 4_000_000)
+def without(feature: Feature) -> NodeFeatures:
+    """Return the features of a host that lacks a feature."""
+    return NodeFeatures(EVERYTHING & ~feature, 0 if feature == STORE else 4_000_000)
 
 
-def announced(told: dict[str, Abilities | None]) -> Network:
+def announced(told: dict[str, NodeFeatures | None]) -> Network:
     """Return the network of three hosts, of which these have told what they can do."""
     found = Network({Q1})
     for port, host in FIBERS.items():
-        abilities = told.get(host.address, ABLE)
-        found.attach(SwitchPort(Q1, port), replace(host, abilities=abilities))
+        node_features = told.get(host.address, ABLE)
+        found.attach(SwitchPort(Q1, port), replace(host, node_features=node_features))
     return found
 
 
@@ -72,10 +72,10 @@ def test_a_service_is_refused_where_a_host_lacks_what_its_part_needs(
 @pytest.mark.parametrize("service", [Service.SDC, Service.DISTRIBUTE, Service.TELEPORT])
 def test_what_a_part_does_not_need_may_be_lacking(service: Service) -> None:
     needed = NEEDS[service]
-    told: dict[str, Abilities | None] = {}
+    told: dict[str, NodeFeatures | None] = {}
     for role, address in ADDRESSES.items():
         has = needed.get(role, Feature(0))
-        told[address] = Abilities(has, 4_000_000 if STORE in has else 0)
+        told[address] = NodeFeatures(has, 4_000_000 if STORE in has else 0)
     assert admission(of(service), announced(told)).reason == Reason.OK
 
 
@@ -83,12 +83,12 @@ def test_a_host_that_tells_nothing_is_taken_to_be_able_to_everything() -> None:
     network = announced(dict.fromkeys((ALICE, BOB, CHARLIE)))
     granted = admission(of(Service.TELEPORT), network)
     assert (granted.reason, granted.block_pairs) == (Reason.OK, FRAMED.pairs)
-    assert abilities_view(network) == {}
+    assert node_features_view(network) == {}
 
 
 def test_blocks_are_no_larger_than_the_smallest_memory_that_keeps_them() -> None:
-    small = {ALICE: Abilities(EVERYTHING, 50), BOB: Abilities(EVERYTHING, 32)}
-    small[CHARLIE] = Abilities(EVERYTHING, 7)  # keeps nothing
+    small = {ALICE: NodeFeatures(EVERYTHING, 50), BOB: NodeFeatures(EVERYTHING, 32)}
+    small[CHARLIE] = NodeFeatures(EVERYTHING, 7)  # keeps nothing
     network = announced(dict(small))
     assert admission(of(Service.DISTRIBUTE), network).block_pairs == 32
     assert admission(of(Service.DISTRIBUTE, pairs=20), network).block_pairs == 20
@@ -99,9 +99,9 @@ def test_blocks_are_no_larger_than_the_smallest_memory_that_keeps_them() -> None
 
 def test_ports_that_tell_different_things_are_believed_what_all_of_them_say() -> None:
     network = announced({})
-    bob = replace(FIBERS[3], abilities=Abilities(STORE | GATE, 10))
+    bob = replace(FIBERS[3], node_features=NodeFeatures(STORE | GATE, 10))
     network.attach(SwitchPort(Q1, 3), bob)
-    assert network.abilities_of(BOB) == Abilities(STORE | GATE, 10)
+    assert network.node_features_of(BOB) == NodeFeatures(STORE | GATE, 10)
     refused = admission(of(Service.SDC), network)
     assert (refused.reason, refused.node) == (Reason.CANNOT_MEASURE, BOB)
 
@@ -109,7 +109,7 @@ def test_ports_that_tell_different_things_are_believed_what_all_of_them_say() ->
 @pytest.mark.parametrize("service", [Service.DISTRIBUTE, Service.TELEPORT])
 def test_an_opener_that_is_its_own_source_needs_no_third_host(service: Service) -> None:
     setup = of(service, source=ALICE)
-    granted = admission(setup, announced({CHARLIE: Abilities(Feature(0), 0)}))
+    granted = admission(setup, announced({CHARLIE: NodeFeatures(Feature(0), 0)}))
     assert granted.reason == Reason.OK
     (path,) = granted.paths
     assert path.leg == (SwitchPort(Q1, 1), SwitchPort(Q1, 2))  # alice's last fibre, bob's first
@@ -146,7 +146,7 @@ def test_the_acceptor_is_told_which_host_lacks_what() -> None:
 
 
 def test_the_acceptor_is_told_how_large_blocks_may_be_and_every_copy_says_the_same() -> None:
-    small = announced({BOB: Abilities(EVERYTHING, 32)})
+    small = announced({BOB: NodeFeatures(EVERYTHING, 32)})
     judge = arbiter()
     judge.network.hosts = small.hosts
     setup = of(Service.DISTRIBUTE)
@@ -163,7 +163,7 @@ def test_the_acceptor_is_told_how_large_blocks_may_be_and_every_copy_says_the_sa
 
 def test_a_request_that_has_waited_for_light_gets_blocks_that_fit_as_well() -> None:
     judge = arbiter(queues=True)
-    judge.network.hosts = announced({BOB: Abilities(EVERYTHING, 32)}).hosts
+    judge.network.hosts = announced({BOB: NodeFeatures(EVERYTHING, 32)}).hosts
     first, second = of(Service.DISTRIBUTE), of(Service.DISTRIBUTE, session=8)
     (paths,) = opened(judge.segment_arrived(1, 1, frame(first.encode()), 0.0))
     judge.barrier_passed(Q1, paths.transaction, 0.1)
@@ -180,21 +180,21 @@ def opened(actions: Sequence[object]) -> list[OpenPaths]:
 
 
 @pytest.mark.parametrize(
-    ("abilities", "feature"),
+    ("node_features", "feature"),
     [
         (without(EMIT), EMIT),
         (without(STORE), STORE),
         (without(MEASURE), MEASURE),
         (without(GATE), None),  # a Bell measurement is enough
-        (Abilities(EVERYTHING, 1), STORE),  # a repeater keeps two halves
-        (Abilities(EVERYTHING, 2), None),
+        (NodeFeatures(EVERYTHING, 1), STORE),  # a repeater keeps two halves
+        (NodeFeatures(EVERYTHING, 2), None),
         (None, None),
     ],
 )
 def test_a_repeater_must_emit_store_two_qubits_and_measure(
-    abilities: Abilities | None, feature: Feature | None
+    node_features: NodeFeatures | None, feature: Feature | None
 ) -> None:
-    want = want_of_repeater(announced({CHARLIE: abilities}), CHARLIE)
+    want = want_of_repeater(announced({CHARLIE: node_features}), CHARLIE)
     assert (want and want.feature) == feature
 
 
@@ -204,12 +204,12 @@ def test_a_swap_by_way_of_a_host_that_cannot_is_refused_by_its_name() -> None:
     assert not any(isinstance(action, SwapsOrdered) for action in actions)
 
 
-def two_ways(middle: Abilities | None) -> tuple[Network, list[str]]:
+def two_ways(middle: NodeFeatures | None) -> tuple[Network, list[str]]:
     """Return alice, r1, bob in a line, and beside it the longer way by r2 and r3."""
     found, (alice, r1, bob) = line(1)
     found.connected.add(3)
     for place in [at for at, host in found.hosts.items() if host.address == r1]:
-        found.hosts[place] = replace(found.hosts[place], abilities=middle)
+        found.hosts[place] = replace(found.hosts[place], node_features=middle)
     r2, r3 = "10.0.1.2", "10.0.1.3"
     found.attach(SwitchPort(1, 3), HostPort("r2", r2, "r2-q0"))
     found.attach(SwitchPort(3, 1), HostPort("r2", r2, "r2-q1"))
@@ -219,8 +219,8 @@ def two_ways(middle: Abilities | None) -> tuple[Network, list[str]]:
 
 
 def test_a_chain_goes_round_a_host_that_cannot_be_a_repeater() -> None:
-    for abilities, longer in [(None, False), (ABLE, False), (without(STORE), True)]:
-        network, (alice, r1, bob, r2, r3) = two_ways(abilities)
+    for node_features, longer in [(None, False), (ABLE, False), (without(STORE), True)]:
+        network, (alice, r1, bob, r2, r3) = two_ways(node_features)
         found = admission_of_swap(network, alice, bob)
         assert repeaters_of(found.chain) == ([r2, r3] if longer else [r1])
         assert found.reason == Reason.OK
@@ -239,8 +239,8 @@ def test_without_abilities_asked_about_any_host_of_two_fibres_is_a_repeater() ->
 
 
 def test_devices_are_shown_with_what_they_can_do() -> None:
-    network = announced({BOB: Abilities(STORE | MEASURE, 32), CHARLIE: None})
-    view = abilities_view(network)
+    network = announced({BOB: NodeFeatures(STORE | MEASURE, 32), CHARLIE: None})
+    view = node_features_view(network)
     assert view["bob"] == {"features": ["store", "measure"], "memory_qubits": 32}
     features = ["emit", "store", "gate", "measure", "herald", "interfere"]
     assert view["alice"]["features"] == features

@@ -1,10 +1,10 @@
-"""The abilities of both ends of a session, compared with those that its service needs."""
+"""The features of both ends of a session, compared with those that its service needs."""
 
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.lifetimes import NUMBERS, Lifetimes
 from hosts.middleware.session.protocol import HostSide, OpenerSide, Say, Side, Steps
 from hosts.middleware.session.protocol import hear as hear_numbers
-from wire.features import STORE, Abilities, Feature, names
+from wire.features import STORE, Feature, NodeFeatures, names
 from wire.metadata import MalformedPacket, Reason, Service, Setup, Topic
 from wire.services import Role, needs
 
@@ -42,34 +42,34 @@ def are_told(service: Service) -> bool:
 
 def say(side: HostSide) -> Say:
     """Tell the opener, and how large blocks may be: the controller may have granted less."""
-    ours, times = side.abilities, side.lifetimes.numbers()
+    ours, times = side.node_features, side.lifetimes.numbers()
     numbers = [side.setup.pairs, ours.features.value, ours.memory_qubits, *times]
-    return side.say(Topic.ABILITIES, 0, numbers, 32)
+    return side.say(Topic.NODE_FEATURES, 0, numbers, 32)
 
 
-def hear(side: Side) -> Steps[tuple[int, Abilities, Lifetimes]]:
+def hear(side: Side) -> Steps[tuple[int, NodeFeatures, Lifetimes]]:
     """Return how large blocks may be, and what the acceptor can do; or raise SessionError."""
-    numbers = yield from hear_numbers(Topic.ABILITIES, 0, 3 + NUMBERS, MAX_NUMBER)
+    numbers = yield from hear_numbers(Topic.NODE_FEATURES, 0, 3 + NUMBERS, MAX_NUMBER)
     pairs, bits, memory_qubits, *rest = numbers.tolist()
     if not 0 < pairs <= side.setup.pairs:
         text = f"blocks of {pairs} pairs, {side.setup.pairs} were asked for"
         raise SessionError(Reason.PROTOCOL, text)
     try:
-        return pairs, Abilities.checked(bits, memory_qubits), Lifetimes.of(rest, side.peer)
+        return pairs, NodeFeatures.checked(bits, memory_qubits), Lifetimes.of(rest, side.peer)
     except MalformedPacket as error:
         raise SessionError(Reason.PROTOCOL, f"{side.peer}: {error}") from error
 
 
-def room(side: OpenerSide) -> int:
+def capacity(side: OpenerSide) -> int:
     """Return how many pairs both ends can keep."""
-    return side.abilities.both(side.theirs).memory_qubits
+    return side.node_features.both(side.theirs).memory_qubits
 
 
 def require_capacity(side: OpenerSide, pairs: int, spare: int) -> None:
     """Raise SessionError unless so many pairs fit into both memories, with spare ones."""
-    if pairs + spare <= room(side):
+    if pairs + spare <= capacity(side):
         return
-    least, who = min((abilities.memory_qubits, who) for abilities, who in _ends(side))
+    least, who = min((has.memory_qubits, who) for has, who in _ends(side))
     more = f" and {spare} more, to estimate or purify," if spare else ""
     raise SessionError(
         Reason.UNSUPPORTED,
@@ -80,15 +80,15 @@ def require_capacity(side: OpenerSide, pairs: int, spare: int) -> None:
 
 def require(side: OpenerSide, feature: Feature, what: str, remedy: str) -> None:
     """Raise SessionError unless both ends have a feature; what needs it is named."""
-    for abilities, who in _ends(side):
-        if feature not in abilities.features:
+    for has, who in _ends(side):
+        if feature not in has.features:
             raise SessionError(
                 Reason.UNSUPPORTED,
                 f"{what} needs the feature {names(feature)} at both ends, and {who} has only "
-                f"{names(abilities.features)}: {remedy}",
+                f"{names(has.features)}: {remedy}",
             )
 
 
-def _ends(side: OpenerSide) -> tuple[tuple[Abilities, str], tuple[Abilities, str]]:
+def _ends(side: OpenerSide) -> tuple[tuple[NodeFeatures, str], tuple[NodeFeatures, str]]:
     """Return what each end can do, and its name."""
-    return (side.abilities, side.host), (side.theirs, side.other_host)
+    return (side.node_features, side.host), (side.theirs, side.other_host)

@@ -1,4 +1,4 @@
-"""The abilities that hosts have announced, compared with those that a session needs.
+"""The features that hosts have announced, compared with those that a session needs.
 
 A host that has announced nothing of it (one that is not ours) is taken to be able to everything,
 with a memory for any block: what it cannot do, it refuses itself.
@@ -47,7 +47,7 @@ def first_want(setup: Setup, hosts: Mapping[Role, str], network: Network) -> Wan
 def want_of_repeater(network: Network, address: str, by: Making = Making.SOURCE) -> Want | None:
     """Return what a host lacks to be a repeater, None if nothing; `by`: who makes its pairs."""
     want = _want(network, address, Role.REPEATER, needs(Service.SWAP, Role.REPEATER, by))
-    known = network.abilities_of(address)
+    known = network.node_features_of(address)
     if want is None and known is not None and known.memory_qubits < HALVES:
         return Want(address, STORE, Role.REPEATER)
     return want
@@ -55,7 +55,7 @@ def want_of_repeater(network: Network, address: str, by: Making = Making.SOURCE)
 
 def is_station(network: Network, address: str) -> bool:
     """Tell whether a host is known to herald pairs of others, and to make none itself."""
-    known = network.abilities_of(address)
+    known = network.node_features_of(address)
     return known is not None and INTERFERE in known.features and EMIT not in known.features
 
 
@@ -66,13 +66,15 @@ def block_pairs(
     service = Service(setup.service)
     keeping = [hosts[role] for role in ENDS if STORE in needs(service, role)]
     taken = [(address, 1) for address in keeping] + [(address, HALVES) for address in repeaters]
-    known = [(network.abilities_of(address), qubits) for address, qubits in taken]
-    limits = (abilities.memory_qubits // qubits for abilities, qubits in known if abilities)
+    known = [(network.node_features_of(address), qubits) for address, qubits in taken]
+    limits = (
+        node_features.memory_qubits // qubits for node_features, qubits in known if node_features
+    )
     return min([setup.pairs, *limits])
 
 
 def _want(network: Network, address: str, role: Role, needed: Feature) -> Want | None:
-    known = network.abilities_of(address)
+    known = network.node_features_of(address)
     if known is None:
         return None
     missing = next(iter(needed & ~known.features), None)
