@@ -218,6 +218,11 @@ class Switch:
             (self.ports.discard if port.gone else self.ports.add)(port.number)
 
     @property
+    def described(self) -> dict[int, Port]:
+        """The ports that are fibres', as the bridge describes them."""
+        return self._channels.ports
+
+    @property
     def optical_alone(self) -> bool:
         """Whether there is no copper, so that the bridge forwards no packets."""
         return not self.ports - self.fibers - {ofp.OFPP_LOCAL}

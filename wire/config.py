@@ -208,6 +208,7 @@ class AgentConfig(MeasuredConfig):
     hardware_ports: dict[str, list[int]] = field(default_factory=dict)
     programs: str = ""  # path of a Unix socket for ovs-ofctl and the like; empty: none
     credentials: Credentials | None = None  # controllers are reached by TLS
+    gnmi: str = ""  # where telemetry is served: "127.0.0.1:9339"; empty: nowhere
 
     @classmethod
     def from_dict(cls, fields: dict[str, Any]) -> "AgentConfig":
