@@ -13,8 +13,7 @@ from chain_scene import chain
 from stacks_scene import RELAYED, ask, grant, network, refusal, requested
 from test_distribution_sessions import failed, inside
 
-from hosts.middleware.session.lifetimes import Lifetimes
-from hosts.middleware.session.values import values
+from hosts.middleware.session.values import Lifetimes, values
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
 from topologies.node_kinds import ION_TRAP, node_device
