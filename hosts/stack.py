@@ -27,6 +27,7 @@ from hosts.middleware.session.ends import ConnectionEnd
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.host_resources import HostResources
 from hosts.middleware.session.node_features import refusal
+from hosts.middleware.session.offers import check_wavelength
 from hosts.middleware.session.session import AcceptingSession, OpeningSession, require_source
 from hosts.middleware.session.swap_orders import Swaps
 from hosts.middleware.session.values import Lifetimes
@@ -40,6 +41,7 @@ from hosts.timeouts import ANSWER_TIMEOUT_S
 from wire.config import STANDING, HostConfig
 from wire.features import HERALD
 from wire.metadata import Handshake, MemoryState, Reason, Service, Setup, Verdict
+from wire.optical import ANY_WAVELENGTH
 from wire.services import HERALDED_LIGHT, Role
 
 log = logging.getLogger("stack")
@@ -68,6 +70,7 @@ class Stack:
             config.multi_photon,
             tuple(config.intensities),
             Lifetimes(config.t1_s, config.t2_s, config.depolarizing_s, config.cutoff_s),
+            config.channels_mhz,
         )
         self._cut_off(None)
         self.active_sessions = ActiveSessions(self.swaps.opens)
@@ -102,6 +105,7 @@ class Stack:
             session=self._new_session(),
             service=kind.service,
             source=address,
+            wavelength_pm=ANY_WAVELENGTH,
             **options.asked(),
         )
         setup = self._heralded(self.device.override(setup), source)
@@ -122,7 +126,8 @@ class Stack:
         """Prepare an interception; raise SessionError for what cannot be asked."""
         options = InterceptionOptions.from_fields(fields)
         config = self._config
-        return Interception(self._qnic, options, config.seed, config.name, config.memory_qubits)
+        qnic = self._resources.at(options.wavelength_pm).qnic
+        return Interception(qnic, options, config.seed, config.name, config.memory_qubits)
 
     async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Serve one connection on the quantum-metadata port."""
@@ -163,12 +168,14 @@ class Stack:
 
     async def _emit_pairs(self, channel: MetadataChannel, setup: Setup) -> None:
         with self.active_sessions.engage(setup.session, Role.SOURCE), self.device.serves(setup):
-            end = ConnectionEnd(self._qnic, setup, channel)
+            check_wavelength(setup)
+            qnic = self._resources.at(setup.wavelength_pm).qnic
+            end = ConnectionEnd(qnic, setup, channel)
             check_source(end.side)
             try:
                 await end.perform(make_pairs(end.side, self.device.made))
             finally:
-                await release(self._qnic, setup.session)
+                await release(qnic, setup.session)
 
     @contextmanager
     def _opening(self, session: OpeningSession) -> Iterator[None]:

@@ -1,7 +1,8 @@
 """Starts q0, the interface whose packets travel by light, on all hosts of a running network."""
 
 from dataclasses import dataclass, field
-from ipaddress import IPv4Address, IPv4Network
+from ipaddress import IPv4Address, IPv4Network, IPv6Address, IPv6Network
+from pathlib import Path
 from typing import Any
 
 from topologies.addresses import free_address
@@ -11,11 +12,15 @@ from topologies.network import Network
 from topologies.nodes import QuantumHost
 from topologies.programs import NetworkError
 from topologies.timeouts import READY_TIMEOUT_S
+from wire import ipv6
 from wire.features import EMIT
 from wire.ip_over_light import DEFAULT_MTU, INTERFACE, IpOverLightConfig, Neighbor
 
 MODULE = "hosts.ip_over_light"
 NETWORK = IPv4Network("10.1.0.0/16")
+NETWORK6 = IPv6Network("fd71:6d6e::/64")  # RFC 4193
+KERNEL_HAS_IPV6 = Path("/proc/sys/net/ipv6")
+ROUTER6 = str(NETWORK6[-1])
 BLOCK_PAIRS = 1 << 18  # a batch of packets in one block: each block costs the same work
 MOST_HOSTS = 64  # each has all others as neighbours
 FIBERS = 2  # that a host needs to receive, or to make pairs
@@ -35,6 +40,17 @@ def light_address(address: str) -> str:
     """Return the address of a host's q0: in a network of its own, with the host's own number."""
     mask = int(NETWORK.hostmask)
     return str(IPv4Address(int(NETWORK.network_address) | int(IPv4Address(address)) & mask))
+
+
+def light_address6(address: str, mtu: int) -> str:
+    """Return the IPv6 address of a host's q0, with the host's own number.
+
+    It is "" where packets are too short, and on a kernel without IPv6.
+    """
+    if mtu < ipv6.MIN_MTU or not KERNEL_HAS_IPV6.exists():
+        return ""
+    number = int(IPv4Address(address)) & int(NETWORK.hostmask)
+    return str(IPv6Address(int(NETWORK6.network_address) | number))
 
 
 def start_ip_over_light(network: Network, wanted: IpOverLight | None = None) -> dict[str, str]:
@@ -64,8 +80,17 @@ def start_ip_over_light(network: Network, wanted: IpOverLight | None = None) -> 
             address=light[name],
             prefix_length=NETWORK.prefixlen,
             router=free_address(light.values(), NETWORK.prefixlen),
+            address6=light_address6(copper[name], wanted.mtu),
+            prefix6_length=NETWORK6.prefixlen,
+            router6=ROUTER6,
             neighbors=[
-                Neighbor(other, copper[other], light[other], source_of(network, able, name, other))
+                Neighbor(
+                    other,
+                    copper[other],
+                    light[other],
+                    light_address6(copper[other], wanted.mtu),
+                    source_of(network, able, name, other),
+                )
                 for other in able
                 if other != name
             ],

@@ -21,6 +21,7 @@ class Neighbor:
     host: str
     copper: str  # its address there, by which sessions name it
     address: str  # of its q0
+    address6: str  # of IPv6; "": it has none
     source: str = ""  # host that makes the pairs of both; "": the network's
 
 
@@ -33,6 +34,9 @@ class IpOverLightConfig(Config):
     address: str  # of q0
     prefix_length: int  # of the network of all q0
     router: str  # address in it that ICMP errors come from: no host has it
+    address6: str = ""  # of IPv6; "": there is none
+    prefix6_length: int = 64
+    router6: str = ""
     neighbors: list[Neighbor] = field(default_factory=list)
     mtu: int = DEFAULT_MTU
     idle_s: float = 2.0  # without a packet: then light is given back

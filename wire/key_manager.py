@@ -1,12 +1,15 @@
 """The configuration of a host's key manager: whom it serves, its certificates, its links."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any
 
 from wire.config import Config
 from wire.key_delivery import KEY_DELIVERY_PORT
 
-KEY_LINK_PORT = 14  # at the stacks: where key managers wait for each other's sessions
+# At the stacks: where key managers wait for each other's sessions, by protocol.
+KEY_LINK_PORTS: Mapping[str, int] = MappingProxyType({"bb84": 14, "bbm92": 17, "e91": 18})
 
 
 @dataclass(frozen=True)

@@ -96,6 +96,7 @@ class Transport:
         cutoff.forget(block)
         block.kept = False
         flight = Flight(block, departure, layer)
+        flight.announce(end)
         task = asyncio.create_task(self._fly(block, end, flight))
         self._flights.add(task)
         task.add_done_callback(self._landed)

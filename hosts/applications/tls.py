@@ -12,14 +12,14 @@ import base64
 import struct
 import subprocess
 import threading
-from ipaddress import IPv4Address
+from ipaddress import ip_address
 from pathlib import Path
 from typing import IO
 from uuid import UUID
 
 from hosts.ip_over_light.tun import Tun
 from hosts.timeouts import COMMAND_TIMEOUT_S
-from wire.ipv4 import decode
+from wire.ip_packet import decode
 from wire.metadata import MalformedPacket
 
 PORT = 5443
@@ -54,7 +54,7 @@ class Tls:
 
     def set_up(self) -> None:
         """Make the interface; TunError if it cannot be."""
-        self._tun = Tun(self._interface, self._inside[0], self._prefix_length, MTU)
+        self._tun = Tun(self._interface, [f"{self._inside[0]}/{self._prefix_length}"], MTU)
         threading.Thread(target=self._send_all, daemon=True, name="sender").start()
 
     def use(self, key_id: UUID, key: bytes) -> None:
@@ -134,7 +134,7 @@ class Tls:
             packet = decode(data, MTU)
         except MalformedPacket:
             return
-        own, other = (IPv4Address(each) for each in self._inside)
+        own, other = (ip_address(each) for each in self._inside)
         if (packet.source, packet.destination) == (other, own):
             self._tun.write(packet.data)
 

@@ -19,7 +19,10 @@ def run(config: IpOverLightConfig) -> int:
     ended: queue.SimpleQueue[BaseException | None] = queue.SimpleQueue()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda _number, _frame: ended.put(None))
-    tun = Tun(INTERFACE, config.address, config.prefix_length, config.mtu)
+    addresses = [f"{config.address}/{config.prefix_length}"]
+    if config.address6:
+        addresses.append(f"{config.address6}/{config.prefix6_length}")
+    tun = Tun(INTERFACE, addresses, config.mtu)
     interface = Interface(config, tun, ended.put)
     interface.start()
     print("ready", flush=True)

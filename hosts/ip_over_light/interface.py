@@ -6,16 +6,17 @@ kernel <--q0-- a thread for each session of another host    <-- its light
 
 import logging
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Set
 from contextlib import suppress
-from ipaddress import IPv4Address, IPv4Network
+from ipaddress import IPv4Address, IPv4Network, IPv6Address, ip_address
 
 from hosts.ip_over_light.outgoing import PORTS, Outgoing, Wishes
 from hosts.ip_over_light.tun import Tun
 from hosts.quantum_socket import QuantumSocket
 from hosts.stack_socket import QuantumSocketError, StackEnded
 from wire.ip_over_light import IpOverLightConfig
-from wire.ipv4 import Packet, PacketStream, Unreachable, decode, unreachable
+from wire.ip_packet import PacketStream, decode, unreachable
+from wire.lost_packet import Packet, Unreachable
 from wire.metadata import MalformedPacket
 
 log = logging.getLogger("q0")
@@ -30,8 +31,10 @@ class Interface:
         self, config: IpOverLightConfig, tun: Tun, failed: Callable[[BaseException], None]
     ) -> None:
         self._config, self._tun, self._failed = config, tun, failed
-        self._address = IPv4Address(config.address)
-        self._router = IPv4Address(config.router)
+        own = [each for each in (config.address, config.address6) if each]
+        self._addresses = {address.version: address for address in map(ip_address, own)}
+        routers = [each for each in (config.router, config.router6) if each]
+        self._routers = {address.version: address for address in map(ip_address, routers)}
         self._network = IPv4Network((config.address, config.prefix_length), strict=False)
         self._listeners: list[QuantumSocket] = []
         wishes = Wishes()
@@ -47,8 +50,13 @@ class Interface:
             )
             for neighbor in config.neighbors
         ]
-        self._by_address = {IPv4Address(each.neighbor.address): each for each in outgoing}
-        self._carrying: set[IPv4Address] = set()  # those that have a thread: all ever sent to
+        self._by_address = {
+            ip_address(address): each
+            for each in outgoing
+            for address in (each.neighbor.address, each.neighbor.address6)
+            if address
+        }
+        self._carrying: set[str] = set()  # hosts that have a thread: all ever sent to
         self._by_copper = {each.neighbor.copper: each for each in outgoing}
 
     def start(self) -> None:
@@ -77,7 +85,7 @@ class Interface:
             data = self._tun.read()
             try:
                 self.send(decode(data, self._config.mtu))
-            except MalformedPacket as error:  # IPv6 that somebody has switched on, perhaps
+            except MalformedPacket as error:
                 log.warning("not sent: %s", error)
 
     def send(self, packet: Packet) -> None:
@@ -86,15 +94,15 @@ class Interface:
         if outgoing is None:
             self.refuse(packet, Unreachable.HOST_UNKNOWN)
             return
-        if packet.destination not in self._carrying:
-            self._carrying.add(packet.destination)
+        if outgoing.neighbor.host not in self._carrying:
+            self._carrying.add(outgoing.neighbor.host)
             self._begin(outgoing.run)
         outgoing.offer(packet)
 
     def refuse(self, packet: Packet, why: Unreachable) -> None:
         """Tell this host's kernel that a packet is lost, if anybody may be told."""
         if packet.may_be_answered and packet.destination != self._network.broadcast_address:
-            self._tun.write(unreachable(packet, why, self._router))
+            self._tun.write(unreachable(packet, why, self._routers[packet.source.version]))
 
     def _accept(self, listener: QuantumSocket, service: str) -> None:
         while True:
@@ -110,12 +118,13 @@ class Interface:
     def _receive(self, connection: QuantumSocket, outgoing: Outgoing, service: str) -> None:
         """Pass on what one session of another host brings, until its end."""
         stream = PacketStream(self._config.mtu)
-        source = IPv4Address(outgoing.neighbor.address)
+        given = outgoing.neighbor.address, outgoing.neighbor.address6
+        sources = {ip_address(each) for each in given if each}
         try:
             with connection:
                 while data := connection.recv(READ_BYTES):
                     for packet in stream.feed(data):
-                        self.deliver(packet, source)
+                        self.deliver(packet, sources)
         except StackEnded:
             raise
         except (QuantumSocketError, MalformedPacket) as error:
@@ -123,12 +132,13 @@ class Interface:
         finally:
             outgoing.incoming(service, -1)
 
-    def deliver(self, packet: Packet, source: IPv4Address) -> None:
+    def deliver(self, packet: Packet, sources: Set[IPv4Address | IPv6Address]) -> None:
         """Hand a packet to the kernel, if it is what the host that it came from may send here."""
-        if (packet.source, packet.destination) == (source, self._address):
+        own = self._addresses.get(packet.destination.version)
+        if packet.source in sources and packet.destination == own:
             self._tun.write(packet.data)
         else:
-            log.warning("from %s: a packet of %s for %s", source, packet.source, packet.destination)
+            log.warning("dropped: a packet of %s for %s", packet.source, packet.destination)
 
     def close(self) -> None:
         """Take no more."""

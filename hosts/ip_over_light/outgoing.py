@@ -22,7 +22,7 @@ from hosts.quantum_socket import QuantumSocket
 from hosts.stack_socket import QuantumSocketError, StackEnded
 from hosts.timeouts import HOLDOFF_S, LIGHT_RETRY_S, YIELD_S
 from wire.ip_over_light import PACKETS_PORT, RETURNED_PACKETS_PORT, Neighbor
-from wire.ipv4 import Packet, Unreachable
+from wire.lost_packet import Packet, Unreachable
 from wire.metadata import Service
 
 log = logging.getLogger("q0")

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from wire.ipv4 import Unreachable
+from wire.lost_packet import Unreachable
 from wire.metadata import Reason
 
 CODES: Mapping[Reason, Unreachable] = MappingProxyType(

@@ -4,6 +4,7 @@ import fcntl
 import os
 import struct
 import subprocess
+from collections.abc import Sequence
 from pathlib import Path
 
 from hosts.timeouts import COMMAND_TIMEOUT_S
@@ -12,7 +13,17 @@ DEVICE = Path("/dev/net/tun")
 TUNSETIFF = 0x400454CA  # linux/if_tun.h
 IFF_TUN, IFF_NO_PI = 0x0001, 0x1000
 REQUEST = struct.Struct("16sH22x")  # struct ifreq: name and flags
-IPV6 = "/proc/sys/net/ipv6/conf/{}/disable_ipv6"
+IPV6 = Path("/proc/sys/net/ipv6/conf")
+# Of an interface without an address of IPv6, and of one that has one: what the kernel says by
+# itself would spend pairs.
+OFF = {"disable_ipv6": "1"}
+QUIET = {
+    "disable_ipv6": "0",
+    "addr_gen_mode": "1",  # no link-local address
+    "accept_ra": "0",
+    "router_solicitations": "0",
+    "accept_dad": "0",
+}
 
 
 class TunError(Exception):
@@ -22,8 +33,11 @@ class TunError(Exception):
 class Tun:
     """An interface of its own for IP packets; it goes when it is closed."""
 
-    def __init__(self, name: str, address: str, prefix_length: int, mtu: int) -> None:
-        """Make it, in the network namespace of this process; raise TunError if it cannot be."""
+    def __init__(self, name: str, addresses: Sequence[str], mtu: int) -> None:
+        """Make it, in the network namespace of this process; raise TunError if it cannot be.
+
+        Addresses are of either version, with prefix lengths.
+        """
         try:
             self._file = os.open(DEVICE, os.O_RDWR)
         except OSError as error:
@@ -38,11 +52,16 @@ class Tun:
         except OSError as error:
             os.close(self._file)
             raise TunError(f"cannot make the interface {name}: {error.strerror}") from error
-        ipv6 = Path(IPV6.format(name))
-        if ipv6.exists():  # its neighbour discovery would spend pairs
-            ipv6.write_text("1")
-        _ip("address", "add", f"{address}/{prefix_length}", "dev", name)
-        _ip("link", "set", name, "mtu", str(mtu), "up")
+        sixth = any(":" in address for address in addresses)
+        if (IPV6 / name).exists():
+            for setting, value in (QUIET if sixth else OFF).items():
+                (IPV6 / name / setting).write_text(value)
+        elif sixth:
+            raise TunError("this kernel has no IPv6: take an MTU below 1280, which has none either")
+        _ip("link", "set", name, "mtu", str(mtu))
+        for address in addresses:
+            _ip("address", "add", address, "dev", name)
+        _ip("link", "set", name, "up")
 
     def read(self) -> bytes:
         """Wait for the next packet that this host sends."""
@@ -58,7 +77,7 @@ class Tun:
 
 
 def _ip(*words: str) -> None:
-    command = ["ip", "-4", *words]
+    command = ["ip", *words]
     done = subprocess.run(
         command, capture_output=True, text=True, timeout=COMMAND_TIMEOUT_S, check=False
     )

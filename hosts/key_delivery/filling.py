@@ -24,9 +24,7 @@ from hosts.key_delivery.sessions import Outcome, StackGone, hold, listening, off
 from hosts.middleware.services.key_distribution.options import KeyOptions
 from hosts.network_loop import wall_sleep
 from hosts.timeouts import CHECK_PERIOD_S, FILLING_PAUSE_S
-from wire.key_manager import KEY_LINK_PORT, KeyLink, KeyManagerConfig
-
-PORTS = {"bb84": KEY_LINK_PORT, "bbm92": KEY_LINK_PORT + 1}
+from wire.key_manager import KEY_LINK_PORTS, KeyLink, KeyManagerConfig
 
 
 async def fill(config: KeyManagerConfig, delivery: KeyDelivery, states: KeyLinkStates) -> None:
@@ -56,7 +54,7 @@ async def open_to_others(config: KeyManagerConfig) -> AsyncIterator[None]:
     """Let others open their sessions meanwhile."""
     async with AsyncExitStack() as doors:
         for protocol in taken_part_in(config):
-            door = listening(config.stack, protocol, PORTS[protocol])
+            door = listening(config.stack, protocol, KEY_LINK_PORTS[protocol])
             await doors.enter_async_context(door)
         yield
 
@@ -73,7 +71,7 @@ async def _keep(
         if not filling:
             await wall_sleep(CHECK_PERIOD_S)
             continue
-        port, options = PORTS[link.protocol], link.options
+        port, options = KEY_LINK_PORTS[link.protocol], link.options
         outcome = await hold(config.stack, link.protocol, link.peer, port, options)
         states.ended(link.peer, outcome)
         note(delivery, link, outcome)
@@ -86,7 +84,7 @@ async def _take_part(
 ) -> None:
     """Take part in the sessions that others open."""
     links = {config.hosts[link.peer]: link for link in config.links if not link.opens}
-    async for address, session in offered(config.stack, PORTS[protocol]):
+    async for address, session in offered(config.stack, KEY_LINK_PORTS[protocol]):
         if address in links:
             session.add_done_callback(partial(_ended, delivery, states, links[address]))
 

@@ -7,10 +7,9 @@ from pathlib import Path
 from hosts.middleware.session.service_options import MAX_COUNT
 from qmn.options import BadInput, check_range, check_ranges
 from topologies.key_managers import KeyService
-from wire.key_manager import KeyLink
+from wire.key_manager import KEY_LINK_PORTS, KeyLink
 from wire.parameters.option import option
 
-PROTOCOLS = ("bb84", "bbm92")
 MOST_MARK = 16_384
 
 
@@ -34,7 +33,9 @@ class KeyServiceOptions:
         metavar="N",
         range=(1, MAX_COUNT),
     )
-    key_protocol: str = option("bb84", "by which stores are filled (bb84)", choices=PROTOCOLS)
+    key_protocol: str = option(
+        "bb84", "by which stores are filled (bb84)", choices=tuple(KEY_LINK_PORTS)
+    )
     sae: tuple[str, ...] = option(
         (),
         "another application that may ask for keys (repeatable; each host has sae-HOST)",

@@ -16,6 +16,8 @@ from qmn.sweeps.heralding import HERALDING
 from qmn.sweeps.interference import HOM
 from qmn.sweeps.light_sources import LIGHT_SOURCES
 from qmn.sweeps.multi_pair import MULTI_PAIR
+from qmn.sweeps.nested import NESTED
+from qmn.sweeps.pair_keys import PAIR_KEYS
 from qmn.sweeps.parameters import Values, point_seed
 from qmn.sweeps.photon_splitting import PHOTON_SPLITTING
 from qmn.sweeps.polarization import MODES, POLARIZATION
@@ -40,11 +42,13 @@ EXPERIMENTS: dict[str, Experiment] = {
         DEAD,
         GATED_BELL,
         GATED_SWAP,
+        NESTED,
         WAITING,
         FRESH_OUTCOMES,
         MULTI_PAIR,
         WEAK_PULSES,
         LIGHT_SOURCES,
+        PAIR_KEYS,
         DECOY_STATES,
         PHOTON_SPLITTING,
         POLARIZATION,

@@ -397,6 +397,27 @@ SHEETS = (
         ],
     ),
     Sheet(
+        "pair-keys",
+        "pair-keys",
+        {"length_km": "0:60:4", "protocol": ["bbm92", "e91"], "pairs": 8_000_000},
+        [
+            Curve(
+                f"pair-keys-{measure}",
+                f"Keys by entangled pairs, source in the middle: {text}",
+                "length_km",
+                "length of both fibres (km)",
+                measure,
+                by=["protocol"],
+                logarithmic=measure != "qber",
+            )
+            for measure, text in (
+                ("gain", "pairs seen at both ends"),
+                ("qber", "error rate"),
+                ("key", "key of long blocks"),
+            )
+        ],
+    ),
+    Sheet(
         "detector-mismatch",
         "light-sources",
         {"efficiency_mismatch": "0:1:6", "pairs": 1_000_000},
@@ -590,6 +611,21 @@ SHEETS = (
                 "error of each reading",
                 "fidelity",
                 by=["two_qubit_s"],
+            )
+        ],
+    ),
+    Sheet(
+        "nested",
+        "nested",
+        {"fidelity": "0.8:1:6", "rounds": [0, 1], "levels": [1, 2]},
+        [
+            Curve(
+                "nested",
+                "Links joined two by two, purified before each swap (DEJMPS)",
+                "fidelity",
+                "fidelity of the links",
+                "fidelity",
+                by=["levels", "rounds"],
             )
         ],
     ),

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator
 from functools import partial
+from ipaddress import IPv6Address
 from pathlib import Path
 
 import pytest
@@ -18,6 +19,8 @@ from topologies.sdc import SdcTopo
 from wire.metadata import METADATA_PORT
 
 MARK = b"by light"  # in the packets of a test, and nowhere else
+BOB6 = "fd71:6d6e::2"
+BOB6_BYTES = IPv6Address(BOB6).packed
 DARK_S = 15.0
 
 
@@ -122,3 +125,19 @@ def test_a_cut_fibre_is_answered_and_mended_light_is_used_again(network: Network
     wait_until(
         lambda: "1 received" in pinged(network, "alice", "-c 1 10.1.0.2"), "light after mending"
     )
+
+
+def test_hosts_ping_each_other_by_ipv6_and_nothing_of_it_is_on_copper(network: Network) -> None:
+    pattern = f"-p {MARK.hex()} -s 64"
+    assert "2 received" in pinged(network, "alice", f"-6 -c 2 -i 0.2 {pattern} {BOB6}")
+    assert "1 received" in pinged(network, "bob", f"-6 -c 1 {pattern} fd71:6d6e::1")
+    for host in ("alice", "bob"):
+        frames = [bytes(packet) for packet in copper(network, host)]
+        assert frames
+        assert not any(MARK in frame or BOB6_BYTES in frame for frame in frames)
+
+
+def test_what_cannot_be_had_by_ipv6_is_an_icmpv6_error(network: Network) -> None:
+    said = pinged(network, "alice", "-6 -c 1 fd71:6d6e::77")
+    assert "From fd71:6d6e::ffff:ffff:ffff:ffff icmp_seq=1" in said
+    assert "Address unreachable" in said

@@ -13,13 +13,15 @@ from topologies.launching import launch
 from topologies.nodes.classical_switch import ClassicalSwitch
 from topologies.nodes.reached import as_reached
 from topologies.programs import Program
-from topologies.runtime import DISPATCHER
+from topologies.runtime import DISPATCHER, free_port
 from topologies.timeouts import READY_TIMEOUT_S, RECONNECT_MS
-from topologies.tls import credentials
+from topologies.tls import certify_operator, credentials
 from wire.config import AgentConfig, QuantumSwitch
 from wire.credentials import Credentials
 from wire.parameters.physics import BadParameter
 from wire.parameters.switch import OPTICS
+
+LOOPBACK = "127.0.0.1"
 
 
 class OpticalSwitch(ClassicalSwitch):
@@ -82,6 +84,7 @@ class OpticalSwitch(ClassicalSwitch):
             hardware=self.hardware,
             hardware_ports=self.hardware_ports,
             credentials=self._credentials(),
+            gnmi=self._gnmi(),
         )
         self.lay()
         # Who asks for the bridge by name, as ovs-ofctl does, comes to the agent.
@@ -108,7 +111,15 @@ class OpticalSwitch(ClassicalSwitch):
         """Return what the agent shows our controller, if that wants to be shown something."""
         if not self.network.settings.tls or self.controller_port is not None:
             return None
-        return credentials(self.network, self.name)
+        return credentials(self.network, self.name, {"localhost": LOOPBACK})
+
+    def _gnmi(self) -> str:
+        """Return where the agent serves telemetry: there again if it is started again."""
+        network = self.network
+        if not network.settings.gnmi:
+            return ""
+        certify_operator(network)
+        return network.gnmi_addresses.setdefault(self.name, f"{LOOPBACK}:{free_port()}")
 
     def _controllers(self, given: list[Controller]) -> list[str]:
         if self.controller_port is not None:

@@ -1,9 +1,11 @@
 """The resources of a host that its sessions share."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from hosts.hardware.channels import carrying
 from hosts.hardware.qnic import Qnic
 from hosts.middleware.qkd.keyring import Keyring
 from hosts.middleware.session.encoding import DISTINGUISHABLE_STATES
@@ -27,6 +29,15 @@ class HostResources:
     multi_photon: float  # how likely a pulse of its source has several photons
     intensities: tuple[float, ...]  # mean photon numbers of its pulses: signal, then decoys
     lifetimes: Lifetimes  # of its memory
+    channels_mhz: Mapping[str, int] = field(
+        default_factory=dict
+    )  # of its interfaces that are channels
+
+    def at(self, wavelength_pm: int) -> "HostResources":
+        """Return the same with the fibres, or channels of them, that carry a session's light."""
+        if not self.channels_mhz:
+            return self
+        return replace(self, qnic=carrying(self.qnic, self.channels_mhz, wavelength_pm))
 
     @property
     def distinguishable_states(self) -> frozenset[int]:

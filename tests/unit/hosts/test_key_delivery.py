@@ -13,9 +13,10 @@ from hosts.key_delivery.refusals import NOT_FOUND, Allowance, Refused, unavailab
 from hosts.key_delivery.waiting import WaitingKeys
 from hosts.middleware.qkd.key_store import KeyStoreError, StoredKey
 from hosts.timeouts import FETCH_TIMEOUT_S
+from wire.ip_over_light import PACKETS_PORT, RETURNED_PACKETS_PORT
 from wire.key_assignment import Assignment
 from wire.key_delivery import DeliveredKey, KeyRequest
-from wire.key_manager import KeyManagerConfig, manager_name
+from wire.key_manager import KEY_LINK_PORTS, KeyManagerConfig, manager_name
 
 HOSTS = {"alice": "10.0.0.1", "bob": "10.0.0.2", "carol": "10.0.0.3"}
 SAES = {"a": "alice", "a2": "alice", "b": "bob", "b2": "bob", "c": "carol"}
@@ -225,6 +226,11 @@ def test_what_a_manager_has_not_taken_is_thrown_away_with_the_next(tmp_path: Pat
         assert left == (STORED - 5, STORED - 5)
 
     play(tmp_path, scene)
+
+
+def test_links_of_each_protocol_have_a_port_that_nothing_else_of_a_host_listens_on() -> None:
+    ports = [*KEY_LINK_PORTS.values(), PACKETS_PORT, RETURNED_PACKETS_PORT]
+    assert len(set(ports)) == len(ports)
 
 
 def test_no_key_goes_out_while_they_are_withheld(tmp_path: Path) -> None:

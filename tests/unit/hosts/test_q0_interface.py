@@ -5,12 +5,13 @@ import queue
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from ipaddress import IPv4Address
+from ipaddress import ip_address
 from pathlib import Path
 from typing import Any, cast
 
 import pytest
 from scapy.layers.inet import ICMP, IP
+from scapy.layers.inet6 import ICMPv6DestUnreach, ICMPv6EchoRequest, IPv6
 from stacks_scene import DEADLINE_S, PORTS, QNICS, Judge, grant, live_qubits, network
 
 from hosts.ip_over_light.interface import Interface
@@ -19,11 +20,14 @@ from hosts.ip_over_light.tun import Tun
 from hosts.quantum_socket import QuantumSocket
 from hosts.stack import Stack
 from wire.ip_over_light import PACKETS_PORT, IpOverLightConfig, Neighbor
-from wire.ipv4 import decode
+from wire.ip_packet import decode
 from wire.metadata import Reason, Setup, Verdict
 
 ALICE, BOB = "10.1.0.1", "10.1.0.2"
 LIGHT = {"alice": ALICE, "bob": BOB}
+LIGHT6 = {"alice": "fd71:6d6e::1", "bob": "fd71:6d6e::2"}
+ROUTER6 = "fd71:6d6e::ffff"
+OF_ALICE = {ip_address(ALICE), ip_address(LIGHT6["alice"])}
 FIBERS = {**QNICS, "alice": ["alice-q0", "alice-q1"]}
 NUMBERS = {**PORTS, "alice-q1": 8}
 PATHS = [(4, 1), (5, 2), (1, 3), (2, 8)]  # of a session of alice to bob, and of its return
@@ -87,7 +91,13 @@ def config(folder: Path, name: str) -> IpOverLightConfig:
         prefix_length=16,
         router="10.1.255.254",
         # A stack knows of its peer what the relay's connection comes from.
-        neighbors=[Neighbor(other, "127.0.0.1", LIGHT[other]) for other in LIGHT if other != name],
+        neighbors=[
+            Neighbor(other, "127.0.0.1", LIGHT[other], LIGHT6[other])
+            for other in LIGHT
+            if other != name
+        ],
+        address6=LIGHT6[name],
+        router6=ROUTER6,
         mtu=MTU,
         idle_s=IDLE_S,
         patience_s=0.5,
@@ -194,9 +204,12 @@ def test_a_packet_that_its_sender_may_not_send_here_reaches_nobody(tmp_path: Pat
         bob = scene.interfaces["bob"]
         for header in forged:
             packet = bytes(IP(**{"src": ALICE, "dst": BOB, **header}) / ICMP())
-            bob.deliver(decode(packet, MTU), IPv4Address(ALICE))
+            bob.deliver(decode(packet, MTU), OF_ALICE)
+        for ends in (("fd71:6d6e::9", LIGHT6["bob"]), (LIGHT6["alice"], "fd71:6d6e::9")):
+            packet = bytes(IPv6(src=ends[0], dst=ends[1]) / ICMPv6EchoRequest())
+            bob.deliver(decode(packet, MTU), OF_ALICE)
         assert scene.kernels["bob"].quiet
-        bob.deliver(decode(bytes(IP(src=ALICE, dst=BOB) / ICMP()), MTU), IPv4Address(ALICE))
+        bob.deliver(decode(bytes(IP(src=ALICE, dst=BOB) / ICMP()), MTU), OF_ALICE)
         assert scene.kernels["bob"].received().src == ALICE
 
     with_scene(tmp_path, work)
@@ -220,5 +233,31 @@ def test_bytes_that_are_no_packets_end_the_session_that_brought_them(tmp_path: P
             light.connect(("bob", PACKETS_PORT))
             light.sendall(scene.ping()[:20] + b"no packet" * 20)
         scene.wait_until_idle()
+
+    with_scene(tmp_path, work)
+
+
+def test_packets_of_both_versions_share_the_light(tmp_path: Path) -> None:
+    def work(scene: Scene) -> None:
+        sixth = bytes(IPv6(src=LIGHT6["alice"], dst=LIGHT6["bob"]) / ICMPv6EchoRequest(data=b"6"))
+        scene.kernels["alice"].sends.put(sixth)
+        fourth = scene.ping()
+        received = [bytes(scene.kernels["bob"].received()) for _ in range(2)]
+        assert received == [sixth, fourth]
+
+    with_scene(tmp_path, work)
+
+
+def test_an_address_of_ipv6_that_nobody_has_is_answered_by_icmpv6(tmp_path: Path) -> None:
+    def work(scene: Scene) -> None:
+        lost = bytes(IPv6(src=LIGHT6["alice"], dst="fd71:6d6e::77") / ICMPv6EchoRequest(data=b"x"))
+        scene.kernels["alice"].sends.put(lost)
+        error = IPv6(bytes(scene.kernels["alice"].received()))
+        assert (error.src, error.dst) == (ROUTER6, LIGHT6["alice"])
+        assert (error[ICMPv6DestUnreach].type, error[ICMPv6DestUnreach].code) == (1, 3)
+        many = bytes(IPv6(src=LIGHT6["alice"], dst="ff02::16") / ICMPv6EchoRequest())
+        scene.kernels["alice"].sends.put(many)
+        scene.ping(dst="10.1.0.77")  # what is answered next is this one
+        assert scene.kernels["alice"].received()[ICMP].code == 7
 
     with_scene(tmp_path, work)

@@ -7,16 +7,9 @@ import pytest
 from scapy.layers.inet import ICMP, IP, UDP, IPerror
 from scapy.packet import Packet as ScapyPacket
 
-from wire.ipv4 import (
-    HEADER,
-    Packet,
-    PacketStream,
-    Unreachable,
-    checksum,
-    decode,
-    packet_bytes,
-    unreachable,
-)
+from wire.ip_packet import PacketStream, decode, packet_bytes, unreachable
+from wire.ipv4 import HEADER
+from wire.lost_packet import Packet, Unreachable, checksum
 from wire.metadata import MalformedPacket
 
 MOST = 1500
@@ -65,9 +58,9 @@ def test_every_truncation_of_a_packet_is_no_packet() -> None:
     data = ping()
     for size in range(len(data)):
         assert PacketStream(MOST).feed(data[:size]) == []
-        with pytest.raises(MalformedPacket, match="not one IPv4 packet"):
+        with pytest.raises(MalformedPacket, match="not one IP packet"):
             read(data[:size])
-    with pytest.raises(MalformedPacket, match="not one IPv4 packet"):
+    with pytest.raises(MalformedPacket, match="not one IP packet"):
         read(data + b"x")
 
 
@@ -79,7 +72,7 @@ def changed(place: int, value: bytes) -> bytes:
 @pytest.mark.parametrize(
     ("data", "what"),
     [
-        (changed(0, b"\x65"), "IP version 6"),
+        (changed(0, b"\x55"), "IP version 5"),
         (changed(0, b"\x44"), "header of 16 bytes"),
         (changed(2, b"\x00\x13"), "header of 20 bytes in a packet of 19"),
         (changed(2, b"\x05\xdd"), "packet of 1501 bytes, at most 1500"),

@@ -1,0 +1,136 @@
+"""Keys of entangled pairs over distance: BBM92, and E91 with its CHSH test.
+
+A source in the middle sends half of each pair to either end. Detectors, errors and the fibres are
+those of qmn.sweeps.decoy_states; what both detectors of an end see counts as a bit at random.
+"""
+
+from math import hypot, sqrt
+from typing import Any
+
+import numpy as np
+
+from dispatcher.laboratory import Laboratory
+from hosts.middleware.qkd.bell_test import LOCAL, Correlations
+from hosts.middleware.qkd.key_length import asymptotic_fraction
+from qmn.sweeps import theory
+from qmn.sweeps.decoy_states import (
+    DARK_COUNT,
+    EFFICIENCY,
+    ERROR,
+    LENGTH,
+    LOSS_DB_PER_KM,
+    detectors,
+)
+from qmn.sweeps.estimates import Estimate, proportion
+from qmn.sweeps.experiment import Experiment, Measure, Outcome, number, pairs_parameter
+from qmn.sweeps.link import configuration, fiber
+from qmn.sweeps.parameters import Parameter, Values
+from qmn.sweeps.superdense import blocks
+from wire.outcomes import NO_CLICK, PAULI_BASES
+from wire.parameters.physics import Device
+
+TO_ALICE, TO_BOB = ("charlie-q0", "alice-q0"), ("charlie-q1", "bob-q0")
+PROTOCOL = Parameter("protocol", "bbm92", choices=("bbm92", "e91"))
+TESTED = 0.2  # of bob's photons in E91
+
+
+async def share(values: Values, seed: int) -> Outcome:
+    """Send halves to both ends, which measure them in bases at random."""
+    length_km = number(values, LENGTH.name) / 2
+    optics: dict[str, Any] = {"length_km": length_km, "loss_db_per_km": LOSS_DB_PER_KM}
+    fibers = [fiber(*TO_ALICE, **optics), fiber(*TO_BOB, **optics, depolarizing=2 * ERROR)]
+    ends = dict.fromkeys(("alice", "bob"), Device(detectors=detectors()))
+    laboratory = Laboratory(configuration(seed, fibers, ends))
+    alice, charlie, bob = (laboratory.host(name) for name in ("alice", "charlie", "bob"))
+    random, bell = np.random.default_rng(seed), Correlations()
+    pairs, both, sifted, wrong = 0, 0, 0, 0
+    for block, size in enumerate(blocks(int(values["pairs"]))):
+        hers, his = random.integers(0, 2, (2, size), dtype=np.uint8)
+        tested = random.random(size) < _tested(values)
+        await charlie.create(size, block)
+        await charlie.send({(block, 0): TO_ALICE[0], (block, 1): TO_BOB[0]})
+        pairs += size
+        there = [await alice.receive((block, 0), TO_ALICE[1])]
+        there += [await bob.receive((block, 1), TO_BOB[1])]
+        if None in there:
+            continue
+        bases = np.where(tested, his + PAULI_BASES, his).astype(np.uint8)
+        ours = await alice.measure((block, 0), bases=hers)
+        theirs = await bob.measure((block, 1), bases=bases)
+        seen, differ = (ours != NO_CLICK) & (theirs != NO_CLICK), (ours ^ theirs) & np.uint8(1)
+        both += int(seen.sum())
+        chosen = seen & tested
+        bell.add(hers[chosen], his[chosen], differ[chosen])
+        same = seen & ~tested & (hers == his)
+        sifted, wrong = sifted + int(same.sum()), wrong + int(differ[same].sum())
+    return outcome(values, pairs, proportion(both, pairs), proportion(wrong, sifted), bell)
+
+
+def outcome(
+    values: Values, pairs: int, gain: Estimate, qber: Estimate, bell: Correlations
+) -> Outcome:
+    """Return what was measured, and the key of it: none if there is a test and it fails."""
+    fails = values[PROTOCOL.name] == "e91" and not bell.s > LOCAL
+    share = 0.0 if fails else gain.value * (1 - _tested(values)) / 2
+    rate = share * asymptotic_fraction(qber.value)
+    by_qber = rate - share * asymptotic_fraction(qber.value + qber.error)
+    error = hypot(rate * gain.error / gain.value if gain.value else 0.0, by_qber)
+    found = {"gain": gain, "qber": qber, "key": Estimate(rate, max(error, 1 / pairs))}
+    return found if values[PROTOCOL.name] == "bbm92" else {**found, "chsh": _s(bell)}
+
+
+def _s(bell: Correlations) -> Estimate:
+    return Estimate(bell.s, bell.error)
+
+
+def _tested(values: Values) -> float:
+    return TESTED if values[PROTOCOL.name] == "e91" else 0.0
+
+
+def _clicks(values: Values) -> tuple[float, float]:
+    """Return how likely a photon is seen at its end, and any click, in theory."""
+    arm_db = LOSS_DB_PER_KM * number(values, LENGTH.name) / 2
+    arrives = EFFICIENCY * theory.transmission(arm_db)
+    return arrives, 1 - (1 - arrives) * (1 - DARK_COUNT) ** 2
+
+
+def _gain(values: Values) -> float:
+    return _clicks(values)[1] ** 2
+
+
+def _correlation(values: Values) -> float:
+    """Return E in equal bases: of both photons seen, and of neither end by a second click."""
+    arrives, clicks = _clicks(values)
+    return (1 - 2 * ERROR) * (arrives * (1 - DARK_COUNT) / clicks) ** 2
+
+
+def _qber(values: Values) -> float:
+    return (1 - _correlation(values)) / 2
+
+
+def _chsh(values: Values) -> float | None:
+    return 2 * sqrt(2) * _correlation(values) if values[PROTOCOL.name] == "e91" else None
+
+
+def _key(values: Values) -> float:
+    chsh = _chsh(values)
+    if chsh is not None and chsh <= LOCAL:
+        return 0.0
+    kept = (1 - _tested(values)) / 2
+    return (
+        _gain(values) * kept * max(0.0, 1 - 2 * theory.entropy((_qber(values), 1 - _qber(values))))
+    )
+
+
+PAIR_KEYS = Experiment(
+    "pair-keys",
+    "BBM92 and E91 over distance",
+    (LENGTH, PROTOCOL, pairs_parameter(2_000_000)),
+    (
+        Measure("gain", "pairs seen at both ends", _gain),
+        Measure("qber", "error rate (QBER)", _qber),
+        Measure("chsh", "S", _chsh),
+        Measure("key", "secret bits per pair", _key),
+    ),
+    share,
+)
