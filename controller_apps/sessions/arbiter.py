@@ -16,7 +16,7 @@ from controller_apps.light.paths import Hop, Network, switches
 from controller_apps.packets.segments import RST, FiveTuple, parse
 from controller_apps.policy.orders import IN_TURN, ORDERS, SLOTS, Queue
 from controller_apps.policy.policy import Tap
-from controller_apps.policy.schedules import PARALLEL
+from controller_apps.policy.schedules import PARALLEL, UNPURIFIED, Purification
 from controller_apps.sessions.actions import (
     Action,
     AddBypass,
@@ -74,6 +74,7 @@ class Arbiter:
     taps: Sequence[Tap] = ()  # for sessions that are still to come
     order: Queue = IN_TURN  # of those that wait for light; see `follow`
     schedule: str = PARALLEL  # for chains that are still to come: one of SCHEDULES
+    purification: Purification = UNPURIFIED  # in those
     keys: Mapping[str, str] = field(default_factory=dict)  # device keys, by address of the host
     needs_handshake: bool = False  # on the connection of a set-up; switches tell of them
     needs_sequence: bool = True  # of a FIN or RST, that fits its connection
@@ -181,7 +182,8 @@ class Arbiter:
             self.sessions.queue[request.five_tuple] = request
             return [Note("queued", session.number)]
         if admission.chain:
-            return self.ordering.order(request, session, admission.chain, self.schedule)
+            plan = self.schedule, self.purification
+            return self.ordering.order(request, session, admission.chain, *plan)
         if not admission.paths:
             return self.verdicts.grant(request)
         return self.light.open(request, session, admission.paths)
@@ -342,7 +344,8 @@ class Arbiter:
     def _count_doubted(self, now: float) -> list[Action]:
         return [
             CountBypass(dpid, request.five_tuple, request.setup.session)
-            for request in self.sessions.requests.values()
+            for session in self.sessions.by_number.values()
+            for request in session.requests.values()
             if request.doubted is not None and now - request.doubted[1] >= COUNTING_S
             for dpid in sorted(request.bypassed)[:1]
         ]
